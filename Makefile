@@ -1,0 +1,81 @@
+# make demo   calibrate the SUTA from the data in this repository
+# make test   everything a change must pass
+# make help   the rest
+#
+# PYTHON is the interpreter the environment .venv is made from, once: `make demo PYTHON=python3.12`.
+# To change it later, run `make distclean` first.
+
+PYTHON ?= python3
+JOBS ?= 2
+
+VENV := .venv
+BIN := $(VENV)/bin
+INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
+INSTALLED := $(VENV)/.installed
+INSTALLED_DEV := $(VENV)/.installed-dev
+
+.DEFAULT_GOAL := help
+.PHONY: help demo test lint format bench clean distclean
+.DELETE_ON_ERROR:
+
+help:
+	@echo "make demo       calibrate the SUTA from the data in this repository"
+	@echo "make test       lint, types and tests, notebooks included"
+	@echo "make bench      how long things take"
+	@echo "make lint       ruff and mypy only"
+	@echo "make format     let ruff format the code and mend what it can"
+	@echo "make clean      remove caches and results"
+	@echo "make distclean  remove .venv too"
+
+demo: $(INSTALLED)
+	$(BIN)/suta-calib calibrate data/suta/calibration.yaml
+
+test: lint
+	$(BIN)/python -m pytest -n $(JOBS)
+
+lint: $(INSTALLED_DEV)
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+format: $(INSTALLED_DEV)
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+bench: $(INSTALLED_DEV)
+	@set -e; for script in benchmarks/bench_*.py; do \
+		test -e "$$script" || { echo "make bench: found no benchmarks/bench_*.py" >&2; exit 1; }; \
+		echo "== $$script"; $(BIN)/python "$$script"; \
+	done
+
+clean:
+	rm -rf build dist ./*.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	rm -rf data/*/results
+	find . -path ./$(VENV) -prune -o -name __pycache__ -type d -exec rm -rf {} +
+
+distclean: clean
+	rm -rf $(VENV)
+
+# ── The environment: installed again only when what it depends on has changed ──────────────────
+$(INSTALLED): pyproject.toml constraints.txt | $(BIN)/python
+	@echo "Installing suta_calib into $(VENV); the first time this takes a few minutes."
+	$(INSTALL) -e .
+	@touch $@
+
+$(INSTALLED_DEV): pyproject.toml constraints.txt | $(BIN)/python
+	@echo "Installing suta_calib and its developer tools into $(VENV); the first time this takes a few minutes."
+	$(INSTALL) -e ".[dev,device,robots,notebooks]"
+	@touch $@ $(INSTALLED)
+
+# Debian's python3 comes without ensurepip, and says so only after leaving half a .venv behind.
+$(BIN)/python:
+	@command -v "$(PYTHON)" >/dev/null || { \
+		echo "make: found no '$(PYTHON)'; Python 3.11 or later is needed: make $(MAKECMDGOALS) PYTHON=/path/to/python3" >&2; \
+		exit 2; }
+	@"$(PYTHON)" -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { \
+		echo "make: '$(PYTHON)' is $$("$(PYTHON)" --version 2>&1); Python 3.11 or later is needed: make $(MAKECMDGOALS) PYTHON=python3.12" >&2; \
+		exit 2; }
+	@"$(PYTHON)" -c 'import ensurepip, venv' 2>/dev/null || { \
+		echo "make: '$(PYTHON)' cannot create environments (no venv or ensurepip); on Debian and Ubuntu: apt install python3-venv" >&2; \
+		exit 2; }
+	"$(PYTHON)" -m venv $(VENV) || { rm -rf $(VENV); exit 2; }

@@ -1,0 +1,1 @@
+"""Kinematic calibration of serial arms from their URDF."""

@@ -1,0 +1,83 @@
+"""Everything that can go wrong for a reason the user can mend.
+
+A message says what was found, where, what was expected and what to do about it, in one line:
+``FILE:LINE: WHERE: found X; expected Y; HINT``. The command line prints it and exits with
+`SutaCalibError.exit_code`; nobody is shown a traceback for bad input.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+
+class SutaCalibError(Exception):
+    """Root of every error this package raises on purpose."""
+
+    exit_code = 2
+
+
+class InputError(SutaCalibError):
+    """Something the user gave cannot be used.
+
+    Args:
+        found: what is there ("found 'abc'" is written by this class: give only ``'abc'``).
+        expected: what should be there instead.
+        file: the file it was found in, if it came from one.
+        line: line number in that file, from 1.
+        where: the key, column, joint or row it was found at.
+        hint: what to do about it.
+    """
+
+    def __init__(
+        self,
+        found: str,
+        expected: str = "",
+        *,
+        file: str | Path | None = None,
+        line: int | None = None,
+        where: str = "",
+        hint: str = "",
+    ) -> None:
+        self.found, self.expected, self.where, self.hint = found, expected, where, hint
+        self.file = None if file is None else Path(file)
+        self.line = line
+        super().__init__(self._sentence())
+
+    def _sentence(self) -> str:
+        place = "" if self.file is None else str(self.file)
+        if self.line is not None:
+            place += f":{self.line}" if place else f"line {self.line}"
+        said = "; ".join(
+            part
+            for part in (
+                f"found {self.found}",
+                f"expected {self.expected}" if self.expected else "",
+                self.hint,
+            )
+            if part
+        )
+        return ": ".join(part for part in (place, self.where, said) if part)
+
+
+class UrdfError(InputError):
+    """The URDF is missing, malformed, or has no usable chain from base to tip."""
+
+
+class SamplesError(InputError):
+    """A samples file is missing, malformed or does not fit the arm or the artefact."""
+
+
+class ArtefactError(InputError):
+    """The artefact file is missing, malformed or describes an impossible artefact."""
+
+
+class JobError(InputError):
+    """A key of the job file is missing, unknown or has an unusable value."""
+
+
+class ParameterError(InputError):
+    """A parameter name, bound or prior that the arm and the terms do not support."""
+
+
+class OutputError(SutaCalibError):
+    """A result could not be written; nothing was left half-written."""

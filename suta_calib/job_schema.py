@@ -1,0 +1,261 @@
+"""``calibration.yaml`` as typed data: SI units, paths resolved, every key checked.
+
+What a job means (which parameters a name selects, which samples fit the arm) is checked where
+it is known. Here every key is known, every value usable and every file there.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final, Literal, cast
+
+from suta_calib.errors import JobError, SamplesError
+from suta_calib.measurements.files import expand
+from suta_calib.measurements.yaml_document import read_yaml
+from suta_calib.measurements.yaml_section import YamlSection
+
+KINDS: Final = ("pairwise_distance", "landmark", "fixed_point", "tracked_point", "hand_eye")
+_KINDS_WITH_ARTEFACT: Final = ("pairwise_distance", "landmark")
+_KINDS_WITHOUT_ANGLES: Final = ("pairwise_distance", "fixed_point")
+
+_TOP_KEYS: Final = ("arm", "parameters", "observations", "validation", "solver")
+_ARM_KEYS: Final = ("urdf", "tip", "base")
+_BOUND_AND_PRIOR_KEYS: Final = ("bound_mm", "bound_deg", "prior_mm", "prior_deg")
+_ANGLE_KEYS: Final = ("huber_deg", "sigma_deg")
+_OBSERVATION_KEYS: Final = (
+    *("kind", "artefact", "samples", "label"),
+    *("huber_mm", "huber_deg", "sigma_mm", "sigma_deg"),
+)
+_SOLVER_KEYS: Final = ("starts", "seed", "hessian", "max_iterations")
+_M_PER_MM: Final = 1e-3
+_RAD_PER_DEG: Final = math.pi / 180
+
+Hessian = Literal["gauss-newton", "exact"]
+
+
+@dataclass(frozen=True)
+class ArmSpec:
+    """The arm: its URDF, and the ends of its chain.
+
+    Attributes:
+        urdf: the file.
+        tip: link or frame whose pose matters.
+        base: link the chain starts from; None for the root link.
+    """
+
+    urdf: Path
+    tip: str
+    base: str | None = None
+
+
+@dataclass(frozen=True)
+class ParameterRow:
+    """What is said of the parameters that some names or globs select; later rows win.
+
+    Attributes:
+        select: names, globs, or the word ``geometric``.
+        bound_m: largest departure from nominal of parameters in m, or None.
+        bound_rad: the same for parameters in rad.
+        prior_m: standard deviation of a Gaussian prior about nominal, for parameters in m, or None.
+        prior_rad: the same for parameters in rad.
+        fixed: held at nominal.
+        line: line of the row in the job file.
+    """
+
+    select: tuple[str, ...]
+    bound_m: float | None = None
+    bound_rad: float | None = None
+    prior_m: float | None = None
+    prior_rad: float | None = None
+    fixed: bool = False
+    line: int | None = None
+
+
+@dataclass(frozen=True)
+class ObservationSpec:
+    """One term: a kind of observation, and the files that hold it.
+
+    Attributes:
+        kind: one of `KINDS`.
+        samples: glob patterns as written in the job.
+        sample_files: the files they match, at least one, each once, in the order of the patterns.
+        artefact: the artefact's file, for the kinds that need one.
+        label: tells several instruments or cameras of one kind apart.
+        huber_m: threshold of the robust loss on lengths, m, or None for least squares.
+        huber_rad: threshold of the robust loss on angles, rad, or None.
+        sigma_m: standard deviation of a measured length or coordinate, m, or None.
+        sigma_rad: standard deviation of a measured angle, rad, or None.
+        line: line of the row in the job file.
+    """
+
+    kind: str
+    samples: tuple[str, ...]
+    sample_files: tuple[Path, ...]
+    artefact: Path | None = None
+    label: str = "default"
+    huber_m: float | None = None
+    huber_rad: float | None = None
+    sigma_m: float | None = None
+    sigma_rad: float | None = None
+    line: int | None = None
+
+
+@dataclass(frozen=True)
+class SolverSpec:
+    """How to solve.
+
+    Attributes:
+        starts: number of starts, the first from nominal.
+        seed: of the random numbers the other starts are drawn with.
+        hessian: Gauss-Newton approximation, or exact by automatic differentiation.
+        max_iterations: per start.
+    """
+
+    starts: int = 1
+    seed: int = 0
+    hessian: Hessian = "gauss-newton"
+    max_iterations: int = 200
+
+
+@dataclass(frozen=True)
+class JobSpec:
+    """A whole ``calibration.yaml``.
+
+    Attributes:
+        path: the job file.
+        arm: the arm to calibrate.
+        parameters: what is unknown; later rows win.
+        observations: terms that are solved together, at least one.
+        validation: terms that are never used for fitting.
+        solver: how to solve.
+    """
+
+    path: Path
+    arm: ArmSpec
+    parameters: tuple[ParameterRow, ...]
+    observations: tuple[ObservationSpec, ...]
+    validation: tuple[ObservationSpec, ...] = ()
+    solver: SolverSpec = SolverSpec()
+
+
+def read_job(path: Path) -> JobSpec:
+    """Read and check ``calibration.yaml``; paths in it are relative to the file.
+
+    Raises:
+        JobError: the file cannot be read, a key is unknown, missing, unusable or contradicts
+            another, or a file it names does not exist; names the line and the key.
+    """
+    path = Path(path)
+    top = YamlSection(read_yaml(path, JobError), JobError)
+    top.check_keys(_TOP_KEYS, required=("arm",))
+    return JobSpec(
+        path,
+        _arm(top.section("arm")),
+        _parameters(top),
+        _observations(top, "observations"),
+        _observations(top, "validation") if "validation" in top else (),
+        _solver(top.section("solver")) if "solver" in top else SolverSpec(),
+    )
+
+
+def _arm(section: YamlSection) -> ArmSpec:
+    section.check_keys(_ARM_KEYS, required=("urdf", "tip"))
+    base = section.text("base") if "base" in section else None
+    return ArmSpec(section.existing_file("urdf"), section.text("tip"), base)
+
+
+def _parameters(top: YamlSection) -> tuple[ParameterRow, ...]:
+    if "parameters" not in top:
+        raise top.refuse(
+            "no such key",
+            "a list of rows that say which parameters are unknown",
+            at=("parameters",),
+            hint='for example - {select: ["*.offset"], bound_deg: 15}',
+        )
+    return tuple(_parameter_row(row) for row in top.sections("parameters"))
+
+
+def _parameter_row(row: YamlSection) -> ParameterRow:
+    row.check_keys(("select", *_BOUND_AND_PRIOR_KEYS, "fixed"), required=("select",))
+    fixed = row.flag("fixed")
+    for key in _BOUND_AND_PRIOR_KEYS:
+        if fixed and key in row:
+            raise row.refuse(f"{key} beside fixed: true", "one or the other", at=(key,))
+    return ParameterRow(
+        row.texts("select"),
+        bound_m=_length(row, "bound_mm"),
+        bound_rad=_angle(row, "bound_deg"),
+        prior_m=_length(row, "prior_mm"),
+        prior_rad=_angle(row, "prior_deg"),
+        fixed=fixed,
+        line=row.line,
+    )
+
+
+def _observations(top: YamlSection, key: str) -> tuple[ObservationSpec, ...]:
+    return tuple(_observation(row) for row in top.sections(key))
+
+
+def _observation(row: YamlSection) -> ObservationSpec:
+    row.check_keys(_OBSERVATION_KEYS, required=("kind", "samples"))
+    kind = row.choice("kind", KINDS)
+    _check_keys_of_kind(row, kind)
+    return ObservationSpec(
+        kind,
+        row.texts("samples"),
+        _sample_files(row),
+        row.existing_file("artefact") if "artefact" in row else None,
+        row.text("label", default="default"),
+        huber_m=_length(row, "huber_mm"),
+        huber_rad=_angle(row, "huber_deg"),
+        sigma_m=_length(row, "sigma_mm"),
+        sigma_rad=_angle(row, "sigma_deg"),
+        line=row.line,
+    )
+
+
+def _check_keys_of_kind(row: YamlSection, kind: str) -> None:
+    needs_artefact = kind in _KINDS_WITH_ARTEFACT
+    if needs_artefact and "artefact" not in row:
+        raise row.refuse("no such key", f"the artefact's file: {kind} needs it", at=("artefact",))
+    senseless: Collection[str] = () if needs_artefact else ("artefact",)
+    if kind in _KINDS_WITHOUT_ANGLES:
+        senseless = (*senseless, *_ANGLE_KEYS)
+    for key in senseless:
+        if key in row:
+            raise row.refuse(
+                f"a key that {kind} has no use for", at=(key,), hint="remove it, or check the kind"
+            )
+
+
+def _sample_files(row: YamlSection) -> tuple[Path, ...]:
+    files: dict[Path, None] = {}
+    for pattern in row.texts("samples"):
+        try:
+            files |= dict.fromkeys(expand(pattern, row.document.path.parent))
+        except SamplesError as problem:
+            raise row.refuse(problem.found, problem.expected, at=("samples",)) from None
+    return tuple(files)
+
+
+def _solver(section: YamlSection) -> SolverSpec:
+    section.check_keys(_SOLVER_KEYS)
+    return SolverSpec(
+        starts=section.integer("starts", SolverSpec.starts, minimum=1),
+        seed=section.integer("seed", SolverSpec.seed, minimum=0),
+        hessian=cast(Hessian, section.choice("hessian", ("gauss-newton", "exact"), "gauss-newton")),
+        max_iterations=section.integer("max_iterations", SolverSpec.max_iterations, minimum=1),
+    )
+
+
+def _length(section: YamlSection, key: str) -> float | None:
+    """A positive length in mm as m, or None."""
+    return section.optional_number(key, "positive", scale=_M_PER_MM)
+
+
+def _angle(section: YamlSection, key: str) -> float | None:
+    """A positive angle in degrees as rad, or None."""
+    return section.optional_number(key, "positive", scale=_RAD_PER_DEG)

@@ -1,0 +1,184 @@
+"""The artefact: a rigid body with landmarks whose places in it are known."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+from ruamel.yaml import YAML
+from ruamel.yaml.comments import CommentedMap
+from ruamel.yaml.scalarstring import DoubleQuotedScalarString
+from scipy.spatial import KDTree
+
+from suta_calib.errors import ArtefactError, SamplesError
+from suta_calib.geometry import FloatArray, rotation_from_rpy, rpy_from_rotation
+from suta_calib.measurements.files import write_text
+from suta_calib.measurements.samples import Samples
+from suta_calib.measurements.suggestion import did_you_mean
+from suta_calib.measurements.yaml_document import read_yaml
+from suta_calib.measurements.yaml_section import YamlSection
+
+# A distance of zero has no gradient, and no artefact is made or certified this fine (m).
+_COINCIDENT = 1e-6
+_LANDMARK_KEYS = ("position_mm", "rotation_rpy_deg", "sigma_mm")
+
+
+@dataclass(frozen=True, eq=False)
+class Landmark:
+    """One place of the artefact that the tip can be brought to.
+
+    Attributes:
+        name: as in the samples' column ``landmark``.
+        position: (3,) in the artefact's frame, m.
+        rotation: (3, 3) orientation of the tip frame in the artefact when seated, or None.
+        sigma: standard deviation of each coordinate of the position, m; 0 where not stated.
+    """
+
+    name: str
+    position: FloatArray
+    rotation: FloatArray | None = None
+    sigma: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Artefact:
+    """A named set of landmarks.
+
+    Raises:
+        ArtefactError: no landmarks, or two of them in the same place.
+    """
+
+    name: str
+    landmarks: Mapping[str, Landmark]
+
+    def __post_init__(self) -> None:
+        if not self.landmarks:
+            raise ArtefactError("no landmarks", "at least one", where=f"artefact {self.name!r}")
+        if pair := coincident_landmarks(self.landmarks.values()):
+            raise ArtefactError(f"{pair[0]!r} and {pair[1]!r} in the same place", "distinct places")
+
+    def landmark(self, name: str) -> Landmark:
+        """The landmark of this name.
+
+        Raises:
+            ArtefactError: there is none; names the closest.
+        """
+        if name in self.landmarks:
+            return self.landmarks[name]
+        raise ArtefactError(
+            f"no landmark {name!r}",
+            f"one of {', '.join(self.landmarks)}",
+            where=f"artefact {self.name!r}",
+            hint=did_you_mean(name, self.landmarks),
+        )
+
+    def position_of(self, names: Iterable[str]) -> FloatArray:
+        """Positions of landmarks by name, (n, 3) in the artefact's frame, m.
+
+        Raises:
+            ArtefactError: a name that is not in the artefact.
+        """
+        return np.array([self.landmark(str(name)).position for name in names]).reshape(-1, 3)
+
+    def check_labels(self, samples: Samples, column: str = "landmark") -> None:
+        """Refuse samples of landmarks that the artefact does not have.
+
+        Raises:
+            SamplesError: names the row the label came from.
+        """
+        for label, origin in zip(samples.labels[column], samples.origin, strict=True):
+            if label not in self.landmarks:
+                raise SamplesError(
+                    repr(str(label)),
+                    f"a landmark of {self.name!r}: {', '.join(self.landmarks)}",
+                    where=f"{origin}: column {column!r}",
+                    hint=did_you_mean(str(label), self.landmarks),
+                )
+
+
+def coincident_landmarks(landmarks: Iterable[Landmark]) -> tuple[str, str] | None:
+    """Names of two landmarks less than 1 µm apart, in the order given; None if all are distinct."""
+    listed = list(landmarks)
+    pairs = KDTree(np.array([each.position for each in listed])).query_pairs(_COINCIDENT)
+    if not pairs:
+        return None
+    first, second = min(pairs)
+    return listed[first].name, listed[second].name
+
+
+def read_artefact(path: Path) -> Artefact:
+    """Read ``artefact.yaml``.
+
+    Raises:
+        ArtefactError: unreadable, an unknown, missing or unusable key (with its line), no
+            landmarks, one landmark twice or two in the same place.
+    """
+    top = YamlSection(read_yaml(path, ArtefactError), ArtefactError)
+    top.check_keys(("name", "landmarks"), required=("landmarks",))
+    name = top.text("name", default=path.stem)
+    listed = top.section("landmarks")
+    landmarks = {key.strip(): _landmark(key.strip(), listed.section(key)) for key in listed.data}
+    if "" in landmarks or len(landmarks) < len(listed.data):
+        raise listed.refuse("an empty or repeated name", "each landmark's name once")
+    if pair := coincident_landmarks(landmarks.values()):
+        raise listed.refuse(
+            f"the same position as that of {pair[0]!r}",
+            "landmarks in different places",
+            at=(pair[1], "position_mm"),
+        )
+    return Artefact(name, landmarks)
+
+
+def _landmark(name: str, section: YamlSection) -> Landmark:
+    if "position" in section:
+        raise section.refuse("a position without a unit", "position_mm", at=("position",))
+    section.check_keys(_LANDMARK_KEYS, required=("position_mm",))
+    rotation = None
+    if "rotation_rpy_deg" in section:
+        rotation = _read_only(rotation_from_rpy(np.deg2rad(section.numbers("rotation_rpy_deg", 3))))
+    return Landmark(
+        name,
+        _read_only(1e-3 * np.array(section.numbers("position_mm", 3))),
+        rotation,
+        section.optional_number("sigma_mm", "non-negative", scale=1e-3) or 0.0,
+    )
+
+
+def write_artefact(path: Path, artefact: Artefact) -> None:
+    """Write ``artefact.yaml``: millimetres to 1 pm, degrees to 1e-9.
+
+    Raises:
+        OutputError: the file cannot be written; what was there is untouched.
+    """
+    landmarks = CommentedMap()
+    for name, landmark in artefact.landmarks.items():
+        row = CommentedMap(position_mm=_rounded(1e3 * landmark.position))
+        if landmark.rotation is not None:
+            row["rotation_rpy_deg"] = _rounded(np.rad2deg(rpy_from_rotation(landmark.rotation)))
+        if landmark.sigma:
+            row["sigma_mm"] = _rounded([1e3 * landmark.sigma])[0]
+        row.fa.set_flow_style()
+        landmarks[_quotable(name)] = row
+    yaml, text = YAML(), io.StringIO()
+    yaml.width = 1000
+    yaml.dump({"name": _quotable(artefact.name), "landmarks": landmarks}, text)
+    write_text(path, text.getvalue())
+
+
+def _quotable(name: str) -> str:
+    """The name, marked to be written with escapes where YAML would otherwise fold it."""
+    return name if name.isprintable() else DoubleQuotedScalarString(name)
+
+
+def _rounded(values: ArrayLike) -> list[float]:
+    """Rounded to 1e-9, without negative zeros."""
+    return [float(value) + 0.0 for value in np.round(np.asarray(values, dtype=float), 9)]
+
+
+def _read_only(array: FloatArray) -> FloatArray:
+    array.setflags(write=False)
+    return array

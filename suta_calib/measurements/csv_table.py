@@ -1,0 +1,167 @@
+"""CSV files as columns of text that remember the line of every row."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from suta_calib.errors import SamplesError
+from suta_calib.geometry import FloatArray
+from suta_calib.measurements.files import read_text
+from suta_calib.measurements.suggestion import did_you_mean
+
+
+@dataclass(frozen=True)
+class CsvTable:
+    """A CSV file with a header row, its cells still text.
+
+    Attributes:
+        path: the file.
+        columns: cells by column name, both stripped of surrounding blanks.
+        header_line: line number of the header, from 1.
+        lines: line number of each row, from 1.
+    """
+
+    path: Path
+    columns: Mapping[str, tuple[str, ...]]
+    header_line: int
+    lines: tuple[int, ...]
+
+    def __len__(self) -> int:
+        return len(self.lines)
+
+    @property
+    def origin(self) -> tuple[str, ...]:
+        """``file.csv:12`` for each row."""
+        return tuple(f"{self.path.name}:{line}" for line in self.lines)
+
+    def cells(self, name: str, expected: str = "a column of this name") -> tuple[str, ...]:
+        """Cells of one column as text.
+
+        Raises:
+            SamplesError: no such column; names the columns there are.
+        """
+        if name in self.columns:
+            return self.columns[name]
+        raise SamplesError(
+            f"only the columns {', '.join(self.columns)}",
+            expected,
+            file=self.path,
+            line=self.header_line,
+            where=f"column {name!r}",
+            hint=did_you_mean(name, self.columns),
+        )
+
+    def numbers(self, name: str, expected: str = "a column of this name") -> FloatArray:
+        """One column as numbers, (n,).
+
+        Raises:
+            SamplesError: no such column, or a cell that is not a finite number.
+        """
+        cells = self.cells(name, expected)
+        values = np.array([_number(cell) for cell in cells])
+        for row in np.flatnonzero(~np.isfinite(values)):
+            raise self.refuse(int(row), name, repr(cells[row]), "a finite number")
+        return values
+
+    def labels(self, name: str, expected: str = "a column of this name") -> NDArray[np.str_]:
+        """One column as labels, (n,), none of them empty.
+
+        Raises:
+            SamplesError: no such column, or an empty cell.
+        """
+        labels = np.array(self.cells(name, expected), dtype=np.str_)
+        for row in np.flatnonzero(labels == ""):
+            raise self.refuse(int(row), name, "an empty cell", "a label")
+        return labels
+
+    def refuse(
+        self, row: int, name: str, found: str, expected: str, hint: str = ""
+    ) -> SamplesError:
+        """Error about one cell, to be raised by the caller."""
+        return SamplesError(
+            found,
+            expected,
+            file=self.path,
+            line=self.lines[row],
+            where=f"column {name!r}",
+            hint=hint,
+        )
+
+
+def read_csv_table(path: Path) -> CsvTable:
+    """Read comma-separated values; blank lines and lines that start with ``#`` are skipped.
+
+    Raises:
+        SamplesError: unreadable, empty, header only, a column name twice, not comma-separated,
+            or a row with another number of cells than the header, such as a half-written last one.
+    """
+    text = read_text(path, SamplesError)
+    rows = _csv_rows(path, text)
+    if not rows:
+        raise SamplesError("an empty file", "a header row and data", file=path)
+    header_line, header = rows.pop(0)
+    _check_header(path, header_line, header)
+    if not rows:
+        raise SamplesError("a header and no data", "at least one row", file=path, line=header_line)
+    for line, row in rows:
+        if len(row) != len(header):
+            raise _ragged_row(path, line, len(row), len(header), last=line == rows[-1][0])
+    cells = zip(*(row for _, row in rows), strict=True)
+    columns = {name: column for name, column in zip(header, cells, strict=True) if name}
+    return CsvTable(path, columns, header_line, tuple(line for line, _ in rows))
+
+
+def _number(cell: str) -> float:
+    """The number in a cell, NaN where there is none; Python's ``1_000`` is not a number here."""
+    try:
+        return float("nan" if "_" in cell else cell)
+    except ValueError:
+        return float("nan")
+
+
+def _csv_rows(path: Path, text: str) -> list[tuple[int, list[str]]]:
+    """Line number and stripped cells of every line that holds data.
+
+    Each line is parsed on its own: a forgotten quote then costs one line, not the rest of the file.
+    """
+    rows = []
+    for line, content in enumerate(text.replace("\r\n", "\n").replace("\r", "\n").split("\n"), 1):
+        if not content.strip() or content.lstrip().startswith("#"):
+            continue
+        try:
+            cells = next(csv.reader([content], strict=True, skipinitialspace=True))
+        except csv.Error as problem:
+            raise SamplesError(
+                f"a line that is not CSV ({problem})", file=path, line=line
+            ) from None
+        rows.append((line, [cell.strip() for cell in cells]))
+    return rows
+
+
+def _check_header(path: Path, line: int, header: list[str]) -> None:
+    if len(header) == 1 and any(separator in header[0] for separator in ";\t"):
+        raise SamplesError(
+            f"the header {header[0]!r}", "columns separated by commas", file=path, line=line
+        )
+    for name in header:
+        if name and header.count(name) > 1:
+            raise SamplesError(
+                f"the column {name!r} more than once", "each column once", file=path, line=line
+            )
+
+
+def _ragged_row(path: Path, line: int, found: int, expected: int, *, last: bool) -> SamplesError:
+    cut_off = "the file ends in the middle of a row: record it again or delete that row"
+    return SamplesError(
+        f"{found} cells",
+        f"{expected}, as in the header",
+        file=path,
+        line=line,
+        hint=cut_off if last and found < expected else "",
+    )

@@ -1,0 +1,173 @@
+"""Samples: what the encoders read, with what was seen or touched at that moment."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from suta_calib.errors import SamplesError
+from suta_calib.geometry import FloatArray
+
+Array = TypeVar("Array", bound=NDArray[Any])
+
+_ORTHONORMAL_TOLERANCE = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """Joint readings with their labels and, for some kinds, measured poses. Immutable.
+
+    Attributes:
+        joints: names of the joints, in the order of the columns of ``q``.
+        q: (n, n_joints) raw readings, rad (m for prismatic joints).
+        labels: label columns by name, each (n,), such as ``placement``.
+        position: (n, 3) measured positions, m, or None. Whose and in which frame depends on the
+            kind of observation.
+        rotation: (n, 3, 3) measured orientations, or None.
+        origin: where each row came from, such as ``file.csv:12``.
+    """
+
+    joints: tuple[str, ...]
+    q: FloatArray
+    labels: Mapping[str, NDArray[np.str_]] = field(default_factory=dict)
+    position: FloatArray | None = None
+    rotation: FloatArray | None = None
+    origin: tuple[str, ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.q)
+
+    @classmethod
+    def from_arrays(
+        cls,
+        joints: Sequence[str],
+        q: ArrayLike,
+        *,
+        labels: Mapping[str, Sequence[str] | NDArray[np.str_]] | None = None,
+        position: ArrayLike | None = None,
+        rotation: ArrayLike | None = None,
+        origin: Sequence[str] | None = None,
+    ) -> Samples:
+        """Samples from copies of arrays, checked; arguments as the class's attributes.
+
+        Args:
+            joints: names, each once.
+            q: (n, n_joints), n at least one.
+            labels: each (n,), not empty strings.
+            position: (n, 3).
+            rotation: (n, 3, 3) orthonormal, right-handed.
+            origin: (n,); ``row 0``, ``row 1``, … where not given.
+
+        Raises:
+            SamplesError: a shape does not fit, or a value is not finite, empty or not a rotation.
+        """
+        if len(set(joints)) != len(joints):
+            raise SamplesError(f"joints {', '.join(joints)}", "each name once", where="joints")
+        n = len(_floats("q", q))
+        if n == 0:
+            raise SamplesError("no samples", "at least one", where="q")
+        origin = [f"row {row}" for row in range(n)] if origin is None else origin
+        if len(origin) != n:
+            raise SamplesError(f"{len(origin)} entries", f"{n}, one per row of q", where="origin")
+        return cls(
+            tuple(joints),
+            _finite("q", q, (n, len(joints))),
+            {name: _labels(name, values, n) for name, values in (labels or {}).items()},
+            None if position is None else _finite("position", position, (n, 3)),
+            None if rotation is None else _rotations(rotation, n),
+            tuple(origin),
+        )
+
+    @classmethod
+    def concatenate(cls, parts: Sequence[Samples]) -> Samples:
+        """Samples one after the other; joints and kinds of columns must be those of the first.
+
+        Raises:
+            SamplesError: no parts, or parts with different joints, labels, positions or
+                orientations.
+        """
+        if not parts or len({part._kind for part in parts}) > 1:
+            raise SamplesError("parts with different columns", "one or more with the same columns")
+        first = parts[0]
+        return cls(
+            first.joints,
+            _frozen(np.concatenate([part.q for part in parts])),
+            {n: _frozen(np.concatenate([p.labels[n] for p in parts])) for n in first.labels},
+            _joined([part.position for part in parts]),
+            _joined([part.rotation for part in parts]),
+            tuple(origin for part in parts for origin in part.origin),
+        )
+
+    @property
+    def _kind(self) -> tuple[object, ...]:
+        measured = (self.position is None, self.rotation is None)
+        return (self.joints, frozenset(self.labels), *measured)
+
+    def take(self, index: ArrayLike | slice) -> Samples:
+        """Rows by number (repeats allowed, as in a bootstrap), by boolean mask or by slice."""
+        rows = np.arange(len(self))[index if isinstance(index, slice) else np.asarray(index)]
+        return Samples(
+            self.joints,
+            _frozen(self.q[rows]),
+            {name: _frozen(values[rows]) for name, values in self.labels.items()},
+            None if self.position is None else _frozen(self.position[rows]),
+            None if self.rotation is None else _frozen(self.rotation[rows]),
+            tuple(self.origin[row] for row in rows),
+        )
+
+
+def _frozen(array: Array) -> Array:
+    array.setflags(write=False)
+    return array
+
+
+def _floats(name: str, values: ArrayLike) -> FloatArray:
+    """Copy as an array of floats with at least one dimension."""
+    try:
+        return np.array(values, dtype=float, ndmin=1)
+    except (TypeError, ValueError) as problem:
+        raise SamplesError(f"no array of numbers ({problem})", where=name) from None
+
+
+def _finite(name: str, values: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
+    """Read-only copy as floats of the given shape.
+
+    Raises:
+        SamplesError: another shape, or a value that is not finite.
+    """
+    array = _floats(name, values)
+    if array.shape != shape:
+        raise SamplesError(f"shape {array.shape}", f"shape {shape}", where=name)
+    for index in np.argwhere(~np.isfinite(array)):
+        place = f"{name}[{', '.join(map(str, index))}]"
+        raise SamplesError(str(array[tuple(index)]), "a finite number", where=place)
+    return _frozen(array)
+
+
+def _labels(name: str, values: Sequence[str] | NDArray[np.str_], n: int) -> NDArray[np.str_]:
+    array = np.array([str(value).strip() for value in values], dtype=np.str_)
+    if array.shape != (n,):
+        raise SamplesError(f"{len(array)} labels", f"{n}, one per row of q", where=name)
+    for row, label in enumerate(array):
+        if not label or "\n" in label or "\r" in label:
+            raise SamplesError(repr(str(label)), "a label on one line", where=f"{name}[{row}]")
+    return _frozen(array)
+
+
+def _rotations(values: ArrayLike, n: int) -> FloatArray:
+    rotation = _finite("rotation", values, (n, 3, 3))
+    error = np.abs(rotation @ np.swapaxes(rotation, -1, -2) - np.eye(3)).max(axis=(-2, -1))
+    for row in np.flatnonzero((error > _ORTHONORMAL_TOLERANCE) | (np.linalg.det(rotation) < 0)):
+        raise SamplesError(
+            "a matrix that is not a rotation", "orthonormal, right-handed", where=f"rotation[{row}]"
+        )
+    return rotation
+
+
+def _joined(arrays: Sequence[FloatArray | None]) -> FloatArray | None:
+    present = [array for array in arrays if array is not None]
+    return _frozen(np.concatenate(present)) if present else None

@@ -1,0 +1,202 @@
+"""One mapping of a YAML file, and checked access to its values.
+
+What every reader of a YAML file needs: a value of the right type, or one error that names the
+file, the line and the key. Keys are written as a path: ``observations[0].huber_mm``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from suta_calib.errors import InputError
+from suta_calib.measurements.suggestion import did_you_mean
+from suta_calib.measurements.yaml_document import KeyPath, YamlDocument
+
+Sign = Literal["any", "non-negative", "positive"]
+_LONGEST_QUOTE = 60
+
+
+@dataclass(frozen=True)
+class YamlSection:
+    """A mapping inside a document.
+
+    Attributes:
+        document: the file it is in.
+        error: the class of the errors raised about it.
+        path: keys and list indices that lead to it; empty for the whole file.
+    """
+
+    document: YamlDocument
+    error: type[InputError]
+    path: KeyPath = ()
+
+    @property
+    def data(self) -> dict[str, Any]:
+        """The mapping itself."""
+        value: Any = self.document.data
+        for key in self.path:
+            value = value[key]
+        mapping: dict[str, Any] = value
+        return mapping
+
+    @property
+    def line(self) -> int | None:
+        """Line where it begins, from 1."""
+        return self.document.line_of(*self.path)
+
+    def __contains__(self, key: str) -> bool:
+        return key in self.data
+
+    def refuse(
+        self, found: str, expected: str = "", *, at: KeyPath = (), hint: str = ""
+    ) -> InputError:
+        """Error about the value at ``at`` below this mapping, to be raised by the caller."""
+        keys = (*self.path, *at)
+        line = self.document.line_of(*keys)
+        place = {"file": self.document.path, "line": line, "where": _written(keys)}
+        return self.error(found, expected, hint=hint, **place)  # type: ignore[arg-type]
+
+    def check_keys(self, known: Collection[str], required: Collection[str] = ()) -> None:
+        """Refuse keys that are not known, and the absence of required ones."""
+        for key in self.data:
+            if key not in known:
+                raise self.refuse(
+                    "an unknown key", ", ".join(known), at=(key,), hint=did_you_mean(key, known)
+                )
+        for key in required:
+            self._value(key)
+
+    def section(self, *at: str | int) -> YamlSection:
+        """The mapping under a key, or under a path of keys and indices; must not be empty."""
+        value: Any = self.data
+        for key in at:
+            value = self._present(value, key, at)
+        if not isinstance(value, dict) or not value:
+            raise self.refuse(shown(value), "a mapping of keys to values", at=at)
+        return YamlSection(self.document, self.error, (*self.path, *at))
+
+    def sections(self, key: str) -> list[YamlSection]:
+        """The mappings in the list under a key, at least one."""
+        value = self._value(key)
+        if not isinstance(value, list) or not value:
+            raise self.refuse(shown(value), "a list with at least one row", at=(key,))
+        return [self.section(key, index) for index in range(len(value))]
+
+    def text(self, key: str, default: str | None = None) -> str:
+        """A word or sentence that is not empty; ``default`` where the key is absent."""
+        value = self._value(key) if default is None else self.data.get(key, default)
+        return self._text(value, (key,))
+
+    def texts(self, key: str) -> tuple[str, ...]:
+        """A list of words, at least one; a single word counts as a list of one."""
+        value = self._value(key)
+        if not isinstance(value, list):
+            return (self._text(value, (key,)),)
+        if not value:
+            raise self.refuse("an empty list", "at least one entry", at=(key,))
+        return tuple(self._text(item, (key, index)) for index, item in enumerate(value))
+
+    def choice(self, key: str, options: Collection[str], default: str | None = None) -> str:
+        """One of a few words."""
+        value = self.text(key, default)
+        if value not in options:
+            hint = did_you_mean(value, options)
+            raise self.refuse(repr(value), f"one of {', '.join(options)}", at=(key,), hint=hint)
+        return value
+
+    def number(self, key: str, sign: Sign = "any") -> float:
+        """A finite number."""
+        return self._number(self._value(key), (key,), sign)
+
+    def optional_number(self, key: str, sign: Sign = "any", scale: float = 1.0) -> float | None:
+        """``scale`` times a finite number, or None where the key is absent."""
+        return scale * self.number(key, sign) if key in self else None
+
+    def numbers(self, key: str, count: int) -> list[float]:
+        """A list of ``count`` finite numbers."""
+        value = self._value(key)
+        if not isinstance(value, list) or len(value) != count:
+            found = f"{len(value)} values" if isinstance(value, list) else shown(value)
+            raise self.refuse(found, f"a list of {count} numbers", at=(key,))
+        return [self._number(item, (key, index), "any") for index, item in enumerate(value)]
+
+    def integer(self, key: str, default: int, minimum: int) -> int:
+        """A whole number of at least ``minimum``; ``default`` where the key is absent."""
+        value = self.data.get(key, default)
+        if isinstance(value, bool) or not isinstance(value, int) or value < minimum:
+            raise self.refuse(shown(value), f"a whole number from {minimum} up", at=(key,))
+        return value
+
+    def flag(self, key: str) -> bool:
+        """True or false; false where the key is absent."""
+        value = self.data.get(key, False)
+        if not isinstance(value, bool):
+            raise self.refuse(shown(value), "true or false", at=(key,))
+        return value
+
+    def existing_file(self, key: str) -> Path:
+        """A file that exists, named relative to the document's folder."""
+        file = self.document.path.parent / self.text(key)
+        try:
+            exists = file.is_file()
+        except OSError:
+            exists = False
+        if not exists:
+            raise self.refuse(f"no file {file}", "a file that exists", at=(key,))
+        return file
+
+    def _value(self, key: str) -> Any:
+        return self._present(self.data, key, (key,))
+
+    def _present(self, mapping: Any, key: str | int, at: KeyPath) -> Any:
+        if isinstance(key, str) and key not in mapping:
+            raise self.refuse("no such key", "a value: this key is required", at=at)
+        return mapping[key]
+
+    def _text(self, value: Any, at: KeyPath) -> str:
+        if not isinstance(value, str) or not value.strip():
+            hint = "put it in quotes" if isinstance(value, (bool, int, float)) else ""
+            raise self.refuse(shown(value), "text", at=at, hint=hint)
+        return value.strip()
+
+    def _number(self, value: Any, at: KeyPath, sign: Sign) -> float:
+        if isinstance(value, bool) or not isinstance(value, (int, float)):
+            raise self.refuse(shown(value), "a number", at=at)
+        number = _as_float(value)
+        if not math.isfinite(number):
+            raise self.refuse(shown(value), "a finite number", at=at)
+        if (number < 0 and sign != "any") or (number == 0 and sign == "positive"):
+            raise self.refuse(shown(value), f"a {sign} number", at=at)
+        return number
+
+
+def shown(value: Any) -> str:
+    """A value as an error message calls it, on one line and not too long."""
+    if value is None:
+        return "nothing"
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, (list, dict)):
+        return f"{'a' if value else 'an empty'} {'list' if isinstance(value, list) else 'mapping'}"
+    text = repr(value)
+    return text if len(text) <= _LONGEST_QUOTE else f"{text[:_LONGEST_QUOTE]}…"
+
+
+def _as_float(value: float) -> float:
+    try:
+        return float(value)
+    except OverflowError:
+        return math.inf
+
+
+def _written(keys: KeyPath) -> str:
+    """``observations[0].huber_mm`` for the keys that lead there."""
+    parts = (
+        f"[{key}]" if isinstance(key, int) else "." + (key if key.isprintable() else repr(key))
+        for key in keys
+    )
+    return "".join(parts).lstrip(".")

@@ -1,0 +1,1 @@
+"""The arm whose geometry is unknown."""

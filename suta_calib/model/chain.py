@@ -1,0 +1,236 @@
+"""The serial chain from base to tip, as the user's URDF writes it, checked.
+
+What a calibration needs of a URDF is little: the joints between two links, their origins, axes
+and limits. They are taken from the file's own text, so that a message can name its line and a
+calibrated value can go back to where the nominal one stood.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from suta_calib.errors import UrdfError
+from suta_calib.geometry import FloatArray
+from suta_calib.model.urdf_tree import TreeJoint, UrdfTree, read_tree
+from suta_calib.model.urdf_xml import Element, attribute, children, quoted, suggestion
+
+_MOVING_TYPES: Final = ("revolute", "continuous", "prismatic")
+_SUPPORTED_TYPES: Final = (*_MOVING_TYPES, "fixed")
+# float() takes more than a URDF may say: 'nan', '1_000', digits of other scripts.
+_NUMBER: Final = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+_SHORTEST_AXIS: Final = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class ChainJoint:
+    """One joint of the chain, moving or fixed.
+
+    Attributes:
+        name: the joint's name.
+        type: ``revolute``, ``continuous``, ``prismatic`` or ``fixed``.
+        parent: the link it hangs on.
+        child: the link it carries.
+        xyz: (3,) position of its origin in the parent link's frame, m; zeros without ``<origin>``.
+        rpy: (3,) fixed-axis roll, pitch, yaw of its origin, rad; zeros without ``<origin>``.
+        axis: (3,) unit vector in the joint's own frame; 1 0 0 where the file gives none.
+        lower: lowest reading, rad (m for prismatic); -inf for continuous and where not given, 0
+            for fixed.
+        upper: highest reading, likewise.
+        line: line of the ``<joint>`` in the file, from 1.
+    """
+
+    name: str
+    type: str
+    parent: str
+    child: str
+    xyz: FloatArray
+    rpy: FloatArray
+    axis: FloatArray
+    lower: float
+    upper: float
+    line: int
+
+    @property
+    def moving(self) -> bool:
+        """Whether the joint has a reading."""
+        return self.type in _MOVING_TYPES
+
+
+@dataclass(frozen=True, eq=False)
+class Chain:
+    """The joints from a base link to a tip, and where they were read.
+
+    Attributes:
+        path: the URDF file.
+        robot: name of the robot.
+        base: name of the link the chain starts at.
+        tip: the tip as the user named it: a link, or a joint for the link it carries.
+        tip_link: name of the link the chain ends at.
+        joints: every joint from base to tip, fixed ones included.
+    """
+
+    path: Path
+    robot: str
+    base: str
+    tip: str
+    tip_link: str
+    joints: tuple[ChainJoint, ...]
+
+    @property
+    def moving(self) -> tuple[ChainJoint, ...]:
+        """The joints that have a reading, from base to tip."""
+        return tuple(joint for joint in self.joints if joint.moving)
+
+
+def read_chain(path: str | Path, tip: str, base: str | None = None) -> Chain:
+    """Read and check the chain from ``base`` to ``tip``.
+
+    Joints off the chain may be of any type; their origins, axes and limits are not looked at.
+
+    Args:
+        path: a URDF file (not a xacro file).
+        tip: name of a link, or of a joint, which stands for its child link. A name that is both
+            means the link.
+        base: name of a link above the tip; the root link by default.
+
+    Raises:
+        UrdfError: the file is no usable URDF (`urdf_tree.read_tree`), a name is unknown, the base
+            is not above the tip, no joint between them moves, or a joint between them is of a
+            type that has no single reading of its own or has unusable numbers.
+    """
+    tree = read_tree(path)
+    tip_link = _tip_link(tree, tip)
+    base_link = tree.root if base is None else _known_link(tree, base, "base")
+    joints = tuple(_chain_joint(tree.path, j) for j in _joints_between(tree, base_link, tip_link))
+    if not any(joint.moving for joint in joints):
+        found = f"only fixed joints between {quoted(base_link)} and {quoted(tip)}"
+        raise UrdfError(found, "at least one joint that moves", file=tree.path, where="tip")
+    return Chain(tree.path, tree.robot, base_link, tip, tip_link, joints)
+
+
+def _tip_link(tree: UrdfTree, tip: str) -> str:
+    if tip not in tree.links and tip in tree.joints:
+        return tree.joints[tip].child
+    return _known_link(tree, tip, "tip")
+
+
+def _known_link(tree: UrdfTree, name: str, where: str) -> str:
+    if name in tree.links:
+        return name
+    expected = "a link" if where == "base" else "a link or a joint"
+    names = tree.links if where == "base" else (*tree.links, *tree.joints)
+    hint = suggestion(name, names, "links" if where == "base" else "links and joints")
+    raise UrdfError(quoted(name), f"{expected} of the file", file=tree.path, where=where, hint=hint)
+
+
+def _joints_between(tree: UrdfTree, base: str, tip: str) -> list[TreeJoint]:
+    """The joints from base to tip."""
+    if base == tip:
+        found = f"{quoted(tip)} as both base and tip"
+        raise UrdfError(found, "joints between them", file=tree.path, where="tip")
+    upwards = tree.path_to_root(tip)
+    parents = [joint.parent for joint in upwards]
+    if base not in parents:
+        found = f"{quoted(base)}, which is not above the tip {quoted(tip)}"
+        hint = f"above it are: {', '.join(map(quoted, parents[:8]))}" if parents else ""
+        hint = hint or f"{quoted(tip)} is the root link: choose another tip"
+        raise UrdfError(found, "a link above it", file=tree.path, where="base", hint=hint)
+    return upwards[parents.index(base) :: -1]
+
+
+def _chain_joint(path: Path, joint: TreeJoint) -> ChainJoint:
+    where = f"joint {quoted(joint.name)}"
+    kind = _supported_type(path, joint, where)
+    xyz, rpy = _origin(path, joint.element, where)
+    moving = kind in _MOVING_TYPES
+    axis = _axis(path, joint.element, where) if moving else np.array([1.0, 0.0, 0.0])
+    lower, upper = _limits(path, joint.element, kind, where)
+    return ChainJoint(
+        joint.name, kind, joint.parent, joint.child, xyz, rpy, axis, lower, upper, joint.line
+    )
+
+
+def _supported_type(path: Path, joint: TreeJoint, where: str) -> str:
+    kind = attribute(path, joint.element, "type", where)
+    if kind not in _SUPPORTED_TYPES:
+        expected = f"{', '.join(_SUPPORTED_TYPES[:-1])} or fixed on the chain"
+        found = f"the type {quoted(kind)}"
+        raise UrdfError(found, expected, file=path, line=joint.line, where=where)
+    mimic = children(joint.element, "mimic")
+    if mimic:
+        found = f"<mimic> of joint {quoted(mimic[0].get('joint', ''))}"
+        expected = "joints with a reading of their own on the chain"
+        line = mimic[0].sourceline
+        raise UrdfError(found, expected, file=path, line=line, where=where)
+    return kind
+
+
+def _origin(path: Path, element: Element, where: str) -> tuple[FloatArray, FloatArray]:
+    """Position (m) and roll, pitch, yaw (rad) of a joint's own ``<origin>``."""
+    for origin in children(element, "origin")[:1]:
+        place = f"{where}: <origin>"
+        return _triple(path, origin, "xyz", place), _triple(path, origin, "rpy", place)
+    return np.zeros(3), np.zeros(3)
+
+
+def _axis(path: Path, element: Element, where: str) -> FloatArray:
+    for axis in children(element, "axis")[:1]:
+        vector = _triple(path, axis, "xyz", f"{where}: <axis>", default=(1.0, 0.0, 0.0))
+        largest = np.abs(vector).max()
+        if largest < _SHORTEST_AXIS:
+            found = f"xyz={quoted(axis.get('xyz'))}"
+            place = f"{where}: <axis>"
+            raise UrdfError(found, "a direction", file=path, line=axis.sourceline, where=place)
+        # Scaled first, so that the squares of very large numbers do not overflow.
+        scaled = vector / largest
+        return np.asarray(scaled / np.linalg.norm(scaled), dtype=float)
+    return np.array([1.0, 0.0, 0.0])
+
+
+def _limits(path: Path, element: Element, kind: str, where: str) -> tuple[float, float]:
+    """Lowest and highest reading; a limit given alone has 0 as its other side, as URDF says."""
+    if kind == "fixed":
+        return 0.0, 0.0
+    given = children(element, "limit")[:1]
+    if kind == "continuous" or not given or not {"lower", "upper"} & set(given[0].keys()):
+        return -math.inf, math.inf
+    place = f"{where}: <limit>"
+    lower, upper = (_numbers(path, given[0], key, place, (0.0,))[0] for key in ("lower", "upper"))
+    if lower > upper:
+        found = f"lower={lower!r} above upper={upper!r}"
+        line = given[0].sourceline
+        raise UrdfError(found, "lower at most upper", file=path, line=line, where=place)
+    return lower, upper
+
+
+def _triple(
+    path: Path,
+    element: Element,
+    key: str,
+    where: str,
+    default: tuple[float, ...] = (0.0, 0.0, 0.0),
+) -> FloatArray:
+    return np.array(_numbers(path, element, key, where, default))
+
+
+def _numbers(
+    path: Path, element: Element, key: str, where: str, default: tuple[float, ...]
+) -> list[float]:
+    """The numbers of an attribute, as many as its default has."""
+    text = element.get(key)
+    if text is None:
+        return list(default)
+    words = text.split()
+    numbers = [float(word) for word in words if _NUMBER.fullmatch(word)]
+    if len(words) == len(numbers) == len(default) and all(map(math.isfinite, numbers)):
+        return numbers
+    expected = "a finite number" if len(default) == 1 else f"{len(default)} finite numbers"
+    hint = "run xacro first" if "${" in text or "$(" in text else ""
+    found, line = f"{key}={quoted(text)}", element.sourceline
+    raise UrdfError(found, expected, file=path, line=line, where=where, hint=hint)

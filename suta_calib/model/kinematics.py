@@ -1,0 +1,164 @@
+"""Forward kinematics of a chain whose geometry is unknown, on CasADi symbols.
+
+``T_base_tip(θ, q)`` is the product over the chain's segments of
+
+    Trans(xyz) · R_nominal · exp([rx, ry, rz]) · motion(axis, q + offset)
+
+with the placements and axes of `pin.Model`. The Jacobian is written as the geometric Jacobian of
+every parameter (an axis through a point) rather than left to differentiation: a column then costs
+a cross product, not another walk along the chain.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final, Literal
+
+import casadi as ca
+import numpy as np
+
+from suta_calib.geometry import FloatArray, Symbol, symbolic_rotation
+
+Motion = Literal["revolute", "prismatic", "fixed"]
+AXES: Final = ("x", "y", "z")
+
+
+@dataclass(frozen=True, eq=False)
+class Segment:
+    """One joint of the chain, fixed ones included.
+
+    Attributes:
+        prefix: what its parameters are called: the joint's name, or the tip frame's.
+        motion: how it moves.
+        rotation: (3, 3) nominal rotation of its origin in the parent link.
+        position: (3,) nominal position of its origin in the parent link, m.
+        axis: (3,) unit axis in the joint's frame.
+    """
+
+    prefix: str
+    motion: Motion
+    rotation: FloatArray
+    position: FloatArray
+    axis: FloatArray
+
+    @property
+    def parameter_names(self) -> tuple[str, ...]:
+        placement = tuple(f"{self.prefix}.{k}" for k in ("x", "y", "z", "rx", "ry", "rz"))
+        return placement if self.motion == "fixed" else (*placement, f"{self.prefix}.offset")
+
+
+class _Walk:
+    """The state of one pass along the chain: the current frame and the columns met so far."""
+
+    def __init__(self, names: Sequence[str], theta: Symbol, nominal: dict[str, float]) -> None:
+        self.rotation: Symbol = ca.SX.eye(3)
+        self.position: Symbol = ca.SX(3, 1)
+        self.index = {name: k for k, name in enumerate(names)}
+        self.theta, self.nominal = theta, nominal
+        # column index → (linear direction, None) or (axis, point it passes through)
+        self.columns: dict[int, tuple[Symbol, Symbol | None]] = {}
+
+    def value(self, name: str) -> Symbol:
+        k = self.index.get(name)
+        return self.theta[k] if k is not None else ca.SX(self.nominal.get(name, 0.0))
+
+    def note(self, name: str, direction: Symbol, point: Symbol | None = None) -> None:
+        if name in self.index:
+            self.columns[self.index[name]] = (direction, point)
+
+    def through(self, segment: Segment, reading: Symbol | None) -> None:
+        self._place(segment)
+        self._turn(segment)
+        if reading is not None:
+            self._move(segment, reading)
+
+    def _place(self, segment: Segment) -> None:
+        names = [f"{segment.prefix}.{k}" for k in AXES]
+        for k, name in enumerate(names):
+            self.note(name, self.rotation[:, k])
+        self.position = self.position + self.rotation @ ca.vertcat(*map(self.value, names))
+        self.rotation = self.rotation @ ca.SX(_snapped(segment.rotation))
+
+    def _turn(self, segment: Segment) -> None:
+        names = [f"{segment.prefix}.r{k}" for k in AXES]
+        if not any(name in self.index for name in names):
+            return
+        vector = ca.vertcat(*map(self.value, names))
+        turn = symbolic_rotation(vector)
+        derivative = ca.jacobian(ca.vec(turn), vector)
+        for k, name in enumerate(names):
+            spin = ca.reshape(derivative[:, k], 3, 3) @ turn.T
+            axis = ca.vertcat(spin[2, 1], spin[0, 2], spin[1, 0])
+            self.note(name, self.rotation @ axis, self.position)
+        self.rotation = self.rotation @ turn
+
+    def _move(self, segment: Segment, reading: Symbol) -> None:
+        offset = f"{segment.prefix}.offset"
+        amount = reading + self.value(offset)
+        axis = _snapped(segment.axis)
+        direction = self.rotation @ ca.SX(axis)
+        if segment.motion == "prismatic":
+            self.note(offset, direction)
+            self.position = self.position + direction * amount
+        else:
+            self.note(offset, direction, self.position)
+            self.rotation = self.rotation @ _axis_rotation(axis, amount)
+
+    def jacobian(self) -> Symbol:
+        """(6, n): linear over angular velocity of the tip in the base frame, per parameter."""
+        rows = []
+        for k in range(len(self.index)):
+            direction, point = self.columns[k]
+            linear = direction if point is None else ca.cross(direction, self.position - point)
+            angular = ca.SX(3, 1) if point is None else direction
+            rows.append(ca.vertcat(linear, angular))
+        return ca.horzcat(*rows) if rows else ca.SX(6, 0)
+
+
+def forward_kinematics(segments: Sequence[Segment], names: Sequence[str]) -> Symbol:
+    """The chain's kinematics as a CasADi function of the named parameters and one sample.
+
+    Args:
+        segments: base to tip.
+        names: the parameters that become inputs, in this order; all others stay nominal.
+
+    Returns:
+        ``ca.Function(theta (n), q (joints)) -> (rotation (9, column by column), position (3),
+        jacobian (n, 6))``, all dense, in the base frame. A row of the Jacobian is the velocity of
+        the tip's origin, then the angular velocity, for unit change of that parameter.
+    """
+    theta = ca.SX.sym("theta", len(names))
+    moving = [s for s in segments if s.motion != "fixed"]
+    q = ca.SX.sym("q", len(moving))
+    nominal = {
+        f"{s.prefix}.{k}": float(s.position[i]) for s in segments for i, k in enumerate(AXES)
+    }
+    walk = _Walk(names, theta, nominal)
+    readings = iter(range(len(moving)))
+    for segment in segments:
+        walk.through(segment, None if segment.motion == "fixed" else q[next(readings)])
+    outputs = [ca.vec(walk.rotation), walk.position, walk.jacobian().T]
+    return ca.Function(
+        "forward_kinematics",
+        [theta, q],
+        [ca.densify(o) for o in outputs],
+        ["theta", "q"],
+        ["rotation", "position", "jacobian"],
+        {"cse": True},
+    )
+
+
+def _axis_rotation(axis: FloatArray, angle: Symbol) -> Symbol:
+    """Rodrigues' formula about a constant unit axis; exact zeros are left out by CasADi."""
+    k = ca.SX(ca.skew(ca.SX(axis)))
+    outer = ca.SX(_snapped(np.outer(axis, axis)))
+    return ca.cos(angle) * (ca.SX.eye(3) - outer) + ca.sin(angle) * k + outer
+
+
+def _snapped(array: FloatArray) -> FloatArray:
+    """cos(π/2) is 6e-17 in floating point: make it the zero it stands for, and drop its terms."""
+    array = np.array(array, dtype=float)
+    for exact in (-1.0, 0.0, 1.0):
+        array[np.abs(array - exact) < 4e-16] = exact
+    return array

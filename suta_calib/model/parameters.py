@@ -1,0 +1,209 @@
+"""The unknowns: what each is called, where it starts, how far it may go, what is known of it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from difflib import get_close_matches
+from fnmatch import fnmatchcase
+from typing import Final, Literal
+
+import numpy as np
+
+from suta_calib.errors import ParameterError
+from suta_calib.geometry import FloatArray
+
+Unit = Literal["m", "rad"]
+GEOMETRIC: Final = "geometric"
+# Lengths and angles of the size that moves the tip of a metre-long arm by a centimetre.
+SCALE: Final[dict[Unit, float]] = {"m": 0.01, "rad": 0.01}
+# How far a geometric parameter without a bound may plausibly be off: only used to judge whether
+# the data tell anything about it, never to limit it.
+PLAUSIBLE: Final[dict[Unit, float]] = {"m": 0.05, "rad": math.radians(10.0)}
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One unknown number.
+
+    Attributes:
+        name: as in the file formats, e.g. ``joint_4.z`` or ``placement[P1].rx``.
+        unit: ``m`` or ``rad``.
+        nominal: where it starts, and where it stays if nothing can be said of it.
+        lower, upper: bounds of the value, infinite where there is none.
+        prior: standard deviation of a Gaussian prior about nominal, or None.
+        plausible: how far from nominal the value might be before any data are seen; a predicted
+            standard deviation is judged against it.
+        free: False for a parameter that is named but not estimated.
+    """
+
+    name: str
+    unit: Unit
+    nominal: float
+    lower: float = -math.inf
+    upper: float = math.inf
+    prior: float | None = None
+    plausible: float = math.nan
+    free: bool = True
+
+    def __post_init__(self) -> None:
+        if not self.lower <= self.nominal <= self.upper:
+            raise ParameterError(
+                f"bounds {self.lower:g} … {self.upper:g} that leave out the nominal "
+                f"value {self.nominal:g}",
+                "lower ≤ nominal ≤ upper",
+                where=self.name,
+            )
+        if math.isnan(self.plausible):
+            object.__setattr__(self, "plausible", self._default_plausible())
+
+    def _default_plausible(self) -> float:
+        reach = max(self.upper - self.nominal, self.nominal - self.lower)
+        return reach if math.isfinite(reach) and reach > 0 else PLAUSIBLE[self.unit]
+
+    @property
+    def scale(self) -> float:
+        """Unit of the solver's variable."""
+        return SCALE[self.unit]
+
+    def bounded(self, bound: float | None, prior: float | None) -> Parameter:
+        """The same parameter with ``nominal ± bound`` and a prior standard deviation."""
+        half = math.inf if bound is None else bound
+        return replace(
+            self,
+            lower=self.nominal - half,
+            upper=self.nominal + half,
+            prior=prior,
+            plausible=math.nan,
+            free=True,
+        )
+
+
+class ParameterSet(Mapping[str, Parameter]):
+    """Parameters in a fixed order, looked up by name."""
+
+    def __init__(self, parameters: Iterable[Parameter] = ()) -> None:
+        self._by_name = {p.name: p for p in parameters}
+
+    def __getitem__(self, name: str) -> Parameter:
+        try:
+            return self._by_name[name]
+        except KeyError:
+            raise ParameterError(
+                f"'{name}'", "the name of a parameter", hint=_did_you_mean(name, self._by_name)
+            ) from None
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._by_name
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._by_name)
+
+    def __len__(self) -> int:
+        return len(self._by_name)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(self._by_name)
+
+    def array(self, field: str) -> FloatArray:
+        """One attribute of all parameters, in order (n,); None becomes NaN."""
+        return np.array([getattr(p, field) for p in self.values()], dtype=float)
+
+    def free(self) -> ParameterSet:
+        """Those that are to be estimated."""
+        return ParameterSet(p for p in self.values() if p.free)
+
+
+@dataclass(frozen=True)
+class Selection:
+    """One row of a job's ``parameters``: which ones, and how far they may go.
+
+    Attributes:
+        select: names, globs, or the word ``geometric``.
+        bound_m, bound_rad: half-width of the bounds about nominal, for lengths and for angles.
+        prior_m, prior_rad: standard deviation of a Gaussian prior about nominal.
+        fixed: name the parameter in the result, but do not estimate it.
+        line: line of the job file, for messages.
+    """
+
+    select: tuple[str, ...]
+    bound_m: float | None = None
+    bound_rad: float | None = None
+    prior_m: float | None = None
+    prior_rad: float | None = None
+    fixed: bool = False
+    line: int | None = None
+
+    def applied_to(self, parameter: Parameter) -> Parameter:
+        if self.fixed:
+            return replace(parameter, free=False)
+        if parameter.unit == "m":
+            return parameter.bounded(self.bound_m, self.prior_m)
+        return parameter.bounded(self.bound_rad, self.prior_rad)
+
+
+def select_parameters(
+    available: ParameterSet, geometric: frozenset[str], rows: Sequence[Selection]
+) -> ParameterSet:
+    """Apply a job's rows to what an arm offers; later rows win.
+
+    Args:
+        available: everything the arm can vary.
+        geometric: names that the word ``geometric`` and globs may reach among the placement
+            parameters (those of moving joints and of the tip); others only by their full name.
+        rows: the selections, in order.
+
+    Returns:
+        The selected parameters, in the arm's order.
+
+    Raises:
+        ParameterError: a pattern matches nothing, or a row's bound or prior fits no selected one.
+    """
+    chosen: dict[str, Parameter] = {}
+    for row in rows:
+        names = [name for pattern in row.select for name in _matches(pattern, available, geometric)]
+        _check_units(row, {available[name].unit for name in names})
+        chosen.update((name, row.applied_to(available[name])) for name in names)
+    return ParameterSet(chosen[name] for name in available if name in chosen)
+
+
+def _matches(pattern: str, available: ParameterSet, geometric: frozenset[str]) -> list[str]:
+    if pattern in available:
+        return [pattern]
+    reachable = [n for n in available if n in geometric or n.endswith(".offset")]
+    if pattern == GEOMETRIC:
+        return [name for name in reachable if name in geometric]
+    found = [name for name in reachable if fnmatchcase(name, pattern)]
+    if not found:
+        raise ParameterError(
+            f"'{pattern}', which matches no parameter of the arm",
+            "names like joint.offset, joint.x|y|z|rx|ry|rz, globs of them, or 'geometric'",
+            where="parameters: select",
+            hint=_did_you_mean(pattern, available),
+        )
+    return found
+
+
+def _check_units(row: Selection, units: set[Unit]) -> None:
+    given: dict[Unit, list[float | None]] = {
+        "m": [row.bound_m, row.prior_m],
+        "rad": [row.bound_rad, row.prior_rad],
+    }
+    keys = {"m": "bound_mm or prior_mm", "rad": "bound_deg or prior_deg"}
+    for unit, values in given.items():
+        if unit not in units and any(v is not None for v in values):
+            kind = "angles" if unit == "m" else "lengths"
+            raise ParameterError(
+                f"{keys[unit]} for {', '.join(row.select)}, which are all {kind}",
+                keys["rad" if unit == "m" else "m"],
+                line=row.line,
+                where="parameters",
+            )
+
+
+def _did_you_mean(name: str, known: Iterable[str]) -> str:
+    names = list(known)
+    close = get_close_matches(name, names, n=3, cutoff=0.5) or names[:6]
+    return "did you mean " + ", ".join(close) + "?" if close else ""

@@ -1,0 +1,232 @@
+"""Calibrated values back into the user's own URDF, and nothing else changed in it.
+
+An XML library that reads and writes loses what it does not model: attribute order, quotes, line
+ends, blank lines. So the file is not written from a tree. Expat tells at which bytes the start
+tags stand, and the numbers are exchanged between the quotes.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Final
+from xml.parsers import expat
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from suta_calib.atomic import write_bytes_atomically
+from suta_calib.errors import OutputError, UrdfError
+from suta_calib.geometry import (
+    FloatArray,
+    rotation_from_rpy,
+    rotation_from_vector,
+    rpy_from_rotation,
+)
+from suta_calib.model.chain import ChainJoint
+from suta_calib.model.urdf_xml import quoted, read_urdf_bytes, suggestion
+
+Origin = tuple[ArrayLike, ArrayLike]
+
+# A quoted value is swallowed whole, so neither '>' nor 'xyz=' inside one is taken for markup.
+_ATTRIBUTE: Final = re.compile(rb"""([^\s=<>"'/]+)\s*=\s*("[^"]*"|'[^']*')""")
+_TAG: Final = re.compile(rb"""<[^\s<>"'/]+(?:[^<>"']|"[^"]*"|'[^']*')*>""")
+_JOINT_DEPTH: Final = 2
+
+
+@dataclass
+class _JointTags:
+    """Where a joint's start tag and its first origin's start tag begin, in bytes."""
+
+    joint: int
+    origin: int | None = None
+
+
+@dataclass(frozen=True)
+class _Splice:
+    """``data[start:stop]`` becomes ``text``."""
+
+    start: int
+    stop: int
+    text: bytes
+
+
+@dataclass
+class _JointFinder:
+    """Expat handlers that note the joints directly under the root and their own origins."""
+
+    path: Path
+    found: dict[str, _JointTags] = field(default_factory=dict)
+    _depth: int = 0
+    _joint: _JointTags | None = None
+
+    def search(self, data: bytes) -> dict[str, _JointTags]:
+        """The tags of every joint of the robot, by the joint's name."""
+        self._parser = expat.ParserCreate()
+        self._parser.StartElementHandler = self._start
+        self._parser.EndElementHandler = self._end
+        # With a default handler expat leaves entities alone: their text has no place in the file.
+        self._parser.DefaultHandler = lambda _: None
+        try:
+            self._parser.Parse(data, True)
+        except (expat.ExpatError, ValueError, LookupError) as error:
+            line = getattr(error, "lineno", None)
+            found = f"text that cannot be edited in place ({error})"
+            raise UrdfError(found, "XML in UTF-8 or Latin-1", file=self.path, line=line) from None
+        return self.found
+
+    def _start(self, tag: str, attributes: dict[str, str]) -> None:
+        self._depth += 1
+        position = self._parser.CurrentByteIndex
+        if self._depth == _JOINT_DEPTH:
+            self._joint = self._new_joint(attributes, position) if tag == "joint" else None
+        elif self._depth == _JOINT_DEPTH + 1 and tag == "origin" and self._joint is not None:
+            # The first counts where there are several, as in URDF readers.
+            self._joint.origin = position if self._joint.origin is None else self._joint.origin
+
+    def _end(self, _: str) -> None:
+        self._depth -= 1
+
+    def _new_joint(self, attributes: dict[str, str], position: int) -> _JointTags:
+        name = attributes.get("name", "")
+        if name in self.found:
+            line = self._parser.CurrentLineNumber
+            found = f"the joint name {quoted(name)} a second time"
+            raise UrdfError(found, "one joint of that name", file=self.path, line=line)
+        return self.found.setdefault(name, _JointTags(position))
+
+
+def write_urdf(source: str | Path, destination: str | Path, origins: Mapping[str, Origin]) -> None:
+    """Copy a URDF byte for byte, with new numbers in the ``<origin>`` of the named joints.
+
+    A number that keeps its value keeps its spelling; a new one is written with the digits that
+    give back exactly that double. A joint without ``<origin>`` gets one. Relative mesh paths are
+    copied as they stand.
+
+    Args:
+        source: the user's URDF, in UTF-8, Latin-1 or another one-byte encoding it declares.
+        destination: the file to write, in one step; may be the source.
+        origins: for each joint ``(xyz, rpy)``: (3,) m in the parent link's frame, and (3,) rad.
+
+    Raises:
+        UrdfError: the source cannot be read, or has no joint of a name that was asked for.
+        OutputError: a number is not finite, or the destination cannot be written.
+    """
+    source = Path(source)
+    data = read_urdf_bytes(source)
+    tags = _JointFinder(source).search(data)
+    splices: list[_Splice] = []
+    for name, (xyz, rpy) in origins.items():
+        if name not in tags:
+            hint = suggestion(name, tags, "joints")
+            raise UrdfError("no joint of that name", file=source, where=quoted(name), hint=hint)
+        values = {b"xyz": _finite(name, xyz), b"rpy": _finite(name, rpy)}
+        splices.extend(_origin_splices(data, tags[name], values))
+    write_bytes_atomically(destination, _spliced(data, splices))
+
+
+def folded_origin(
+    joint: ChainJoint, xyz: ArrayLike, rotation_vector: ArrayLike, offset: float
+) -> tuple[FloatArray, FloatArray]:
+    """The origin with which raw readings give what the calibrated joint gives with its offset.
+
+    ``R = R(rpy_nominal) · exp(r) · Rot(axis, offset)`` for a joint that turns; for one that
+    slides ``R = R(rpy_nominal) · exp(r)`` and ``xyz + R · axis · offset``. A fixed joint has no
+    reading, and its offset is ignored.
+
+    Args:
+        joint: the nominal joint.
+        xyz: (3,) calibrated position of the origin in the parent link's frame, m.
+        rotation_vector: (3,) ``r``, rad, in the joint's frame; nominal 0.
+        offset: added to the reading, rad (m for prismatic).
+
+    Returns:
+        ``(xyz, rpy)``: (3,) m and (3,) rad. Where nothing turns, rpy is the nominal one exactly.
+    """
+    position = np.array(xyz, dtype=float)
+    vector = np.asarray(rotation_vector, dtype=float)
+    turn = joint.axis * (offset if joint.type in ("revolute", "continuous") else 0.0)
+    nominal = rotation_from_rpy(joint.rpy) @ rotation_from_vector(vector)
+    if joint.type == "prismatic":
+        position = position + nominal @ joint.axis * offset
+    if not vector.any() and not turn.any():
+        return position, joint.rpy.copy()
+    return position, rpy_from_rotation(nominal @ rotation_from_vector(turn))
+
+
+def _finite(joint: str, numbers: ArrayLike) -> list[float]:
+    values = [float(value) for value in np.asarray(numbers, dtype=float).reshape(3)]
+    if not all(map(math.isfinite, values)):
+        raise OutputError(f"joint {quoted(joint)}: the origin {values} is not finite; not written")
+    return values
+
+
+def _origin_splices(
+    data: bytes, tags: _JointTags, values: Mapping[bytes, list[float]]
+) -> Iterator[_Splice]:
+    if tags.origin is None:
+        if any(map(any, values.values())):
+            yield _new_origin(data, tags.joint, values)
+        return
+    start, stop = _tag_span(data, tags.origin)
+    written = {match[1]: match for match in _ATTRIBUTE.finditer(data, start, stop)}
+    end_of_name = start + len(b"<origin")
+    end = max((match.end() for match in written.values()), default=end_of_name)
+    for key, numbers in values.items():
+        if key in written:
+            first, last = written[key].span(2)
+            text = _numbers_text(numbers, data[first + 1 : last - 1])
+            yield _Splice(first + 1, last - 1, text)
+        elif any(numbers):
+            yield _Splice(end, end, b" " + _attribute_text(key, numbers))
+
+
+def _new_origin(data: bytes, joint: int, values: Mapping[bytes, list[float]]) -> _Splice:
+    """An origin on a line of its own where the joint's first child has one."""
+    _, stop = _tag_span(data, joint)
+    blank = re.compile(rb"\s*").match(data, stop)
+    last_line = re.search(rb"\r?\n[ \t]*\Z", blank[0]) if blank else None
+    attributes = b" ".join(_attribute_text(key, values[key]) for key in values)
+    indentation = last_line[0] if last_line else b""
+    return _Splice(stop, stop, indentation + b"<origin " + attributes + b"/>")
+
+
+def _tag_span(data: bytes, start: int) -> tuple[int, int]:
+    match = _TAG.match(data, start)
+    assert match is not None, "expat reported a start tag here"
+    return match.span()
+
+
+def _attribute_text(key: bytes, numbers: list[float]) -> bytes:
+    return key + b'="' + _numbers_text(numbers, b"") + b'"'
+
+
+def _numbers_text(numbers: list[float], old: bytes) -> bytes:
+    """New text of an attribute, in which a number that did not change is spelled as before."""
+    words = old.split()
+    before = [_number(word) for word in words]
+    if before == numbers:
+        return old
+    if len(words) != len(numbers):
+        return " ".join(map(repr, numbers)).encode()
+    kept = zip(words, before, numbers, strict=True)
+    return b" ".join(word if was == new else repr(new).encode() for word, was, new in kept)
+
+
+def _number(word: bytes) -> float:
+    """The number a word spells; NaN, which equals nothing, where it spells none."""
+    try:
+        return float(word)
+    except ValueError:
+        return math.nan
+
+
+def _spliced(data: bytes, splices: list[_Splice]) -> bytes:
+    pieces, position = [], 0
+    for splice in sorted(splices, key=lambda splice: splice.start):
+        pieces += [data[position : splice.start], splice.text]
+        position = splice.stop
+    return b"".join([*pieces, data[position:]])

@@ -1,0 +1,1 @@
+"""A solution shown: console, plots, HTML."""

@@ -1,0 +1,1 @@
+"""Simulated measurements: any arm, any artefact, known truth."""

@@ -1,0 +1,1 @@
+"""From terms to a solution: problem, evaluation, IPOPT, verdict."""

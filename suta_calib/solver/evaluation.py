@@ -1,0 +1,198 @@
+"""Residuals, robust cost, gradient and Gauss-Newton matrix of a problem, at NumPy speed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy import sparse
+
+from suta_calib.batched import Batched
+from suta_calib.geometry import FloatArray
+from suta_calib.solver.kernel import Kernel
+from suta_calib.solver.losses import KEPT_CURVATURE, huber, huber_weight
+from suta_calib.terms.poses import ArmPoses, PoseSource
+from suta_calib.terms.term import Block, IntArray
+
+
+@dataclass(frozen=True, eq=False)
+class BlockView:
+    """A block, and where its samples and own parameters lie in the whole problem."""
+
+    block: Block
+    first_sample: int
+    own_columns: IntArray  # (n, m), counted from the first own parameter
+
+
+class PoseTable:
+    """Tool poses of every sample of every term, and how they move with the arm's parameters."""
+
+    def __init__(self, sources: Sequence[PoseSource], names: Sequence[str]) -> None:
+        sizes = [len(source) for source in sources]
+        self.first = np.concatenate([[0], np.cumsum(sizes)]).astype(np.intp)
+        n = int(self.first[-1])
+        self.rotation, self.position = np.zeros((n, 9)), np.zeros((n, 3))
+        self.velocity = np.zeros((6 * n, len(names)))
+        self._arm: list[tuple[slice, Batched]] = []
+        for source, first, size in zip(sources, self.first, sizes, strict=False):
+            rows = slice(int(first), int(first) + size)
+            if isinstance(source, ArmPoses):
+                batch = Batched(source.arm.function(names), size, shared=[0])
+                batch.inputs[1][:] = source.samples.q
+                self._arm.append((rows, batch))
+            else:
+                rotation, self.position[rows] = source.at({})
+                self.rotation[rows] = np.swapaxes(rotation, 1, 2).reshape(size, 9)
+
+    def update(self, theta: FloatArray) -> None:
+        for rows, batch in self._arm:
+            batch.inputs[0][:] = theta
+            rotation, position, velocity = batch()
+            self.rotation[rows], self.position[rows] = rotation, position
+            flat = slice(6 * rows.start, 6 * rows.stop)
+            self.velocity[flat] = velocity.reshape(-1, self.velocity.shape[1])
+
+
+@dataclass(frozen=True, eq=False)
+class Linearised:
+    """One block at one point, before whitening.
+
+    Attributes:
+        residual: (n, d).
+        by_pose: (n, d, c) derivative by the pose velocities `pose_columns`.
+        by_own: (n, d, m) derivative by the own parameters.
+        sigma: (n,) standard deviation of one component.
+        weight: (n,) Huber's weight, one for rows that are believed entirely.
+    """
+
+    view: BlockView
+    pose_columns: IntArray
+    residual: FloatArray
+    by_pose: FloatArray
+    by_own: FloatArray
+    sigma: FloatArray
+    weight: FloatArray
+
+
+class Evaluation:
+    """Evaluates a problem's cost and derivatives at parameter vectors (arm first, then own).
+
+    Args:
+        sources: pose source of each term.
+        views: blocks with the position of their samples and own parameters.
+        arm_names: the arm's parameters, in the order of the vector's first entries.
+        own_count: how many own parameters follow them.
+    """
+
+    def __init__(
+        self,
+        sources: Sequence[PoseSource],
+        views: Sequence[BlockView],
+        arm_names: Sequence[str],
+        own_count: int,
+    ) -> None:
+        self.table = PoseTable(sources, arm_names)
+        self.views = tuple(views)
+        self.arm_count, self.own_count = len(arm_names), own_count
+        self._kernels = [Kernel(v.block, v.first_sample) for v in views]
+
+    def linearise(self, x: FloatArray, sigmas: Sequence[float]) -> list[Linearised]:
+        """Every block at x, with the noise level of each block."""
+        self.table.update(x[: self.arm_count])
+        own = x[self.arm_count :]
+        found = []
+        for view, kernel, sigma in zip(self.views, self._kernels, sigmas, strict=True):
+            residual, by_pose, by_own = kernel(
+                self.table.rotation, self.table.position, own[view.own_columns]
+            )
+            spread = np.hypot(sigma, view.block.known_sigma)
+            squared = np.einsum("nd,nd->n", residual, residual) / spread**2
+            weight = huber_weight(squared, view.block.noise.huber / spread)
+            found.append(
+                Linearised(view, kernel.pose_columns, residual, by_pose, by_own, spread, weight)
+            )
+        return found
+
+    def cost(self, x: FloatArray, sigmas: Sequence[float]) -> float:
+        """½ Σ ρ over all rows of all blocks (priors not included)."""
+        return sum(self._cost(line) for line in self.linearise(x, sigmas))
+
+    def cost_gradient_hessian(
+        self, x: FloatArray, sigmas: Sequence[float]
+    ) -> tuple[float, FloatArray, FloatArray]:
+        """½ Σ ρ, its gradient, and the Gauss-Newton matrix of the robust cost."""
+        n = self.arm_count + self.own_count
+        cost, gradient, hessian = 0.0, np.zeros(n), np.zeros((n, n))
+        for line in self.linearise(x, sigmas):
+            cost += self._cost(line)
+            residual, by_pose, by_own = _corrected(line)
+            arm, own = self.columns(line, by_pose, by_own)
+            self._accumulate(residual.reshape(-1), arm, own, gradient, hessian)
+        return cost, gradient, hessian
+
+    def columns(self, line: Linearised, by_pose: FloatArray, by_own: FloatArray) -> tuple[Any, Any]:
+        """Jacobian of a block's rows: dense by the arm's parameters, sparse by the own ones."""
+        n, size, width = by_pose.shape
+        indices = np.repeat(line.pose_columns, size, axis=0).reshape(-1)
+        pointer = np.arange(0, n * size * width + 1, width)
+        poses = sparse.csr_array(
+            (by_pose.reshape(-1), indices, pointer), shape=(n * size, len(self.table.velocity))
+        )
+        arm = poses @ self.table.velocity
+        m = by_own.shape[2]
+        if m == 0:
+            return arm, None
+        own_indices = np.repeat(line.view.own_columns, size, axis=0).reshape(-1)
+        own_pointer = np.arange(0, n * size * m + 1, m)
+        own = sparse.csr_array(
+            (by_own.reshape(-1), own_indices, own_pointer), shape=(n * size, self.own_count)
+        )
+        return arm, own
+
+    def _accumulate(
+        self,
+        residual: FloatArray,
+        arm: FloatArray,
+        own: Any,
+        gradient: FloatArray,
+        hessian: FloatArray,
+    ) -> None:
+        a = self.arm_count
+        gradient[:a] += arm.T @ residual
+        hessian[:a, :a] += arm.T @ arm
+        if own is not None:
+            cross = own.T @ arm
+            gradient[a:] += own.T @ residual
+            hessian[a:, :a] += cross
+            hessian[:a, a:] += cross.T
+            hessian[a:, a:] += (own.T @ own).toarray()
+
+    @staticmethod
+    def _cost(line: Linearised) -> float:
+        squared = np.einsum("nd,nd->n", line.residual, line.residual) / line.sigma**2
+        threshold = line.view.block.noise.huber / line.sigma
+        return 0.5 * float(np.sum(huber(squared, threshold)))
+
+
+def _corrected(line: Linearised) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Residuals and derivatives such that JᵀR and JᵀJ are the robust gradient and matrix.
+
+    Rows in the linear part of Huber's loss have less curvature along their residual than weights
+    alone would give (Triggs et al. 2000, doi:10.1007/3-540-44480-7_21, section 4.3).
+    """
+    root = np.sqrt(line.weight) / line.sigma
+    residual = root[:, None] * line.residual
+    by_pose = root[:, None, None] * line.by_pose
+    by_own = root[:, None, None] * line.by_own
+    outer = np.flatnonzero(line.weight < 1.0)
+    if len(outer):
+        keep = np.sqrt(KEPT_CURVATURE)
+        r = line.residual[outer]
+        unit = r / np.linalg.norm(r, axis=1, keepdims=True)
+        for derivative in (by_pose, by_own):
+            along = np.einsum("nd,ndc->nc", unit, derivative[outer])
+            derivative[outer] -= (1 - keep) * unit[:, :, None] * along[:, None, :]
+        residual[outer] /= keep
+    return residual, by_pose, by_own

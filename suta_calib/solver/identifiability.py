@@ -1,0 +1,175 @@
+"""Which parameters the data can determine, which only together, and which not at all.
+
+A direction of the parameters is weak where its predicted standard deviation exceeds a tenth of
+what is plausible (the parameter's bound), or where noise alone would excite it as much. The fewest
+parameters are held at nominal so that no weak direction is left; each held one has a combination
+that tells what moves with it. Rank is never asked for: with noise no direction is exactly singular.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from suta_calib.geometry import FloatArray
+from suta_calib.model.parameters import ParameterSet
+from suta_calib.solver.information import Information
+from suta_calib.terms.term import IntArray
+
+# Standard deviation over plausible range beyond which a number is not worth reporting.
+WEAK: Final = 0.1
+# Noise may feign at most this part of a direction's information: it biases an estimate by as much.
+FEIGNED: Final = 0.01
+# Relative eigenvalue below which a direction is null to rounding.
+ROUNDING: Final = 1e-13
+
+
+@dataclass(frozen=True, eq=False)
+class Combination:
+    """A direction of the parameters that changes no observation.
+
+    Attributes:
+        held: the parameter that stays at nominal because of it.
+        direction: change of each parameter that takes part, in its own unit (m, rad), per unit
+            of the held one.
+    """
+
+    held: str
+    direction: dict[str, float]
+
+    @property
+    def alone(self) -> bool:
+        """Whether the held parameter is undetermined by itself."""
+        return len(self.direction) == 1
+
+
+@dataclass(frozen=True, eq=False)
+class Identification:
+    """The verdict on a set of parameters.
+
+    Attributes:
+        held: indices of the parameters that must stay at nominal.
+        combinations: one for each of them, in the same order.
+        singular_values: of the arm's information root with parameters in plausible units,
+            descending (of the own ones where there is no arm).
+    """
+
+    held: IntArray
+    combinations: tuple[Combination, ...]
+    singular_values: FloatArray
+
+    def given(self, name: str) -> tuple[str, ...]:
+        """Held parameters relative to which this one's value has its meaning."""
+        return tuple(c.held for c in self.combinations if name in c.direction and name != c.held)
+
+
+def identify(
+    parameters: ParameterSet, arm_count: int, information: Information, precision: FloatArray
+) -> Identification:
+    """Decide what to hold.
+
+    Args:
+        parameters: the arm's first, then the terms' own.
+        arm_count: how many are the arm's.
+        information: of the data, without priors, (n, n).
+        precision: (n,) 1/prior² of each parameter, zero without one.
+
+    Returns:
+        What to hold and why. The arm is judged with the terms' own unknowns free to follow;
+        among the own ones only what stays weak for a known arm is held.
+    """
+    unit = parameters.array("plausible")
+    names = np.array(parameters.names)
+    free = np.array([p.free for p in parameters.values()], dtype=bool)
+    scaled = [m * np.outer(unit, unit) for m in _matrices(information)]
+    prior = precision * unit**2
+    arm, own = np.flatnonzero(free[:arm_count]), np.arange(arm_count, len(unit))
+    reduced = _eliminate(scaled, prior, arm, own)
+    spectrum = np.sqrt(np.maximum(np.linalg.eigvalsh(reduced[0])[::-1], 0.0))
+    held, combinations = list[int](), list[Combination]()
+    rank = _preference(parameters)
+    for members, matrices in ((arm, reduced), (own, [m[np.ix_(own, own)] for m in scaled])):
+        if not len(members):
+            continue
+        chosen, directions = _hold(matrices, prior[members], rank[members])
+        held += [int(members[i]) for i in chosen]
+        combinations += _combinations(names[members], unit[members], chosen, directions)
+    if not len(arm):
+        spectrum = np.sqrt(np.maximum(np.linalg.eigvalsh(scaled[0])[::-1], 0.0))
+    return Identification(np.array(held, dtype=np.intp), tuple(combinations), spectrum)
+
+
+def _matrices(information: Information) -> list[FloatArray]:
+    return [information.curvature, information.variance, information.feigned]
+
+
+def _eliminate(
+    matrices: list[FloatArray], prior: FloatArray, arm: IntArray, own: IntArray
+) -> list[FloatArray]:
+    """Information on the arm alone, once the own unknowns have followed wherever it moves them."""
+    curvature = matrices[0] + np.diag(prior)
+    inverse = np.linalg.pinv(curvature[np.ix_(own, own)], 1e-11, True) if len(own) else np.eye(0)
+    follow = np.vstack([np.eye(len(arm)), -inverse @ curvature[np.ix_(own, arm)]])
+    both = np.concatenate([arm, own])
+    return [follow.T @ m[np.ix_(both, both)] @ follow for m in matrices]
+
+
+def _hold(
+    matrices: list[FloatArray], prior: FloatArray, rank: FloatArray
+) -> tuple[list[int], FloatArray]:
+    """Indices to hold, and the weak directions (n, len(held)) they stand for."""
+    weak = _weak_directions(matrices, prior)
+    chosen = list[int]()
+    remaining = weak.copy()
+    while remaining.shape[1]:
+        loading = np.einsum("ik,ik->i", remaining, remaining)
+        candidates = np.flatnonzero(loading >= 0.8 * loading.max())
+        pick = int(candidates[np.argmin(rank[candidates])])
+        chosen.append(pick)
+        # What is left of the weak directions once this parameter no longer moves.
+        q, _ = np.linalg.qr(np.column_stack([remaining[pick], np.eye(remaining.shape[1])]))
+        remaining = remaining @ q[:, 1:]
+    return chosen, weak
+
+
+def _weak_directions(matrices: list[FloatArray], prior: FloatArray) -> FloatArray:
+    """Orthonormal basis (n, k) of what the data leave open, in plausible units."""
+    curvature, variance, feigned = matrices
+    values, vectors = np.linalg.eigh(curvature + np.diag(prior))
+    floor = ROUNDING * max(float(values[-1]), 1e-300)
+    along = [np.einsum("ik,ij,jk->k", vectors, m, vectors) for m in (variance, feigned)]
+    known = np.einsum("ik,i->k", vectors**2, prior)
+    spread = np.sqrt(np.maximum(along[0] + known, values)) / np.maximum(values, floor)
+    by_noise = along[1] * FEIGNED**-1 > np.maximum(values - known, floor)
+    weak = (values < floor) | (spread > WEAK) | (by_noise & (known <= 0))
+    return np.asarray(vectors[:, weak])
+
+
+def _combinations(
+    names: Sequence[str], unit: FloatArray, chosen: list[int], weak: FloatArray
+) -> list[Combination]:
+    """The weak directions as one combination per held parameter (reduced echelon form)."""
+    if not chosen:
+        return []
+    echelon = weak @ np.linalg.inv(weak[chosen])
+    found = []
+    for column, index in enumerate(chosen):
+        scaled = echelon[:, column]
+        parts = np.flatnonzero(np.abs(scaled) > 1e-6 * np.abs(scaled).max())
+        physical = scaled * unit / unit[index]
+        direction = {str(names[i]): float(physical[i]) for i in parts}
+        found.append(Combination(str(names[index]), direction))
+    return found
+
+
+def _preference(parameters: ParameterSet) -> FloatArray:
+    """Among equals, hold turns before lengths before offsets, zeros before lengths, base first."""
+    rank = []
+    for k, p in enumerate(parameters.values()):
+        key = p.name.rsplit(".", 1)[-1]
+        group = 0 if key.startswith("r") else 2 if key == "offset" else 1
+        rank.append(group + (0.5 if p.nominal else 0.0) + 1e-6 * k)
+    return np.array(rank)

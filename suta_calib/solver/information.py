@@ -1,0 +1,215 @@
+"""What the data say about the parameters at one point: information, and how much of it is real.
+
+Three matrices over all parameters, from the whitened Jacobian J:
+
+    A  = Σ Jᵀ ψ' J            curvature of the robust cost (the bread of the sandwich)
+    M  = Var(Σ Jᵀ ψ)          variance of its gradient (the meat), by sample rather than by row
+    F  = E[ΔJᵀ ΔJ]            information that noise in the readings alone would feign
+
+Rows that share samples are not independent: the (JᵀJ)⁻¹ of pairwise distances understates standard
+deviations by two to four times. A direction v with vᵀAv not well above vᵀFv is excited by nothing
+but noise (errors in variables): its estimate would be precise and wrong.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy import sparse
+
+from suta_calib.geometry import FloatArray
+from suta_calib.solver.evaluation import Linearised
+from suta_calib.solver.problem import Problem
+from suta_calib.terms.poses import ArmPoses
+
+
+@dataclass(frozen=True, eq=False)
+class Information:
+    """The matrices of this module at one point, (n, n) over all parameters, priors excluded."""
+
+    curvature: FloatArray
+    variance: FloatArray
+    feigned: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """One block's whitened rows.
+
+    Attributes:
+        line: the block at this point.
+        jacobian: (n·d, parameters) whitened, dense.
+    """
+
+    line: Linearised
+    jacobian: FloatArray
+
+
+def whitened_rows(problem: Problem, x: FloatArray, sigmas: Sequence[float]) -> list[Rows]:
+    """Residual rows of every block with their Jacobians, divided by the noise level."""
+    rows = []
+    for line in problem.linearise(x, sigmas):
+        scale = 1.0 / line.sigma[:, None, None]
+        arm, own = problem.evaluation.columns(line, scale * line.by_pose, scale * line.by_own)
+        width = problem.evaluation.own_count
+        other = np.zeros((len(arm), width)) if own is None else own.toarray()
+        rows.append(Rows(line, np.hstack([arm, other])))
+    return rows
+
+
+def predicted_information(
+    problem: Problem, x: FloatArray, sigmas: Sequence[float]
+) -> Information:
+    """Before any residual is known: every sample scatters alike, every row is believed."""
+    rows = whitened_rows(problem, x, sigmas)
+    curvature = sum(r.jacobian.T @ r.jacobian for r in rows)
+    variance = sum(_predicted_variance(r, problem) for r in rows)
+    return Information(
+        np.asarray(curvature), np.asarray(variance), feigned_information(problem, x, sigmas)
+    )
+
+
+def observed_information(problem: Problem, x: FloatArray, sigmas: Sequence[float]) -> Information:
+    """At a solution: scatter as the residuals show it, outliers as Huber weighs them."""
+    rows = whitened_rows(problem, x, sigmas)
+    weighted = [_robust_jacobian(r) for r in rows]
+    curvature = np.asarray(sum(j.T @ j for j in weighted))
+    bread = _pseudo_inverse(curvature + np.diag(problem.prior_precision()))
+    variance = np.zeros_like(curvature)
+    for term in problem.terms:
+        mine = [i for i, r in enumerate(rows) if any(r.line.view.block is b for b in term.blocks)]
+        variance += _clustered_variance([rows[i] for i in mine], len(term.poses), bread)
+    return Information(curvature, variance, feigned_information(problem, x, sigmas))
+
+
+def noise_levels(problem: Problem, x: FloatArray, sigmas: Sequence[float]) -> list[float]:
+    """Standard deviation of one component of each block, as the residuals at x show it.
+
+    Huber's proposal: the spread of residuals winsorised at their threshold, so that outliers do
+    not count as noise; at least a millionth, because rounding is not information.
+    """
+    levels = []
+    for line, assumed in zip(problem.linearise(x, sigmas), sigmas, strict=True):
+        block = line.view.block
+        squared = np.einsum("nd,nd->n", line.residual, line.residual)
+        inside = np.minimum(squared, block.noise.huber**2)
+        used = problem.arm_count + problem.evaluation.own_count
+        freedom = max(len(squared) * block.size - used, len(squared) * block.size / 2)
+        level = float(np.sqrt(inside.sum() / freedom))
+        levels.append(max(level, 1e-6) if np.isfinite(level) else assumed)
+    return levels
+
+
+def feigned_information(problem: Problem, x: FloatArray, sigmas: Sequence[float]) -> FloatArray:
+    """F: how much the Jacobian changes when the readings change by their own noise.
+
+    The noise of the readings is not known; what is known is how far it moves the tip. Every joint
+    gets the same share of it.
+    """
+    n = problem.arm_count + problem.evaluation.own_count
+    total = np.zeros((n, n))
+    if problem.arm is None or problem.arm_count == 0:
+        return total
+    moved = problem.with_readings(_jittered_readings(problem, x, sigmas))
+    before = whitened_rows(problem, x, sigmas)
+    for old, new in zip(before, whitened_rows(moved, x, sigmas), strict=True):
+        change = new.jacobian - old.jacobian
+        total += change.T @ change
+    return total
+
+
+def _jittered_readings(
+    problem: Problem, x: FloatArray, sigmas: Sequence[float]
+) -> list[FloatArray | None]:
+    random = np.random.default_rng(0)
+    level = {v.first_sample: s for v, s in zip(problem.evaluation.views, sigmas, strict=True)}
+    first, moved = 0, list[FloatArray | None]()
+    values = problem.values(x)
+    for term in problem.terms:
+        source = term.poses
+        if isinstance(source, ArmPoses):
+            reach = _reach(source, values)
+            noise = random.standard_normal(source.samples.q.shape)
+            moved.append(source.samples.q + noise * level[first] * np.sqrt(3.0) / reach)
+        else:
+            moved.append(None)
+        first += len(source)
+    return moved
+
+
+def _reach(source: ArmPoses, values: dict[str, float]) -> float:
+    """Tip motion per unit of noise in every joint, m/rad: root of the summed squared levers."""
+    q, step = source.samples.q, 1e-6
+    _, rest = source.arm.forward(q, values)
+    squared = 0.0
+    for joint in range(q.shape[1]):
+        turned = q.copy()
+        turned[:, joint] += step
+        _, position = source.arm.forward(turned, values)
+        squared += float(np.mean(np.sum(((position - rest) / step) ** 2, axis=1)))
+    return float(np.sqrt(squared)) or 1.0
+
+
+def _predicted_variance(rows: Rows, problem: Problem) -> FloatArray:
+    """Variance of the gradient if every sample's pose scatters alike and rows share samples."""
+    line = rows.line
+    if line.view.block.samples.shape[1] == 1:
+        return rows.jacobian.T @ rows.jacobian
+    n, size, width = line.by_pose.shape
+    poses = line.by_pose / line.sigma[:, None, None]
+    indices = np.repeat(line.pose_columns, size, axis=0).reshape(-1)
+    pointer = np.arange(0, n * size * width + 1, width)
+    shape = (n * size, len(problem.evaluation.table.velocity))
+    gain: Any = sparse.csr_array((poses.reshape(-1), indices, pointer), shape=shape)
+    score = gain.T @ rows.jacobian
+    per_sample = n * size / float(np.sum(poses**2))
+    return np.asarray(score.T @ score) * per_sample
+
+
+def _robust_jacobian(rows: Rows) -> FloatArray:
+    """Rows whose square sums to the curvature of Huber's loss."""
+    line = rows.line
+    n, size = line.residual.shape
+    jacobian = rows.jacobian.reshape(n, size, -1) * np.sqrt(line.weight)[:, None, None]
+    outer = np.flatnonzero(line.weight < 1.0)
+    if len(outer):
+        unit = line.residual[outer] / np.linalg.norm(line.residual[outer], axis=1, keepdims=True)
+        along = np.einsum("nd,ndp->np", unit, jacobian[outer])
+        jacobian[outer] -= unit[:, :, None] * along[:, None, :]
+    return jacobian.reshape(n * size, -1)
+
+
+def _clustered_variance(rows: Sequence[Rows], samples: int, bread: FloatArray) -> FloatArray:
+    """Σ of products of row gradients that share a sample.
+
+    Cluster-robust variance for dyads (Aronow, Samii, Assenova 2015, doi:10.1093/pan/mpv018), which
+    is White's for rows of one sample each; residuals are freed of their leverage (HC2).
+    """
+    width = bread.shape[0]
+    by_sample, twice = np.zeros((samples, width)), np.zeros((width, width))
+    for r in rows:
+        line = r.line
+        n, size = line.residual.shape
+        jacobian = r.jacobian.reshape(n, size, width)
+        leverage = np.einsum("ndp,pq,ndq->n", jacobian, bread, jacobian, optimize=True) / size
+        freed = line.weight / np.sqrt(1.0 - np.clip(leverage * line.weight, 0.0, 0.9))
+        score = np.einsum("n,nd,ndp->np", freed / line.sigma, line.residual, jacobian)
+        members = line.view.block.samples
+        for k in range(members.shape[1]):
+            np.add.at(by_sample, members[:, k], score)
+        twice += (members.shape[1] - 1) * score.T @ score
+    return _positive(by_sample.T @ by_sample - twice)
+
+
+def _positive(matrix: FloatArray) -> FloatArray:
+    """Nearest positive semidefinite matrix: a difference of two need not be one."""
+    values, vectors = np.linalg.eigh((matrix + matrix.T) / 2)
+    return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)
+
+
+def _pseudo_inverse(matrix: FloatArray) -> FloatArray:
+    scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    return np.linalg.pinv(matrix / np.outer(scale, scale), 1e-12, True) / np.outer(scale, scale)

@@ -1,0 +1,234 @@
+"""The problem as a CasADi NLP for IPOPT.
+
+Cost, gradient and Hessian are asked for by three CasADi callbacks that share one evaluation.
+IPOPT works on x divided by the parameters' scales, within their bounds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import casadi as ca
+import numpy as np
+
+from suta_calib.geometry import FloatArray
+from suta_calib.solver.problem import Problem
+from suta_calib.solver.symbolic import symbolic_cost
+from suta_calib.terms.term import IntArray
+
+GOOD: Final = ("Solve_Succeeded", "Solved_To_Acceptable_Level")
+Evaluate = Callable[[FloatArray], tuple[float, FloatArray, FloatArray]]
+
+
+@dataclass(frozen=True)
+class Options:
+    """How to minimise.
+
+    Attributes:
+        starts: number of starting points; the first is nominal.
+        seed: of the other starting points.
+        hessian: ``gauss-newton`` or ``exact``.
+        max_iterations: of IPOPT, per start.
+    """
+
+    starts: int = 1
+    seed: int = 0
+    hessian: str = "gauss-newton"
+    max_iterations: int = 200
+
+
+@dataclass(frozen=True, eq=False)
+class Minimum:
+    """Where IPOPT stopped.
+
+    Attributes:
+        x: the whole parameter vector, held entries included.
+        cost: robust cost with priors.
+        status: IPOPT's own word.
+        iterations: how many it took.
+    """
+
+    x: FloatArray
+    cost: float
+    status: str
+    iterations: int
+
+    @property
+    def converged(self) -> bool:
+        return self.status in GOOD
+
+
+class RobustNlp:
+    """min ½ Σ ρ + ½ Σ ((x - nominal)/prior)² over the free entries of x, within bounds.
+
+    Args:
+        problem: what to minimise.
+        free: (n,) which entries of x may move; the others keep their value in the start.
+        sigmas: noise level of each block.
+        options: Hessian and iteration limit.
+    """
+
+    def __init__(
+        self, problem: Problem, free: IntArray, sigmas: Sequence[float], options: Options
+    ) -> None:
+        self._problem, self._free, self._sigmas = problem, free, list(sigmas)
+        self._scale = problem.parameters.array("scale")[free]
+        self._lower = problem.parameters.array("lower")[free] / self._scale
+        self._upper = problem.parameters.array("upper")[free] / self._scale
+        self._precision = problem.prior_precision()
+        self._nominal = problem.parameters.array("nominal")
+        self._options = options
+        self._base = self._nominal.copy()
+        self._solver: Any = None
+
+    def cost_gradient_hessian(self, z: FloatArray) -> tuple[float, FloatArray, FloatArray]:
+        """Cost and derivatives by the scaled free variables."""
+        x = self._base.copy()
+        x[self._free] = z * self._scale
+        cost, gradient, hessian = self._problem.evaluation.cost_gradient_hessian(x, self._sigmas)
+        deviation = x - self._nominal
+        cost += 0.5 * float(np.sum(self._precision * deviation**2))
+        gradient = (gradient + self._precision * deviation)[self._free] * self._scale
+        hessian = hessian[np.ix_(self._free, self._free)]
+        hessian[np.diag_indices_from(hessian)] += self._precision[self._free]
+        return cost, gradient, hessian * np.outer(self._scale, self._scale)
+
+    def minimise(self, start: FloatArray) -> Minimum:
+        """IPOPT from one start (n,), clipped into the bounds."""
+        z = np.clip(start[self._free] / self._scale, self._lower, self._upper)
+        if len(z) == 0:
+            self._base = start.copy()
+            return Minimum(start, self.cost_gradient_hessian(z)[0], GOOD[0], 0)
+        held = np.delete(np.arange(len(start)), self._free)
+        if self._solver is None or not np.array_equal(self._base[held], start[held]):
+            self._base = start.copy()
+            self._solver = self._build()
+        answer = self._solver(x0=z, lbx=self._lower, ubx=self._upper)
+        stats = self._solver.stats()
+        x = start.copy()
+        x[self._free] = answer["x"].full().reshape(-1) * self._scale
+        return Minimum(
+            x, float(answer["f"]), str(stats["return_status"]), int(stats["iter_count"])
+        )
+
+    def _build(self) -> Any:
+        z = ca.MX.sym("z", len(self._free))
+        common = {
+            "print_time": False,
+            "show_eval_warnings": False,
+            "ipopt.print_level": 0,
+            "ipopt.sb": "yes",
+            "ipopt.max_iter": self._options.max_iterations,
+            "ipopt.tol": 1e-9,
+            "ipopt.dual_inf_tol": 1e-7,
+            # The nominal geometry is feasible and a good start: do not push it off its bounds,
+            # and do not begin with a barrier that outweighs the data.
+            "ipopt.bound_push": 1e-8,
+            "ipopt.bound_frac": 1e-8,
+            "ipopt.mu_init": 1e-6,
+            "ipopt.bound_relax_factor": 0.0,
+        }
+        if self._options.hessian == "exact":
+            return ca.nlpsol("calibration", "ipopt", {"x": z, "f": self._exact_cost(z)}, common)
+        shared = _Shared(self.cost_gradient_hessian)
+        n = len(self._free)
+        # CasADi does not keep Python callbacks alive: the solver must.
+        self._callbacks = (_Cost(shared, n), _Gradient(shared, n), _Hessian(shared, n))
+        cost, gradient, hessian = self._callbacks
+        options = common | {"grad_f": gradient, "hess_lag": hessian, "no_nlp_grad": True}
+        return ca.nlpsol("calibration", "ipopt", {"x": z, "f": cost(z)}, options)
+
+    def _exact_cost(self, z: Any) -> Any:
+        select = ca.DM(len(self._base), len(self._free))
+        for column, row in enumerate(self._free):
+            select[int(row), column] = self._scale[column]
+        rest = self._base.copy()
+        rest[self._free] = 0.0
+        x = ca.mtimes(select, z) + ca.DM(rest)
+        deviation = x - ca.DM(self._nominal)
+        prior = ca.dot(ca.DM(self._precision), deviation**2) / 2
+        return symbolic_cost(self._problem, x, self._sigmas) + prior
+
+
+class _Shared:
+    """Remembers the last point, because IPOPT asks for the same one three times."""
+
+    def __init__(self, evaluate: Evaluate) -> None:
+        self._evaluate = evaluate
+        self._key = b""
+        self._value: tuple[float, FloatArray, FloatArray]
+
+    def __call__(self, z: Any) -> tuple[float, FloatArray, FloatArray]:
+        point = np.array(z).reshape(-1)
+        key = point.tobytes()
+        if key != self._key:
+            self._value = self._evaluate(point)
+            self._key = key
+        return self._value
+
+
+class _Callback(ca.Callback):  # type: ignore[misc]
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+
+    def __init__(self, name: str, shared: _Shared, n: int) -> None:
+        ca.Callback.__init__(self)
+        self.shared, self.n = shared, n
+        self.construct(name, {})
+
+    def get_n_in(self) -> int:
+        return len(self.inputs)
+
+    def get_n_out(self) -> int:
+        return len(self.outputs)
+
+    def get_name_in(self, i: int) -> str:
+        return self.inputs[i]
+
+    def get_name_out(self, i: int) -> str:
+        return self.outputs[i]
+
+    def get_sparsity_in(self, i: int) -> Any:
+        sizes = {"x": ca.Sparsity.dense(self.n, 1), "lam_f": ca.Sparsity.dense(1, 1)}
+        return sizes.get(self.inputs[i], ca.Sparsity(0, 0))
+
+    def get_sparsity_out(self, i: int) -> Any:
+        return {
+            "f": ca.Sparsity.dense(1, 1),
+            "grad_f_x": ca.Sparsity.dense(self.n, 1),
+            "triu_hess_gamma_x_x": ca.Sparsity.upper(self.n),
+        }[self.outputs[i]]
+
+
+class _Cost(_Callback):
+    inputs, outputs = ("x",), ("f",)
+
+    def __init__(self, shared: _Shared, n: int) -> None:
+        super().__init__("cost", shared, n)
+
+    def eval(self, arguments: list[Any]) -> list[Any]:
+        return [self.shared(arguments[0])[0]]
+
+
+class _Gradient(_Callback):
+    inputs, outputs = ("x", "p"), ("f", "grad_f_x")
+
+    def __init__(self, shared: _Shared, n: int) -> None:
+        super().__init__("nlp_grad_f", shared, n)
+
+    def eval(self, arguments: list[Any]) -> list[Any]:
+        cost, gradient, _ = self.shared(arguments[0])
+        return [cost, gradient]
+
+
+class _Hessian(_Callback):
+    inputs, outputs = ("x", "p", "lam_f", "lam_g"), ("triu_hess_gamma_x_x",)
+
+    def __init__(self, shared: _Shared, n: int) -> None:
+        super().__init__("nlp_hess_l", shared, n)
+
+    def eval(self, arguments: list[Any]) -> list[Any]:
+        hessian = self.shared(arguments[0])[2]
+        return [ca.triu(ca.DM(float(arguments[2]) * hessian))]

@@ -1,0 +1,130 @@
+"""A set of terms that share parameters: what is minimised, and over what.
+
+    minimise over x   ½ Σ_rows ρ(‖r(x)‖² / σ²)  +  ½ Σ ((x - nominal) / prior)²
+
+with Huber's ρ per block and x within its bounds. `Problem` is data: `solve` minimises it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from copy import copy
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from suta_calib.errors import ParameterError
+from suta_calib.geometry import FloatArray
+from suta_calib.model.arm import ArmModel
+from suta_calib.model.parameters import ParameterSet
+from suta_calib.solver.evaluation import BlockView, Evaluation, Linearised
+from suta_calib.terms.poses import ArmPoses
+from suta_calib.terms.term import Block, Term
+
+# Noise of one component where a job does not say: half a millimetre, as optical trackers and seated
+# plugs scatter, and a tenth of a degree. It only matters against priors and between kinds.
+DEFAULT_SIGMA: Final = {"m": 0.5e-3, "rad": np.radians(0.1)}
+
+
+class Problem:
+    """Terms, the arm's unknowns and the terms' own, as one vector.
+
+    Args:
+        terms: observations, of any kinds.
+        parameters: the arm's parameters that are to be estimated (`ArmModel.select`); leave it
+            out when no term looks at an arm.
+
+    Attributes:
+        parameters: the arm's, then the terms' own.
+        arm: the arm all terms share, or None.
+        arm_count: how many of the parameters are the arm's.
+        evaluation: cost and derivatives; built once, used by every start and every study.
+
+    Raises:
+        ParameterError: no term, terms over different arms, or nothing to estimate.
+    """
+
+    def __init__(self, terms: Sequence[Term], parameters: ParameterSet | None = None) -> None:
+        self.terms = tuple(terms)
+        self.arm = _shared_arm(self.terms)
+        chosen = parameters or ParameterSet()
+        own = {p.name: p for term in self.terms for p in term.own}
+        self.parameters = ParameterSet([*chosen.values(), *own.values()])
+        self.arm_count = len(chosen)
+        if not self.parameters:
+            raise ParameterError("no unknowns", "at least one parameter to estimate")
+        self._own_index = {name: k for k, name in enumerate(own)}
+        self.evaluation = self._evaluation()
+
+    @property
+    def blocks(self) -> tuple[Block, ...]:
+        return tuple(view.block for view in self.evaluation.views)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return self.parameters.names
+
+    def start(self, arm_values: Mapping[str, float] | None = None) -> FloatArray:
+        """The vector for given arm values (nominal where not given) and closed-form own ones."""
+        values = {p.name: p.nominal for p in list(self.parameters.values())[: self.arm_count]}
+        values |= {k: v for k, v in (arm_values or {}).items() if k in values}
+        for term in self.terms:
+            for name, value in term.start_values(values).items():
+                values.setdefault(name, value)
+        return np.array([values[name] for name in self.names])
+
+    def values(self, x: FloatArray) -> dict[str, float]:
+        """A vector as parameter values by name."""
+        return {name: float(v) for name, v in zip(self.names, x, strict=True)}
+
+    def assumed_sigmas(self) -> list[float]:
+        """Noise level of each block as the job gives it, or `DEFAULT_SIGMA`."""
+        sigmas = []
+        for block in self.blocks:
+            noise = block.noise
+            sigmas.append(DEFAULT_SIGMA[block.unit] if noise.sigma is None else noise.sigma)
+        return sigmas
+
+    def prior_precision(self) -> FloatArray:
+        """1/prior² per parameter (n,), zero where nothing is known beforehand."""
+        prior = self.parameters.array("prior")
+        return np.where(np.isnan(prior), 0.0, 1.0 / np.where(np.isnan(prior), 1.0, prior) ** 2)
+
+    def with_readings(self, readings: Sequence[FloatArray | None]) -> Problem:
+        """The same problem at other joint readings, one array per term (None: as it was)."""
+        terms = []
+        for term, q in zip(self.terms, readings, strict=True):
+            if q is None or not isinstance(term.poses, ArmPoses):
+                terms.append(term)
+                continue
+            other = copy(term)
+            other.poses = ArmPoses(term.poses.arm, replace(term.poses.samples, q=q))
+            terms.append(other)
+        chosen = ParameterSet(list(self.parameters.values())[: self.arm_count])
+        return Problem(terms, chosen)
+
+    def linearise(self, x: FloatArray, sigmas: Sequence[float]) -> list[Linearised]:
+        return self.evaluation.linearise(x, sigmas)
+
+    def _evaluation(self) -> Evaluation:
+        views, first = [], 0
+        for term in self.terms:
+            columns = np.array([self._own_index[p.name] for p in term.own], dtype=np.intp)
+            views += [
+                BlockView(block, first, columns[block.own] if block.own.shape[1] else block.own)
+                for block in term.blocks
+            ]
+            first += len(term.poses)
+        names = self.names[: self.arm_count]
+        sources = [term.poses for term in self.terms]
+        return Evaluation(sources, views, names, len(self._own_index))
+
+
+def _shared_arm(terms: Sequence[Term]) -> ArmModel | None:
+    if not terms:
+        raise ParameterError("no observations", "at least one term")
+    arms = [t.poses.arm for t in terms if isinstance(t.poses, ArmPoses)]
+    if any(arm is not arms[0] for arm in arms):
+        raise ParameterError("terms over different arms", "one arm shared by all terms")
+    return arms[0] if arms else None

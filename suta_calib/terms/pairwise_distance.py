@@ -1,0 +1,106 @@
+"""Distances between certified landmarks: needs no base pose, sees no rigid motion."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import ClassVar
+
+import numpy as np
+
+from suta_calib.errors import SamplesError
+from suta_calib.geometry import FloatArray, Symbol
+from suta_calib.measurements.artefact import Artefact
+from suta_calib.measurements.sample_files import SampleColumns
+from suta_calib.terms.poses import PoseSource
+from suta_calib.terms.term import Block, IntArray, Noise, Pose, Term, grouped, no_own, norm
+
+
+def _residual(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
+    del own
+    return norm(poses[0].p - poses[1].p) - data[0]
+
+
+class PairwiseDistance(Term):
+    """``|p_i - p_j| - |l_i - l_j|`` for every two different landmarks of one placement and repeat.
+
+    Pairs share samples, so their errors are correlated: the uncertainty of the solution accounts
+    for that. A distance has no sign, so a mirrored arm would fit as well; bounds exclude it.
+
+    Args:
+        poses: samples with the labels placement, repeat and landmark.
+        artefact: certified landmark positions.
+        noise: scatter and robustness of a distance, m.
+
+    Raises:
+        SamplesError: no placement holds two different landmarks, or a landmark is not certified.
+    """
+
+    kind: ClassVar[str] = "pairwise_distance"
+    columns: ClassVar[SampleColumns] = SampleColumns(labels=("placement", "repeat", "landmark"))
+    needs_artefact: ClassVar[bool] = True
+
+    def __init__(self, poses: PoseSource, artefact: Artefact, noise: Noise = Noise()) -> None:
+        super().__init__(poses, noise)
+        self.artefact = artefact
+        names = poses.samples.labels["landmark"]
+        certified = check_landmarks(poses, artefact)
+        pairs = _pairs(poses)
+        if not len(pairs):
+            raise SamplesError(
+                f"{len(poses)} samples without two different landmarks in any set",
+                "at least two different landmarks with the same placement and repeat",
+                where=self.kind,
+                hint="check the columns placement and repeat",
+            )
+        first, second = pairs.T
+        length = np.linalg.norm(certified[first] - certified[second], axis=1)
+        sigma = np.array([artefact.landmarks[str(name)].sigma for name in names])
+        self.own = ()
+        self.blocks = (
+            Block(
+                "distance",
+                "m",
+                1,
+                _residual,
+                pairs,
+                no_own(len(pairs)),
+                length[:, None],
+                noise,
+                np.hypot(sigma[first], sigma[second]),
+                tuple(f"{names[i]}-{names[j]}" for i, j in pairs),
+            ),
+        )
+
+    def start(self, rotation: FloatArray, position: FloatArray) -> FloatArray:
+        del rotation, position
+        return np.zeros(0)
+
+
+def check_landmarks(poses: PoseSource, artefact: Artefact) -> FloatArray:
+    """Certified position (n, 3) of the landmark each sample touched, m, in the artefact."""
+    samples = poses.samples
+    for row, name in enumerate(samples.labels["landmark"]):
+        if str(name) not in artefact.landmarks:
+            raise SamplesError(
+                f"landmark '{name}'",
+                f"one of {', '.join(artefact.landmarks)}",
+                where=samples.origin[row],
+                hint=f"add it to the artefact '{artefact.name}' or correct the samples",
+            )
+    return artefact.position_of(samples.labels["landmark"])
+
+
+def _pairs(poses: PoseSource) -> IntArray:
+    """(n, 2) rows of the same placement and repeat, and different landmarks."""
+    labels = poses.samples.labels
+    _, landmark = grouped(labels["landmark"])
+    _, placement = grouped(labels["placement"])
+    _, repeat = grouped(labels["repeat"])
+    sets = placement * (repeat.max(initial=0) + 1) + repeat
+    found = [np.zeros((0, 2), dtype=np.intp)]
+    for group in np.unique(sets):
+        rows = np.flatnonzero(sets == group)
+        i, j = np.triu_indices(len(rows), k=1)
+        different = landmark[rows[i]] != landmark[rows[j]]
+        found.append(np.column_stack([rows[i], rows[j]])[different])
+    return np.concatenate(found).astype(np.intp)

@@ -1,0 +1,62 @@
+"""Where the poses of a term come from: an arm's readings, or a tracking system.
+
+A pose source gives ``T_base_tool`` for every sample. For an arm it is a function of the unknown
+geometry; for a body that was tracked it is a measurement. Terms are written over either.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+
+import numpy as np
+
+from suta_calib.geometry import FloatArray
+from suta_calib.measurements.samples import Samples
+from suta_calib.model.arm import ArmModel
+
+
+class PoseSource(ABC):
+    """Poses ``T_base_tool`` of the samples of one term.
+
+    Attributes:
+        samples: the rows, with whatever was observed beside the pose.
+    """
+
+    samples: Samples
+
+    def __len__(self) -> int:
+        return len(self.samples)
+
+    @abstractmethod
+    def at(self, values: Mapping[str, float]) -> tuple[FloatArray, FloatArray]:
+        """Rotations (n, 3, 3) and positions (n, 3), m, for parameter values by name."""
+
+
+class ArmPoses(PoseSource):
+    """Poses of an arm's tip by forward kinematics: the geometry may be unknown."""
+
+    def __init__(self, arm: ArmModel, samples: Samples) -> None:
+        self.arm = arm
+        self.samples = samples
+
+    def at(self, values: Mapping[str, float]) -> tuple[FloatArray, FloatArray]:
+        return self.arm.forward(self.samples.q, values)
+
+
+class MeasuredPoses(PoseSource):
+    """Poses that were measured: no parameter changes them.
+
+    Args:
+        rotation: (n, 3, 3) of ``T_base_tool``.
+        position: (n, 3), m.
+        samples: what was observed beside them, n rows (may have no joints).
+    """
+
+    def __init__(self, rotation: FloatArray, position: FloatArray, samples: Samples) -> None:
+        self.rotation, self.position = rotation, position
+        self.samples = samples
+
+    def at(self, values: Mapping[str, float]) -> tuple[FloatArray, FloatArray]:
+        del values
+        return np.asarray(self.rotation), np.asarray(self.position)

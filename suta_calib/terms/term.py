@@ -1,0 +1,186 @@
+"""What every kind of observation has in common.
+
+A term says what its samples must satisfy. Its author writes three things: the residual of one row
+as a function of one or more tool poses, the term's own unknowns and the row's data; a closed-form
+start for those unknowns; and which columns a samples file must have. Jacobians, robust weights,
+uncertainty and reports follow from these.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, Final
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from suta_calib.errors import SamplesError
+from suta_calib.geometry import FloatArray, Symbol, symbolic_rotation, vector_from_rotation
+from suta_calib.measurements.sample_files import SampleColumns
+from suta_calib.model.parameters import Parameter, Unit
+from suta_calib.terms.poses import PoseSource
+
+IntArray = NDArray[np.intp]
+POSE_KEYS: Final = ("x", "y", "z", "rx", "ry", "rz")
+# An external frame can be anywhere: these only say when a pose counts as not determined at all.
+PLAUSIBLE_POSITION: Final = 0.5
+PLAUSIBLE_ROTATION: Final = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Pose:
+    """A rigid transform in CasADi symbols: rotation (3, 3) and position (3), m."""
+
+    R: Symbol
+    p: Symbol
+
+    def inverse_act(self, point: Symbol) -> Symbol:
+        """Coordinates, in this frame, of a point given in the outer one."""
+        return self.R.T @ (point - self.p)
+
+
+def pose_of(own: Symbol) -> Pose:
+    """A pose from six own unknowns: x y z (m) and the rotation vector rx ry rz (rad)."""
+    return Pose(symbolic_rotation(own[3:6]), own[0:3])
+
+
+Residual = Callable[[Sequence[Pose], Symbol, Symbol], Symbol]
+
+
+@dataclass(frozen=True)
+class Noise:
+    """How a block's residuals scatter, and how much of a large one is believed.
+
+    Attributes:
+        sigma: standard deviation of one component, m or rad; None to learn it from the data.
+        huber: residual norm, m or rad, beyond which the cost grows linearly; inf for plain least
+            squares.
+    """
+
+    sigma: float | None = None
+    huber: float = math.inf
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """Residuals of one unit and dimension, one row an observation.
+
+    Attributes:
+        name: ``distance``, ``position`` or ``rotation``.
+        unit: m or rad.
+        size: numbers in one residual, d.
+        residual: the residual of one row in CasADi symbols.
+        samples: (n, k) which k samples' poses each row looks at.
+        own: (n, m) which of the term's own parameters each row looks at, in the residual's order.
+        data: (n, c) what was measured or certified.
+        noise: scatter and robustness.
+        known_sigma: (n,) standard deviation per row that is known beforehand, added in quadrature.
+        labels: (n,) what a person calls the row.
+    """
+
+    name: str
+    unit: Unit
+    size: int
+    residual: Residual
+    samples: IntArray
+    own: IntArray
+    data: FloatArray
+    noise: Noise
+    known_sigma: FloatArray
+    labels: tuple[str, ...] = field(repr=False)
+
+    def __len__(self) -> int:
+        return len(self.samples)
+
+
+class Term(ABC):
+    """One set of observations of one kind.
+
+    Args:
+        poses: where the tool poses come from.
+        noise: scatter and robustness of lengths.
+        angular_noise: the same for orientations, where the kind has them.
+
+    Attributes:
+        own: the term's own unknowns.
+        blocks: its residuals.
+    """
+
+    kind: ClassVar[str]
+    columns: ClassVar[SampleColumns]
+    needs_artefact: ClassVar[bool] = False
+
+    own: tuple[Parameter, ...]
+    blocks: tuple[Block, ...]
+
+    def __init__(
+        self, poses: PoseSource, noise: Noise = Noise(), angular_noise: Noise = Noise()
+    ) -> None:
+        self.poses = poses
+        self.noise = noise
+        self.angular_noise = angular_noise
+
+    @abstractmethod
+    def start(self, rotation: FloatArray, position: FloatArray) -> FloatArray:
+        """Closed-form values of `own` for given tool poses (n, 3, 3), (n, 3): the solver's start.
+
+        Must be finite for any poses, also where the data leave some of them undetermined.
+        """
+
+    def start_values(self, values: Mapping[str, float]) -> dict[str, float]:
+        """`start` by name, at the poses that belong to these parameter values."""
+        own = self.start(*self.poses.at(values))
+        return {p.name: float(v) for p, v in zip(self.own, own, strict=True)}
+
+    def need_rows(self, count: int, what: str) -> None:
+        """Refuse sets too small to be used at all."""
+        if len(self.poses) < count:
+            raise SamplesError(
+                f"{len(self.poses)} usable samples",
+                f"at least {count} for {self.kind}: {what}",
+                where=self.kind,
+            )
+
+
+def pose_parameters(label: str) -> tuple[Parameter, ...]:
+    """The six unknowns of an external frame, ``label.x … label.rz``."""
+    return tuple(
+        Parameter(f"{label}.{key}", "rad", 0.0, plausible=PLAUSIBLE_ROTATION)
+        if key.startswith("r")
+        else Parameter(f"{label}.{key}", "m", 0.0, plausible=PLAUSIBLE_POSITION)
+        for key in POSE_KEYS
+    )
+
+
+def point_parameters(label: str) -> tuple[Parameter, ...]:
+    """The three unknowns of a point, ``label.x|y|z``."""
+    return tuple(
+        Parameter(f"{label}.{key}", "m", 0.0, plausible=PLAUSIBLE_POSITION) for key in "xyz"
+    )
+
+
+def pose_values(rotation: FloatArray, position: FloatArray) -> FloatArray:
+    """A pose as the six numbers of `pose_parameters`."""
+    return np.concatenate([position, vector_from_rotation(rotation)])
+
+
+def grouped(labels: NDArray[Any]) -> tuple[list[str], IntArray]:
+    """Distinct labels in order of first appearance, and which of them each row has."""
+    names, first, inverse = np.unique(labels, return_index=True, return_inverse=True)
+    order = np.argsort(first)
+    rank = np.empty_like(order)
+    rank[order] = np.arange(len(order))
+    return [str(names[i]) for i in order], rank[inverse].astype(np.intp)
+
+
+def no_own(rows: int) -> IntArray:
+    """Row indices of a block whose residual has no unknowns of its own."""
+    return np.zeros((rows, 0), dtype=np.intp)
+
+
+def norm(vector: Symbol) -> Symbol:
+    return ca.sqrt(ca.dot(vector, vector))

@@ -1,0 +1,80 @@
+"""An external instrument saw the tip: motion capture, a laser tracker, another arm."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import ClassVar
+
+import casadi as ca
+import numpy as np
+
+from suta_calib.errors import SamplesError
+from suta_calib.geometry import FloatArray, Symbol, register_points, symbolic_rotation_log
+from suta_calib.measurements.sample_files import SampleColumns
+from suta_calib.terms.poses import PoseSource
+from suta_calib.terms.term import (
+    Block,
+    Noise,
+    Pose,
+    Term,
+    pose_of,
+    pose_parameters,
+    pose_values,
+)
+
+
+def _position(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
+    base = pose_of(own)
+    return base.R @ poses[0].p + base.p - data
+
+
+def _rotation(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
+    return symbolic_rotation_log(ca.reshape(data, 3, 3).T @ pose_of(own).R @ poses[0].R)
+
+
+class TrackedPoint(Term):
+    """``T_instrument_base p_i - z_i``; the instrument-to-base pose is unknown.
+
+    Args:
+        poses: samples with a measured position, and an orientation of the tip if there is one.
+        noise: scatter and robustness of a position, m per axis.
+        angular_noise: the same for the orientation, rad per axis.
+        label: instruments with the same label stand at the same place.
+
+    Raises:
+        SamplesError: fewer than three samples.
+    """
+
+    kind: ClassVar[str] = "tracked_point"
+    columns: ClassVar[SampleColumns] = SampleColumns(position=True, orientation="optional")
+
+    def __init__(
+        self,
+        poses: PoseSource,
+        noise: Noise = Noise(),
+        angular_noise: Noise = Noise(),
+        label: str = "default",
+    ) -> None:
+        super().__init__(poses, noise, angular_noise)
+        samples = poses.samples
+        if samples.position is None:
+            raise SamplesError("no positions", "columns x, y, z", where=self.kind)
+        self.need_rows(3, "the pose of the instrument is six unknowns")
+        self._seen = samples.position
+        name = "base" if label == "default" else f"base[{label}]"
+        self.own = pose_parameters(name)
+        n = len(poses)
+        rows, own = np.arange(n)[:, None], np.tile(np.arange(6), (n, 1))
+        zero, labels = np.zeros(n), samples.origin
+        self.blocks = (
+            Block("position", "m", 3, _position, rows, own, self._seen, noise, zero, labels),
+        )
+        if samples.rotation is not None:
+            data = np.swapaxes(samples.rotation, 1, 2).reshape(n, 9)
+            self.blocks += (
+                Block("rotation", "rad", 3, _rotation, rows, own, data, angular_noise, zero, labels),
+            )
+
+    def start(self, rotation: FloatArray, position: FloatArray) -> FloatArray:
+        del rotation
+        return pose_values(*register_points(position, self._seen))

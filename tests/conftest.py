@@ -1,0 +1,38 @@
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+from hypothesis import settings
+
+# Before NumPy is loaded: one thread per test process, or the parallel processes fight for the
+# cores; and plots that need no display.
+for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+    os.environ.setdefault(variable, "1")
+os.environ.setdefault("MPLBACKEND", "Agg")
+
+# The same examples on every run, and no verdict that depends on how busy the machine is.
+settings.register_profile("suta_calib", derandomize=True, deadline=None, print_blob=True)
+settings.load_profile("suta_calib")
+
+
+@pytest.fixture(scope="session")
+def repository() -> Path:
+    """The root of the repository."""
+    return Path(__file__).resolve().parent.parent
+
+
+@pytest.fixture(scope="session")
+def shared(repository: Path) -> Path:
+    """Measured data kept beside the repository; the test is skipped where they are absent."""
+    folder = repository.parent / "shared" / "data"
+    if not folder.is_dir():
+        pytest.skip("no measured data beside the repository (../shared/data)")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def suta_urdf(repository: Path) -> Path:
+    """The nominal SUTA arm."""
+    return repository / "urdf" / "suta.urdf"

@@ -1,0 +1,87 @@
+"""Glob patterns, and text that is written whole or not at all."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from suta_calib.errors import OutputError, SamplesError
+from suta_calib.measurements import (
+    JointRange,
+    SampleColumns,
+    expand,
+    read_samples,
+    write_text,
+)
+
+REVOLUTE = JointRange("j1", "rad", -3.0, 3.0)
+PRISMATIC = JointRange("lift", "m", 0.0, 0.4)
+TOUCHED = SampleColumns(labels=("point",))
+TRACKED = SampleColumns(position=True, orientation="optional")
+SEEN = SampleColumns(position=True, orientation="required")
+
+
+@pytest.fixture(scope="session")
+def scratch(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """One file that every generated example overwrites."""
+    return tmp_path_factory.mktemp("generated") / "file.csv"
+
+
+def write(folder: Path, text: str | bytes, name: str = "a.csv") -> Path:
+    path = folder / name
+    path.write_bytes(text.encode() if isinstance(text, str) else text)
+    return path
+
+
+def refusal(
+    folder: Path, text: str | bytes, columns: SampleColumns, *joints: JointRange
+) -> SamplesError:
+    """The error that a samples file raises; it always names the file."""
+    path = write(folder, text)
+    with pytest.raises(SamplesError) as caught:
+        read_samples([path], joints or (REVOLUTE,), columns)
+    assert str(path) in str(caught.value)
+    assert "\n" not in str(caught.value)
+    return caught.value
+
+
+# ── patterns and writing ─────────────────────────────────────────────────────────────────────
+def test_expand_sorts_and_takes_relative_absolute_and_literal_names(tmp_path: Path) -> None:
+    (tmp_path / "d" / "e.csv").mkdir(parents=True)  # a folder is not a file
+    names = ["b.csv", "a.csv", "d/c.csv", "run[1].csv"]
+    for name in names:
+        write(tmp_path, "", name)
+    b, a, c, run = (tmp_path / name for name in names)
+    assert expand("*.csv", tmp_path) == [a, b, run]
+    assert expand("**/*.csv", tmp_path) == [a, b, c, run]
+    assert expand(f"{tmp_path}/d/*.csv", tmp_path / "elsewhere") == [c]
+    assert expand("run[1].csv", tmp_path) == [run]
+    with pytest.raises(SamplesError) as caught:
+        expand("none/*.csv", tmp_path)
+    assert "'none/*.csv'" in str(caught.value)
+    assert str(tmp_path) in str(caught.value)
+
+
+@given(pattern=st.text(st.characters(exclude_characters="/", codec="utf-8")))
+def test_expand_takes_any_pattern(scratch: Path, pattern: str) -> None:
+    folder = scratch.parent / "empty"
+    folder.mkdir(exist_ok=True)
+    try:
+        expand(pattern, folder)
+    except SamplesError as error:
+        assert str(folder) in str(error)  # noqa: PT017 (whether it raises depends on the example)
+
+
+def test_write_text_is_whole_or_nothing(tmp_path: Path) -> None:
+    path = tmp_path / "a.txt"
+    write_text(path, "10 µm\n")
+    assert path.read_bytes() == "10 µm\n".encode()
+    with pytest.raises(OutputError, match=r"none.a\.txt"):
+        write_text(tmp_path / "none" / "a.txt", "")
+    (tmp_path / "folder").mkdir()
+    with pytest.raises(OutputError, match="folder"):
+        write_text(tmp_path / "folder", "")
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["a.txt", "folder"]

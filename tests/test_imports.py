@@ -1,0 +1,76 @@
+"""A module imports only from rows at or above its own, so that data flow one way."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+ROWS = (
+    {"errors", "geometry", "atomic", "batched"},
+    {"model", "measurements"},
+    {"terms"},
+    {"solver"},
+    {"simulation"},
+    {"analysis", "navigation"},
+    {"report"},
+    {"job", "job_schema", "cli", "device", "__init__", "__main__"},
+)
+ROW = {part: row for row, parts in enumerate(ROWS) for part in parts}
+# Parts that see less than their row would allow them.
+ONLY = {
+    "model": {"model"} | ROWS[0],
+    "measurements": {"measurements"} | ROWS[0],
+    "device": {"device", "measurements"} | ROWS[0],
+}
+
+
+def imported_parts(source: str, package: tuple[str, ...]) -> set[str]:
+    """Parts of suta_calib that ``source``, a module in ``package``, imports."""
+    modules: list[str] = []
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Import):
+            modules += [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            above = package[: len(package) - node.level + 1] if node.level else ()
+            module = ".".join((*above, *filter(None, [node.module])))
+            modules += [f"{module}.{alias.name}" for alias in node.names]
+    names = (module.split(".") for module in modules)
+    return {path[1] if path[1:] else "__init__" for path in names if path[0] == "suta_calib"}
+
+
+def violations(part: str, imported: set[str]) -> set[str]:
+    """Which of the ``imported`` parts ``part`` must not see; a name of no part is the root's."""
+    parts = {name if name in ROW else "__init__" for name in imported}
+    return {name for name in parts if ROW[name] > ROW[part] or name not in ONLY.get(part, ROW)}
+
+
+def test_every_module_imports_only_from_rows_above(repository: Path) -> None:
+    found = []
+    for file in sorted((repository / "suta_calib").rglob("*.py")):
+        path = file.relative_to(repository).with_suffix("").parts
+        assert path[1] in ROW, f"{file}: give suta_calib.{path[1]} a row in ROWS"
+        wrong = violations(path[1], imported_parts(file.read_text(encoding="utf-8"), path[:-1]))
+        found += [f"{'.'.join(path)} imports {name}" for name in sorted(wrong)]
+    assert not found, "\n".join(found)
+
+
+def test_imports_are_seen_however_they_are_written() -> None:
+    source = (
+        "import numpy, suta_calib.job\n"
+        "from suta_calib import terms\n"
+        "from suta_calib.solver.solve import solve\n"
+        "from .arm import Arm\n"
+        "from .. import report\n"
+        "def late():\n"
+        "    from ..analysis import outliers\n"
+    )
+    seen = imported_parts(source, ("suta_calib", "model"))
+    assert seen == {"job", "terms", "solver", "model", "report", "analysis"}
+
+
+def test_a_wrong_direction_is_refused() -> None:
+    assert violations("model", {"errors", "measurements", "terms"}) == {"measurements", "terms"}
+    assert violations("simulation", {"solver", "analysis"}) == {"analysis"}
+    assert violations("device", {"measurements", "report"}) == {"report"}
+    assert violations("terms", {"Problem"}) == {"__init__"}
+    assert violations("cli", {"job", "report", "Problem"}) == set()

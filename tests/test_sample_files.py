@@ -1,0 +1,197 @@
+"""Samples files that are refused, each with its place; and no other exception for any input."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from suta_calib.errors import InputError, SamplesError
+from suta_calib.measurements import (
+    JointRange,
+    SampleColumns,
+    Samples,
+    SutaCalibWarning,
+    read_samples,
+    write_samples,
+)
+
+REVOLUTE = JointRange("j1", "rad", -3.0, 3.0)
+PRISMATIC = JointRange("lift", "m", 0.0, 0.4)
+TOUCHED = SampleColumns(labels=("point",))
+TRACKED = SampleColumns(position=True, orientation="optional")
+SEEN = SampleColumns(position=True, orientation="required")
+
+
+@pytest.fixture(scope="session")
+def scratch(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """One file that every generated example overwrites."""
+    return tmp_path_factory.mktemp("generated") / "file.csv"
+
+
+def write(folder: Path, text: str | bytes, name: str = "a.csv") -> Path:
+    path = folder / name
+    path.write_bytes(text.encode() if isinstance(text, str) else text)
+    return path
+
+
+def refusal(
+    folder: Path, text: str | bytes, columns: SampleColumns, *joints: JointRange
+) -> SamplesError:
+    """The error that a samples file raises; it always names the file."""
+    path = write(folder, text)
+    with pytest.raises(SamplesError) as caught:
+        read_samples([path], joints or (REVOLUTE,), columns)
+    assert str(path) in str(caught.value)
+    assert "\n" not in str(caught.value)
+    return caught.value
+
+
+# ── refusals: file, line and column ──────────────────────────────────────────────────────────
+@pytest.mark.parametrize(
+    ("text", "line", "message"),
+    [
+        (b"", None, "an empty file"),
+        (b"\n# nothing\n", None, "an empty file"),
+        (b"\nj1,point\n", 2, "a header and no data"),
+        (b"j1,point,j1\n0,A,0\n", 1, "'j1' more than once"),
+        (b"j1;point\n0;A\n", 1, "separated by commas"),
+        (b"j1,point\n0,A\n0\n0,A\n", 3, "found 1 cells; expected 2"),
+        (b"j1,point\n0,A\n0,A,B\n", 3, "found 3 cells; expected 2"),
+        (b"j1,point\n0,A\n0.", 3, "in the middle of a row"),
+        (b'j1,point\n0,"A\n1,B\n', 2, "not CSV"),
+        (b"j1,point\n0,\xff\n", 2, "not UTF-8"),
+        ("j1,point\n0,A\n".encode("utf-16"), 1, "not UTF-8"),
+        (b"J1,point\n0,A\n", 1, "column 'j1': found only the columns J1, point.*mean 'J1'"),
+        (b"j1,points\n0,A\n", 1, "column 'point': .*this kind needs point; did you mean 'points'"),
+        (b"j1,point\n0,A\nhigh,B\n", 3, "column 'j1': found 'high'"),
+        (b"j1,point\n,A\n", 2, "column 'j1': found ''"),
+        (b"j1,point\n1_0,A\n", 2, "column 'j1': found '1_0'"),
+        (b"j1,point\nnan,A\n", 2, "column 'j1': found 'nan'"),
+        (b"j1,point\n-inf,A\n", 2, "column 'j1': found '-inf'"),
+        (b"j1,point\n0,A\n1, \n", 3, "column 'point': found an empty cell; expected a label"),
+    ],
+)
+def test_refused(tmp_path: Path, text: bytes, line: int | None, message: str) -> None:
+    error = refusal(tmp_path, text, TOUCHED)
+    assert error.line == line
+    assert error.exit_code == 2
+    with pytest.raises(SamplesError, match=message):
+        raise error
+
+
+@pytest.mark.parametrize(
+    ("columns", "text", "line", "message"),
+    [
+        (TRACKED, "j1,x,y\n0,1,2\n", 1, "column 'z': .* x, y, z in m, or x_mm, y_mm, z_mm"),
+        (TRACKED, "j1,x,y,z,x_mm\n0,1,2,3,4\n", 1, "found columns x, y, z, x_mm; expected either"),
+        (TRACKED, "j1,x,y,z,qx,qy,qz\n0,1,2,3,0,0,0\n", 1, "column 'qw'"),
+        (SEEN, "j1,x,y,z\n0,1,2,3\n", 1, "column 'qx': .* as a quaternion"),
+        (SEEN, "j1,x,y,z,qx,qy,qz,qw\n0,1,2,3,0,0,0,0\n", 2, "quaternion of length 0;"),
+        (SEEN, "j1,x,y,z,qx,qy,qz,qw\n0,1,2,3,0,0,0,1e300\n", 2, "quaternion of length inf"),
+        (SEEN, "j1,x,y,z,qx,qy,qz,qw\n0,1,nan,3,0,0,0,1\n", 2, "column 'y': found 'nan'"),
+    ],
+)
+def test_refused_poses(
+    tmp_path: Path, columns: SampleColumns, text: str, line: int, message: str
+) -> None:
+    error = refusal(tmp_path, text, columns)
+    assert error.line == line
+    with pytest.raises(SamplesError, match=message):
+        raise error
+
+
+def test_quaternions_off_unit_length_are_normalised_with_a_warning(tmp_path: Path) -> None:
+    path = write(tmp_path, "j1,x,y,z,qx,qy,qz,qw\n0,1,2,3,0,0,0,1.005\n0,1,2,3,0,0,0,1.1\n")
+    with pytest.warns(SutaCalibWarning, match=r"a\.csv:3: found a quaternion of length 1\.100"):
+        samples = read_samples([path], [REVOLUTE], SEEN)
+    np.testing.assert_array_equal(samples.rotation, [np.eye(3)] * 2)
+
+
+CONTINUOUS = JointRange("j1", "rad", -math.inf, math.inf)
+
+
+@pytest.mark.parametrize(
+    ("joint", "reading", "meant"),
+    [
+        (REVOLUTE, 6.7, None),  # a turn and a little: a raw reading may be
+        (REVOLUTE, -6.9, "degrees"),
+        (JointRange("j1", "rad", -9.0, 1.0), 9.4, None),
+        (JointRange("j1", "rad", -9.0, 1.0), 9.6, "degrees"),
+        (CONTINUOUS, 25.0, None),
+        (CONTINUOUS, -25.2, "degrees"),
+        (PRISMATIC, 0.5, None),
+        (PRISMATIC, 4.3, None),
+        (PRISMATIC, 4.5, "millimetres"),
+        (PRISMATIC, -4.1, "millimetres"),
+        (JointRange("lift", "m", 0.0, 0.01), 0.4, None),
+        (JointRange("lift", "m", 0.0, 0.01), 0.6, "millimetres"),
+        (JointRange("lift", "m", -math.inf, math.inf), 300.0, None),
+    ],
+)
+def test_units_of_readings(
+    tmp_path: Path, joint: JointRange, reading: float, meant: str | None
+) -> None:
+    text = f"{joint.name},point\n0,A\n{reading},A\n"
+    if meant is None:
+        samples = read_samples([write(tmp_path, text)], [joint], TOUCHED)
+        assert samples.q[1, 0] == reading
+        return
+    error = refusal(tmp_path, text, TOUCHED, joint)
+    assert (error.line, error.where) == (3, f"column {joint.name!r}")
+    assert f"found {reading}" in str(error)
+    assert f"joint range [{joint.lower:.4g}, {joint.upper:.4g}] {joint.unit}" in str(error)
+    assert f"looks like {meant}: convert to" in error.hint
+
+
+def test_a_joint_named_like_a_column_is_ambiguous(tmp_path: Path) -> None:
+    with pytest.raises(SamplesError, match=r"found a joint named 'x'.*rename the joint"):
+        read_samples([tmp_path], [JointRange("x", "m", 0, 1)], TRACKED)
+    samples = Samples.from_arrays(["x"], [[0.0]], position=[[0, 0, 0]])
+    with pytest.raises(SamplesError, match=r"a\.csv: found columns x, x, y, z"):
+        write_samples(tmp_path / "a.csv", samples)
+    assert not list(tmp_path.iterdir())
+
+
+def test_no_such_file_or_a_folder(tmp_path: Path) -> None:
+    for path, found in ((tmp_path / "none.csv", "no such file"), (tmp_path, "a folder")):
+        with pytest.raises(SamplesError) as caught:
+            read_samples([path], [REVOLUTE], TOUCHED)
+        assert f"{path}: found {found}" in str(caught.value)
+    with pytest.raises(SamplesError, match="found no files"):
+        read_samples([], [REVOLUTE], TOUCHED)
+
+
+# ── any input: a valid object or an InputError ───────────────────────────────────────────────
+def read_or_refuse(path: Path) -> None:
+    columns = SampleColumns(("point",), position=True, orientation="optional")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", SutaCalibWarning)
+        try:
+            samples = read_samples([path], [REVOLUTE], columns)
+        except InputError as error:
+            assert str(path) in str(error)  # noqa: PT017 (whether it raises depends on the example)
+            return
+    assert np.isfinite(samples.q).all()
+    assert np.isfinite(samples.position).all()
+
+
+@given(content=st.binary())
+def test_arbitrary_bytes(scratch: Path, content: bytes) -> None:
+    scratch.write_bytes(content)
+    read_or_refuse(scratch)
+
+
+cells = st.one_of(st.floats().map(repr), st.sampled_from(["", "A", "0", "1e308", '"', "#"]))
+
+
+@given(rows=st.lists(st.lists(cells, min_size=9, max_size=9)), tail=st.text())
+def test_arbitrary_rows(scratch: Path, rows: list[list[str]], tail: str) -> None:
+    text = "\n".join(["j1,point,x,y,z,qx,qy,qz,qw", *(",".join(row) for row in rows), tail])
+    scratch.write_text(text, encoding="utf-8")
+    read_or_refuse(scratch)

@@ -1,0 +1,106 @@
+"""YAML as plain data with lines; files that are not YAML are refused with theirs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from suta_calib.errors import InputError, JobError
+from suta_calib.measurements import YamlSection, read_yaml
+
+
+@pytest.fixture(scope="session")
+def scratch(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("yaml") / "file.yaml"
+
+
+def write(folder: Path, text: str | bytes) -> Path:
+    path = folder / "file.yaml"
+    path.write_bytes(text.encode() if isinstance(text, str) else text)
+    return path
+
+
+def test_values_and_lines(tmp_path: Path) -> None:
+    text = (
+        b"\xef\xbb\xbf# a comment\n"
+        b"a: {b: 1e-3, c: 1_000}\n"
+        b"list:\n"
+        b"  - x: [true, no, ~, .5, '1']\n"
+        b"  - 2026-01-01\n"
+        b"01: &anchor {k: -.inf}\n"
+        b"null: *anchor\n"
+    )
+    document = read_yaml(write(tmp_path, text))
+    assert document.data == {
+        "a": {"b": 0.001, "c": 1000},
+        "list": [{"x": [True, "no", None, 0.5, "1"]}, "2026-01-01"],
+        "01": {"k": float("-inf")},
+        "null": {"k": float("-inf")},
+    }
+    assert document.line_of("a", "b") == 2
+    assert document.line_of("list", 0, "x", 3) == 4
+    assert document.line_of("list", 1) == 5
+    assert document.line_of("list", 1, "absent", "deeper") == 5
+    assert document.line_of("null") == 7
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "message"),
+    [
+        ("# nothing\n", None, "an empty file"),
+        ("just words\n", 1, "no keys at the top level"),
+        ("a: 1\nb: {c: 1,\n  c: 2}\n", 3, "the key 'c' a second time"),
+        ("a: 1\nb: [1, 2\nc: 3\n", 3, "not YAML"),
+        ("a: 1\n---\nb: 2\n", 2, "not YAML"),
+        ("a: 1\n\tb: 2\n", 2, "not YAML"),
+        ("a: \x00\n", None, "not YAML"),
+        (b"a: 1\nb: \xff\n", 2, "not UTF-8"),
+        ("a: 1\nb: &x [*x]\n", 2, "a reference to itself"),
+        ("a: 1\n? [1, 2]\n: 3\n", 2, "a list or mapping as a key"),
+        ("a: 1\nb: !!int x\n", 2, "found 'x'; expected a decimal number"),
+        ("a: " + 600 * "[" + 600 * "]", None, "nested too deeply"),
+    ],
+)
+def test_refused(tmp_path: Path, text: str | bytes, line: int | None, message: str) -> None:
+    path = write(tmp_path, text)
+    with pytest.raises(JobError, match=message) as caught:
+        read_yaml(path, JobError)
+    place = f"{path}: " if line is None else f"{path}:{line}: "
+    assert str(caught.value).startswith(place)
+    assert "\n" not in str(caught.value)
+
+
+def test_no_such_file_or_a_folder(tmp_path: Path) -> None:
+    for path, found in ((tmp_path / "none.yaml", "no such file"), (tmp_path, "a folder")):
+        with pytest.raises(JobError) as caught:
+            read_yaml(path, JobError)
+        assert str(caught.value).startswith(f"{path}: found {found}")
+
+
+def test_odd_names_stay_on_one_line(tmp_path: Path) -> None:
+    section = YamlSection(read_yaml(write(tmp_path, '"a\\nb": 1\n')), InputError)
+    with pytest.raises(InputError) as caught:
+        section.check_keys(("known",))
+    assert "\n" not in str(caught.value)
+
+
+@given(content=st.one_of(st.binary(), st.text().map(str.encode)))
+def test_arbitrary_content(scratch: Path, content: bytes) -> None:
+    scratch.write_bytes(content)
+    try:
+        document = read_yaml(scratch)
+    except InputError as error:
+        assert str(scratch) in str(error)  # noqa: PT017 (whether it raises depends on the example)
+        return
+    assert all(document.line_of(key) is not None for key in document.data)
+
+
+tokens = st.sampled_from([*"-:?[]{},&*!|>%@`#'\"~ \n\t", "a", "1", "...", "---", "<<", "!!", ": "])
+
+
+@given(parts=st.lists(tokens, max_size=30))
+def test_arbitrary_yaml_tokens(scratch: Path, parts: list[str]) -> None:
+    test_arbitrary_content.hypothesis.inner_test(scratch, "".join(parts).encode())
