@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-import casadi as ca
 import numpy as np
 
 from suta_calib.geometry import FloatArray
@@ -38,19 +37,16 @@ class Batched:
             size = function.nnz_in(i)
             array = np.zeros(size) if i in shared else np.zeros((n, size))
             self.inputs.append(array)
-            self._buffer.set_arg(i, memoryview(array.reshape(-1)))
+            if array.size:
+                self._buffer.set_arg(i, memoryview(array.reshape(-1)))
         self.outputs: list[FloatArray] = []
         for i in range(function.n_out()):
             array = np.zeros((n, function.nnz_out(i)))
             self.outputs.append(array)
-            self._buffer.set_res(i, memoryview(array.reshape(-1)))
+            if array.size:
+                self._buffer.set_res(i, memoryview(array.reshape(-1)))
 
     def __call__(self) -> list[FloatArray]:
         """Evaluate at what `inputs` hold now; the answer is `outputs`."""
         self._trigger()
         return self.outputs
-
-
-def dense(expression: Any) -> Any:
-    """The expression with every structural zero stored, so that its nonzeros are its entries."""
-    return ca.densify(expression)

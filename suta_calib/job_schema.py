@@ -16,6 +16,7 @@ from suta_calib.errors import JobError, SamplesError
 from suta_calib.measurements.files import expand
 from suta_calib.measurements.yaml_document import read_yaml
 from suta_calib.measurements.yaml_section import YamlSection
+from suta_calib.model.parameters import Selection
 
 KINDS: Final = ("pairwise_distance", "landmark", "fixed_point", "tracked_point", "hand_eye")
 _KINDS_WITH_ARTEFACT: Final = ("pairwise_distance", "landmark")
@@ -49,29 +50,6 @@ class ArmSpec:
     urdf: Path
     tip: str
     base: str | None = None
-
-
-@dataclass(frozen=True)
-class ParameterRow:
-    """What is said of the parameters that some names or globs select; later rows win.
-
-    Attributes:
-        select: names, globs, or the word ``geometric``.
-        bound_m: largest departure from nominal of parameters in m, or None.
-        bound_rad: the same for parameters in rad.
-        prior_m: standard deviation of a Gaussian prior about nominal, for parameters in m, or None.
-        prior_rad: the same for parameters in rad.
-        fixed: held at nominal.
-        line: line of the row in the job file.
-    """
-
-    select: tuple[str, ...]
-    bound_m: float | None = None
-    bound_rad: float | None = None
-    prior_m: float | None = None
-    prior_rad: float | None = None
-    fixed: bool = False
-    line: int | None = None
 
 
 @dataclass(frozen=True)
@@ -135,7 +113,7 @@ class JobSpec:
 
     path: Path
     arm: ArmSpec
-    parameters: tuple[ParameterRow, ...]
+    parameters: tuple[Selection, ...]
     observations: tuple[ObservationSpec, ...]
     validation: tuple[ObservationSpec, ...] = ()
     solver: SolverSpec = SolverSpec()
@@ -167,7 +145,7 @@ def _arm(section: YamlSection) -> ArmSpec:
     return ArmSpec(section.existing_file("urdf"), section.text("tip"), base)
 
 
-def _parameters(top: YamlSection) -> tuple[ParameterRow, ...]:
+def _parameters(top: YamlSection) -> tuple[Selection, ...]:
     if "parameters" not in top:
         raise top.refuse(
             "no such key",
@@ -178,13 +156,13 @@ def _parameters(top: YamlSection) -> tuple[ParameterRow, ...]:
     return tuple(_parameter_row(row) for row in top.sections("parameters"))
 
 
-def _parameter_row(row: YamlSection) -> ParameterRow:
+def _parameter_row(row: YamlSection) -> Selection:
     row.check_keys(("select", *_BOUND_AND_PRIOR_KEYS, "fixed"), required=("select",))
     fixed = row.flag("fixed")
     for key in _BOUND_AND_PRIOR_KEYS:
         if fixed and key in row:
             raise row.refuse(f"{key} beside fixed: true", "one or the other", at=(key,))
-    return ParameterRow(
+    return Selection(
         row.texts("select"),
         bound_m=_length(row, "bound_mm"),
         bound_rad=_angle(row, "bound_deg"),

@@ -15,10 +15,10 @@ from suta_calib.job_schema import (
     ArmSpec,
     JobSpec,
     ObservationSpec,
-    ParameterRow,
     SolverSpec,
     read_job,
 )
+from suta_calib.model.parameters import Selection
 
 EXAMPLE = """\
 arm: {urdf: arm.urdf, tip: tip}
@@ -69,10 +69,10 @@ def test_the_documented_example(folder: Path) -> None:
     assert read.path == folder / "job.yaml"
     assert read.arm == ArmSpec(folder / "arm.urdf", "tip", None)
     assert read.parameters == (
-        ParameterRow(("joint_*.offset",), bound_rad=pytest.approx(math.radians(15)), line=3),
-        ParameterRow(("joint_4.z", "tip.y"), bound_m=0.03, prior_m=pytest.approx(1e-4), line=4),
-        ParameterRow(("geometric",), prior_rad=pytest.approx(math.radians(0.5)), line=5),
-        ParameterRow(("joint_1.x",), fixed=True, line=6),
+        Selection(("joint_*.offset",), bound_rad=pytest.approx(math.radians(15)), line=3),
+        Selection(("joint_4.z", "tip.y"), bound_m=0.03, prior_m=pytest.approx(1e-4), line=4),
+        Selection(("geometric",), prior_rad=pytest.approx(math.radians(0.5)), line=5),
+        Selection(("joint_1.x",), fixed=True, line=6),
     )
     assert read.observations == (
         ObservationSpec(

@@ -41,7 +41,9 @@ class ArmModel:
     def __init__(self, chain: Chain, model: pin.Model) -> None:
         self.chain = chain
         self.model = model
-        self.segments = tuple(_segment(model, joint, _prefix(chain, joint)) for joint in chain.joints)
+        self.segments = tuple(
+            _segment(model, joint, _prefix(chain, joint)) for joint in chain.joints
+        )
         self.parameters = ParameterSet(_parameters(self.segments))
 
     @classmethod

@@ -14,6 +14,7 @@ from typing import Final
 
 import numpy as np
 
+from suta_calib.errors import ParameterError
 from suta_calib.geometry import FloatArray
 from suta_calib.model.parameters import ParameterSet
 from suta_calib.solver.information import Information
@@ -81,7 +82,9 @@ def identify(
         What to hold and why. The arm is judged with the terms' own unknowns free to follow;
         among the own ones only what stays weak for a known arm is held.
     """
-    unit = parameters.array("plausible")
+    # What has a prior is known well enough by decree: it is never held.
+    prior_std = np.where(precision > 0, 1.0 / np.sqrt(np.maximum(precision, 1e-300)), np.nan)
+    unit = np.where(precision > 0, 2.0 * prior_std / WEAK, parameters.array("plausible"))
     names = np.array(parameters.names)
     free = np.array([p.free for p in parameters.values()], dtype=bool)
     scaled = [m * np.outer(unit, unit) for m in _matrices(information)]
@@ -96,7 +99,8 @@ def identify(
             continue
         chosen, directions = _hold(matrices, prior[members], rank[members])
         held += [int(members[i]) for i in chosen]
-        combinations += _combinations(names[members], unit[members], chosen, directions)
+        sparse = _echelon(directions, chosen, matrices[0] + np.diag(prior[members]))
+        combinations += _combinations(names[members], unit[members], chosen, sparse)
     if not len(arm):
         spectrum = np.sqrt(np.maximum(np.linalg.eigvalsh(scaled[0])[::-1], 0.0))
     return Identification(np.array(held, dtype=np.intp), tuple(combinations), spectrum)
@@ -138,28 +142,48 @@ def _hold(
 def _weak_directions(matrices: list[FloatArray], prior: FloatArray) -> FloatArray:
     """Orthonormal basis (n, k) of what the data leave open, in plausible units."""
     curvature, variance, feigned = matrices
+    if not np.isfinite(curvature).all():
+        raise ParameterError(
+            "a Jacobian that is not finite", "finite readings and parameter values at the start"
+        )
     values, vectors = np.linalg.eigh(curvature + np.diag(prior))
     floor = ROUNDING * max(float(values[-1]), 1e-300)
     along = [np.einsum("ik,ij,jk->k", vectors, m, vectors) for m in (variance, feigned)]
     known = np.einsum("ik,i->k", vectors**2, prior)
-    spread = np.sqrt(np.maximum(along[0] + known, values)) / np.maximum(values, floor)
+    spread = np.sqrt(np.maximum(np.maximum(along[0] + known, values), 0.0)) / np.maximum(values, floor)
     by_noise = along[1] * FEIGNED**-1 > np.maximum(values - known, floor)
     weak = (values < floor) | (spread > WEAK) | (by_noise & (known <= 0))
     return np.asarray(vectors[:, weak])
 
 
-def _combinations(
-    names: Sequence[str], unit: FloatArray, chosen: list[int], weak: FloatArray
-) -> list[Combination]:
-    """The weak directions as one combination per held parameter (reduced echelon form)."""
+def _echelon(weak: FloatArray, chosen: list[int], curvature: FloatArray) -> FloatArray:
+    """The weak directions with one held parameter each, and nothing in them that noise put there.
+
+    Entries are dropped while the direction stays as weak as it was: an exact null direction keeps
+    all of its true parts, one that is only weak keeps those that make it so.
+    """
     if not chosen:
-        return []
+        return weak
     echelon = weak @ np.linalg.inv(weak[chosen])
+    floor = 1e3 * ROUNDING * max(float(np.linalg.eigvalsh(curvature)[-1]), 1e-300)
+    for column in echelon.T:
+        limit = max(4.0 * float(column @ curvature @ column), floor, 0.01 / WEAK**2)
+        for i in np.argsort(np.abs(column)):
+            kept, column[i] = column[i], 0.0
+            if column @ curvature @ column > limit or not column.any():
+                column[i] = kept
+                break
+    return echelon
+
+
+def _combinations(
+    names: Sequence[str], unit: FloatArray, chosen: list[int], echelon: FloatArray
+) -> list[Combination]:
+    """The directions by name, in physical units per unit of the held parameter."""
     found = []
     for column, index in enumerate(chosen):
-        scaled = echelon[:, column]
-        parts = np.flatnonzero(np.abs(scaled) > 1e-6 * np.abs(scaled).max())
-        physical = scaled * unit / unit[index]
+        physical = echelon[:, column] * unit / unit[index]
+        parts = np.flatnonzero(physical)
         direction = {str(names[i]): float(physical[i]) for i in parts}
         found.append(Combination(str(names[index]), direction))
     return found

@@ -24,6 +24,7 @@ from suta_calib.geometry import FloatArray
 from suta_calib.solver.evaluation import Linearised
 from suta_calib.solver.problem import Problem
 from suta_calib.terms.poses import ArmPoses
+from suta_calib.terms.term import IntArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,9 +61,7 @@ def whitened_rows(problem: Problem, x: FloatArray, sigmas: Sequence[float]) -> l
     return rows
 
 
-def predicted_information(
-    problem: Problem, x: FloatArray, sigmas: Sequence[float]
-) -> Information:
+def predicted_information(problem: Problem, x: FloatArray, sigmas: Sequence[float]) -> Information:
     """Before any residual is known: every sample scatters alike, every row is believed."""
     rows = whitened_rows(problem, x, sigmas)
     curvature = sum(r.jacobian.T @ r.jacobian for r in rows)
@@ -72,17 +71,33 @@ def predicted_information(
     )
 
 
-def observed_information(problem: Problem, x: FloatArray, sigmas: Sequence[float]) -> Information:
-    """At a solution: scatter as the residuals show it, outliers as Huber weighs them."""
+def observed_covariance(
+    problem: Problem, x: FloatArray, sigmas: Sequence[float], free: IntArray
+) -> FloatArray:
+    """Covariance (n, n) of the estimate at x, zero for entries that were not free.
+
+    The sandwich A⁻¹ (M + P) A⁻¹ with the priors' precision P in A as well: scatter as the residuals
+    show it, outliers as Huber weighs them, rows of one sample together.
+    """
     rows = whitened_rows(problem, x, sigmas)
-    weighted = [_robust_jacobian(r) for r in rows]
-    curvature = np.asarray(sum(j.T @ j for j in weighted))
-    bread = _pseudo_inverse(curvature + np.diag(problem.prior_precision()))
-    variance = np.zeros_like(curvature)
+    prior = np.diag(problem.prior_precision())
+    curvature = prior + sum(j.T @ j for j in map(_robust_jacobian, rows))
+    bread = np.zeros_like(prior)
+    bread[np.ix_(free, free)] = _pseudo_inverse(curvature[np.ix_(free, free)])
+    variance = prior.copy()
     for term in problem.terms:
-        mine = [i for i, r in enumerate(rows) if any(r.line.view.block is b for b in term.blocks)]
-        variance += _clustered_variance([rows[i] for i in mine], len(term.poses), bread)
-    return Information(curvature, variance, feigned_information(problem, x, sigmas))
+        mine = [r for r in rows if any(r.line.view.block is b for b in term.blocks)]
+        variance += _clustered_variance(mine, len(term.poses), bread)
+    return bread @ variance @ bread
+
+
+def predicted_covariance(problem: Problem, information: Information, free: IntArray) -> FloatArray:
+    """The same before any residual is known, from `predicted_information`."""
+    prior = np.diag(problem.prior_precision())
+    bread = np.zeros_like(prior)
+    inverse = _pseudo_inverse((information.curvature + prior)[np.ix_(free, free)])
+    bread[np.ix_(free, free)] = inverse
+    return bread @ (information.variance + prior) @ bread
 
 
 def noise_levels(problem: Problem, x: FloatArray, sigmas: Sequence[float]) -> list[float]:

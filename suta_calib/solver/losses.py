@@ -20,9 +20,9 @@ from suta_calib.geometry import FloatArray, Symbol
 # 95 % efficiency for Gaussian noise in one dimension (Huber); the same quantile in more.
 HUBER_1D: Final = 1.345
 # Curvature kept along the residual of a row in the linear part. Zero would be Newton's method on
-# Huber's loss, which may jump between sets of outliers; one is iteratively reweighted least
-# squares, which is slow.
-KEPT_CURVATURE: Final = 0.1
+# Huber's loss, which overshoots from far away; one is iteratively reweighted least squares, which
+# creeps near the end. In between, few steps are wasted on either.
+KEPT_CURVATURE: Final = 0.7
 
 
 def huber_threshold(size: int) -> float:

@@ -9,7 +9,7 @@ import numpy as np
 
 from suta_calib.errors import SamplesError
 from suta_calib.geometry import FloatArray, Symbol
-from suta_calib.measurements.sample_files import SampleColumns
+from suta_calib.measurements import Artefact, SampleColumns
 from suta_calib.terms.poses import PoseSource
 from suta_calib.terms.term import Block, Noise, Pose, Term, grouped, point_parameters
 
@@ -58,6 +58,20 @@ class FixedPoint(Term):
                 tuple(str(n) for n in labels),
             ),
         )
+
+    @classmethod
+    def over(
+        cls,
+        poses: PoseSource,
+        *,
+        artefact: Artefact | None,
+        noise: Noise,
+        angular_noise: Noise,
+        label: str,
+    ) -> FixedPoint:
+        """Build it from a row of a job file."""
+        del artefact, angular_noise, label
+        return cls(poses, noise)
 
     def start(self, rotation: FloatArray, position: FloatArray) -> FloatArray:
         del rotation

@@ -11,8 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from suta_calib.errors import SamplesError
 from suta_calib.geometry import FloatArray, Symbol, register_points, symbolic_rotation_log
-from suta_calib.measurements.artefact import Artefact
-from suta_calib.measurements.sample_files import SampleColumns
+from suta_calib.measurements import Artefact, SampleColumns
 from suta_calib.terms.pairwise_distance import check_landmarks
 from suta_calib.terms.poses import PoseSource
 from suta_calib.terms.term import (
@@ -25,6 +24,7 @@ from suta_calib.terms.term import (
     pose_of,
     pose_parameters,
     pose_values,
+    required,
 )
 
 
@@ -55,7 +55,6 @@ class Landmark(Term):
 
     kind: ClassVar[str] = "landmark"
     columns: ClassVar[SampleColumns] = SampleColumns(labels=("placement", "repeat", "landmark"))
-    needs_artefact: ClassVar[bool] = True
 
     def __init__(
         self,
@@ -77,6 +76,20 @@ class Landmark(Term):
         self.blocks = (self._position_block(rows),)
         if len(self._oriented):
             self.blocks += (self._rotation_block(self._oriented),)
+
+    @classmethod
+    def over(
+        cls,
+        poses: PoseSource,
+        *,
+        artefact: Artefact | None,
+        noise: Noise,
+        angular_noise: Noise,
+        label: str,
+    ) -> Landmark:
+        """Build it from a row of a job file."""
+        del label
+        return cls(poses, required(artefact, cls.kind), noise, angular_noise)
 
     def start(self, rotation: FloatArray, position: FloatArray) -> FloatArray:
         values = []
@@ -135,7 +148,9 @@ class Landmark(Term):
         data = np.swapaxes(self._seated[rows], 1, 2).reshape(len(rows), 9)
         known = np.zeros(len(rows))
         noise = self.angular_noise
-        return Block("rotation", "rad", 3, _rotation, rows[:, None], own, data, noise, known, labels)
+        return Block(
+            "rotation", "rad", 3, _rotation, rows[:, None], own, data, noise, known, labels
+        )
 
 
 def _mean_rotation(measured: FloatArray, seated: FloatArray) -> FloatArray:

@@ -9,10 +9,19 @@ import numpy as np
 
 from suta_calib.errors import SamplesError
 from suta_calib.geometry import FloatArray, Symbol
-from suta_calib.measurements.artefact import Artefact
-from suta_calib.measurements.sample_files import SampleColumns
+from suta_calib.measurements import Artefact, SampleColumns
 from suta_calib.terms.poses import PoseSource
-from suta_calib.terms.term import Block, IntArray, Noise, Pose, Term, grouped, no_own, norm
+from suta_calib.terms.term import (
+    Block,
+    IntArray,
+    Noise,
+    Pose,
+    Term,
+    grouped,
+    no_own,
+    norm,
+    required,
+)
 
 
 def _residual(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
@@ -37,7 +46,6 @@ class PairwiseDistance(Term):
 
     kind: ClassVar[str] = "pairwise_distance"
     columns: ClassVar[SampleColumns] = SampleColumns(labels=("placement", "repeat", "landmark"))
-    needs_artefact: ClassVar[bool] = True
 
     def __init__(self, poses: PoseSource, artefact: Artefact, noise: Noise = Noise()) -> None:
         super().__init__(poses, noise)
@@ -70,6 +78,20 @@ class PairwiseDistance(Term):
                 tuple(f"{names[i]}-{names[j]}" for i, j in pairs),
             ),
         )
+
+    @classmethod
+    def over(
+        cls,
+        poses: PoseSource,
+        *,
+        artefact: Artefact | None,
+        noise: Noise,
+        angular_noise: Noise,
+        label: str,
+    ) -> PairwiseDistance:
+        """Build it from a row of a job file."""
+        del angular_noise, label
+        return cls(poses, required(artefact, cls.kind), noise)
 
     def start(self, rotation: FloatArray, position: FloatArray) -> FloatArray:
         del rotation, position

@@ -18,9 +18,9 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from suta_calib.errors import SamplesError
+from suta_calib.errors import ArtefactError, SamplesError
 from suta_calib.geometry import FloatArray, Symbol, symbolic_rotation, vector_from_rotation
-from suta_calib.measurements.sample_files import SampleColumns
+from suta_calib.measurements import Artefact, SampleColumns
 from suta_calib.model.parameters import Parameter, Unit
 from suta_calib.terms.poses import PoseSource
 
@@ -112,7 +112,6 @@ class Term(ABC):
 
     kind: ClassVar[str]
     columns: ClassVar[SampleColumns]
-    needs_artefact: ClassVar[bool] = False
 
     own: tuple[Parameter, ...]
     blocks: tuple[Block, ...]
@@ -123,6 +122,19 @@ class Term(ABC):
         self.poses = poses
         self.noise = noise
         self.angular_noise = angular_noise
+
+    @classmethod
+    @abstractmethod
+    def over(
+        cls,
+        poses: PoseSource,
+        *,
+        artefact: Artefact | None,
+        noise: Noise,
+        angular_noise: Noise,
+        label: str,
+    ) -> Term:
+        """Build the term from what a row of a job file can say, taking what this kind needs."""
 
     @abstractmethod
     def start(self, rotation: FloatArray, position: FloatArray) -> FloatArray:
@@ -144,6 +156,13 @@ class Term(ABC):
                 f"at least {count} for {self.kind}: {what}",
                 where=self.kind,
             )
+
+
+def required(artefact: Artefact | None, kind: str) -> Artefact:
+    """The artefact, or the error that it is missing."""
+    if artefact is None:
+        raise ArtefactError("no artefact", f"an artefact for {kind}", where=kind)
+    return artefact
 
 
 def pose_parameters(label: str) -> tuple[Parameter, ...]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from suta_calib.errors import SamplesError
 from suta_calib.geometry import FloatArray, Symbol, register_points, symbolic_rotation_log
-from suta_calib.measurements.sample_files import SampleColumns
+from suta_calib.measurements import Artefact, SampleColumns
 from suta_calib.terms.poses import PoseSource
 from suta_calib.terms.term import (
     Block,
@@ -72,8 +72,24 @@ class TrackedPoint(Term):
         if samples.rotation is not None:
             data = np.swapaxes(samples.rotation, 1, 2).reshape(n, 9)
             self.blocks += (
-                Block("rotation", "rad", 3, _rotation, rows, own, data, angular_noise, zero, labels),
+                Block(
+                    "rotation", "rad", 3, _rotation, rows, own, data, angular_noise, zero, labels
+                ),
             )
+
+    @classmethod
+    def over(
+        cls,
+        poses: PoseSource,
+        *,
+        artefact: Artefact | None,
+        noise: Noise,
+        angular_noise: Noise,
+        label: str,
+    ) -> TrackedPoint:
+        """Build it from a row of a job file."""
+        del artefact
+        return cls(poses, noise, angular_noise, label)
 
     def start(self, rotation: FloatArray, position: FloatArray) -> FloatArray:
         del rotation

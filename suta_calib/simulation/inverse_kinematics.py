@@ -1,0 +1,209 @@
+"""Readings that bring the tip to given poses, for any arm and any true geometry.
+
+Levenberg–Marquardt on many targets at once: residual and step are those of Nakamura, Hanafusa
+(1986), doi:10.1115/1.3143764, with the columns of the joints' offsets as manipulator Jacobian.
+Targets that one start does not reach are tried again from the next, ever farther from the first.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from suta_calib.batched import Batched
+from suta_calib.geometry import FloatArray, vector_from_rotation
+from suta_calib.model.arm import ArmModel
+from suta_calib.simulation.noise import full_circle, wrapped
+
+# What of a target's orientation counts: all of it, the direction of the tip's z axis, or nothing.
+Matching = Literal["pose", "axis", "position"]
+# Weighs angles against lengths (m): the size of a tool.
+_LENGTH: Final = 0.25
+_TOLERANCE: Final = 1e-12
+_ITERATIONS: Final = 80
+_PRISMATIC_REACH: Final = 1.0
+# By this start the whole range of every joint is searched.
+_WIDEST_START: Final = 6
+
+
+@dataclass(frozen=True, eq=False)
+class Targets:
+    """Where the tip shall be.
+
+    Attributes:
+        position: (n, 3) in the base frame, m.
+        rotation: (n, 3, 3); for ``axis`` only its third column counts.
+        matching: what of the orientation counts.
+    """
+
+    position: FloatArray
+    rotation: FloatArray
+    matching: Matching = "pose"
+
+    def __len__(self) -> int:
+        return len(self.position)
+
+    def take(self, rows: NDArray[np.intp] | NDArray[np.bool_]) -> Targets:
+        """Some of the targets."""
+        return Targets(self.position[rows], self.rotation[rows], self.matching)
+
+
+@dataclass(frozen=True, eq=False)
+class Postures:
+    """The answer, whether or not the targets could be reached.
+
+    Attributes:
+        q: (n, joints) readings, rad (m for prismatic joints), the closest found.
+        reached: (n,) whether they bring the tip to the target to rounding.
+        distance: (n,) how far from the target's position the tip stays, m.
+        angle: (n,) how far from what counts of its orientation, rad.
+    """
+
+    q: FloatArray
+    reached: NDArray[np.bool_]
+    distance: FloatArray
+    angle: FloatArray
+
+
+class InverseKinematics:
+    """Inverse kinematics of one arm with given parameter values.
+
+    Args:
+        arm: the arm; its joint limits are kept, save those a full circle apart.
+        values: parameter values by name, m or rad; nominal where not given.
+    """
+
+    def __init__(self, arm: ArmModel, values: Mapping[str, float]) -> None:
+        self.arm = arm
+        offsets = [f"{joint}.offset" for joint in arm.joints]
+        others = [n for n in values if n in arm.parameters and n not in offsets]
+        self._function = arm.function([*offsets, *others])
+        self._theta = np.array([values.get(n, 0.0) for n in offsets] + [values[n] for n in others])
+        unlimited = full_circle(arm)
+        limits = np.array([(joint.lower, joint.upper) for joint in arm.chain.moving]).T
+        self._lower, self._upper = np.where(unlimited, [[-np.inf], [np.inf]], limits)
+
+    @property
+    def middle(self) -> FloatArray:
+        """(joints,) readings in the middle of every joint's range."""
+        lower, upper = self._range()
+        return np.asarray((lower + upper) / 2, dtype=float)
+
+    def random_readings(self, rng: np.random.Generator, n: int) -> FloatArray:
+        """(n, joints) readings, uniform over every joint's range."""
+        lower, upper = self._range()
+        return rng.uniform(lower, upper, (n, len(lower)))
+
+    def solve(
+        self, targets: Targets, start: FloatArray, rng: np.random.Generator, starts: int = 40
+    ) -> Postures:
+        """Readings that bring the tip to each target.
+
+        Args:
+            targets: n of them.
+            start: (joints,) or (n, joints) readings to search from first.
+            rng: of the starts that follow.
+            starts: how many are tried in all.
+
+        Returns:
+            For each target the first posture found that reaches it, or the closest one.
+        """
+        first = np.broadcast_to(start, (len(targets), len(self.arm.joints)))
+        q = np.clip(first, self._lower, self._upper)
+        error = np.full((len(targets), 6), np.inf)
+        for attempt in range(starts):
+            rows = np.flatnonzero(np.linalg.norm(error, axis=1) > _TOLERANCE)
+            if not len(rows):
+                break
+            begin = q if attempt == 0 else self._other_start(first, rng, attempt)
+            found, left = self._descend(targets.take(rows), begin[rows])
+            better = np.linalg.norm(left, axis=1) < np.linalg.norm(error[rows], axis=1)
+            q[rows[better]], error[rows[better]] = found[better], left[better]
+        reached = np.linalg.norm(error, axis=1) <= _TOLERANCE
+        distance = np.linalg.norm(error[:, :3], axis=1) * _LENGTH
+        return Postures(
+            wrapped(self.arm, q), reached, distance, np.linalg.norm(error[:, 3:], axis=1)
+        )
+
+    def _range(self) -> tuple[FloatArray, FloatArray]:
+        """Finite limits to draw readings from."""
+        prismatic = np.array([joint.type == "prismatic" for joint in self.arm.chain.moving])
+        reach = np.where(prismatic, _PRISMATIC_REACH, np.pi)
+        lower = np.where(np.isfinite(self._lower), self._lower, -reach)
+        return lower, np.where(np.isfinite(self._upper), self._upper, reach)
+
+    def _other_start(self, first: FloatArray, rng: np.random.Generator, attempt: int) -> FloatArray:
+        share = min(1.0, attempt / _WIDEST_START)
+        return first + share * (self.random_readings(rng, len(first)) - first)
+
+    def _descend(self, targets: Targets, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """One damped Gauss–Newton search per row: final readings and residuals (n, 6)."""
+        evaluate = _Residuals(self._function, self._theta, targets, q.shape[1])
+        error, jacobian = evaluate(q)
+        cost = (error**2).sum(axis=1)
+        damping = np.full(len(q), 1e-3)
+        for _ in range(_ITERATIONS):
+            moved = np.clip(q + _step(error, jacobian, damping * cost), self._lower, self._upper)
+            new_error, new_jacobian = evaluate(moved)
+            new_cost = (new_error**2).sum(axis=1)
+            better = new_cost < cost
+            q = np.where(better[:, None], moved, q)
+            error = np.where(better[:, None], new_error, error)
+            jacobian = np.where(better[:, None, None], new_jacobian, jacobian)
+            cost = np.where(better, new_cost, cost)
+            damping = np.clip(np.where(better, damping / 5, damping * 10), 1e-6, 1e8)
+            if (cost < (_TOLERANCE / 100) ** 2).all() or not (better | (damping < 1e8)).any():
+                break
+        return q, error
+
+
+class _Residuals:
+    """Residual of each row and its derivative with respect to the readings."""
+
+    def __init__(self, function: object, theta: FloatArray, targets: Targets, joints: int) -> None:
+        self._batch = Batched(function, len(targets), shared=[0])
+        self._batch.inputs[0][:] = theta
+        self._targets, self._joints, self._parameters = targets, joints, len(theta)
+        kept = {"pose": (1.0, 1.0, 1.0), "axis": (1.0, 1.0, 0.0), "position": (0.0, 0.0, 0.0)}
+        self._kept = np.array(kept[targets.matching])
+
+    def __call__(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(n, 6) residuals in the tip's frame, lengths in units of `_LENGTH`; (n, 6, joints)."""
+        self._batch.inputs[1][:] = q
+        flat, position, jacobian = self._batch()
+        rotation = np.swapaxes(flat.reshape(-1, 3, 3), 1, 2)
+        to_tip = np.swapaxes(rotation, 1, 2)
+        columns = jacobian.reshape(len(q), 6, self._parameters)[:, :, : self._joints]
+        linear = to_tip @ columns[:, :3] / _LENGTH
+        angular = self._kept[:, None] * (to_tip @ columns[:, 3:])
+        away = self._targets.position - position
+        error = np.concatenate(
+            [(to_tip @ away[..., None])[..., 0] / _LENGTH, self._kept * self._turn(to_tip)], axis=1
+        )
+        return error, np.concatenate([linear, angular], axis=1)
+
+    def _turn(self, to_tip: FloatArray) -> FloatArray:
+        """(n, 3) rotation vector from the tip to the target, in the tip's frame."""
+        relative = to_tip @ self._targets.rotation
+        if self._targets.matching == "pose":
+            return vector_from_rotation(relative)
+        axis = relative[:, :, 2]
+        sine = np.hypot(axis[:, 0], axis[:, 1])
+        angle = np.arctan2(sine, axis[:, 2])
+        factor = np.where(sine > 0, angle / np.maximum(sine, 1e-300), 1.0)
+        opposite = (sine == 0) & (axis[:, 2] < 0)
+        turn = np.stack([-axis[:, 1], axis[:, 0], 0 * sine], axis=1) * factor[:, None]
+        turn[opposite] = [np.pi, 0.0, 0.0]
+        return turn
+
+
+def _step(error: FloatArray, jacobian: FloatArray, damping: FloatArray) -> FloatArray:
+    transposed = np.swapaxes(jacobian, 1, 2)
+    # The floor keeps redundant arms, and rows of zeros, solvable.
+    normal = transposed @ jacobian + (damping + 1e-12)[:, None, None] * np.eye(jacobian.shape[2])
+    step = np.linalg.solve(normal, transposed @ error[..., None])[..., 0]
+    return np.clip(step, -1.0, 1.0)

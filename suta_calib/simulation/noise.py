@@ -1,0 +1,120 @@
+"""Where randomness comes from, and how large it is.
+
+Every random number belongs to a named stream, so that changing one thing (another level of noise,
+one more placement) leaves all others as they were.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from zlib import crc32
+
+import numpy as np
+from numpy.typing import NDArray
+
+from suta_calib.geometry import FloatArray, rotation_from_vector
+from suta_calib.model.arm import ArmModel
+
+
+@dataclass(frozen=True)
+class NoiseLevels:
+    """Standard deviations per axis; zero for none.
+
+    Attributes:
+        seating: position of the tip in what it touches, m.
+        seating_angle: orientation of the seated tip, rad.
+        encoder_angle: reading of a revolute joint, rad.
+        encoder_length: reading of a prismatic joint, m.
+        encoder_bits: readings of revolute joints are whole steps of 2π / 2^bits; 0 for exact ones.
+        instrument: position an external instrument reports, m.
+        instrument_angle: orientation it reports, rad.
+        artefact: whether the true landmarks depart from the certified ones by their ``sigma``.
+    """
+
+    seating: float = 0.0
+    seating_angle: float = 0.0
+    encoder_angle: float = 0.0
+    encoder_length: float = 0.0
+    encoder_bits: int = 0
+    instrument: float = 0.0
+    instrument_angle: float = 0.0
+    artefact: bool = False
+
+
+@dataclass(frozen=True)
+class OutlierSpec:
+    """Gross errors: displacements in any direction.
+
+    Attributes:
+        fraction: share of the samples, from 0 to 1.
+        smallest, largest: range the size is drawn from, m.
+    """
+
+    fraction: float = 0.0
+    smallest: float = 0.0
+    largest: float = 0.0
+
+
+def stream(seed: int, *names: str) -> np.random.Generator:
+    """The random numbers of one purpose, the same for the same seed and names."""
+    return np.random.default_rng([seed, *(crc32(name.encode()) for name in names)])
+
+
+def scattered_rotations(rng: np.random.Generator, std: float, n: int) -> FloatArray:
+    """Small random rotations, (n, 3, 3), each component of the vector with ``std`` rad."""
+    return rotation_from_vector(std * rng.standard_normal((n, 3)))
+
+
+def outlier_displacements(rng: np.random.Generator, spec: OutlierSpec, n: int) -> FloatArray:
+    """Displacements (n, 3), m: zero but for the outliers, as many as the fraction says."""
+    displacement = np.zeros((n, 3))
+    rows = rng.permutation(n)[: round(spec.fraction * n)]
+    direction = rng.standard_normal((len(rows), 3))
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    size = rng.uniform(spec.smallest, spec.largest, (len(rows), 1))
+    displacement[rows] = size * direction
+    return displacement
+
+
+def encoder_readings(
+    rng: np.random.Generator, noise: NoiseLevels, arm: ArmModel, q: FloatArray
+) -> FloatArray:
+    """What the encoders report where they ought to report ``q``.
+
+    Args:
+        rng: random numbers.
+        noise: levels; those of the encoders are used.
+        arm: whose readings these are.
+        q: (n, joints) exact readings, rad (m for prismatic joints).
+
+    Returns:
+        (n, joints) noisy, wrapped and then quantised readings.
+    """
+    prismatic = np.array([joint.type == "prismatic" for joint in arm.chain.moving])
+    std = np.where(prismatic, noise.encoder_length, noise.encoder_angle)
+    readings = wrapped(arm, q + std * rng.standard_normal(q.shape))
+    if noise.encoder_bits:
+        step = 2 * np.pi / 2**noise.encoder_bits
+        # The step at -π and the one at π are one place of the encoder: wrap once more.
+        whole = wrapped(arm, step * np.round(readings / step))
+        readings = np.where(prismatic, readings, whole)
+    return readings
+
+
+def wrapped(arm: ArmModel, q: FloatArray) -> FloatArray:
+    """Readings of joints that can turn a full circle, wrapped to (-π, π]; others as they are.
+
+    Readings already in that interval keep every bit.
+    """
+    turns = np.ceil((q - np.pi) / (2 * np.pi))
+    return np.where(full_circle(arm) & (turns != 0), q - 2 * np.pi * turns, q)
+
+
+def full_circle(arm: ArmModel) -> NDArray[np.bool_]:
+    """Which joints, (joints,), are revolute with limits at least 2π apart, or none."""
+    return np.array(
+        [
+            joint.type != "prismatic" and joint.upper - joint.lower >= 2 * np.pi - 1e-6
+            for joint in arm.chain.moving
+        ]
+    )

@@ -1,0 +1,146 @@
+"""What came out: values, how sure they are, and whether to use them at all."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+
+from suta_calib.geometry import FloatArray
+from suta_calib.model.parameters import Parameter, Unit
+from suta_calib.solver.identifiability import Identification
+from suta_calib.solver.ipopt import Minimum
+from suta_calib.solver.problem import Problem
+from suta_calib.terms.term import IntArray
+
+State = Literal["identified", "unidentified", "prior", "at_bound", "fixed"]
+# Of the variance that a prior leaves, the part the data must take away to call it identified.
+INFORMED = 0.5
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """One parameter after the fit.
+
+    Attributes:
+        name, unit, nominal: as in the problem.
+        value: the estimate; nominal where nothing could be said.
+        std: its standard deviation, None where the value is not an estimate.
+        state: ``identified``; ``unidentified`` (held, the data cannot tell); ``prior`` (most of
+            what is known of it was known before); ``at_bound``; ``fixed`` (not asked for).
+        given: held parameters relative to which the value has its meaning.
+    """
+
+    name: str
+    unit: Unit
+    nominal: float
+    value: float
+    std: float | None
+    state: State
+    given: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """The result of `solve`.
+
+    Attributes:
+        problem: what was solved.
+        minimum: the best of all starts.
+        attempts: every start's end, in order.
+        before: what the data could tell at the start.
+        identification: what they can tell at the solution: this decided what was held.
+        free: indices of the parameters that were estimated.
+        covariance: (n, n) of all parameters, m and rad; zero rows where nothing was estimated.
+        sigmas: assumed noise of each block, m or rad per component.
+        noise: noise of each block as the residuals show it.
+        timing: seconds by phase.
+    """
+
+    problem: Problem
+    minimum: Minimum
+    attempts: tuple[Minimum, ...]
+    before: Identification
+    identification: Identification
+    free: IntArray
+    covariance: FloatArray
+    sigmas: tuple[float, ...]
+    noise: tuple[float, ...]
+    timing: dict[str, float]
+
+    @property
+    def converged(self) -> bool:
+        """Whether the best start ended where IPOPT calls it solved."""
+        return self.minimum.converged
+
+    @property
+    def verdict(self) -> str:
+        """One sentence on whether the values may be used."""
+        if not self.converged:
+            return (
+                f"not converged: IPOPT said {self.minimum.status} after "
+                f"{self.minimum.iterations} iterations; look at the residuals for a wrong unit or "
+                "artefact, tighten the bounds, or raise solver.max_iterations"
+            )
+        best = sum(a.cost <= self.minimum.cost * (1 + 1e-6) + 1e-12 for a in self.attempts)
+        held = len(self.identification.held)
+        told = f"{len(self.free)} of {len(self.free) + held} unknowns estimated"
+        return f"converged: {told}; {best} of {len(self.attempts)} starts reached the same minimum"
+
+    @property
+    def x(self) -> FloatArray:
+        """The parameter vector, in the problem's order."""
+        return self.minimum.x
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Every parameter's value by name, SI."""
+        return self.problem.values(self.x)
+
+    @property
+    def unidentified(self) -> tuple[str, ...]:
+        """Names the data cannot determine."""
+        return tuple(e.name for e in self.estimates.values() if e.state == "unidentified")
+
+    @cached_property
+    def estimates(self) -> dict[str, Estimate]:
+        """Every parameter with its standard deviation and state, in the problem's order."""
+        std = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+        free, held = set(self.free.tolist()), set(self.identification.held.tolist())
+        found = {}
+        for k, p in enumerate(self.problem.parameters.values()):
+            state = self._state(k, p, float(std[k]), free, held)
+            given = self.identification.given(p.name) if k in free else ()
+            known = float(std[k]) if state in ("identified", "prior") else None
+            found[p.name] = Estimate(
+                p.name, p.unit, p.nominal, float(self.x[k]), known, state, given
+            )
+        return found
+
+    def correlation(self) -> tuple[tuple[str, ...], FloatArray]:
+        """Names of the estimated parameters and their correlation matrix."""
+        names = [k for k, e in enumerate(self.estimates.values()) if e.std]
+        covariance = self.covariance[np.ix_(names, names)]
+        std = np.sqrt(np.diag(covariance))
+        order = self.problem.names
+        return tuple(order[k] for k in names), covariance / np.outer(std, std)
+
+    def _state(self, k: int, p: Parameter, std: float, free: set[int], held: set[int]) -> State:
+        if k in held:
+            return "unidentified"
+        if not p.free:
+            return "fixed"
+        if k not in free or near_bound(p, float(self.x[k])):
+            return "at_bound"
+        if p.prior is not None and std**2 > INFORMED * p.prior**2:
+            return "prior"
+        return "identified"
+
+
+def near_bound(parameter: Parameter, value: float) -> bool:
+    """Whether a value ended on one of its bounds."""
+    gap = min(value - parameter.lower, parameter.upper - value)
+    return math.isfinite(gap) and gap < 1e-5 * (parameter.upper - parameter.lower)
