@@ -38,13 +38,13 @@ class Batched:
             array = np.zeros(size) if i in shared else np.zeros((n, size))
             self.inputs.append(array)
             if array.size:
-                self._buffer.set_arg(i, memoryview(array.reshape(-1)))
+                self._buffer.set_arg(i, memoryview(array.reshape(-1).data))
         self.outputs: list[FloatArray] = []
         for i in range(function.n_out()):
             array = np.zeros((n, function.nnz_out(i)))
             self.outputs.append(array)
             if array.size:
-                self._buffer.set_res(i, memoryview(array.reshape(-1)))
+                self._buffer.set_res(i, memoryview(array.reshape(-1).data))
 
     def __call__(self) -> list[FloatArray]:
         """Evaluate at what `inputs` hold now; the answer is `outputs`."""

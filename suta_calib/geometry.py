@@ -107,6 +107,8 @@ def register_points(source: ArrayLike, target: ArrayLike) -> tuple[FloatArray, F
     """
     a, b = np.asarray(target, dtype=float), np.asarray(source, dtype=float)
     centre_a, centre_b = a.mean(axis=0), b.mean(axis=0)
+    if len(a) == 1:
+        return np.eye(3), centre_a - centre_b  # SciPy takes one vector for one to be met exactly
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="Optimal rotation is not uniquely")
         rotation = Rotation.align_vectors(a - centre_a, b - centre_b)[0].as_matrix()

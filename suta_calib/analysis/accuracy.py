@@ -13,7 +13,7 @@ from suta_calib.solver.evaluation import Linearised
 from suta_calib.solver.ipopt import Options, RobustNlp
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
-from suta_calib.terms.term import Term
+from suta_calib.terms.term import IntArray, Term
 
 
 @dataclass(frozen=True)
@@ -49,24 +49,25 @@ class BlockErrors:
         unit: m or rad.
         labels: (n,) what was looked at: a landmark, a pair, a row.
         rows: (n, k) samples each error belongs to.
-        before, after: (n,) norms of the residuals.
         residual_before, residual_after: (n, d) with sign.
     """
 
     name: str
     unit: str
     labels: tuple[str, ...]
-    rows: FloatArray
+    rows: IntArray
     residual_before: FloatArray
     residual_after: FloatArray
 
     @property
     def before(self) -> FloatArray:
-        return np.linalg.norm(self.residual_before, axis=1)
+        """Norms of the residuals (n,) with the nominal arm."""
+        return np.asarray(np.linalg.norm(self.residual_before, axis=1))
 
     @property
     def after(self) -> FloatArray:
-        return np.linalg.norm(self.residual_after, axis=1)
+        """Norms of the residuals (n,) with the calibrated arm."""
+        return np.asarray(np.linalg.norm(self.residual_after, axis=1))
 
 
 @dataclass(frozen=True, eq=False)

@@ -44,6 +44,7 @@ class Segment:
 
     @property
     def parameter_names(self) -> tuple[str, ...]:
+        """Its six placement parameters, and its offset if it moves."""
         placement = tuple(f"{self.prefix}.{k}" for k in ("x", "y", "z", "rx", "ry", "rz"))
         return placement if self.motion == "fixed" else (*placement, f"{self.prefix}.offset")
 

@@ -105,6 +105,7 @@ class ParameterSet(Mapping[str, Parameter]):
 
     @property
     def names(self) -> tuple[str, ...]:
+        """All names, in order."""
         return tuple(self._by_name)
 
     def array(self, field: str) -> FloatArray:
@@ -137,6 +138,7 @@ class Selection:
     line: int | None = None
 
     def applied_to(self, parameter: Parameter) -> Parameter:
+        """The parameter with this row's bounds and prior in place of its own."""
         if self.fixed:
             return replace(parameter, free=False)
         if parameter.unit == "m":

@@ -46,7 +46,7 @@ class OutlierSpec:
     """Gross errors: displacements in any direction.
 
     Attributes:
-        fraction: share of the samples, from 0 to 1.
+        fraction: share of the samples of each file, from 0 to 1; rounded to whole samples.
         smallest, largest: range the size is drawn from, m.
     """
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from suta_calib.errors import JobError
 from suta_calib.geometry import FloatArray, rotation_from_vector
@@ -19,6 +21,7 @@ from suta_calib.simulation.inverse_kinematics import (
 from suta_calib.simulation.noise import stream
 from suta_calib.simulation.schema import PoseSpec, SetSpec, SimulationSpec
 
+BoolArray = NDArray[np.bool_]
 # A direction that few starts reach is not worth more: another one is drawn.
 _STARTS_PER_DIRECTION: Final = 6
 _MOST_BATCHES: Final = 20
@@ -41,9 +44,15 @@ class Visits:
     name: str
     labels: dict[str, list[str]]
     targets: Targets
-    oriented: FloatArray
+    oriented: BoolArray
     start: FloatArray
     line: int | None = None
+
+    def what(self, row: int) -> str:
+        """What a row touches, for messages."""
+        if "landmark" in self.labels:
+            return f"landmark {self.labels['landmark'][row]!r} of placement {self.name!r}"
+        return f"point {self.name!r}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,22 +78,18 @@ class Visitor:
             JobError: a landmark is out of reach; names it and the placement.
         """
         landmarks = list(truth.landmarks.values())
-        position, rotation = _seats(pose, landmarks)
-        oriented = np.array([mark.rotation is not None for mark in landmarks])
-        start = np.tile(self.posture, (len(landmarks), 1))
-        place = f"sets.{plan.name}.placements.{label}"
-        names = [f"landmark {mark.name!r} of placement {label!r}" for mark in landmarks]
+        once = _seated(label, pose, landmarks, self.posture)
         rng = stream(self.seed, plan.name, label, "postures")
-        start = self.reach(Targets(position, rotation), oriented, start, rng, names, place, pose.line)
+        start = self.reach(once, once.targets, once.start, rng, f"sets.{plan.name}.placements")
         n, repeats = len(landmarks), plan.repeats
         labels = {
             "placement": [label] * (n * repeats),
             "repeat": [str(k + 1) for k in range(repeats) for _ in range(n)],
-            "landmark": [mark.name for _ in range(repeats) for mark in landmarks],
+            "landmark": once.labels["landmark"] * repeats,
         }
         rows = np.tile(np.arange(n), repeats)
-        targets = Targets(position, rotation).take(rows)
-        return Visits(label, labels, targets, oriented[rows], start[rows], pose.line)
+        targets = once.targets.take(rows)
+        return Visits(label, labels, targets, once.oriented[rows], start[rows], pose.line)
 
     def fixed_point(self, plan: SetSpec, label: str, point: PoseSpec) -> Visits:
         """One point from ``plan.directions`` directions spread over the cone.
@@ -93,67 +98,68 @@ class Visitor:
             JobError: too few directions of the cone can be reached.
         """
         rng = stream(self.seed, plan.name, label, "postures")
-        found: list[FloatArray] = []
+        found = np.empty((0, len(self.posture)))
         for _ in range(_MOST_BATCHES):
-            targets = _cone_targets(plan, point, rng)
-            answer = self.kinematics.solve(targets, self._anywhere(rng, len(targets)), rng, 6)
-            found += list(answer.q[answer.reached])
+            wanted = _cone_targets(plan, point, rng)
+            starts = self._anywhere(rng, len(wanted))
+            answer = self.kinematics.solve(wanted, starts, rng, _STARTS_PER_DIRECTION)
+            found = np.concatenate([found, answer.q[answer.reached]])
             if len(found) >= plan.directions:
                 break
-        if len(found) < plan.directions:
+        else:
             raise self._too_few(plan, label, point, len(found))
-        start = np.array(found[: plan.directions])
-        n = len(start)
+        n = plan.directions
         targets = Targets(np.tile(point.position, (n, 1)), np.tile(np.eye(3), (n, 1, 1)))
-        return Visits(label, {"point": [label] * n}, targets, np.zeros(n, bool), start, point.line)
+        # Whatever the direction, the point is touched: it alone has to be met again with noise.
+        unoriented = np.zeros(n, dtype=bool)
+        return Visits(label, {"point": [label] * n}, targets, unoriented, found[:n], point.line)
 
     def reach(
         self,
+        visits: Visits,
         targets: Targets,
-        oriented: FloatArray,
         start: FloatArray,
         rng: np.random.Generator,
-        names: list[str],
-        place: str,
-        line: int | None,
+        where: str,
     ) -> FloatArray:
-        """Readings (n, joints) that reach every target.
+        """Readings (n, joints) that reach every target; ``visits`` says what each of them is.
 
         Raises:
-            JobError: one cannot be reached; says its name and how close the tip came.
+            JobError: one cannot be reached; says which, and how close the tip came.
         """
         q = np.empty_like(start)
-        kinds: tuple[tuple[Matching, FloatArray], ...] = (
-            ("pose", np.flatnonzero(oriented)),
-            ("position", np.flatnonzero(~oriented)),
+        kinds: tuple[tuple[Matching, BoolArray], ...] = (
+            ("pose", visits.oriented),
+            ("position", ~visits.oriented),
         )
-        for matching, rows in kinds:
+        for matching, chosen in kinds:
+            rows = np.flatnonzero(chosen)
             if not len(rows):
                 continue
             some = Targets(targets.position[rows], targets.rotation[rows], matching)
             answer = self.kinematics.solve(some, start[rows], rng)
-            if not answer.reached.all():
-                worst = int(np.flatnonzero(~answer.reached)[0])
-                raise self._out_of_reach(names[rows[worst]], answer, worst, place, line)
+            for k in np.flatnonzero(~answer.reached):
+                raise self._out_of_reach(visits, int(rows[k]), answer, int(k), where)
             q[rows] = answer.q
         return q
 
     def _anywhere(self, rng: np.random.Generator, n: int) -> FloatArray:
         """Starts about the posture, so that the turns about the tool axis differ too."""
         other = self.kinematics.random_readings(rng, n)
-        return self.posture + 0.5 * (other - self.posture)
+        return self.posture + 0.25 * (other - self.posture)
 
     def _out_of_reach(
-        self, name: str, answer: Postures, row: int, place: str, line: int | None
+        self, visits: Visits, row: int, answer: Postures, k: int, where: str
     ) -> JobError:
-        distance, angle = 1e3 * answer.distance[row], np.degrees(answer.angle[row])
+        distance, angle = 1e3 * answer.distance[k], np.degrees(answer.angle[k])
         return JobError(
-            f"{name} out of the arm's reach (closest: {distance:.3g} mm and {angle:.3g} deg away)",
+            f"{visits.what(row)} out of the arm's reach "
+            f"(closest: {distance:.3g} mm and {angle:.3g} deg away)",
             "a pose within reach and joint limits",
             file=self.spec.path,
-            line=line,
-            where=place,
-            hint="move it, or turn it about the vertical",
+            line=visits.line,
+            where=f"{where}.{visits.name}",
+            hint="move it or turn it",
         )
 
     def _too_few(self, plan: SetSpec, label: str, point: PoseSpec, count: int) -> JobError:
@@ -167,11 +173,21 @@ class Visitor:
         )
 
 
-def _seats(pose: PoseSpec, landmarks: list[Landmark]) -> tuple[FloatArray, FloatArray]:
-    """Poses of the seated tip in the base: (n, 3) and (n, 3, 3)."""
+def _seated(
+    label: str, pose: PoseSpec, landmarks: Sequence[Landmark], posture: FloatArray
+) -> Visits:
+    """Each landmark of a placement once, to be searched from one posture."""
+    n = len(landmarks)
     position = np.array([mark.position for mark in landmarks]) @ pose.rotation.T + pose.position
-    seats = [np.eye(3) if mark.rotation is None else mark.rotation for mark in landmarks]
-    return position, pose.rotation @ np.array(seats)
+    seats = np.array([np.eye(3) if mark.rotation is None else mark.rotation for mark in landmarks])
+    return Visits(
+        label,
+        {"landmark": [mark.name for mark in landmarks]},
+        Targets(position, pose.rotation @ seats),
+        np.array([mark.rotation is not None for mark in landmarks]),
+        np.tile(posture, (n, 1)),
+        pose.line,
+    )
 
 
 def _cone_targets(plan: SetSpec, point: PoseSpec, rng: np.random.Generator) -> Targets:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -22,7 +22,7 @@ from suta_calib.simulation.noise import (
     wrapped,
 )
 from suta_calib.simulation.protocol import Visitor, Visits
-from suta_calib.simulation.schema import TOUCHED_ARTEFACT, SetSpec, SimulationSpec
+from suta_calib.simulation.schema import SetSpec, SimulationSpec
 from suta_calib.simulation.truth import true_values
 
 
@@ -55,8 +55,8 @@ class Simulation:
         spec: the description.
         seed: that was used.
         arm: the nominal arm.
-        values: true values, m or rad, of the parameters that depart from nominal.
-        artefacts: true artefacts by the name of the set, where they differ from the certified.
+        values: true values of all the arm's parameters, m or rad.
+        artefacts: by the name of the set, the true artefact it was made with.
         files: the samples.
     """
 
@@ -86,24 +86,109 @@ def simulate(
     arm = ArmModel.from_urdf(spec.urdf, spec.tip, spec.base)
     values = true_values(arm, spec, seed)
     kinematics = InverseKinematics(arm, values)
-    visitor = Visitor(spec, kinematics, _posture(spec, arm, kinematics), seed)
+    visitor = Visitor(spec, kinematics, _posture(spec, kinematics), seed)
+    artefacts = {p.name: _true_artefact(p, seed) for p in spec.sets if p.artefact is not None}
     files: list[SimulatedFile] = []
-    artefacts: dict[str, Artefact] = {}
     for plan in spec.sets:
-        if plan.kind == "tracked_point":
-            progress(f"{plan.name}/samples.csv")
-            files.append(_tracked(plan, kinematics, values, seed))
-            continue
-        if plan.artefact is not None:
-            certified = read_artefact(plan.artefact)
-            truth = _true_artefact(certified, plan, seed)
-            if plan.noise.artefact:
-                artefacts[plan.name] = truth
-        for label in (plan.placements or plan.points or {}):
+        for label in plan.placements or plan.points or ("samples",):
             progress(f"{plan.name}/{label}.csv")
-            if plan.kind in TOUCHED_ARTEFACT and plan.placements:
-                visits = visitor.artefact(plan, label, plan.placements[label], truth)
+            if plan.kind == "tracked_point":
+                files.append(_tracked(plan, label, kinematics, values, seed))
             else:
-                visits = visitor.fixed_point(plan, label, (plan.points or {})[label])
-            files.append(_touched(plan, visits, visitor))
+                visits = _visits(plan, label, visitor, artefacts)
+                files.append(_touched(plan, visits, visitor))
     return Simulation(spec, seed, arm, values, artefacts, tuple(files))
+
+
+def _posture(spec: SimulationSpec, kinematics: InverseKinematics) -> FloatArray:
+    posture = kinematics.middle
+    arm = kinematics.arm
+    for row in spec.posture:
+        place: dict[str, Any] = {"file": spec.path, "line": row.line, "where": row.key}
+        if row.joint not in arm.joints:
+            raise JobError(f"no joint {row.joint!r}", f"one of {', '.join(arm.joints)}", **place)
+        unit = arm.parameters[f"{row.joint}.offset"].unit
+        if row.unit != unit:
+            raise JobError(f"a reading in {row.unit}", f"one in {unit} for this joint", **place)
+        posture[arm.joints.index(row.joint)] = row.reading
+    return posture
+
+
+def _true_artefact(plan: SetSpec, seed: int) -> Artefact:
+    """The certified artefact, or one that departs from it: the same for every set that uses it."""
+    assert plan.artefact is not None
+    certified = read_artefact(plan.artefact)
+    if not plan.noise.artefact:
+        return certified
+    landmarks = {
+        name: replace(mark, position=mark.position + mark.sigma * rng.standard_normal(3))
+        for name, mark in certified.landmarks.items()
+        for rng in [stream(seed, "artefact", plan.artefact.name, name)]
+    }
+    return Artefact(certified.name, landmarks)
+
+
+def _visits(
+    plan: SetSpec, label: str, visitor: Visitor, artefacts: Mapping[str, Artefact]
+) -> Visits:
+    if plan.placements is not None:
+        return visitor.artefact(plan, label, plan.placements[label], artefacts[plan.name])
+    return visitor.fixed_point(plan, label, (plan.points or {})[label])
+
+
+def _touched(plan: SetSpec, visits: Visits, visitor: Visitor) -> SimulatedFile:
+    """Readings at every touch: seated imperfectly, reached exactly, read with noise."""
+    n, arm = len(visits.targets), visitor.kinematics.arm
+    rng = stream(visitor.seed, plan.name, visits.name, "seating")
+    displacement = _displacement(plan, visits.name, n, visitor.seed)
+    position = visits.targets.position + plan.noise.seating * rng.standard_normal((n, 3))
+    tilt = scattered_rotations(rng, plan.noise.seating_angle, n)
+    targets = Targets(position + displacement, visits.targets.rotation @ tilt)
+    again = stream(visitor.seed, plan.name, visits.name, "touches")
+    q = visitor.reach(visits, targets, visits.start, again, f"sets.{plan.name}.{plan.places}")
+    noise = stream(visitor.seed, plan.name, visits.name, "encoders")
+    readings = encoder_readings(noise, plan.noise, arm, q)
+    path = f"{plan.name}/{visits.name}.csv"
+    origin = _origins(path, n)
+    samples = Samples.from_arrays(arm.joints, readings, labels=visits.labels, origin=origin)
+    return SimulatedFile(path, samples, displacement)
+
+
+def _tracked(
+    plan: SetSpec,
+    label: str,
+    kinematics: InverseKinematics,
+    values: Mapping[str, float],
+    seed: int,
+) -> SimulatedFile:
+    """What an external instrument sees of the tip in random configurations."""
+    arm, n, noise = kinematics.arm, plan.samples, plan.noise
+    rng = stream(seed, plan.name, "configurations")
+    q = wrapped(arm, kinematics.random_readings(rng, n))
+    rotation, position = arm.forward(q, values)
+    base = plan.base_in_instrument
+    if base is not None:
+        rotation, position = base.rotation @ rotation, position @ base.rotation.T + base.position
+    rng = stream(seed, plan.name, "instrument")
+    displacement = _displacement(plan, label, n, seed)
+    seen = position + displacement + noise.instrument * rng.standard_normal((n, 3))
+    turned = rotation @ scattered_rotations(rng, noise.instrument_angle, n)
+    readings = encoder_readings(stream(seed, plan.name, "encoders"), noise, arm, q)
+    path = f"{plan.name}/{label}.csv"
+    samples = Samples.from_arrays(
+        arm.joints,
+        readings,
+        position=seen,
+        rotation=turned if plan.orientation else None,
+        origin=_origins(path, n),
+    )
+    return SimulatedFile(path, samples, displacement)
+
+
+def _displacement(plan: SetSpec, label: str, n: int, seed: int) -> FloatArray:
+    return outlier_displacements(stream(seed, plan.name, label, "outliers"), plan.outliers, n)
+
+
+def _origins(path: str, n: int) -> list[str]:
+    """``folder/file.csv:2`` for the first row: the header is line 1."""
+    return [f"{path}:{row + 2}" for row in range(n)]

@@ -10,7 +10,7 @@ from suta_calib.simulation.schema import ErrorRow, SimulationSpec
 
 
 def true_values(arm: ArmModel, spec: SimulationSpec, seed: int) -> dict[str, float]:
-    """True values of every parameter that departs from nominal.
+    """True values of all the arm's parameters, nominal where no row names them.
 
     A parameter's random number depends on the seed and its name alone, so a change to one row
     leaves the others' parameters as they were.
@@ -30,7 +30,7 @@ def true_values(arm: ArmModel, spec: SimulationSpec, seed: int) -> dict[str, flo
     for index, row in enumerate(spec.errors):
         for name in _selected(arm, row, index, spec):
             errors[name] = _error(arm.parameters[name], row, index, seed, spec)
-    return {n: arm.parameters[n].nominal + errors[n] for n in arm.parameters if n in errors}
+    return {n: p.nominal + errors.get(n, 0.0) for n, p in arm.parameters.items()}
 
 
 def _selected(arm: ArmModel, row: ErrorRow, index: int, spec: SimulationSpec) -> tuple[str, ...]:

@@ -47,6 +47,7 @@ class PoseTable:
                 self.rotation[rows] = np.swapaxes(rotation, 1, 2).reshape(size, 9)
 
     def update(self, theta: FloatArray) -> None:
+        """Recompute all poses and velocities for the arm's parameter values (n,)."""
         for rows, batch in self._arm:
             batch.inputs[0][:] = theta
             rotation, position, velocity = batch()

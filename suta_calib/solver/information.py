@@ -14,7 +14,7 @@ but noise (errors in variables): its estimate would be precise and wrong.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -43,10 +43,12 @@ class Rows:
     Attributes:
         line: the block at this point.
         jacobian: (n·d, parameters) whitened, dense.
+        belief: (n,) factor of each row in a robust fit, one where every row is believed.
     """
 
     line: Linearised
     jacobian: FloatArray
+    belief: FloatArray
 
 
 def whitened_rows(problem: Problem, x: FloatArray, sigmas: Sequence[float]) -> list[Rows]:
@@ -57,17 +59,30 @@ def whitened_rows(problem: Problem, x: FloatArray, sigmas: Sequence[float]) -> l
         arm, own = problem.evaluation.columns(line, scale * line.by_pose, scale * line.by_own)
         width = problem.evaluation.own_count
         other = np.zeros((len(arm), width)) if own is None else own.toarray()
-        rows.append(Rows(line, np.hstack([arm, other])))
+        rows.append(Rows(line, np.hstack([arm, other]), np.ones(len(line.sigma))))
     return rows
 
 
-def predicted_information(problem: Problem, x: FloatArray, sigmas: Sequence[float]) -> Information:
-    """Before any residual is known: every sample scatters alike, every row is believed."""
+def predicted_information(
+    problem: Problem, x: FloatArray, sigmas: Sequence[float], *, robust: bool = False
+) -> Information:
+    """What samples that all scatter alike can tell.
+
+    Args:
+        problem: terms and parameters.
+        x: where.
+        sigmas: noise level of each block.
+        robust: believe rows as Huber weighs them at x. Wrong before the fit, where a wrong geometry
+            makes residuals large; needed after it, where gross errors would feign information
+            (an outlier tells the scale of an arm that touched one point, and tells it wrongly).
+    """
     rows = whitened_rows(problem, x, sigmas)
+    if robust:
+        rows = [replace(r, jacobian=_robust_jacobian(r), belief=np.sqrt(r.line.weight)) for r in rows]
     curvature = sum(r.jacobian.T @ r.jacobian for r in rows)
     variance = sum(_predicted_variance(r, problem) for r in rows)
     return Information(
-        np.asarray(curvature), np.asarray(variance), feigned_information(problem, x, sigmas)
+        np.asarray(curvature), np.asarray(variance), _feigned_information(problem, x, sigmas, rows)
     )
 
 
@@ -118,7 +133,9 @@ def noise_levels(problem: Problem, x: FloatArray, sigmas: Sequence[float]) -> li
     return levels
 
 
-def feigned_information(problem: Problem, x: FloatArray, sigmas: Sequence[float]) -> FloatArray:
+def _feigned_information(
+    problem: Problem, x: FloatArray, sigmas: Sequence[float], rows: Sequence[Rows]
+) -> FloatArray:
     """F: how much the Jacobian changes when the readings change by their own noise.
 
     The noise of the readings is not known; what is known is how far it moves the tip. Every joint
@@ -130,8 +147,10 @@ def feigned_information(problem: Problem, x: FloatArray, sigmas: Sequence[float]
         return total
     moved = problem.with_readings(_jittered_readings(problem, x, sigmas))
     before = whitened_rows(problem, x, sigmas)
-    for old, new in zip(before, whitened_rows(moved, x, sigmas), strict=True):
-        change = new.jacobian - old.jacobian
+    after = whitened_rows(moved, x, sigmas)
+    for old, new, r in zip(before, after, rows, strict=True):
+        belief = np.repeat(r.belief, len(old.jacobian) // len(r.belief))
+        change = belief[:, None] * (new.jacobian - old.jacobian)
         total += change.T @ change
     return total
 
@@ -172,13 +191,14 @@ def _predicted_variance(rows: Rows, problem: Problem) -> FloatArray:
     """Variance of the gradient if every sample's pose scatters alike and rows share samples."""
     line = rows.line
     if line.view.block.samples.shape[1] == 1:
-        return rows.jacobian.T @ rows.jacobian
+        return np.asarray(rows.jacobian.T @ rows.jacobian)
     n, size, width = line.by_pose.shape
     poses = line.by_pose / line.sigma[:, None, None]
     indices = np.repeat(line.pose_columns, size, axis=0).reshape(-1)
     pointer = np.arange(0, n * size * width + 1, width)
     shape = (n * size, len(problem.evaluation.table.velocity))
-    gain: Any = sparse.csr_array((poses.reshape(-1), indices, pointer), shape=shape)
+    believed = poses * rows.belief[:, None, None]
+    gain: Any = sparse.csr_array((believed.reshape(-1), indices, pointer), shape=shape)
     score = gain.T @ rows.jacobian
     per_sample = n * size / float(np.sum(poses**2))
     return np.asarray(score.T @ score) * per_sample
@@ -227,4 +247,5 @@ def _positive(matrix: FloatArray) -> FloatArray:
 
 def _pseudo_inverse(matrix: FloatArray) -> FloatArray:
     scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
-    return np.linalg.pinv(matrix / np.outer(scale, scale), 1e-12, True) / np.outer(scale, scale)
+    outer = np.outer(scale, scale)
+    return np.asarray(np.linalg.pinv(matrix / outer, 1e-12, True) / outer)

@@ -59,10 +59,12 @@ class Problem:
 
     @property
     def blocks(self) -> tuple[Block, ...]:
+        """Blocks of all terms, in order."""
         return tuple(view.block for view in self.evaluation.views)
 
     @property
     def names(self) -> tuple[str, ...]:
+        """Names of the entries of a parameter vector."""
         return self.parameters.names
 
     def start(self, arm_values: Mapping[str, float] | None = None) -> FloatArray:
@@ -105,6 +107,7 @@ class Problem:
         return Problem(terms, chosen)
 
     def linearise(self, x: FloatArray, sigmas: Sequence[float]) -> list[Linearised]:
+        """Residuals and derivatives of every block at x, for given noise levels."""
         return self.evaluation.linearise(x, sigmas)
 
     def _evaluation(self) -> Evaluation:

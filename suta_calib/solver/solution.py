@@ -85,7 +85,8 @@ class Solution:
                 f"{self.minimum.iterations} iterations; look at the residuals for a wrong unit or "
                 "artefact, tighten the bounds, or raise solver.max_iterations"
             )
-        best = sum(a.cost <= self.minimum.cost * (1 + 1e-6) + 1e-12 for a in self.attempts)
+        lowest = min(a.cost for a in self.attempts)
+        best = sum(a.cost <= lowest * (1 + 1e-6) + 1e-12 for a in self.attempts)
         held = len(self.identification.held)
         told = f"{len(self.free)} of {len(self.free) + held} unknowns estimated"
         return f"converged: {told}; {best} of {len(self.attempts)} starts reached the same minimum"

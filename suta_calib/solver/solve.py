@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from time import perf_counter
 
 import numpy as np
@@ -36,54 +38,86 @@ def solve(
 
     Returns:
         A solution that knows whether it may be used; not converging is no exception.
+
+    Raises:
+        SamplesError: a term has too few samples to be fitted at all.
     """
     began = perf_counter()
+    for term in problem.terms:
+        term.check_enough()
     sigmas = problem.assumed_sigmas()
     nominal = problem.start()
     before = identify_at(problem, nominal, sigmas)
     checked = perf_counter()
-    after, held = before, set(before.held.tolist())
+    fit = _fit(problem, nominal, before, sigmas, options, progress)
+    solved = perf_counter()
+    x = fit.minimum.x
+    free = _inside(problem, x, fit.free)
+    covariance = observed_covariance(problem, x, sigmas, free)
+    return Solution(
+        problem=problem,
+        minimum=fit.minimum,
+        attempts=fit.attempts,
+        before=before,
+        identification=fit.identification,
+        free=free,
+        covariance=covariance,
+        sigmas=tuple(sigmas),
+        noise=tuple(noise_levels(problem, x, sigmas)),
+        timing={
+            "check": checked - began,
+            "solve": solved - checked,
+            "covariance": perf_counter() - solved,
+        },
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Fit:
+    minimum: Minimum
+    attempts: tuple[Minimum, ...]
+    identification: Identification
+    free: IntArray
+
+
+def _fit(
+    problem: Problem,
+    nominal: FloatArray,
+    identification: Identification,
+    sigmas: Sequence[float],
+    options: Options,
+    progress: Progress | None,
+) -> _Fit:
+    """Minimise from all starts, then again from the best for as long as the verdict changes."""
+    held = set(identification.held.tolist())
+    starts = start_points(problem, nominal, held, options)
+    attempts: tuple[Minimum, ...] = ()
+    levels = [math.inf] * len(sigmas)
     for revision in range(MAX_REVISIONS):
-        starts = start_points(problem, nominal, held, options) if revision == 0 else [minimum.x]
         free = _free(problem, held)
         solver = RobustNlp(problem, free, sigmas, options)
-        attempts_now = _attempts(solver, starts, progress)
-        attempts = attempts_now if revision == 0 else attempts
-        minimum = solver.polish(min(attempts_now, key=lambda m: (not m.converged, m.cost)))
-        levels = noise_levels(problem, minimum.x, sigmas)
-        after = identify_at(problem, minimum.x, levels)
-        found = set(after.held.tolist())
+        tried = _attempts(solver, starts, progress if revision == 0 else None)
+        attempts = attempts or tuple(tried)
+        minimum = solver.polish(min(tried, key=lambda m: (not m.converged, m.cost)))
+        # What is held adds misfit, which is not noise: the freest fit tells the noise best.
+        levels = list(np.minimum(levels, noise_levels(problem, minimum.x, sigmas)))
+        identification = identify_at(problem, minimum.x, levels, robust=True)
+        found = set(identification.held.tolist())
         if found == held:
             break
         # The second time round only ever hold more, so that two verdicts cannot alternate.
         held = found if revision == 0 else held | found
-        for k in held:
-            minimum.x[k] = nominal[k]
-    solved = perf_counter()
-    free = _inside(problem, minimum.x, free)
-    covariance = observed_covariance(problem, minimum.x, sigmas, free)
-    timing = {
-        "check": checked - began,
-        "solve": solved - checked,
-        "covariance": perf_counter() - solved,
-    }
-    return Solution(
-        problem=problem,
-        minimum=minimum,
-        attempts=tuple(attempts),
-        before=before,
-        identification=after,
-        free=free,
-        covariance=covariance,
-        sigmas=tuple(sigmas),
-        noise=tuple(levels),
-        timing=timing,
-    )
+        again = minimum.x.copy()
+        again[list(held)] = nominal[list(held)]
+        starts = [again]
+    return _Fit(minimum, attempts, identification, free)
 
 
-def identify_at(problem: Problem, x: FloatArray, sigmas: Sequence[float]) -> Identification:
+def identify_at(
+    problem: Problem, x: FloatArray, sigmas: Sequence[float], *, robust: bool = False
+) -> Identification:
     """What the data can tell at x if every sample scatters with the given noise."""
-    information = predicted_information(problem, x, sigmas)
+    information = predicted_information(problem, x, sigmas, robust=robust)
     return identify(problem.parameters, problem.arm_count, information, problem.prior_precision())
 
 

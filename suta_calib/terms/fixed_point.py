@@ -29,9 +29,6 @@ class FixedPoint(Term):
     Args:
         poses: samples with the label point.
         noise: scatter and robustness, m per axis.
-
-    Raises:
-        SamplesError: a point was touched only once.
     """
 
     kind: ClassVar[str] = "fixed_point"
@@ -41,7 +38,6 @@ class FixedPoint(Term):
         super().__init__(poses, noise)
         labels = poses.samples.labels["point"]
         self._points, self._point = grouped(labels)
-        self._check_touches()
         self.own = tuple(p for n in self._points for p in point_parameters(f"fixed_point[{n}]"))
         rows = np.arange(len(poses))
         self.blocks = (
@@ -74,11 +70,13 @@ class FixedPoint(Term):
         return cls(poses, noise)
 
     def start(self, rotation: FloatArray, position: FloatArray) -> FloatArray:
+        """The mean of the touches of each point."""
         del rotation
         means = [position[self._point == k].mean(axis=0) for k in range(len(self._points))]
         return np.concatenate(means)
 
-    def _check_touches(self) -> None:
+    def check_enough(self) -> None:
+        """Two touches of every point at least."""
         for k, name in enumerate(self._points):
             touches = int(np.sum(self._point == k))
             if touches < 2:

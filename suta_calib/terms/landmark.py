@@ -50,7 +50,7 @@ class Landmark(Term):
         angular_noise: the same for the orientation, rad per axis.
 
     Raises:
-        SamplesError: a landmark is not certified, or a placement holds fewer than two.
+        SamplesError: a landmark is not certified.
     """
 
     kind: ClassVar[str] = "landmark"
@@ -68,7 +68,6 @@ class Landmark(Term):
         self._certified = check_landmarks(poses, artefact)
         self._placements, self._placement = grouped(poses.samples.labels["placement"])
         self._seated = self._seated_rotations()
-        self._check_placements()
         self.own = tuple(
             p for name in self._placements for p in pose_parameters(f"placement[{name}]")
         )
@@ -92,6 +91,7 @@ class Landmark(Term):
         return cls(poses, required(artefact, cls.kind), noise, angular_noise)
 
     def start(self, rotation: FloatArray, position: FloatArray) -> FloatArray:
+        """Arun's registration of each placement; by orientation where the landmarks are in line."""
         values = []
         for k in range(len(self._placements)):
             rows = np.flatnonzero(self._placement == k)
@@ -115,7 +115,8 @@ class Landmark(Term):
         self._oriented_set = frozenset(self._oriented.tolist())
         return np.array([np.eye(3) if m.rotation is None else m.rotation for m in marks])
 
-    def _check_placements(self) -> None:
+    def check_enough(self) -> None:
+        """Two different landmarks at every placement, or one with its orientation."""
         names = self.poses.samples.labels["landmark"]
         for k, placement in enumerate(self._placements):
             touched = {str(n) for n in names[self._placement == k]}

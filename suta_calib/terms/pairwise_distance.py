@@ -94,6 +94,7 @@ class PairwiseDistance(Term):
         return cls(poses, required(artefact, cls.kind), noise)
 
     def start(self, rotation: FloatArray, position: FloatArray) -> FloatArray:
+        """Distances have no unknowns of their own."""
         del rotation, position
         return np.zeros(0)
 

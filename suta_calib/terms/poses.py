@@ -41,6 +41,7 @@ class ArmPoses(PoseSource):
         self.samples = samples
 
     def at(self, values: Mapping[str, float]) -> tuple[FloatArray, FloatArray]:
+        """Forward kinematics of the samples."""
         return self.arm.forward(self.samples.q, values)
 
 
@@ -58,5 +59,6 @@ class MeasuredPoses(PoseSource):
         self.samples = samples
 
     def at(self, values: Mapping[str, float]) -> tuple[FloatArray, FloatArray]:
+        """The measured poses, whatever the values."""
         del values
         return np.asarray(self.rotation), np.asarray(self.position)

@@ -42,7 +42,7 @@ class TrackedPoint(Term):
         label: instruments with the same label stand at the same place.
 
     Raises:
-        SamplesError: fewer than three samples.
+        SamplesError: the samples hold no positions.
     """
 
     kind: ClassVar[str] = "tracked_point"
@@ -59,7 +59,6 @@ class TrackedPoint(Term):
         samples = poses.samples
         if samples.position is None:
             raise SamplesError("no positions", "columns x, y, z", where=self.kind)
-        self.need_rows(3, "the pose of the instrument is six unknowns")
         self._seen = samples.position
         name = "base" if label == "default" else f"base[{label}]"
         self.own = pose_parameters(name)
@@ -77,6 +76,15 @@ class TrackedPoint(Term):
                 ),
             )
 
+    def check_enough(self) -> None:
+        """Three samples at least: the pose of the instrument is six unknowns."""
+        if len(self.poses) < 3:
+            raise SamplesError(
+                f"{len(self.poses)} samples",
+                "at least 3: the pose of the instrument alone is six unknowns",
+                where=self.kind,
+            )
+
     @classmethod
     def over(
         cls,
@@ -92,5 +100,6 @@ class TrackedPoint(Term):
         return cls(poses, noise, angular_noise, label)
 
     def start(self, rotation: FloatArray, position: FloatArray) -> FloatArray:
+        """Arun's registration of the tip's positions to what the instrument saw."""
         del rotation
         return pose_values(*register_points(position, self._seen))

@@ -1,0 +1,126 @@
+"""Time to calibrate the simulated SUTA, ours beside SciPy's, in one run.
+
+Eight starts from the same points for everybody; problem building is included. The cost is Huber's
+on the same residuals, so costs compare directly. Ratios are to ours.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from time import perf_counter
+
+import numpy as np
+from peers import LoopDistances, NumpyDistances
+from rich.console import Console
+from rich.table import Table
+
+from suta_calib.job import CalibrationJob
+from suta_calib.solver.ipopt import Options
+from suta_calib.solver.problem import Problem
+from suta_calib.solver.solve import solve, start_points
+
+JOB = Path(__file__).parents[1] / "data" / "suta" / "calibration.yaml"
+STARTS = 8
+ROUNDS = 3
+
+
+def best_of(work: Callable[[], float], rounds: int = ROUNDS) -> tuple[float, float]:
+    """Shortest time of a few rounds, s, and the cost reached."""
+    times, cost = [], np.nan
+    for _ in range(rounds):
+        began = perf_counter()
+        cost = work()
+        times.append(perf_counter() - began)
+    return min(times), cost
+
+
+def main() -> None:
+    """Print the table, and where our time goes."""
+    job = CalibrationJob.load(JOB)
+    problem = Problem(job.observations, job.parameters)
+    solution = solve(problem, Options(starts=STARTS))
+    identified = [problem.names[k] for k in solution.free]
+    held = set(solution.identification.held.tolist())
+    starts = start_points(problem, problem.start(), held, Options(starts=STARTS))
+    sigma = solution.sigmas[0]
+    huber = problem.blocks[0].noise.huber
+
+    def ours(hessian: str = "gauss-newton") -> float:
+        fresh = Problem(job.observations, job.parameters)
+        return solve(fresh, Options(starts=STARTS, hessian=hessian)).minimum.cost * sigma**2
+
+    def scipy(kind: type[NumpyDistances], names: list[str], count: int = STARTS) -> float:
+        peer = kind(problem, names)
+        index = [problem.names.index(n) for n in names]
+        return min(peer.solve(x[index]).cost for x in starts[:count])
+
+    def scipy_exact() -> float:
+        peer = NumpyDistances(problem, identified)
+        index = solution.free
+
+        def jacobian(x: np.ndarray) -> np.ndarray:
+            whole = problem.parameters.array("nominal")
+            whole[index] = x
+            line = problem.linearise(whole, [1.0])[0]
+            arm, _ = problem.evaluation.columns(line, line.by_pose, line.by_own)
+            return arm[:, index]
+
+        return min(peer.solve(x[index], jacobian).cost for x in starts)
+
+    everything = list(problem.names)
+    rows = [
+        ("ours: IPOPT, Gauss-Newton, checks and covariance included", *best_of(ours)),
+        ("ours: exact Hessian", *best_of(lambda: ours("exact"), 1)),
+        ("SciPy TRF, NumPy, all 13 as posed", *best_of(lambda: scipy(NumpyDistances, everything))),
+        (
+            "SciPy TRF, NumPy, the identified 10",
+            *best_of(lambda: scipy(NumpyDistances, identified)),
+        ),
+        ("SciPy TRF, the identified 10, our exact Jacobian", *best_of(scipy_exact)),
+        (
+            "SciPy TRF, Python loop, the identified 10, one start",
+            *best_of(lambda: scipy(LoopDistances, identified, 1), 1),
+        ),
+    ]
+    _print(rows)
+    _where_time_goes(problem, solution.x, sigma, solution.timing)
+    print(f"Huber threshold {huber * 1e3:.2f} mm, {len(problem.blocks[0])} distances")
+
+
+def _print(rows: list[tuple[str, float, float]]) -> None:
+    table = Table(title=f"{STARTS} starts on the simulated SUTA, best of {ROUNDS}")
+    for name in ("who", "time, ms", "ratio to ours", "cost, mm²"):
+        table.add_column(name, justify="left" if name == "who" else "right")
+    for who, seconds, cost in rows:
+        ratio = f"{seconds / rows[0][1]:.1f}"
+        table.add_row(who, f"{seconds * 1e3:.0f}", ratio, f"{cost * 1e6:.6f}")
+    Console(width=100).print(table)
+
+
+def _where_time_goes(
+    problem: Problem, x: np.ndarray, sigma: float, timing: dict[str, float]
+) -> None:
+    """One evaluation in parts, ms, and the phases of a whole solve."""
+    evaluation = problem.evaluation
+
+    def per_call(work: Callable[[], object], count: int = 200) -> float:
+        began = perf_counter()
+        for _ in range(count):
+            work()
+        return (perf_counter() - began) / count * 1e3
+
+    kinematics = per_call(lambda: evaluation.table.update(x[: evaluation.arm_count]))
+    rows = per_call(lambda: evaluation.linearise(x, [sigma]))
+    whole = per_call(lambda: evaluation.cost_gradient_hessian(x, [sigma]))
+    console = Console(width=100)
+    console.print(
+        f"one evaluation {whole:.2f} ms: kinematics and their Jacobian {kinematics:.2f}, "
+        f"residual rows {rows - kinematics:.2f}, chain rule and Gauss-Newton {whole - rows:.2f}"
+    )
+    phases = ", ".join(f"{name} {seconds * 1e3:.0f}" for name, seconds in timing.items())
+    console.print(f"one solve, ms: {phases}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,95 @@
+"""Two arms on the same held-out data: the job's own URDF against any other."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from copy import copy
+from dataclasses import replace
+
+import numpy as np
+
+from suta_calib.analysis.accuracy import Accuracy, BlockErrors, TermAccuracy, fit_own
+from suta_calib.errors import UrdfError
+from suta_calib.geometry import FloatArray
+from suta_calib.model.arm import ArmModel
+from suta_calib.model.parameters import ParameterSet
+from suta_calib.solver.problem import Problem
+from suta_calib.terms import ArmPoses, Term
+
+
+def compare_arms(
+    observations: Sequence[Term], validation: Sequence[Term], other: ArmModel
+) -> Accuracy:
+    """Errors on the validation rows with the terms' own arm (before) and another (after).
+
+    Both arms are held as they are. A term's own unknown that has the same name in the
+    observations is fitted there, with the arm in question; one that is new is fitted on the
+    validation rows.
+
+    Args:
+        observations: the job's terms.
+        validation: the terms to judge by, over the same arm.
+        other: the arm to compare with; it must have the same moving joints.
+
+    Raises:
+        UrdfError: the arms differ in their moving joints.
+    """
+    before = _residuals(observations, validation)
+    after = _residuals(
+        [_through(term, other) for term in observations],
+        [_through(term, other) for term in validation],
+    )
+    pairs = iter(zip(before, after, strict=True))
+    return Accuracy(
+        (),
+        tuple(
+            TermAccuracy(
+                term,
+                tuple(
+                    BlockErrors(b.name, b.unit, b.labels, b.samples, *next(pairs))
+                    for b in term.blocks
+                ),
+            )
+            for term in validation
+        ),
+    )
+
+
+def _residuals(observations: Sequence[Term], validation: Sequence[Term]) -> list[FloatArray]:
+    """Residuals of every block of the validation terms, own unknowns fitted, the arm held."""
+    held = _held_parameter(validation[0])
+    known = {p.name: p.nominal for p in held.values()}
+    shared = {p.name for term in validation for p in term.own}
+    fitted = fit_own(
+        [t for t in observations if any(p.name in shared for p in t.own)] or validation,
+        held,
+        known,
+    )
+    values = fit_own(validation, held, fitted)
+    problem = Problem(validation, held)
+    x = np.array([values[name] for name in problem.names])
+    return [line.residual.copy() for line in problem.linearise(x, problem.assumed_sigmas())]
+
+
+def _held_parameter(term: Term) -> ParameterSet:
+    """One parameter of the arm that is not estimated: a problem needs at least one to be one."""
+    if not isinstance(term.poses, ArmPoses):
+        return ParameterSet()
+    first = next(iter(term.poses.arm.parameters.values()))
+    return ParameterSet([replace(first, free=False)])
+
+
+def _through(term: Term, arm: ArmModel) -> Term:
+    """The same observations with another arm behind the readings."""
+    if not isinstance(term.poses, ArmPoses):
+        return term
+    expected = term.poses.arm.joints
+    if arm.joints != expected:
+        raise UrdfError(
+            f"the moving joints {', '.join(arm.joints)}",
+            f"those of the job's arm: {', '.join(expected)}",
+            file=arm.chain.path,
+        )
+    other = copy(term)
+    other.poses = ArmPoses(arm, term.poses.samples)
+    return other

@@ -1,0 +1,110 @@
+"""The group of commands, and what becomes of their errors.
+
+Commands are imported only when they are called: ``--help`` must not wait for Pinocchio.
+"""
+
+from __future__ import annotations
+
+import importlib
+import os
+import sys
+import warnings
+from collections.abc import Sequence
+from typing import Any, Final, TextIO
+
+import click
+
+from suta_calib.errors import SutaCalibError
+
+PROGRAM: Final = "suta-calib"
+INTERRUPTED: Final = 130
+# Name → module that holds the click command of that name, and a line for --help.
+COMMANDS: Final = {
+    "calibrate": ("suta_calib.cli.calibrate", "Calibrate an arm: everything a job asks for."),
+    "observe": ("suta_calib.cli.observe", "What a job's data can and cannot determine."),
+    "validate": ("suta_calib.cli.validate", "A job's validation data through any URDF."),
+    "init": ("suta_calib.cli.init", "Start a job for a URDF: commented files to fill in."),
+    "simulate": ("suta_calib.cli.simulate", "Simulate measurements of an arm with known errors."),
+}
+
+
+class LazyGroup(click.Group):
+    """A group that imports a command's module when the command is asked for."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        del ctx
+        return list(COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        del ctx
+        if cmd_name not in COMMANDS:
+            return None
+        module = importlib.import_module(COMMANDS[cmd_name][0])
+        command = getattr(module, cmd_name.replace("-", "_"))
+        assert isinstance(command, click.Command)
+        return command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        del ctx
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, line) for name, (_, line) in COMMANDS.items()])
+
+
+@click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(package_name="suta_calib", prog_name=PROGRAM)
+def app() -> None:
+    """Calibrate the kinematics of serial arms: URDF and measurements in, calibrated URDF out.
+
+    Exit codes: 0 done; 1 ran, but the answer must not be used; 2 bad usage or bad input.
+    """
+
+
+def run(arguments: Sequence[str] | None = None) -> int:
+    """Run one command line.
+
+    Args:
+        arguments: without the program's name; those of this process by default.
+
+    Returns:
+        The exit code. Bad input, bad usage and an interrupt are one line on stderr.
+    """
+    with warnings.catch_warnings():
+        warnings.showwarning = _show_warning
+        try:
+            code = app.main(arguments, prog_name=PROGRAM, standalone_mode=False)
+        except SutaCalibError as error:
+            click.echo(f"{PROGRAM}: error: {_one_line(error)}", err=True)
+            return error.exit_code
+        except click.ClickException as error:
+            click.echo(f"{PROGRAM}: error: {_one_line(error.format_message())}", err=True)
+            return error.exit_code
+        except (click.Abort, KeyboardInterrupt):
+            click.echo(f"{PROGRAM}: interrupted; nothing half-written was left", err=True)
+            return INTERRUPTED
+        except BrokenPipeError:
+            # The reader went away, as `| head` does; Python would complain again while closing.
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            return 1
+    return code if isinstance(code, int) else 0
+
+
+def main() -> None:
+    """Entry point of the command ``suta-calib``."""
+    sys.exit(run())
+
+
+def _one_line(message: object) -> str:
+    return " ".join(str(message).split())
+
+
+def _show_warning(
+    message: Warning | str,
+    category: type[Warning],
+    filename: str,
+    lineno: int,
+    file: TextIO | None = None,
+    line: str | None = None,
+) -> Any:
+    """One line on stderr; where in the source it was raised helps nobody who has a job to run."""
+    del category, filename, lineno, file, line
+    click.echo(f"{PROGRAM}: warning: {_one_line(message)}", err=True)

@@ -1,0 +1,116 @@
+"""What the commands print and where they write."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Final, Self
+
+import click
+
+from suta_calib.errors import OutputError
+
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.progress import Progress
+
+    from suta_calib.analysis.observability import Explanation
+
+# Shorter runs are over before anybody wonders.
+PATIENCE_S: Final = 2.0
+json_option = click.option(
+    "--json", "as_json", is_flag=True, help="Print one JSON object and nothing else."
+)
+
+
+def console(*, stderr: bool = False) -> Console:
+    """A console that keeps names and numbers as they are."""
+    from rich.console import Console
+
+    return Console(stderr=stderr, highlight=False, markup=False, emoji=False)
+
+
+def print_json(data: dict[str, Any]) -> None:
+    """One JSON object on stdout; what is not a finite number becomes null."""
+    click.echo(json.dumps(_finite(data), indent=2, ensure_ascii=False, allow_nan=False))
+
+
+def check_folder(folder: Path) -> None:
+    """Refuse an output folder that cannot be written, before any work is done.
+
+    Raises:
+        OutputError: it, or the nearest folder above it that exists, is a file or write-protected.
+    """
+    existing = Path(os.path.abspath(folder))  # noqa: PTH100 (resolve() would follow links)
+    while not os.path.lexists(existing):
+        existing = existing.parent
+    if not existing.is_dir():
+        raise OutputError(
+            f"{folder}: found {existing}, which is no folder; expected a folder to write into; "
+            "choose another with --out"
+        )
+    if not os.access(existing, os.W_OK | os.X_OK):
+        raise OutputError(
+            f"{folder}: found {existing} write-protected; expected a folder to write into; "
+            "choose another with --out"
+        )
+
+
+def print_explanations(to: Console, explanations: Sequence[Explanation]) -> None:
+    """What the data cannot tell and what to do about it, one remedy for all that share it."""
+    by_remedy: dict[str, list[Explanation]] = {}
+    for each in explanations:
+        by_remedy.setdefault(each.remedy, []).append(each)
+    for remedy, group in by_remedy.items():
+        for each in group:
+            to.print(f"  • {each.sentence}", soft_wrap=True)
+        to.print(f"    → {remedy}", soft_wrap=True)
+
+
+class LateProgress:
+    """A progress bar on stderr: on a terminal only, and not before it is worth it."""
+
+    def __init__(self, what: str) -> None:
+        self._what, self._began = what, time.monotonic()
+        self._console = console(stderr=True)
+        self._bar: Progress | None = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if self._bar is not None:
+            self._bar.stop()
+
+    def __call__(self, done: int, total: int) -> None:
+        """Say how far the work has come."""
+        if self._bar is None:
+            late = time.monotonic() - self._began > PATIENCE_S
+            if not (late and self._console.is_terminal):
+                return
+            from rich.progress import Progress
+
+            self._bar = Progress(console=self._console, transient=True)
+            self._bar.add_task(self._what)
+            self._bar.start()
+        self._bar.update(self._bar.task_ids[0], completed=done, total=total)
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {str(k): _finite(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(v) for v in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value

@@ -1,0 +1,34 @@
+"""``suta-calib init``: the files of a new job."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from suta_calib.cli._output import check_folder
+
+
+@click.command()
+@click.argument("urdf", type=click.Path(path_type=Path), metavar="URDF")
+@click.option("--tip", required=True, help="Link or frame whose pose matters.")
+@click.option("--base", help="Link the chain starts from; the root link by default.")
+@click.option(
+    "--out", type=click.Path(path_type=Path), default=".", help="Folder of the job; here."
+)
+@click.option(
+    "--kind",
+    "kinds",
+    multiple=True,
+    help="Kind of observation; may be repeated. pairwise_distance and fixed_point by default.",
+)
+def init(urdf: Path, tip: str, base: str | None, out: Path, kinds: tuple[str, ...]) -> None:
+    """Start a job for the arm in URDF: commented files to fill in. Overwrites nothing."""
+    from suta_calib.init_job import DEFAULT_KINDS, new_job, write_job
+
+    files = new_job(urdf, tip, out, base=base, kinds=kinds or DEFAULT_KINDS)
+    check_folder(out)
+    write_job(files)
+    for file in files:
+        click.echo(file.path)
+    click.echo(f"Next: fill in the samples, then suta-calib observe {files[0].path}")

@@ -1,0 +1,226 @@
+"""Results as tables for a terminal of 100 columns; readable without colour."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+from rich import box
+from rich.console import Group, RenderableType
+from rich.markup import escape
+from rich.padding import Padding
+from rich.table import Table
+from rich.text import Text
+
+from suta_calib.analysis.accuracy import Accuracy, Metrics, TermAccuracy
+from suta_calib.analysis.observability import Explanation, Observability, Prospect, explain
+from suta_calib.model.parameters import Unit
+from suta_calib.report.errors_by import KindErrors, by_kind
+from suta_calib.report.result import Result
+from suta_calib.report.units import NOTHING, SHOWN_UNIT, percent, text
+from suta_calib.report.verdict import Level, judge, listed
+from suta_calib.solver.solution import Estimate, Solution, State
+
+COLOUR: dict[Level, str] = {"good": "bold green", "caution": "bold yellow", "bad": "bold red"}
+STATE_COLOUR: dict[State, str] = {
+    "identified": "green",
+    "unidentified": "yellow",
+    "prior": "cyan",
+    "at_bound": "red",
+    "fixed": "dim",
+}
+
+
+def summary(result: Result, *, verbose: bool = False) -> RenderableType:
+    """Everything a console shows of a calibration: tables, then the words.
+
+    Args:
+        result: job, solution and accuracy.
+        verbose: also the terms' own parameters (placements, points, instruments).
+    """
+    parts: list[RenderableType] = []
+    if result.solution.converged:
+        parts.append(parameter_table(result.solution, verbose=verbose))
+    parts.append(accuracy_table(result.accuracy))
+    return Group(*parts, "", words(result))
+
+
+def words(result: Result) -> RenderableType:
+    """The verdict, what must be known, and why parameters were held and what to do about it."""
+    verdict = judge(result)
+    line = Text.assemble((verdict.word, COLOUR[verdict.level]), ": ", verdict.sentence)
+    parts: list[RenderableType] = [line, *(_bullet(note) for note in verdict.notes)]
+    return Group(*parts, *_explained(explanations(result.solution)))
+
+
+def explanations(solution: Solution) -> tuple[Explanation, ...]:
+    """Why parameters are held; empty where the solution may not be used."""
+    if not solution.converged:
+        return ()
+    return explain(solution.problem, solution.x, solution.identification)
+
+
+def parameter_table(solution: Solution, *, verbose: bool = False) -> Table:
+    """Nominal, value, change and standard deviation of every parameter, mm and deg.
+
+    Args:
+        solution: a converged one.
+        verbose: also the terms' own parameters, otherwise one line counts them.
+    """
+    table = _table("Parameters")
+    table.add_column("parameter", overflow="fold", min_width=14)
+    for name in ("nominal", "value", "change", "± std"):
+        table.add_column(name, justify="right", no_wrap=True)
+    table.add_column("unit", no_wrap=True)
+    table.add_column("state", no_wrap=True)
+    estimates = list(solution.estimates.values())
+    arm = solution.problem.arm_count
+    shown = estimates if verbose else estimates[:arm]
+    if any(e.given for e in shown):
+        table.add_column("given", overflow="fold", max_width=24)
+    for estimate in shown:
+        table.add_row(*_parameter_cells(estimate)[: len(table.columns)])
+    if len(estimates) > len(shown):
+        table.caption = f"and {_count_of(estimates[arm:])}: --verbose shows them"
+    return table
+
+
+def accuracy_table(accuracy: Accuracy) -> Table:
+    """RMS, mean, standard deviation and maximum before and after, and the improvement.
+
+    One pair of rows for the calibration and for the validation data, and for each kind and
+    quantity where there are several.
+    """
+    table = _table("Errors")
+    table.add_column("data", no_wrap=True)
+    table.add_column("of", overflow="fold")
+    table.add_column("state", no_wrap=True)
+    for name in ("RMS", "mean", "std", "max"):
+        table.add_column(name, justify="right", no_wrap=True)
+    table.add_column("unit", no_wrap=True)
+    table.add_column("count", justify="right", no_wrap=True)
+    table.add_column("improvement", justify="right", no_wrap=True)
+    sets = {"calibration": accuracy.calibration, "validation": accuracy.validation}
+    for name, terms in sets.items():
+        _add_errors(table, name, terms)
+    return table
+
+
+def observability_table(observability: Observability, *, verbose: bool = False) -> Table:
+    """Predicted standard deviation of every parameter against its plausible range, mm and deg."""
+    table = _table("What these readings can determine")
+    table.add_column("parameter", overflow="fold", min_width=14)
+    for name in ("plausible", "predicted ± std"):
+        table.add_column(name, justify="right", no_wrap=True)
+    table.add_column("unit", no_wrap=True)
+    table.add_column("state", no_wrap=True)
+    table.add_column("given", overflow="fold", max_width=24)
+    prospects = list(observability.prospects.values())
+    arm = observability.problem.arm_count or len(prospects)
+    shown = prospects if verbose else prospects[:arm]
+    for prospect in shown:
+        table.add_row(*_prospect_cells(prospect))
+    if len(prospects) > len(shown):
+        table.caption = f"and {_count_of(prospects[arm:])}: --verbose shows them"
+    return table
+
+
+def observability_words(observability: Observability) -> RenderableType:
+    """The verdict in one sentence, then why parameters would be held and what to do about it."""
+    level: Level = "caution" if observability.unidentified else "good"
+    return Group(
+        Text(observability.verdict, style=COLOUR[level]), *_explained(observability.explanations)
+    )
+
+
+def _table(title: str) -> Table:
+    return Table(
+        title=title,
+        title_justify="left",
+        title_style="bold",
+        caption_justify="left",
+        box=box.SIMPLE_HEAD,
+        pad_edge=False,
+        header_style="bold",
+    )
+
+
+def _parameter_cells(e: Estimate) -> list[RenderableType]:
+    change = NOTHING if e.state in ("unidentified", "fixed") else _change(e)
+    return [
+        escape(e.name),
+        text(e.nominal, e.unit),
+        text(e.value, e.unit),
+        change,
+        text(e.std, e.unit),
+        SHOWN_UNIT[e.unit],
+        _state(e.state),
+        escape(listed(list(e.given), 3)),
+    ]
+
+
+def _change(e: Estimate) -> str:
+    return text(e.value - e.nominal, e.unit, sign=True)
+
+
+def _prospect_cells(p: Prospect) -> list[RenderableType]:
+    return [
+        escape(p.name),
+        f"± {text(p.plausible, p.unit)}",
+        text(p.std, p.unit),
+        SHOWN_UNIT[p.unit],
+        _state(p.state),
+        escape(listed(list(p.given), 3)),
+    ]
+
+
+def _state(state: State) -> Text:
+    return Text(state.replace("_", " "), style=STATE_COLOUR[state])
+
+
+def _count_of(items: Sequence[Estimate] | Sequence[Prospect]) -> str:
+    frames = {item.name.rpartition(".")[0] for item in items}
+    told = sum(item.state in ("identified", "prior") for item in items)
+    what = listed(sorted(frames), 2)
+    return escape(f"{told} of {len(items)} unknowns of the observations ({what}) estimated")
+
+
+def _add_errors(table: Table, name: str, terms: Sequence[TermAccuracy]) -> None:
+    if not terms:
+        table.add_row(name, NOTHING, "no such data", end_section=True)
+    for errors in by_kind(terms):
+        before, after = errors.metrics
+        better = percent(before.rms, after.rms)
+        table.add_row(name, quantity(errors), "before", *_metric_cells(before, errors.unit), "")
+        after_cells = [Text(cell, style="bold") for cell in _metric_cells(after, errors.unit)]
+        table.add_row("", "", "after", *after_cells, Text(better, style="bold"), end_section=True)
+        name = ""
+
+
+def quantity(errors: KindErrors) -> str:
+    """What was compared, in words: ``pairwise distance``, ``tracked point position``."""
+    kind = errors.kind.replace("_", " ")
+    return kind if errors.name in kind else f"{kind} {errors.name}"
+
+
+def _metric_cells(metrics: Metrics, unit: Unit) -> list[str]:
+    values = (metrics.rms, metrics.mean, metrics.std, metrics.maximum)
+    return [*(text(v, unit) for v in values), SHOWN_UNIT[unit], str(metrics.count)]
+
+
+def _explained(found: Iterable[Explanation]) -> list[RenderableType]:
+    """One bullet a reason: parameters that share it share the sentence."""
+    by_reason: dict[tuple[str, str], list[str]] = {}
+    for e in found:
+        by_reason.setdefault((e.sentence, e.remedy), []).append(e.held)
+    parts: list[RenderableType] = []
+    for (sentence, remedy), held in by_reason.items():
+        parts.append(_bullet(f"{listed(held)}: {sentence}"))
+        if remedy:
+            parts.append(Padding(Text(f"→ {remedy}", style="italic"), (0, 0, 0, 4)))
+    return parts
+
+
+def _bullet(sentence: str) -> RenderableType:
+    grid = Table.grid(padding=(0, 1))
+    grid.add_row(" •", Text(sentence))
+    return grid

@@ -1,0 +1,94 @@
+"""Whether a result may be used, in one word and a few sentences."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final, Literal
+
+from suta_calib.analysis.accuracy import Accuracy
+from suta_calib.report.result import Result, arm_estimates
+from suta_calib.report.units import text
+from suta_calib.solver.solution import Solution, State
+
+Level = Literal["good", "caution", "bad"]
+WORD: Final[dict[Level, str]] = {"good": "Good", "caution": "Take care", "bad": "Do not use"}
+# Noise that differs from what the job states by more than this factor deserves a word.
+SURPRISING: Final = 2.0
+MOST_NAMES: Final = 6
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """The first thing a reader needs.
+
+    Attributes:
+        level: ``good``; ``caution`` (usable, but something must be known); ``bad`` (not usable).
+        sentence: the solver's own.
+        notes: what must be known, one sentence each.
+    """
+
+    level: Level
+    sentence: str
+    notes: tuple[str, ...]
+
+    @property
+    def word(self) -> str:
+        """The level for a reader."""
+        return WORD[self.level]
+
+
+def judge(result: Result) -> Verdict:
+    """Weigh convergence, held-out errors, bounds and what could not be told."""
+    solution = result.solution
+    if not solution.converged:
+        return Verdict("bad", solution.verdict, ("No calibrated URDF is written.",))
+    notes = (*_on_validation(result.accuracy), *_on_parameters(solution), *_on_noise(solution))
+    worse = _validation_change(result.accuracy) > 0
+    level: Level = "caution" if notes or worse else "good"
+    return Verdict(level, solution.verdict, notes)
+
+
+def _validation_change(accuracy: Accuracy) -> float:
+    before = Accuracy.overall(accuracy.validation, "before").rms
+    return Accuracy.overall(accuracy.validation, "after").rms - before
+
+
+def _on_validation(accuracy: Accuracy) -> list[str]:
+    if not accuracy.validation:
+        return ["There are no validation data: the errors shown are those of the fitted data."]
+    if _validation_change(accuracy) > 0:
+        return ["The calibrated arm is worse than the nominal one on the validation data."]
+    return []
+
+
+def _on_parameters(solution: Solution) -> list[str]:
+    states: dict[State, list[str]] = {}
+    for name, estimate in arm_estimates(solution).items():
+        states.setdefault(estimate.state, []).append(name)
+    notes = []
+    if held := states.get("unidentified"):
+        notes.append(f"These data cannot tell {listed(held)}: held at nominal.")
+    if bounded := states.get("at_bound"):
+        notes.append(
+            f"{listed(bounded)} ended at a bound: widen it, or look for the wrong unit or "
+            "the wrong artefact."
+        )
+    return notes
+
+
+def _on_noise(solution: Solution) -> list[str]:
+    notes = []
+    blocks = solution.problem.blocks
+    for block, assumed, found in zip(blocks, solution.sigmas, solution.noise, strict=True):
+        if block.noise.sigma is not None and not 1 / SURPRISING < found / assumed < SURPRISING:
+            notes.append(
+                f"The {block.name} residuals scatter by {text(found, block.unit, with_unit=True)}; "
+                f"the job says {text(assumed, block.unit, with_unit=True)}."
+            )
+    return notes
+
+
+def listed(names: list[str], most: int = MOST_NAMES) -> str:
+    """Names in a sentence; only a count of those beyond the first few."""
+    rest = len(names) - most
+    return ", ".join(names[:most]) + (f" and {rest} more" if rest > 0 else "")

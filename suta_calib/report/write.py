@@ -1,0 +1,61 @@
+"""The files of a result, each complete or not there."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from suta_calib.atomic import write_bytes_atomically
+from suta_calib.errors import OutputError
+from suta_calib.report.html import write_report
+from suta_calib.report.residuals import residuals_csv
+from suta_calib.report.result import Result
+from suta_calib.report.result_json import result_dict
+
+
+def write_results(result: Result, folder: str | Path) -> dict[str, Path]:
+    """Write ``calibrated.urdf``, ``result.json``, ``residuals.csv`` and ``report.html``.
+
+    A solution that did not converge yields only ``result.json`` and ``report.html``. What an
+    earlier run left beside them stays; their content says that it does not belong to it.
+
+    Args:
+        result: job, solution and accuracy.
+        folder: created if it is not there.
+
+    Returns:
+        The files written, by name.
+
+    Raises:
+        OutputError: the folder or a file in it cannot be written.
+    """
+    folder = Path(folder)
+    make_folder(folder)
+    written = {}
+    if result.solution.converged:
+        written["calibrated.urdf"] = folder / "calibrated.urdf"
+        result.job.arm.write_urdf(written["calibrated.urdf"], result.solution.values)
+        written["residuals.csv"] = folder / "residuals.csv"
+        write_bytes_atomically(written["residuals.csv"], residuals_csv(result).encode())
+    written["report.html"] = folder / "report.html"
+    write_report(result, written["report.html"])
+    # Last, so that a program that waits for it finds the others complete.
+    written["result.json"] = folder / "result.json"
+    text = json.dumps(result_dict(result), indent=1, ensure_ascii=False, allow_nan=False)
+    write_bytes_atomically(written["result.json"], f"{text}\n".encode())
+    return written
+
+
+def make_folder(folder: Path) -> None:
+    """Create a folder and its parents.
+
+    Raises:
+        OutputError: it cannot be created, or a file is in its place.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(
+            f"{folder}: cannot be used as the output folder: {error.strerror}; "
+            "choose another one"
+        ) from error

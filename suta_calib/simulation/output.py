@@ -1,0 +1,165 @@
+"""Simulated samples as files, with the truth beside them and a note that says what they are."""
+
+from __future__ import annotations
+
+import io
+import math
+from pathlib import Path
+from typing import Any, Final
+
+from ruamel.yaml import YAML
+from ruamel.yaml.comments import CommentedMap
+
+from suta_calib.errors import OutputError
+from suta_calib.measurements import write_samples, write_text
+from suta_calib.simulation.simulate import SimulatedFile, Simulation
+
+_TITLE: Final = "# Simulated measurements"
+_TRUTH_HEADING: Final = (
+    "# Simulated: the true values behind the simulated samples in this folder, for judging a\n"
+    "# calibration. Nothing here was measured. Parameters that are not listed are nominal.\n"
+)
+
+
+def write_simulation(simulation: Simulation, folder: Path) -> list[Path]:
+    """Write the samples, ``truth.yaml`` and ``README.md`` into a folder, made where needed.
+
+    Returns:
+        The files written.
+
+    Raises:
+        OutputError: a file cannot be written, would replace a README of somebody else's, or
+            would lie beside samples of another origin that a glob would then read too.
+    """
+    folder = Path(folder)
+    _check_readme(folder / "README.md")
+    for name in {Path(file.path).parts[0] for file in simulation.files}:
+        _check_strangers(folder / name, simulation)
+    for file in simulation.files:
+        path = folder / file.path
+        _make_folder(path.parent)
+        write_samples(path, file.samples)
+    write_text(folder / "truth.yaml", truth_text(simulation))
+    write_text(folder / "README.md", _readme(simulation))
+    written = [*(file.path for file in simulation.files), "truth.yaml", "README.md"]
+    return [folder / name for name in written]
+
+
+def truth_text(simulation: Simulation) -> str:
+    """``truth.yaml``: seed, true parameters, true landmarks and outliers, in mm and degrees."""
+    document = {
+        "simulated": True,
+        "simulation": simulation.spec.path.name,
+        "seed": simulation.seed,
+        "parameters": {name: _parameter(simulation, name) for name in _departing(simulation)},
+        "landmarks": _landmarks(simulation),
+        "outliers": [row for file in simulation.files for row in _outliers(file)],
+    }
+    yaml, text = YAML(), io.StringIO()
+    yaml.width = 1000
+    yaml.dump(document, text)
+    return _TRUTH_HEADING + text.getvalue()
+
+
+def _departing(simulation: Simulation) -> list[str]:
+    nominal = simulation.arm.parameters
+    return [name for name, value in simulation.values.items() if value != nominal[name].nominal]
+
+
+def _parameter(simulation: Simulation, name: str) -> CommentedMap:
+    parameter, value = simulation.arm.parameters[name], simulation.values[name]
+    unit = "mm" if parameter.unit == "m" else "deg"
+    return _row(
+        {
+            f"value_{unit}": _shown(value, unit),
+            f"error_{unit}": round(_shown(value - parameter.nominal, unit), 9),
+        }
+    )
+
+
+def _shown(value: float, unit: str) -> float:
+    return 1e3 * value if unit == "mm" else math.degrees(value)
+
+
+def _landmarks(simulation: Simulation) -> dict[str, Any]:
+    """True positions by set, where they depart from the certified ones."""
+    departing = {plan.name for plan in simulation.spec.sets if plan.noise.artefact}
+    return {
+        name: {
+            mark.name: _row({"position_mm": [float(1e3 * x) for x in mark.position]})
+            for mark in artefact.landmarks.values()
+        }
+        for name, artefact in simulation.artefacts.items()
+        if name in departing
+    }
+
+
+def _outliers(file: SimulatedFile) -> list[CommentedMap]:
+    labels = file.samples.labels
+    return [
+        _row(
+            {
+                "file": file.path,
+                "line": int(file.samples.origin[row].rpartition(":")[2]),
+                **{name: str(values[row]) for name, values in labels.items()},
+                "displacement_mm": [round(float(1e3 * x), 6) for x in file.displacement[row]],
+            }
+        )
+        for row in map(int, file.outliers)
+    ]
+
+
+def _row(values: dict[str, Any]) -> CommentedMap:
+    """A mapping that is written on one line."""
+    row = CommentedMap(values)
+    row.fa.set_flow_style()
+    return row
+
+
+def _readme(simulation: Simulation) -> str:
+    rows = [f"- `{f.path}`: {len(f.samples)} samples" for f in simulation.files]
+    name = simulation.spec.path.name
+    return "\n".join(
+        [
+            _TITLE,
+            "",
+            f"Everything listed here is simulated: no arm was touched. It was made from `{name}` "
+            f"with seed {simulation.seed} by",
+            f"`suta-calib simulate {name} --out .`, which replaces these files and this page.",
+            "`truth.yaml` holds the true parameters and says which rows are outliers.",
+            "",
+            *rows,
+            "",
+        ]
+    )
+
+
+def _check_readme(path: Path) -> None:
+    try:
+        foreign = path.exists() and not path.read_text("utf-8", "replace").startswith(_TITLE)
+    except OSError as problem:
+        raise OutputError(f"{path}: not readable: {problem.strerror}") from problem
+    if foreign:
+        raise OutputError(
+            f"{path}: found a page that no simulation wrote; expected none, or one that begins "
+            f"with '{_TITLE}'; choose another --out"
+        )
+
+
+def _check_strangers(folder: Path, simulation: Simulation) -> None:
+    """Old samples would be read together with the new ones, and nobody would notice."""
+    paths = [Path(file.path) for file in simulation.files]
+    ours = {path.name for path in paths if path.parent.name == folder.name}
+    strangers = sorted({path.name for path in folder.glob("*.csv")} - ours)
+    if strangers:
+        raise OutputError(
+            f"{folder}: found {', '.join(strangers)}; expected only files this simulation "
+            f"writes ({', '.join(sorted(ours))}); remove them or choose another --out"
+        )
+
+
+def _make_folder(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as problem:
+        raise OutputError(f"{folder}: not created: {problem.strerror}") from problem

@@ -1,0 +1,210 @@
+"""The symbolic kinematics against Pinocchio's own, against its regressor, against differences.
+
+Pinocchio is told the changed geometry by setting its joint placements: nothing of the symbolic
+chain takes part in that.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from simulated import ARMS, arm_named, perturbed, random_readings
+
+from suta_calib.errors import ParameterError
+from suta_calib.model.arm import ArmModel
+from suta_calib.model.chain import ChainJoint
+
+AXES = ("x", "y", "z")
+GEOMETRIES = {"nominal": 0.0, "perturbed": 0.15}
+
+
+@pytest.fixture(params=ARMS)
+def arm(request: pytest.FixtureRequest) -> ArmModel:
+    return arm_named(request.param)
+
+
+def tip_is_fixed(arm: ArmModel) -> bool:
+    return not arm.chain.joints[-1].moving
+
+
+def values_of(arm: ArmModel, size: float, names: list[str]) -> dict[str, float]:
+    parameters = arm.select(*names)
+    return perturbed(parameters, seed=1, length=size, angle=size)
+
+
+def known_names(arm: ArmModel) -> list[str]:
+    """Every parameter Pinocchio can be told: those of moving joints and of the tip's own joint."""
+    prefixes = {j.name for j in arm.chain.moving} | {arm.tip}
+    return [name for name in arm.parameters if name.rsplit(".", 1)[0] in prefixes]
+
+
+def origin(joint: ChainJoint, prefix: str, values: dict[str, float]) -> pin.SE3:
+    """The joint's origin in its parent link by definition."""
+    xyz = [values.get(f"{prefix}.{k}", joint.xyz[i]) for i, k in enumerate(AXES)]
+    r = np.array([values.get(f"{prefix}.r{k}", 0.0) for k in AXES])
+    return pin.SE3(pin.rpy.rpyToMatrix(joint.rpy) @ pin.exp3(r), np.array(xyz))
+
+
+def told(arm: ArmModel, values: dict[str, float]) -> pin.Model:
+    """Pinocchio's model with the changed geometry in its placements, offsets left out."""
+    model = pin.Model(arm.model)
+    for joint in arm.chain.joints:
+        parent = model.frames[model.getFrameId(joint.parent, pin.FrameType.BODY)].placement
+        if joint.moving:
+            placement = parent * origin(joint, joint.name, values)
+            model.jointPlacements[model.getJointId(joint.name)] = placement
+    if tip_is_fixed(arm):
+        last = arm.chain.joints[-1]
+        parent = model.frames[model.getFrameId(last.parent, pin.FrameType.BODY)].placement
+        frame = model.getFrameId(arm.chain.tip_link, pin.FrameType.BODY)
+        model.frames[frame].placement = parent * origin(last, arm.tip, values)
+    return model
+
+
+def at(
+    arm: ArmModel, model: pin.Model, q: np.ndarray, values: dict[str, float]
+) -> tuple[pin.Data, int]:
+    """Pinocchio's data at readings plus offsets, and the number of the tip's frame."""
+    configuration = pin.neutral(model)
+    for name, reading in zip(arm.joints, q, strict=True):
+        joint = model.joints[model.getJointId(name)]
+        moved = reading + values.get(f"{name}.offset", 0.0)
+        state = [moved] if joint.nq == 1 else [math.cos(moved), math.sin(moved)]
+        configuration[joint.idx_q : joint.idx_q + joint.nq] = state
+    data = model.createData()
+    pin.computeJointJacobians(model, data, configuration)
+    pin.updateFramePlacements(model, data)
+    return data, model.getFrameId(arm.chain.tip_link, pin.FrameType.BODY)
+
+
+@pytest.mark.parametrize("geometry", GEOMETRIES)
+def test_forward_kinematics_are_pinocchios(arm: ArmModel, geometry: str) -> None:
+    values = values_of(arm, GEOMETRIES[geometry], known_names(arm))
+    model = told(arm, values)
+    readings = random_readings(arm, np.random.default_rng(2), 20)
+    for q, R, p in zip(readings, *arm.forward(readings, values), strict=True):
+        data, frame = at(arm, model, q, values)
+        np.testing.assert_allclose(R, data.oMf[frame].rotation, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(p, data.oMf[frame].translation, rtol=0, atol=1e-12)
+
+
+def placement_twists(joint: ChainJoint, prefix: str, values: dict[str, float]) -> dict[str, np.ndarray]:
+    """How each placement parameter moves the joint's frame, as a twist in that frame."""
+    r = np.array([values.get(f"{prefix}.r{k}", 0.0) for k in AXES])
+    R = pin.rpy.rpyToMatrix(joint.rpy) @ pin.exp3(r)
+    turning = pin.Jexp3(r)
+    twists = {}
+    for i, k in enumerate(AXES):
+        twists[f"{prefix}.{k}"] = np.concatenate([R.T[:, i], np.zeros(3)])
+        twists[f"{prefix}.r{k}"] = np.concatenate([np.zeros(3), turning[:, i]])
+    return twists
+
+
+def pinocchio_columns(
+    arm: ArmModel, q: np.ndarray, values: dict[str, float]
+) -> dict[str, np.ndarray]:
+    """Velocity of the tip for unit change of each parameter, world-aligned, by the regressor."""
+    model = told(arm, values)
+    data, frame = at(arm, model, q, values)
+    world = pin.LOCAL_WORLD_ALIGNED
+    regressor = pin.computeFrameKinematicRegressor(model, data, frame, world)
+    jacobian = pin.getFrameJacobian(model, data, frame, world)
+    columns = {}
+    for joint in arm.chain.moving:
+        index = model.getJointId(joint.name)
+        block = regressor[:, 6 * (index - 1) : 6 * index]
+        twists = placement_twists(joint, joint.name, values)
+        columns |= {name: block @ twist for name, twist in twists.items()}
+        columns[f"{joint.name}.offset"] = jacobian[:, model.joints[index].idx_v]
+    if tip_is_fixed(arm):
+        turn = np.kron(np.eye(2), data.oMf[frame].rotation)
+        twists = placement_twists(arm.chain.joints[-1], arm.tip, values)
+        columns |= {name: turn @ twist for name, twist in twists.items()}
+    return columns
+
+
+@pytest.mark.parametrize("geometry", GEOMETRIES)
+def test_the_jacobian_is_pinocchios_kinematic_regressor(arm: ArmModel, geometry: str) -> None:
+    names = known_names(arm)
+    values = values_of(arm, GEOMETRIES[geometry], names)
+    theta = np.array([values[name] for name in names])
+    function = arm.function(names)
+    for q in random_readings(arm, np.random.default_rng(3), 5):
+        found = np.array(function(theta, q)[2]).T
+        expected = pinocchio_columns(arm, q, values)
+        assert set(expected) == set(names)
+        for k, name in enumerate(names):
+            np.testing.assert_allclose(
+                found[:, k], expected[name], rtol=0, atol=1e-12, err_msg=name
+            )
+
+
+@pytest.mark.parametrize("geometry", GEOMETRIES)
+def test_the_jacobian_is_the_derivative_of_the_pose(arm: ArmModel, geometry: str) -> None:
+    """Every parameter there is, those of fixed joints within the chain included."""
+    names = list(arm.parameters)
+    values = values_of(arm, GEOMETRIES[geometry], names)
+    theta = np.array([values[name] for name in names])
+    function = arm.function(names)
+    q = random_readings(arm, np.random.default_rng(4), 1)[0]
+    found = np.array(function(theta, q)[2]).T
+    for k, name in enumerate(names):
+        step = 1e-5 * (np.arange(len(theta)) == k)
+        (R0, p0), (R, p), (R1, p1) = (_pose(function(theta + s, q)) for s in (-step, 0 * step, step))
+        spin = (R1 - R0) / 2e-5 @ R.T
+        expected = [*(p1 - p0) / 2e-5, spin[2, 1], spin[0, 2], spin[1, 0]]
+        np.testing.assert_allclose(found[:, k], expected, atol=2e-9, err_msg=name)
+
+
+def _pose(outputs: tuple[object, ...]) -> tuple[np.ndarray, np.ndarray]:
+    return np.array(outputs[0]).reshape(3, 3, order="F"), np.array(outputs[1]).reshape(3)
+
+
+def test_the_written_urdf_is_the_calibrated_arm_for_raw_readings(
+    arm: ArmModel, tmp_path: Path
+) -> None:
+    values = values_of(arm, 0.1, list(arm.parameters))
+    arm.write_urdf(tmp_path / "calibrated.urdf", values)
+    again = ArmModel.from_urdf(tmp_path / "calibrated.urdf", arm.tip)
+    readings = random_readings(arm, np.random.default_rng(5), 20)
+    for found, expected in zip(again.forward(readings), arm.forward(readings, values), strict=True):
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12)
+
+
+def test_an_offset_is_added_to_the_reading(arm: ArmModel) -> None:
+    readings = random_readings(arm, np.random.default_rng(6), 3)
+    for k, joint in enumerate(arm.joints):
+        R, p = arm.forward(readings, {f"{joint}.offset": 0.1})
+        moved = readings + 0.1 * (np.arange(readings.shape[1]) == k)
+        np.testing.assert_allclose(arm.forward(moved)[0], R, atol=1e-14)
+        np.testing.assert_allclose(arm.forward(moved)[1], p, atol=1e-14)
+
+
+def test_a_base_within_the_chain(suta_urdf: Path) -> None:
+    """T_root_tip = T_root_base T_base_tip."""
+    whole, upper = ArmModel.from_urdf(suta_urdf, "tip"), ArmModel.from_urdf(suta_urdf, "link_2")
+    lower = ArmModel.from_urdf(suta_urdf, "tip", "link_2")
+    q = np.random.default_rng(7).uniform(-1, 1, 6)
+    (R, p), (Ru, pu), (Rl, pl) = whole.forward(q), upper.forward(q[:2]), lower.forward(q[2:])
+    np.testing.assert_allclose(R, Ru @ Rl, atol=1e-14)
+    np.testing.assert_allclose(p, Ru @ pl + pu, atol=1e-14)
+
+
+def test_unknown_parameters_and_wrong_readings_are_refused() -> None:
+    arm = arm_named("suta")
+    with pytest.raises(ParameterError, match="joint_1.offset"):
+        arm.function(["joint_1.ofset"])
+    with pytest.raises(ParameterError, match="5 joints"):
+        arm.forward(np.zeros((2, 5)))
+
+
+def test_parameters_of_other_things_are_ignored() -> None:
+    arm = arm_named("suta")
+    q = np.full(6, 0.3)
+    R, p = arm.forward(q, {"placement[P1].x": 5.0})
+    np.testing.assert_array_equal(R, arm.forward(q)[0])
+    np.testing.assert_array_equal(p, arm.forward(q)[1])
