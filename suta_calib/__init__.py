@@ -1,1 +1,96 @@
-"""Kinematic calibration of serial arms from their URDF."""
+"""Kinematic calibration of serial arms from their URDF.
+
+A few lines do what the command line does::
+
+    arm = ArmModel.from_urdf("arm.urdf", tip="tip")
+    unknowns = arm.select(Selection(("*.offset",), bound_rad=0.26), "joint_4.z")
+    poses = ArmPoses(arm, samples)
+    problem = Problem([PairwiseDistance(poses, artefact, Noise(huber=1.35e-3))], unknowns)
+    solution = solve(problem, Options(starts=8))
+    print(solution.verdict, solution.unidentified)
+    arm.write_urdf("calibrated.urdf", solution.values)
+
+Names are imported when they are first used, so that the command line starts quickly.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from importlib.metadata import version
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from suta_calib.analysis.accuracy import Accuracy, Metrics, assess
+    from suta_calib.errors import InputError, SutaCalibError
+    from suta_calib.job import CalibrationJob, CalibrationResult
+    from suta_calib.measurements import Artefact, Samples, read_artefact
+    from suta_calib.model.arm import ArmModel
+    from suta_calib.model.parameters import Parameter, ParameterSet, Selection
+    from suta_calib.solver.ipopt import Options
+    from suta_calib.solver.problem import Problem
+    from suta_calib.solver.solution import Estimate, Solution
+    from suta_calib.solver.solve import solve
+    from suta_calib.terms import (
+        ArmPoses,
+        FixedPoint,
+        MeasuredPoses,
+        Noise,
+        PairwiseDistance,
+        Term,
+        TrackedPoint,
+    )
+
+__version__ = version("suta_calib")
+
+_HOMES = {
+    "suta_calib.analysis.accuracy": ("Accuracy", "Metrics", "assess"),
+    "suta_calib.errors": ("InputError", "SutaCalibError"),
+    "suta_calib.job": ("CalibrationJob", "CalibrationResult"),
+    "suta_calib.measurements": ("Artefact", "Samples", "read_artefact"),
+    "suta_calib.model.arm": ("ArmModel",),
+    "suta_calib.model.parameters": ("Parameter", "ParameterSet", "Selection"),
+    "suta_calib.solver.ipopt": ("Options",),
+    "suta_calib.solver.problem": ("Problem",),
+    "suta_calib.solver.solution": ("Estimate", "Solution"),
+    "suta_calib.solver.solve": ("solve",),
+    "suta_calib.terms": (
+        *("ArmPoses", "FixedPoint", "MeasuredPoses", "Noise"),
+        *("PairwiseDistance", "Term", "TrackedPoint"),
+    ),
+}
+_HOME = {name: home for home, names in _HOMES.items() for name in names}
+
+__all__ = [
+    "Accuracy",
+    "ArmModel",
+    "ArmPoses",
+    "Artefact",
+    "CalibrationJob",
+    "CalibrationResult",
+    "Estimate",
+    "FixedPoint",
+    "InputError",
+    "MeasuredPoses",
+    "Metrics",
+    "Noise",
+    "Options",
+    "PairwiseDistance",
+    "Parameter",
+    "ParameterSet",
+    "Problem",
+    "Samples",
+    "Selection",
+    "Solution",
+    "SutaCalibError",
+    "Term",
+    "TrackedPoint",
+    "assess",
+    "read_artefact",
+    "solve",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module 'suta_calib' has no attribute '{name}'")
+    return getattr(import_module(_HOME[name]), name)

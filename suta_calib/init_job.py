@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -83,7 +85,7 @@ def new_job(
     if any(kind in _WITH_ARTEFACT for kind in kinds):
         files.append(Template(folder / "artefact.yaml", _ARTEFACT))
     for kind, (fitted, held_out) in folders.items():
-        header = ",".join((*_label_columns(kind), *arm.joints)) + "\n"
+        header = _header((*_label_columns(kind), *arm.joints))
         files.append(Template(folder / fitted / "samples.csv", header))
         if held_out:
             files.append(Template(folder / held_out / "samples.csv", header))
@@ -134,6 +136,12 @@ def _label_columns(kind: str) -> tuple[str, ...]:
     columns = KINDS[kind].columns
     measured = _POSE_COLUMNS if columns.orientation == "required" else _POSE_COLUMNS[:3]
     return (*columns.labels, *(measured if columns.position else ()))
+
+
+def _header(columns: Sequence[str]) -> str:
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerow(columns)
+    return text.getvalue()
 
 
 def _job(

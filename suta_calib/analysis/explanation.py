@@ -49,16 +49,21 @@ class _Case:
         return self.combination.held
 
     @property
-    def subject(self) -> str:
-        """The parameters that take part, the held one first."""
-        others = [n for n in self.motion.main if n != self.held]
-        if not others:
-            return self.held
-        more = ", …" if len(others) > _MOST_NAMES else ""
-        return f"{self.held} together with {', '.join(others[:_MOST_NAMES])}{more}"
+    def others(self) -> str:
+        """The parameters that move with the held one; empty where it is alone."""
+        names = [n for n in self.motion.main if n != self.held]
+        more = ", …" if len(names) > _MOST_NAMES else ""
+        *most, last = names[:_MOST_NAMES] or [""]
+        return (
+            f"{', '.join(most)} and {last}"
+            if most and not more
+            else ", ".join([*most, last]) + more
+        )
 
     def says(self, does: str, remedy: str) -> Explanation:
-        return Explanation(self.held, f"{self.subject} {does}", remedy)
+        """``does`` follows the held parameter, and whatever changes with it."""
+        together = f" together with {self.others}" if self.others else ""
+        return Explanation(self.held, f"{self.held}{together} {does}", remedy)
 
 
 def explain(
@@ -99,17 +104,19 @@ def _explain(
 def _own(combination: Combination) -> Explanation:
     """An unknown of a term: where the artefact or the instrument stands."""
     label = combination.held.rsplit(".", 1)[0]
-    names = ", ".join(combination.direction)
+    others = [name for name in combination.direction if name != combination.held]
+    together = f" together with {', '.join(others)}" if others else ""
+    subject = f"{combination.held}{together}"
     if label.startswith("placement"):
         return Explanation(
             combination.held,
-            f"{names} turns the artefact about a line through the landmarks touched at {label}, "
+            f"{subject} turns the artefact about a line through the landmarks touched at {label}, "
             "which moves none of them",
             "none needed for the arm; to know this pose too, touch a landmark off that line",
         )
     return Explanation(
         combination.held,
-        f"{names} changes {label} in a way that its samples hardly show",
+        f"{subject} changes {label} in a way that its samples hardly show",
         "none needed for the arm; to know it too, spread its samples wider",
     )
 
@@ -119,13 +126,13 @@ def _same_thing(case: _Case) -> Explanation | None:
         return None
     keys = {name.rsplit(".", 1)[-1] for name in case.motion.main}
     if keys <= set("xyz"):
-        does = "do the same thing: together they slide a joint's frame along its own axis"
+        does = "does the same as {others}: together they slide a joint's frame along its own axis"
     elif not keys & set("xyz"):
-        does = "do the same thing: together they turn a joint's frame about its own axis"
+        does = "does the same as {others}: together they turn a joint's frame about its own axis"
     else:
-        does = "cancel each other: together they move a joint's frame, not the tip"
-    *others, last = (case.held, *(n for n in case.motion.main if n != case.held))
-    return Explanation(case.held, f"{', '.join(others)} and {last} {does}", _NO_REMEDY)
+        does = "makes up for {others}: together they move a joint's frame, not the tip"
+    sentence = f"{case.held} {does.format(others=case.others or 'another parameter')}"
+    return Explanation(case.held, sentence, _NO_REMEDY)
 
 
 def _turns_tip(case: _Case) -> Explanation | None:
@@ -174,7 +181,7 @@ def _base(case: _Case, v: FloatArray, omega: FloatArray) -> Explanation:
 def _tool(case: _Case, v: FloatArray, omega: FloatArray) -> Explanation:
     if float(np.linalg.norm(omega)) * LEVER <= NOISE * case.motion.size:
         return case.says(
-            f"is the tool's length along the tip's {_axis(v)}: it cancels out of every distance "
+            f"changes the tool's length along the tip's {_axis(v)}: this cancels out of every distance "
             "because the tool always has the same direction relative to the artefact",
             "touch one fixed point from several directions (fixed_point), or tilt the tool against "
             "the artefact",

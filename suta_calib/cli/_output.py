@@ -6,7 +6,6 @@ import json
 import math
 import os
 import time
-from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Final, Self
@@ -19,12 +18,13 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.progress import Progress
 
-    from suta_calib.analysis.observability import Explanation
-
 # Shorter runs are over before anybody wonders.
 PATIENCE_S: Final = 2.0
 json_option = click.option(
     "--json", "as_json", is_flag=True, help="Print one JSON object and nothing else."
+)
+verbose_option = click.option(
+    "--verbose", "-v", is_flag=True, help="List the unknowns of the observations too."
 )
 
 
@@ -59,17 +59,6 @@ def check_folder(folder: Path) -> None:
             f"{folder}: found {existing} write-protected; expected a folder to write into; "
             "choose another with --out"
         )
-
-
-def print_explanations(to: Console, explanations: Sequence[Explanation]) -> None:
-    """What the data cannot tell and what to do about it, one remedy for all that share it."""
-    by_remedy: dict[str, list[Explanation]] = {}
-    for each in explanations:
-        by_remedy.setdefault(each.remedy, []).append(each)
-    for remedy, group in by_remedy.items():
-        for each in group:
-            to.print(f"  • {each.sentence}", soft_wrap=True)
-        to.print(f"    → {remedy}", soft_wrap=True)
 
 
 class LateProgress:

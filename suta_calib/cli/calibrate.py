@@ -12,8 +12,8 @@ from suta_calib.cli._output import (
     check_folder,
     console,
     json_option,
-    print_explanations,
     print_json,
+    verbose_option,
 )
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ NOT_CONVERGED: Final = 1
     "--out", type=click.Path(path_type=Path), help="Folder to write into; results/ beside the job."
 )
 @json_option
-@click.option("--verbose", "-v", is_flag=True, help="List the unknowns of the terms too.")
+@verbose_option
 @click.pass_context
 def calibrate(
     context: click.Context, job: Path, out: Path | None, as_json: bool, verbose: bool
@@ -58,29 +58,10 @@ def calibrate(
 
 
 def _print(result: CalibrationResult, files: dict[str, Path], verbose: bool) -> None:
-    from suta_calib.report.tables import accuracy_table, parameter_table
-    from suta_calib.report.verdict import judge
+    from suta_calib.report.tables import summary
 
     to = console()
-    if result.solution.converged:
-        to.print(parameter_table(result.solution, verbose=verbose))
-        to.print(accuracy_table(result.accuracy))
-    _print_open_directions(result)
-    verdict = judge(result)
-    to.print(f"{verdict.word}: {verdict.sentence}.", soft_wrap=True)
-    for note in verdict.notes:
-        to.print(note, soft_wrap=True)
-    where = files.get("report.html", next(iter(files.values())))
-    to.print(f"Written to {where.parent}: {', '.join(p.name for p in files.values())}")
-    to.print(f"Report: {where}", soft_wrap=True)
-
-
-def _print_open_directions(result: CalibrationResult) -> None:
-    from suta_calib.analysis.observability import explain
-
-    solution = result.solution
-    if not solution.converged or not solution.identification.combinations:
-        return
-    to = console()
-    to.print("What these data cannot tell, and what to do:", soft_wrap=True)
-    print_explanations(to, explain(solution.problem, solution.x, solution.identification))
+    to.print(summary(result, verbose=verbose))
+    folder = files["result.json"].parent
+    to.print(f"Written to {folder}: {', '.join(files)}", soft_wrap=True)
+    to.print(f"Report: {files['report.html']}", soft_wrap=True)

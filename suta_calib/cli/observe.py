@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from suta_calib.cli._output import console, json_option, print_explanations, print_json
+from suta_calib.cli._output import console, json_option, print_json, verbose_option
 
 if TYPE_CHECKING:
-    from rich.table import Table
-
-    from suta_calib.analysis.observability import Observability, Prospect
+    from suta_calib.analysis.observability import Explanation, Observability, Prospect
 
 
 @click.command()
 @click.argument("job", type=click.Path(path_type=Path), metavar="JOB")
 @json_option
-def observe(job: Path, as_json: bool) -> None:
+@verbose_option
+def observe(job: Path, as_json: bool, verbose: bool) -> None:
     """Say what the data of JOB (a calibration.yaml) can and cannot determine.
 
     Nothing is solved: the answer follows from the readings, the nominal arm and the assumed
@@ -31,7 +31,7 @@ def observe(job: Path, as_json: bool) -> None:
     if as_json:
         print_json(observability_dict(found))
     else:
-        _print(found)
+        _print(found, verbose)
 
 
 def observability_dict(found: Observability) -> dict[str, Any]:
@@ -61,36 +61,33 @@ def _prospect(p: Prospect) -> dict[str, Any]:
     return known | {"bound": p.bound, "prior": p.prior, "std": p.std, "state": p.state} | given
 
 
-def _print(found: Observability) -> None:
+def _print(found: Observability, verbose: bool) -> None:
+    from suta_calib.report.tables import observability_table
+
     to = console()
-    to.print(_table(found))
-    to.print(found.verdict + ".", soft_wrap=True)
-    indices = "  ".join(f"{name} {value:.3g}" for name, value in found.indices.as_dict().items())
-    identified = len(found.singular_values)
-    to.print(
-        f"For the {identified} that the data identify: condition number {found.condition:.3g}; "
-        f"{indices} (parameters in plausible ranges, residuals in sigmas).",
-        soft_wrap=True,
-    )
+    to.print(observability_table(found, verbose=verbose))
+    to.print(_conditioning(found), soft_wrap=True)
+    to.print(f"{found.verdict}.", soft_wrap=True)
     if found.explanations:
-        to.print("What these data cannot tell, and what to do:", soft_wrap=True)
-        print_explanations(to, found.explanations)
+        to.print("What they cannot tell, and what to do:")
+    for line in _open_directions(found.explanations):
+        to.print(line, soft_wrap=True)
 
 
-def _table(found: Observability) -> Table:
-    from rich.table import Table
+def _open_directions(explanations: Sequence[Explanation]) -> list[str]:
+    """Every sentence, with one remedy for all that share it."""
+    by_remedy: dict[str, list[str]] = {}
+    for each in explanations:
+        by_remedy.setdefault(each.remedy, []).append(f" • {each.sentence}")
+    return [line for remedy, found in by_remedy.items() for line in (*found, f"     → {remedy}")]
 
-    from suta_calib.report.units import SHOWN_UNIT, text
 
-    table = Table(title="What the data can tell")
-    table.add_column("parameter", no_wrap=True)
-    for heading in ("predicted ±", "plausible ±", "prior ±"):
-        table.add_column(heading, justify="right")
-    table.add_column("unit")
-    table.add_column("state")
-    table.add_column("given", overflow="fold")
-    count = found.problem.arm_count or len(found.prospects)
-    for p in list(found.prospects.values())[:count]:
-        numbers = [text(v, p.unit) for v in (p.std, p.plausible, p.prior)]
-        table.add_row(p.name, *numbers, SHOWN_UNIT[p.unit], p.state, ", ".join(p.given))
-    return table
+def _conditioning(found: Observability) -> str:
+    identified = len(found.singular_values)
+    if not identified:
+        return "The data alone identify nothing."
+    indices = ", ".join(f"{name} {value:.3g}" for name, value in found.indices.as_dict().items())
+    return (
+        f"Of the {identified} that the data identify: condition number {found.condition:.3g}, "
+        f"{indices} (parameters in plausible ranges, residuals in sigmas)."
+    )

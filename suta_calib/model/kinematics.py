@@ -85,9 +85,10 @@ class _Walk:
         names = [f"{segment.prefix}.r{k}" for k in AXES]
         if not any(name in self.index for name in names):
             return
-        vector = ca.vertcat(*map(self.value, names))
-        turn = symbolic_rotation(vector)
-        derivative = ca.jacobian(ca.vec(turn), vector)
+        symbol, value = ca.SX.sym("r", 3), ca.vertcat(*map(self.value, names))
+        turn = symbolic_rotation(symbol)
+        derivative = ca.jacobian(ca.vec(turn), symbol)
+        turn, derivative = (ca.substitute(e, symbol, value) for e in (turn, derivative))
         for k, name in enumerate(names):
             spin = ca.reshape(derivative[:, k], 3, 3) @ turn.T
             axis = ca.vertcat(spin[2, 1], spin[0, 2], spin[1, 0])

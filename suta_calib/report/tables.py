@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
+from typing import Final
 
 from rich import box
 from rich.console import Group, RenderableType
@@ -20,8 +21,13 @@ from suta_calib.report.units import NOTHING, SHOWN_UNIT, percent, text
 from suta_calib.report.verdict import Level, judge, listed
 from suta_calib.solver.solution import Estimate, Solution, State
 
-COLOUR: dict[Level, str] = {"good": "bold green", "caution": "bold yellow", "bad": "bold red"}
-STATE_COLOUR: dict[State, str] = {
+MOST_SENTENCES: Final = 6
+COLOUR: Final[dict[Level, str]] = {
+    "good": "bold green",
+    "caution": "bold yellow",
+    "bad": "bold red",
+}
+STATE_COLOUR: Final[dict[State, str]] = {
     "identified": "green",
     "unidentified": "yellow",
     "prior": "cyan",
@@ -40,16 +46,23 @@ def summary(result: Result, *, verbose: bool = False) -> RenderableType:
     parts: list[RenderableType] = []
     if result.solution.converged:
         parts.append(parameter_table(result.solution, verbose=verbose))
-    parts.append(accuracy_table(result.accuracy))
+    errors = accuracy_table(result.accuracy)
+    if not result.solution.converged:
+        errors.caption = "not converged: 'after' is only where the solver stopped"
+    parts.append(errors)
     return Group(*parts, "", words(result))
 
 
 def words(result: Result) -> RenderableType:
     """The verdict, what must be known, and why parameters were held and what to do about it."""
     verdict = judge(result)
-    line = Text.assemble((verdict.word, COLOUR[verdict.level]), ": ", verdict.sentence)
+    line = Text.assemble(
+        (f"{verdict.word}.", COLOUR[verdict.level]),
+        " ",
+        verdict.sentence[:1].upper() + verdict.sentence[1:],
+    )
     parts: list[RenderableType] = [line, *(_bullet(note) for note in verdict.notes)]
-    return Group(*parts, *_explained(explanations(result.solution)))
+    return Group(*parts, *_explained(_on_the_arm(result.solution)))
 
 
 def explanations(solution: Solution) -> tuple[Explanation, ...]:
@@ -59,12 +72,18 @@ def explanations(solution: Solution) -> tuple[Explanation, ...]:
     return explain(solution.problem, solution.x, solution.identification)
 
 
+def _on_the_arm(solution: Solution) -> list[Explanation]:
+    arm = set(solution.problem.names[: solution.problem.arm_count])
+    return [e for e in explanations(solution) if e.held in arm or not arm]
+
+
 def parameter_table(solution: Solution, *, verbose: bool = False) -> Table:
     """Nominal, value, change and standard deviation of every parameter, mm and deg.
 
     Args:
         solution: a converged one.
-        verbose: also the terms' own parameters, otherwise one line counts them.
+        verbose: also the terms' own parameters and those that stayed where their prior has
+            them; otherwise one line counts them.
     """
     table = _table("Parameters")
     table.add_column("parameter", overflow="fold", min_width=14)
@@ -74,13 +93,13 @@ def parameter_table(solution: Solution, *, verbose: bool = False) -> Table:
     table.add_column("state", no_wrap=True)
     estimates = list(solution.estimates.values())
     arm = solution.problem.arm_count
-    shown = estimates if verbose else estimates[:arm]
+    shown = estimates if verbose else [e for e in estimates[:arm] if not _at_prior(e)]
     if any(e.given for e in shown):
         table.add_column("given", overflow="fold", max_width=24)
     for estimate in shown:
         table.add_row(*_parameter_cells(estimate)[: len(table.columns)])
-    if len(estimates) > len(shown):
-        table.caption = f"and {_count_of(estimates[arm:])}: --verbose shows them"
+    if not verbose:
+        table.caption = _left_out(arm - len(shown), estimates[arm:])
     return table
 
 
@@ -119,8 +138,8 @@ def observability_table(observability: Observability, *, verbose: bool = False) 
     shown = prospects if verbose else prospects[:arm]
     for prospect in shown:
         table.add_row(*_prospect_cells(prospect))
-    if len(prospects) > len(shown):
-        table.caption = f"and {_count_of(prospects[arm:])}: --verbose shows them"
+    if not verbose:
+        table.caption = _left_out(0, prospects[arm:])
     return table
 
 
@@ -177,20 +196,29 @@ def _state(state: State) -> Text:
     return Text(state.replace("_", " "), style=STATE_COLOUR[state])
 
 
-def _count_of(items: Sequence[Estimate] | Sequence[Prospect]) -> str:
-    frames = {item.name.rpartition(".")[0] for item in items}
-    told = sum(item.state in ("identified", "prior") for item in items)
-    what = listed(sorted(frames), 2)
-    return escape(f"{told} of {len(items)} unknowns of the observations ({what}) estimated")
+def _at_prior(e: Estimate) -> bool:
+    """Whether the data moved it by less than a tenth of what is uncertain about it."""
+    return e.state == "prior" and abs(e.value - e.nominal) < 0.1 * (e.std or 0.0)
+
+
+def _left_out(at_prior: int, own: Sequence[Estimate] | Sequence[Prospect]) -> str | None:
+    parts = [f"{at_prior} that stay where their prior has them"] if at_prior else []
+    if own:
+        told = sum(item.state in ("identified", "prior") for item in own)
+        frames = listed(sorted({item.name.rpartition(".")[0] for item in own}), 2)
+        parts.append(f"{told} of {len(own)} unknowns of the observations ({frames})")
+    return escape(f"and {', '.join(parts)}: --verbose shows them") if parts else None
 
 
 def _add_errors(table: Table, name: str, terms: Sequence[TermAccuracy]) -> None:
     if not terms:
         table.add_row(name, NOTHING, "no such data", end_section=True)
-    for errors in by_kind(terms):
+    found = by_kind(terms)
+    for errors in found:
         before, after = errors.metrics
         better = percent(before.rms, after.rms)
-        table.add_row(name, quantity(errors), "before", *_metric_cells(before, errors.unit), "")
+        what = quantity(errors) if len({e.kind for e in found}) > 1 else errors.name
+        table.add_row(name, what, "before", *_metric_cells(before, errors.unit), "")
         after_cells = [Text(cell, style="bold") for cell in _metric_cells(after, errors.unit)]
         table.add_row("", "", "after", *after_cells, Text(better, style="bold"), end_section=True)
         name = ""
@@ -207,16 +235,12 @@ def _metric_cells(metrics: Metrics, unit: Unit) -> list[str]:
     return [*(text(v, unit) for v in values), SHOWN_UNIT[unit], str(metrics.count)]
 
 
-def _explained(found: Iterable[Explanation]) -> list[RenderableType]:
-    """One bullet a reason: parameters that share it share the sentence."""
-    by_reason: dict[tuple[str, str], list[str]] = {}
-    for e in found:
-        by_reason.setdefault((e.sentence, e.remedy), []).append(e.held)
+def _explained(found: Sequence[Explanation]) -> list[RenderableType]:
     parts: list[RenderableType] = []
-    for (sentence, remedy), held in by_reason.items():
-        parts.append(_bullet(f"{listed(held)}: {sentence}"))
-        if remedy:
-            parts.append(Padding(Text(f"→ {remedy}", style="italic"), (0, 0, 0, 4)))
+    for e in found[:MOST_SENTENCES]:
+        parts += [_bullet(e.sentence), Padding(Text(f"→ {e.remedy}", style="italic"), (0, 0, 0, 5))]
+    if len(found) > MOST_SENTENCES:
+        parts.append(_bullet(f"and {len(found) - MOST_SENTENCES} more of this sort, in the report"))
     return parts
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from suta_calib.atomic import write_bytes_atomically
 from suta_calib.errors import OutputError
-from suta_calib.report.html import write_report
+from suta_calib.report.html import render_report
 from suta_calib.report.residuals import residuals_csv
 from suta_calib.report.result import Result
 from suta_calib.report.result_json import result_dict
@@ -16,8 +16,8 @@ from suta_calib.report.result_json import result_dict
 def write_results(result: Result, folder: str | Path) -> dict[str, Path]:
     """Write ``calibrated.urdf``, ``result.json``, ``residuals.csv`` and ``report.html``.
 
-    A solution that did not converge yields only ``result.json`` and ``report.html``. What an
-    earlier run left beside them stays; their content says that it does not belong to it.
+    A solution that did not converge yields only ``result.json`` and ``report.html``; files of an
+    earlier run are not removed.
 
     Args:
         result: job, solution and accuracy.
@@ -31,19 +31,23 @@ def write_results(result: Result, folder: str | Path) -> dict[str, Path]:
     """
     folder = Path(folder)
     make_folder(folder)
+    # All are made before the first is written; result.json comes last, so that a program that
+    # waits for it finds the others complete.
+    texts = {"report.html": render_report(result), "result.json": result_text(result)}
     written = {}
     if result.solution.converged:
+        texts = {"residuals.csv": residuals_csv(result)} | texts
         written["calibrated.urdf"] = folder / "calibrated.urdf"
         result.job.arm.write_urdf(written["calibrated.urdf"], result.solution.values)
-        written["residuals.csv"] = folder / "residuals.csv"
-        write_bytes_atomically(written["residuals.csv"], residuals_csv(result).encode())
-    written["report.html"] = folder / "report.html"
-    write_report(result, written["report.html"])
-    # Last, so that a program that waits for it finds the others complete.
-    written["result.json"] = folder / "result.json"
-    text = json.dumps(result_dict(result), indent=1, ensure_ascii=False, allow_nan=False)
-    write_bytes_atomically(written["result.json"], f"{text}\n".encode())
+    for name, text in texts.items():
+        written[name] = folder / name
+        write_bytes_atomically(written[name], text.encode())
     return written
+
+
+def result_text(result: Result) -> str:
+    """``result.json`` as text."""
+    return json.dumps(result_dict(result), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 def make_folder(folder: Path) -> None:
@@ -56,6 +60,5 @@ def make_folder(folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise OutputError(
-            f"{folder}: cannot be used as the output folder: {error.strerror}; "
-            "choose another one"
+            f"{folder}: cannot be used as the output folder: {error.strerror}; choose another one"
         ) from error

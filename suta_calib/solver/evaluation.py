@@ -7,12 +7,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy import sparse
 
 from suta_calib.batched import Batched
 from suta_calib.geometry import FloatArray
-from suta_calib.solver.kernel import Kernel
-from suta_calib.solver.losses import KEPT_CURVATURE, huber, huber_weight
+from suta_calib.solver.kernel import Kernel, RowPattern
+from suta_calib.solver.losses import huber, huber_weight, kept_curvature
 from suta_calib.terms.poses import ArmPoses, PoseSource
 from suta_calib.terms.term import Block, IntArray
 
@@ -62,14 +61,15 @@ class Linearised:
 
     Attributes:
         residual: (n, d).
-        by_pose: (n, d, c) derivative by the pose velocities `pose_columns`.
+        pattern: where derivatives belong in the whole Jacobian.
+        by_pose: (n, d, c) derivative by the pose velocities the rows look at.
         by_own: (n, d, m) derivative by the own parameters.
         sigma: (n,) standard deviation of one component.
         weight: (n,) Huber's weight, one for rows that are believed entirely.
     """
 
     view: BlockView
-    pose_columns: IntArray
+    pattern: RowPattern
     residual: FloatArray
     by_pose: FloatArray
     by_own: FloatArray
@@ -97,7 +97,10 @@ class Evaluation:
         self.table = PoseTable(sources, arm_names)
         self.views = tuple(views)
         self.arm_count, self.own_count = len(arm_names), own_count
-        self._kernels = [Kernel(v.block, v.first_sample) for v in views]
+        width = len(self.table.velocity)
+        self._kernels = [
+            Kernel(v.block, v.first_sample, v.own_columns, width, own_count) for v in views
+        ]
 
     def linearise(self, x: FloatArray, sigmas: Sequence[float]) -> list[Linearised]:
         """Every block at x, with the noise level of each block."""
@@ -112,7 +115,7 @@ class Evaluation:
             squared = np.einsum("nd,nd->n", residual, residual) / spread**2
             weight = huber_weight(squared, view.block.noise.huber / spread)
             found.append(
-                Linearised(view, kernel.pose_columns, residual, by_pose, by_own, spread, weight)
+                Linearised(view, kernel.pattern, residual, by_pose, by_own, spread, weight)
             )
         return found
 
@@ -135,22 +138,8 @@ class Evaluation:
 
     def columns(self, line: Linearised, by_pose: FloatArray, by_own: FloatArray) -> tuple[Any, Any]:
         """Jacobian of a block's rows: dense by the arm's parameters, sparse by the own ones."""
-        n, size, width = by_pose.shape
-        indices = np.repeat(line.pose_columns, size, axis=0).reshape(-1)
-        pointer = np.arange(0, n * size * width + 1, width)
-        poses = sparse.csr_array(
-            (by_pose.reshape(-1), indices, pointer), shape=(n * size, len(self.table.velocity))
-        )
-        arm = poses @ self.table.velocity
-        m = by_own.shape[2]
-        if m == 0:
-            return arm, None
-        own_indices = np.repeat(line.view.own_columns, size, axis=0).reshape(-1)
-        own_pointer = np.arange(0, n * size * m + 1, m)
-        own = sparse.csr_array(
-            (by_own.reshape(-1), own_indices, own_pointer), shape=(n * size, self.own_count)
-        )
-        return arm, own
+        arm = line.pattern.by_velocity(by_pose) @ self.table.velocity
+        return arm, line.pattern.by_own(by_own)
 
     def _accumulate(
         self,
@@ -189,7 +178,7 @@ def _corrected(line: Linearised) -> tuple[FloatArray, FloatArray, FloatArray]:
     by_own = root[:, None, None] * line.by_own
     outer = np.flatnonzero(line.weight < 1.0)
     if len(outer):
-        keep = np.sqrt(KEPT_CURVATURE)
+        keep = np.sqrt(kept_curvature(len(outer) / len(root)))
         r = line.residual[outer]
         unit = r / np.linalg.norm(r, axis=1, keepdims=True)
         for derivative in (by_pose, by_own):

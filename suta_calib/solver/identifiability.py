@@ -100,7 +100,8 @@ def identify(
             continue
         chosen, directions = _hold(matrices, prior[members], rank[members])
         held += [int(members[i]) for i in chosen]
-        sparse = _echelon(directions, chosen, matrices[0] + np.diag(prior[members]))
+        known = matrices[0] + np.diag(prior[members])
+        sparse = _echelon(directions, chosen, known, matrices[2])
         combinations += _combinations(names[members], unit[members], chosen, sparse)
     if not len(arm):
         spectrum = np.sqrt(np.maximum(np.linalg.eigvalsh(scaled[0])[::-1], 0.0))
@@ -159,7 +160,9 @@ def _weak_directions(matrices: list[FloatArray], prior: FloatArray) -> FloatArra
     return np.asarray(vectors[:, weak])
 
 
-def _echelon(weak: FloatArray, chosen: list[int], curvature: FloatArray) -> FloatArray:
+def _echelon(
+    weak: FloatArray, chosen: list[int], curvature: FloatArray, feigned: FloatArray
+) -> FloatArray:
     """The weak directions with one held parameter each, and nothing in them that noise put there.
 
     Entries are dropped while the direction stays as weak as it was: an exact null direction keeps
@@ -170,10 +173,11 @@ def _echelon(weak: FloatArray, chosen: list[int], curvature: FloatArray) -> Floa
     echelon = weak @ np.linalg.inv(weak[chosen])
     floor = 1e3 * ROUNDING * max(float(np.linalg.eigvalsh(curvature)[-1]), 1e-300)
     for column in echelon.T:
-        limit = max(4.0 * float(column @ curvature @ column), floor, 0.01 / WEAK**2)
+        still_weak = max(4.0 * float(column @ curvature @ column), floor, 0.25 / WEAK**2)
         for i in np.argsort(np.abs(column)):
             kept, column[i] = column[i], 0.0
-            if column @ curvature @ column > limit or not column.any():
+            by_noise = float(column @ feigned @ column) / FEIGNED
+            if column @ curvature @ column > max(still_weak, by_noise) or not column.any():
                 column[i] = kept
                 break
     return echelon

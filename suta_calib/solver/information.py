@@ -15,10 +15,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
-from scipy import sparse
 
 from suta_calib.geometry import FloatArray
 from suta_calib.solver.evaluation import Linearised
@@ -78,9 +76,11 @@ def predicted_information(
     """
     rows = whitened_rows(problem, x, sigmas)
     if robust:
-        rows = [replace(r, jacobian=_robust_jacobian(r), belief=np.sqrt(r.line.weight)) for r in rows]
+        rows = [
+            replace(r, jacobian=_robust_jacobian(r), belief=np.sqrt(r.line.weight)) for r in rows
+        ]
     curvature = sum(r.jacobian.T @ r.jacobian for r in rows)
-    variance = sum(_predicted_variance(r, problem) for r in rows)
+    variance = sum(_predicted_variance(r) for r in rows)
     return Information(
         np.asarray(curvature), np.asarray(variance), _feigned_information(problem, x, sigmas, rows)
     )
@@ -187,20 +187,15 @@ def _reach(source: ArmPoses, values: dict[str, float]) -> float:
     return float(np.sqrt(squared)) or 1.0
 
 
-def _predicted_variance(rows: Rows, problem: Problem) -> FloatArray:
+def _predicted_variance(rows: Rows) -> FloatArray:
     """Variance of the gradient if every sample's pose scatters alike and rows share samples."""
     line = rows.line
     if line.view.block.samples.shape[1] == 1:
         return np.asarray(rows.jacobian.T @ rows.jacobian)
-    n, size, width = line.by_pose.shape
     poses = line.by_pose / line.sigma[:, None, None]
-    indices = np.repeat(line.pose_columns, size, axis=0).reshape(-1)
-    pointer = np.arange(0, n * size * width + 1, width)
-    shape = (n * size, len(problem.evaluation.table.velocity))
-    believed = poses * rows.belief[:, None, None]
-    gain: Any = sparse.csr_array((believed.reshape(-1), indices, pointer), shape=shape)
-    score = gain.T @ rows.jacobian
-    per_sample = n * size / float(np.sum(poses**2))
+    per_sample = len(rows.jacobian) / float(np.sum(poses**2))
+    believed = line.pattern.by_velocity(poses * rows.belief[:, None, None])
+    score = believed.T @ rows.jacobian
     return np.asarray(score.T @ score) * per_sample
 
 

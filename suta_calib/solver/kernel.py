@@ -12,31 +12,72 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
+from scipy import sparse
 
 from suta_calib.batched import Batched
 from suta_calib.geometry import FloatArray
 from suta_calib.terms.term import Block, IntArray, Pose, Residual
 
 
+class RowPattern:
+    """Where the derivatives of a block's rows belong: built once, filled at every evaluation."""
+
+    def __init__(
+        self,
+        block: Block,
+        pose_columns: IntArray,
+        own_columns: IntArray,
+        velocity_rows: int,
+        own_count: int,
+    ) -> None:
+        self._poses = _sparse(pose_columns, block.size, velocity_rows)
+        self._own = _sparse(own_columns, block.size, own_count) if own_columns.shape[1] else None
+
+    def by_velocity(self, by_pose: FloatArray) -> Any:
+        """Derivatives (n, d, c) as a sparse matrix (n·d, 6·samples), reused by every call."""
+        self._poses.data[:] = by_pose.reshape(-1)
+        return self._poses
+
+    def by_own(self, by_own: FloatArray) -> Any:
+        """Derivatives (n, d, m) as a sparse matrix (n·d, own), or None; reused likewise."""
+        if self._own is not None:
+            self._own.data[:] = by_own.reshape(-1)
+        return self._own
+
+
 class Kernel:
     """All rows of one block.
 
+    Args:
+        block: the rows.
+        first_sample: where the block's samples begin among all samples.
+        own_columns: (n, m) which of all own parameters each row looks at.
+        velocity_rows: six times the number of all samples.
+        own_count: number of all own parameters.
+
     Attributes:
-        pose_columns: (n, c) column of the stacked pose velocities (6 per sample: linear, angular)
-            that each stored entry of the pose derivative belongs to.
+        pattern: where the rows' derivatives belong in the whole Jacobian.
     """
 
-    def __init__(self, block: Block, first_sample: int) -> None:
-        n, self._poses = block.samples.shape
-        function, columns = _compiled(
-            block.residual, self._poses, block.own.shape[1], block.data.shape[1], block.size
+    def __init__(
+        self,
+        block: Block,
+        first_sample: int,
+        own_columns: IntArray,
+        velocity_rows: int,
+        own_count: int,
+    ) -> None:
+        n, poses = block.samples.shape
+        function, columns, self._used = _compiled(
+            block.residual, poses, block.own.shape[1], block.data.shape[1], block.size
         )
         self._samples = block.samples + first_sample
         self._batch = Batched(function, n)
         self._batch.inputs[-1][:] = block.data
         self._shape = (n, block.size, len(columns))
         which, component = np.divmod(columns, 6)
-        self.pose_columns: IntArray = 6 * self._samples[:, which] + component
+        pose_columns = 6 * self._samples[:, which] + component
+        self.pattern = RowPattern(block, pose_columns, own_columns, velocity_rows, own_count)
 
     def __call__(
         self, rotation: FloatArray, position: FloatArray, own: FloatArray
@@ -49,13 +90,14 @@ class Kernel:
             own: (n, m) the own parameters that each row looks at.
 
         Returns:
-            Residuals (n, d), derivative by the entries of `pose_columns` (n, d, c), and by the
+            Residuals (n, d), derivative by the pose velocities of `pattern` (n, d, c), and by the
             own parameters (n, d, m). Views of arrays that the next call overwrites.
         """
         n, size, width = self._shape
-        for k in range(self._poses):
-            np.take(rotation, self._samples[:, k], axis=0, out=self._batch.inputs[2 * k])
-            np.take(position, self._samples[:, k], axis=0, out=self._batch.inputs[2 * k + 1])
+        for slot, used in zip(self._batch.inputs[:-2], self._used, strict=True):
+            pose, part = divmod(used, 2)
+            source = position if part else rotation
+            np.take(source, self._samples[:, pose], axis=0, out=slot)
         self._batch.inputs[-2][:] = own
         residual, by_pose, by_own = self._batch()
         return residual, by_pose.reshape(n, size, width), by_own.reshape(n, size, own.shape[1])
@@ -64,8 +106,11 @@ class Kernel:
 @lru_cache(maxsize=64)
 def _compiled(
     residual: Residual, poses: int, own: int, data: int, size: int
-) -> tuple[Any, IntArray]:
+) -> tuple[Any, IntArray, tuple[int, ...]]:
     """CasADi function (R₁, p₁, …, own, data) → residual, pose derivative, own derivative.
+
+    Rotations and positions that the residual does not look at are no inputs; the last answer says
+    which of R₁, p₁, R₂, … are.
 
     Derivatives are transposed, so that CasADi's column order is row order per residual component.
     """
@@ -83,20 +128,31 @@ def _compiled(
         for e in (value, ca.jacobian(value, velocity), ca.jacobian(value, own_symbol))
     ]
     columns = _nonzero_columns(at_rest[1])
-    inputs = [s for pair in zip(rotations, positions, strict=True) for s in pair]
+    symbols = [s for pair in zip(rotations, positions, strict=True) for s in pair]
     outputs = [at_rest[0], at_rest[1][:, columns.tolist()].T, at_rest[2].T]
+    everything = ca.veccat(*outputs)
+    used = tuple(k for k, s in enumerate(symbols) if ca.depends_on(everything, ca.vec(s)))
     function = ca.Function(
         residual.__name__.strip("_") or "residual",
-        [*inputs, own_symbol, data_symbol],
+        [*(symbols[k] for k in used), own_symbol, data_symbol],
         [ca.densify(o) for o in outputs],
         {"cse": True},
     )
     if value.shape != (size, 1):
         raise ValueError(f"{residual} gives {value.shape} numbers; its block says {size}")
-    return function, columns
+    return function, columns, used
 
 
 def _nonzero_columns(jacobian: Any) -> IntArray:
     pattern = jacobian.sparsity()
     counts = np.diff(np.array(pattern.colind()))
     return np.flatnonzero(counts).astype(np.intp)
+
+
+def _sparse(columns: IntArray, size: int, width: int) -> Any:
+    """Rows that repeat (n, c) column indices for each of ``size`` residual components."""
+    n, count = columns.shape
+    indices = np.repeat(columns, size, axis=0).reshape(-1)
+    pointer = np.arange(0, n * size * count + 1, count)
+    values = np.zeros(len(indices))
+    return sparse.csr_array((values, indices, pointer), shape=(n * size, width))

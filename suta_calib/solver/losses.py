@@ -19,10 +19,6 @@ from suta_calib.geometry import FloatArray, Symbol
 
 # 95 % efficiency for Gaussian noise in one dimension (Huber); the same quantile in more.
 HUBER_1D: Final = 1.345
-# Curvature kept along the residual of a row in the linear part. Zero would be Newton's method on
-# Huber's loss, which overshoots from far away; one is iteratively reweighted least squares, which
-# creeps near the end. In between, few steps are wasted on either.
-KEPT_CURVATURE: Final = 0.7
 
 
 def huber_threshold(size: int) -> float:
@@ -48,3 +44,12 @@ def huber(squared: FloatArray, threshold: FloatArray) -> FloatArray:
 def huber_weight(squared: FloatArray, threshold: FloatArray) -> FloatArray:
     """ρ'(s): one inside the threshold, δ/√s beyond."""
     return np.minimum(1.0, threshold / np.sqrt(np.maximum(squared, 1e-300)))
+
+
+def kept_curvature(share: float) -> float:
+    """Curvature kept along the residual of rows in the linear part, which are ``share`` of all.
+
+    None would be Newton's method on Huber's loss, which overshoots while most rows are outliers;
+    all of it would be iteratively reweighted least squares, which creeps once few are.
+    """
+    return max(0.05, float(np.sqrt(share)))

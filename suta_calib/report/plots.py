@@ -1,0 +1,256 @@
+"""Plots of a result as SVG text. Readable in grey, by colour-blind people, and in print."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, MaxNLocator, NullFormatter
+
+from suta_calib.analysis.accuracy import Metrics
+from suta_calib.geometry import FloatArray
+from suta_calib.model.parameters import Unit
+from suta_calib.report.errors_by import KindErrors
+from suta_calib.report.svg import BLUE, GREY, ORANGE, style, svg_text
+from suta_calib.report.units import SHOWN_UNIT, shown
+from suta_calib.solver.identifiability import WEAK
+from suta_calib.solver.solution import Estimate
+
+WIDTH: Final = 7.2
+# Two histograms whose medians differ by more than this are both visible only on a log axis.
+FAR_APART: Final = 4.0
+MOST_GROUPS: Final = 30
+MOST_CORRELATED: Final = 30
+MOST_WRITTEN: Final = 14
+
+
+def error_histogram(errors: KindErrors, name: str) -> str:
+    """Histogram of the error norms before and after, with mean and RMS; mm or deg.
+
+    Args:
+        errors: of one kind and quantity, at least one.
+        name: id of the plot on its page.
+    """
+    before = np.abs(shown_array(errors.before, errors.unit))
+    after = np.abs(shown_array(errors.after, errors.unit))
+    unit = SHOWN_UNIT[errors.unit]
+    with style(name):
+        figure = Figure(figsize=(WIDTH, 3.0), layout="constrained")
+        axes = figure.subplots()
+        bins, logarithmic = _bins(before, after)
+        _histogram(axes, after, bins, ("after", BLUE, "", "--"), unit)
+        _histogram(axes, before, bins, ("before", ORANGE, "////", ":"), unit)
+        if logarithmic:
+            _plain_log(axes.xaxis, axes.set_xscale)
+        axes.set_xlabel(f"{errors.name} error, {unit}")
+        axes.set_ylabel("number of errors")
+        axes.legend(ncols=2, fontsize=8, loc="lower left", bbox_to_anchor=(0, 1))
+        return svg_text(figure, name, f"Histogram of the {errors.name} errors before and after")
+
+
+def grouped_errors(groups: Mapping[str, FloatArray], grouping: str, name: str) -> str:
+    """Box plot of the errors after calibration, one box a group, worst median first; mm.
+
+    Args:
+        groups: errors, m, by the group's name; not empty.
+        grouping: what the groups are, e.g. ``landmark``.
+        name: id of the plot on its page.
+    """
+    ranked = sorted(groups.items(), key=lambda item: -float(np.median(item[1])))[:MOST_GROUPS]
+    errors = [shown_array(e, "m") for _, e in ranked]
+    with style(name):
+        figure = Figure(figsize=(WIDTH, 1.0 + 0.21 * len(ranked)), layout="constrained")
+        axes = figure.subplots()
+        axes.boxplot(
+            errors,
+            orientation="horizontal",
+            tick_labels=[_short(f"{n}  ({len(e)})") for n, e in ranked],
+            widths=0.62,
+            patch_artist=True,
+            boxprops={"facecolor": "#cfe3f1", "edgecolor": BLUE},
+            medianprops={"color": "black", "linewidth": 1.6},
+            flierprops={"marker": "o", "markersize": 3, "markeredgecolor": GREY},
+        )
+        axes.invert_yaxis()
+        axes.set_xlim(left=0)
+        axes.grid(axis="x")
+        axes.set_xlabel("error after calibration, mm")
+        axes.set_ylabel(f"{grouping} (number of errors)")
+        return svg_text(figure, name, f"Errors after calibration by {grouping}")
+
+
+def singular_values(values: FloatArray, weak: Sequence[str], name: str) -> str:
+    """Singular values on a log axis, and the threshold below which the data alone do not tell.
+
+    Args:
+        values: (n,) descending, dimensionless.
+        weak: the directions that were held, by name.
+        name: id of the plot on its page.
+    """
+    floor = max(float(values.max(initial=0.0)), 1.0) * 1e-9
+    height, threshold = np.maximum(values, floor), 1.0 / WEAK
+    told = height >= threshold
+    with style(name):
+        figure = Figure(figsize=(WIDTH, 2.8), layout="constrained")
+        axes = figure.subplots()
+        k = np.arange(1, len(values) + 1)
+        bottom = floor / 2
+        kinds = (
+            (told, BLUE, "", "told by the data"),
+            (~told, ORANGE, "////", "not told by the data alone"),
+        )
+        for chosen, colour, hatch, label in kinds:
+            axes.bar(
+                *(k[chosen], height[chosen] - bottom),
+                bottom=bottom,
+                color=colour if not hatch else "white",
+                edgecolor=colour,
+                hatch=hatch,
+                label=f"{label} ({int(chosen.sum())})",
+            )
+        axes.axhline(threshold, color="black", linewidth=0.9, linestyle="--")
+        _plain_log(axes.yaxis, axes.set_yscale)
+        axes.set_ylim(bottom=bottom)
+        axes.set_xlim(0.3, len(values) + 0.7)
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+        axes.set_xlabel("direction of the arm's parameters, strongest first")
+        axes.set_ylabel("singular value (dimensionless)")
+        axes.legend(ncols=2, fontsize=8, loc="lower left", bbox_to_anchor=(0, 1))
+        if weak:
+            note = "held: " + ", ".join(weak[:4]) + (" …" if len(weak) > 4 else "")
+            figure.supxlabel(_short(note, 110), fontsize=8, x=0.01, ha="left")
+        return svg_text(figure, name, "Singular values of the information on the arm's parameters")
+
+
+def correlation_map(names: Sequence[str], matrix: FloatArray, name: str) -> str:
+    """Heat map of the size of the correlations, their signs written in; dimensionless.
+
+    Args:
+        names: (n,) parameters.
+        matrix: (n, n) correlations; where there are too many, those most correlated are shown.
+        name: id of the plot on its page.
+    """
+    strongest = np.abs(matrix - np.eye(len(matrix))).max(axis=1, initial=0.0)
+    keep = np.sort(np.argsort(-strongest, kind="stable")[:MOST_CORRELATED])
+    shown_names, part = [names[k] for k in keep], matrix[np.ix_(keep, keep)]
+    side = 1.9 + 0.24 * len(keep)
+    with style(name):
+        figure = Figure(figsize=(side + 0.9, side), layout="constrained")
+        axes = figure.subplots()
+        image = axes.imshow(np.abs(part), vmin=0, vmax=1, cmap="Blues")
+        ticks = range(len(keep))
+        axes.set_xticks(ticks, shown_names, rotation=90, fontsize=7)
+        axes.set_yticks(ticks, shown_names, fontsize=7)
+        _write_signs(axes, part)
+        bar = figure.colorbar(image, ax=axes, shrink=0.7)
+        bar.set_label("size of the correlation (dimensionless)")
+        return svg_text(figure, name, "Correlations of the estimated parameters")
+
+
+def parameter_changes(estimates: Sequence[Estimate], name: str) -> str:
+    """Change of every estimated parameter from nominal with ± one standard deviation; mm and deg.
+
+    Args:
+        estimates: those with a standard deviation; not empty.
+        name: id of the plot on its page.
+    """
+    by_unit: dict[Unit, list[Estimate]] = {}
+    for e in estimates:
+        by_unit.setdefault(e.unit, []).append(e)
+    rows = max(len(found) for found in by_unit.values())
+    with style(name):
+        figure = Figure(figsize=(WIDTH, 1.0 + 0.19 * rows), layout="constrained")
+        panels = figure.subplots(1, len(by_unit), squeeze=False)[0]
+        for axes, (unit, found) in zip(panels, by_unit.items(), strict=True):
+            _changes(axes, found, unit)
+        return svg_text(figure, name, "Changes of the parameters from nominal")
+
+
+def shown_array(values: FloatArray, unit: Unit) -> FloatArray:
+    """SI values in mm or degrees."""
+    return np.asarray(values * shown(1.0, unit))
+
+
+def _changes(axes: Axes, found: Sequence[Estimate], unit: Unit) -> None:
+    change = shown_array(np.array([e.value - e.nominal for e in found]), unit)
+    std = shown_array(np.array([e.std or 0.0 for e in found]), unit)
+    k = np.arange(len(found))
+    axes.axvline(0.0, color="black", linewidth=0.8)
+    axes.errorbar(change, k, xerr=std, fmt="none", ecolor="black", elinewidth=1.0, capsize=2)
+    for state, marker, colour in (("identified", "o", BLUE), ("prior", "s", "white")):
+        chosen = [i for i, e in enumerate(found) if e.state == state]
+        if chosen:
+            axes.plot(
+                *(change[chosen], k[chosen], marker),
+                color=colour,
+                markeredgecolor=BLUE,
+                markersize=4.5,
+                label=state,
+            )
+    axes.set_yticks(k, [_short(e.name, 26) for e in found], fontsize=7)
+    axes.set_ylim(len(found) - 0.4, -0.6)
+    axes.grid(axis="x")
+    axes.set_xlabel(f"change ± std, {SHOWN_UNIT[unit]}")
+    axes.legend(ncols=2, fontsize=8, loc="lower left", bbox_to_anchor=(0, 1))
+
+
+def _bins(before: FloatArray, after: FloatArray) -> tuple[FloatArray, bool]:
+    both = np.concatenate([before, after])
+    count = int(np.clip(3 * len(before) ** 0.4, 12, 60))
+    top = max(float(both.max()), 1e-9)
+    middle = sorted(max(float(np.median(e)), 1e-9) for e in (before, after))
+    if middle[1] <= FAR_APART * middle[0]:
+        return np.linspace(0.0, top, count + 1), False
+    # The few that are almost zero would stretch a log axis: the first bin takes them all.
+    low = max(min(float(np.percentile(both, 1)), middle[0] / 3), middle[0] / 100)
+    return np.geomspace(low, top * 1.001, count + 1), True
+
+
+def _histogram(
+    axes: Axes, errors: FloatArray, bins: FloatArray, look: tuple[str, str, str, str], unit: str
+) -> None:
+    label, colour, hatch, line = look
+    filling: dict[str, Any] = {"facecolor": "none" if hatch else colour, "hatch": hatch}
+    m = Metrics.of(errors)
+    inside = np.clip(errors, bins[0], bins[-1])
+    axes.hist(inside, bins=list(bins), edgecolor=colour, label=label, **filling)
+    axes.axvline(
+        m.rms, color="black", linestyle=line, linewidth=1.2, label=f"RMS {label} {m.rms:.3g} {unit}"
+    )
+    axes.plot(
+        *(m.mean, 0.0, "^"),
+        color=colour,
+        markeredgecolor="black",
+        markersize=7,
+        clip_on=False,
+        label=f"mean {label} {m.mean:.3g} {unit}",
+    )
+
+
+def _plain_log(axis: Any, set_scale: Any) -> None:
+    set_scale("log")
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())
+
+
+def _write_signs(axes: Axes, matrix: FloatArray) -> None:
+    for i, j in np.argwhere(np.abs(matrix) >= 0.1):
+        if i == j:
+            continue
+        value = float(matrix[i, j])
+        dark = abs(value) > 0.5
+        sign = f"{value:+.1f}" if len(matrix) <= MOST_WRITTEN else ("+" if value > 0 else "−")
+        axes.text(
+            *(j, i, sign),
+            ha="center",
+            va="center",
+            fontsize=6,
+            color="white" if dark else "black",
+        )
+
+
+def _short(text: str, most: int = 40) -> str:
+    return text if len(text) <= most else f"{text[: most - 1]}…"

@@ -1,0 +1,83 @@
+"""Matplotlib figures as SVG that can stand inside an HTML page among others."""
+
+from __future__ import annotations
+
+import io
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any, Final
+
+import matplotlib as mpl
+from lxml import etree
+from matplotlib.figure import Figure
+
+# Okabe, Ito (2008), https://jfly.uni-koeln.de/color/: told apart by colour-blind people, and these
+# three also by their grey.
+BLUE: Final = "#0072B2"
+ORANGE: Final = "#E69F00"
+GREY: Final = "#999999"
+STYLE: Final[dict[str, Any]] = {
+    "svg.fonttype": "none",
+    "text.parse_math": False,
+    "font.size": 9.0,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.titlesize": 10.0,
+    "axes.titleweight": "bold",
+    "axes.titlelocation": "left",
+    "axes.axisbelow": True,
+    "grid.color": "#dddddd",
+    "hatch.linewidth": 0.6,
+    "legend.frameon": False,
+}
+_SVG: Final = "{http://www.w3.org/2000/svg}"
+_METADATA: Final = {"Date": None, "Creator": None, "Format": None, "Type": None}
+
+
+@contextmanager
+def style(name: str) -> Iterator[None]:
+    """The look all plots share, whatever the user's own Matplotlib settings are.
+
+    Args:
+        name: of the plot, unique on the page: keeps the ids in its SVG its own.
+    """
+    with mpl.rc_context(), warnings.catch_warnings():
+        mpl.rcdefaults()
+        settings: Any = STYLE | {"svg.hashsalt": name, "svg.id": name}
+        mpl.rcParams.update(settings)
+        # The browser has glyphs that Matplotlib's font may lack.
+        warnings.filterwarnings("ignore", message="Glyph .* missing from font")
+        yield
+
+
+def svg_text(figure: Figure, name: str, description: str) -> str:
+    """A figure as an SVG element, without XML declaration, metadata or clashing ids.
+
+    Args:
+        figure: drawn under `style` with the same name.
+        name: of the plot, unique on the page.
+        description: what a reader who cannot see it is told.
+    """
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="svg", metadata=_METADATA)
+    root = etree.fromstring(buffer.getvalue())
+    for metadata in root.findall(f"{_SVG}metadata"):
+        root.remove(metadata)
+    _keep_needed_ids(root)
+    width = root.attrib.pop("width").removesuffix("pt")
+    del root.attrib["height"]
+    root.set("style", f"max-width:{float(width) * 4 / 3:.0f}px")
+    root.set("id", name)
+    root.set("role", "img")
+    root.set("aria-label", description)
+    return str(etree.tostring(root, encoding="unicode"))
+
+
+def _keep_needed_ids(root: etree._Element) -> None:
+    """Groups are numbered alike in every figure: only what is referred to keeps its id."""
+    values = [str(v) for e in root.iter() for v in e.attrib.values()]
+    text = " ".join(v for v in values if "#" in v)
+    for element in root.iter():
+        if element.get("id") and f"#{element.get('id')}" not in text:
+            del element.attrib["id"]

@@ -1,0 +1,53 @@
+"""A small simulated job on disk: the SUTA seen by an external instrument."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from suta_calib.cli import run
+from suta_calib.measurements import Samples, write_samples
+from suta_calib.model.arm import ArmModel
+
+TRUTH = {"joint_2.offset": 0.02, "joint_3.offset": -0.015, "joint_4.z": 0.574, "joint_5.offset": 0.01}
+NOISE = 0.05e-3
+JOB = """\
+arm: {urdf: arm.urdf, tip: tip}
+parameters:
+  - {select: ["joint_*.offset"], bound_deg: 15}
+  - {select: [joint_4.z, joint_6.z], bound_mm: 30}
+observations:
+  - {kind: tracked_point, samples: 'calibration/*.csv', sigma_mm: 0.05}
+validation:
+  - {kind: tracked_point, samples: 'validation/*.csv'}
+solver: {starts: 2, seed: 0}
+"""
+
+
+def simulated(arm: ArmModel, n: int, seed: int) -> Samples:
+    """Simulated samples of an instrument that stands anywhere, n rows."""
+    random = np.random.default_rng(seed)
+    q = random.uniform(-1.5, 1.5, (n, len(arm.joints)))
+    _, position = arm.forward(q, TRUTH)
+    turn = Rotation.from_rotvec([0.1, -0.4, 1.2]).as_matrix()
+    seen = position @ turn.T + [1.0, -0.5, 0.3] + NOISE * random.standard_normal((n, 3))
+    return Samples.from_arrays(arm.joints, q, position=seen)
+
+
+def write_simulated_job(folder: Path, urdf: Path) -> Path:
+    """The job with its samples; returns the path of ``calibration.yaml``."""
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "arm.urdf").write_bytes(urdf.read_bytes())
+    arm = ArmModel.from_urdf(folder / "arm.urdf", "tip")
+    for name, n, seed in (("calibration", 40, 1), ("validation", 15, 2)):
+        (folder / name).mkdir()
+        write_samples(folder / name / "a.csv", simulated(arm, n, seed))
+    (folder / "calibration.yaml").write_text(JOB, encoding="utf-8")
+    return folder / "calibration.yaml"
+
+
+def cli(*arguments: object) -> int:
+    """Run one command line; the exit code."""
+    return run([str(a) for a in arguments])

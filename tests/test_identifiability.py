@@ -1,0 +1,334 @@
+"""What is held, why, and what it is said to move together with."""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy.linalg import subspace_angles
+from simulated import (
+    Scene,
+    Spread,
+    arm_named,
+    artefact,
+    artefact_scene,
+    dh_parameters,
+    fixed_point_scene,
+    perturbed,
+    placements,
+    readings_for,
+    tracked_scene,
+)
+
+from suta_calib.analysis.accuracy import assess
+from suta_calib.measurements import Samples
+from suta_calib.model.arm import ArmModel
+from suta_calib.model.parameters import Parameter, ParameterSet, Selection
+from suta_calib.solver.identifiability import Identification, identify
+from suta_calib.solver.information import Information, whitened_rows
+from suta_calib.solver.problem import Problem
+from suta_calib.solver.solution import Solution
+from suta_calib.solver.solve import identify_at, solve
+from suta_calib.terms import Noise
+
+HIDDEN = {"joint_1.offset", "joint_2.z", "tip.y"}
+SEATING = Spread(position=1e-4)
+TILTED = Spread(position=1e-4, rotation=math.radians(0.1))
+
+
+@cache
+def pillars(tilt: float = 0.0) -> Scene:
+    """Fifteen pillars, all parallel unless tilted (rad), at five placements, twice each."""
+    arm = arm_named("suta")
+    truth = perturbed(dh_parameters(arm), seed=1)
+    certified = artefact(15)
+    where = placements(5)
+    return artefact_scene("pairwise_distance", arm, truth, certified, where, 2, tilt=tilt)
+
+
+@cache
+def one_point(cone: float = 1.0) -> Scene:
+    scene = pillars()
+    return fixed_point_scene(scene.arm, scene.truth, cone=cone)
+
+
+def with_encoder_noise(samples: Samples, sigma: float) -> Samples:
+    noise = sigma * np.random.default_rng(3).standard_normal(samples.q.shape)
+    return Samples.from_arrays(samples.joints, samples.q + noise, labels=samples.labels)
+
+
+def suta_problem(*parts: tuple[Scene, Samples], parameters: ParameterSet | None = None) -> Problem:
+    arm = arm_named("suta")
+    terms = [scene.term(samples) for scene, samples in parts]
+    return Problem(terms, parameters or dh_parameters(arm))
+
+
+def test_parallel_pillars_hide_three_of_the_thirteen() -> None:
+    problem = suta_problem((pillars(), pillars().samples()[0]))
+    assert problem.arm_count == 13
+    solution = solve(problem)
+    assert set(solution.unidentified) == HIDDEN
+    assert len(solution.free) == 10
+    assert all(c.alone for c in solution.identification.combinations)
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("noise", ["seating", "seating and tilt", "encoders", "all"])
+def test_noise_does_not_feign_knowledge(noise: str, seed: int) -> None:
+    """Tilt makes tip.y look determined: rank says thirteen less two, the truth is less three."""
+    spread = TILTED if noise in ("seating and tilt", "all") else SEATING
+    spread = Spread() if noise == "encoders" else spread
+    samples = pillars().samples(spread, seed)[0]
+    if noise in ("encoders", "all"):
+        samples = with_encoder_noise(samples, 1e-4)
+    solution = solve(suta_problem((pillars(), samples)))
+    assert set(solution.unidentified) == HIDDEN
+    if noise != "seating":
+        singular = solution.identification.singular_values
+        assert np.sum(singular > 1e-9 * singular[0]) == 11
+
+
+def test_pillars_that_lean_tell_the_tools_length() -> None:
+    scene = pillars(tilt=0.4)
+    samples = scene.samples(SEATING)[0]
+    solution = solve(suta_problem((scene, samples)))
+    assert set(solution.unidentified) == HIDDEN - {"tip.y"}
+
+
+@pytest.mark.parametrize("spread", [Spread(), SEATING, TILTED], ids=["exact", "seating", "tilt"])
+def test_a_fixed_point_tells_the_tools_length(spread: Spread) -> None:
+    point = one_point()
+    problem = suta_problem(
+        (pillars(), pillars().samples(spread, 1)[0]), (point, point.samples(spread, 2)[0])
+    )
+    solution = solve(problem)
+    assert set(solution.unidentified) == HIDDEN - {"tip.y"}
+    tool = solution.estimates["tip.y"]
+    assert tool.state == "identified"
+    assert tool.std is not None
+    assert abs(tool.value - pillars().truth["tip.y"]) < 5 * tool.std + 1e-9
+
+
+def test_a_fixed_point_alone_leaves_the_scale_free() -> None:
+    """The combination is the arm's lengths themselves."""
+    point = one_point()
+    solution = solve(suta_problem((point, point.samples()[0])))
+    (scale,) = [c for c in solution.identification.combinations if not c.alone]
+    lengths = {"joint_3.z", "joint_4.z", "joint_5.z", "joint_6.z", "tip.y", "tip.z"}
+    assert set(scale.direction) == lengths
+    for name, change in scale.direction.items():
+        expected = solution.values[name] / solution.values[scale.held]
+        assert change == pytest.approx(expected, abs=1e-6)
+        others = solution.estimates[name].given
+        assert (scale.held in others) == (name != scale.held)
+
+
+def panda_scene(kind: str, truth: dict[str, float], seed: int) -> Scene:
+    arm = arm_named("panda")
+    if kind == "tracked_point":
+        scene = tracked_scene(arm, truth, 60)
+        q = scene.q[np.random.default_rng(seed).permutation(60)]
+        return scene if seed == 0 else _watched_again(scene, q + 0.1)
+    rng = np.random.default_rng(seed)
+    n, marks = 16, artefact(8)
+    q = _spread_readings(arm, rng, n)
+    rotation, position = arm.forward(q, truth)
+    names = list(marks.landmarks)
+    labels: dict[str, list[str]] = {"placement": [], "repeat": [], "landmark": []}
+    targets, turned, start = [], [], []
+    for k in range(n):
+        for name in names:
+            targets.append(position[k] + rotation[k] @ marks.landmarks[name].position)
+            turned.append(rotation[k] @ _lean(rng))
+            start.append(q[k])
+            for key, value in zip(labels, (f"P{k}", "1", name), strict=True):
+                labels[key].append(value)
+    at, facing = np.array(targets), np.array(turned)
+    found = readings_for(arm, truth, at, facing, np.array(start))
+    return Scene(kind, arm, truth, found, True, at, facing, labels, (), marks)
+
+
+def _spread_readings(arm: ArmModel, rng: np.random.Generator, n: int) -> np.ndarray:
+    joints = arm.chain.moving
+    middle = np.array([(j.lower + j.upper) / 2 for j in joints])
+    reach = np.array([(j.upper - j.lower) / 2 for j in joints])
+    return middle + 0.4 * reach * rng.uniform(-1, 1, (n, len(joints)))
+
+
+def _lean(rng: np.random.Generator) -> np.ndarray:
+    from suta_calib.geometry import rotation_from_vector
+
+    return rotation_from_vector(0.3 * rng.uniform(-1, 1, 3))
+
+
+def _watched_again(scene: Scene, q: np.ndarray) -> Scene:
+    """The same instrument, other readings."""
+    from suta_calib.geometry import register_points
+
+    before = scene.arm.forward(scene.q, scene.truth)[1]
+    R, p = register_points(before, scene.position)
+    rotation, position = scene.arm.forward(q, scene.truth)
+    seen = position @ R.T + p
+    return Scene(
+        scene.kind, scene.arm, scene.truth, q, False, seen, rotation, scene.labels, scene.seen
+    )
+
+
+def null_space(problem: Problem, x: np.ndarray) -> np.ndarray:
+    """Null directions of the dense Jacobian by the arm's parameters, the own ones eliminated."""
+    rows = whitened_rows(problem, x, problem.assumed_sigmas())
+    unit = problem.parameters.array("plausible")
+    jacobian = np.vstack([r.jacobian for r in rows]) * unit
+    arm, own = jacobian[:, : problem.arm_count], jacobian[:, problem.arm_count :]
+    if own.size:
+        basis, singular, _ = np.linalg.svd(own, full_matrices=False)
+        basis = basis[:, singular > 1e-9 * singular[0]]
+        arm = arm - basis @ (basis.T @ arm)
+    _, singular, rows_of_v = np.linalg.svd(arm)
+    gaps = singular[:-1] / np.maximum(singular[1:], 1e-300)
+    small = singular < 1e-9 * singular[0]
+    assert small.any()
+    rank = int(np.argmax(small))
+    assert gaps[rank - 1] >= 1e6
+    return rows_of_v[rank:].T
+
+
+def reported(solution_or: Identification, problem: Problem) -> np.ndarray:
+    """The combinations over the arm as columns, in plausible units."""
+    names = problem.names[: problem.arm_count]
+    unit = problem.parameters.array("plausible")[: problem.arm_count]
+    columns = [
+        [c.direction.get(name, 0.0) for name in names]
+        for c in solution_or.combinations
+        if c.held in names
+    ]
+    return np.array(columns).T / unit[:, None]
+
+
+@pytest.mark.parametrize("kind", ["tracked_point", "pairwise_distance"])
+def test_all_of_a_seven_joint_arm(kind: str) -> None:
+    """Everything asked for at once: the fewest are held, and nothing that matters is lost."""
+    arm = arm_named("panda")
+    parameters = arm.select("geometric", "*.offset")
+    truth = perturbed(parameters, seed=4, length=1e-3, angle=5e-3)
+    scene = panda_scene(kind, truth, seed=0)
+    problem = Problem([scene.exact(Noise(1e-4))], parameters)
+    solution = solve(problem)
+    assert solution.converged
+
+    true_null = null_space(problem, solution.x)
+    found = reported(solution.identification, problem)
+    assert found.shape == true_null.shape
+    assert np.max(subspace_angles(found, true_null)) < 1e-6
+
+    held_out = panda_scene(kind, truth, seed=9).exact(Noise(1e-4))
+    accuracy = assess(solution, [held_out])
+    assert accuracy.validation[0].before.maximum > 1e-3
+    assert accuracy.validation[0].after.maximum < 1e-9
+
+
+def test_sliding_a_frame_along_its_own_axis_is_a_combination() -> None:
+    """Not one of the two is undetermined: only their difference is."""
+    arm = arm_named("suta")
+    parameters = arm.select("joint_*.offset", "joint_3.x", "joint_3.y", "joint_3.z", "joint_4.y")
+    truth = perturbed(parameters, seed=1)
+    scene = tracked_scene(arm, truth)
+    solution = solve(Problem([scene.exact()], parameters))
+    together = [set(c.direction) for c in solution.identification.combinations if not c.alone]
+    assert {"joint_3.z", "joint_4.y"} in together
+    held = {"joint_3.z", "joint_4.y"} & set(solution.unidentified)
+    assert len(held) == 1
+    (other,) = {"joint_3.z", "joint_4.y"} - held
+    assert solution.estimates[other].given == tuple(held)
+
+
+def test_what_has_a_prior_is_never_held() -> None:
+    arm = arm_named("suta")
+    rows = [Selection((n,), prior_m=1e-3) for n in ("joint_2.z", "tip.y")]
+    rows += [Selection(("joint_1.offset",), prior_rad=0.02)]
+    parameters = arm.select("joint_*.offset", "joint_4.z", "joint_6.z", *rows)
+    scene = pillars()
+    solution = solve(suta_problem((scene, scene.samples(TILTED)[0]), parameters=parameters))
+    assert solution.unidentified == ()
+    for name in HIDDEN:
+        estimate, prior = solution.estimates[name], parameters[name].prior
+        assert estimate.state == "prior"
+        assert estimate.std == pytest.approx(prior, rel=0.05)
+        # Tilt noise that feigns knowledge of the tool's length is outweighed by the prior.
+        assert abs(estimate.value - estimate.nominal) < 0.3 * prior
+
+
+def parameters_named(*names: str, prior: float | None = None) -> ParameterSet:
+    return ParameterSet(
+        Parameter(n, "rad" if n.split(".")[1][0] in "ro" else "m", 0.0, prior=prior, plausible=1.0)
+        for n in names
+    )
+
+
+def verdict(
+    parameters: ParameterSet, curvature: np.ndarray, feigned: np.ndarray | None = None
+) -> Identification:
+    n = len(parameters)
+    nothing = np.zeros((n, n))
+    information = Information(curvature, curvature, nothing if feigned is None else feigned)
+    prior = parameters.array("prior")
+    precision = np.where(np.isnan(prior), 0.0, 1 / np.where(np.isnan(prior), 1, prior) ** 2)
+    return identify(parameters, n, information, precision)
+
+
+def test_a_direction_is_weak_from_a_tenth_of_what_is_plausible() -> None:
+    parameters = parameters_named("a.x", "b.x")
+    held = [verdict(parameters, np.diag([1e4, 1 / std**2])).held for std in (0.09, 0.11)]
+    assert [h.tolist() for h in held] == [[], [1]]
+
+
+def test_a_direction_that_noise_excites_is_held() -> None:
+    parameters = parameters_named("a.x", "b.x")
+    known = np.diag([1e6, 1e6])
+    real = verdict(parameters, known, feigned=np.diag([1.0, 0.009e6]))
+    feigned = verdict(parameters, known, feigned=np.diag([1.0, 0.011e6]))
+    assert real.held.tolist() == []
+    assert feigned.held.tolist() == [1]
+    assert feigned.combinations[0].direction == {"b.x": 1.0}
+
+
+def test_turns_are_held_before_lengths_and_lengths_before_offsets() -> None:
+    difference = 1e6 * np.array([[1.0, -1.0], [-1.0, 1.0]])
+    for names, held in (
+        (("a.x", "b.rx"), "b.rx"),
+        (("a.offset", "b.rz"), "b.rz"),
+        (("a.offset", "b.z"), "b.z"),
+        (("a.x", "b.x"), "a.x"),
+    ):
+        found = verdict(parameters_named(*names), difference)
+        (combination,) = found.combinations
+        assert combination.held == held
+        assert combination.direction == pytest.approx(dict.fromkeys(names, 1.0), abs=1e-6)
+        (other,) = set(names) - {held}
+        assert found.given(other) == (held,)
+        assert found.given(held) == ()
+
+
+def test_a_prior_keeps_even_what_no_data_touch() -> None:
+    assert len(verdict(parameters_named("a.x", "b.x", prior=0.1), np.zeros((2, 2))).held) == 0
+
+
+def test_the_verdict_comes_before_any_solving(suta_urdf: object) -> None:
+    problem = suta_problem((pillars(), pillars().samples(SEATING)[0]))
+    found = identify_at(problem, problem.start(), problem.assumed_sigmas())
+    assert {problem.names[k] for k in found.held} == HIDDEN
+    assert len(found.singular_values) == 13
+    assert np.all(np.diff(found.singular_values) <= 0)
+
+
+def test_parameters_that_are_not_asked_for_stay_fixed() -> None:
+    arm = arm_named("suta")
+    fixed = Selection(("joint_4.z",), fixed=True)
+    parameters = arm.select("joint_*.offset", "joint_6.z", fixed)
+    scene = pillars()
+    solution: Solution = solve(suta_problem((scene, scene.samples()[0]), parameters=parameters))
+    assert solution.estimates["joint_4.z"].state == "fixed"
+    assert solution.values["joint_4.z"] == arm.parameters["joint_4.z"].nominal
+    assert "joint_4.z" not in solution.unidentified
