@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from suta_calib.analysis.accuracy import Accuracy, assess
-from suta_calib.errors import JobError, ParameterError
+from suta_calib.errors import InputError, JobError, ParameterError
 from suta_calib.job_schema import JobSpec, ObservationSpec, read_job
 from suta_calib.measurements import JointRange, Samples, read_artefact, read_samples
 from suta_calib.model.arm import ArmModel
@@ -51,14 +51,7 @@ class CalibrationJob:
         try:
             parameters = arm.select(*spec.parameters)
         except ParameterError as error:
-            raise JobError(
-                error.found,
-                error.expected,
-                file=spec.path,
-                line=error.line,
-                where=error.where,
-                hint=error.hint,
-            ) from None
+            raise _placed(error, spec.path, error.line) from None
         return cls(
             spec,
             arm,
@@ -115,12 +108,21 @@ def _term(arm: ArmModel, row: ObservationSpec, job: Path) -> Term:
         )
     poses = ArmPoses(arm, read_arm_samples(arm, row.sample_files, row.kind))
     lengths, angles = _noise(row.sigma_m, row.huber_m), _noise(row.sigma_rad, row.huber_rad)
-    return KINDS[row.kind].over(
-        poses,
-        artefact=None if row.artefact is None else read_artefact(row.artefact),
-        noise=lengths,
-        angular_noise=angles,
-        label=row.label,
+    artefact = None if row.artefact is None else read_artefact(row.artefact)
+    try:
+        return KINDS[row.kind].over(
+            poses, artefact=artefact, noise=lengths, angular_noise=angles, label=row.label
+        )
+    except InputError as error:
+        raise _placed(error, job, row.line) from None
+
+
+def _placed(error: InputError, job: Path, line: int | None) -> InputError:
+    """The same error with a place in the job, for what was found without knowing of files."""
+    if error.file is not None:
+        return error
+    return JobError(
+        error.found, error.expected, file=job, line=line, where=error.where, hint=error.hint
     )
 
 

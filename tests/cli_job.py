@@ -11,7 +11,12 @@ from suta_calib.cli import run
 from suta_calib.measurements import Samples, write_samples
 from suta_calib.model.arm import ArmModel
 
-TRUTH = {"joint_2.offset": 0.02, "joint_3.offset": -0.015, "joint_4.z": 0.574, "joint_5.offset": 0.01}
+TRUTH = {
+    "joint_2.offset": 0.02,
+    "joint_3.offset": -0.015,
+    "joint_4.z": 0.574,
+    "joint_5.offset": 0.01,
+}
 NOISE = 0.05e-3
 JOB = """\
 arm: {urdf: arm.urdf, tip: tip}

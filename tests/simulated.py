@@ -34,6 +34,8 @@ ROBOT_FILES = {
     "kinova": ("kinova_description/robots/kinova.urdf", "j2s6s200_end_effector"),
 }
 ARMS = ("suta", *ROBOT_FILES)
+# Least squares with a scatter that is learnt.
+PLAIN = Noise()
 # The lengths of a Denavit-Hartenberg table: d of every joint, and the tool.
 DH_LENGTHS = ("joint_2.z", "joint_3.z", "joint_4.z", "joint_5.z", "joint_6.z", "tip.y", "tip.z")
 
@@ -131,7 +133,7 @@ class Scene:
             q = flat.reshape(trials, n, -1)
         return [self._observed(*rows) for rows in zip(q, position, rotation, strict=True)]
 
-    def term(self, samples: Samples, noise: Noise = Noise(), angular: Noise = Noise()) -> Term:
+    def term(self, samples: Samples, noise: Noise = PLAIN, angular: Noise = PLAIN) -> Term:
         return KINDS[self.kind].over(
             ArmPoses(self.arm, samples),
             artefact=self.artefact,
@@ -140,7 +142,7 @@ class Scene:
             label="default",
         )
 
-    def exact(self, noise: Noise = Noise(), angular: Noise = Noise()) -> Term:
+    def exact(self, noise: Noise = PLAIN, angular: Noise = PLAIN) -> Term:
         """The term over samples without any noise."""
         return self.term(self.samples()[0], noise, angular)
 
@@ -238,9 +240,7 @@ def tracked_scene(
     rotation, position = arm.forward(q, truth)
     R, p = rotation_from_vector([0.3, -1.2, 0.7]), np.array([1.1, -0.4, 0.6])
     seen = ("position", "rotation") if oriented else ("position",)
-    return Scene(
-        "tracked_point", arm, truth, q, False, position @ R.T + p, R @ rotation, {}, seen
-    )
+    return Scene("tracked_point", arm, truth, q, False, position @ R.T + p, R @ rotation, {}, seen)
 
 
 def hand_eye_scene(arm: ArmModel, truth: dict[str, float], n: int = 25) -> Scene:

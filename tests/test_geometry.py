@@ -201,7 +201,9 @@ def test_registration_of_noisy_points_is_the_least_squares_one() -> None:
     R, p = register_points(source, target)
 
     def cost(turn: np.ndarray, shift: np.ndarray) -> float:
-        return float(np.sum((target - source @ (R @ rotation_from_vector(turn)).T - p - shift) ** 2))
+        return float(
+            np.sum((target - source @ (R @ rotation_from_vector(turn)).T - p - shift) ** 2)
+        )
 
     best = cost(np.zeros(3), np.zeros(3))
     for step in 1e-4 * np.vstack([np.eye(6), -np.eye(6)]):

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.linalg import subspace_angles
 from simulated import (
+    DH_LENGTHS,
     Scene,
     Spread,
     arm_named,
@@ -18,13 +19,13 @@ from simulated import (
     fixed_point_scene,
     perturbed,
     placements,
-    readings_for,
+    random_readings,
     tracked_scene,
 )
 
 from suta_calib.analysis.accuracy import assess
-from suta_calib.measurements import Samples
-from suta_calib.model.arm import ArmModel
+from suta_calib.geometry import rotation_from_vector
+from suta_calib.measurements import Artefact, Landmark, Samples
 from suta_calib.model.parameters import Parameter, ParameterSet, Selection
 from suta_calib.solver.identifiability import Identification, identify
 from suta_calib.solver.information import Information, whitened_rows
@@ -87,7 +88,7 @@ def test_noise_does_not_feign_knowledge(noise: str, seed: int) -> None:
     assert set(solution.unidentified) == HIDDEN
     if noise != "seating":
         singular = solution.identification.singular_values
-        assert np.sum(singular > 1e-9 * singular[0]) == 11
+        assert np.sum(singular > 1e-6 * singular[0]) == 11
 
 
 def test_pillars_that_lean_tell_the_tools_length() -> None:
@@ -126,54 +127,20 @@ def test_a_fixed_point_alone_leaves_the_scale_free() -> None:
 
 
 def panda_scene(kind: str, truth: dict[str, float], seed: int) -> Scene:
+    """Random readings seen by one instrument, or landmarks certified where the tip then was."""
     arm = arm_named("panda")
-    if kind == "tracked_point":
-        scene = tracked_scene(arm, truth, 60)
-        q = scene.q[np.random.default_rng(seed).permutation(60)]
-        return scene if seed == 0 else _watched_again(scene, q + 0.1)
-    rng = np.random.default_rng(seed)
-    n, marks = 16, artefact(8)
-    q = _spread_readings(arm, rng, n)
+    q = random_readings(arm, np.random.default_rng(seed), 40)
     rotation, position = arm.forward(q, truth)
-    names = list(marks.landmarks)
-    labels: dict[str, list[str]] = {"placement": [], "repeat": [], "landmark": []}
-    targets, turned, start = [], [], []
-    for k in range(n):
-        for name in names:
-            targets.append(position[k] + rotation[k] @ marks.landmarks[name].position)
-            turned.append(rotation[k] @ _lean(rng))
-            start.append(q[k])
-            for key, value in zip(labels, (f"P{k}", "1", name), strict=True):
-                labels[key].append(value)
-    at, facing = np.array(targets), np.array(turned)
-    found = readings_for(arm, truth, at, facing, np.array(start))
-    return Scene(kind, arm, truth, found, True, at, facing, labels, (), marks)
-
-
-def _spread_readings(arm: ArmModel, rng: np.random.Generator, n: int) -> np.ndarray:
-    joints = arm.chain.moving
-    middle = np.array([(j.lower + j.upper) / 2 for j in joints])
-    reach = np.array([(j.upper - j.lower) / 2 for j in joints])
-    return middle + 0.4 * reach * rng.uniform(-1, 1, (n, len(joints)))
-
-
-def _lean(rng: np.random.Generator) -> np.ndarray:
-    from suta_calib.geometry import rotation_from_vector
-
-    return rotation_from_vector(0.3 * rng.uniform(-1, 1, 3))
-
-
-def _watched_again(scene: Scene, q: np.ndarray) -> Scene:
-    """The same instrument, other readings."""
-    from suta_calib.geometry import register_points
-
-    before = scene.arm.forward(scene.q, scene.truth)[1]
-    R, p = register_points(before, scene.position)
-    rotation, position = scene.arm.forward(q, scene.truth)
+    R, p = rotation_from_vector([0.3, -1.2, 0.7]), np.array([1.1, -0.4, 0.6])
     seen = position @ R.T + p
-    return Scene(
-        scene.kind, scene.arm, scene.truth, q, False, seen, rotation, scene.labels, scene.seen
+    if kind == "tracked_point":
+        return Scene(kind, arm, truth, q, False, seen, rotation, {}, ("position",))
+    names = [f"L{k}" for k in range(len(q))]
+    certified = Artefact(
+        "simulated", {n: Landmark(n, at) for n, at in zip(names, seen, strict=True)}
     )
+    labels = {"placement": ["P1"] * len(q), "repeat": ["1"] * len(q), "landmark": names}
+    return Scene(kind, arm, truth, q, True, position, rotation, labels, (), certified)
 
 
 def null_space(problem: Problem, x: np.ndarray) -> np.ndarray:
@@ -218,10 +185,15 @@ def test_all_of_a_seven_joint_arm(kind: str) -> None:
     solution = solve(problem)
     assert solution.converged
 
+    x = problem.start()
+    verdict_at_nominal = identify_at(problem, x, problem.assumed_sigmas())
+    angles = subspace_angles(reported(verdict_at_nominal, problem), null_space(problem, x))
+    assert np.max(angles) < 1e-6
     true_null = null_space(problem, solution.x)
     found = reported(solution.identification, problem)
     assert found.shape == true_null.shape
-    assert np.max(subspace_angles(found, true_null)) < 1e-6
+    # At the solution a combination leaves out what is too small to matter.
+    assert np.max(subspace_angles(found, true_null)) < 1e-3
 
     held_out = panda_scene(kind, truth, seed=9).exact(Noise(1e-4))
     accuracy = assess(solution, [held_out])
@@ -232,15 +204,15 @@ def test_all_of_a_seven_joint_arm(kind: str) -> None:
 def test_sliding_a_frame_along_its_own_axis_is_a_combination() -> None:
     """Not one of the two is undetermined: only their difference is."""
     arm = arm_named("suta")
-    parameters = arm.select("joint_*.offset", "joint_3.x", "joint_3.y", "joint_3.z", "joint_4.y")
+    parameters = arm.select("joint_*.offset", "joint_3.x", "joint_3.y", "joint_4.x", "joint_4.z")
     truth = perturbed(parameters, seed=1)
     scene = tracked_scene(arm, truth)
     solution = solve(Problem([scene.exact()], parameters))
     together = [set(c.direction) for c in solution.identification.combinations if not c.alone]
-    assert {"joint_3.z", "joint_4.y"} in together
-    held = {"joint_3.z", "joint_4.y"} & set(solution.unidentified)
+    assert {"joint_3.y", "joint_4.z"} in together
+    held = {"joint_3.y", "joint_4.z"} & set(solution.unidentified)
     assert len(held) == 1
-    (other,) = {"joint_3.z", "joint_4.y"} - held
+    (other,) = {"joint_3.y", "joint_4.z"} - held
     assert solution.estimates[other].given == tuple(held)
 
 
@@ -248,7 +220,8 @@ def test_what_has_a_prior_is_never_held() -> None:
     arm = arm_named("suta")
     rows = [Selection((n,), prior_m=1e-3) for n in ("joint_2.z", "tip.y")]
     rows += [Selection(("joint_1.offset",), prior_rad=0.02)]
-    parameters = arm.select("joint_*.offset", "joint_4.z", "joint_6.z", *rows)
+    told = [name for name in DH_LENGTHS if name not in HIDDEN]
+    parameters = arm.select("joint_*.offset", *told, *rows)
     scene = pillars()
     solution = solve(suta_problem((scene, scene.samples(TILTED)[0]), parameters=parameters))
     assert solution.unidentified == ()

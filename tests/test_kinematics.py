@@ -92,7 +92,9 @@ def test_forward_kinematics_are_pinocchios(arm: ArmModel, geometry: str) -> None
         np.testing.assert_allclose(p, data.oMf[frame].translation, rtol=0, atol=1e-12)
 
 
-def placement_twists(joint: ChainJoint, prefix: str, values: dict[str, float]) -> dict[str, np.ndarray]:
+def placement_twists(
+    joint: ChainJoint, prefix: str, values: dict[str, float]
+) -> dict[str, np.ndarray]:
     """How each placement parameter moves the joint's frame, as a twist in that frame."""
     r = np.array([values.get(f"{prefix}.r{k}", 0.0) for k in AXES])
     R = pin.rpy.rpyToMatrix(joint.rpy) @ pin.exp3(r)
@@ -154,7 +156,9 @@ def test_the_jacobian_is_the_derivative_of_the_pose(arm: ArmModel, geometry: str
     found = np.array(function(theta, q)[2]).T
     for k, name in enumerate(names):
         step = 1e-5 * (np.arange(len(theta)) == k)
-        (R0, p0), (R, p), (R1, p1) = (_pose(function(theta + s, q)) for s in (-step, 0 * step, step))
+        (R0, p0), (R, _), (R1, p1) = (
+            _pose(function(theta + s, q)) for s in (-step, 0 * step, step)
+        )
         spin = (R1 - R0) / 2e-5 @ R.T
         expected = [*(p1 - p0) / 2e-5, spin[2, 1], spin[0, 2], spin[1, 0]]
         np.testing.assert_allclose(found[:, k], expected, atol=2e-9, err_msg=name)
@@ -196,7 +200,7 @@ def test_a_base_within_the_chain(suta_urdf: Path) -> None:
 
 def test_unknown_parameters_and_wrong_readings_are_refused() -> None:
     arm = arm_named("suta")
-    with pytest.raises(ParameterError, match="joint_1.offset"):
+    with pytest.raises(ParameterError, match=r"joint_1\.offset"):
         arm.function(["joint_1.ofset"])
     with pytest.raises(ParameterError, match="5 joints"):
         arm.forward(np.zeros((2, 5)))

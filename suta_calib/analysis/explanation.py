@@ -181,8 +181,8 @@ def _base(case: _Case, v: FloatArray, omega: FloatArray) -> Explanation:
 def _tool(case: _Case, v: FloatArray, omega: FloatArray) -> Explanation:
     if float(np.linalg.norm(omega)) * LEVER <= NOISE * case.motion.size:
         return case.says(
-            f"changes the tool's length along the tip's {_axis(v)}: this cancels out of every distance "
-            "because the tool always has the same direction relative to the artefact",
+            f"changes the tool's length along the tip's {_axis(v)}: this cancels out of every "
+            "distance because the tool always has the same direction relative to the artefact",
             "touch one fixed point from several directions (fixed_point), or tilt the tool against "
             "the artefact",
         )

@@ -88,30 +88,31 @@ def _print(accuracy: Accuracy, own: Path, given: Path) -> None:
 
 
 def _table(accuracy: Accuracy) -> Table:
+    from rich import box
     from rich.table import Table
 
     from suta_calib.report.errors_by import by_kind
+    from suta_calib.report.tables import quantity
     from suta_calib.report.units import percent
 
-    table = Table(title="Validation errors")
-    for heading in ("kind", "arm"):
-        table.add_column(heading, no_wrap=True)
-    for heading in ("RMS", "mean", "std", "max", "improvement", "count"):
-        table.add_column(heading, justify="right")
-    table.add_column("unit")
+    table = Table(title="Validation errors", title_justify="left", box=box.SIMPLE_HEAD)
+    table.add_column("of", min_width=12)
+    table.add_column("arm", no_wrap=True)
+    for heading in ("RMS", "mean", "std", "max", "unit", "count", "gain"):
+        table.add_column(heading, justify="right", no_wrap=True)
     for errors in by_kind(accuracy.validation):
         before, after = errors.metrics
+        of = f"{errors.kind} {errors.name}".replace("_", " ").replace(
+            "distance distance", "distance"
+        )
+        table.add_row(of, "before", *_cells(before, errors.unit), "")
         gain = percent(before.rms, after.rms)
-        for name, metrics, improvement in (("before", before, ""), ("after", after, gain)):
-            table.add_row(
-                f"{errors.kind} ({errors.name})", name, *_cells(metrics, errors.unit, improvement)
-            )
+        table.add_row("", "after", *_cells(after, errors.unit), gain, end_section=True)
     return table
 
 
-def _cells(metrics: Metrics, unit: Unit, improvement: str) -> list[str]:
+def _cells(metrics: Metrics, unit: Unit) -> list[str]:
     from suta_calib.report.units import SHOWN_UNIT, text
 
     values = (metrics.rms, metrics.mean, metrics.std, metrics.maximum)
-    numbers = [text(v, unit) for v in values]
-    return [*numbers, improvement, str(metrics.count), SHOWN_UNIT[unit]]
+    return [*(text(v, unit) for v in values), SHOWN_UNIT[unit], str(metrics.count)]

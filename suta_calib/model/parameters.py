@@ -165,13 +165,15 @@ def select_parameters(
     """
     chosen: dict[str, Parameter] = {}
     for row in rows:
-        names = [name for pattern in row.select for name in _matches(pattern, available, geometric)]
+        names = [name for each in row.select for name in _matches(each, available, geometric, row)]
         _check_units(row, {available[name].unit for name in names})
         chosen.update((name, row.applied_to(available[name])) for name in names)
     return ParameterSet(chosen[name] for name in available if name in chosen)
 
 
-def _matches(pattern: str, available: ParameterSet, geometric: frozenset[str]) -> list[str]:
+def _matches(
+    pattern: str, available: ParameterSet, geometric: frozenset[str], row: Selection
+) -> list[str]:
     if pattern in available:
         return [pattern]
     reachable = [n for n in available if n in geometric or n.endswith(".offset")]
@@ -182,6 +184,7 @@ def _matches(pattern: str, available: ParameterSet, geometric: frozenset[str]) -
         raise ParameterError(
             f"'{pattern}', which matches no parameter of the arm",
             "names like joint.offset, joint.x|y|z|rx|ry|rz, globs of them, or 'geometric'",
+            line=row.line,
             where="parameters: select",
             hint=_did_you_mean(pattern, available),
         )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import PurePath
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +14,8 @@ from suta_calib.analysis.accuracy import BlockErrors, Metrics, TermAccuracy
 from suta_calib.geometry import FloatArray
 from suta_calib.model.parameters import Unit
 
-GROUPINGS = ("landmark", "placement", "point", "file")
+# Label columns of samples that errors are looked at by.
+GROUPINGS: Final = ("landmark", "placement", "point")
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +65,7 @@ def unit_of(block: BlockErrors) -> Unit:
 
 
 def groups(terms: Sequence[TermAccuracy], grouping: str) -> dict[str, FloatArray]:
-    """Errors after calibration of the terms' first blocks by one of `GROUPINGS`, m.
+    """Errors after calibration of the terms' first blocks by a label or by ``file``, m.
 
     An error that belongs to two landmarks, as a distance does, counts for both.
     """

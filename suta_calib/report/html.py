@@ -13,15 +13,14 @@ from suta_calib.analysis.accuracy import TermAccuracy
 from suta_calib.atomic import write_bytes_atomically
 from suta_calib.report import plots
 from suta_calib.report.errors_by import GROUPINGS, by_kind, groups
+from suta_calib.report.histogram import error_histogram
 from suta_calib.report.result import Result, arm_estimates, labelled_terms
 from suta_calib.report.result_json import arm_correlations, versions
-from suta_calib.report.tables import explanations, quantity
+from suta_calib.report.tables import by_remedy, explanations, quantity
 from suta_calib.report.units import NOTHING, SHOWN_UNIT, combination, percent, text
 from suta_calib.report.verdict import judge
 from suta_calib.solver.solution import Estimate, Solution
 
-# More files than this are rows of one recording, not groups that a reader compares.
-MOST_FILES = 40
 Rows = list[dict[str, Any]]
 
 
@@ -65,7 +64,7 @@ def _context(result: Result) -> dict[str, Any]:
         "errors": _error_rows(result),
         "parameters": [_parameter_row(e) for e in arm],
         "own": [_parameter_row(e) for e in own],
-        "explanations": explanations(solution),
+        "explanations": by_remedy(explanations(solution)),
         "combinations": _combinations(solution),
         "histograms": _histograms(result),
         "grouped": _grouped(result),
@@ -117,7 +116,7 @@ def _parameter_row(e: Estimate) -> dict[str, Any]:
 
 def _combinations(solution: Solution) -> list[str]:
     found = solution.identification.combinations
-    return [combination(c.direction) for c in found if not c.alone]
+    return [combination(c.direction, c.held) for c in found if not c.alone]
 
 
 def _histograms(result: Result) -> Rows:
@@ -125,7 +124,7 @@ def _histograms(result: Result) -> Rows:
     for name, labelled in labelled_terms(result).items():
         for k, errors in enumerate(by_kind([term for _, term in labelled])):
             if len(errors.before):
-                svg = Markup(plots.error_histogram(errors, f"histogram-{name}-{k}"))
+                svg = Markup(error_histogram(errors, f"histogram-{name}-{k}"))
                 found.append({"title": f"{name.capitalize()}: {quantity(errors)}", "svg": svg})
     # Held-out errors are what a user of the arm will see: they come first.
     return sorted(found, key=lambda plot: not plot["title"].startswith("Validation"))
@@ -135,14 +134,15 @@ def _grouped(result: Result) -> Rows:
     found: Rows = []
     accuracy = result.accuracy
     for name, terms in (("Validation", accuracy.validation), ("Calibration", accuracy.calibration)):
-        for grouping in GROUPINGS:
-            found += _grouped_plot(name, terms, grouping)
+        by_label = [plot for label in GROUPINGS for plot in _grouped_plot(name, terms, label)]
+        # Files are usually split by label: only without labels do they tell more.
+        found += by_label or _grouped_plot(name, terms, "file")
     return found
 
 
 def _grouped_plot(name: str, terms: Sequence[TermAccuracy], grouping: str) -> Rows:
     of = groups(terms, grouping)
-    if len(of) < 2 or (grouping == "file" and len(of) > MOST_FILES):
+    if len(of) < 2:
         return []
     rest = len(of) - plots.MOST_GROUPS
     title = f"{name}: by {grouping}" + (f" (without the {rest} best)" if rest > 0 else "")
@@ -171,7 +171,7 @@ def _noise_rows(result: Result) -> Rows:
 def _solution_plots(solution: Solution) -> dict[str, Any]:
     identification = solution.identification
     values = identification.singular_values
-    weak = [combination(c.direction) for c in identification.combinations]
+    weak = [combination(c.direction, c.held) for c in identification.combinations]
     found: dict[str, Any] = {"changes": "", "singular": "", "correlations": ""}
     if len(values):
         found["singular"] = Markup(plots.singular_values(values, weak, "singular-values"))

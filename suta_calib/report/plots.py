@@ -3,52 +3,34 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
+from matplotlib import colormaps
 from matplotlib.axes import Axes
+from matplotlib.colors import BoundaryNorm
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, MaxNLocator, NullFormatter
+from matplotlib.ticker import MaxNLocator
 
-from suta_calib.analysis.accuracy import Metrics
 from suta_calib.geometry import FloatArray
 from suta_calib.model.parameters import Unit
-from suta_calib.report.errors_by import KindErrors
-from suta_calib.report.svg import BLUE, GREY, ORANGE, style, svg_text
-from suta_calib.report.units import SHOWN_UNIT, shown
+from suta_calib.report.svg import (
+    BLUE,
+    GREY,
+    ORANGE,
+    WIDTH,
+    plain_log,
+    shown_array,
+    style,
+    svg_text,
+)
+from suta_calib.report.units import SHOWN_UNIT
 from suta_calib.solver.identifiability import WEAK
 from suta_calib.solver.solution import Estimate
 
-WIDTH: Final = 7.2
-# Two histograms whose medians differ by more than this are both visible only on a log axis.
-FAR_APART: Final = 4.0
 MOST_GROUPS: Final = 30
 MOST_CORRELATED: Final = 30
 MOST_WRITTEN: Final = 14
-
-
-def error_histogram(errors: KindErrors, name: str) -> str:
-    """Histogram of the error norms before and after, with mean and RMS; mm or deg.
-
-    Args:
-        errors: of one kind and quantity, at least one.
-        name: id of the plot on its page.
-    """
-    before = np.abs(shown_array(errors.before, errors.unit))
-    after = np.abs(shown_array(errors.after, errors.unit))
-    unit = SHOWN_UNIT[errors.unit]
-    with style(name):
-        figure = Figure(figsize=(WIDTH, 3.0), layout="constrained")
-        axes = figure.subplots()
-        bins, logarithmic = _bins(before, after)
-        _histogram(axes, after, bins, ("after", BLUE, "", "--"), unit)
-        _histogram(axes, before, bins, ("before", ORANGE, "////", ":"), unit)
-        if logarithmic:
-            _plain_log(axes.xaxis, axes.set_xscale)
-        axes.set_xlabel(f"{errors.name} error, {unit}")
-        axes.set_ylabel("number of errors")
-        axes.legend(ncols=2, fontsize=8, loc="lower left", bbox_to_anchor=(0, 1))
-        return svg_text(figure, name, f"Histogram of the {errors.name} errors before and after")
 
 
 def grouped_errors(groups: Mapping[str, FloatArray], grouping: str, name: str) -> str:
@@ -77,8 +59,8 @@ def grouped_errors(groups: Mapping[str, FloatArray], grouping: str, name: str) -
         axes.invert_yaxis()
         axes.set_xlim(left=0)
         axes.grid(axis="x")
-        axes.set_xlabel("error after calibration, mm")
-        axes.set_ylabel(f"{grouping} (number of errors)")
+        axes.set_xlabel("error after calibration, mm (in brackets: number of errors)")
+        axes.set_ylabel(grouping)
         return svg_text(figure, name, f"Errors after calibration by {grouping}")
 
 
@@ -112,7 +94,7 @@ def singular_values(values: FloatArray, weak: Sequence[str], name: str) -> str:
                 label=f"{label} ({int(chosen.sum())})",
             )
         axes.axhline(threshold, color="black", linewidth=0.9, linestyle="--")
-        _plain_log(axes.yaxis, axes.set_yscale)
+        plain_log(axes.yaxis, axes.set_yscale)
         axes.set_ylim(bottom=bottom)
         axes.set_xlim(0.3, len(values) + 0.7)
         axes.xaxis.set_major_locator(MaxNLocator(integer=True))
@@ -140,12 +122,21 @@ def correlation_map(names: Sequence[str], matrix: FloatArray, name: str) -> str:
     with style(name):
         figure = Figure(figsize=(side + 0.9, side), layout="constrained")
         axes = figure.subplots()
-        image = axes.imshow(np.abs(part), vmin=0, vmax=1, cmap="Blues")
+        # Cells and ten shades instead of an image: sharp at every size, and no embedded bitmap.
+        image = axes.pcolormesh(
+            np.arange(len(keep) + 1) - 0.5,
+            np.arange(len(keep) + 1) - 0.5,
+            np.abs(part),
+            norm=BoundaryNorm(np.linspace(0.0, 1.0 + 1e-9, 11), 10),
+            cmap=colormaps["Blues"].resampled(10),
+        )
+        axes.set_aspect("equal")
+        axes.invert_yaxis()
         ticks = range(len(keep))
         axes.set_xticks(ticks, shown_names, rotation=90, fontsize=7)
         axes.set_yticks(ticks, shown_names, fontsize=7)
         _write_signs(axes, part)
-        bar = figure.colorbar(image, ax=axes, shrink=0.7)
+        bar = figure.colorbar(image, ax=axes, shrink=0.7, format="%.1f")
         bar.set_label("size of the correlation (dimensionless)")
         return svg_text(figure, name, "Correlations of the estimated parameters")
 
@@ -169,11 +160,6 @@ def parameter_changes(estimates: Sequence[Estimate], name: str) -> str:
         return svg_text(figure, name, "Changes of the parameters from nominal")
 
 
-def shown_array(values: FloatArray, unit: Unit) -> FloatArray:
-    """SI values in mm or degrees."""
-    return np.asarray(values * shown(1.0, unit))
-
-
 def _changes(axes: Axes, found: Sequence[Estimate], unit: Unit) -> None:
     change = shown_array(np.array([e.value - e.nominal for e in found]), unit)
     std = shown_array(np.array([e.std or 0.0 for e in found]), unit)
@@ -195,45 +181,6 @@ def _changes(axes: Axes, found: Sequence[Estimate], unit: Unit) -> None:
     axes.grid(axis="x")
     axes.set_xlabel(f"change ± std, {SHOWN_UNIT[unit]}")
     axes.legend(ncols=2, fontsize=8, loc="lower left", bbox_to_anchor=(0, 1))
-
-
-def _bins(before: FloatArray, after: FloatArray) -> tuple[FloatArray, bool]:
-    both = np.concatenate([before, after])
-    count = int(np.clip(3 * len(before) ** 0.4, 12, 60))
-    top = max(float(both.max()), 1e-9)
-    middle = sorted(max(float(np.median(e)), 1e-9) for e in (before, after))
-    if middle[1] <= FAR_APART * middle[0]:
-        return np.linspace(0.0, top, count + 1), False
-    # The few that are almost zero would stretch a log axis: the first bin takes them all.
-    low = max(min(float(np.percentile(both, 1)), middle[0] / 3), middle[0] / 100)
-    return np.geomspace(low, top * 1.001, count + 1), True
-
-
-def _histogram(
-    axes: Axes, errors: FloatArray, bins: FloatArray, look: tuple[str, str, str, str], unit: str
-) -> None:
-    label, colour, hatch, line = look
-    filling: dict[str, Any] = {"facecolor": "none" if hatch else colour, "hatch": hatch}
-    m = Metrics.of(errors)
-    inside = np.clip(errors, bins[0], bins[-1])
-    axes.hist(inside, bins=list(bins), edgecolor=colour, label=label, **filling)
-    axes.axvline(
-        m.rms, color="black", linestyle=line, linewidth=1.2, label=f"RMS {label} {m.rms:.3g} {unit}"
-    )
-    axes.plot(
-        *(m.mean, 0.0, "^"),
-        color=colour,
-        markeredgecolor="black",
-        markersize=7,
-        clip_on=False,
-        label=f"mean {label} {m.mean:.3g} {unit}",
-    )
-
-
-def _plain_log(axis: Any, set_scale: Any) -> None:
-    set_scale("log")
-    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    axis.set_minor_formatter(NullFormatter())
 
 
 def _write_signs(axes: Axes, matrix: FloatArray) -> None:

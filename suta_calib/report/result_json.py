@@ -10,7 +10,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from suta_calib.analysis.accuracy import Accuracy, Metrics, TermAccuracy
+from suta_calib.analysis.accuracy import Metrics, TermAccuracy
 from suta_calib.model.parameters import Parameter, Unit
 from suta_calib.report.errors_by import KindErrors, by_kind
 from suta_calib.report.result import Result, labelled_terms
@@ -201,9 +201,3 @@ def _finite(value: Any) -> Any:
     if isinstance(value, (float, np.floating)):
         return float(value) if math.isfinite(value) else None
     return int(value) if isinstance(value, np.integer) else value
-
-
-def headline(accuracy: Accuracy) -> tuple[Metrics, Metrics]:
-    """Before and after on the data that matter most: held out where there are any."""
-    terms = accuracy.validation or accuracy.calibration
-    return Accuracy.overall(terms, "before"), Accuracy.overall(terms, "after")

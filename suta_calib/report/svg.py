@@ -9,14 +9,21 @@ from contextlib import contextmanager
 from typing import Any, Final
 
 import matplotlib as mpl
+import numpy as np
 from lxml import etree
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, NullFormatter
+
+from suta_calib.geometry import FloatArray
+from suta_calib.model.parameters import Unit
+from suta_calib.report.units import shown
 
 # Okabe, Ito (2008), https://jfly.uni-koeln.de/color/: told apart by colour-blind people, and these
 # three also by their grey.
 BLUE: Final = "#0072B2"
 ORANGE: Final = "#E69F00"
 GREY: Final = "#999999"
+WIDTH: Final = 7.2  # of a plot on the page, inch
 STYLE: Final[dict[str, Any]] = {
     "svg.fonttype": "none",
     "text.parse_math": False,
@@ -81,3 +88,15 @@ def _keep_needed_ids(root: etree._Element) -> None:
     for element in root.iter():
         if element.get("id") and f"#{element.get('id')}" not in text:
             del element.attrib["id"]
+
+
+def shown_array(values: FloatArray, unit: Unit) -> FloatArray:
+    """SI values in mm or degrees."""
+    return np.asarray(values * shown(1.0, unit))
+
+
+def plain_log(axis: Any, set_scale: Any) -> None:
+    """A log axis with plain numbers at its decades: mathematical markup is off."""
+    set_scale("log")
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())

@@ -21,7 +21,8 @@ from suta_calib.report.units import NOTHING, SHOWN_UNIT, percent, text
 from suta_calib.report.verdict import Level, judge, listed
 from suta_calib.solver.solution import Estimate, Solution, State
 
-MOST_SENTENCES: Final = 6
+MOST_SENTENCES: Final = 3
+MOST_ROWS: Final = 20
 COLOUR: Final[dict[Level, str]] = {
     "good": "bold green",
     "caution": "bold yellow",
@@ -82,8 +83,8 @@ def parameter_table(solution: Solution, *, verbose: bool = False) -> Table:
 
     Args:
         solution: a converged one.
-        verbose: also the terms' own parameters and those that stayed where their prior has
-            them; otherwise one line counts them.
+        verbose: also the terms' own parameters, those that stayed where their prior has them
+            and, of a long list, those held; otherwise one line counts them.
     """
     table = _table("Parameters")
     table.add_column("parameter", overflow="fold", min_width=14)
@@ -93,7 +94,7 @@ def parameter_table(solution: Solution, *, verbose: bool = False) -> Table:
     table.add_column("state", no_wrap=True)
     estimates = list(solution.estimates.values())
     arm = solution.problem.arm_count
-    shown = estimates if verbose else [e for e in estimates[:arm] if not _at_prior(e)]
+    shown = estimates if verbose else _worth_showing(estimates[:arm])
     if any(e.given for e in shown):
         table.add_column("given", overflow="fold", max_width=24)
     for estimate in shown:
@@ -196,13 +197,18 @@ def _state(state: State) -> Text:
     return Text(state.replace("_", " "), style=STATE_COLOUR[state])
 
 
+def _worth_showing(estimates: Sequence[Estimate]) -> list[Estimate]:
+    many = len(estimates) > MOST_ROWS
+    return [e for e in estimates if not (_at_prior(e) or (many and e.state == "unidentified"))]
+
+
 def _at_prior(e: Estimate) -> bool:
     """Whether the data moved it by less than a tenth of what is uncertain about it."""
     return e.state == "prior" and abs(e.value - e.nominal) < 0.1 * (e.std or 0.0)
 
 
-def _left_out(at_prior: int, own: Sequence[Estimate] | Sequence[Prospect]) -> str | None:
-    parts = [f"{at_prior} that stay where their prior has them"] if at_prior else []
+def _left_out(unmoved: int, own: Sequence[Estimate] | Sequence[Prospect]) -> str | None:
+    parts = [f"{unmoved} of the arm that were not moved"] if unmoved else []
     if own:
         told = sum(item.state in ("identified", "prior") for item in own)
         frames = listed(sorted({item.name.rpartition(".")[0] for item in own}), 2)
@@ -235,12 +241,21 @@ def _metric_cells(metrics: Metrics, unit: Unit) -> list[str]:
     return [*(text(v, unit) for v in values), SHOWN_UNIT[unit], str(metrics.count)]
 
 
+def by_remedy(found: Sequence[Explanation]) -> dict[str, list[str]]:
+    """Sentences that share a remedy, by the remedy."""
+    together: dict[str, list[str]] = {}
+    for e in found:
+        together.setdefault(e.remedy, []).append(e.sentence)
+    return together
+
+
 def _explained(found: Sequence[Explanation]) -> list[RenderableType]:
     parts: list[RenderableType] = []
-    for e in found[:MOST_SENTENCES]:
-        parts += [_bullet(e.sentence), Padding(Text(f"→ {e.remedy}", style="italic"), (0, 0, 0, 5))]
-    if len(found) > MOST_SENTENCES:
-        parts.append(_bullet(f"and {len(found) - MOST_SENTENCES} more of this sort, in the report"))
+    for remedy, sentences in by_remedy(found).items():
+        parts += [_bullet(sentence) for sentence in sentences[:MOST_SENTENCES]]
+        if len(sentences) > MOST_SENTENCES:
+            parts.append(_bullet(f"and {len(sentences) - MOST_SENTENCES} more of this sort"))
+        parts.append(Padding(Text(f"→ {remedy}", style="italic"), (0, 0, 0, 5)))
     return parts
 
 

@@ -37,10 +37,11 @@ def percent(before: float, after: float) -> str:
     return f"{100 * (1 - after / before):.1f} %"
 
 
-def combination(direction: Mapping[str, float]) -> str:
-    """A combination of parameters as a sum: ``joint_2.z − joint_3.z``, largest parts first."""
+def combination(direction: Mapping[str, float], held: str = "") -> str:
+    """A combination of parameters as a sum: ``joint_2.y − joint_3.z``, the held one first."""
     parts = []
-    for name, factor in sorted(direction.items(), key=lambda item: -abs(item[1])):
+    ranked = sorted(direction.items(), key=lambda item: (item[0] != held, -abs(item[1])))
+    for name, factor in ranked:
         size = abs(factor)
         times = "" if math.isclose(size, 1.0, rel_tol=5e-4) else f"{size:.3g}·"
         sign = "−" if factor < 0 else "+"

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -53,6 +54,18 @@ class PoseTable:
             self.rotation[rows], self.position[rows] = rotation, position
             flat = slice(6 * rows.start, 6 * rows.stop)
             self.velocity[flat] = velocity.reshape(-1, self.velocity.shape[1])
+
+    @contextmanager
+    def shifted(self, shifts: Sequence[FloatArray]) -> Iterator[None]:
+        """Evaluate at other readings for a while: a shift (n, joints) per arm source, in order."""
+        kept = [batch.inputs[1].copy() for _, batch in self._arm]
+        try:
+            for (_, batch), shift in zip(self._arm, shifts, strict=True):
+                batch.inputs[1][:] += shift
+            yield
+        finally:
+            for (_, batch), q in zip(self._arm, kept, strict=True):
+                batch.inputs[1][:] = q
 
 
 @dataclass(frozen=True, eq=False)

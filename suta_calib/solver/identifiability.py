@@ -173,10 +173,12 @@ def _echelon(
     echelon = weak @ np.linalg.inv(weak[chosen])
     floor = 1e3 * ROUNDING * max(float(np.linalg.eigvalsh(curvature)[-1]), 1e-300)
     for column in echelon.T:
-        still_weak = max(4.0 * float(column @ curvature @ column), floor, 0.25 / WEAK**2)
+        known = float(column @ curvature @ column)
+        exact = known <= floor
+        still_weak = floor if exact else max(4.0 * known, 0.25 / WEAK**2)
         for i in np.argsort(np.abs(column)):
             kept, column[i] = column[i], 0.0
-            by_noise = float(column @ feigned @ column) / FEIGNED
+            by_noise = 0.0 if exact else float(column @ feigned @ column) / FEIGNED
             if column @ curvature @ column > max(still_weak, by_noise) or not column.any():
                 column[i] = kept
                 break

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 
@@ -23,6 +24,9 @@ from suta_calib.solver.evaluation import Linearised
 from suta_calib.solver.problem import Problem
 from suta_calib.terms.poses import ArmPoses
 from suta_calib.terms.term import IntArray
+
+# Readings that are looked at to learn how far the tip reaches: an average needs no more.
+REACH_SAMPLES: Final = 500
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,9 +149,9 @@ def _feigned_information(
     total = np.zeros((n, n))
     if problem.arm is None or problem.arm_count == 0:
         return total
-    moved = problem.with_readings(_jittered_readings(problem, x, sigmas))
     before = whitened_rows(problem, x, sigmas)
-    after = whitened_rows(moved, x, sigmas)
+    with problem.evaluation.table.shifted(_jitter(problem, x, sigmas)):
+        after = whitened_rows(problem, x, sigmas)
     for old, new, r in zip(before, after, rows, strict=True):
         belief = np.repeat(r.belief, len(old.jacobian) // len(r.belief))
         change = belief[:, None] * (new.jacobian - old.jacobian)
@@ -155,36 +159,30 @@ def _feigned_information(
     return total
 
 
-def _jittered_readings(
-    problem: Problem, x: FloatArray, sigmas: Sequence[float]
-) -> list[FloatArray | None]:
+def _jitter(problem: Problem, x: FloatArray, sigmas: Sequence[float]) -> list[FloatArray]:
+    """Noise of every arm source's readings (n, joints) that moves the tip as the residuals say."""
     random = np.random.default_rng(0)
     level = {v.first_sample: s for v, s in zip(problem.evaluation.views, sigmas, strict=True)}
-    first, moved = 0, list[FloatArray | None]()
+    first, shifts = 0, list[FloatArray]()
     values = problem.values(x)
     for term in problem.terms:
         source = term.poses
         if isinstance(source, ArmPoses):
-            reach = _reach(source, values)
-            noise = random.standard_normal(source.samples.q.shape)
-            moved.append(source.samples.q + noise * level[first] * np.sqrt(3.0) / reach)
-        else:
-            moved.append(None)
+            share = level[first] * np.sqrt(3.0) / _reach(source, values)
+            shifts.append(share * random.standard_normal(source.samples.q.shape))
         first += len(source)
-    return moved
+    return shifts
 
 
 def _reach(source: ArmPoses, values: dict[str, float]) -> float:
     """Tip motion per unit of noise in every joint, m/rad: root of the summed squared levers."""
-    q, step = source.samples.q, 1e-6
-    _, rest = source.arm.forward(q, values)
-    squared = 0.0
-    for joint in range(q.shape[1]):
-        turned = q.copy()
-        turned[:, joint] += step
-        _, position = source.arm.forward(turned, values)
-        squared += float(np.mean(np.sum(((position - rest) / step) ** 2, axis=1)))
-    return float(np.sqrt(squared)) or 1.0
+    step = 1e-6
+    q = source.samples.q[:: 1 + len(source) // REACH_SAMPLES]
+    around = q + step * np.eye(q.shape[1])[:, None, :]
+    _, position = source.arm.forward(np.vstack([q, *around]), values)
+    rest, *turned = position.reshape(-1, len(q), 3)
+    levers = (np.array(turned) - rest) / step
+    return float(np.sqrt(np.sum(levers**2) / len(q))) or 1.0
 
 
 def _predicted_variance(rows: Rows) -> FloatArray:

@@ -19,6 +19,8 @@ from suta_calib.solver.symbolic import symbolic_cost
 from suta_calib.terms.term import IntArray
 
 MAX_POLISH: Final = 10
+# Residuals up to which the cost is minimised as it is.
+FULL_SIZE: Final = 2000
 GOOD: Final = ("Solve_Succeeded", "Solved_To_Acceptable_Level")
 Evaluate = Callable[[FloatArray], tuple[float, FloatArray, FloatArray]]
 
@@ -138,6 +140,7 @@ class RobustNlp:
 
     def _build(self) -> Any:
         z: Any = ca.MX.sym("z", len(self._free))
+        rows = sum(len(block) * block.size for block in self._problem.blocks)
         common: dict[str, Any] = {
             "print_time": False,
             "show_eval_warnings": False,
@@ -146,7 +149,9 @@ class RobustNlp:
             "ipopt.max_iter": self._options.max_iterations,
             # In units of the whitened cost per scaled parameter: a thousandth of a standard
             # deviation, and still above rounding, where a line search would go on for nothing.
+            # Rounding grows with the cost, so a large problem is scaled down to this size.
             "ipopt.nlp_scaling_method": "none",
+            "ipopt.obj_scaling_factor": min(1.0, FULL_SIZE / rows),
             "ipopt.tol": 1e-2,
             "ipopt.acceptable_tol": 1e-1,
             # The nominal geometry is feasible and a good start: do not push it off its bounds,

@@ -8,8 +8,6 @@ with Huber's ρ per block and x within its bounds. `Problem` is data: `solve` mi
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from copy import copy
-from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -92,19 +90,6 @@ class Problem:
         """1/prior² per parameter (n,), zero where nothing is known beforehand."""
         prior = self.parameters.array("prior")
         return np.where(np.isnan(prior), 0.0, 1.0 / np.where(np.isnan(prior), 1.0, prior) ** 2)
-
-    def with_readings(self, readings: Sequence[FloatArray | None]) -> Problem:
-        """The same problem at other joint readings, one array per term (None: as it was)."""
-        terms = []
-        for term, q in zip(self.terms, readings, strict=True):
-            if q is None or not isinstance(term.poses, ArmPoses):
-                terms.append(term)
-                continue
-            other = copy(term)
-            other.poses = ArmPoses(term.poses.arm, replace(term.poses.samples, q=q))
-            terms.append(other)
-        chosen = ParameterSet(list(self.parameters.values())[: self.arm_count])
-        return Problem(terms, chosen)
 
     def linearise(self, x: FloatArray, sigmas: Sequence[float]) -> list[Linearised]:
         """Residuals and derivatives of every block at x, for given noise levels."""
