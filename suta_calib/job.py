@@ -56,7 +56,7 @@ class CalibrationJob:
             spec,
             arm,
             parameters,
-            tuple(_term(arm, row, spec.path) for row in spec.observations),
+            tuple(_term(arm, row, spec.path, fitted=True) for row in spec.observations),
             tuple(_term(arm, row, spec.path) for row in spec.validation),
         )
 
@@ -97,7 +97,7 @@ def read_arm_samples(arm: ArmModel, files: Sequence[Path], kind: str) -> Samples
     return read_samples(files, joint_ranges(arm), KINDS[kind].columns)
 
 
-def _term(arm: ArmModel, row: ObservationSpec, job: Path) -> Term:
+def _term(arm: ArmModel, row: ObservationSpec, job: Path, *, fitted: bool = False) -> Term:
     if row.kind not in KINDS:
         raise JobError(
             f"kind '{row.kind}'",
@@ -110,11 +110,14 @@ def _term(arm: ArmModel, row: ObservationSpec, job: Path) -> Term:
     lengths, angles = _noise(row.sigma_m, row.huber_m), _noise(row.sigma_rad, row.huber_rad)
     artefact = None if row.artefact is None else read_artefact(row.artefact)
     try:
-        return KINDS[row.kind].over(
+        term = KINDS[row.kind].over(
             poses, artefact=artefact, noise=lengths, angular_noise=angles, label=row.label
         )
+        if fitted:
+            term.check_enough()
     except InputError as error:
         raise _placed(error, job, row.line) from None
+    return term
 
 
 def _placed(error: InputError, job: Path, line: int | None) -> InputError:

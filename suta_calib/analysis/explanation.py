@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from suta_calib.analysis.tip_motion import LEVER, NOISE, TipMotion, tip_motion
+from suta_calib.analysis.tip_motion import LEVER, NOISE, TipMotion, placement_groups, tip_motion
 from suta_calib.geometry import FloatArray
 from suta_calib.model.parameters import Unit
 from suta_calib.solver.identifiability import Combination, Identification
@@ -195,7 +195,7 @@ def _tool(case: _Case, v: FloatArray, omega: FloatArray) -> Explanation:
 
 
 def _per_placement(case: _Case) -> Explanation | None:
-    if case.motion.rigid_per_group(_groups(case.problem)) > NOISE:
+    if case.motion.rigid_per_group(placement_groups(case.problem)) > NOISE:
         return None
     return case.says(
         "moves all points touched at one place together, and the unknown pose of that place makes "
@@ -240,17 +240,6 @@ def _place(case: _Case) -> float:
     order = [segment.prefix for segment in case.problem.arm.segments]
     owner = case.motion.main[0].rsplit(".", 1)[0] if case.motion.main else order[0]
     return order.index(owner) / max(len(order) - 1, 1)
-
-
-def _groups(problem: Problem) -> FloatArray:
-    """(n,) one number per set of samples whose common motion its own unknowns make up for."""
-    keys: list[tuple[object, ...]] = []
-    for k, term in enumerate(problem.terms):
-        labels = term.poses.samples.labels
-        columns = [labels[name] for name in ("placement", "repeat", "point") if name in labels]
-        keys += [(k, *(str(c[row]) for c in columns)) for row in range(len(term.poses))]
-    number = {key: i for i, key in enumerate(dict.fromkeys(keys))}
-    return np.array([number[key] for key in keys], dtype=float)
 
 
 def _spread(problem: Problem, direction: Mapping[str, float], information: Information) -> float:

@@ -121,5 +121,16 @@ def tip_motion(problem: Problem, x: FloatArray, direction: Mapping[str, float]) 
     return TipMotion(table.position.copy(), rotation, total[:, :3], total[:, 3:], parts)
 
 
+def placement_groups(problem: Problem) -> FloatArray:
+    """(n,) one number per set of samples whose common motion its own unknowns make up for."""
+    keys: list[tuple[object, ...]] = []
+    for k, term in enumerate(problem.terms):
+        labels = term.poses.samples.labels
+        columns = [labels[name] for name in ("placement", "repeat", "point") if name in labels]
+        keys += [(k, *(str(c[row]) for c in columns)) for row in range(len(term.poses))]
+    number = {key: i for i, key in enumerate(dict.fromkeys(keys))}
+    return np.array([number[key] for key in keys], dtype=float)
+
+
 def _rms(vectors: FloatArray) -> float:
     return float(np.sqrt(np.mean(np.sum(vectors**2, axis=1)))) if len(vectors) else 0.0

@@ -102,10 +102,7 @@ def _table(accuracy: Accuracy) -> Table:
         table.add_column(heading, justify="right", no_wrap=True)
     for errors in by_kind(accuracy.validation):
         before, after = errors.metrics
-        of = f"{errors.kind} {errors.name}".replace("_", " ").replace(
-            "distance distance", "distance"
-        )
-        table.add_row(of, "before", *_cells(before, errors.unit), "")
+        table.add_row(quantity(errors), "before", *_cells(before, errors.unit), "")
         gain = percent(before.rms, after.rms)
         table.add_row("", "after", *_cells(after, errors.unit), gain, end_section=True)
     return table

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Final, Literal
 
 from suta_calib.analysis.accuracy import Accuracy
+from suta_calib.analysis.lack_of_fit import LackOfFit, lack_of_fit
 from suta_calib.report.result import Result, arm_estimates
 from suta_calib.report.units import text
 from suta_calib.solver.solution import Solution, State
@@ -14,6 +15,8 @@ Level = Literal["good", "caution", "bad"]
 WORD: Final[dict[Level, str]] = {"good": "Good", "caution": "Take care", "bad": "Do not use"}
 # Noise that differs from what the job states by more than this factor deserves a word.
 SURPRISING: Final = 2.0
+# Residuals over the scatter of repeats from which a model is said to lack something.
+LACKING: Final = 1.5
 MOST_NAMES: Final = 6
 
 
@@ -42,7 +45,12 @@ def judge(result: Result) -> Verdict:
     solution = result.solution
     if not solution.converged:
         return Verdict("bad", solution.verdict, ("No calibrated URDF is written.",))
-    notes = (*_on_validation(result.accuracy), *_on_parameters(solution), *_on_noise(solution))
+    notes = (
+        *_on_validation(result.accuracy),
+        *_on_parameters(solution),
+        *_on_fit(solution),
+        *_on_noise(solution),
+    )
     worse = _validation_change(result.accuracy) > 0
     level: Level = "caution" if notes or worse else "good"
     return Verdict(level, solution.verdict, notes)
@@ -74,6 +82,20 @@ def _on_parameters(solution: Solution) -> list[str]:
             "the wrong artefact."
         )
     return notes
+
+
+def _on_fit(solution: Solution) -> list[str]:
+    return [_lacking(fit) for fit in lack_of_fit(solution) if fit.ratio > LACKING]
+
+
+def _lacking(fit: LackOfFit) -> str:
+    found = text(fit.residual, fit.unit, with_unit=True)
+    explained = text(fit.repeat, fit.unit, with_unit=True)
+    return (
+        f"The residuals ({found}) are {fit.ratio:.1f} times what repeats of the same touch scatter "
+        f"({explained}): the model lacks something. Values and ± hold only within it; free more "
+        "of the geometry (select: geometric)."
+    )
 
 
 def _on_noise(solution: Solution) -> list[str]:

@@ -175,7 +175,7 @@ def _echelon(
     for column in echelon.T:
         known = float(column @ curvature @ column)
         exact = known <= floor
-        still_weak = floor if exact else max(4.0 * known, 0.25 / WEAK**2)
+        still_weak = max(4.0 * known, 1e-3 * floor if exact else 0.25 / WEAK**2)
         for i in np.argsort(np.abs(column)):
             kept, column[i] = column[i], 0.0
             by_noise = 0.0 if exact else float(column @ feigned @ column) / FEIGNED

@@ -27,6 +27,13 @@ from suta_calib.terms.term import IntArray
 
 # Readings that are looked at to learn how far the tip reaches: an average needs no more.
 REACH_SAMPLES: Final = 500
+# Touches from which on none has leverage worth freeing residuals of.
+MANY_TOUCHES: Final = 2000
+# Eigenvalue of a covariance, relative to the largest, that is rounding.
+ROUNDING: Final = 1e-14
+# Weight that lets a direction count as feigned once half of its information is residual-made: noise
+# may feign a hundredth (`identifiability.FEIGNED`).
+RESIDUAL_MADE: Final = 0.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,18 +103,18 @@ def observed_covariance(
     """Covariance (n, n) of the estimate at x, zero for entries that were not free.
 
     The sandwich A⁻¹ (M + P) A⁻¹ with the priors' precision P in A as well: scatter as the residuals
-    show it, outliers as Huber weighs them, rows of one sample together.
+    show it, outliers as Huber weighs them, rows of one touch together.
     """
     rows = whitened_rows(problem, x, sigmas)
     prior = np.diag(problem.prior_precision())
     curvature = prior + sum(j.T @ j for j in map(_robust_jacobian, rows))
     bread = np.zeros_like(prior)
     bread[np.ix_(free, free)] = _pseudo_inverse(curvature[np.ix_(free, free)])
-    variance = prior.copy()
+    covariance = bread @ prior @ bread
     for term in problem.terms:
         mine = [r for r in rows if any(r.line.view.block is b for b in term.blocks)]
-        variance += _clustered_variance(mine, len(term.poses), bread)
-    return bread @ variance @ bread
+        covariance += _clustered_variance(mine, term.repeats(), bread)
+    return covariance
 
 
 def predicted_covariance(problem: Problem, information: Information, free: IntArray) -> FloatArray:
@@ -143,7 +150,7 @@ def _feigned_information(
     """F: how much the Jacobian changes when the readings change by their own noise.
 
     The noise of the readings is not known; what is known is how far it moves the tip. Every joint
-    gets the same share of it.
+    gets the same share of it. Information that only the size of the residuals makes counts as well.
     """
     n = problem.arm_count + problem.evaluation.own_count
     total = np.zeros((n, n))
@@ -152,11 +159,30 @@ def _feigned_information(
     before = whitened_rows(problem, x, sigmas)
     with problem.evaluation.table.shifted(_jitter(problem, x, sigmas)):
         after = whitened_rows(problem, x, sigmas)
+    for row in before:
+        total += _by_residual_alone(problem, row)
     for old, new, r in zip(before, after, rows, strict=True):
         belief = np.repeat(r.belief, len(old.jacobian) // len(r.belief))
         change = belief[:, None] * (new.jacobian - old.jacobian)
         total += change.T @ change
     return total
+
+
+def _by_residual_alone(problem: Problem, row: Rows) -> FloatArray:
+    """Information about turns that a residual in a turning frame feigns by being large.
+
+    Rᵀ(c - p) turns with the tool, so its derivative by the tool's orientation is as long as the
+    residual itself, and vanishes with it: no such residual can tell where the tool points.
+    """
+    line = row.line
+    turns = line.by_pose * line.pattern.angular / line.sigma[:, None, None]
+    size = np.linalg.norm(line.residual, axis=1) / line.sigma
+    by_turn = np.linalg.norm(turns, axis=(1, 2))
+    if np.any(by_turn > 1.5 * size + 1e-9) or not by_turn.any():
+        return np.zeros((row.jacobian.shape[1],) * 2)
+    arm, _ = problem.evaluation.columns(line, turns, line.by_own)
+    whole = np.hstack([arm, np.zeros((len(arm), problem.evaluation.own_count))])
+    return np.asarray(whole.T @ whole) * RESIDUAL_MADE
 
 
 def _jitter(problem: Problem, x: FloatArray, sigmas: Sequence[float]) -> list[FloatArray]:
@@ -210,26 +236,64 @@ def _robust_jacobian(rows: Rows) -> FloatArray:
     return jacobian.reshape(n * size, -1)
 
 
-def _clustered_variance(rows: Sequence[Rows], samples: int, bread: FloatArray) -> FloatArray:
-    """Σ of products of row gradients that share a sample.
+def _clustered_variance(rows: Sequence[Rows], touch: IntArray, bread: FloatArray) -> FloatArray:
+    """A⁻¹ (Σ of products of row gradients that share a touch) A⁻¹ for one term's blocks.
 
     Cluster-robust variance for dyads (Aronow, Samii, Assenova 2015, doi:10.1093/pan/mpv018), which
-    is White's for rows of one sample each; residuals are freed of their leverage (HC2).
+    is White's for rows of one sample each. Residuals are freed of their leverage touch by touch
+    (CR2; Bell and McCaffrey 2002): a fit follows the few touches it has.
+
+    Args:
+        rows: whitened rows.
+        touch: (samples,) cluster of each sample; repeats of a touch are one cluster, because they
+            share what the model gets wrong about their posture.
+        bread: (n, n) inverse curvature A⁻¹.
     """
-    width = bread.shape[0]
-    by_sample, twice = np.zeros((samples, width)), np.zeros((width, width))
+    unit = np.sqrt(np.maximum(np.diag(bread), 0.0))
+    outer = np.outer(unit, unit)
+    values, vectors = np.linalg.eigh(np.divide(bread, outer, where=outer > 0, out=0 * outer))
+    kept = values > ROUNDING * max(float(values[-1]), 1e-300)
+    root = unit[:, None] * vectors[:, kept] * np.sqrt(values[kept])
+    count, width = int(touch.max()) + 1, root.shape[1]
+    by_touch, twice = np.zeros((count, width)), np.zeros((width, width))
     for r in rows:
         line = r.line
         n, size = line.residual.shape
-        jacobian = r.jacobian.reshape(n, size, width)
-        leverage = np.einsum("ndp,pq,ndq->n", jacobian, bread, jacobian, optimize=True) / size
-        freed = line.weight / np.sqrt(1.0 - np.clip(leverage * line.weight, 0.0, 0.9))
-        score = np.einsum("n,nd,ndp->np", freed / line.sigma, line.residual, jacobian)
-        members = line.view.block.samples
+        belief = np.sqrt(line.weight)
+        gain = (r.jacobian @ root).reshape(n, size, width) * belief[:, None, None]
+        score = np.einsum("ndp,nd,n->np", gain, line.residual, belief / line.sigma)
+        members = touch[line.view.block.samples]
+        mine = np.zeros_like(by_touch)
         for k in range(members.shape[1]):
-            np.add.at(by_sample, members[:, k], score)
-        twice += (members.shape[1] - 1) * score.T @ score
-    return _positive(by_sample.T @ by_sample - twice)
+            np.add.at(mine, members[:, k], score)
+        by_touch += _freed(mine, gain, members) if count <= MANY_TOUCHES else mine
+        twice += _between_pairs(score, gain, members)
+    spread = root @ _positive(by_touch.T @ by_touch - twice) @ root.T
+    return np.asarray(spread)
+
+
+def _freed(by_touch: FloatArray, gain: FloatArray, members: IntArray) -> FloatArray:
+    """Scores per touch multiplied by (I - YᵀY)^(-½), Y the touch's rows in units of the fit."""
+    freed = by_touch.copy()
+    for k in np.unique(members):
+        y = gain[(members == k).any(axis=1)].reshape(-1, gain.shape[2])
+        values, vectors = np.linalg.eigh(y.T @ y)
+        scale = 1.0 / np.sqrt(np.clip(1.0 - values, 0.1, 1.0))
+        freed[k] = vectors @ (scale * (vectors.T @ by_touch[k]))
+    return freed
+
+
+def _between_pairs(score: FloatArray, gain: FloatArray, members: IntArray) -> FloatArray:
+    """What rows between the same two touches contribute: they were counted once for each."""
+    if members.shape[1] == 1:
+        return np.zeros((score.shape[1],) * 2)
+    _, pair = np.unique(np.sort(members, axis=1), axis=0, return_inverse=True)
+    pair = pair.reshape(-1)
+    leverage = np.bincount(pair, np.einsum("ndp,ndp->n", gain, gain))
+    by_pair = np.zeros((len(leverage), score.shape[1]))
+    np.add.at(by_pair, pair, score)
+    freed = by_pair / np.sqrt(1.0 - np.clip(leverage, 0.0, 0.9))[:, None]
+    return np.asarray((members.shape[1] - 1) * freed.T @ freed)
 
 
 def _positive(matrix: FloatArray) -> FloatArray:

@@ -20,7 +20,11 @@ from suta_calib.terms.term import Block, IntArray, Pose, Residual
 
 
 class RowPattern:
-    """Where the derivatives of a block's rows belong: built once, filled at every evaluation."""
+    """Where the derivatives of a block's rows belong: built once, filled at every evaluation.
+
+    Attributes:
+        angular: (c,) which of the pose velocities are turns.
+    """
 
     def __init__(
         self,
@@ -30,6 +34,7 @@ class RowPattern:
         velocity_rows: int,
         own_count: int,
     ) -> None:
+        self.angular = pose_columns[:1].reshape(-1) % 6 >= 3
         self._poses = _sparse(pose_columns, block.size, velocity_rows)
         self._own = _sparse(own_columns, block.size, own_count) if own_columns.shape[1] else None
 

@@ -19,6 +19,8 @@ from suta_calib.terms.term import IntArray
 State = Literal["identified", "unidentified", "prior", "at_bound", "fixed"]
 # Of the variance that a prior leaves, the part the data must take away to call it identified.
 INFORMED = 0.5
+# Whitened costs that differ by less are the same minimum.
+SAME_COST = 1e-3
 
 
 @dataclass(frozen=True)
@@ -86,7 +88,7 @@ class Solution:
                 "artefact, tighten the bounds, or raise solver.max_iterations"
             )
         lowest = min(a.cost for a in self.attempts)
-        best = sum(a.cost <= lowest * (1 + 1e-6) + 1e-12 for a in self.attempts)
+        best = sum(a.cost <= lowest * (1 + 1e-6) + SAME_COST for a in self.attempts)
         held = len(self.identification.held)
         told = f"{len(self.free)} of {len(self.free) + held} unknowns estimated"
         return f"converged: {told}; {best} of {len(self.attempts)} starts reached the same minimum"
@@ -115,11 +117,16 @@ class Solution:
         for k, p in enumerate(self.problem.parameters.values()):
             state = self._state(k, p, float(std[k]), free, held)
             given = self.identification.given(p.name) if k in free else ()
-            known = float(std[k]) if state in ("identified", "prior") else None
+            known = self._known(p, float(std[k])) if state in ("identified", "prior") else None
             found[p.name] = Estimate(
                 p.name, p.unit, p.nominal, float(self.x[k]), known, state, given
             )
         return found
+
+    @staticmethod
+    def _known(p: Parameter, std: float) -> float:
+        """A misfit may scatter an estimate more, but nobody knows less than before the data."""
+        return std if p.prior is None else min(std, p.prior)
 
     def correlation(self) -> tuple[tuple[str, ...], FloatArray]:
         """Names of the estimated parameters and their correlation matrix."""

@@ -101,6 +101,9 @@ def _fit(
         minimum = solver.polish(min(tried, key=lambda m: (not m.converged, m.cost)))
         # What is held adds misfit, which is not noise: the freest fit tells the noise best.
         levels = list(np.minimum(levels, noise_levels(problem, minimum.x, sigmas)))
+        if len(_inside(problem, minimum.x, free)) < len(free):
+            # Nor is the misfit noise that a bound too tight makes.
+            levels = list(np.minimum(levels, sigmas))
         identification = identify_at(problem, minimum.x, levels, robust=True)
         found = set(identification.held.tolist())
         if found == held:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Final
@@ -147,6 +148,23 @@ class Term(ABC):
         """`start` by name, at the poses that belong to these parameter values."""
         own = self.start(*self.poses.at(values))
         return {p.name: float(v) for p, v in zip(self.own, own, strict=True)}
+
+    def repeats(self) -> IntArray:
+        """(n,) one number for all samples that are repeats of the same touch, else their own.
+
+        Repeats share whatever the model gets wrong about their posture, so they count as one
+        witness. The k-th touch of a landmark in one repeat pairs with the k-th in another.
+        """
+        labels = self.poses.samples.labels
+        if not {"placement", "repeat", "landmark"} <= set(labels):
+            return np.arange(len(self.poses), dtype=np.intp)
+        seen: Counter[tuple[str, str, str]] = Counter()
+        touches = []
+        for row in zip(labels["placement"], labels["landmark"], labels["repeat"], strict=True):
+            touches.append((row[0], row[1], seen[row]))
+            seen[row] += 1
+        index = {touch: k for k, touch in enumerate(dict.fromkeys(touches))}
+        return np.array([index[touch] for touch in touches], dtype=np.intp)
 
     def check_enough(self) -> None:  # noqa: B027 (nothing to check is a fine answer)
         """Refuse sets too small to be fitted; a held-out set may be as small as it likes.

@@ -1,0 +1,117 @@
+"""The notebooks run from beginning to end, and what is stored in them can be shown to anybody."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+import nbformat
+import pytest
+from nbclient import NotebookClient
+from simulated import ROBOT_FILES, ROBOTS
+
+NOTEBOOKS = sorted((Path(__file__).resolve().parent.parent / "notebooks").glob("*.ipynb"))
+# What each notebook needs beside itself, at the same place relative to it.
+NEEDED = ("data/suta", "urdf")
+MOST_BYTES = 500_000
+# Figures the prose repeats: what is computed must still say so.
+CLAIMED = {
+    "01_quickstart": ("10 of 13 unknowns", "Solve_Succeeded", "-223.0 mm", " 0.93\n", " 0.25\n"),
+    "02_other_arms": ("25 of 55 unknowns", "RMS 6.17 mm → 0.09"),
+}
+# Two components at least, so that "mm/s" and "</td>" are none.
+ABSOLUTE_PATH = re.compile(r"(?<![\w.:/<])(?:/[\w.~-]+){2,}|\b[A-Za-z]:\\\w|file://")
+
+every_notebook = pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+
+
+def outputs(notebook: nbformat.NotebookNode) -> Iterator[nbformat.NotebookNode]:
+    for cell in notebook.cells:
+        yield from cell.get("outputs", [])
+
+
+def texts(notebook: nbformat.NotebookNode) -> Iterator[str]:
+    """Everything stored in outputs but the pictures."""
+    for output in outputs(notebook):
+        yield output.get("text", "")
+        for kind, content in output.get("data", {}).items():
+            if not kind.startswith("image/"):
+                yield content if isinstance(content, str) else json.dumps(content)
+
+
+def pictures(notebook: nbformat.NotebookNode) -> int:
+    return sum("image/png" in output.get("data", {}) for output in outputs(notebook))
+
+
+def test_notebooks_are_found():
+    assert [path.stem for path in NOTEBOOKS] == ["01_quickstart", "02_other_arms"]
+
+
+@pytest.mark.slow
+@every_notebook
+def test_runs_without_error(path: Path, repository: Path, tmp_path: Path):
+    if path.stem == "02_other_arms" and not (ROBOTS / ROBOT_FILES["panda"][0]).is_file():
+        pytest.skip("example-robot-data is not installed")
+    for folder in NEEDED:
+        shutil.copytree(repository / folder, tmp_path / folder)
+    copy = tmp_path / "notebooks" / path.name
+    copy.parent.mkdir()
+    shutil.copy(path, copy)
+    notebook = nbformat.read(copy, as_version=4)
+    stored = pictures(notebook)
+    client = NotebookClient(
+        notebook,
+        kernel_name="python3",
+        timeout=120,
+        resources={"metadata": {"path": str(copy.parent)}},
+    )
+    client.execute()
+    warned = [o.text for o in outputs(notebook) if o.get("name") == "stderr"]
+    assert not warned
+    assert pictures(notebook) == stored
+    computed = "".join(texts(notebook))
+    assert [figure for figure in CLAIMED[path.stem] if figure not in computed] == []
+
+
+@every_notebook
+def test_stored_outputs_can_be_shown(path: Path):
+    notebook = nbformat.read(path, as_version=4)
+    nbformat.validate(notebook)
+    kinds = [output.output_type for output in outputs(notebook)]
+    assert kinds, "stored without outputs"
+    assert "error" not in kinds
+    assert pictures(notebook) >= 3
+    assert [found for text in texts(notebook) for found in ABSOLUTE_PATH.findall(text)] == []
+    assert path.stat().st_size < MOST_BYTES
+
+
+@every_notebook
+def test_cells_were_stored_in_the_order_they_ran(path: Path):
+    cells = [c for c in nbformat.read(path, as_version=4).cells if c.cell_type == "code"]
+    assert [cell.execution_count for cell in cells] == list(range(1, len(cells) + 1))
+
+
+@every_notebook
+def test_says_first_what_is_learnt_and_that_data_are_simulated(path: Path):
+    first = nbformat.read(path, as_version=4).cells[0]
+    assert first.cell_type == "markdown"
+    assert "You will learn" in first.source
+    assert re.search(r"\*\*The measurements .*simulated", first.source)
+
+
+@pytest.mark.parametrize(
+    "text", ["at /home/anna/arm.urdf", "'/tmp/x7/a.csv'", r"C:\Users", "file:///x", "(/opt/a/b)"]
+)
+def test_absolute_paths_are_noticed(text: str):
+    assert ABSOLUTE_PATH.search(text)
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["../data/suta", "mm/s/A", "</td></tr>", "https://a.org/b/c", "data/suta/truth.yaml", "/"],
+)
+def test_other_slashes_are_not(text: str):
+    assert not ABSOLUTE_PATH.search(text)
