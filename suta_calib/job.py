@@ -17,7 +17,7 @@ from suta_calib.solver.ipopt import Options
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.solver.solve import Progress, solve
-from suta_calib.terms import KINDS, ArmPoses, Noise, Term
+from suta_calib.terms import KINDS, ArmPoses, Noise, Setup, Term
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,12 +107,14 @@ def _term(arm: ArmModel, row: ObservationSpec, job: Path, *, fitted: bool = Fals
             where="kind",
         )
     poses = ArmPoses(arm, read_arm_samples(arm, row.sample_files, row.kind))
-    lengths, angles = _noise(row.sigma_m, row.huber_m), _noise(row.sigma_rad, row.huber_rad)
-    artefact = None if row.artefact is None else read_artefact(row.artefact)
+    setup = Setup(
+        None if row.artefact is None else read_artefact(row.artefact),
+        _noise(row.sigma_m, row.huber_m),
+        _noise(row.sigma_rad, row.huber_rad),
+        row.label,
+    )
     try:
-        term = KINDS[row.kind].over(
-            poses, artefact=artefact, noise=lengths, angular_noise=angles, label=row.label
-        )
+        term = KINDS[row.kind].over(poses, setup)
         if fitted:
             term.check_enough()
     except InputError as error:

@@ -36,3 +36,9 @@ def shared(repository: Path) -> Path:
 def suta_urdf(repository: Path) -> Path:
     """The nominal SUTA arm."""
     return repository / "urdf" / "suta.urdf"
+
+
+@pytest.fixture(scope="session")
+def scratch(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """One file that every generated example overwrites."""
+    return tmp_path_factory.mktemp("generated") / "file.csv"

@@ -22,7 +22,7 @@ from suta_calib.measurements import Artefact, Landmark, Samples
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import ParameterSet, Selection
 from suta_calib.simulation.inverse_kinematics import InverseKinematics, Targets
-from suta_calib.terms import KINDS, ArmPoses, Noise, Term
+from suta_calib.terms import KINDS, ArmPoses, Noise, Setup, Term
 
 SUTA_URDF = Path(__file__).resolve().parent.parent / "urdf" / "suta.urdf"
 ROBOTS = Path(sysconfig.get_paths()["purelib"]) / "cmeel.prefix/share/example-robot-data/robots"
@@ -134,13 +134,8 @@ class Scene:
         return [self._observed(*rows) for rows in zip(q, position, rotation, strict=True)]
 
     def term(self, samples: Samples, noise: Noise = PLAIN, angular: Noise = PLAIN) -> Term:
-        return KINDS[self.kind].over(
-            ArmPoses(self.arm, samples),
-            artefact=self.artefact,
-            noise=noise,
-            angular_noise=angular,
-            label="default",
-        )
+        setup = Setup(self.artefact, noise, angular)
+        return KINDS[self.kind].over(ArmPoses(self.arm, samples), setup)
 
     def exact(self, noise: Noise = PLAIN, angular: Noise = PLAIN) -> Term:
         """The term over samples without any noise."""

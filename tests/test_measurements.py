@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from reading import PRISMATIC, REVOLUTE, TOUCHED, TRACKED, write
 from scipy.spatial.transform import Rotation
 
 from suta_calib.errors import SamplesError
@@ -23,37 +24,6 @@ from suta_calib.measurements import (
     rotations,
     write_samples,
 )
-
-REVOLUTE = JointRange("j1", "rad", -3.0, 3.0)
-PRISMATIC = JointRange("lift", "m", 0.0, 0.4)
-TOUCHED = SampleColumns(labels=("point",))
-TRACKED = SampleColumns(position=True, orientation="optional")
-SEEN = SampleColumns(position=True, orientation="required")
-
-
-@pytest.fixture(scope="session")
-def scratch(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """One file that every generated example overwrites."""
-    return tmp_path_factory.mktemp("generated") / "file.csv"
-
-
-def write(folder: Path, text: str | bytes, name: str = "a.csv") -> Path:
-    path = folder / name
-    path.write_bytes(text.encode() if isinstance(text, str) else text)
-    return path
-
-
-def refusal(
-    folder: Path, text: str | bytes, columns: SampleColumns, *joints: JointRange
-) -> SamplesError:
-    """The error that a samples file raises; it always names the file."""
-    path = write(folder, text)
-    with pytest.raises(SamplesError) as caught:
-        read_samples([path], joints or (REVOLUTE,), columns)
-    assert str(path) in str(caught.value)
-    assert "\n" not in str(caught.value)
-    return caught.value
-
 
 # ── round trips ──────────────────────────────────────────────────────────────────────────────
 labels = (

@@ -6,7 +6,7 @@ from suta_calib.terms.fixed_point import FixedPoint
 from suta_calib.terms.landmark import Landmark
 from suta_calib.terms.pairwise_distance import PairwiseDistance
 from suta_calib.terms.poses import ArmPoses, MeasuredPoses, PoseSource
-from suta_calib.terms.term import Block, Noise, Term
+from suta_calib.terms.term import Block, Noise, Setup, Term
 from suta_calib.terms.tracked_point import TrackedPoint
 
 KINDS: dict[str, type[Term]] = {
@@ -23,6 +23,7 @@ __all__ = [
     "Noise",
     "PairwiseDistance",
     "PoseSource",
+    "Setup",
     "Term",
     "TrackedPoint",
 ]

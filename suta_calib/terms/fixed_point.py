@@ -9,9 +9,9 @@ import numpy as np
 
 from suta_calib.errors import SamplesError
 from suta_calib.geometry import FloatArray, Symbol
-from suta_calib.measurements import Artefact, SampleColumns
+from suta_calib.measurements import SampleColumns
 from suta_calib.terms.poses import PoseSource
-from suta_calib.terms.term import Block, Noise, Pose, Term, grouped, point_parameters
+from suta_calib.terms.term import Block, Noise, Pose, Setup, Term, grouped, point_parameters
 
 
 def _residual(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
@@ -56,18 +56,9 @@ class FixedPoint(Term):
         )
 
     @classmethod
-    def over(
-        cls,
-        poses: PoseSource,
-        *,
-        artefact: Artefact | None,
-        noise: Noise,
-        angular_noise: Noise,
-        label: str,
-    ) -> FixedPoint:
+    def over(cls, poses: PoseSource, setup: Setup) -> FixedPoint:
         """Build it from a row of a job file."""
-        del artefact, angular_noise, label
-        return cls(poses, noise)
+        return cls(poses, setup.noise)
 
     def start(self, rotation: FloatArray, position: FloatArray) -> FloatArray:
         """The mean of the touches of each point."""

@@ -19,12 +19,12 @@ from suta_calib.terms.term import (
     IntArray,
     Noise,
     Pose,
+    Setup,
     Term,
     grouped,
     pose_of,
     pose_parameters,
     pose_values,
-    required,
 )
 
 
@@ -77,18 +77,9 @@ class Landmark(Term):
             self.blocks += (self._rotation_block(self._oriented),)
 
     @classmethod
-    def over(
-        cls,
-        poses: PoseSource,
-        *,
-        artefact: Artefact | None,
-        noise: Noise,
-        angular_noise: Noise,
-        label: str,
-    ) -> Landmark:
+    def over(cls, poses: PoseSource, setup: Setup) -> Landmark:
         """Build it from a row of a job file."""
-        del label
-        return cls(poses, required(artefact, cls.kind), noise, angular_noise)
+        return cls(poses, setup.certified(cls.kind), setup.noise, setup.angular_noise)
 
     def start(self, rotation: FloatArray, position: FloatArray) -> FloatArray:
         """Arun's registration of each placement; by orientation where the landmarks are in line."""

@@ -16,11 +16,11 @@ from suta_calib.terms.term import (
     IntArray,
     Noise,
     Pose,
+    Setup,
     Term,
     grouped,
     no_own,
     norm,
-    required,
 )
 
 
@@ -80,18 +80,9 @@ class PairwiseDistance(Term):
         )
 
     @classmethod
-    def over(
-        cls,
-        poses: PoseSource,
-        *,
-        artefact: Artefact | None,
-        noise: Noise,
-        angular_noise: Noise,
-        label: str,
-    ) -> PairwiseDistance:
+    def over(cls, poses: PoseSource, setup: Setup) -> PairwiseDistance:
         """Build it from a row of a job file."""
-        del angular_noise, label
-        return cls(poses, required(artefact, cls.kind), noise)
+        return cls(poses, setup.certified(cls.kind), setup.noise)
 
     def start(self, rotation: FloatArray, position: FloatArray) -> FloatArray:
         """Distances have no unknowns of their own."""

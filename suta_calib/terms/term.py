@@ -98,6 +98,28 @@ class Block:
         return len(self.samples)
 
 
+@dataclass(frozen=True)
+class Setup:
+    """What a row of a job file can say beside its samples; every kind takes what it needs.
+
+    Attributes:
+        artefact: certified landmarks, or None.
+        noise, angular_noise: scatter and robustness of lengths and of angles.
+        label: tells several instruments of one kind apart.
+    """
+
+    artefact: Artefact | None = None
+    noise: Noise = field(default_factory=Noise)
+    angular_noise: Noise = field(default_factory=Noise)
+    label: str = "default"
+
+    def certified(self, kind: str) -> Artefact:
+        """The artefact, or the error that it is missing."""
+        if self.artefact is None:
+            raise ArtefactError("no artefact", f"an artefact for {kind}", where=kind)
+        return self.artefact
+
+
 class Term(ABC):
     """One set of observations of one kind.
 
@@ -126,15 +148,7 @@ class Term(ABC):
 
     @classmethod
     @abstractmethod
-    def over(
-        cls,
-        poses: PoseSource,
-        *,
-        artefact: Artefact | None,
-        noise: Noise,
-        angular_noise: Noise,
-        label: str,
-    ) -> Term:
+    def over(cls, poses: PoseSource, setup: Setup) -> Term:
         """Build the term from what a row of a job file can say, taking what this kind needs."""
 
     @abstractmethod
@@ -172,13 +186,6 @@ class Term(ABC):
         Raises:
             SamplesError: too few samples, and how many are needed.
         """
-
-
-def required(artefact: Artefact | None, kind: str) -> Artefact:
-    """The artefact, or the error that it is missing."""
-    if artefact is None:
-        raise ArtefactError("no artefact", f"an artefact for {kind}", where=kind)
-    return artefact
 
 
 def pose_parameters(label: str) -> tuple[Parameter, ...]:

@@ -10,12 +10,13 @@ import numpy as np
 
 from suta_calib.errors import SamplesError
 from suta_calib.geometry import FloatArray, Symbol, register_points, symbolic_rotation_log
-from suta_calib.measurements import Artefact, SampleColumns
+from suta_calib.measurements import SampleColumns
 from suta_calib.terms.poses import PoseSource
 from suta_calib.terms.term import (
     Block,
     Noise,
     Pose,
+    Setup,
     Term,
     pose_of,
     pose_parameters,
@@ -86,18 +87,9 @@ class TrackedPoint(Term):
             )
 
     @classmethod
-    def over(
-        cls,
-        poses: PoseSource,
-        *,
-        artefact: Artefact | None,
-        noise: Noise,
-        angular_noise: Noise,
-        label: str,
-    ) -> TrackedPoint:
+    def over(cls, poses: PoseSource, setup: Setup) -> TrackedPoint:
         """Build it from a row of a job file."""
-        del artefact
-        return cls(poses, noise, angular_noise, label)
+        return cls(poses, setup.noise, setup.angular_noise, setup.label)
 
     def start(self, rotation: FloatArray, position: FloatArray) -> FloatArray:
         """Arun's registration of the tip's positions to what the instrument saw."""
