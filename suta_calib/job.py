@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from time import perf_counter
 
 from suta_calib.analysis.accuracy import Accuracy, assess
 from suta_calib.errors import InputError, JobError, ParameterError
@@ -71,7 +72,11 @@ class CalibrationJob:
 
     def run(self, progress: Progress | None = None) -> CalibrationResult:
         """Solve and validate."""
-        solution = solve(self.problem(), self.options(), progress)
+        began = perf_counter()
+        problem = self.problem()
+        build = perf_counter() - began
+        solution = solve(problem, self.options(), progress)
+        solution = replace(solution, timing={"build": build} | solution.timing)
         return CalibrationResult(self, solution, assess(solution, self.validation))
 
 
