@@ -20,11 +20,8 @@ from simulated import (
     placements,
 )
 
-from suta_calib.solver.information import (
-    predicted_covariance,
-    predicted_information,
-    whitened_rows,
-)
+from suta_calib.solver.covariance import predicted_covariance
+from suta_calib.solver.information import predicted_information, whitened_rows
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.solver.solve import solve

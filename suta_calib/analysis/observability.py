@@ -14,12 +14,9 @@ from suta_calib.analysis.explanation import Explanation, explain
 from suta_calib.analysis.indices import Indices
 from suta_calib.geometry import FloatArray
 from suta_calib.model.parameters import Parameter, Unit
+from suta_calib.solver.covariance import predicted_covariance
 from suta_calib.solver.identifiability import Identification
-from suta_calib.solver.information import (
-    Information,
-    predicted_covariance,
-    predicted_information,
-)
+from suta_calib.solver.information import Information, predicted_information
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import INFORMED, State
 from suta_calib.solver.solve import identify_at

@@ -11,12 +11,9 @@ import numpy as np
 
 from suta_calib.geometry import FloatArray
 from suta_calib.model.parameters import Parameter
+from suta_calib.solver.covariance import observed_covariance
 from suta_calib.solver.identifiability import Identification, identify
-from suta_calib.solver.information import (
-    noise_levels,
-    observed_covariance,
-    predicted_information,
-)
+from suta_calib.solver.information import noise_levels, predicted_information
 from suta_calib.solver.ipopt import Minimum, Options, RobustNlp
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution, near_bound
