@@ -42,6 +42,9 @@ format: $(INSTALLED_DEV)
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
+# One thread for everybody: with more, the linear algebra of small problems mostly waits.
+bench: export OPENBLAS_NUM_THREADS = 1
+bench: export OMP_NUM_THREADS = 1
 bench: $(INSTALLED_DEV)
 	@set -e; for script in benchmarks/bench_*.py; do \
 		test -e "$$script" || { echo "make bench: found no benchmarks/bench_*.py" >&2; exit 1; }; \

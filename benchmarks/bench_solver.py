@@ -1,7 +1,8 @@
 """Time to calibrate the simulated SUTA, ours beside SciPy's, in one run.
 
 Eight starts from the same points for everybody; problem building is included. The cost is Huber's
-on the same residuals, so costs compare directly. Ratios are to ours.
+on the same residuals, so costs compare directly. Ratios are to ours. Run by `make bench`, which
+gives everybody one thread.
 """
 
 from __future__ import annotations

@@ -22,12 +22,14 @@ from simulated import (
 )
 
 from suta_calib.errors import ParameterError
+from suta_calib.measurements import Artefact, Samples
+from suta_calib.measurements import Landmark as Mark
 from suta_calib.model.parameters import Selection
 from suta_calib.solver.ipopt import Options
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Estimate
 from suta_calib.solver.solve import solve
-from suta_calib.terms import MeasuredPoses, Noise
+from suta_calib.terms import ArmPoses, Landmark, MeasuredPoses, Noise
 
 SIGMA = 1e-4
 DIRTY = Spread(position=SIGMA, outliers=0.1, gross=0.01)
@@ -238,3 +240,14 @@ def test_problems_without_sense_are_refused() -> None:
     other = tracked_scene(arm_named("ur5"), {}, 5)
     with pytest.raises(ParameterError, match="different arms"):
         Problem([scene.exact(), other.exact()], dh_parameters(scene.arm))
+
+
+def test_two_artefacts_cannot_stand_at_one_placement() -> None:
+    """Their poses would be taken for one unknown, and both be wrong."""
+    arm = arm_named("suta")
+    labels = {"placement": ["P1"] * 3, "repeat": ["1"] * 3, "landmark": ["A", "B", "C"]}
+    samples = Samples.from_arrays(arm.joints, np.zeros((3, 6)), labels=labels)
+    marks = {n: Mark(n, p) for n, p in zip("ABC", np.eye(3), strict=True)}
+    terms = [Landmark(ArmPoses(arm, samples), Artefact(name, marks)) for name in ("one", "two")]
+    with pytest.raises(ParameterError, match="'one' and of artefact 'two'"):
+        Problem(terms)

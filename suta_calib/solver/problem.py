@@ -15,7 +15,7 @@ import numpy as np
 from suta_calib.errors import ParameterError
 from suta_calib.geometry import FloatArray
 from suta_calib.model.arm import ArmModel
-from suta_calib.model.parameters import ParameterSet
+from suta_calib.model.parameters import Parameter, ParameterSet
 from suta_calib.solver.evaluation import BlockView, Evaluation, Linearised
 from suta_calib.terms.poses import ArmPoses
 from suta_calib.terms.term import Block, Term
@@ -40,14 +40,15 @@ class Problem:
         evaluation: cost and derivatives; built once, used by every start and every study.
 
     Raises:
-        ParameterError: no term, terms over different arms, or nothing to estimate.
+        ParameterError: no term, terms over different arms, one name for different unknowns, or
+            nothing to estimate.
     """
 
     def __init__(self, terms: Sequence[Term], parameters: ParameterSet | None = None) -> None:
         self.terms = tuple(terms)
         self.arm = _shared_arm(self.terms)
         chosen = parameters or ParameterSet()
-        own = {p.name: p for term in self.terms for p in term.own}
+        own = _own_parameters(self.terms)
         self.parameters = ParameterSet([*chosen.values(), *own.values()])
         self.arm_count = len(chosen)
         if not self.parameters:
@@ -107,6 +108,23 @@ class Problem:
         names = self.names[: self.arm_count]
         sources = [term.poses for term in self.terms]
         return Evaluation(sources, views, names, len(self._own_index))
+
+
+def _own_parameters(terms: Sequence[Term]) -> dict[str, Parameter]:
+    """Own unknowns of all terms; a name that occurs twice is one unknown of the same thing."""
+    own: dict[str, Parameter] = {}
+    subjects: dict[str, str] = {}
+    for term in terms:
+        for parameter in term.own:
+            known = subjects.setdefault(parameter.name, term.subject)
+            if known != term.subject:
+                raise ParameterError(
+                    f"{parameter.name} of {known} and of {term.subject}",
+                    "one name for one thing",
+                    hint="give the placements of one of them other labels",
+                )
+            own[parameter.name] = parameter
+    return own
 
 
 def _shared_arm(terms: Sequence[Term]) -> ArmModel | None:

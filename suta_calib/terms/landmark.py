@@ -106,6 +106,11 @@ class Landmark(Term):
         self._oriented_set = frozenset(self._oriented.tolist())
         return np.array([np.eye(3) if m.rotation is None else m.rotation for m in marks])
 
+    @property
+    def subject(self) -> str:
+        """The artefact: two artefacts cannot stand at one placement."""
+        return f"artefact '{self.artefact.name}'"
+
     def check_enough(self) -> None:
         """Two different landmarks at every placement, or one with its orientation."""
         names = self.poses.samples.labels["landmark"]

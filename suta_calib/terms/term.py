@@ -158,6 +158,11 @@ class Term(ABC):
         Must be finite for any poses, also where the data leave some of them undetermined.
         """
 
+    @property
+    def subject(self) -> str:
+        """What the own unknowns are about; terms may share an unknown only if it is the same."""
+        return self.kind
+
     def start_values(self, values: Mapping[str, float]) -> dict[str, float]:
         """`start` by name, at the poses that belong to these parameter values."""
         own = self.start(*self.poses.at(values))
