@@ -95,9 +95,9 @@ def _freed(by_touch: FloatArray, gain: FloatArray, members: IntArray) -> FloatAr
     freed = by_touch.copy()
     for k in np.unique(members):
         y = gain[(members == k).any(axis=1)].reshape(-1, gain.shape[2])
-        values, vectors = np.linalg.eigh(y.T @ y)
-        scale = 1.0 / np.sqrt(np.clip(1.0 - values, 0.1, 1.0))
-        freed[k] = vectors @ (scale * (vectors.T @ by_touch[k]))
+        _, singular, directions = np.linalg.svd(y, full_matrices=False)
+        extra = 1.0 / np.sqrt(np.clip(1.0 - singular**2, 0.1, 1.0)) - 1.0
+        freed[k] += directions.T @ (extra * (directions @ by_touch[k]))
     return freed
 
 

@@ -25,7 +25,7 @@ from suta_calib.solver.problem import Problem
 from suta_calib.terms.poses import ArmPoses
 
 # Readings that are looked at to learn how far the tip reaches: an average needs no more.
-REACH_SAMPLES: Final = 500
+REACH_SAMPLES: Final = 50
 # Weight that lets a direction count as feigned once half of its information is residual-made: noise
 # may feign a hundredth (`identifiability.FEIGNED`).
 RESIDUAL_MADE: Final = 0.02

@@ -165,6 +165,8 @@ class Term(ABC):
 
     def start_values(self, values: Mapping[str, float]) -> dict[str, float]:
         """`start` by name, at the poses that belong to these parameter values."""
+        if not self.own:
+            return {}
         own = self.start(*self.poses.at(values))
         return {p.name: float(v) for p, v in zip(self.own, own, strict=True)}
 
