@@ -6,7 +6,7 @@ import ast
 from pathlib import Path
 
 ROWS = (
-    {"errors", "geometry", "atomic", "batched"},
+    {"errors", "geometry", "atomic", "batched", "threads"},
     {"model", "measurements"},
     {"terms"},
     {"solver"},

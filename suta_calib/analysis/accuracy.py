@@ -14,6 +14,7 @@ from suta_calib.solver.ipopt import Options, RobustNlp
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.terms.term import IntArray, Term
+from suta_calib.threads import single_threaded
 
 
 @dataclass(frozen=True)
@@ -104,6 +105,7 @@ class Accuracy:
         return Metrics.of(np.concatenate([getattr(t.blocks[0], which) for t in same]))
 
 
+@single_threaded
 def assess(solution: Solution, validation: Sequence[Term] = ()) -> Accuracy:
     """Errors with the nominal and with the calibrated arm, the arm held in both.
 

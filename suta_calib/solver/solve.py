@@ -18,11 +18,13 @@ from suta_calib.solver.ipopt import Minimum, Options, RobustNlp
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution, near_bound
 from suta_calib.terms.term import IntArray
+from suta_calib.threads import single_threaded
 
 MAX_REVISIONS = 4
 Progress = Callable[[int, int], None]
 
 
+@single_threaded
 def solve(
     problem: Problem, options: Options = Options(), progress: Progress | None = None
 ) -> Solution:
