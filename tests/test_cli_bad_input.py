@@ -210,13 +210,20 @@ def test_fewer_samples_than_the_job_can_use(
     assert sorted(folder.rglob("*")) == before
 
 
-@pytest.mark.parametrize("n", [3, 4, 5])
-def test_fewer_equations_than_unknowns_is_never_a_traceback(
+@pytest.mark.parametrize("n", [3, 4])
+def test_data_that_any_values_would_fit_are_refused(
     folder: Path, n: int, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Three rows are nine equations for fourteen unknowns: what they cannot tell is held."""
+    """Nine or twelve equations, even after holding what cannot be told, leave no residual."""
     rows(CSV, n)(folder)
     assert cli("observe", folder / JOB) == 0
+    capsys.readouterr()
+    assert "more equations than unknowns" in refused(capsys, "calibrate", folder / JOB)
+    assert not (folder / "results").exists()
+
+
+def test_few_equations_are_no_traceback(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    rows(CSV, 5)(folder)
     assert cli("calibrate", folder / JOB, "--json") in (0, 1)
     assert "Traceback" not in capsys.readouterr().err
 

@@ -72,6 +72,8 @@ def _clustered_variance(rows: Sequence[Rows], touch: IntArray, bread: FloatArray
     values, vectors = np.linalg.eigh(np.divide(bread, outer, where=outer > 0, out=0 * outer))
     kept = values > ROUNDING * max(float(values[-1]), 1e-300)
     root = unit[:, None] * vectors[:, kept] * np.sqrt(values[kept])
+    if not root.size or not root.any():
+        return np.zeros_like(bread)
     count, width = int(touch.max()) + 1, root.shape[1]
     by_touch, twice = np.zeros((count, width)), np.zeros((width, width))
     for r in rows:

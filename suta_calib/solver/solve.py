@@ -9,6 +9,7 @@ from time import perf_counter
 
 import numpy as np
 
+from suta_calib.errors import SamplesError
 from suta_calib.geometry import FloatArray
 from suta_calib.model.parameters import Parameter
 from suta_calib.solver.covariance import observed_covariance
@@ -39,7 +40,7 @@ def solve(
         A solution that knows whether it may be used; not converging is no exception.
 
     Raises:
-        SamplesError: a term has too few samples to be fitted at all.
+        SamplesError: too few samples for a term, or for the unknowns.
     """
     began = perf_counter()
     for term in problem.terms:
@@ -47,6 +48,7 @@ def solve(
     sigmas = problem.assumed_sigmas()
     nominal = problem.start()
     before = identify_at(problem, nominal, sigmas)
+    _check_determined(problem, before)
     checked = perf_counter()
     fit = _fit(problem, nominal, before, sigmas, options, progress)
     solved = perf_counter()
@@ -69,6 +71,29 @@ def solve(
             "covariance": perf_counter() - solved,
         },
     )
+
+
+def _check_determined(problem: Problem, verdict: Identification) -> None:
+    """Refuse data that determine nothing, or that any values would fit."""
+    wanted = np.flatnonzero([p.free for p in problem.parameters.values()])
+    free = np.setdiff1d(wanted, verdict.held)
+    equations = sum(term.equations() for term in problem.terms)
+    known = int(np.count_nonzero(problem.prior_precision()[free]))
+    advice = "measure more, select fewer parameters, or give priors"
+    if np.any(wanted < problem.arm_count) and not np.any(free < problem.arm_count):
+        raise SamplesError(
+            f"{equations} independent equations, which determine none of the arm's unknowns",
+            "data that determine at least one of them",
+            where="observations",
+            hint=f"{advice}; 'observe' says what is missing",
+        )
+    if equations + known <= len(free):
+        raise SamplesError(
+            f"{equations} independent equations for {len(free)} unknowns",
+            "more equations than unknowns",
+            where="observations",
+            hint=advice,
+        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -79,6 +79,18 @@ class PairwiseDistance(Term):
             ),
         )
 
+    def equations(self) -> int:
+        """Distances between m points of one set fix their shape: 3 m - 6 numbers, not m²/2."""
+        pairs = self.blocks[0].samples
+        labels = self.poses.samples.labels
+        sets = np.char.add(np.char.add(labels["placement"], "/"), labels["repeat"])
+        found = 0
+        for name in np.unique(sets):
+            mine = pairs[sets[pairs[:, 0]] == name]
+            points = len(np.unique(mine))
+            found += min(len(mine), max(3 * points - 6, points - 1))
+        return found
+
     @classmethod
     def over(cls, poses: PoseSource, setup: Setup) -> PairwiseDistance:
         """Build it from a row of a job file."""

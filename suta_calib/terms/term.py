@@ -187,6 +187,10 @@ class Term(ABC):
         index = {touch: k for k, touch in enumerate(dict.fromkeys(touches))}
         return np.array([index[touch] for touch in touches], dtype=np.intp)
 
+    def equations(self) -> int:
+        """How many independent numbers the samples give at most."""
+        return sum(len(block) * block.size for block in self.blocks)
+
     def check_enough(self) -> None:  # noqa: B027 (nothing to check is a fine answer)
         """Refuse sets too small to be fitted; a held-out set may be as small as it likes.
 
