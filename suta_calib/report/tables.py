@@ -111,12 +111,13 @@ def accuracy_table(accuracy: Accuracy) -> Table:
     quantity where there are several.
     """
     table = _table("Errors")
+    # Figures must not be cut where a terminal has its usual eighty columns: words fold instead.
+    table.padding = 0
     table.add_column("data", no_wrap=True)
-    table.add_column("of", overflow="fold")
+    table.add_column("of", overflow="fold", min_width=12, max_width=18)
     table.add_column("state", no_wrap=True)
     for name in ("RMS", "mean", "std", "max"):
-        table.add_column(name, justify="right", no_wrap=True)
-    table.add_column("unit", no_wrap=True)
+        table.add_column(name, justify="right", no_wrap=True, min_width=6)
     table.add_column("count", justify="right", no_wrap=True)
     table.add_column("improvement", justify="right", no_wrap=True)
     sets = {"calibration": accuracy.calibration, "validation": accuracy.validation}
@@ -224,6 +225,7 @@ def _add_errors(table: Table, name: str, terms: Sequence[TermAccuracy]) -> None:
         before, after = errors.metrics
         better = percent(before.rms, after.rms)
         what = quantity(errors) if len({e.kind for e in found}) > 1 else errors.name
+        what = f"{what}, {SHOWN_UNIT[errors.unit]}"
         table.add_row(name, what, "before", *_metric_cells(before, errors.unit), "")
         after_cells = [Text(cell, style="bold") for cell in _metric_cells(after, errors.unit)]
         table.add_row("", "", "after", *after_cells, Text(better, style="bold"), end_section=True)
@@ -238,7 +240,7 @@ def quantity(errors: KindErrors) -> str:
 
 def _metric_cells(metrics: Metrics, unit: Unit) -> list[str]:
     values = (metrics.rms, metrics.mean, metrics.std, metrics.maximum)
-    return [*(text(v, unit) for v in values), SHOWN_UNIT[unit], str(metrics.count)]
+    return [*(text(v, unit) for v in values), str(metrics.count)]
 
 
 def by_remedy(found: Sequence[Explanation]) -> dict[str, list[str]]:
