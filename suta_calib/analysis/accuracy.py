@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -60,12 +61,12 @@ class BlockErrors:
     residual_before: FloatArray
     residual_after: FloatArray
 
-    @property
+    @cached_property
     def before(self) -> FloatArray:
         """Norms of the residuals (n,) with the nominal arm."""
         return np.asarray(np.linalg.norm(self.residual_before, axis=1))
 
-    @property
+    @cached_property
     def after(self) -> FloatArray:
         """Norms of the residuals (n,) with the calibrated arm."""
         return np.asarray(np.linalg.norm(self.residual_after, axis=1))

@@ -198,6 +198,15 @@ def _limits(path: Path, element: Element, kind: str, where: str) -> tuple[float,
     if kind == "fixed":
         return 0.0, 0.0
     given = children(element, "limit")[:1]
+    if not given and kind in ("revolute", "prismatic"):
+        raise UrdfError(
+            f"a {kind} joint without <limit>",
+            "<limit lower=… upper=… effort=… velocity=…>, which URDF asks for",
+            file=path,
+            line=element.sourceline,
+            where=where,
+            hint="add it, or make a revolute joint continuous",
+        )
     if kind == "continuous" or not given or not {"lower", "upper"} & set(given[0].keys()):
         return -math.inf, math.inf
     place = f"{where}: <limit>"

@@ -21,6 +21,7 @@ from suta_calib.terms.term import IntArray
 MAX_POLISH: Final = 10
 # Residuals up to which the cost is minimised as it is.
 FULL_SIZE: Final = 2000
+INTERRUPTED: Final = "NonIpopt_Exception_Thrown"
 GOOD: Final = ("Solve_Succeeded", "Solved_To_Acceptable_Level")
 Evaluate = Callable[[FloatArray], tuple[float, FloatArray, FloatArray]]
 
@@ -86,6 +87,7 @@ class RobustNlp:
         self._options = options
         self._base = self._nominal.copy()
         self._solver: Any = None
+        self._shared = _Shared(self.cost_gradient_hessian)
 
     def cost_gradient_hessian(self, z: FloatArray) -> tuple[float, FloatArray, FloatArray]:
         """Cost and derivatives by the scaled free variables."""
@@ -111,6 +113,9 @@ class RobustNlp:
             self._solver = self._build()
         answer = self._solver(x0=z, lbx=self._lower, ubx=self._upper)
         stats = self._solver.stats()
+        if str(stats["return_status"]) == INTERRUPTED:
+            # CasADi swallows what is raised inside a solve, Ctrl-C among it.
+            raise self._shared.error or KeyboardInterrupt
         x = start.copy()
         x[self._free] = answer["x"].full().reshape(-1) * self._scale
         return Minimum(x, float(answer["f"]), str(stats["return_status"]), int(stats["iter_count"]))
@@ -163,7 +168,7 @@ class RobustNlp:
         }
         if self._options.hessian == "exact":
             return ca.nlpsol("calibration", "ipopt", {"x": z, "f": self._exact_cost(z)}, common)
-        shared = _Shared(self.cost_gradient_hessian)
+        self._shared = shared = _Shared(self.cost_gradient_hessian)
         n = len(self._free)
         # CasADi does not keep Python callbacks alive: the solver must.
         self._callbacks = (_Cost(shared, n), _Gradient(shared, n), _Hessian(shared, n))
@@ -189,13 +194,18 @@ class _Shared:
     def __init__(self, evaluate: Evaluate) -> None:
         self._evaluate = evaluate
         self._key = b""
+        self.error: BaseException | None = None
         self._value: tuple[float, FloatArray, FloatArray]
 
     def __call__(self, z: Any) -> tuple[float, FloatArray, FloatArray]:
         point = np.array(z).reshape(-1)
         key = point.tobytes()
         if key != self._key:
-            self._value = self._evaluate(point)
+            try:
+                self._value = self._evaluate(point)
+            except BaseException as error:
+                self.error = error
+                raise
             self._key = key
         return self._value
 

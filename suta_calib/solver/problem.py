@@ -51,7 +51,7 @@ class Problem:
         own = _own_parameters(self.terms)
         self.parameters = ParameterSet([*chosen.values(), *own.values()])
         self.arm_count = len(chosen)
-        if not self.parameters:
+        if not any(p.free for p in self.parameters.values()):
             raise ParameterError("no unknowns", "at least one parameter to estimate")
         self._own_index = {name: k for k, name in enumerate(own)}
         self.evaluation = self._evaluation()

@@ -75,12 +75,27 @@ class Solution:
 
     @property
     def converged(self) -> bool:
-        """Whether the best start ended where IPOPT calls it solved."""
-        return self.minimum.converged
+        """Whether IPOPT calls the best start solved, and the answer fits well enough to use."""
+        return self.minimum.converged and not self.drowned
+
+    @property
+    def drowned(self) -> bool:
+        """Whether the residuals are so large that most of what could be told is lost in them."""
+        arm = self.problem.arm_count
+        wanted = sum(p.free for p in list(self.problem.parameters.values())[:arm])
+        promised = wanted - int(np.sum(self.before.held < arm))
+        kept = wanted - int(np.sum(self.identification.held < arm))
+        return kept < promised / 2
 
     @property
     def verdict(self) -> str:
         """One sentence on whether the values may be used."""
+        if self.minimum.converged and self.drowned:
+            return (
+                "not usable: the residuals are so large that most of what these data could "
+                "determine is lost in them; look for a wrong unit, a wrong artefact, or a joint "
+                "that turns the other way"
+            )
         if not self.converged:
             return (
                 f"not converged: IPOPT said {self.minimum.status} after "

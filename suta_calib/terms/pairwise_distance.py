@@ -61,6 +61,7 @@ class PairwiseDistance(Term):
                 hint="check the columns placement and repeat",
             )
         first, second = pairs.T
+        _check_apart(poses, first, second)
         length = np.linalg.norm(certified[first] - certified[second], axis=1)
         sigma = np.array([artefact.landmarks[str(name)].sigma for name in names])
         self.own = ()
@@ -100,6 +101,22 @@ class PairwiseDistance(Term):
         """Distances have no unknowns of their own."""
         del rotation, position
         return np.zeros(0)
+
+
+def _check_apart(poses: PoseSource, first: IntArray, second: IntArray) -> None:
+    """Refuse one posture for two landmarks: the gradient of a distance of zero does not exist."""
+    q = poses.samples.q
+    same = np.flatnonzero(np.all(q[first] == q[second], axis=1)) if q.shape[1] else first[:0]
+    if len(same):
+        row, other = int(first[same[0]]), int(second[same[0]])
+        names, origin = poses.samples.labels["landmark"], poses.samples.origin
+        raise SamplesError(
+            f"the same readings for landmarks {names[row]} and {names[other]} "
+            f"({origin[row]}, {origin[other]})",
+            "different readings for different landmarks",
+            where=PairwiseDistance.kind,
+            hint="record one of them again",
+        )
 
 
 def check_landmarks(poses: PoseSource, artefact: Artefact) -> FloatArray:
