@@ -39,6 +39,7 @@ def calibrate(
     solver did not converge: then there is no calibrated.urdf.
     """
     from suta_calib.job import CalibrationJob
+    from suta_calib.report.verdict import judge
     from suta_calib.report.write import write_results
 
     folder = job.parent / "results" if out is None else out
@@ -53,7 +54,7 @@ def calibrate(
         print_json(result_dict(result) | {"files": {k: str(p) for k, p in files.items()}})
     else:
         _print(result, files, verbose)
-    if not result.solution.converged:
+    if judge(result).level == "bad":
         context.exit(NOT_CONVERGED)
 
 

@@ -52,7 +52,7 @@ def judge(result: Result) -> Verdict:
         *_on_noise(solution),
     )
     worse = _validation_change(result.accuracy) > 0
-    level: Level = "caution" if notes or worse else "good"
+    level: Level = "bad" if worse else "caution" if notes else "good"
     return Verdict(level, solution.verdict, notes)
 
 
