@@ -85,6 +85,9 @@ def run(arguments: Sequence[str] | None = None) -> int:
             # The reader went away, as `| head` does; Python would complain again while closing.
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             return 1
+        except OSError as error:
+            click.echo(f"{PROGRAM}: error: {error.strerror or error}", err=True)
+            return 2
     return code if isinstance(code, int) else 0
 
 

@@ -10,7 +10,7 @@ import math
 from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Final, Literal
 
 from suta_calib.errors import InputError
 from suta_calib.measurements.suggestion import did_you_mean
@@ -18,6 +18,9 @@ from suta_calib.measurements.yaml_document import KeyPath, YamlDocument
 
 Sign = Literal["any", "non-negative", "positive"]
 _LONGEST_QUOTE = 60
+
+# No length, angle or count of this field is larger; its square would soon be infinite.
+LARGEST: Final = 1e12
 
 
 @dataclass(frozen=True)
@@ -169,6 +172,8 @@ class YamlSection:
         number = _as_float(value)
         if not math.isfinite(number):
             raise self.refuse(shown(value), "a finite number", at=at)
+        if abs(number) > LARGEST:
+            raise self.refuse(shown(value), f"a number of at most {LARGEST:g}", at=at)
         if (number < 0 and sign != "any") or (number == 0 and sign == "positive"):
             raise self.refuse(shown(value), f"a {sign} number", at=at)
         return number
