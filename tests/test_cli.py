@@ -121,6 +121,14 @@ def test_validate_tells_the_calibrated_arm_from_the_nominal(
     assert "0.0 %" in capsys.readouterr().out.replace("\n", "")
 
 
+def test_validate_needs_no_unknowns(repository: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Distances have no unknowns of their own, and in validation the arm is held."""
+    job = repository / "data" / "suta" / "calibration.yaml"
+    assert cli("validate", repository / "urdf" / "suta.urdf", job, "--json") == 0
+    found = printed_json(capsys)["metrics"]["validation"]
+    assert found["before"] == found["after"]
+
+
 def test_validate_registers_what_the_observations_do_not_have(
     job: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -236,7 +236,7 @@ def test_problems_without_sense_are_refused() -> None:
     with pytest.raises(ParameterError, match="no observations"):
         Problem([])
     with pytest.raises(ParameterError, match="no unknowns"):
-        Problem([scene.exact()])
+        solve(Problem([scene.exact()]))
     other = tracked_scene(arm_named("ur5"), {}, 5)
     with pytest.raises(ParameterError, match="different arms"):
         Problem([scene.exact(), other.exact()], dh_parameters(scene.arm))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import copy
-from dataclasses import replace
 
 import numpy as np
 
@@ -57,26 +56,17 @@ def compare_arms(
 
 def _residuals(observations: Sequence[Term], validation: Sequence[Term]) -> list[FloatArray]:
     """Residuals of every block of the validation terms, own unknowns fitted, the arm held."""
-    held = _held_parameter(validation[0])
-    known = {p.name: p.nominal for p in held.values()}
+    held = ParameterSet()
     shared = {p.name for term in validation for p in term.own}
     fitted = fit_own(
         [t for t in observations if any(p.name in shared for p in t.own)] or validation,
         held,
-        known,
+        {},
     )
     values = fit_own(validation, held, fitted)
     problem = Problem(validation, held)
     x = np.array([values[name] for name in problem.names])
     return [line.residual.copy() for line in problem.linearise(x, problem.assumed_sigmas())]
-
-
-def _held_parameter(term: Term) -> ParameterSet:
-    """One parameter of the arm that is not estimated: a problem needs at least one to be one."""
-    if not isinstance(term.poses, ArmPoses):
-        return ParameterSet()
-    first = next(iter(term.poses.arm.parameters.values()))
-    return ParameterSet([replace(first, free=False)])
 
 
 def _through(term: Term, arm: ArmModel) -> Term:

@@ -53,7 +53,7 @@ class PoseTable:
             rotation, position, velocity = batch()
             self.rotation[rows], self.position[rows] = rotation, position
             flat = slice(6 * rows.start, 6 * rows.stop)
-            self.velocity[flat] = velocity.reshape(-1, self.velocity.shape[1])
+            self.velocity[flat] = velocity.reshape(self.velocity[flat].shape)
 
     @contextmanager
     def shifted(self, shifts: Sequence[FloatArray]) -> Iterator[None]:

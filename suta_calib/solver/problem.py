@@ -40,8 +40,7 @@ class Problem:
         evaluation: cost and derivatives; built once, used by every start and every study.
 
     Raises:
-        ParameterError: no term, terms over different arms, one name for different unknowns, or
-            nothing to estimate.
+        ParameterError: no term, terms over different arms, or one name for different unknowns.
     """
 
     def __init__(self, terms: Sequence[Term], parameters: ParameterSet | None = None) -> None:
@@ -51,8 +50,6 @@ class Problem:
         own = _own_parameters(self.terms)
         self.parameters = ParameterSet([*chosen.values(), *own.values()])
         self.arm_count = len(chosen)
-        if not any(p.free for p in self.parameters.values()):
-            raise ParameterError("no unknowns", "at least one parameter to estimate")
         self._own_index = {name: k for k, name in enumerate(own)}
         self.evaluation = self._evaluation()
 

@@ -9,7 +9,7 @@ from time import perf_counter
 
 import numpy as np
 
-from suta_calib.errors import SamplesError
+from suta_calib.errors import ParameterError, SamplesError
 from suta_calib.geometry import FloatArray
 from suta_calib.model.parameters import Parameter
 from suta_calib.solver.covariance import observed_covariance
@@ -40,6 +40,7 @@ def solve(
         A solution that knows whether it may be used; not converging is no exception.
 
     Raises:
+        ParameterError: nothing is to be estimated.
         SamplesError: too few samples for a term, or for the unknowns.
     """
     began = perf_counter()
@@ -74,8 +75,10 @@ def solve(
 
 
 def _check_determined(problem: Problem, verdict: Identification) -> None:
-    """Refuse data that determine nothing, or that any values would fit."""
+    """Refuse problems without unknowns, and data that determine nothing or fit any values."""
     wanted = np.flatnonzero([p.free for p in problem.parameters.values()])
+    if not len(wanted):
+        raise ParameterError("no unknowns", "at least one parameter to estimate")
     free = np.setdiff1d(wanted, verdict.held)
     equations = sum(term.equations() for term in problem.terms)
     known = int(np.count_nonzero(problem.prior_precision()[free]))
