@@ -218,7 +218,7 @@ def test_prior_and_data_are_weighed_by_their_precisions() -> None:
 
 
 def test_a_whole_problem_without_an_arm() -> None:
-    """Pivoting: the tip is known, the poses are measured, one point is sought."""
+    """Pivoting: the poses are measured, the tip in the tool and the point are sought."""
     arm = arm_named("suta")
     scene = fixed_point_scene(arm, {}, points=[(0.45, 0.1, 0.05)])
     samples = scene.samples(Spread(position=SIGMA), seed=1)[0]
@@ -226,9 +226,11 @@ def test_a_whole_problem_without_an_arm() -> None:
     term = type(scene.term(samples))(MeasuredPoses(rotation, position, samples), Noise(SIGMA))
     solution = solve(Problem([term]))
     assert solution.problem.arm is None
-    np.testing.assert_allclose(solution.x, position.mean(axis=0), atol=1e-12)
-    std = [e.std for e in solution.estimates.values()]
-    np.testing.assert_allclose(std, SIGMA / math.sqrt(len(samples)), rtol=0.4)
+    stacked = np.hstack([rotation.reshape(-1, 3), np.tile(-np.eye(3), (len(samples), 1))])
+    expected = np.linalg.lstsq(stacked, -position.reshape(-1))[0]
+    np.testing.assert_allclose(solution.x, expected, atol=1e-12)
+    error = solution.x - [0.0, 0.0, 0.0, 0.45, 0.1, 0.05]
+    assert np.all(np.abs(error) < 4 * np.sqrt(np.diag(solution.covariance)))
 
 
 def test_problems_without_sense_are_refused() -> None:

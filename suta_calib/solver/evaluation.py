@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from suta_calib.batched import Batched
-from suta_calib.geometry import FloatArray
+from suta_calib.geometry import FloatArray, rotation_from_vector
 from suta_calib.solver.kernel import Kernel, RowPattern
 from suta_calib.solver.losses import huber, huber_weight, kept_curvature
 from suta_calib.terms.poses import ArmPoses, PoseSource
@@ -35,20 +35,23 @@ class PoseTable:
         n = int(self.first[-1])
         self.rotation, self.position = np.zeros((n, 9)), np.zeros((n, 3))
         self.velocity = np.zeros((6 * n, len(names)))
-        self._arm: list[tuple[slice, Batched]] = []
+        self._sources: list[tuple[slice, Batched | None]] = []
         for source, first, size in zip(sources, self.first, sizes, strict=False):
             rows = slice(int(first), int(first) + size)
+            batch = None
             if isinstance(source, ArmPoses):
                 batch = Batched(source.arm.function(names), size, shared=[0])
                 batch.inputs[1][:] = source.samples.q
-                self._arm.append((rows, batch))
             else:
                 rotation, self.position[rows] = source.at({})
                 self.rotation[rows] = np.swapaxes(rotation, 1, 2).reshape(size, 9)
+            self._sources.append((rows, batch))
 
     def update(self, theta: FloatArray) -> None:
         """Recompute all poses and velocities for the arm's parameter values (n,)."""
-        for rows, batch in self._arm:
+        for rows, batch in self._sources:
+            if batch is None:
+                continue
             batch.inputs[0][:] = theta
             rotation, position, velocity = batch()
             self.rotation[rows], self.position[rows] = rotation, position
@@ -57,15 +60,32 @@ class PoseTable:
 
     @contextmanager
     def shifted(self, shifts: Sequence[FloatArray]) -> Iterator[None]:
-        """Evaluate at other readings for a while: a shift (n, joints) per arm source, in order."""
-        kept = [batch.inputs[1].copy() for _, batch in self._arm]
+        """Evaluate at other readings for a while.
+
+        Args:
+            shifts: for each source in order: of an arm's readings (n, joints); of measured poses
+                (n, 6), displacements, m, and turns about the base's axes, rad.
+        """
+        kept = [b.inputs[1].copy() if b else None for _, b in self._sources]
+        poses = self.rotation.copy(), self.position.copy()
         try:
-            for (_, batch), shift in zip(self._arm, shifts, strict=True):
-                batch.inputs[1][:] += shift
+            for (rows, batch), shift in zip(self._sources, shifts, strict=True):
+                if batch is not None:
+                    batch.inputs[1][:] += shift
+                else:
+                    self._displace(rows, shift)
             yield
         finally:
-            for (_, batch), q in zip(self._arm, kept, strict=True):
-                batch.inputs[1][:] = q
+            self.rotation[:], self.position[:] = poses
+            for (_, batch), q in zip(self._sources, kept, strict=True):
+                if batch is not None:
+                    batch.inputs[1][:] = q
+
+    def _displace(self, rows: slice, shift: FloatArray) -> None:
+        columns = self.rotation[rows].reshape(-1, 3, 3)  # one row a column of the rotation matrix
+        turn = rotation_from_vector(shift[:, 3:])
+        self.rotation[rows] = (columns @ np.swapaxes(turn, 1, 2)).reshape(-1, 9)
+        self.position[rows] += shift[:, :3]
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,6 +20,7 @@ from typing import Final
 import numpy as np
 
 from suta_calib.geometry import FloatArray
+from suta_calib.model.parameters import Unit
 from suta_calib.solver.evaluation import Linearised
 from suta_calib.solver.problem import Problem
 from suta_calib.terms.poses import ArmPoses
@@ -115,18 +116,17 @@ def _feigned_information(
 ) -> FloatArray:
     """F: how much the Jacobian changes when the readings change by their own noise.
 
-    The noise of the readings is not known; what is known is how far it moves the tip. Every joint
-    gets the same share of it. Information that only the size of the residuals makes counts as well.
+    The noise of the readings is not known; what is known is how far it moves the tip. Every joint,
+    and the turn of every measured pose, gets its share of it. Information that only the size of the
+    residuals makes counts as well.
     """
     n = problem.arm_count + problem.evaluation.own_count
     total = np.zeros((n, n))
-    if problem.arm is None or problem.arm_count == 0:
-        return total
     before = whitened_rows(problem, x, sigmas)
-    with problem.evaluation.table.shifted(_jitter(problem, x, sigmas)):
-        after = whitened_rows(problem, x, sigmas)
     for row in before:
         total += _by_residual_alone(problem, row)
+    with problem.evaluation.table.shifted(_jitter(problem, x, before)):
+        after = whitened_rows(problem, x, sigmas)
     for old, new, r in zip(before, after, rows, strict=True):
         belief = np.repeat(r.belief, len(old.jacobian) // len(r.belief))
         change = belief[:, None] * (new.jacobian - old.jacobian)
@@ -151,19 +151,40 @@ def _by_residual_alone(problem: Problem, row: Rows) -> FloatArray:
     return np.asarray(whole.T @ whole) * RESIDUAL_MADE
 
 
-def _jitter(problem: Problem, x: FloatArray, sigmas: Sequence[float]) -> list[FloatArray]:
-    """Noise of every arm source's readings (n, joints) that moves the tip as the residuals say."""
+def _jitter(problem: Problem, x: FloatArray, rows: Sequence[Rows]) -> list[FloatArray]:
+    """Noise of every source's readings that moves the tip as the residuals say."""
     random = np.random.default_rng(0)
-    level = {v.first_sample: s for v, s in zip(problem.evaluation.views, sigmas, strict=True)}
-    first, shifts = 0, list[FloatArray]()
     values = problem.values(x)
+    shifts = list[FloatArray]()
     for term in problem.terms:
         source = term.poses
+        mine = [r.line for r in rows if any(r.line.view.block is b for b in term.blocks)]
         if isinstance(source, ArmPoses):
-            share = level[first] * np.sqrt(3.0) / _reach(source, values)
+            share = _levels(mine)["m"] * np.sqrt(3.0) / _reach(source, values)
             shifts.append(share * random.standard_normal(source.samples.q.shape))
-        first += len(source)
+        else:
+            shifts.append(_pose_noise(mine) * random.standard_normal((len(source), 6)))
     return shifts
+
+
+def _pose_noise(lines: Sequence[Linearised]) -> FloatArray:
+    """Standard deviations (6,) of measured poses, m and rad, that explain a term's residuals.
+
+    Where no residual is an angle, the turns are taken to be what moves the tip by its lever.
+    """
+    level = _levels(lines)
+    turn = level.get("rad", 0.0)
+    for line in lines:
+        angular = line.pattern.angular
+        moved, turned = (np.linalg.norm(line.by_pose[..., c]) for c in (~angular, angular))
+        if "rad" not in level and turned > 0:
+            turn = level["m"] * moved / turned * np.sqrt(2.0 / 3.0)
+    return np.repeat([level["m"], turn], 3)
+
+
+def _levels(lines: Sequence[Linearised]) -> dict[Unit, float]:
+    """Noise of one component of a term's residuals by unit; every kind has lengths among them."""
+    return {line.view.block.unit: float(np.median(line.sigma)) for line in lines}
 
 
 def _reach(source: ArmPoses, values: dict[str, float]) -> float:

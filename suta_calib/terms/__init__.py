@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from suta_calib.terms.fixed_point import FixedPoint
+from suta_calib.terms.hand_eye import HandEye
 from suta_calib.terms.landmark import Landmark
 from suta_calib.terms.pairwise_distance import PairwiseDistance
 from suta_calib.terms.poses import ArmPoses, MeasuredPoses, PoseSource
@@ -10,7 +11,7 @@ from suta_calib.terms.term import Block, Noise, Setup, Term
 from suta_calib.terms.tracked_point import TrackedPoint
 
 KINDS: dict[str, type[Term]] = {
-    cls.kind: cls for cls in (PairwiseDistance, Landmark, FixedPoint, TrackedPoint)
+    cls.kind: cls for cls in (PairwiseDistance, Landmark, FixedPoint, TrackedPoint, HandEye)
 }
 
 __all__ = [
@@ -18,6 +19,7 @@ __all__ = [
     "ArmPoses",
     "Block",
     "FixedPoint",
+    "HandEye",
     "Landmark",
     "MeasuredPoses",
     "Noise",

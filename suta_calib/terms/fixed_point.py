@@ -3,28 +3,47 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import ClassVar
+from typing import ClassVar, Final
 
 import numpy as np
 
 from suta_calib.errors import SamplesError
 from suta_calib.geometry import FloatArray, Symbol
 from suta_calib.measurements import SampleColumns
-from suta_calib.terms.poses import PoseSource
-from suta_calib.terms.term import Block, Noise, Pose, Setup, Term, grouped, point_parameters
+from suta_calib.terms.poses import MeasuredPoses, PoseSource
+from suta_calib.terms.term import (
+    Block,
+    IntArray,
+    Noise,
+    Pose,
+    Setup,
+    Term,
+    grouped,
+    point_parameters,
+)
+
+# Relative eigenvalue of the normal matrix below which a direction is not determined at all.
+_ROUNDING: Final = 1e-12
 
 
-def _residual(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
+def _at_origin(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
     """In the tool's frame: in the base frame, noise would seem to tell where the arm points."""
     del data
     return poses[0].inverse_act(own)
 
 
-class FixedPoint(Term):
-    """``R_iᵀ (c - p_i)`` for every touch of the unknown point c.
+def _at_tip(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
+    """The same for a tip somewhere on the tool."""
+    del data
+    return poses[0].inverse_act(own[3:6]) - own[0:3]
 
-    Finds what parallel pillars hide, such as the tool's length; leaves the overall scale free
-    unless another term fixes it.
+
+class FixedPoint(Term):
+    """``R_iᵀ (c - p_i) - t`` for every touch of the unknown point c.
+
+    Over an arm, t = 0: the tip is the end of the chain, which has its own parameters. This finds
+    what parallel pillars hide, such as the tool's length; it leaves the overall scale free unless
+    another term fixes it. Over a tracked body, the tip t in it is unknown: pivot calibration.
 
     Args:
         poses: samples with the label point.
@@ -38,22 +57,29 @@ class FixedPoint(Term):
         super().__init__(poses, noise)
         labels = poses.samples.labels["point"]
         self._points, self._point = grouped(labels)
-        self.own = tuple(p for n in self._points for p in point_parameters(f"fixed_point[{n}]"))
+        self._tip = point_parameters("tip") if isinstance(poses, MeasuredPoses) else ()
+        points = (p for n in self._points for p in point_parameters(f"fixed_point[{n}]"))
+        self.own = (*self._tip, *points)
         rows = np.arange(len(poses))
-        self.blocks = (
-            Block(
-                "position",
-                "m",
-                3,
-                _residual,
-                rows[:, None],
-                3 * self._point[:, None] + np.arange(3),
-                np.zeros((len(poses), 0)),
-                noise,
-                np.zeros(len(poses)),
-                tuple(str(n) for n in labels),
-            ),
+        block = Block(
+            "position",
+            "m",
+            3,
+            _at_tip if self._tip else _at_origin,
+            rows[:, None],
+            self._own_of_rows(),
+            np.zeros((len(poses), 0)),
+            noise,
+            np.zeros(len(poses)),
+            tuple(str(n) for n in labels),
         )
+        self.blocks = (block,)
+
+    def _own_of_rows(self) -> IntArray:
+        """Which own parameters each row looks at: the tip, if it is unknown, and its point."""
+        tip = len(self._tip)
+        point = tip + 3 * self._point[:, None] + np.arange(3)
+        return np.hstack([np.tile(np.arange(tip), (len(point), 1)), point])
 
     @classmethod
     def over(cls, poses: PoseSource, setup: Setup) -> FixedPoint:
@@ -61,10 +87,11 @@ class FixedPoint(Term):
         return cls(poses, setup.noise)
 
     def start(self, rotation: FloatArray, position: FloatArray) -> FloatArray:
-        """The mean of the touches of each point."""
-        del rotation
-        means = [position[self._point == k].mean(axis=0) for k in range(len(self._points))]
-        return np.concatenate(means)
+        """The tip by linear least squares, then the mean of the touches of each point."""
+        tip = stacked_pivot(rotation, position, self._point) if self._tip else np.zeros(3)
+        touched = position + rotation @ tip
+        means = [touched[self._point == k].mean(axis=0) for k in range(len(self._points))]
+        return np.concatenate([tip[: len(self._tip)], *means])
 
     def check_enough(self) -> None:
         """Two touches of every point at least."""
@@ -76,3 +103,33 @@ class FixedPoint(Term):
                     "every point touched at least twice, from different directions",
                     where=self.kind,
                 )
+
+
+def stacked_pivot(
+    rotation: FloatArray, position: FloatArray, point: IntArray, weight: FloatArray | None = None
+) -> FloatArray:
+    """Tip in the tool, (..., 3), of ``R_i t + p_i = c_k`` by linear least squares.
+
+    Each point c_k is eliminated by subtracting the mean over its rows; what the rotations leave
+    undetermined of t is zero.
+
+    Args:
+        rotation: (n, 3, 3), poses of the tool.
+        position: (n, 3), m.
+        point: (n,) which point each row touched, from 0.
+        weight: (..., n) of the rows, for many solutions at once; one by default.
+    """
+    weight = np.ones(len(position)) if weight is None else weight
+    back = np.einsum("nij,ni->nj", rotation, position)
+    normal = weight.sum(axis=-1)[..., None, None] * np.eye(3)
+    moment = weight @ back
+    for k in np.unique(point):
+        rows = point == k
+        w = weight[..., rows]
+        total = np.maximum(w.sum(axis=-1), 1e-300)[..., None]
+        R = (w @ rotation[rows].reshape(-1, 9)).reshape(*w.shape[:-1], 3, 3)
+        p = w @ position[rows] / total
+        normal = normal - np.swapaxes(R, -1, -2) @ R / total[..., None]
+        moment = moment - np.einsum("...ij,...i->...j", R, p)
+    inverse = np.linalg.pinv(normal, _ROUNDING, hermitian=True)
+    return np.asarray(-np.einsum("...ij,...j->...i", inverse, moment))

@@ -1,0 +1,1 @@
+"""Closed problems on poses: registration, pivot, hand-eye, stereotactic navigation."""

@@ -1,0 +1,120 @@
+"""A camera on the moving body sees a target that stays: hand-eye calibration, AX = ZB."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import ClassVar
+
+import casadi as ca
+import numpy as np
+
+from suta_calib.errors import SamplesError
+from suta_calib.geometry import FloatArray, Symbol, symbolic_rotation_log
+from suta_calib.measurements import SampleColumns
+from suta_calib.terms.hand_eye_start import close_the_loop, quaternion_hand_eye
+from suta_calib.terms.poses import PoseSource
+from suta_calib.terms.term import (
+    Block,
+    Noise,
+    Pose,
+    Setup,
+    Term,
+    pose_of,
+    pose_parameters,
+    pose_values,
+)
+
+
+def _target_in_eye(poses: Sequence[Pose], own: Symbol) -> Pose:
+    """``T_eye_target = (T_base_hand T_hand_eye)⁻¹ T_base_target`` as the unknowns have it."""
+    hand_eye, target = pose_of(own[0:6]), pose_of(own[6:12])
+    R_base_eye = poses[0].R @ hand_eye.R
+    p_base_eye = poses[0].R @ hand_eye.p + poses[0].p
+    return Pose(R_base_eye.T @ target.R, R_base_eye.T @ (target.p - p_base_eye))
+
+
+def _position(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
+    """In the eye's frame, which moves with the arm: the base gauge stays unobservable."""
+    seen, hand_share = Pose(ca.reshape(data[3:12], 3, 3), data[0:3]), data[12]
+    expected, hand_in_eye = _target_in_eye(poses, own), pose_of(own[0:6]).inverse_act([0, 0, 0])
+    turn = symbolic_rotation_log(expected.R @ seen.R.T)
+    return expected.p - seen.p - hand_share * ca.cross(turn, seen.p - hand_in_eye)
+
+
+def _rotation(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
+    seen = ca.reshape(data, 3, 3)
+    return symbolic_rotation_log(seen.T @ _target_in_eye(poses, own).R)
+
+
+class HandEye(Term):
+    """``(T_base_hand,i X)⁻¹ Z`` against the measured ``T_eye_target,i``.
+
+    X = ``T_hand_eye`` and Z = ``T_base_target`` are unknown. With the hand's poses inverted the
+    same term is eye-to-hand: X = ``T_base_eye`` and Z = ``T_hand_target``. Eliminating Z gives
+    AX = XB.
+
+    Noise that turns the hand moves the target, seen from the eye, about the hand; noise that turns
+    what the eye sees does not. The part of the turn in each residual that is the hand's, times its
+    lever, is taken out of the position: what is left is independent of it (Gauss-Markov).
+
+    Args:
+        poses: samples with the measured pose of the target in the eye.
+        noise: scatter and robustness of a position, m per axis.
+        angular_noise: the same for the orientation, rad per axis.
+        label: terms with the same label share the eye and the target.
+        hand_share: part of the rotational noise (of its variance) that is the hand's, 0 to 1.
+
+    Raises:
+        SamplesError: the samples hold no positions or no orientations.
+    """
+
+    kind: ClassVar[str] = "hand_eye"
+    columns: ClassVar[SampleColumns] = SampleColumns(position=True, orientation="required")
+
+    def __init__(
+        self,
+        poses: PoseSource,
+        noise: Noise = Noise(),
+        angular_noise: Noise = Noise(),
+        label: str = "default",
+        hand_share: float = 0.0,
+    ) -> None:
+        super().__init__(poses, noise, angular_noise)
+        samples = poses.samples
+        if samples.position is None or samples.rotation is None:
+            raise SamplesError(
+                "no poses of the target", "columns x, y, z, qx, qy, qz, qw", where=self.kind
+            )
+        self._seen = samples.rotation, samples.position
+        suffix = "" if label == "default" else f"[{label}]"
+        self.own = pose_parameters(f"hand_eye{suffix}") + pose_parameters(f"target{suffix}")
+        n = len(poses)
+        rows, own = np.arange(n)[:, None], np.tile(np.arange(12), (n, 1))
+        zero, labels = np.zeros(n), samples.origin
+        turned = np.swapaxes(samples.rotation, 1, 2).reshape(n, 9)
+        both = np.column_stack([samples.position, turned, np.full(n, hand_share)])
+        self.blocks = (
+            Block("position", "m", 3, _position, rows, own, both, noise, zero, labels),
+            Block("rotation", "rad", 3, _rotation, rows, own, turned, angular_noise, zero, labels),
+        )
+
+    @classmethod
+    def over(cls, poses: PoseSource, setup: Setup) -> HandEye:
+        """Build it from a row of a job file."""
+        return cls(poses, setup.noise, setup.angular_noise, setup.label)
+
+    def check_enough(self) -> None:
+        """Three samples at least: two motions about different axes."""
+        if len(self.poses) < 3:
+            raise SamplesError(
+                f"{len(self.poses)} poses",
+                "at least 3, turned about different axes",
+                where=self.kind,
+            )
+
+    def start(self, rotation: FloatArray, position: FloatArray) -> FloatArray:
+        """Quaternions of consecutive motions for X, then the mean of the loops for Z."""
+        hand, seen = (rotation, position), self._seen
+        X = quaternion_hand_eye(hand, seen)
+        Z = close_the_loop(hand, X, seen)
+        return np.concatenate([pose_values(*X), pose_values(*Z)])

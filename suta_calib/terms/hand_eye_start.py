@@ -1,0 +1,144 @@
+"""Closed-form hand-eye calibration: where the solver of `hand_eye` starts.
+
+    A_i X B_i = Z for all i   ⇒   A X = X B   with A = A_{i+1}⁻¹ A_i and B = B_{i+1} B_i⁻¹
+
+Every function works on one set of poses, or on many at once by leading dimensions.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from suta_calib.geometry import FloatArray, skew
+
+Poses = tuple[FloatArray, FloatArray]  # rotations (..., n, 3, 3) and positions (..., n, 3), m
+# Relative singular value below which a translation is not determined at all.
+_ROUNDING: Final = 1e-10
+# A turn so small (rad) that a motion is a translation, and how much such a motion has to say.
+STILL: Final = float(np.radians(0.5))
+SAY_OF_STILL: Final = 0.01
+
+
+def quaternion_hand_eye(hand: Poses, seen: Poses) -> Poses:
+    """X of AX = XB from consecutive motions: rotation by quaternions, then translation.
+
+    The rotation's quaternion is the right singular vector of the stacked rows
+
+        [ sA - sB    -(vA - vB)ᵀ                        ]
+        [ vA - vB    (sA - sB) I + skew(vA + vB)        ]
+
+    with the smallest singular value, which is ``qA qX = qX qB`` written as a matrix; the
+    translation is the least-squares solution of ``(R_A - I) t_X = R_X t_B - t_A``.
+
+    Args:
+        hand: ``T_base_hand``, rotations (..., n, 3, 3) and positions (..., n, 3), n at least 2.
+        seen: ``T_eye_target``, the same shapes.
+
+    Returns:
+        Rotation (..., 3, 3) and position (..., 3) of ``T_hand_eye``. What the motions leave
+        undetermined is chosen arbitrarily (rotation) or as small as possible (translation).
+    """
+    A, B = _motions_of_hand(hand), _motions_of_eye(seen)
+    R = _rotation_between(A, B)
+    left = A[0] - np.eye(3)
+    right = np.einsum("...ij,...nj->...ni", R, B[1]) - A[1]
+    normal = np.einsum("...nij,...nik->...jk", left, left)
+    moment = np.einsum("...nij,...ni->...j", left, right)
+    inverse = np.linalg.pinv(normal, _ROUNDING, hermitian=True)
+    return R, np.einsum("...ij,...j->...i", inverse, moment)
+
+
+def close_the_loop(hand: Poses, X: Poses, seen: Poses) -> Poses:
+    """Z as the mean of ``A_i X B_i``: chordal mean of the rotations, mean of the positions."""
+    R, p = loops(hand, X, seen)
+    u, _, v = np.linalg.svd(R.sum(axis=-3))
+    u[..., :, 2] *= np.linalg.det(u @ v)[..., None]
+    return u @ v, p.mean(axis=-2)
+
+
+def loops(hand: Poses, X: Poses, seen: Poses) -> Poses:
+    """Every ``A_i X B_i``, which would all be Z without noise."""
+    (RA, pA), (RX, pX), (RB, pB) = hand, X, seen
+    eye = RA @ RX[..., None, :, :]
+    at_eye = np.einsum("...nij,...j->...ni", RA, pX) + pA
+    return eye @ RB, np.einsum("...nij,...nj->...ni", eye, pB) + at_eye
+
+
+def inverse(poses: Poses) -> Poses:
+    """``T_b_a`` of every ``T_a_b``."""
+    R, p = poses
+    back = np.swapaxes(R, -1, -2)
+    return back, -np.einsum("...ij,...j->...i", back, p)
+
+
+def _motions_of_hand(poses: Poses) -> Poses:
+    """``A_{i+1}⁻¹ A_i``."""
+    R, p = poses
+    back = np.swapaxes(R[..., 1:, :, :], -1, -2)
+    moved = np.einsum("...ij,...j->...i", back, p[..., :-1, :] - p[..., 1:, :])
+    return back @ R[..., :-1, :, :], moved
+
+
+def _motions_of_eye(poses: Poses) -> Poses:
+    """``B_{i+1} B_i⁻¹``."""
+    R, p = poses
+    turn = R[..., 1:, :, :] @ np.swapaxes(R[..., :-1, :, :], -1, -2)
+    return turn, p[..., 1:, :] - np.einsum("...ij,...j->...i", turn, p[..., :-1, :])
+
+
+def _rotation_between(A: Poses, B: Poses) -> FloatArray:
+    """R_X of ``R_A R_X = R_X R_B``, from motions.
+
+    A quaternion and its negative are one rotation, but qA and qB must agree in sign. With s ≥ 0
+    they do, except near half a turn, where noise decides: such motions count little at first, and
+    their signs follow from the first answer. Motions that do not turn say ``t_A = R_X t_B``, which
+    is the same equation for quaternions 0, t; it decides only where nothing turns.
+    """
+    a, b = _quaternions(A[0]), _quaternions(B[0])
+    still = a[..., :1] > np.cos(STILL / 2)
+    longest = np.linalg.norm(A[1], axis=-1).max(axis=-1)[..., None, None]
+    shift = SAY_OF_STILL / np.where(longest > 0, longest, 1.0)
+    a = np.where(still, _pure(shift * A[1]), a)
+    b = np.where(still, _pure(shift * B[1]), b)
+    sure = np.where(still, 1.0, (a + b)[..., :1])[..., None]
+    first = _null_quaternion(_quaternion_rows(a, b) * sure)
+    turned = _rotations(first)[..., None, :, :]
+    moved = np.einsum("...ij,...j->...i", turned, b[..., 1:])
+    agree = a[..., 0] * b[..., 0] + np.einsum("...i,...i->...", a[..., 1:], moved)
+    b = np.where((agree < 0)[..., None] & ~still, -b, b)
+    return _rotations(_null_quaternion(_quaternion_rows(a, b)))
+
+
+def _pure(vector: FloatArray) -> FloatArray:
+    """Quaternions 0, v."""
+    return np.concatenate([np.zeros((*vector.shape[:-1], 1)), vector], axis=-1)
+
+
+def _null_quaternion(rows: FloatArray) -> FloatArray:
+    """Unit quaternion (..., 4) nearest to the null space of stacked blocks (..., n, 4, 4)."""
+    stacked = rows.reshape(*rows.shape[:-3], -1, 4)
+    return np.asarray(np.linalg.eigh(np.swapaxes(stacked, -1, -2) @ stacked)[1][..., :, 0])
+
+
+def _quaternions(rotation: FloatArray) -> FloatArray:
+    """Unit quaternions s, v with s ≥ 0."""
+    flat = Rotation.from_matrix(rotation.reshape(-1, 3, 3)).as_quat(canonical=True)
+    return np.asarray(np.roll(flat, 1, axis=-1).reshape(*rotation.shape[:-2], 4))
+
+
+def _rotations(quaternion: FloatArray) -> FloatArray:
+    flat = np.roll(quaternion.reshape(-1, 4), -1, axis=-1)
+    return np.asarray(Rotation.from_quat(flat).as_matrix().reshape(*quaternion.shape[:-1], 3, 3))
+
+
+def _quaternion_rows(a: FloatArray, b: FloatArray) -> FloatArray:
+    """(..., n, 4, 4) blocks of the linear system in the quaternion s, v of X."""
+    s, difference, total = a[..., 0] - b[..., 0], (a - b)[..., 1:], (a + b)[..., 1:]
+    rows = np.zeros((*s.shape, 4, 4))
+    rows[..., 0, 0] = s
+    rows[..., 0, 1:], rows[..., 1:, 0] = -difference, difference
+    rows[..., 1:, 1:] = s[..., None, None] * np.eye(3) + skew(total)
+    return rows
