@@ -30,6 +30,8 @@ REACH_SAMPLES: Final = 50
 # Weight that lets a direction count as feigned once half of its information is residual-made: noise
 # may feign a hundredth (`identifiability.FEIGNED`).
 RESIDUAL_MADE: Final = 0.02
+# Noise of an orientation, rad, that no instrument of use exceeds.
+WORST_TURN: Final = float(np.radians(1.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,7 +172,8 @@ def _jitter(problem: Problem, x: FloatArray, rows: Sequence[Rows]) -> list[Float
 def _pose_noise(lines: Sequence[Linearised]) -> FloatArray:
     """Standard deviations (6,) of measured poses, m and rad, that explain a term's residuals.
 
-    Where no residual is an angle, the turns are taken to be what moves the tip by its lever.
+    Where no residual is an angle, the turns are taken to be what moves the tip by its lever, as far
+    as an instrument may be so bad.
     """
     level = _levels(lines)
     turn = level.get("rad", 0.0)
@@ -178,7 +181,7 @@ def _pose_noise(lines: Sequence[Linearised]) -> FloatArray:
         angular = line.pattern.angular
         moved, turned = (np.linalg.norm(line.by_pose[..., c]) for c in (~angular, angular))
         if "rad" not in level and turned > 0:
-            turn = level["m"] * moved / turned * np.sqrt(2.0 / 3.0)
+            turn = min(level["m"] * float(moved / turned) * np.sqrt(2.0 / 3.0), WORST_TURN)
     return np.repeat([level["m"], turn], 3)
 
 
