@@ -179,6 +179,13 @@ def _base(case: _Case, v: FloatArray, omega: FloatArray) -> Explanation:
 
 
 def _tool(case: _Case, v: FloatArray, omega: FloatArray) -> Explanation:
+    if {t.kind for t in case.problem.terms} == {"hand_eye"}:
+        return case.says(
+            "moves the tip in the last link, and with it nothing that the camera sees: the "
+            "camera's unknown pose on the tip makes up for it",
+            "touch one fixed point from several directions (fixed_point), or leave it at nominal "
+            "if only the camera matters",
+        )
     if float(np.linalg.norm(omega)) * LEVER <= NOISE * case.motion.size:
         return case.says(
             f"changes the tool's length along the tip's {_axis(v)}: this cancels out of every "

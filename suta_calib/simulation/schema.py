@@ -12,7 +12,8 @@ from suta_calib.model.parameters import Unit
 from suta_calib.simulation.noise import NoiseLevels, OutlierSpec
 
 TOUCHED_ARTEFACT: Final = ("pairwise_distance", "landmark")
-KINDS: Final = (*TOUCHED_ARTEFACT, "fixed_point", "tracked_point")
+SEEN_FROM_AFAR: Final = ("tracked_point", "hand_eye")
+KINDS: Final = (*TOUCHED_ARTEFACT, "fixed_point", *SEEN_FROM_AFAR)
 
 
 @dataclass(frozen=True)
@@ -79,9 +80,11 @@ class SetSpec:
         directions: how many directions each fixed point is touched from.
         axis: (3,) unit vector in the base, the middle of the tip's z axes.
         cone: largest angle between a tip's z axis and ``axis``, rad.
-        samples: number of samples of an external instrument.
+        samples: number of samples of an external instrument or of a camera.
         base_in_instrument: ``T_instrument_base``.
         orientation: whether the instrument sees orientations too.
+        eye_in_tip: ``T_tip_eye`` of a camera that the tip carries.
+        target_in_base: ``T_base_target`` of what the camera sees.
         line: line of the set in the file.
     """
 
@@ -99,6 +102,8 @@ class SetSpec:
     samples: int = 100
     base_in_instrument: PoseSpec | None = None
     orientation: bool = False
+    eye_in_tip: PoseSpec | None = None
+    target_in_base: PoseSpec | None = None
     line: int | None = None
 
     @property

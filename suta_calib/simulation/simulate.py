@@ -22,7 +22,7 @@ from suta_calib.simulation.noise import (
     wrapped,
 )
 from suta_calib.simulation.protocol import Visitor, Visits
-from suta_calib.simulation.schema import SetSpec, SimulationSpec
+from suta_calib.simulation.schema import SEEN_FROM_AFAR, SetSpec, SimulationSpec
 from suta_calib.simulation.truth import true_values
 
 
@@ -33,8 +33,8 @@ class SimulatedFile:
     Attributes:
         path: relative to the output folder, such as ``calibration/P1.csv``.
         samples: what it holds; the origins name its lines.
-        displacement: (n, 3) gross error of each row in the base's (tracked: the instrument's)
-            frame, m; zero for all but the outliers.
+        displacement: (n, 3) gross error of each row in the base's frame (what was seen from afar:
+            in the instrument's or the camera's), m; zero for all but the outliers.
     """
 
     path: str
@@ -92,8 +92,8 @@ def simulate(
     for plan in spec.sets:
         for label in plan.placements or plan.points or ("samples",):
             progress(f"{plan.name}/{label}.csv")
-            if plan.kind == "tracked_point":
-                files.append(_tracked(plan, label, kinematics, values, seed))
+            if plan.kind in SEEN_FROM_AFAR:
+                files.append(_seen(plan, label, kinematics, values, seed))
             else:
                 visits = _visits(plan, label, visitor, artefacts)
                 files.append(_touched(plan, visits, visitor))
@@ -154,21 +154,18 @@ def _touched(plan: SetSpec, visits: Visits, visitor: Visitor) -> SimulatedFile:
     return SimulatedFile(path, samples, displacement)
 
 
-def _tracked(
+def _seen(
     plan: SetSpec,
     label: str,
     kinematics: InverseKinematics,
     values: Mapping[str, float],
     seed: int,
 ) -> SimulatedFile:
-    """What an external instrument sees of the tip in random configurations."""
+    """What an external instrument sees of the tip, or a camera on it, in random configurations."""
     arm, n, noise = kinematics.arm, plan.samples, plan.noise
     rng = stream(seed, plan.name, "configurations")
     q = wrapped(arm, kinematics.random_readings(rng, n))
-    rotation, position = arm.forward(q, values)
-    base = plan.base_in_instrument
-    if base is not None:
-        rotation, position = base.rotation @ rotation, position @ base.rotation.T + base.position
+    rotation, position = _observed(plan, *arm.forward(q, values))
     rng = stream(seed, plan.name, "instrument")
     displacement = _displacement(plan, label, n, seed)
     seen = position + displacement + noise.instrument * rng.standard_normal((n, 3))
@@ -179,10 +176,24 @@ def _tracked(
         arm.joints,
         readings,
         position=seen,
-        rotation=turned if plan.orientation else None,
+        rotation=turned if plan.orientation or plan.kind == "hand_eye" else None,
         origin=_origins(path, n),
     )
     return SimulatedFile(path, samples, displacement)
+
+
+def _observed(
+    plan: SetSpec, rotation: FloatArray, position: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """From tip poses in the base: tip in the instrument, or target in the camera."""
+    eye, target, base = plan.eye_in_tip, plan.target_in_base, plan.base_in_instrument
+    if eye is not None and target is not None:
+        back = np.swapaxes(rotation @ eye.rotation, 1, 2)
+        at_eye = position + rotation @ eye.position
+        return back @ target.rotation, np.einsum("nij,nj->ni", back, target.position - at_eye)
+    if base is not None:
+        return base.rotation @ rotation, position @ base.rotation.T + base.position
+    return rotation, position
 
 
 def _displacement(plan: SetSpec, label: str, n: int, seed: int) -> FloatArray:

@@ -31,6 +31,7 @@ _KEYS_OF_KIND: Final = {
     "landmark": ("artefact", "placements", "repeats"),
     "fixed_point": ("points", "directions", "axis", "cone_deg"),
     "tracked_point": ("samples", "base_in_instrument", "orientation"),
+    "hand_eye": ("samples", "eye_in_tip", "target_in_base"),
 }
 _NOISE_KEYS: Final = (
     *("seating_mm", "seating_deg", "encoder_deg", "encoder_mm", "encoder_bits"),
@@ -155,7 +156,6 @@ def _set(name: str, section: YamlSection, noise: NoiseLevels) -> SetSpec:
     kind = section.choice("kind", KINDS)
     section.check_keys((*_COMMON_KEYS, *_KEYS_OF_KIND[kind]), required=_required(kind))
     touches = kind in TOUCHED_ARTEFACT
-    instrument = "base_in_instrument" in section
     return SetSpec(
         name,
         kind,
@@ -169,8 +169,10 @@ def _set(name: str, section: YamlSection, noise: NoiseLevels) -> SetSpec:
         _direction(section) if "axis" in section else None,
         _cone(section),
         section.integer("samples", SetSpec.samples, minimum=1),
-        _pose(section.section("base_in_instrument")) if instrument else None,
+        _optional_pose(section, "base_in_instrument"),
         section.flag("orientation"),
+        _optional_pose(section, "eye_in_tip"),
+        _optional_pose(section, "target_in_base"),
         section.line,
     )
 
@@ -178,7 +180,13 @@ def _set(name: str, section: YamlSection, noise: NoiseLevels) -> SetSpec:
 def _required(kind: str) -> tuple[str, ...]:
     if kind in TOUCHED_ARTEFACT:
         return ("artefact", "placements")
+    if kind == "hand_eye":
+        return ("samples", "eye_in_tip", "target_in_base")
     return ("points",) if kind == "fixed_point" else ("samples",)
+
+
+def _optional_pose(section: YamlSection, key: str) -> PoseSpec | None:
+    return _pose(section.section(key)) if key in section else None
 
 
 def _point(section: YamlSection) -> PoseSpec:
