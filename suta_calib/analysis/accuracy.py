@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from suta_calib.geometry import FloatArray
-from suta_calib.model.parameters import ParameterSet
+from suta_calib.model.parameters import ParameterSet, Unit
 from suta_calib.solver.evaluation import Linearised
 from suta_calib.solver.ipopt import Options, RobustNlp
 from suta_calib.solver.problem import Problem
@@ -55,7 +55,7 @@ class BlockErrors:
     """
 
     name: str
-    unit: str
+    unit: Unit
     labels: tuple[str, ...]
     rows: IntArray
     residual_before: FloatArray

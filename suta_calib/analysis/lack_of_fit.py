@@ -64,10 +64,8 @@ def lack_of_fit(solution: Solution) -> tuple[LackOfFit, ...]:
 
 def _repeat_scatter(block: Block, residual: FloatArray, touch: IntArray) -> float | None:
     """Robust standard deviation of one component within groups of repeats, or None."""
-    members = touch[block.samples]
-    order = np.argsort(members, axis=1)
-    members = np.take_along_axis(members, order, axis=1)
     # A residual of two samples may be seen from either end; distances do not care.
+    members = np.sort(touch[block.samples], axis=1)
     _, group, count = np.unique(members, axis=0, return_inverse=True, return_counts=True)
     group = group.reshape(-1)
     if np.sum(count > 1) < ENOUGH_GROUPS:

@@ -15,7 +15,7 @@ from suta_calib.analysis.indices import Indices
 from suta_calib.geometry import FloatArray
 from suta_calib.model.parameters import Parameter, Unit
 from suta_calib.solver.covariance import predicted_covariance
-from suta_calib.solver.identifiability import Identification
+from suta_calib.solver.identifiability import Identification, eliminate
 from suta_calib.solver.information import Information, predicted_information
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import INFORMED, State
@@ -183,7 +183,5 @@ def _singular_values(
     scaled = information.curvature * np.outer(unit, unit)
     arm = np.arange(len(unit)) < (problem.arm_count or len(unit))
     kept, own = np.flatnonzero(identified & arm), np.flatnonzero(identified & ~arm)
-    cross = scaled[np.ix_(own, kept)]
-    inverse = np.linalg.pinv(scaled[np.ix_(own, own)], 1e-11, True) if len(own) else np.eye(0)
-    reduced = scaled[np.ix_(kept, kept)] - cross.T @ inverse @ cross
+    (reduced,) = eliminate([scaled], np.zeros(len(unit)), kept, own)
     return np.asarray(np.sqrt(np.maximum(np.linalg.eigvalsh(reduced)[::-1], 0.0)))

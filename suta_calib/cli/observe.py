@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +10,7 @@ import click
 from suta_calib.cli._output import console, json_option, print_json, verbose_option
 
 if TYPE_CHECKING:
-    from suta_calib.analysis.observability import Explanation, Observability, Prospect
+    from suta_calib.analysis.observability import Observability, Prospect
 
 
 @click.command()
@@ -62,7 +61,7 @@ def _prospect(p: Prospect) -> dict[str, Any]:
 
 
 def _print(found: Observability, verbose: bool) -> None:
-    from suta_calib.report.tables import observability_table
+    from suta_calib.report.tables import by_remedy, observability_table
 
     to = console()
     to.print(observability_table(found, verbose=verbose))
@@ -70,16 +69,10 @@ def _print(found: Observability, verbose: bool) -> None:
     to.print(f"{found.verdict}.", soft_wrap=True)
     if found.explanations:
         to.print("What they cannot tell, and what to do:")
-    for line in _open_directions(found.explanations):
-        to.print(line, soft_wrap=True)
-
-
-def _open_directions(explanations: Sequence[Explanation]) -> list[str]:
-    """Every sentence, with one remedy for all that share it."""
-    by_remedy: dict[str, list[str]] = {}
-    for each in explanations:
-        by_remedy.setdefault(each.remedy, []).append(f" • {each.sentence}")
-    return [line for remedy, found in by_remedy.items() for line in (*found, f"     → {remedy}")]
+    for remedy, sentences in by_remedy(found.explanations).items():
+        for sentence in sentences:
+            to.print(f" • {sentence}", soft_wrap=True)
+        to.print(f"     → {remedy}", soft_wrap=True)
 
 
 def _conditioning(found: Observability) -> str:

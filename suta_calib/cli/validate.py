@@ -11,10 +11,7 @@ from suta_calib.cli._output import console, json_option, print_json
 from suta_calib.errors import JobError
 
 if TYPE_CHECKING:
-    from rich.table import Table
-
-    from suta_calib.analysis.accuracy import Accuracy, Metrics, TermAccuracy
-    from suta_calib.model.parameters import Unit
+    from suta_calib.analysis.accuracy import Accuracy
 
 
 @click.command()
@@ -49,67 +46,19 @@ def validate(urdf: Path, job: Path, as_json: bool) -> None:
 
 def validation_dict(accuracy: Accuracy, urdf: Path) -> dict[str, Any]:
     """The answer as data; the figures of ``validation`` are those of the first term's kind."""
+    from suta_calib.report.result_json import accuracy_dict
+
     terms = accuracy.validation
-    overall = {w: _numbers(accuracy.overall(terms, w), "m") for w in ("before", "after")}
+    by_term = [{"kind": term.term.kind} | accuracy_dict([term]) for term in terms]
     return {
         "urdf": str(urdf),
-        "metrics": {"validation": {**overall, "by_term": [_by_term(t) for t in terms]}},
+        "metrics": {"validation": {**accuracy_dict(terms), "by_term": by_term}},
     }
 
 
-def _by_term(term: TermAccuracy) -> dict[str, Any]:
-    found: dict[str, Any] = {"kind": term.term.kind}
-    for which in ("before", "after"):
-        found[which] = _numbers(getattr(term, which), "m")
-        for block in term.blocks[1:]:
-            found[which] |= {"rms_deg": _numbers(_of(block, which), "rad")["rms_deg"]}
-    return found
-
-
-def _of(block: Any, which: str) -> Metrics:
-    from suta_calib.analysis.accuracy import Metrics
-
-    return Metrics.of(getattr(block, which))
-
-
-def _numbers(metrics: Metrics, unit: Unit) -> dict[str, float | int]:
-    from suta_calib.report.units import SHOWN_UNIT, shown
-
-    values = (metrics.rms, metrics.mean, metrics.std, metrics.maximum)
-    named = zip(("rms", "mean", "std", "max"), values, strict=True)
-    found: dict[str, float | int] = {f"{k}_{SHOWN_UNIT[unit]}": shown(v, unit) for k, v in named}
-    return found | {"count": metrics.count}
-
-
 def _print(accuracy: Accuracy, own: Path, given: Path) -> None:
+    from suta_calib.report.tables import errors_table
+
     to = console()
-    to.print(_table(accuracy))
+    to.print(errors_table({"validation": accuracy.validation}))
     to.print(f"before: {own}\nafter:  {given}", soft_wrap=True)
-
-
-def _table(accuracy: Accuracy) -> Table:
-    from rich import box
-    from rich.table import Table
-
-    from suta_calib.report.errors_by import by_kind
-    from suta_calib.report.tables import quantity
-    from suta_calib.report.units import percent
-
-    table = Table(title="Validation errors", title_justify="left", box=box.SIMPLE_HEAD)
-    table.add_column("of", min_width=12)
-    table.add_column("arm", no_wrap=True)
-    for heading in ("RMS", "mean", "std", "max", "unit", "count", "gain"):
-        table.add_column(heading, justify="right", no_wrap=True)
-    for errors in by_kind(accuracy.validation):
-        before, after = errors.metrics
-        table.add_row(quantity(errors), "before", *_cells(before, errors.unit), "")
-        gain = percent(before.rms, after.rms)
-        table.add_row("", "after", *_cells(after, errors.unit), gain, end_section=True)
-    return table
-
-
-def _cells(metrics: Metrics, unit: Unit) -> list[str]:
-    from suta_calib.report.units import SHOWN_UNIT, text
-
-    values = (metrics.rms, metrics.mean, metrics.std, metrics.maximum)
-    return [*(text(v, unit) for v in values), SHOWN_UNIT[unit], str(metrics.count)]

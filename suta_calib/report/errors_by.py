@@ -51,17 +51,12 @@ def by_kind(terms: Sequence[TermAccuracy]) -> list[KindErrors]:
         KindErrors(
             kind,
             name,
-            unit_of(blocks[0]),
+            blocks[0].unit,
             np.concatenate([b.before for b in blocks]),
             np.concatenate([b.after for b in blocks]),
         )
         for (kind, name), blocks in found.items()
     ]
-
-
-def unit_of(block: BlockErrors) -> Unit:
-    """The block's unit, as the type checker knows it."""
-    return "rad" if block.unit == "rad" else "m"
 
 
 def groups(terms: Sequence[TermAccuracy], grouping: str) -> dict[str, FloatArray]:

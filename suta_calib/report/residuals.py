@@ -9,7 +9,6 @@ from typing import Final
 
 from suta_calib.analysis.accuracy import BlockErrors, TermAccuracy
 from suta_calib.geometry import FloatArray
-from suta_calib.report.errors_by import unit_of
 from suta_calib.report.result import Result, labelled_terms
 from suta_calib.report.units import SHOWN_UNIT, shown
 
@@ -45,12 +44,12 @@ def _rows(term: TermAccuracy) -> Iterator[list[str]]:
 
 
 def _numbers(block: BlockErrors, k: int) -> list[str]:
-    unit = unit_of(block)
+    unit = block.unit
     norms = [f"{shown(float(e[k]), unit):.6g}" for e in (block.before, block.after)]
     before, after = block.residual_before[k], block.residual_after[k]
     return [SHOWN_UNIT[unit], *norms, *_components(before, block), *_components(after, block)]
 
 
 def _components(residual: FloatArray, block: BlockErrors) -> list[str]:
-    found = [f"{shown(float(r), unit_of(block)):.6g}" for r in residual]
+    found = [f"{shown(float(r), block.unit):.6g}" for r in residual]
     return found + [""] * (3 - len(found))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 from rich import box
@@ -105,10 +105,17 @@ def parameter_table(solution: Solution, *, verbose: bool = False) -> Table:
 
 
 def accuracy_table(accuracy: Accuracy) -> Table:
+    """`errors_table` of the calibration and of the validation data."""
+    sets = {"calibration": accuracy.calibration, "validation": accuracy.validation}
+    return errors_table(sets)
+
+
+def errors_table(sets: Mapping[str, Sequence[TermAccuracy]]) -> Table:
     """RMS, mean, standard deviation and maximum before and after, and the improvement.
 
-    One pair of rows for the calibration and for the validation data, and for each kind and
-    quantity where there are several.
+    Args:
+        sets: terms by what their data are; one pair of rows for each, and for each kind and
+            quantity where there are several.
     """
     table = _table("Errors")
     # Figures must not be cut where a terminal has its usual eighty columns: words fold instead.
@@ -120,7 +127,6 @@ def accuracy_table(accuracy: Accuracy) -> Table:
         table.add_column(name, justify="right", no_wrap=True, min_width=6)
     table.add_column("count", justify="right", no_wrap=True)
     table.add_column("improvement", justify="right", no_wrap=True)
-    sets = {"calibration": accuracy.calibration, "validation": accuracy.validation}
     for name, terms in sets.items():
         _add_errors(table, name, terms)
     return table

@@ -91,7 +91,7 @@ def identify(
     scaled = [m * np.outer(unit, unit) for m in _matrices(information)]
     prior = precision * unit**2
     arm, own = np.flatnonzero(free[:arm_count]), np.arange(arm_count, len(unit))
-    reduced = _eliminate(scaled, prior, arm, own)
+    reduced = eliminate(scaled, prior, arm, own)
     spectrum = np.sqrt(np.maximum(np.linalg.eigvalsh(reduced[0])[::-1], 0.0))
     held, combinations = list[int](), list[Combination]()
     rank = _preference(parameters)
@@ -112,10 +112,17 @@ def _matrices(information: Information) -> list[FloatArray]:
     return [information.curvature, information.variance, information.feigned]
 
 
-def _eliminate(
+def eliminate(
     matrices: list[FloatArray], prior: FloatArray, arm: IntArray, own: IntArray
 ) -> list[FloatArray]:
-    """Information on the arm alone, once the own unknowns have followed wherever it moves them."""
+    """Information on some parameters alone, once the others have followed wherever they move them.
+
+    Args:
+        matrices: (n, n) each; the first is the curvature that says how the others follow.
+        prior: (n,) to be added to its diagonal.
+        arm: indices to keep.
+        own: indices to eliminate.
+    """
     curvature = matrices[0] + np.diag(prior)
     inverse = np.linalg.pinv(curvature[np.ix_(own, own)], 1e-11, True) if len(own) else np.eye(0)
     follow = np.vstack([np.eye(len(arm)), -inverse @ curvature[np.ix_(own, arm)]])

@@ -83,16 +83,16 @@ def predicted_information(
             makes residuals large; needed after it, where gross errors would feign information
             (an outlier tells the scale of an arm that touched one point, and tells it wrongly).
     """
-    rows = whitened_rows(problem, x, sigmas)
+    plain = rows = whitened_rows(problem, x, sigmas)
     if robust:
         rows = [
             replace(r, jacobian=robust_jacobian(r), belief=np.sqrt(r.line.weight)) for r in rows
         ]
     curvature = sum(r.jacobian.T @ r.jacobian for r in rows)
     variance = sum(_predicted_variance(r) for r in rows)
-    return Information(
-        np.asarray(curvature), np.asarray(variance), _feigned_information(problem, x, sigmas, rows)
-    )
+    beliefs = [r.belief for r in rows]
+    feigned = _feigned_information(problem, x, sigmas, plain, beliefs)
+    return Information(np.asarray(curvature), np.asarray(variance), feigned)
 
 
 def noise_levels(problem: Problem, x: FloatArray, sigmas: Sequence[float]) -> list[float]:
@@ -114,23 +114,29 @@ def noise_levels(problem: Problem, x: FloatArray, sigmas: Sequence[float]) -> li
 
 
 def _feigned_information(
-    problem: Problem, x: FloatArray, sigmas: Sequence[float], rows: Sequence[Rows]
+    problem: Problem,
+    x: FloatArray,
+    sigmas: Sequence[float],
+    before: Sequence[Rows],
+    beliefs: Sequence[FloatArray],
 ) -> FloatArray:
     """F: how much the Jacobian changes when the readings change by their own noise.
 
     The noise of the readings is not known; what is known is how far it moves the tip. Every joint,
     and the turn of every measured pose, gets its share of it. Information that only the size of the
     residuals makes counts as well.
+
+    ``before`` are the rows of the latest evaluation, whose lines are still its own; ``beliefs`` the
+    factor of each row, by block.
     """
     n = problem.arm_count + problem.evaluation.own_count
     total = np.zeros((n, n))
-    before = whitened_rows(problem, x, sigmas)
     for row in before:
         total += _by_residual_alone(problem, row)
     with problem.evaluation.table.shifted(_jitter(problem, x, before)):
         after = whitened_rows(problem, x, sigmas)
-    for old, new, r in zip(before, after, rows, strict=True):
-        belief = np.repeat(r.belief, len(old.jacobian) // len(r.belief))
+    for old, new, believed in zip(before, after, beliefs, strict=True):
+        belief = np.repeat(believed, len(old.jacobian) // len(believed))
         change = belief[:, None] * (new.jacobian - old.jacobian)
         total += change.T @ change
     return total

@@ -87,7 +87,7 @@ class RobustNlp:
         self._options = options
         self._base = self._nominal.copy()
         self._solver: Any = None
-        self._shared = _Shared(self.cost_gradient_hessian)
+        self._shared: _Shared
 
     def cost_gradient_hessian(self, z: FloatArray) -> tuple[float, FloatArray, FloatArray]:
         """Cost and derivatives by the scaled free variables."""
@@ -166,9 +166,9 @@ class RobustNlp:
             "ipopt.mu_init": 1e-6,
             "ipopt.bound_relax_factor": 0.0,
         }
+        self._shared = shared = _Shared(self.cost_gradient_hessian)
         if self._options.hessian == "exact":
             return ca.nlpsol("calibration", "ipopt", {"x": z, "f": self._exact_cost(z)}, common)
-        self._shared = shared = _Shared(self.cost_gradient_hessian)
         n = len(self._free)
         # CasADi does not keep Python callbacks alive: the solver must.
         self._callbacks = (_Cost(shared, n), _Gradient(shared, n), _Hessian(shared, n))
