@@ -36,7 +36,8 @@ def calibrate(
     """Calibrate the arm of JOB (a calibration.yaml) from its measurements.
 
     Writes calibrated.urdf, result.json, residuals.csv and report.html. Exits with 1 where the
-    solver did not converge: then there is no calibrated.urdf.
+    answer must not be used: not converged, residuals that drown the data, or worse than nominal on
+    validation data.
     """
     from suta_calib.job import CalibrationJob
     from suta_calib.report.verdict import judge

@@ -15,7 +15,8 @@ from scipy.stats import chi2
 
 from suta_calib.geometry import FloatArray
 from suta_calib.navigation.consensus import DIMENSION, BoolArray, Consensus, outlier_limit
-from suta_calib.solver.covariance import predicted_covariance
+from suta_calib.navigation.serial_correlation import blocks
+from suta_calib.solver.covariance import observed_covariance, predicted_covariance
 from suta_calib.solver.information import predicted_information
 from suta_calib.solver.losses import huber_threshold
 from suta_calib.solver.problem import Problem
@@ -47,8 +48,9 @@ class RobustFit:
         residuals: of all rows by block, each (n, 3), m or rad.
         inliers: (n,) rows that were fitted.
         sigmas: scatter of one component of each block.
-        covariance: of the solution's parameters, in its order: from the residuals pose by pose
-            where these are many, else from their common scatter.
+        covariance: of the solution's parameters, in its order: from the residuals row by row (block
+            by block where neighbours are alike) where these are many, else from their common
+            scatter.
     """
 
     solution: Solution
@@ -98,7 +100,7 @@ def robust_fit(
         if settled or not _enough(agreeing) or (round_ + 1 == MAX_ROUNDS):
             break
         inliers, sigmas = agreeing, levels
-    covariance = _covariance(solution, int(inliers.sum()), levels)
+    covariance = _covariance(solution, [r[inliers] for r in residuals], levels)
     return RobustFit(solution, residuals, inliers, tuple(float(s) for s in levels), covariance)
 
 
@@ -109,11 +111,15 @@ def evaluate(term: Term, values: Mapping[str, float]) -> tuple[FloatArray, ...]:
     return tuple(line.residual.copy() for line in problem.linearise(x, problem.assumed_sigmas()))
 
 
-def _covariance(solution: Solution, rows: int, levels: FloatArray) -> FloatArray:
+def _covariance(
+    solution: Solution, residuals: Sequence[FloatArray], levels: FloatArray
+) -> FloatArray:
     """The sandwich needs many rows: the scatter of few says nothing of most directions."""
-    if rows >= MANY_ROWS:
-        return solution.covariance
     problem = solution.problem
+    if len(residuals[0]) >= MANY_ROWS:
+        white = np.hstack([r / level for r, level in zip(residuals, levels, strict=True)])
+        witnesses = [blocks(white)]
+        return observed_covariance(problem, solution.x, solution.sigmas, solution.free, witnesses)
     information = predicted_information(problem, solution.x, levels.tolist())
     return predicted_covariance(problem, information, solution.free)
 

@@ -26,12 +26,23 @@ ROUNDING: Final = 1e-14
 
 
 def observed_covariance(
-    problem: Problem, x: FloatArray, sigmas: Sequence[float], free: IntArray
+    problem: Problem,
+    x: FloatArray,
+    sigmas: Sequence[float],
+    free: IntArray,
+    touches: Sequence[IntArray] | None = None,
 ) -> FloatArray:
     """Covariance (n, n) of the estimate at x, zero for entries that were not free.
 
     The sandwich A⁻¹ (M + P) A⁻¹ with the priors' precision P in A as well: scatter as the residuals
     show it, outliers as Huber weighs them, rows of one touch together.
+
+    Args:
+        problem: terms and parameters.
+        x: (n,) the estimate.
+        sigmas: noise level of each block.
+        free: indices that were estimated.
+        touches: for each term (samples,), which samples are one witness; `Term.repeats` by default.
     """
     rows = whitened_rows(problem, x, sigmas)
     prior = np.diag(problem.prior_precision())
@@ -39,9 +50,10 @@ def observed_covariance(
     bread = np.zeros_like(prior)
     bread[np.ix_(free, free)] = _pseudo_inverse(curvature[np.ix_(free, free)])
     covariance = bread @ prior @ bread
-    for term in problem.terms:
+    touches = [term.repeats() for term in problem.terms] if touches is None else touches
+    for term, touch in zip(problem.terms, touches, strict=True):
         mine = [r for r in rows if any(r.line.view.block is b for b in term.blocks)]
-        covariance += _clustered_variance(mine, term.repeats(), bread)
+        covariance += _clustered_variance(mine, touch, bread)
     return covariance
 
 
