@@ -32,7 +32,7 @@ from suta_calib.solver.losses import huber_threshold
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solve import solve
 from suta_calib.solver.symbolic import symbolic_cost
-from suta_calib.terms import KINDS, Noise
+from suta_calib.terms import KINDS, ArmPoses, HandEye, Noise
 
 GAUGE = {"joint_1.offset", "joint_2.z"}
 SIGMA = Spread(position=1e-4, rotation=1e-3)
@@ -166,7 +166,18 @@ def stacked(problem: Problem, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 @each_case
 def test_the_jacobian_equals_central_differences(name: str) -> None:
     problem = problem_of(name)
-    x = somewhere(problem, name)
+    assert_jacobian(problem, somewhere(problem, name))
+
+
+def test_so_it_does_where_the_noise_is_the_hands_in_part() -> None:
+    s = scene("hand_eye")
+    poses = ArmPoses(s.arm, s.samples(SIGMA)[0])
+    term = HandEye(poses, *noises(SIGMA, False), hand_share=0.5)
+    problem = Problem([term], dh_parameters(s.arm))
+    assert_jacobian(problem, somewhere(problem, "hand_eye"))
+
+
+def assert_jacobian(problem: Problem, x: np.ndarray) -> None:
     jacobian = stacked(problem, x)[1].copy()
     scale = np.abs(jacobian).max()
     for k in range(len(x)):

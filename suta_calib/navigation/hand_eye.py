@@ -21,7 +21,7 @@ from suta_calib.navigation.consensus import (
 from suta_calib.navigation.hand_share import estimate_hand_share
 from suta_calib.navigation.robust_fit import RobustFit, evaluate, robust_fit
 from suta_calib.navigation.rotation_covariance import tangent_of_vector
-from suta_calib.navigation.undetermined import refuse_undetermined
+from suta_calib.navigation.undetermined import axis_of_all_turns, refuse_undetermined
 from suta_calib.navigation.verdict import Verdict, verdict_of
 from suta_calib.solver.solution import Solution
 from suta_calib.terms.hand_eye import HandEye
@@ -172,6 +172,7 @@ def calibrate_hand_eye(
         "hand_eye",
         "X",
         "turn the hand about at least two axes that are not parallel",
+        axis_of_all_turns(A[0][fit.inliers], fit.sigmas[1]),
     )
     return _result(fit, A, B, centre, length, setup, model, share.value)
 

@@ -141,10 +141,10 @@ def calibrate_pivot(
     start = _start(R, scaled, index, seed) if robust else _everything(R, scaled, index)
 
     def make(rows: IntArray, noises: Sequence[Noise]) -> FixedPoint:
+        _check_posts(names, index, rows)
         return _term(R[rows], scaled[rows], labels[rows], noises[0])
 
     fit = robust_fit(make, start, robust=robust)
-    _check_posts(names, index, fit.inliers)
     _refuse(fit.solution)
     return _result(fit, names, R, centre, length)
 
@@ -227,9 +227,9 @@ def _check_counts(labels: NDArray[np.str_]) -> None:
             )
 
 
-def _check_posts(names: Sequence[str], index: IntArray, inliers: BoolArray) -> None:
+def _check_posts(names: Sequence[str], index: IntArray, rows: IntArray) -> None:
     for k, name in enumerate(names):
-        if np.sum(inliers[index == k]) < 2:
+        if np.sum(index[rows] == k) < 2:
             raise SamplesError(
                 f"{int(np.sum(index == k))} poses for point {name} that do not agree",
                 "at least 2 that do",

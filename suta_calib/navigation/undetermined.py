@@ -15,7 +15,13 @@ from suta_calib.terms.term import POSE_KEYS
 NOTICEABLE: Final = 0.02
 
 
-def refuse_undetermined(solution: Solution, unknown: str, what: str, advice: str) -> None:
+# Noise in orientations may be at most this part of what an axis turns by, as a variance.
+FEIGNED: Final = 0.01
+
+
+def refuse_undetermined(
+    solution: Solution, unknown: str, what: str, advice: str, slides: FloatArray | None = None
+) -> None:
     """Refuse a solution whose data leave directions of an unknown open.
 
     Args:
@@ -23,11 +29,15 @@ def refuse_undetermined(solution: Solution, unknown: str, what: str, advice: str
         unknown: prefix of the parameters, such as ``tip``.
         what: what a reader calls it, with its frame, such as ``the tip in the tool``.
         advice: what to do.
+        slides: (k, 3) directions to name instead of those found at the solution, which says nothing
+            true where the start was as undetermined as the solution.
 
     Raises:
         SamplesError: names the directions.
     """
     directions = undetermined_directions(solution, unknown)
+    if directions and slides is not None and len(slides):
+        directions = [f"slide along {_vector(v)}" for v in slides]
     if directions:
         raise SamplesError(
             f"poses that do not determine {what}: it may {' and '.join(directions)}",
@@ -55,6 +65,22 @@ def undetermined_directions(solution: Solution, unknown: str) -> list[str]:
     return [f"turn about {_vector(v)}" for v in turns] + [
         f"slide along {_vector(v)}" for v in slides
     ]
+
+
+def axis_of_all_turns(rotation: FloatArray, noise: float) -> FloatArray:
+    """The axis that all orientations are turned about, if there is just one.
+
+    Args:
+        rotation: (n, 3, 3) of the body.
+        noise: of a component of their rotation vectors, rad.
+
+    Returns:
+        (1, 3) in the body, or (0, 3).
+    """
+    mean = rotation.mean(axis=0)
+    moved, axes = np.linalg.eigh(np.eye(3) - mean.T @ mean)
+    still = moved < max(2.0 * noise**2 / FEIGNED, 1e-12)
+    return np.asarray(axes.T[still]) if still.sum() == 1 else np.zeros((0, 3))
 
 
 def _span(columns: FloatArray) -> tuple[list[FloatArray], FloatArray]:

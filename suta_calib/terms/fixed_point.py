@@ -6,11 +6,22 @@ from collections.abc import Sequence
 from typing import ClassVar, Final
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from suta_calib.errors import SamplesError
 from suta_calib.geometry import FloatArray, Symbol
-from suta_calib.measurements import SampleColumns
+from suta_calib.measurements import SampleColumns, Samples
 from suta_calib.terms.poses import MeasuredPoses, PoseSource
+from suta_calib.terms.synthetic import (
+    EXACT,
+    NOTHING_GROSS,
+    Gross,
+    Simulated,
+    Spread,
+    random_turns,
+    simulated,
+    spoiled,
+)
 from suta_calib.terms.term import (
     Block,
     IntArray,
@@ -85,6 +96,40 @@ class FixedPoint(Term):
     def over(cls, poses: PoseSource, setup: Setup) -> FixedPoint:
         """Build it from a row of a job file."""
         return cls(poses, setup.noise)
+
+    @classmethod
+    def simulate(
+        cls,
+        count: int,
+        *,
+        spread: Spread = EXACT,
+        seed: int = 0,
+        tip: ArrayLike = (0.02, -0.01, 0.15),
+        posts: ArrayLike = ((0.1, 0.2, -1.0),),
+        turn: float = np.pi / 4,
+        axes: ArrayLike | None = None,
+        gross: Gross = NOTHING_GROSS,
+    ) -> Simulated[FixedPoint]:
+        """Poses of a tracked tool that pivots on one post after the other.
+
+        Args:
+            count: poses on each post.
+            spread: noise of the tracked poses.
+            seed: of everything random.
+            tip: (3,) in the tool, m.
+            posts: (k, 3) in the tracker, m; labelled ``post_1``, ``post_2``, …
+            turn: largest turn from the middle orientation, rad.
+            axes: (k, 3) the only axes, in the tool, to turn about; any axis by default.
+            gross: poses that are grossly wrong; the swapped ones swap places, not orientations.
+        """
+        random, noise, errors = np.random.default_rng(seed).spawn(3)
+        t, c = np.asarray(tip, dtype=float), np.atleast_2d(np.asarray(posts, dtype=float))
+        R = random_turns(random, count * len(c), turn, axes)
+        poses = spread.scattered(noise, (R, np.repeat(c, count, axis=0) - R @ t))
+        poses, outliers = spoiled(errors, poses, gross, swap_orientation=False)
+        labels = {"point": [f"post_{k + 1}" for k in range(len(c)) for _ in range(count)]}
+        samples = Samples.from_arrays([], np.zeros((len(R), 0)), labels=labels)
+        return simulated(cls(MeasuredPoses(*poses, samples)), (t, *c), outliers)
 
     def start(self, rotation: FloatArray, position: FloatArray) -> FloatArray:
         """The tip by linear least squares, then the mean of the touches of each point."""

@@ -3,16 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import ClassVar
+from typing import ClassVar, Final
 
 import casadi as ca
 import numpy as np
+from numpy.typing import ArrayLike
 
 from suta_calib.errors import SamplesError
-from suta_calib.geometry import FloatArray, Symbol, symbolic_rotation_log
-from suta_calib.measurements import SampleColumns
-from suta_calib.terms.hand_eye_start import close_the_loop, quaternion_hand_eye
-from suta_calib.terms.poses import PoseSource
+from suta_calib.geometry import FloatArray, Symbol, rotation_from_vector, symbolic_rotation_log
+from suta_calib.measurements import SampleColumns, Samples
+from suta_calib.terms.hand_eye_start import Poses, close_the_loop, quaternion_hand_eye
+from suta_calib.terms.poses import MeasuredPoses, PoseSource
+from suta_calib.terms.synthetic import (
+    EXACT,
+    NOTHING_GROSS,
+    Gross,
+    Simulated,
+    Spread,
+    random_turns,
+    simulated,
+    spoiled,
+)
 from suta_calib.terms.term import (
     Block,
     Noise,
@@ -23,6 +34,13 @@ from suta_calib.terms.term import (
     pose_parameters,
     pose_values,
 )
+
+# Where the eye is in the hand, and where the target, unless `HandEye.simulate` is told.
+_X: Final = (rotation_from_vector([0.1, 0.2, -1.5]), np.array([0.02, -0.05, 0.08]))
+_Z: Final = (rotation_from_vector([2.0, 0.4, 0.3]), np.array([0.6, 0.2, -0.1]))
+# Where in the eye the target is seen: half a metre away, and how far from there, m.
+_AHEAD: Final = np.array([0.0, 0.0, 0.5])
+_ASIDE: Final = 0.1
 
 
 def _target_in_eye(poses: Sequence[Pose], own: Symbol) -> Pose:
@@ -102,6 +120,48 @@ class HandEye(Term):
     def over(cls, poses: PoseSource, setup: Setup) -> HandEye:
         """Build it from a row of a job file."""
         return cls(poses, setup.noise, setup.angular_noise, setup.label)
+
+    @classmethod
+    def simulate(
+        cls,
+        count: int,
+        *,
+        hand: Spread = EXACT,
+        eye: Spread = EXACT,
+        seed: int = 0,
+        X: Poses = _X,
+        Z: Poses = _Z,
+        turn: float = np.pi / 4,
+        axes: ArrayLike | None = None,
+        gross: Gross = NOTHING_GROSS,
+        hand_share: float = 0.0,
+    ) -> Simulated[HandEye]:
+        """A hand moves its eye about a target, half a metre away.
+
+        Args:
+            count: pairs of poses.
+            hand: noise of ``T_base_hand``.
+            eye: noise of ``T_eye_target``.
+            seed: of everything random.
+            X: ``T_hand_eye``, rotation (3, 3) and position (3,), m.
+            Z: ``T_base_target``.
+            turn: largest turn of the hand from the middle orientation, rad.
+            axes: (k, 3) the only axes, in the hand, to turn about; any axis by default.
+            gross: pairs in which what the eye saw is grossly wrong.
+            hand_share: of the term.
+        """
+        random, noise, errors = np.random.default_rng(seed).spawn(3)
+        R = random_turns(random, count, turn, axes)
+        R_base_eye = R @ X[0]
+        seen = _AHEAD + random.uniform(-_ASIDE, _ASIDE, (count, 3))
+        p = Z[1] - R @ X[1] - np.einsum("nij,nj->ni", R_base_eye, seen)
+        moved = hand.scattered(noise, (R, p))
+        exact = np.swapaxes(R_base_eye, 1, 2) @ Z[0], seen
+        (R_seen, p_seen), outliers = spoiled(errors, eye.scattered(noise, exact), gross)
+        nothing = np.zeros((count, 0))
+        samples = Samples.from_arrays([], nothing, position=p_seen, rotation=R_seen)
+        term = cls(MeasuredPoses(*moved, samples), hand_share=hand_share)
+        return simulated(term, (pose_values(*X), pose_values(*Z)), outliers)
 
     def check_enough(self) -> None:
         """Three samples at least: two motions about different axes."""

@@ -3,15 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import ClassVar
+from typing import ClassVar, Final
 
 import casadi as ca
 import numpy as np
+from numpy.typing import ArrayLike
 
 from suta_calib.errors import SamplesError
-from suta_calib.geometry import FloatArray, Symbol, register_points, symbolic_rotation_log
-from suta_calib.measurements import SampleColumns
-from suta_calib.terms.poses import PoseSource
+from suta_calib.geometry import (
+    FloatArray,
+    Symbol,
+    register_points,
+    rotation_from_vector,
+    symbolic_rotation_log,
+)
+from suta_calib.measurements import SampleColumns, Samples
+from suta_calib.terms.hand_eye_start import Poses
+from suta_calib.terms.poses import MeasuredPoses, PoseSource
+from suta_calib.terms.synthetic import (
+    EXACT,
+    NOTHING_GROSS,
+    Gross,
+    Simulated,
+    Spread,
+    simulated,
+    spoiled,
+)
 from suta_calib.terms.term import (
     Block,
     Noise,
@@ -22,6 +39,9 @@ from suta_calib.terms.term import (
     pose_parameters,
     pose_values,
 )
+
+# Where the instrument sees the base from, unless `TrackedPoint.simulate` is told.
+_T: Final = (rotation_from_vector([0.3, -1.2, 0.7]), np.array([1.1, -0.4, 0.6]))
 
 
 def _position(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
@@ -85,6 +105,37 @@ class TrackedPoint(Term):
                 "at least 3: the pose of the instrument alone is six unknowns",
                 where=self.kind,
             )
+
+    @classmethod
+    def simulate(
+        cls,
+        count: int,
+        *,
+        spread: Spread = EXACT,
+        seed: int = 0,
+        T: Poses = _T,
+        size: ArrayLike = (0.2, 0.2, 0.2),
+        gross: Gross = NOTHING_GROSS,
+    ) -> Simulated[TrackedPoint]:
+        """Corresponding points, as for a registration: exact ones, and what an instrument saw.
+
+        Args:
+            count: of points.
+            spread: noise of what was seen; of its position.
+            seed: of everything random.
+            T: ``T_instrument_base``, rotation (3, 3) and position (3,), m.
+            size: (3,) edges of the box that the points fill, m; two of them for coplanar points,
+                one for points on a line.
+            gross: points that were seen grossly wrong.
+        """
+        random, noise, errors = np.random.default_rng(seed).spawn(3)
+        points = (random.random((count, 3)) - 0.5) * np.asarray(size, dtype=float)
+        upright = np.tile(np.eye(3), (count, 1, 1))
+        seen = spread.scattered(noise, (upright, points @ T[0].T + T[1]))
+        (_, position), outliers = spoiled(errors, seen, gross)
+        samples = Samples.from_arrays([], np.zeros((count, 0)), position=position)
+        term = cls(MeasuredPoses(upright, points, samples))
+        return simulated(term, (pose_values(*T),), outliers)
 
     @classmethod
     def over(cls, poses: PoseSource, setup: Setup) -> TrackedPoint:

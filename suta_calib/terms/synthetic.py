@@ -1,0 +1,190 @@
+"""Simulated measurements over poses, with known truth: what every `simulate` is made of.
+
+The scene, its noise and its gross errors come from separate random numbers: the same seed with more
+noise, or with outliers, is the same scene.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final, Generic, Literal, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
+
+from suta_calib.errors import SamplesError
+from suta_calib.geometry import FloatArray, rotation_from_vector
+from suta_calib.terms.hand_eye_start import Poses
+from suta_calib.terms.term import POSE_KEYS, IntArray, Term
+
+# How a row is grossly wrong: its pose is anything; it is displaced, as where a tip slipped off its
+# point; it is another row's, as where two streams are out of step.
+Nature = Literal["wrong", "slipped", "swapped"]
+# Shortest and longest slip, m: far outside the noise of a tracker, and small enough to be missed.
+SLIP: Final = (5e-3, 30e-3)
+SimulatedTerm = TypeVar("SimulatedTerm", bound=Term)
+
+
+@dataclass(frozen=True)
+class Spread:
+    """How measured poses scatter: standard deviations per axis, normal.
+
+    Attributes:
+        position: m.
+        rotation: of a turn about the body's own origin, in its own axes, rad.
+    """
+
+    position: float = 0.0
+    rotation: float = 0.0
+
+    def scattered(self, random: np.random.Generator, poses: Poses) -> Poses:
+        """Noisy copies of poses (n, 3, 3), (n, 3)."""
+        R, p = poses
+        turn = rotation_from_vector(self.rotation * random.standard_normal(p.shape))
+        return R @ turn, p + self.position * random.standard_normal(p.shape)
+
+
+@dataclass(frozen=True)
+class Gross:
+    """Gross errors.
+
+    Attributes:
+        share: of the rows, 0 to 1; rounded to whole rows.
+        nature: ``wrong``: orientation and place uniform over all there are; ``slipped``: displaced
+            by 5 to 30 mm in any direction; ``swapped``: the measurement of another row.
+
+    Raises:
+        SamplesError: a share that is none.
+    """
+
+    share: float = 0.0
+    nature: Nature = "wrong"
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.share <= 1.0:
+            raise SamplesError(f"{self.share}", "a share from 0 to 1", where="share")
+
+    def rows(self, random: np.random.Generator, count: int) -> tuple[int, ...]:
+        """Which of ``count`` rows are grossly wrong, in order."""
+        rows = np.sort(random.permutation(count)[: round(self.share * count)])
+        if self.nature == "swapped" and len(rows) == 1:
+            raise SamplesError(
+                f"one row of {count} to swap", "a share that makes two rows at least", where="share"
+            )
+        return tuple(int(row) for row in rows)
+
+
+EXACT: Final = Spread()
+NOTHING_GROSS: Final = Gross()
+
+
+@dataclass(frozen=True, eq=False)
+class Simulated(Generic[SimulatedTerm]):
+    """Measurements that were simulated, and what is true.
+
+    Attributes:
+        term: over the measured poses.
+        truth: values of the term's own parameters by name, m and rad.
+        outliers: rows that are grossly wrong, from 0.
+    """
+
+    term: SimulatedTerm
+    truth: dict[str, float]
+    outliers: tuple[int, ...]
+
+    @property
+    def poses(self) -> Poses:
+        """Measured ``T_base_tool``: rotations (n, 3, 3) and positions (n, 3), m."""
+        return self.term.poses.at(self.truth)
+
+    @property
+    def seen(self) -> Poses:
+        """What was seen beside them: rotations (n, 3, 3), positions (n, 3); upright at 0 if not."""
+        samples, n = self.term.poses.samples, len(self.term.poses)
+        R = np.tile(np.eye(3), (n, 1, 1)) if samples.rotation is None else samples.rotation
+        return R, np.zeros((n, 3)) if samples.position is None else samples.position
+
+    @property
+    def inliers(self) -> IntArray:
+        """Rows that are not grossly wrong, from 0, in order."""
+        return np.setdiff1d(np.arange(len(self.term.poses)), self.outliers)
+
+    def true_point(self, prefix: str) -> FloatArray:
+        """The true position (3,), m, of the own parameters ``prefix.x|y|z``."""
+        return np.array([self.truth[f"{prefix}.{axis}"] for axis in POSE_KEYS[:3]])
+
+    def true_pose(self, prefix: str) -> Poses:
+        """The true rotation (3, 3) and position (3,), m, of ``prefix.x … prefix.rz``."""
+        vector = np.array([self.truth[f"{prefix}.{axis}"] for axis in POSE_KEYS[3:]])
+        return rotation_from_vector(vector), self.true_point(prefix)
+
+
+def simulated(
+    term: SimulatedTerm, own: Sequence[FloatArray], outliers: tuple[int, ...]
+) -> Simulated[SimulatedTerm]:
+    """Name the true values, given in the order of the term's own parameters."""
+    values = np.concatenate(own)
+    names = (parameter.name for parameter in term.own)
+    truth = {name: float(value) for name, value in zip(names, values, strict=True)}
+    return Simulated(term, truth, outliers)
+
+
+def random_turns(
+    random: np.random.Generator, count: int, largest: float, axes: ArrayLike | None = None
+) -> FloatArray:
+    """Orientations (count, 3, 3) of a body: somehow, then turned about its own axes.
+
+    Args:
+        random: random numbers.
+        count: how many.
+        largest: turns are uniform from minus to plus this, rad.
+        axes: (k, 3) the only axes, in the body, to turn about; any axis by default.
+    """
+    first = Rotation.random(random_state=random).as_matrix()
+    if axes is None:
+        about = random.standard_normal((count, 3))
+    else:
+        given = np.atleast_2d(np.asarray(axes, dtype=float))
+        about = given[random.integers(len(given), size=count)]
+    about = about / np.linalg.norm(about, axis=1, keepdims=True)
+    return np.asarray(
+        first @ rotation_from_vector(about * random.uniform(-largest, largest, (count, 1)))
+    )
+
+
+def spoiled(
+    random: np.random.Generator, poses: Poses, gross: Gross, *, swap_orientation: bool = True
+) -> tuple[Poses, tuple[int, ...]]:
+    """Copies of poses (n, 3, 3), (n, 3) of which some are grossly wrong, and which.
+
+    Args:
+        random: random numbers.
+        poses: before.
+        gross: how many, and how.
+        swap_orientation: whether rows that are swapped take the other's orientation too.
+
+    Raises:
+        SamplesError: a single row to swap.
+    """
+    R, p = poses[0].copy(), poses[1].copy()
+    outliers = gross.rows(random, len(p))
+    rows = np.array(outliers, dtype=np.intp)
+    if gross.nature == "slipped":
+        p[rows] += _slips(random, len(rows))
+    elif gross.nature == "swapped":
+        other = np.roll(rows, 1)
+        p[rows] = poses[1][other]
+        R[rows] = poses[0][other] if swap_orientation else R[rows]
+    elif len(rows):
+        R[rows] = Rotation.random(len(rows), random_state=random).as_matrix()
+        p[rows] = random.uniform(p.min(axis=0), p.max(axis=0), (len(rows), 3))
+    return (R, p), outliers
+
+
+def _slips(random: np.random.Generator, count: int) -> FloatArray:
+    """Displacements (count, 3), m, in any direction."""
+    direction = random.standard_normal((count, 3))
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    return direction * random.uniform(*SLIP, (count, 1))
