@@ -1,0 +1,116 @@
+"""What the commands on poses share: options, waiting, writing, the exit code."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Final, Self, TypeVar
+
+import click
+
+from suta_calib.cli._output import PATIENCE_S, console, json_option, print_json
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
+    from rich.status import Status
+
+    from suta_calib.navigation.verdict import Verdict
+
+NOT_USABLE: Final = 1
+Command = TypeVar("Command", bound=Callable[..., Any])
+
+
+def pose_options(command: Command) -> Command:
+    """``--out``, ``--json``, ``--no-robust`` and ``--seed``."""
+    for option in (
+        click.option(
+            "--seed",
+            type=click.IntRange(min=0),
+            default=0,
+            show_default=True,
+            help="Of the random samples that outliers are sought with.",
+        ),
+        click.option(
+            "--no-robust",
+            "plain",
+            is_flag=True,
+            help="Least squares over all rows: look for no outliers.",
+        ),
+        json_option,
+        click.option("--out", type=click.Path(path_type=Path), help="Folder to write files into."),
+    ):
+        command = option(command)
+    return command
+
+
+class LateStatus(AbstractContextManager["LateStatus"]):
+    """A word on stderr that work goes on: on a terminal only, and not before it is worth it."""
+
+    def __init__(self, what: str) -> None:
+        self._what, self._console = what, console(stderr=True)
+        self._status: Status | None = None
+        self._lock, self._over = threading.Lock(), False
+        self._timer = threading.Timer(PATIENCE_S, self._show)
+        self._timer.daemon = True
+
+    def __enter__(self) -> Self:
+        if self._console.is_terminal:
+            self._timer.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        with self._lock:
+            self._over = True
+            self._timer.cancel()
+            if self._status is not None:
+                self._status.stop()
+
+    def _show(self) -> None:
+        with self._lock:
+            if not self._over:
+                self._status = self._console.status(f"{self._what} …")
+                self._status.start()
+
+
+def finish(
+    context: click.Context,
+    answer: dict[str, Any],
+    verdict: Verdict,
+    shown: Callable[[], RenderableType],
+    texts: Callable[[], Mapping[str, str]],
+    out: Path | None,
+    *,
+    as_json: bool,
+) -> None:
+    """Write the files, print the answer, exit with 1 where it must not be used.
+
+    Args:
+        context: of the command.
+        answer: as JSON data.
+        verdict: on it.
+        shown: makes what a console shows.
+        texts: makes the files beside result.json, by name.
+        out: folder; nothing is written without one.
+        as_json: print ``answer`` instead of ``shown``.
+    """
+    if out is not None:
+        from suta_calib.report.pose_files import write_pose_files
+
+        answer = write_pose_files(answer, texts(), out)
+    if as_json:
+        print_json(answer)
+    else:
+        to = console()
+        to.print(shown())
+        if out is not None:
+            to.print(f"Written to {out}: {', '.join(answer['files'])}", soft_wrap=True)
+    if not verdict.usable:
+        context.exit(NOT_USABLE)

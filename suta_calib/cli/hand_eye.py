@@ -1,0 +1,74 @@
+"""``suta-calib hand-eye``: where the camera is on the robot, or beside it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from suta_calib.cli._output import check_folder
+from suta_calib.cli._poses import LateStatus, finish, pose_options
+
+if TYPE_CHECKING:
+    from suta_calib.navigation.hand_eye import Model, Setup
+
+
+@click.command("hand-eye")
+@click.argument("poses", type=click.Path(path_type=Path), metavar="POSES.csv")
+@click.option(
+    "--setup",
+    type=click.Choice(["eye-in-hand", "eye-to-hand"]),
+    default="eye-in-hand",
+    show_default=True,
+    help="The camera is on the hand, or stands beside the robot.",
+)
+@click.option(
+    "--model",
+    type=click.Choice(["AX=XB", "AX=ZB"]),
+    default="AX=XB",
+    show_default=True,
+    help="Ask for X, or for X and Z.",
+)
+@pose_options
+@click.pass_context
+def hand_eye(
+    context: click.Context,
+    poses: Path,
+    setup: Setup,
+    model: Model,
+    out: Path | None,
+    as_json: bool,
+    plain: bool,
+    seed: int,
+) -> None:
+    """Find where the eye is from poses of the hand and of what the eye sees.
+
+    POSES.csv has the columns a_x,a_y,a_z,a_qx,a_qy,a_qz,a_qw: T_base_hand, and the same with b_:
+    T_eye_target; m (a_x_mm, …: mm). X is T_hand_eye, and Z T_base_target; for eye-to-hand X is
+    T_base_eye, and Z T_hand_target. With --out writes result.json, residuals.csv and hand_eye.svg.
+    Exits with 1 where X must not be used.
+    """
+    from suta_calib.measurements.pose_files import read_pose_pairs
+    from suta_calib.navigation.blame import blame
+    from suta_calib.navigation.hand_eye import calibrate_hand_eye
+    from suta_calib.report.pose_files import hand_eye_texts
+    from suta_calib.report.pose_json import hand_eye_dict
+    from suta_calib.report.pose_tables import hand_eye_tables
+
+    if out is not None:
+        check_folder(out)
+    data = read_pose_pairs(poses)
+    with blame(poses), LateStatus("calibrating"):
+        found = calibrate_hand_eye(
+            data.hand, data.seen, setup=setup, model=model, robust=not plain, seed=seed
+        )
+    finish(
+        context,
+        hand_eye_dict(found, data) | {"robust": not plain, "seed": seed},
+        found.verdict,
+        lambda: hand_eye_tables(found, data),
+        lambda: hand_eye_texts(found, data),
+        out,
+        as_json=as_json,
+    )

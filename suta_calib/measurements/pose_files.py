@@ -1,0 +1,244 @@
+"""CSV files of the closed problems: poses of a tool, pairs of poses, points.
+
+Lengths are in m unless the columns are named ``…_mm``; unknown columns are ignored.
+"""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from suta_calib.errors import SamplesError
+from suta_calib.geometry import FloatArray
+from suta_calib.measurements.csv_table import CsvTable, read_csv_table
+from suta_calib.measurements.pose_columns import SutaCalibWarning, positions, rotations
+
+# Different rows that any of these problems needs.
+LEAST_ROWS: Final = 3
+# m; beyond it is no position, and the sums of its squares must stay numbers.
+LARGEST: Final = 1e6
+# Typical distances that speak of the other unit: no tracker looks 30 m far, nor 3 mm only.
+FAR_M: Final = 30.0
+NEAR_MM: Final = 3.0
+# A rigid body keeps its size: between these factors one of two sets is in another unit.
+OTHER_UNIT: Final = (300.0, 3000.0)
+
+
+@dataclass(frozen=True, eq=False)
+class ToolPoses:
+    """``T_tracker_tool`` of a tool that pivots.
+
+    Attributes:
+        path: the file.
+        lines: (n,) line of every row in it, from 1.
+        rotation: (n, 3, 3).
+        position: (n, 3), m.
+        point: (n,) label of the post touched; None where the file has no such column.
+    """
+
+    path: Path
+    lines: tuple[int, ...]
+    rotation: FloatArray
+    position: FloatArray
+    point: NDArray[np.str_] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class PosePairs:
+    """``T_base_hand`` and ``T_eye_target``, row for row taken at the same time.
+
+    Attributes:
+        path: the file.
+        lines: (n,) line of every row in it, from 1.
+        hand: rotations (n, 3, 3) and positions (n, 3), m.
+        seen: the same of the target in the eye.
+    """
+
+    path: Path
+    lines: tuple[int, ...]
+    hand: tuple[FloatArray, FloatArray]
+    seen: tuple[FloatArray, FloatArray]
+
+
+@dataclass(frozen=True, eq=False)
+class Points:
+    """Points in one frame.
+
+    Attributes:
+        path: the file.
+        lines: (n,) line of every row in it, from 1.
+        position: (n, 3), m.
+    """
+
+    path: Path
+    lines: tuple[int, ...]
+    position: FloatArray
+
+
+def read_tool_poses(path: str | Path) -> ToolPoses:
+    """Columns ``x,y,z,qx,qy,qz,qw``, and ``point`` where several posts were touched.
+
+    Raises:
+        SamplesError: unreadable, a column missing, a value that is none, a zero quaternion, both
+            units of length, or fewer than three different rows.
+
+    Warns:
+        SutaCalibWarning: quaternions not of length 1, lengths that look like another unit, or
+            rows that repeat another exactly.
+    """
+    table = read_csv_table(Path(path))
+    rotation, position = _poses(table)
+    point = table.labels("point") if "point" in table.columns else None
+    _check_different(table, np.hstack([position, rotation.reshape(-1, 9)]))
+    return ToolPoses(table.path, table.lines, rotation, position, point)
+
+
+def read_pose_pairs(path: str | Path) -> PosePairs:
+    """Columns ``a_x,a_y,a_z,a_qx,a_qy,a_qz,a_qw`` and the same with ``b_``.
+
+    Raises, warns: as `read_tool_poses`.
+    """
+    table = read_csv_table(Path(path))
+    hand, seen = _poses(table, "a_"), _poses(table, "b_")
+    numbers = [part.reshape(len(table), -1) for part in (*hand, *seen)]
+    _check_different(table, np.hstack(numbers))
+    return PosePairs(table.path, table.lines, hand, seen)
+
+
+def read_points(path: str | Path) -> Points:
+    """Columns ``x,y,z`` in m, or ``x_mm,y_mm,z_mm``.
+
+    Raises:
+        SamplesError: unreadable, a column missing, a value that is none, or both units of length.
+
+    Warns:
+        SutaCalibWarning: lengths that look like another unit.
+    """
+    table = read_csv_table(Path(path))
+    points = _points(table)
+    _hint_at_unit(table, points.position)
+    return points
+
+
+def read_corresponding_points(path_a: str | Path, path_b: str | Path) -> tuple[Points, Points]:
+    """Two files of points whose rows correspond.
+
+    Raises:
+        SamplesError: as `read_points`; numbers of rows that differ, fewer than three different
+            points, or sizes that differ as much as millimetres and metres do.
+
+    Warns:
+        SutaCalibWarning: lengths that look like another unit.
+    """
+    tables = [read_csv_table(Path(path)) for path in (path_a, path_b)]
+    a, b = (_points(table) for table in tables)
+    if len(a.lines) != len(b.lines):
+        raise SamplesError(
+            f"{_rows(len(b.lines))}",
+            f"{len(a.lines)}, as in {a.path}: rows correspond",
+            file=b.path,
+        )
+    for table, points in zip(tables, (a, b), strict=True):
+        _count_different(table, points.position, "points")
+    _check_same_unit(a, b)
+    for table, points in zip(tables, (a, b), strict=True):
+        _hint_at_unit(table, points.position)
+    return a, b
+
+
+def _points(table: CsvTable) -> Points:
+    return Points(table.path, table.lines, _positions(table))
+
+
+def _poses(table: CsvTable, prefix: str = "") -> tuple[FloatArray, FloatArray]:
+    position = _positions(table, prefix)
+    rotation = rotations(table, prefix)
+    _hint_at_unit(table, position, prefix)
+    return rotation, position
+
+
+def _positions(table: CsvTable, prefix: str = "") -> FloatArray:
+    found = positions(table, prefix)
+    names = _names(table, prefix)
+    for row, axis in np.argwhere(np.abs(found) > LARGEST):
+        cell = repr(table.columns[names[axis]][row])
+        raise table.refuse(int(row), names[axis], cell, f"a position within {LARGEST:g} m")
+    return found
+
+
+def _names(table: CsvTable, prefix: str) -> list[str]:
+    unit = "_mm" if f"{prefix}x_mm" in table.columns else ""
+    return [f"{prefix}{axis}{unit}" for axis in "xyz"]
+
+
+def _hint_at_unit(table: CsvTable, found: FloatArray, prefix: str = "") -> None:
+    first = _names(table, prefix)[0]
+    in_mm = first.endswith("_mm")
+    distance = float(np.median(np.linalg.norm(found, axis=1)))
+    there = f"{table.path}:{table.header_line}: column {first!r}"
+    if not in_mm and distance > FAR_M:
+        _warn(
+            f"{there}: found positions some {distance:.0f} m away; looks like millimetres: name "
+            f"the columns {prefix}x_mm, {prefix}y_mm, {prefix}z_mm"
+        )
+    if in_mm and 0.0 < 1e3 * distance < NEAR_MM:
+        _warn(
+            f"{there}: found positions some {1e3 * distance:.2g} mm away; looks like metres: name "
+            f"the columns {prefix}x, {prefix}y, {prefix}z"
+        )
+
+
+def _check_different(table: CsvTable, numbers: FloatArray) -> None:
+    """Refuse poses that are all copies of one or two; warn about copies."""
+    copies = len(table) - _count_different(table, numbers, "poses")
+    if copies:
+        _warn(
+            f"{table.path}: found {_rows(copies)} repeating another exactly: a recording that "
+            "stood still? They count as measurements of their own, which makes ± too small"
+        )
+
+
+def _count_different(table: CsvTable, numbers: FloatArray, what: str) -> int:
+    different = len(np.unique(numbers, axis=0))
+    if len(table) >= LEAST_ROWS > different:
+        raise SamplesError(
+            f"{_rows(len(table))}, all but {different} repeating another",
+            f"at least {LEAST_ROWS} different {what}",
+            file=table.path,
+        )
+    return different
+
+
+def _check_same_unit(a: Points, b: Points) -> None:
+    size_a, size_b = _size(a.position), _size(b.position)
+    if min(size_a, size_b) == 0.0:
+        return
+    ratio = size_b / size_a
+    if not OTHER_UNIT[0] < max(ratio, 1 / ratio) < OTHER_UNIT[1]:
+        return
+    larger, smaller = (b, a) if ratio > 1 else (a, b)
+    raise SamplesError(
+        f"points {max(ratio, 1 / ratio):.0f} times as far apart as in {smaller.path}",
+        "the same distances in both: lengths are m, or mm in columns x_mm, y_mm, z_mm",
+        file=larger.path,
+        hint="one of the files is in another unit than its columns say",
+    )
+
+
+def _size(points: FloatArray) -> float:
+    """Typical distance from the middle, whatever a few rows say."""
+    return float(np.median(np.linalg.norm(points - np.median(points, axis=0), axis=1)))
+
+
+def _rows(count: int) -> str:
+    return f"{count} row" if count == 1 else f"{count} rows"
+
+
+def _warn(message: str) -> None:
+    # The reader's caller is who gave the file; the command line shows only the message.
+    warnings.warn(message, SutaCalibWarning, stacklevel=5)
