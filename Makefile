@@ -13,15 +13,17 @@ BIN := $(VENV)/bin
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 INSTALLED := $(VENV)/.installed
 INSTALLED_DEV := $(VENV)/.installed-dev
+INSTALLED_BENCH := $(VENV)/.installed-bench
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint format bench clean distclean
+.PHONY: help demo test lint format bench bench-device clean distclean
 .DELETE_ON_ERROR:
 
 help:
 	@echo "make demo       calibrate the SUTA from the data in this repository"
 	@echo "make test       lint, types and tests, notebooks included"
-	@echo "make bench      how long things take"
+	@echo "make bench      how long things take, and how well, beside others"
+	@echo "make bench-device  the wire alone, at full length: 100 million bytes of noise, 60 s streams"
 	@echo "make lint       ruff and mypy only"
 	@echo "make format     let ruff format the code and mend what it can"
 	@echo "make clean      remove caches and results"
@@ -45,11 +47,16 @@ format: $(INSTALLED_DEV)
 # One thread for everybody: with more, the linear algebra of small problems mostly waits.
 bench: export OPENBLAS_NUM_THREADS = 1
 bench: export OMP_NUM_THREADS = 1
-bench: $(INSTALLED_DEV)
+bench: $(INSTALLED_DEV) $(INSTALLED_BENCH)
 	@set -e; for script in benchmarks/bench_*.py; do \
 		test -e "$$script" || { echo "make bench: found no benchmarks/bench_*.py" >&2; exit 1; }; \
 		echo "== $$script"; $(BIN)/python "$$script"; \
 	done
+
+# Minutes, not seconds: what `make bench` runs in little.
+bench-device: export OPENBLAS_NUM_THREADS = 1
+bench-device: $(INSTALLED_DEV)
+	$(BIN)/python benchmarks/bench_device.py --megabytes 100 --seconds 60
 
 clean:
 	rm -rf build dist ./*.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis
@@ -69,6 +76,12 @@ $(INSTALLED_DEV): pyproject.toml constraints.txt | $(BIN)/python
 	@echo "Installing suta_calib and its developer tools into $(VENV); the first time this takes a few minutes."
 	$(INSTALL) -e ".[dev,device,robots,notebooks]"
 	@touch $@ $(INSTALLED)
+
+# The benchmarks run without the peers too, and say so.
+$(INSTALLED_BENCH): pyproject.toml constraints.txt | $(INSTALLED_DEV)
+	@echo "Installing what the benchmarks compare with."
+	@if $(INSTALL) -e ".[bench]"; then touch $@; else \
+		echo "make bench: the peers cannot be installed; ours runs alone" >&2; fi
 
 # Debian's python3 comes without ensurepip, and says so only after leaving half a .venv behind.
 $(BIN)/python:

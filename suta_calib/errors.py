@@ -79,5 +79,41 @@ class ParameterError(InputError):
     """A parameter name, bound or prior that the arm and the terms do not support."""
 
 
+class DeviceFileError(InputError):
+    """A key of ``device.yaml`` is missing, unknown or has a value no device can have."""
+
+
+class DeviceError(SutaCalibError):
+    """The device on the other end of the cable, or the port it is on, does not do its part."""
+
+
+class PortNotFoundError(DeviceError):
+    """There is no such port; the message lists those that exist."""
+
+
+class PortBusyError(DeviceError):
+    """Another program has the port open."""
+
+
+class PortPermissionError(DeviceError):
+    """This user may not open the port."""
+
+
+class DeviceSilentError(DeviceError):
+    """The port is open and not a single byte comes."""
+
+
+class DisconnectedError(DeviceError):
+    """The port was there and is gone: cable pulled out, device switched off, connection closed."""
+
+
+class WrongFormatError(DeviceError):
+    """Bytes come, but not what ``device.yaml`` announces: baud rate, format or joints differ."""
+
+
+class MissingExtraError(SutaCalibError):
+    """A command needs a package of an optional extra that is not installed."""
+
+
 class OutputError(SutaCalibError):
     """A result could not be written; nothing was left half-written."""

@@ -6,14 +6,16 @@ import ast
 from pathlib import Path
 
 ROWS = (
-    {"errors", "geometry", "atomic", "batched", "threads"},
+    {"errors", "geometry", "atomic", "batched", "extras", "threads"},
     {"model", "measurements"},
     {"terms"},
     {"solver"},
     {"simulation"},
     {"analysis", "navigation"},
+    {"device"},
+    {"emulation", "acquisition", "tracking"},
     {"report"},
-    {"job", "job_schema", "init_job", "cli", "device", "__init__", "__main__"},
+    {"job", "job_schema", "init_job", "cli", "__init__", "__main__"},
 )
 ROW = {part: row for row, parts in enumerate(ROWS) for part in parts}
 # Parts that see less than their row would allow them.

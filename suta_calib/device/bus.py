@@ -1,0 +1,208 @@
+"""A device on a port: readings as they come, fresh ones only, and what is wrong if none come."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from types import TracebackType
+from typing import Final, Self
+
+from suta_calib.device.description import DeviceSpec
+from suta_calib.device.freshness import Freshness
+from suta_calib.device.port import Port
+from suta_calib.device.protocol import decoder_for
+from suta_calib.device.reading import Reading, Statistics
+from suta_calib.device.watch import Watch
+from suta_calib.errors import DeviceError, DisconnectedError, WrongFormatError
+
+# How often a port that is gone is looked for.
+_RETRY_S: Final = 0.2
+# Who has not asked for so long would get what the operating system still holds of that time.
+_ABSENCE_S: Final = 1.0
+# A device whose clock has not run with this computer's by then never will.
+_SETTLING_S: Final = 5.0
+
+
+class Bus:
+    """An open device; a context manager.
+
+    Data that was waiting when the port is opened is old and thrown away; then readings are left
+    out until the device's clock has run with this computer's for ``settle`` s. The same happens
+    after a reconnection, when the device's clock jumps (it was restarted), and when `read` was
+    not called for a second.
+
+    Args:
+        spec: the device.
+        reconnect: wait for a device that is gone, or silent, instead of raising; a device that
+            was never heard is an error all the same.
+        silence: after this long without a byte, or without a frame, something is wrong, s.
+        on_event: called with one sentence for everything that was wrong and went on.
+        settle: how long the clocks must agree before readings are believed to be fresh, s;
+            0 takes everything that comes once the port is open.
+
+    Attributes:
+        spec: the device.
+        statistics: what has passed so far.
+    """
+
+    def __init__(
+        self,
+        spec: DeviceSpec,
+        *,
+        reconnect: bool = False,
+        silence: float = 2.0,
+        on_event: Callable[[str], None] | None = None,
+        settle: float = 0.1,
+    ) -> None:
+        self.spec = spec
+        self._reconnect, self._settle = reconnect, settle
+        self._say = on_event or _ignore
+        self._decoder = decoder_for(spec)
+        self.statistics: Statistics = self._decoder.statistics
+        self._fresh = Freshness(settle, self.statistics, self._leapt)
+        self._watch = Watch(spec, silence, reconnect, self._say)
+        self._port: Port | None = None
+        self._asked = self._lost_at = self._next_try = self._since = 0.0
+
+    def __enter__(self) -> Self:
+        """Open the port.
+
+        Raises:
+            PortNotFoundError, PortBusyError, PortPermissionError: it cannot be opened.
+            DeviceFileError: port or baud rate mean nothing to pyserial.
+            MissingExtraError: pyserial is not installed.
+        """
+        self._open(time.perf_counter())
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Let go of the port; harmless if it is closed."""
+        if self._port is not None:
+            self._port.close()
+            self._port = None
+
+    def read(self, timeout: float = 0.1) -> list[Reading]:
+        """Whatever has arrived, oldest first; waits for the first up to ``timeout`` s.
+
+        Call it again and again: after a second without a call, what waits is old and left out.
+
+        Returns:
+            Readings; none if none came in time.
+
+        Raises:
+            DeviceSilentError: no byte for too long.
+            WrongFormatError: bytes that are not what ``device.yaml`` announces, or a clock that
+                does not run in microseconds.
+            DisconnectedError: the port is gone, and reconnecting was not asked for.
+        """
+        now = time.perf_counter()
+        self._notice_absence(now)
+        deadline = now + timeout
+        while True:
+            readings = self._read_once(max(deadline - now, 0.0))
+            now = self._asked = time.perf_counter()
+            if readings or now >= deadline:
+                return readings
+
+    def _read_once(self, timeout: float) -> list[Reading]:
+        if self._port is None:
+            self._look_again(timeout)
+            return []
+        try:
+            data = self._port.read(timeout)
+        except DisconnectedError as error:
+            self._disconnected(error)
+            return []
+        arrival = time.perf_counter()
+        return self._take(data, arrival)
+
+    def _take(self, data: bytes, arrival: float) -> list[Reading]:
+        if not data:
+            self._watch.check(arrival)
+            return []
+        decoded = self._decoder.feed(data, arrival)
+        readings, leapt = self._fresh.take(decoded)
+        if leapt:
+            self._decoder.resume(self._fresh.last)
+        self._watch.saw(data, bool(decoded), arrival)
+        self._watch.check(arrival)
+        self._check_clock(arrival)
+        return readings
+
+    def _check_clock(self, now: float) -> None:
+        if self._fresh.settled:
+            self._since = now
+        elif now - self._since > _SETTLING_S:
+            raise WrongFormatError(
+                f"{self.spec.port}: found frames whose time does not run with this computer's "
+                f"clock, watched for {now - self._since:.0f} s; expected microseconds; "
+                "check what the device sends as its time"
+            )
+
+    def _open(self, now: float) -> None:
+        if self._port is not None:
+            return
+        self._port = Port(self.spec)
+        try:
+            self._begin(now)
+        except DisconnectedError:
+            self.close()
+            raise
+
+    def _begin(self, now: float) -> None:
+        """What comes from now on has nothing to do with what came before."""
+        if self._settle > 0 and self._port is not None:
+            self._port.flush()
+        self._asked = self._since = now
+        self._watch.restart(now)
+        self._fresh.restart()
+
+    def _notice_absence(self, now: float) -> None:
+        if now - self._asked <= _ABSENCE_S or self._port is None:
+            return
+        try:
+            self._decoder.resume(None)
+            self._begin(now)
+        except DisconnectedError as error:
+            self._disconnected(error)
+
+    def _leapt(self, leap: float) -> None:
+        self.statistics.interruptions += 1
+        self._say(
+            f"{self.spec.port}: the device's clock jumped by {leap:+.3g} s; readings are left out "
+            "until it runs with this computer's again"
+        )
+
+    def _disconnected(self, error: DisconnectedError) -> None:
+        self.close()
+        self.statistics.interruptions += 1
+        if not self._reconnect:
+            raise error
+        self._lost_at = time.perf_counter()
+        self._next_try = self._lost_at + _RETRY_S
+        self._say(f"{error}; waiting for it")
+
+    def _look_again(self, timeout: float) -> None:
+        now = time.perf_counter()
+        if now < self._next_try:
+            time.sleep(min(timeout, self._next_try - now))
+            return
+        self._next_try = now + _RETRY_S
+        try:
+            self._open(now)
+        except DeviceError:
+            return  # a port that appears may be forbidden, or busy, for a moment
+        self._decoder.resume(self._fresh.last)
+        self._say(f"{self.spec.port}: connected again after {now - self._lost_at:.1f} s")
+
+
+def _ignore(event: str) -> None:
+    del event

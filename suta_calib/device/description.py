@@ -1,0 +1,144 @@
+"""``device.yaml``: which port, which format, which joints."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from suta_calib.errors import DeviceFileError
+
+if TYPE_CHECKING:
+    from suta_calib.measurements import YamlSection
+
+FRAME_COUNTS_PER_TURN: Final = 1 << 22
+FORMATS: Final = ("frames", "lines")
+UNITS: Final = ("counts", "rad", "deg")
+# A frame says how many words it has in one byte.
+MOST_JOINTS: Final = 255
+_DEFAULT_BAUDRATE: Final = 921600
+_KEYS: Final = ("port", "baudrate", "format", "unit", "counts_per_turn", "joints")
+_URL: Final = re.compile(r"[a-z][a-z0-9+.-]*://", re.IGNORECASE)
+_SOCKET: Final = re.compile(r"socket://[^/?]+:\d+([/?].*)?", re.IGNORECASE)
+
+
+@dataclass(frozen=True)
+class JointSpec:
+    """One encoder.
+
+    Attributes:
+        name: the joint's name in the URDF.
+        sign: +1, or -1 where the encoder counts against the joint's axis.
+    """
+
+    name: str
+    sign: int
+
+
+@dataclass(frozen=True)
+class DeviceSpec:
+    """A device as ``device.yaml`` describes it.
+
+    Attributes:
+        path: the file it was read from; error messages name it.
+        port: any pyserial URL: ``/dev/ttyACM0``, ``COM3``, ``socket://host:port``, ``loop://``.
+        baudrate: bits per second; of no effect where there is no wire.
+        format: ``frames`` (binary, with CRC) or ``lines`` (ASCII).
+        unit: of the values in lines: ``counts``, ``rad`` or ``deg``; frames are in counts.
+        counts_per_turn: counts of one turn of a joint.
+        joints: in the order the device sends them.
+    """
+
+    path: Path
+    port: str
+    baudrate: int
+    format: str
+    unit: str
+    counts_per_turn: int
+    joints: tuple[JointSpec, ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the joints, in the order the device sends them."""
+        return tuple(joint.name for joint in self.joints)
+
+
+def read_device(path: Path) -> DeviceSpec:
+    """Read ``device.yaml``.
+
+    A relative port (``emulated``, a link that an emulator made) is meant from the file's folder
+    if there is something of that name, and passed to pyserial as it stands otherwise.
+
+    Raises:
+        DeviceFileError: unreadable, an unknown, missing or unusable key (with its line), one
+            joint twice, or counts that do not fit the format.
+    """
+    # Whoever only streams, as an emulated arm does, need not wait for what the files need.
+    from suta_calib.measurements import YamlSection, read_yaml
+
+    top = YamlSection(read_yaml(path, DeviceFileError), DeviceFileError)
+    top.check_keys(_KEYS, required=("port", "joints"))
+    form = top.choice("format", FORMATS, default="frames")
+    return DeviceSpec(
+        path=path,
+        port=_port(top),
+        baudrate=top.integer("baudrate", _DEFAULT_BAUDRATE, 1),
+        format=form,
+        unit=_unit(top, form),
+        counts_per_turn=_counts_per_turn(top, form),
+        joints=_joints(top),
+    )
+
+
+def _port(top: YamlSection) -> str:
+    port = top.text("port")
+    if port.lower().startswith("socket://") and not _SOCKET.fullmatch(port):
+        raise top.refuse(repr(port), "socket://host:port", at=("port",))
+    beside = top.document.path.parent / port
+    if not _URL.match(port) and not Path(port).is_absolute() and beside.exists():
+        return str(beside)
+    return port
+
+
+def _unit(top: YamlSection, form: str) -> str:
+    unit = top.choice("unit", UNITS, default="counts")
+    if form == "frames" and unit != "counts":
+        raise top.refuse(repr(unit), "counts: frames carry encoder words", at=("unit",))
+    return unit
+
+
+def _counts_per_turn(top: YamlSection, form: str) -> int:
+    counts = top.integer("counts_per_turn", FRAME_COUNTS_PER_TURN, 2)
+    if form == "frames" and counts != FRAME_COUNTS_PER_TURN:
+        expected = f"{FRAME_COUNTS_PER_TURN}: the words of a frame hold 22-bit positions"
+        raise top.refuse(str(counts), expected, at=("counts_per_turn",))
+    if form == "lines" and "counts_per_turn" not in top and top.data.get("unit") != "rad":
+        _require_counts(top)
+    return counts
+
+
+def _require_counts(top: YamlSection) -> None:
+    """Nobody's laboratory arm has 22 bits by default: lines in counts must say how many."""
+    if top.data.get("unit", "counts") == "counts":
+        raise top.refuse(
+            "no such key",
+            "the counts of one turn: lines in counts need it",
+            at=("counts_per_turn",),
+        )
+
+
+def _joints(top: YamlSection) -> tuple[JointSpec, ...]:
+    sections = top.sections("joints")
+    if len(sections) > MOST_JOINTS:
+        raise top.refuse(f"{len(sections)} joints", f"at most {MOST_JOINTS}", at=("joints",))
+    joints: list[JointSpec] = []
+    for section in sections:
+        section.check_keys(("name", "sign"), required=("name",))
+        name, sign = section.text("name"), section.integer("sign", 1, -1)
+        if sign not in (-1, 1):
+            raise section.refuse(str(sign), "1 or -1", at=("sign",))
+        if name in (joint.name for joint in joints):
+            raise section.refuse(f"{name!r} a second time", "each joint once", at=("name",))
+        joints.append(JointSpec(name, sign))
+    return tuple(joints)

@@ -1,0 +1,129 @@
+"""The line format of hobby and laboratory arms: ``q1,q2,…,qn`` in counts, rad or deg."""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from suta_calib.device.description import DeviceSpec
+from suta_calib.device.reading import Reading, Statistics
+from suta_calib.device.units import ONE_TURN, angles_from_values, signs, turn
+from suta_calib.errors import WrongFormatError
+
+if TYPE_CHECKING:
+    from suta_calib.geometry import FloatArray
+
+_NUMBER: Final = rb"[ \t]*[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]{1,3})?[ \t]*"
+_VALUES: Final = re.compile(_NUMBER + rb"(?:," + _NUMBER + rb")*")
+_LONGEST_VALUE: Final = 40
+# A damaged line may have any number of values, or any value; one after the other they do not.
+_ENOUGH: Final = 3
+
+
+def encode_line(values: ArrayLike, spec: DeviceSpec) -> bytes:
+    """One line, as a device would send it.
+
+    Args:
+        values: (n,) in the device's own unit (`values_from_angles`), in the order of its joints.
+        spec: gives the unit: counts are written as whole numbers.
+    """
+    form = "{:.0f}" if spec.unit == "counts" else "{:.12g}"
+    return ",".join(form.format(value) for value in np.asarray(values).tolist()).encode() + b"\n"
+
+
+class LinesDecoder:
+    """`Decoder` of the line format.
+
+    What comes before the first line's end is left out: it may be the end of a longer line, and
+    nothing in the format would show it. Lines have no number and no time: sequence numbers count
+    the good ones, and their time is that of their arrival.
+
+    Attributes:
+        statistics: what has passed through so far; a line that is no list of numbers counts
+            as a damaged frame.
+    """
+
+    def __init__(self, spec: DeviceSpec) -> None:
+        self.statistics = Statistics(spec.names)
+        self._spec = spec
+        self._signs, self._turn = signs(spec), turn(spec)
+        self._longest = _LONGEST_VALUE * len(spec.joints)
+        self._none_raised = np.zeros(len(spec.joints), dtype=np.bool_)
+        self._none_raised.setflags(write=False)
+        self._buffer = bytearray()
+        self._whole = False  # the buffer begins where a line begins
+        self._sequence = 0
+        self._unfit = 0
+
+    def feed(self, data: bytes, arrival: float) -> list[Reading]:
+        """Take the next bytes and give the readings they complete.
+
+        Raises:
+            WrongFormatError: lines of another number of values, or of values of more than a turn.
+        """
+        self._buffer += data
+        *lines, rest = self._buffer.split(b"\n")
+        self._buffer = rest
+        if lines and not self._whole:
+            self._whole = True
+            self.statistics.garbage_bytes += len(lines.pop(0)) + 1
+        rows = [row for line in lines if (row := self._row(line)) is not None]
+        self._forget_endless_line()
+        return self._readings(np.array(rows), arrival) if rows else []
+
+    def resume(self, after: Reading | None) -> None:
+        """Begin anew after an interruption."""
+        del after  # lines carry no clock that could have jumped
+        self._buffer.clear()
+        self._whole = False
+
+    def _row(self, line: bytearray) -> list[float] | None:
+        text = line.rstrip(b"\r")
+        if not text.strip():
+            return None
+        if len(line) > self._longest or not _VALUES.fullmatch(text):
+            self.statistics.frame_crc_errors += 1
+            return None
+        row = [float(value) for value in text.split(b",")]
+        if len(row) != len(self._spec.joints) or max(map(abs, row)) > self._turn * ONE_TURN:
+            self.statistics.frame_crc_errors += 1
+            self._refuse(row, text)
+            return None
+        self._unfit = 0
+        return row
+
+    def _refuse(self, row: list[float], text: bytearray) -> None:
+        self._unfit += 1
+        if self._unfit < _ENOUGH:
+            return
+        spec, self._unfit = self._spec, 0
+        place = f"{spec.port}: found lines such as '{bytes(text[:60]).decode('ascii')}'"
+        if len(row) != len(spec.joints):
+            raise WrongFormatError(
+                f"{place}, of {len(row)} value{'s' * (len(row) != 1)}; expected "
+                f"{len(spec.joints)}, as many as {spec.path} lists under 'joints'"
+            )
+        raise WrongFormatError(
+            f"{place}; expected at most one turn, {self._turn:.10g} {spec.unit}, of every joint; "
+            f"check {'counts_per_turn' if spec.unit == 'counts' else 'unit'} in {spec.path}"
+        )
+
+    def _forget_endless_line(self) -> None:
+        """Noise without an end of line must not fill the memory."""
+        if len(self._buffer) > self._longest:
+            self.statistics.garbage_bytes += len(self._buffer)
+            self._buffer = bytearray()
+            self._whole = False
+
+    def _readings(self, values: FloatArray, arrival: float) -> list[Reading]:
+        angles = angles_from_values(values, self._signs, self._turn)
+        flags = self._none_raised
+        first, self._sequence = self._sequence, self._sequence + len(angles)
+        self.statistics.frames += len(angles)
+        return [
+            Reading(first + index, arrival, row, flags, flags, arrival)
+            for index, row in enumerate(angles)
+        ]

@@ -1,0 +1,80 @@
+"""Encoder values ↔ joint angles."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from suta_calib.device.description import DeviceSpec
+from suta_calib.device.reading import IntArray
+
+if TYPE_CHECKING:
+    from suta_calib.geometry import FloatArray
+
+
+def turn(spec: DeviceSpec) -> float:
+    """What the device sends for one whole turn: counts, 2π or 360."""
+    return {"counts": float(spec.counts_per_turn), "rad": math.tau, "deg": 360.0}[spec.unit]
+
+
+def signs(spec: DeviceSpec) -> IntArray:
+    """(n,) the joints' signs."""
+    return np.array([joint.sign for joint in spec.joints], dtype=np.int64)
+
+
+def angles_from_counts(counts: IntArray, sign: IntArray, per_turn: int) -> FloatArray:
+    """Joint angles in (-π, π], rad, to the last bit: the wrapping is done on whole numbers.
+
+    Args:
+        counts: (..., n) encoder positions.
+        sign: (n,) +1 or -1.
+        per_turn: counts of one turn.
+    """
+    # ceil(per_turn / 2) - 1 is the largest count above -π that is still wanted below zero.
+    below = (per_turn + 1) // 2 - 1
+    centred = (counts * sign + below) % per_turn - below
+    return np.asarray(centred * (math.tau / per_turn), dtype=float)
+
+
+def angles_from_values(values: FloatArray, sign: IntArray, per_turn: float) -> FloatArray:
+    """Joint angles in (-π, π], rad, of any numbers.
+
+    Args:
+        values: (..., n) as the device sends them.
+        sign: (n,) +1 or -1.
+        per_turn: value of one turn.
+    """
+    fraction = values * sign / per_turn
+    wrapped: FloatArray = (fraction - np.ceil(fraction - 0.5)) * math.tau
+    return wrapped
+
+
+def counts_from_angles(spec: DeviceSpec, angles: ArrayLike) -> IntArray:
+    """The counts, 0 … counts_per_turn - 1, nearest to joint angles: what the device would send.
+
+    Args:
+        spec: gives signs and counts per turn.
+        angles: (..., n) rad, in the order of ``spec.joints``; wrapped as needed.
+    """
+    scaled = np.asarray(angles, dtype=float) * signs(spec) * (spec.counts_per_turn / math.tau)
+    counts: IntArray = np.rint(scaled).astype(np.int64) % spec.counts_per_turn
+    return counts
+
+
+def values_from_angles(spec: DeviceSpec, angles: ArrayLike) -> NDArray[np.number]:
+    """The values of one line in the device's own unit: counts, rad or deg.
+
+    Args:
+        spec: gives unit, signs and counts per turn.
+        angles: (..., n) rad, in the order of ``spec.joints``.
+    """
+    if spec.unit == "counts":
+        return counts_from_angles(spec, angles)
+    return np.asarray(angles, dtype=float) * signs(spec) * (turn(spec) / math.tau)
+
+
+# A device that sends angles may say a whole turn, not more: then the unit is another one.
+ONE_TURN: Final = 1.0 + 1e-6

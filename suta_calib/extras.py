@@ -1,0 +1,33 @@
+"""Packages that only some commands need, imported when they are needed."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import Any
+
+from suta_calib.errors import MissingExtraError
+
+
+def load(module: str, extra: str) -> Any:
+    """Import ``module``, which the optional extra ``extra`` of this package installs.
+
+    Args:
+        module: dotted name, as ``serial.tools.list_ports``.
+        extra: a name under ``[project.optional-dependencies]``.
+
+    Returns:
+        The module itself.
+
+    Raises:
+        MissingExtraError: it is not installed; the message is the command that installs it.
+    """
+    try:
+        return import_module(module)
+    except ModuleNotFoundError as error:
+        missing = error.name or module
+        if missing.partition(".")[0] != module.partition(".")[0]:
+            raise  # installed, but broken: that is not for the user to mend with an extra
+        raise MissingExtraError(
+            f"the Python package {missing!r} is not installed; this needs it; "
+            f"install it with: pip install 'suta_calib[{extra}]'"
+        ) from None

@@ -1,0 +1,283 @@
+from __future__ import annotations
+
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+import serial
+from device_streams import RATE, PtyDevice, device, frames
+
+from suta_calib.device import Bus, Reading, bus
+from suta_calib.device.protocol import encode_frame, encode_line
+from suta_calib.errors import (
+    DeviceSilentError,
+    DisconnectedError,
+    WrongFormatError,
+)
+
+
+@pytest.fixture
+def arm(tmp_path: Path) -> Iterator[PtyDevice]:
+    """A device on a pty."""
+    with PtyDevice(tmp_path / "arm") as plugged:
+        yield plugged
+
+
+def spec_of(arm: PtyDevice, **changes: object):
+    return device(port=str(arm.link), **changes)
+
+
+def read_until(bus: Bus, enough: Callable[[list[Reading]], bool], limit: float = 5.0):
+    """Readings until there are enough; fails where that takes too long."""
+    found: list[Reading] = []
+    end = time.perf_counter() + limit
+    while not enough(found):
+        assert time.perf_counter() < end, f"only {len(found)} readings"
+        found += bus.read(0.05)
+    return found
+
+
+def never(found: list[Reading]) -> bool:
+    """Reads on until something is raised."""
+    return len(found) < 0
+
+
+def test_readings_come_in_order_and_complete(arm: PtyDevice) -> None:
+    arm.stream()
+    with Bus(spec_of(arm)) as bus:
+        readings = read_until(bus, lambda found: len(found) >= 100)
+        assert bus.statistics.frames == len(readings)
+        assert (bus.statistics.lost_frames, bus.statistics.garbage_bytes) == (0, 0)
+    sequences = [reading.sequence for reading in readings]
+    assert sequences == list(range(sequences[0], sequences[0] + len(readings)))
+    np.testing.assert_allclose([r.time for r in readings], np.array(sequences) / RATE, atol=1e-9)
+    now = time.perf_counter()
+    assert all(0 <= now - reading.arrival < 5.0 for reading in readings)
+
+
+def test_what_was_waiting_or_comes_from_a_cache_is_left_out(arm: PtyDevice) -> None:
+    arm.write(b"".join(frames(range(100))))
+    with Bus(spec_of(arm)) as bus:
+        arm.write(b"".join(frames(range(100, 110))))  # the device's own cache: an old clock
+        arm.stream(first=5000)
+        readings = read_until(bus, lambda found: len(found) >= 20)
+        assert readings[0].sequence >= 5000 + 0.1 * RATE - 2
+        assert bus.statistics.stale_readings >= 10
+        assert bus.statistics.lost_frames == 0
+        assert bus.statistics.interruptions == 0
+
+
+def test_without_settling_the_first_reading_is_taken(arm: PtyDevice) -> None:
+    with Bus(spec_of(arm), settle=0) as bus:
+        arm.write(b"".join(frames(range(5))))
+        assert [reading.sequence for reading in bus.read(1.0)] == [0, 1, 2, 3, 4]
+
+
+def test_a_read_ends_after_its_timeout(arm: PtyDevice) -> None:
+    with Bus(spec_of(arm)) as bus:
+        began = time.perf_counter()
+        assert bus.read(0.05) == []
+        assert 0.05 <= time.perf_counter() - began < 1.0
+
+
+def test_who_was_away_gets_no_old_readings(arm: PtyDevice, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(bus, "_ABSENCE_S", 0.2)
+    arm.stream()
+    with Bus(spec_of(arm)) as opened:
+        before = read_until(opened, lambda found: len(found) >= 10)[-1]
+        time.sleep(0.3)
+        back = time.perf_counter()
+        after = read_until(opened, lambda found: bool(found))[0]
+        # Both clocks must agree on how much time has passed: this one is no old one.
+        assert after.arrival >= back
+        host, own = after.arrival - before.arrival, after.time - before.time
+        assert own == pytest.approx(host, abs=0.05)
+        assert opened.statistics.lost_frames == 0
+
+
+def test_a_device_that_says_nothing_is_named(arm: PtyDevice) -> None:
+    with Bus(spec_of(arm), silence=0.05) as opened, pytest.raises(DeviceSilentError) as caught:
+        read_until(opened, bool)
+    for word in (str(arm.link), "not a single byte", "921600", "switched on", "device.yaml"):
+        assert word in str(caught.value)
+
+
+def test_a_device_that_falls_silent_is_named(arm: PtyDevice) -> None:
+    arm.stream()
+    with Bus(spec_of(arm), silence=0.1) as opened:
+        read_until(opened, bool)
+        arm.stop()
+        with pytest.raises(DeviceSilentError, match="power"):
+            read_until(opened, never)
+
+
+@pytest.mark.parametrize(
+    ("given", "sent", "words"),
+    [
+        ({}, bytes(range(60, 250)), ["found bytes such as", "AA 55", "baudrate (921600)"]),
+        ({}, b"\x00\xf8" * 50, ["00 F8", "another speed", "baudrate"]),
+        ({}, b"1.5,2.5,3.5\n" * 9, ["'1.5,2.5,3.5'", "format: lines"]),
+        ({}, frames([3])[0][:-1] * 9, ["headers AA 55", "CRC", "shield"]),
+        ({"format": "lines"}, b"".join(frames(range(9))), ["AA 55", "format: frames"]),
+        ({"format": "lines"}, b"hello there\n" * 9, ["'hello there'", "6 numbers"]),
+    ],
+)
+def test_bytes_that_are_something_else_are_described(
+    arm: PtyDevice, given: dict[str, str], sent: bytes, words: list[str]
+) -> None:
+    arm.stream(lambda *_: sent)
+    with (
+        Bus(spec_of(arm, **given), silence=0.1, reconnect=True) as opened,
+        pytest.raises(WrongFormatError) as caught,
+    ):
+        read_until(opened, bool)
+    for word in words:
+        assert word in str(caught.value)
+
+
+def test_the_wrong_number_of_joints_is_named(arm: PtyDevice) -> None:
+    arm.stream(lambda n, us: encode_frame(n, us, [0] * 5))
+    with (
+        Bus(spec_of(arm)) as opened,
+        pytest.raises(WrongFormatError, match="5 joints; expected 6"),
+    ):
+        read_until(opened, bool)
+
+
+def test_a_clock_in_another_unit_is_named(arm: PtyDevice, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(bus, "_SETTLING_S", 0.3)
+    arm.stream(lambda n, us: encode_frame(n, us // 1000, [0] * 6))
+    with Bus(spec_of(arm)) as opened, pytest.raises(WrongFormatError, match="microseconds"):
+        read_until(opened, bool)
+
+
+def test_a_cable_that_is_pulled_out_is_named(arm: PtyDevice) -> None:
+    arm.stream()
+    with Bus(spec_of(arm)) as opened:
+        read_until(opened, bool)
+        arm.unplug()
+        with pytest.raises(DisconnectedError, match="gone"):
+            read_until(opened, never)
+
+
+def test_it_reconnects_where_that_is_asked_for(arm: PtyDevice) -> None:
+    said: list[str] = []
+    arm.stream(first=3000)
+    with Bus(spec_of(arm), reconnect=True, on_event=said.append) as opened:
+        before = read_until(opened, lambda found: len(found) >= 20)[-1]
+        arm.unplug()
+        while not said:
+            assert opened.read(0.02) == []
+        arm.plug()
+        arm.stream(first=0)  # a device that was without power begins anew
+        after = read_until(opened, lambda found: len(found) >= 20)
+        assert opened.statistics.interruptions == 1
+        assert opened.statistics.lost_frames == 0
+    assert "gone" in said[0]
+    assert "connected again after" in said[1]
+    assert len(said) == 2
+    # One clock for the user: it goes on by as much as this computer's.
+    assert after[0].sequence > before.sequence
+    passed = after[0].arrival - before.arrival
+    assert after[0].time - before.time == pytest.approx(passed, abs=0.1)
+
+
+def test_a_stall_is_said_and_survived(arm: PtyDevice) -> None:
+    said: list[str] = []
+    arm.stream()
+    with Bus(spec_of(arm), reconnect=True, silence=0.1, on_event=said.append) as opened:
+        read_until(opened, bool)
+        arm.stop()
+        end = time.perf_counter() + 0.2
+        while time.perf_counter() < end:
+            opened.read(0.02)
+        assert len(said) == 1
+        assert "not a single byte" in said[0]
+        arm.stream()
+        read_until(opened, bool)
+    assert "come again" in said[1]
+    assert len(said) == 2
+
+
+def test_a_burst_of_garbage_is_said_and_survived(arm: PtyDevice) -> None:
+    said: list[str] = []
+    arm.stream()
+    with Bus(spec_of(arm), reconnect=True, silence=0.1, on_event=said.append) as opened:
+        read_until(opened, bool)
+        arm.stop()
+        arm.stream(lambda *_: b"\x99" * 20)
+        while not said:
+            opened.read(0.02)
+        arm.stop()
+        arm.stream()
+        read_until(opened, bool)
+    assert "none of them readable" in said[0]
+    assert "come again" in said[1]
+
+
+def test_a_clock_that_jumps_is_said_and_settled_again(arm: PtyDevice) -> None:
+    said: list[str] = []
+    arm.stream(first=50_000)
+    with Bus(spec_of(arm), on_event=said.append) as opened:
+        before = read_until(opened, lambda found: len(found) >= 20)[-1]
+        arm.stop()
+        arm.stream(first=0)  # a reset that keeps the port open
+        after = read_until(opened, lambda found: len(found) >= 20)
+        assert opened.statistics.interruptions == 1
+        assert opened.statistics.lost_frames == 0
+    (sentence,) = said
+    assert "clock jumped" in sentence
+    passed = after[0].arrival - before.arrival
+    assert after[0].time - before.time == pytest.approx(passed, abs=0.1)
+    assert np.all(np.diff([r.sequence for r in after]) == 1)
+
+
+def test_lines_come_too(arm: PtyDevice) -> None:
+    spec = spec_of(arm, format="lines", unit="deg")
+    arm.stream(lambda *_: encode_line([1, 2, 3, 4, 5, 6], spec))
+    with Bus(spec) as opened:
+        readings = read_until(opened, lambda found: len(found) >= 20)
+    np.testing.assert_allclose(np.rad2deg(readings[-1].angles), [1, 2, 3, 4, 5, 6], atol=1e-12)
+
+
+def test_a_socket_is_a_port(arm: PtyDevice) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        spec = device(port=f"socket://127.0.0.1:{server.getsockname()[1]}")
+
+        listening = threading.Event()
+
+        def serve() -> None:
+            connection, _ = server.accept()
+            with connection:
+                assert listening.wait(10)
+                for frame in frames(range(50)):
+                    connection.sendall(frame)
+                    time.sleep(1 / RATE)
+
+        thread = threading.Thread(target=serve)
+        thread.start()
+        with Bus(spec, settle=0) as opened:
+            listening.set()
+            assert len(read_until(opened, lambda found: len(found) >= 50)) == 50
+            with pytest.raises(DisconnectedError, match="connection was closed"):
+                read_until(opened, never)
+        thread.join()
+
+
+def test_any_other_pyserial_url_is_a_port(monkeypatch: pytest.MonkeyPatch) -> None:
+    made = []
+    original = serial.serial_for_url
+
+    def remember(*args: object, **options: object):
+        made.append(original(*args, **options))
+        return made[-1]
+
+    monkeypatch.setattr(serial, "serial_for_url", remember)
+    with Bus(device(port="loop://"), settle=0) as opened:
+        made[0].write(b"".join(frames(range(30))))
+        assert len(read_until(opened, lambda found: len(found) >= 30)) == 30
+        assert opened.read(0.01) == []

@@ -1,0 +1,92 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from suta_calib.device import JointSpec, read_device
+from suta_calib.errors import DeviceFileError
+
+GOOD = """\
+port: /dev/ttyACM0
+baudrate: 115200
+format: lines
+unit: counts
+counts_per_turn: 4096
+joints: [{name: joint_1, sign: -1}, {name: joint_2}]
+"""
+
+
+def read(folder: Path, text: str):
+    path = folder / "device.yaml"
+    path.write_text(text, encoding="utf-8")
+    return read_device(path)
+
+
+def test_a_device_file_is_read(tmp_path: Path) -> None:
+    spec = read(tmp_path, GOOD)
+    assert (spec.port, spec.baudrate, spec.format) == ("/dev/ttyACM0", 115200, "lines")
+    assert (spec.unit, spec.counts_per_turn) == ("counts", 4096)
+    assert spec.joints == (JointSpec("joint_1", -1), JointSpec("joint_2", 1))
+    assert spec.names == ("joint_1", "joint_2")
+
+
+def test_port_and_joints_are_enough_for_frames(tmp_path: Path) -> None:
+    spec = read(tmp_path, "port: COM3\njoints: [{name: a}]\n")
+    assert (spec.format, spec.unit, spec.counts_per_turn) == ("frames", "counts", 4194304)
+
+
+def test_a_port_beside_the_file_is_found_from_anywhere(tmp_path: Path) -> None:
+    (tmp_path / "arm").touch()
+    text = "port: {}\njoints: [{{name: a}}]\n"
+    assert read(tmp_path, text.format("arm")).port == str(tmp_path / "arm")
+    assert read(tmp_path, text.format("COM3")).port == "COM3"
+    assert read(tmp_path, text.format("socket://arm:5000")).port == "socket://arm:5000"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "line", "words"),
+    [
+        ("port: /dev/ttyACM0\n", "", None, ["port", "no such key"]),
+        ("port: /dev/ttyACM0", "port: 3", 1, ["port", "3", "text"]),
+        ("port: /dev/ttyACM0", "port: socket://arm", 1, ["socket://arm", "socket://host:port"]),
+        ("baudrate: 115200", "baudrate: fast", 2, ["baudrate", "fast", "whole number"]),
+        ("baudrate: 115200", "baudrate: 0", 2, ["baudrate", "0"]),
+        ("baudrate", "baud_rate", 2, ["baud_rate", "did you mean 'baudrate'"]),
+        ("format: lines", "format: line", 3, ["'line'", "frames, lines", "did you mean 'lines'"]),
+        ("unit: counts", "unit: grad", 4, ["'grad'", "counts, rad, deg"]),
+        ("format: lines\nunit: counts", "format: frames\nunit: rad", 4, ["'rad'", "counts"]),
+        ("format: lines", "format: frames", 5, ["4096", "4194304", "22-bit"]),
+        ("counts_per_turn: 4096\n", "", None, ["counts_per_turn", "lines in counts need it"]),
+        ("counts_per_turn: 4096", "counts_per_turn: 1", 5, ["counts_per_turn", "1"]),
+        ("[{name: joint_1, sign: -1}, {name: joint_2}]", "[]", 6, ["joints", "empty list"]),
+        ("[{name: joint_1, sign: -1}, {name: joint_2}]", "6", 6, ["joints", "6"]),
+        ("sign: -1", "sign: 0", 6, ["joints[0].sign", "0", "1 or -1"]),
+        ("sign: -1", "sign: left", 6, ["joints[0].sign", "left"]),
+        ("{name: joint_2}", "{name: joint_1}", 6, ["joints[1].name", "second time"]),
+        ("{name: joint_2}", "{nam: joint_2}", 6, ["joints[1].nam", "did you mean 'name'"]),
+    ],
+)
+def test_what_cannot_be_used_is_named(
+    tmp_path: Path, old: str, new: str, line: int | None, words: list[str]
+) -> None:
+    assert old in GOOD
+    with pytest.raises(DeviceFileError) as caught:
+        read(tmp_path, GOOD.replace(old, new))
+    message = str(caught.value)
+    assert message.startswith(str(tmp_path / "device.yaml"))
+    assert caught.value.line == line
+    assert "\n" not in message
+    for word in words:
+        assert word in message, message
+
+
+def test_more_joints_than_a_frame_can_have_are_refused(tmp_path: Path) -> None:
+    joints = ", ".join(f"{{name: j{k}}}" for k in range(256))
+    with pytest.raises(DeviceFileError, match="256 joints"):
+        read(tmp_path, f"port: COM3\njoints: [{joints}]\n")
+
+
+def test_an_absent_file_is_one_error(tmp_path: Path) -> None:
+    with pytest.raises(DeviceFileError, match=r"nothing\.yaml"):
+        read_device(tmp_path / "nothing.yaml")

@@ -1,0 +1,132 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from suta_calib.device import Reading, Statistics
+from suta_calib.device.freshness import Freshness
+
+RATE = 768.0
+NONE = np.zeros(1, dtype=bool)
+
+
+def reading(sequence: int, time: float, arrival: float) -> Reading:
+    return Reading(sequence, time, np.zeros(1), NONE, NONE, arrival)
+
+
+class Run:
+    """Readings through a `Freshness`, counted as a decoder would."""
+
+    def __init__(self, window: float = 0.1) -> None:
+        self.statistics = Statistics(("joint_1",))
+        self.leaps: list[float] = []
+        self.fresh = Freshness(window, self.statistics, self.leaps.append)
+        self.taken: list[Reading] = []
+
+    def feed(self, readings: list[Reading]) -> bool:
+        self.statistics.frames += len(readings)
+        taken, leapt = self.fresh.take(readings)
+        self.taken += taken
+        return leapt
+
+
+def live(first: int, count: int, at: float, lateness: float = 0.0) -> list[Reading]:
+    random = np.random.default_rng(first)
+    late = random.uniform(0, lateness, count)
+    return [
+        reading(n, n / RATE, at + (n - first) / RATE + late[n - first])
+        for n in range(first, first + count)
+    ]
+
+
+def test_live_readings_pass_after_the_window() -> None:
+    run = Run()
+    run.statistics.interruptions = 3
+    for each in live(1000, 200, 50.0):
+        run.statistics.garbage_bytes += 1
+        run.feed([each])
+    assert run.statistics.interruptions == 3
+    assert run.statistics.garbage_bytes == len(run.taken) - 1
+    assert run.taken[0].arrival - 50.0 == pytest.approx(0.1, abs=0.01)
+    assert len(run.taken) + run.statistics.stale_readings == 200
+    assert run.statistics.frames == len(run.taken)
+    assert run.leaps == []
+
+
+def test_a_driver_that_hands_over_late_is_no_reason_to_wait_for_long() -> None:
+    run = Run()
+    for each in sorted(live(0, 400, 5.0, lateness=0.016), key=lambda r: r.sequence):
+        run.feed([each])
+    assert run.taken[0].time < 0.2
+
+
+def test_a_cache_that_is_emptied_in_a_burst_is_left_out() -> None:
+    run = Run()
+    run.feed([reading(n, n / RATE, 70.0) for n in range(2000)])  # 2.6 s in no time
+    assert run.taken == []
+    for each in live(2000, 200, 70.0):
+        run.feed([each])
+    assert run.taken[0].sequence > 2000 + 0.09 * RATE
+
+
+def test_an_old_clock_before_the_right_one_is_left_out() -> None:
+    run = Run()
+    for each in live(0, 10, 20.0):
+        run.feed([each])
+    assert run.feed(live(90_000, 1, 20.02))
+    for each in live(90_001, 200, 20.03):
+        run.feed([each])
+    assert run.taken[0].sequence > 90_000
+    assert run.leaps == []  # nothing had been let through: nobody is told
+
+
+def test_a_leap_takes_back_what_it_was_counted_as() -> None:
+    run = Run()
+    for each in live(1000, 300, 10.0):
+        run.feed([each])
+    good, counted = len(run.taken), run.statistics.stale_readings
+    run.statistics.lost_frames += 60_000
+    run.statistics.gaps += 1
+    assert run.feed(live(61_300, 5, 10.4))
+    assert (run.statistics.frames, len(run.taken)) == (good, good)
+    assert (run.statistics.lost_frames, run.statistics.gaps) == (0, 0)
+    assert run.leaps == [pytest.approx(78.1, abs=0.1)]
+    for each in live(80_000, 300, 10.5):
+        run.feed([each])
+    assert run.taken[-1].sequence == 80_299
+    assert run.statistics.frames == len(run.taken)
+    assert run.statistics.stale_readings > counted + 5
+
+
+@pytest.mark.parametrize("pause", [0.5, 30.0])
+def test_a_pause_is_no_leap(pause: float) -> None:
+    run = Run()
+    for each in live(0, 200, 0.0):
+        run.feed([each])
+    skipped = int(pause * RATE)
+    after = live(200 + skipped, 5, (200 + skipped) / RATE)
+    assert not run.feed(after)
+    assert run.taken[-5:] == after
+
+
+def test_frames_held_back_and_sent_at_once_are_not_lost() -> None:
+    run = Run()
+    for each in live(0, 200, 0.0):
+        run.feed([each])
+    held = [reading(n, n / RATE, 3.0) for n in range(200, 2300)]
+    assert not run.feed(held)
+    assert run.taken[-1] is held[-1]
+
+
+def test_slow_devices_settle_too() -> None:
+    run = Run()
+    for n in range(6):
+        run.feed([reading(n, n / 2, 9.0 + n / 2)])
+    assert len(run.taken) == 4
+
+
+def test_no_window_lets_everything_through() -> None:
+    run = Run(0.0)
+    assert not run.feed(live(5, 3, 1.0) + live(90_000, 3, 1.1))
+    run.fresh.restart()
+    assert len(run.taken) == 6

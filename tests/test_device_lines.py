@@ -1,0 +1,111 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from device_streams import device, same
+from hypothesis import given
+from hypothesis import strategies as st
+
+from suta_calib.device.description import JointSpec
+from suta_calib.device.protocol import decoder_for, encode_line, values_from_angles
+from suta_calib.errors import WrongFormatError
+
+JOINTS = tuple(JointSpec(name, sign) for name, sign in (("a", 1), ("b", -1), ("c", 1)))
+SPECS = {
+    unit: device(format="lines", unit=unit, counts_per_turn=4096, joints=JOINTS)
+    for unit in ("counts", "rad", "deg")
+}
+
+
+@pytest.mark.parametrize("unit", SPECS)
+@given(angles=st.lists(st.floats(-3.14, math.pi), min_size=3, max_size=3))
+def test_angles_survive_a_line(unit: str, angles: list[float]) -> None:
+    spec = SPECS[unit]
+    line = encode_line(values_from_angles(spec, angles), spec)
+    (reading,) = decoder_for(spec).feed(b"\n" + line, 5.0)
+    step = math.tau / 4096 if unit == "counts" else 1e-8
+    turned = np.angle(np.exp(1j * (reading.angles - angles)))
+    assert np.abs(turned).max() <= 0.51 * step
+    assert (reading.sequence, reading.time, reading.arrival) == (0, 5.0, 5.0)
+    assert not reading.error.any()
+    assert not reading.warning.any()
+
+
+def test_the_end_of_a_line_is_not_taken_for_a_line() -> None:
+    readings = decoder_for(SPECS["counts"]).feed(b"23,1,2\n1024,1024,2048\r\n", 0.0)
+    assert len(readings) == 1
+    np.testing.assert_allclose(readings[0].angles, [math.pi / 2, -math.pi / 2, math.pi])
+
+
+@given(
+    st.lists(
+        st.one_of(
+            st.tuples(*[st.integers(-4096, 4096)] * 3).map(
+                lambda row: ",".join(map(str, row)).encode() + b"\n"
+            ),
+            st.sampled_from([b"\n", b"\r\n", b"1,2\n", b"1,2,x\n", b"nan,1,2\n", b"1_0,2,3\n"]),
+            st.binary(max_size=300),
+        ),
+        max_size=12,
+    ),
+    st.integers(1, 17),
+)
+def test_the_pieces_lines_come_in_make_no_difference(pieces: list[bytes], size: int) -> None:
+    data = b"".join(pieces)
+    whole, bytewise, chunked = (decoder_for(SPECS["counts"]) for _ in range(3))
+
+    def feed(decoder, step: int) -> list:
+        found = []
+        for at in range(0, len(data), step):
+            found += decoder.feed(data[at : at + step], 0.0)
+        return found
+
+    try:
+        expected = feed(whole, max(len(data), 1))
+    except WrongFormatError:
+        for decoder, step in ((bytewise, 1), (chunked, size)):
+            with pytest.raises(WrongFormatError):
+                feed(decoder, step)
+        return
+    assert same(expected, feed(bytewise, 1))
+    assert same(expected, feed(chunked, size))
+
+
+def test_damaged_lines_are_counted_and_left_out() -> None:
+    decoder = decoder_for(SPECS["deg"])
+    data = b"\n1,2,3\n1,2\xff,3\n1,,3\ninf,1,2\n1e999,1,2\n4,5,6\n"
+    readings = decoder.feed(data, 0.0)
+    np.testing.assert_allclose(
+        np.rad2deg([r.angles for r in readings]), [[1, -2, 3], [4, -5, 6]], atol=1e-12
+    )
+    assert (decoder.statistics.frames, decoder.statistics.frame_crc_errors) == (2, 4)
+
+
+def test_an_endless_line_does_not_fill_the_memory() -> None:
+    decoder = decoder_for(SPECS["counts"])
+    for _ in range(100):
+        assert decoder.feed(b"\x00" * 1000, 0.0) == []
+    assert decoder.statistics.garbage_bytes > 99_000
+    assert len(decoder.feed(b"7,8,9\n1,2,3\n", 0.0)) == 1
+
+
+def test_lines_of_another_number_of_values_are_named() -> None:
+    with pytest.raises(WrongFormatError, match=r"'1,2', of 2 values; expected 3.*device\.yaml"):
+        decoder_for(SPECS["counts"]).feed(b"\n" + b"1,2\n" * 3, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("unit", "line", "words"),
+    [
+        ("counts", b"1,9000,3\n", "one turn, 4096 counts.*counts_per_turn"),
+        ("rad", b"1,90,3\n", "one turn, 6.2831.* rad.*unit"),
+        ("deg", b"1,4096,3\n", "one turn, 360 deg.*unit"),
+    ],
+)
+def test_values_of_more_than_a_turn_do_not_fit(unit: str, line: bytes, words: str) -> None:
+    decoder = decoder_for(SPECS[unit])
+    assert decoder.feed(b"\n" + line * 2, 0.0) == []  # may be damage
+    with pytest.raises(WrongFormatError, match=words):
+        decoder.feed(line, 0.0)

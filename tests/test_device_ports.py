@@ -1,0 +1,134 @@
+from __future__ import annotations
+
+import errno
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import serial
+from device_streams import PtyDevice, device
+
+from suta_calib import extras
+from suta_calib.device import Bus, port_errors
+from suta_calib.device.port_errors import opening_error
+from suta_calib.errors import (
+    DeviceError,
+    DeviceFileError,
+    MissingExtraError,
+    PortBusyError,
+    PortNotFoundError,
+    PortPermissionError,
+)
+
+
+@pytest.fixture
+def arm(tmp_path: Path) -> Iterator[PtyDevice]:
+    """A device on a pty."""
+    with PtyDevice(tmp_path / "arm") as plugged:
+        yield plugged
+
+
+def spec_of(arm: PtyDevice):
+    return device(port=str(arm.link))
+
+
+def refused(spec, kind: type[Exception]) -> str:
+    with pytest.raises(kind) as caught, Bus(spec):
+        pass
+    assert "\n" not in str(caught.value)
+    assert caught.value.exit_code == 2  # type: ignore[attr-defined]
+    return str(caught.value)
+
+
+def test_a_port_in_use_is_named_with_its_user(arm: PtyDevice) -> None:
+    with Bus(spec_of(arm)):
+        message = refused(spec_of(arm), PortBusyError)
+    assert "in use by" in message
+    with Bus(spec_of(arm)):
+        pass  # and free again
+
+
+def test_a_port_that_is_not_there_lists_those_that_are(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(port_errors, "existing_ports", lambda: ["/dev/ttyACM7 (encoder)"])
+    message = refused(device(port="/dev/no-such-port"), PortNotFoundError)
+    assert "/dev/no-such-port" in message
+    assert "/dev/ttyACM7 (encoder)" in message
+    monkeypatch.setattr(port_errors, "existing_ports", list)
+    assert "has none" in refused(device(port="/dev/no-such-port"), PortNotFoundError)
+
+
+def test_the_ports_that_are_there_are_asked_of_the_system() -> None:
+    assert all(isinstance(name, str) and name for name in port_errors.existing_ports())
+
+
+def test_a_link_to_nowhere_says_where(tmp_path: Path) -> None:
+    (tmp_path / "arm").symlink_to(tmp_path / "gone")
+    message = refused(device(port=str(tmp_path / "arm")), PortNotFoundError)
+    assert str(tmp_path / "gone") in message
+
+
+def test_a_file_is_no_port(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    assert "no serial port" in refused(device(port=str(tmp_path / "file")), PortNotFoundError)
+
+
+def test_nobody_at_a_socket_is_named() -> None:
+    assert "nobody answering" in refused(device(port="socket://127.0.0.1:1"), PortNotFoundError)
+
+
+def test_a_scheme_that_pyserial_lacks_is_the_files_error() -> None:
+    assert "device.yaml: port" in refused(device(port="telepathy://arm"), DeviceFileError)
+
+
+@pytest.mark.parametrize(
+    ("number", "kind", "word"),
+    [
+        (errno.EACCES, PortPermissionError, "usermod"),
+        (errno.EBUSY, PortBusyError, "close the other program"),
+        (errno.ENODEV, PortNotFoundError, "no such port"),
+    ],
+)
+def test_what_the_system_says_becomes_its_own_error(
+    number: int, kind: type[DeviceError], word: str
+) -> None:
+    error = opening_error(device(port="/dev/ttyX"), serial.SerialException(number, "said"))
+    assert type(error) is kind
+    assert word in str(error)
+
+
+def test_a_baud_rate_the_port_lacks_is_the_files_error() -> None:
+    error = opening_error(device(port="/dev/ttyX"), ValueError("Invalid baud rate: 7"))
+    assert isinstance(error, DeviceFileError)
+    assert "baudrate" in str(error)
+
+
+@pytest.mark.parametrize(("module", "missing"), [("serial", "serial"), ("anycrc", "anycrc")])
+def test_a_missing_package_names_the_command_that_installs_it(
+    module: str, missing: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def absent(name: str) -> None:
+        raise ModuleNotFoundError(f"No module named {missing!r}", name=missing)
+
+    monkeypatch.setattr(extras, "import_module", absent)
+    with pytest.raises(MissingExtraError, match=r"pip install 'suta_calib\[device\]'") as caught:
+        extras.load(module, "device")
+    assert caught.value.exit_code == 2
+
+
+def test_an_installed_package_that_is_broken_is_not_called_missing(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def broken(name: str) -> None:
+        raise ModuleNotFoundError("No module named 'numpy'", name="numpy")
+
+    monkeypatch.setattr(extras, "import_module", broken)
+    with pytest.raises(ModuleNotFoundError):
+        extras.load("pyigtl", "device")
+
+
+def test_bus_of_a_spec_keeps_nothing_open_after_an_error(arm: PtyDevice) -> None:
+    with pytest.raises(ZeroDivisionError), Bus(spec_of(arm)):
+        raise ZeroDivisionError
+    with Bus(replace(spec_of(arm), baudrate=115200)):
+        pass
