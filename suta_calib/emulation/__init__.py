@@ -1,0 +1,87 @@
+"""An emulated arm: everything a passive arm on a serial cable does, without the arm.
+
+A *motion* says what the joints truly do, a *stream* turns it into the bytes a device would send,
+with noise and faults, and a *player* sends them in real time on a pseudo-terminal. `EmulatedArm`
+does all of it in a process of its own.
+
+Names are imported when they are first used: that process needs neither CasADi nor Pinocchio.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from suta_calib.emulation.device import device_of
+    from suta_calib.emulation.emulated_arm import EmulatedArm
+    from suta_calib.emulation.faults import Faults, Flag, Gap, Window
+    from suta_calib.emulation.motion import Curve, Motion, Still, Stops, Sweep, ThereAndBack
+    from suta_calib.emulation.pivot import pivoting
+    from suta_calib.emulation.player import Played, Player
+    from suta_calib.emulation.recorder import Trajectory
+    from suta_calib.emulation.script import Timing, artefact_set, point_set, stops
+    from suta_calib.emulation.script_file import read_script
+    from suta_calib.emulation.stream import Emulation, frames
+    from suta_calib.emulation.terminal import PseudoTerminal
+    from suta_calib.emulation.trajectories import posture_of, recorded, sweep
+    from suta_calib.emulation.truth import drawn_truth, nominal_values, read_truth
+    from suta_calib.emulation.within_reach import placement_within_reach
+
+_HOMES = {
+    "device": ("device_of",),
+    "emulated_arm": ("EmulatedArm",),
+    "faults": ("Faults", "Flag", "Gap", "Window"),
+    "motion": ("Curve", "Motion", "Still", "Stops", "Sweep", "ThereAndBack"),
+    "pivot": ("pivoting",),
+    "player": ("Played", "Player"),
+    "recorder": ("Trajectory",),
+    "script": ("Timing", "artefact_set", "point_set", "stops"),
+    "script_file": ("read_script",),
+    "stream": ("Emulation", "frames"),
+    "terminal": ("PseudoTerminal",),
+    "trajectories": ("posture_of", "recorded", "sweep"),
+    "truth": ("drawn_truth", "nominal_values", "read_truth"),
+    "within_reach": ("placement_within_reach",),
+}
+_HOME = {name: home for home, names in _HOMES.items() for name in names}
+
+__all__ = [
+    "Curve",
+    "EmulatedArm",
+    "Emulation",
+    "Faults",
+    "Flag",
+    "Gap",
+    "Motion",
+    "Played",
+    "Player",
+    "PseudoTerminal",
+    "Still",
+    "Stops",
+    "Sweep",
+    "ThereAndBack",
+    "Timing",
+    "Trajectory",
+    "Window",
+    "artefact_set",
+    "device_of",
+    "drawn_truth",
+    "frames",
+    "nominal_values",
+    "pivoting",
+    "placement_within_reach",
+    "point_set",
+    "posture_of",
+    "read_script",
+    "read_truth",
+    "recorded",
+    "stops",
+    "sweep",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module 'suta_calib.emulation' has no attribute '{name}'")
+    return getattr(import_module(f"suta_calib.emulation.{_HOME[name]}"), name)

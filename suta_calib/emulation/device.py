@@ -1,0 +1,61 @@
+"""The device that an emulated arm is."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+from suta_calib.device.description import FRAME_COUNTS_PER_TURN, DeviceSpec, JointSpec
+from suta_calib.errors import InputError
+from suta_calib.model.arm import ArmModel
+
+_BAUDRATE: Final = 921600
+
+
+def device_of(
+    arm: ArmModel,
+    *,
+    form: str = "frames",
+    unit: str = "counts",
+    counts_per_turn: int = FRAME_COUNTS_PER_TURN,
+    signs: Sequence[int] = (),
+    baudrate: int = _BAUDRATE,
+) -> DeviceSpec:
+    """One encoder for each joint of an arm, from base to tip; it has no port yet.
+
+    Args:
+        arm: whose joints.
+        form: ``frames`` or ``lines``.
+        unit: of lines: ``counts``, ``rad`` or ``deg``.
+        counts_per_turn: of one turn, in counts.
+        signs: +1 or -1 for each joint; all +1 by default.
+        baudrate: for ``device.yaml``: a pseudo-terminal has none.
+
+    Raises:
+        InputError: frames with anything but counts of 22 bits, a number of signs that is not that
+            of the joints, or a joint that slides where angles are sent.
+    """
+    if form == "frames" and (unit, counts_per_turn) != ("counts", FRAME_COUNTS_PER_TURN):
+        found = f"frames with {counts_per_turn} counts per turn, in {unit}"
+        expected = f"{FRAME_COUNTS_PER_TURN} counts: their words have 22 bits"
+        raise InputError(found, expected, hint="lines can have others")
+    if (form, unit) != ("lines", "rad"):
+        _check_turning(arm)
+    chosen = list(signs) or [1] * len(arm.joints)
+    if len(chosen) != len(arm.joints):
+        raise InputError(f"{len(chosen)} signs", f"{len(arm.joints)}, one per joint")
+    joints = tuple(map(JointSpec, arm.joints, chosen))
+    return DeviceSpec(Path("device.yaml"), "", baudrate, form, unit, counts_per_turn, joints)
+
+
+def _check_turning(arm: ArmModel) -> None:
+    for joint in arm.chain.moving:
+        if joint.type == "prismatic":
+            raise InputError(
+                f"prismatic joint {joint.name!r}",
+                "joints that turn: an encoder's word is an angle",
+                file=arm.chain.path,
+                line=joint.line,
+                hint="send it as lines in rad, which carry metres as they are",
+            )

@@ -1,0 +1,194 @@
+"""What goes wrong on an emulated cable, and when."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Any, Final, TypeVar
+
+from suta_calib.errors import InputError
+from suta_calib.measurements.suggestion import did_you_mean
+
+WORDS: Final = {
+    "corrupt=SHARE": "that share of all bytes is replaced by other ones",
+    "flip=SHARE": "one bit of that share of all bytes is wrong",
+    "lose=SHARE": "that share of all bytes does not arrive",
+    "skip=SHARE": "that share of all frames is not sent: sequence gaps",
+    "gap=N@T": "N frames in a row are not sent from T on",
+    "burst=S@T": "garbage in place of frames for S seconds from T on",
+    "stall=S@T": "nothing is sent for S seconds from T on, nor made up for",
+    "hold=S@T": "frames are held back for S seconds from T on and then come all at once",
+    "stale=N": "whoever opens the port first gets N old frames, with the clock of back then",
+    "disconnect=S@T": "the port is gone for S seconds from T on and comes back under its link",
+    "reboot=S@T": "the same, and sequence and clock begin anew",
+    "error=JOINT:S@T": "that joint's encoder raises its error flag for S seconds from T on",
+    "warning=JOINT:S@T": "the same for its warning flag",
+}
+_SHARES: Final = ("corrupt", "flip", "lose", "skip")
+_WINDOWS: Final = {
+    "burst": "bursts",
+    "stall": "stalls",
+    "hold": "holds",
+    "disconnect": "disconnects",
+    "reboot": "reboots",
+}
+_FLAGS: Final = {"error": "errors", "warning": "warnings"}
+Number = TypeVar("Number", int, float)
+_NAMES: Final = tuple(word.partition("=")[0] for word in WORDS)
+
+
+@dataclass(frozen=True)
+class Window:
+    """A span of time: from ``start`` (included) for ``duration``, both s."""
+
+    start: float
+    duration: float
+
+    @property
+    def end(self) -> float:
+        """When it is over, s."""
+        # 0.1 + 0.2 is not 0.3; nobody means the difference.
+        return round(self.start + self.duration, 9)
+
+    def __contains__(self, time: float) -> bool:
+        return self.start <= time < self.end
+
+
+@dataclass(frozen=True)
+class Flag:
+    """A joint's encoder raises a flag: its name, and when."""
+
+    joint: str
+    window: Window
+
+
+@dataclass(frozen=True)
+class Gap:
+    """``count`` frames that are not sent, from ``start`` (s) on."""
+
+    count: int
+    start: float
+
+
+@dataclass(frozen=True)
+class Faults:
+    """Everything that goes wrong; nothing by default. Times are s after the port was first opened.
+
+    Attributes:
+        corrupt, flip, lose: shares of bytes, from 0 to 1, as `WORDS` describes them.
+        skip: share of frames.
+        stale: number of old frames.
+        gaps, bursts, stalls, holds, disconnects, reboots: when.
+        errors, warnings: flags by joint.
+    """
+
+    corrupt: float = 0.0
+    flip: float = 0.0
+    lose: float = 0.0
+    skip: float = 0.0
+    stale: int = 0
+    gaps: tuple[Gap, ...] = ()
+    bursts: tuple[Window, ...] = ()
+    stalls: tuple[Window, ...] = ()
+    holds: tuple[Window, ...] = ()
+    disconnects: tuple[Window, ...] = ()
+    reboots: tuple[Window, ...] = ()
+    errors: tuple[Flag, ...] = ()
+    warnings: tuple[Flag, ...] = ()
+
+    @property
+    def absences(self) -> tuple[Window, ...]:
+        """When the port is gone, in order."""
+        return tuple(sorted((*self.disconnects, *self.reboots), key=lambda each: each.start))
+
+    @property
+    def damages(self) -> bool:
+        """Whether single bytes are damaged."""
+        return bool(self.corrupt or self.flip or self.lose)
+
+    def check_joints(self, joints: Sequence[str]) -> None:
+        """Refuse flags of joints that the device does not have.
+
+        Raises:
+            InputError: names the joint, and the joints there are.
+        """
+        for flag in (*self.errors, *self.warnings):
+            if flag.joint not in joints:
+                raise InputError(
+                    f"no joint {flag.joint!r}",
+                    f"one of {', '.join(joints)}",
+                    where="--faults",
+                    hint=did_you_mean(flag.joint, joints),
+                )
+
+    @classmethod
+    def parse(cls, text: str) -> Faults:
+        """Faults as the command line writes them: ``corrupt=0.01,stall=2@10``; see `WORDS`.
+
+        Raises:
+            InputError: a word that is none of them, or an unusable number.
+        """
+        faults = cls()
+        for item in filter(None, (part.strip() for part in text.split(","))):
+            name, _, value = item.partition("=")
+            faults = replace(faults, **_parsed(faults, item, name.strip(), value.strip()))
+        _check_absences(faults)
+        return faults
+
+
+def _parsed(faults: Faults, item: str, name: str, value: str) -> dict[str, Any]:
+    """The fields that one word changes."""
+    if name in _SHARES:
+        share = _number(item, value, float)
+        if share > 1:
+            raise _refusal(item, "a share from 0 to 1")
+        return {name: share}
+    if name == "stale":
+        return {"stale": _number(item, value, int)}
+    first, _, time = value.rpartition("@")
+    start = _number(item, time, float) if name in _NAMES else 0.0
+    if name == "gap":
+        return {"gaps": (*faults.gaps, Gap(_number(item, first, int), start))}
+    if name in _WINDOWS:
+        field = _WINDOWS[name]
+        return {field: (*getattr(faults, field), Window(start, _number(item, first, float)))}
+    if name in _FLAGS:
+        joint, _, duration = first.rpartition(":")
+        flag = Flag(joint, Window(start, _number(item, duration, float)))
+        return {_FLAGS[name]: (*getattr(faults, _FLAGS[name]), flag)}
+    raise InputError(
+        repr(item), f"one of {', '.join(WORDS)}", where="--faults", hint=did_you_mean(name, _NAMES)
+    )
+
+
+def _number(item: str, text: str, kind: Callable[[str], Number]) -> Number:
+    try:
+        number = kind(text)
+    except ValueError:
+        raise _refusal(item, _form(item)) from None
+    if not (math.isfinite(number) and number >= 0):
+        raise _refusal(item, "a number that is not negative")
+    return number
+
+
+def _form(item: str) -> str:
+    name = item.partition("=")[0].strip()
+    return next(word for word in WORDS if word.partition("=")[0] == name)
+
+
+def _refusal(item: str, expected: str) -> InputError:
+    return InputError(repr(item), expected, where="--faults")
+
+
+def _check_absences(faults: Faults) -> None:
+    windows = faults.absences
+    for earlier, later in pairwise(windows):
+        if later.start < earlier.end:
+            raise InputError(
+                f"a port that is to vanish at {later.start:g} s and is gone until "
+                f"{earlier.end:g} s",
+                "disconnects and reboots one after the other",
+                where="--faults",
+            )

@@ -1,0 +1,186 @@
+"""From a script to an arm that rests on one landmark after the other.
+
+Where the arm rests is what `suta_calib.simulation` finds for the same placements, noise and seed;
+only the encoders' noise is left to the stream.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from suta_calib.emulation.motion import Stops, continuous
+from suta_calib.emulation.truth import error_rows
+from suta_calib.errors import InputError
+from suta_calib.geometry import rotation_from_rpy
+from suta_calib.measurements import read_artefact
+from suta_calib.measurements.suggestion import did_you_mean
+from suta_calib.model.arm import ArmModel
+from suta_calib.simulation import (
+    NoiseLevels,
+    PoseSpec,
+    SetSpec,
+    SimulatedFile,
+    SimulationSpec,
+    simulate,
+)
+from suta_calib.simulation.noise import full_circle
+from suta_calib.simulation.schema import PostureRow
+
+
+@dataclass(frozen=True)
+class Timing:
+    """How long each rest and each motion between two rests lasts, s."""
+
+    rest: float = 4.0
+    move: float = 1.5
+
+
+def artefact_set(
+    artefact: Path,
+    placements: Mapping[str, PoseSpec],
+    repeats: int = 1,
+    noise: NoiseLevels | None = None,
+) -> SetSpec:
+    """An artefact to be gone through at each placement, ``repeats`` times.
+
+    Args:
+        artefact: its file.
+        placements: ``T_base_artefact`` by label.
+        repeats: how often each placement is gone through.
+        noise: of the seating; 50 µm per axis by default.
+    """
+    noise = NoiseLevels(seating=5e-5) if noise is None else noise
+    return SetSpec(
+        "script", "landmark", noise, artefact=artefact, placements=dict(placements), repeats=repeats
+    )
+
+
+def point_set(
+    points: Mapping[str, PoseSpec],
+    directions: int = 20,
+    cone: float = SetSpec.cone,
+    noise: NoiseLevels | None = None,
+) -> SetSpec:
+    """Fixed points, each to be touched from ``directions`` directions.
+
+    Args:
+        points: by label; their positions in the base count.
+        directions: number of rests on each point.
+        cone: largest angle between the tip's z axis and straight down, rad.
+        noise: of the seating; 50 µm per axis by default.
+    """
+    noise = NoiseLevels(seating=5e-5) if noise is None else noise
+    return SetSpec(
+        "script", "fixed_point", noise, points=dict(points), directions=directions, cone=cone
+    )
+
+
+def stops(
+    arm: ArmModel,
+    values: Mapping[str, float],
+    plan: SetSpec,
+    *,
+    seed: int = 0,
+    sequence: Sequence[str] = (),
+    posture: Sequence[PostureRow] = (),
+    timing: Timing | None = None,
+    path: Path | None = None,
+) -> Stops:
+    """The rests and motions of an arm that goes through a set of landmarks or points.
+
+    Args:
+        arm: the nominal arm.
+        values: its true parameters, m or rad.
+        plan: what is touched, and how well it is seated.
+        seed: of seating and directions.
+        sequence: order of the landmarks; that of the artefact's file by default.
+        posture: readings from which the search for postures begins.
+        timing: of rests and motions.
+        path: the script's file, for messages.
+
+    Raises:
+        JobError: a landmark or point is out of the true arm's reach; says how far.
+        InputError: a landmark in ``sequence`` that the artefact does not have.
+    """
+    chain, timing = arm.chain, timing or Timing()
+    # What the encoders add belongs to the stream.
+    exact = replace(plan, noise=replace(plan.noise, encoder_angle=0.0, encoder_length=0.0))
+    exact = replace(exact, noise=replace(exact.noise, encoder_bits=0))
+    spec = SimulationSpec(
+        path or chain.path,
+        *(chain.path, chain.tip, chain.base, seed),
+        posture=tuple(posture),
+        errors=error_rows(arm, values),
+        sets=(exact,),
+    )
+    order = _order(plan, sequence)
+    rounds = [one for file in simulate(spec).files for one in _rounds(file, order)]
+    posture_of_all = np.concatenate([file.samples.q[rows] for file, rows in rounds])
+    labels = tuple(_labels(file, row) for file, rows in rounds for row in rows)
+    ends = np.cumsum([len(rows) for _, rows in rounds]) - 1
+    return Stops(
+        continuous(posture_of_all, full_circle(arm)),
+        labels,
+        timing.rest,
+        timing.move,
+        tuple(int(end) for end in ends),
+    )
+
+
+def _order(plan: SetSpec, sequence: Sequence[str]) -> tuple[str, ...]:
+    """Landmarks in the order in which they are gone through; empty for fixed points."""
+    if plan.artefact is None:
+        if sequence:
+            raise InputError("a sequence of landmarks for fixed points", "none")
+        return ()
+    known = tuple(read_artefact(plan.artefact).landmarks)
+    for name in sequence:
+        if name not in known:
+            raise InputError(
+                f"no landmark {name!r}",
+                f"names of {', '.join(known)}",
+                file=plan.artefact,
+                where="sequence",
+                hint=did_you_mean(name, known),
+            )
+    return tuple(sequence) or known
+
+
+def _rounds(file: SimulatedFile, order: tuple[str, ...]) -> list[tuple[SimulatedFile, list[int]]]:
+    """Rows of a file, one list for each time it is gone through."""
+    labels = file.samples.labels
+    if not order:
+        return [(file, list(range(len(file.samples))))]
+    row_of = {
+        (str(repeat), str(name)): row
+        for row, (repeat, name) in enumerate(zip(labels["repeat"], labels["landmark"], strict=True))
+    }
+    repeats = dict.fromkeys(str(each) for each in labels["repeat"])
+    return [(file, [row_of[repeat, name] for name in order]) for repeat in repeats]
+
+
+def _labels(file: SimulatedFile, row: int) -> dict[str, str]:
+    return {name: str(values[row]) for name, values in file.samples.labels.items()}
+
+
+def parse_pose(text: str, where: str = "") -> tuple[str, PoseSpec]:
+    """``P1=x,y,z[,roll,pitch,yaw]`` in mm and degrees, as a label and a pose in SI units.
+
+    Raises:
+        InputError: another number of numbers, or something that is none.
+    """
+    label, equals, rest = text.partition("=")
+    try:
+        numbers = [float(each) for each in rest.split(",")]
+    except ValueError:
+        numbers = []
+    usable = len(numbers) in (3, 6) and np.isfinite(numbers).all()
+    if not (equals and label.strip() and usable):
+        expected = "LABEL=x,y,z or LABEL=x,y,z,roll,pitch,yaw in mm and degrees"
+        raise InputError(repr(text), expected, where=where)
+    rotation = rotation_from_rpy(np.deg2rad(numbers[3:])) if numbers[3:] else np.eye(3)
+    return label.strip(), PoseSpec(rotation, 1e-3 * np.array(numbers[:3]))

@@ -1,0 +1,197 @@
+"""The bytes an emulated arm sends, and when: no port, no clock, the same for the same seed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from suta_calib.device.description import DeviceSpec
+from suta_calib.emulation.damage import Damage
+from suta_calib.emulation.encoders import BoolArray, encoder_for
+from suta_calib.emulation.faults import Faults, Flag
+from suta_calib.emulation.motion import Motion
+from suta_calib.errors import InputError
+from suta_calib.geometry import FloatArray
+
+# Readings are computed this many frames ahead: 40 ms at 768 Hz.
+_BLOCK: Final = 32
+# Old frames come when the host has flushed and begun to read: this long after the opening, s,
+# with the clock of this long ago, from an arm that has been turned by this much since, rad.
+STALE_AFTER: Final = 0.03
+STALE_AGE: Final = 5.0
+STALE_TURN: Final = 0.3
+_HIGHEST_RATE: Final = 1e5
+_US: Final = 1e6
+
+
+@dataclass(frozen=True, eq=False)
+class Emulation:
+    """Everything about an emulated arm but the port.
+
+    Attributes:
+        device: names, signs and format of what it sends.
+        motion: what the arm does.
+        rate: frames per second.
+        noise: standard deviation of a reading, rad (m): one number, or (joints,).
+        faults: what goes wrong.
+        seed: of noise and faults.
+        first_sequence: of the frame when the device is switched on.
+        first_time_us: of the device's clock then, µs.
+    """
+
+    device: DeviceSpec
+    motion: Motion
+    rate: float = 768.0
+    noise: float | FloatArray = 1.7e-5
+    faults: Faults = field(default_factory=Faults)
+    seed: int = 0
+    first_sequence: int = 0
+    first_time_us: int = 0
+
+    def __post_init__(self) -> None:
+        if not 0 < self.rate <= _HIGHEST_RATE:
+            raise InputError(f"{self.rate:g} Hz", f"a rate up to {_HIGHEST_RATE:g} Hz")
+        names = [joint.name for joint in self.device.joints]
+        self.faults.check_joints(names)
+        joints = self.motion.readings(np.zeros(1)).shape[1]
+        if joints != len(names):
+            raise InputError(f"a motion of {joints} joints", f"the {len(names)} of the device")
+
+    def time_us(self, period: int) -> int:
+        """The device's clock that many periods after it was switched on, µs, not wrapped."""
+        return self.first_time_us + round(_US * period / self.rate)
+
+
+MotionTime = Callable[[FloatArray], FloatArray]
+Log = Callable[[int, FloatArray, FloatArray], None]
+
+
+def unchanged(time: FloatArray) -> FloatArray:
+    """Time of a motion that nothing holds up."""
+    return time
+
+
+def forget(number: int, motion_time: FloatArray, q: FloatArray) -> None:
+    """Keep nothing of what is streamed."""
+
+
+def frames(emulation: Emulation, seconds: float = math.inf) -> Iterator[tuple[float, bytes]]:
+    """What an arm sends: when (s after the start, non-decreasing), and the bytes.
+
+    Args:
+        emulation: the arm.
+        seconds: how long.
+    """
+    for due, data in packets(emulation):
+        if due >= seconds:
+            return
+        if data:
+            yield due, data
+
+
+def packets(
+    emulation: Emulation,
+    first_period: int = 0,
+    motion_time: MotionTime = unchanged,
+    log: Log = forget,
+) -> Iterator[tuple[float, bytes]]:
+    """One packet for every period: when it is due, and its bytes, empty where nothing is sent.
+
+    Args:
+        emulation: the arm.
+        first_period: periods that passed since the device was switched on.
+        motion_time: from time on this stream, (n,) s, to time of the motion.
+        log: told of every block: number of its first packet, times of the motion (n,), and true
+            readings (n, joints).
+    """
+    source = _Source(emulation, first_period)
+    number = 0
+    while True:
+        time = np.arange(number, number + _BLOCK) / emulation.rate
+        at = motion_time(time)
+        true = emulation.motion.readings(at)
+        log(number, at, true)
+        yield from source.block(number, time, true)
+        number += _BLOCK
+
+
+class _Source:
+    """Turns true readings into packets; keeps the random numbers in step with the frames."""
+
+    def __init__(self, emulation: Emulation, first_period: int) -> None:
+        self._emulation, self._first = emulation, first_period
+        self._encoder = encoder_for(emulation.device)
+        self._noise = np.random.default_rng([emulation.seed, 1])
+        self._skips = np.random.default_rng([emulation.seed, 2])
+        self._damage = Damage(emulation.faults, emulation.seed)
+        self._stale_at = math.ceil(STALE_AFTER * emulation.rate)
+        self._stale: NDArray[Any] | None = None
+
+    def block(self, number: int, time: FloatArray, true: FloatArray) -> list[tuple[float, bytes]]:
+        """Packets from ``number`` on, as many as there are times."""
+        emulation = self._emulation
+        noise = np.broadcast_to(emulation.noise, true.shape[1:])
+        readings = true + noise * self._noise.standard_normal(true.shape)
+        if self._stale is None:
+            self._stale = self._encoder.values(readings[:1] + STALE_TURN)[0]
+        values = self._encoder.values(readings)
+        skipped = self._skips.random(len(time)) < emulation.faults.skip
+        packets = []
+        for k, t in enumerate(time.tolist()):
+            data = b"" if skipped[k] else self._packet(number + k, t, values[k])
+            packets.append((_due(t, emulation.faults), data))
+        return packets
+
+    def _packet(self, number: int, time: float, values: NDArray[Any]) -> bytes:
+        faults = self._emulation.faults
+        if self._silent(number, time):
+            return b""
+        if faults.stale and number <= self._stale_at:
+            return self._old_frames() if number == self._stale_at else b""
+        sequence, time_us = self._clock(number, time)
+        error, warning = self._flags(faults.errors, time), self._flags(faults.warnings, time)
+        data = self._encoder.packet(sequence, time_us, values, error, warning)
+        if any(time in window for window in faults.bursts):
+            return self._damage.garbage(len(data))
+        return self._damage(data)
+
+    def _silent(self, number: int, time: float) -> bool:
+        faults = self._emulation.faults
+        firsts = (math.ceil(gap.start * self._emulation.rate) for gap in faults.gaps)
+        if any(0 <= number - n < g.count for n, g in zip(firsts, faults.gaps, strict=True)):
+            return True
+        return any(time in window for window in (*faults.stalls, *faults.absences))
+
+    def _clock(self, number: int, time: float) -> tuple[int, int]:
+        """Sequence number and device clock, µs; anew after a reboot."""
+        emulation = self._emulation
+        ends = [window.end for window in emulation.faults.reboots if window.end <= time]
+        if ends:
+            period = number - math.ceil(max(ends) * emulation.rate)
+            return period, round(_US * period / emulation.rate)
+        period = self._first + number
+        return emulation.first_sequence + period, emulation.time_us(period)
+
+    def _old_frames(self) -> bytes:
+        assert self._stale is not None
+        none = self._flags((), 0.0)
+        age = round(STALE_AGE * self._emulation.rate)
+        data = b""
+        for number in range(-age, self._emulation.faults.stale - age):
+            sequence, time_us = self._clock(number, 0.0)
+            data += self._encoder.packet(sequence, time_us, self._stale, none, none)
+        return data
+
+    def _flags(self, flags: Sequence[Flag], time: float) -> BoolArray:
+        raised = {flag.joint for flag in flags if time in flag.window}
+        return np.array([joint.name in raised for joint in self._emulation.device.joints])
+
+
+def _due(time: float, faults: Faults) -> float:
+    """When a packet of this time is sent: later, if it is held back."""
+    return max([time, *(window.end for window in faults.holds if time in window)])

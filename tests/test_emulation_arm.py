@@ -1,0 +1,136 @@
+from __future__ import annotations
+
+import os
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from emulated import TRUTH, angles, device_of, landmark_stops, listen, true_landmarks, wrapped
+
+from suta_calib.device import Bus, read_device
+from suta_calib.emulation import EmulatedArm, Emulation, Faults, Still, Sweep
+from suta_calib.emulation.rounds import RoundClock
+from suta_calib.emulation.stream import STALE_TURN
+from suta_calib.errors import SutaCalibError
+from suta_calib.model.arm import ArmModel
+
+POSTURE = np.array([0.3, -1.0, 3.1, -3.1, 2.0, 0.0])
+
+
+@pytest.fixture(scope="module")
+def arm(suta_urdf: Path) -> ArmModel:
+    return ArmModel.from_urdf(suta_urdf, "tip")
+
+
+def moving(arm: ArmModel, text: str = "") -> Emulation:
+    motion = Sweep(POSTURE, np.full(6, 0.4), 0.2, 1.0, 20.0)
+    return Emulation(device_of(arm), motion, faults=Faults.parse(text))
+
+
+def test_a_port_streams_in_real_time_and_tells_the_truth_afterwards(arm: ArmModel) -> None:
+    with EmulatedArm(moving(arm)) as emulator:
+        port = emulator.port
+        time.sleep(0.1)
+        readings = listen(port, emulator.device, 0.8)
+        stopped = time.perf_counter()
+    assert time.perf_counter() - stopped < 5
+    assert not os.path.lexists(port)
+    found = np.array([each.time for each in readings])
+    sequence = np.array([each.sequence for each in readings])
+    assert len(readings) > 0.6 * 768
+    np.testing.assert_array_equal(np.diff(sequence), 1)
+    assert found[0] > 0.05, "the device's clock runs before anybody listens"
+    arrival = np.array([each.arrival for each in readings])
+    assert np.polyfit(found, arrival, 1)[0] == pytest.approx(1, abs=0.1)
+    true = emulator.trajectory.at(found)
+    assert np.abs(wrapped(angles(readings) - true)).max() < 6 * 2e-5
+    assert np.ptp(true, axis=0).min() > 1e-3
+    # Moved only once somebody listened.
+    np.testing.assert_allclose(
+        true[0], emulator.emulation.motion.readings(np.zeros(1))[0], atol=1e-3
+    )
+    assert emulator.played.sent >= len(readings)
+    assert emulator.events == ["the port was opened"]
+
+
+def test_a_port_that_vanishes_comes_back_under_its_name(arm: ArmModel, tmp_path: Path) -> None:
+    emulation = moving(arm, "disconnect=0.3@0.3")
+    with EmulatedArm(emulation, link=tmp_path / "arm") as emulator:
+        assert emulator.port == str(tmp_path / "arm")
+        before = listen(emulator.port, emulator.device, 5.0)
+        gone = time.perf_counter()
+        while not os.path.lexists(emulator.port):
+            assert time.perf_counter() - gone < 5
+            time.sleep(0.005)
+        after = listen(emulator.port, emulator.device, 0.3)
+    assert len(before) == pytest.approx(0.3 * 768, abs=40)
+    assert after[0].sequence - before[-1].sequence == pytest.approx(0.3 * 768, abs=40)
+    assert [text.partition(" as ")[0] for text in emulator.events] == [
+        *("the port was opened", "the port is gone", "the port is back")
+    ]
+
+
+def test_a_bus_is_not_fooled_by_a_cache(arm: ArmModel, tmp_path: Path) -> None:
+    still = Emulation(
+        device_of(arm), Still(POSTURE), faults=Faults.parse("stale=10"), first_time_us=60_000_000
+    )
+    with EmulatedArm(still) as emulator:
+        device = read_device(emulator.write_device(tmp_path / "device.yaml"))
+        readings = []
+        with Bus(device) as bus:
+            end = time.perf_counter() + 3
+            while len(readings) < 100 and time.perf_counter() < end:
+                readings += bus.read()
+    assert len(readings) >= 100
+    assert np.abs(wrapped(angles(readings) - POSTURE)).max() < STALE_TURN / 100
+    assert bus.statistics.stale_readings >= 10
+
+
+def test_an_arm_waits_between_placements_for_the_next_listener(
+    arm: ArmModel, tmp_path: Path
+) -> None:
+    motion = landmark_stops(arm, tmp_path, rest=0.3, move=0.1)
+    with EmulatedArm(Emulation(device_of(arm), motion)) as emulator:
+        first = listen(emulator.port, emulator.device, 1.2)
+        time.sleep(0.3)
+        second = listen(emulator.port, emulator.device, 0.2)
+    tip = [arm.forward(angles(each)[[0, -1]], TRUTH)[1] for each in (first, second)]
+    marks = true_landmarks(tmp_path, [dict(each) for each in motion.labels])
+    # Through P1 from A to C, where it stayed; then at rest on A of P2 at once.
+    np.testing.assert_allclose(tip[0], marks[[0, 2]], atol=2e-4)
+    np.testing.assert_allclose(tip[1], marks[[3, 3]], atol=2e-4)
+
+
+def test_a_round_ends_when_the_port_closes_after_half_the_last_rest(
+    arm: ArmModel, tmp_path: Path
+) -> None:
+    motion = landmark_stops(arm, tmp_path, rest=4.0, move=1.0)
+    heard = True
+    clock = RoundClock(motion, lambda: heard)
+
+    def at(time: float) -> float:
+        return float(clock(np.array([time]))[0])
+
+    assert [at(t) for t in (0.0, 9.0, 13.0, 20.0)] == [0.0, 9.0, 13.0, 14.0]
+    heard = False
+    assert [at(t) for t in (21.0, 50.0)] == [15.0, 15.0]
+    heard = True
+    assert [at(t) for t in (60.0, 61.0)] == [15.0, 16.0]
+    # The last round has nothing after it: nothing is held.
+    heard = False
+    assert at(100.0) == 55.0
+
+
+def test_a_round_that_is_not_over_goes_on_unheard(arm: ArmModel, tmp_path: Path) -> None:
+    clock = RoundClock(landmark_stops(arm, tmp_path, rest=4.0, move=1.0), lambda: False)
+    assert clock(np.array([0.0]))[0] == 0.0
+    assert clock(np.array([11.9]))[0] == 11.9
+    assert clock(np.array([12.1]))[0] == 15.0
+
+
+def test_an_arm_that_cannot_start_says_why(arm: ArmModel, tmp_path: Path) -> None:
+    (tmp_path / "taken").write_text("")
+    emulator = EmulatedArm(moving(arm), link=tmp_path / "taken")
+    with pytest.raises(SutaCalibError, match="no link"), emulator:
+        pass

@@ -1,0 +1,131 @@
+from __future__ import annotations
+
+import os
+import select
+import time
+from pathlib import Path
+
+import pytest
+
+from suta_calib.emulation import PseudoTerminal
+from suta_calib.errors import OutputError
+
+
+def opened(port: str) -> int:
+    return os.open(port, os.O_RDWR | os.O_NOCTTY)
+
+
+def received(file: int, wait: float = 0.05) -> bytes:
+    """Everything that arrives until nothing more does."""
+    data = b""
+    while select.select([file], [], [], wait)[0]:
+        piece = os.read(file, 65536)
+        if not piece:
+            break
+        data += piece
+    return data
+
+
+def ended(file: int) -> bool:
+    """Whether reading finds the end at once; systems differ in how they say so."""
+    try:
+        return os.read(file, 10) == b""
+    except OSError:
+        return True
+
+
+def test_bytes_arrive_as_they_are_and_none_from_before() -> None:
+    everything = bytes(range(256)) * 2
+    with PseudoTerminal() as terminal:
+        assert not terminal.heard()
+        assert not terminal.write(b"nobody hears this")
+        file = opened(terminal.port)
+        assert terminal.heard()
+        assert terminal.write(everything)
+        assert received(file) == everything
+        os.close(file)
+
+
+def test_the_next_reader_does_not_get_what_the_last_one_left() -> None:
+    with PseudoTerminal() as terminal:
+        file = opened(terminal.port)
+        assert terminal.write(b"left unread")
+        os.close(file)
+        assert not terminal.heard()
+        file = opened(terminal.port)
+        assert received(file) == b""
+        assert terminal.write(b"new")
+        assert received(file) == b"new"
+        os.close(file)
+
+
+def test_a_reader_that_lags_misses_whole_packets_only() -> None:
+    packets = [b"<%06d>" % k for k in range(20000)]
+    with PseudoTerminal() as terminal:
+        file = opened(terminal.port)
+        sent = [packet for packet in packets if terminal.write(packet)]
+        assert len(sent) < len(packets), "the buffer is finite"
+        data = received(file)
+        assert terminal.write(b"<again>")
+        data += received(file)
+        # What was begun when the buffer ran full is finished first.
+        assert data == b"".join([*sent, b"<again>"])
+        os.close(file)
+
+
+def test_what_readers_write_does_no_harm() -> None:
+    with PseudoTerminal() as terminal:
+        file = opened(terminal.port)
+        for _ in range(50):
+            os.write(file, b"x" * 500)
+            assert terminal.heard()
+        assert terminal.write(b"fine")
+        assert received(file) == b"fine", "and no echo"
+        os.close(file)
+
+
+def test_a_port_that_vanishes_ends_its_readers_and_comes_back(tmp_path: Path) -> None:
+    link = tmp_path / "port"
+    with PseudoTerminal(link) as terminal:
+        assert str(link.readlink()) == terminal.name
+        file = opened(str(link))
+        terminal.close()
+        assert not link.is_symlink()
+        assert not terminal.write(b"gone")
+        assert ended(file)
+        os.close(file)
+        terminal.open()
+        again = opened(str(link))
+        assert terminal.write(b"back")
+        assert received(again) == b"back"
+        os.close(again)
+    assert not link.is_symlink()
+
+
+def test_an_old_link_is_replaced_a_file_is_not(tmp_path: Path) -> None:
+    link = tmp_path / "port"
+    link.symlink_to("/dev/pts/no such port")
+    with PseudoTerminal(link) as terminal:
+        assert str(link.readlink()) == terminal.name
+    link.write_text("a file")
+    with pytest.raises(OutputError, match="no link"):
+        PseudoTerminal(link)
+    assert link.read_text() == "a file"
+    with pytest.raises(OutputError, match="link not made"):
+        PseudoTerminal(tmp_path / "nowhere" / "port")
+
+
+def test_a_link_that_somebody_else_has_taken_over_stays(tmp_path: Path) -> None:
+    link = tmp_path / "port"
+    with PseudoTerminal(link):
+        link.unlink()
+        link.symlink_to("/dev/null")
+    assert str(link.readlink()) == "/dev/null"
+
+
+def test_looking_for_readers_is_cheap() -> None:
+    with PseudoTerminal() as terminal:
+        began = time.perf_counter()
+        for _ in range(1000):
+            terminal.heard()
+        assert time.perf_counter() - began < 0.5
