@@ -1,0 +1,111 @@
+"""One reading out of many, on the circle, and how far the many scatter about it.
+
+A word that was corrupted and still passes its checks is rare but grossly wrong: the centre is a
+median first, and what lies far from it is left out of the mean.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from suta_calib.errors import SamplesError
+from suta_calib.geometry import FloatArray
+
+# Median absolute deviation to standard deviation of a normal distribution.
+NORMAL: Final = 1.4826
+# Farther from the median than this many standard deviations no honest reading lies.
+_GROSS: Final = 6.0
+# A column with at most this many distinct values shows the encoder's steps rather than noise.
+_FEW_STEPS: Final = 5
+_OFTEN: Final = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class Average:
+    """Many readings of an arm at rest as one.
+
+    Attributes:
+        angles: (n,) mean of each joint on the circle, rad in (-π, π].
+        std: (n,) standard deviation of one reading, rad.
+        count: how many readings there were.
+        left_out: (n,) how many of them were grossly wrong and left out.
+        seconds: how long they were recorded.
+    """
+
+    angles: FloatArray
+    std: FloatArray
+    count: int
+    left_out: FloatArray
+    seconds: float
+
+
+def wrap(angle: ArrayLike) -> FloatArray:
+    """Angles wrapped to (-π, π], rad."""
+    angle = np.asarray(angle, dtype=float)
+    return np.asarray(angle - 2 * np.pi * np.ceil((angle - np.pi) / (2 * np.pi)), dtype=float)
+
+
+def unwrapped_about_median(angles: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Deviations from each column's median on the circle.
+
+    Args:
+        angles: (k, n) rad, k at least one, each column within less than half a turn (but for
+            gross errors).
+
+    Returns:
+        The median, (n,) in (-π, π], and the deviations from it, (k, n) in (-π, π].
+    """
+    # The reference only has to lie among the bulk: the direction of the mean vector does.
+    reference = np.arctan2(np.sin(angles).mean(axis=0), np.cos(angles).mean(axis=0))
+    centre = reference + np.median(wrap(angles - reference), axis=0)
+    return wrap(centre), wrap(angles - centre)
+
+
+def spread(deviations: FloatArray) -> FloatArray:
+    """Standard deviation of each column by the median of the absolute deviations, (k, n) → (n,)."""
+    return np.asarray(NORMAL * np.median(np.abs(deviations), axis=0), dtype=float)
+
+
+def steps(deviations: FloatArray) -> FloatArray:
+    """Smallest step each column shows, (n,) rad; zero where noise hides it.
+
+    A coarse encoder at rest reports two or three neighbouring values. Its scatter then says nothing
+    below the step between them.
+    """
+    return np.array([_step(column) for column in deviations.T])
+
+
+def _step(column: FloatArray) -> float:
+    values, counts = np.unique(column.round(12), return_counts=True)
+    # A value that hardly ever occurs is an error, not a neighbouring step.
+    values = values[counts >= max(2, _OFTEN * len(column))]
+    if not 2 <= len(values) <= _FEW_STEPS:
+        return 0.0
+    return float(np.diff(values).min())
+
+
+def average(angles: ArrayLike, seconds: float = 0.0) -> Average:
+    """Mean on the circle and standard deviation of readings of an arm at rest.
+
+    Args:
+        angles: (k, n) rad, k at least one.
+        seconds: how long they were recorded, for the record.
+
+    Raises:
+        SamplesError: no readings.
+    """
+    angles = np.atleast_2d(np.asarray(angles, dtype=float))
+    if not angles.size:
+        raise SamplesError("no readings", "at least one to average")
+    centre, deviation = unwrapped_about_median(angles)
+    limit = np.maximum(_GROSS * spread(deviation), 2 * steps(deviation) + 1e-9)
+    kept = np.abs(deviation) <= limit
+    mean = np.mean(deviation, axis=0, where=kept)
+    left = kept.sum(axis=0)
+    squares = np.sum((deviation - mean) ** 2, axis=0, where=kept)
+    std = np.sqrt(squares / np.maximum(left - 1, 1))
+    return Average(wrap(centre + mean), std, len(angles), len(angles) - left, seconds)

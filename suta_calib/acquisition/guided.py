@@ -1,0 +1,106 @@
+"""Measuring with somebody at the keyboard: what each key does in each situation."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from suta_calib.acquisition.averaging import Average
+from suta_calib.acquisition.run import Run
+from suta_calib.acquisition.stops import Complete, Ended, Event, Interrupted, Rejected, StopFinder
+from suta_calib.acquisition.unattended import MOTION
+
+ENTER: Final = "\n"
+_WAITING: Final = "Enter records now, s skips, b goes back, q quits"
+_ASKING: Final = "Enter keeps it, r records again, s skips, b goes back, q quits"
+
+
+class Guided:
+    """Asks for one station after the other; a sample counts when it is confirmed.
+
+    Args:
+        run: the stations.
+        finder: where the stops come from.
+        seconds: how long a stop is recorded.
+    """
+
+    def __init__(self, run: Run, finder: StopFinder, seconds: float) -> None:
+        self._run, self._finder, self._seconds = run, finder, seconds
+        self._sample: Average | None = None
+        # The arm may rest anywhere when the command starts: the first rest is asked for.
+        self._asked = False
+        self._quit = False
+        if run.last is not None:
+            finder.measure_excursion_from(run.last)
+        self._ask()
+
+    @property
+    def done(self) -> bool:
+        """Whether every station has been visited, or the user has had enough."""
+        return self._quit or self._run.done
+
+    @property
+    def asking(self) -> bool:
+        """Whether a key is expected, rather than only possible."""
+        return self._sample is not None or not self._asked
+
+    def finish(self) -> None:
+        """Nothing is pending: what was not confirmed does not count."""
+
+    def handle(self, event: Event) -> None:
+        """React to what the stream told."""
+        if isinstance(event, Complete):
+            if self._sample is None and (self._asked or self._finder.excursion > MOTION):
+                self._show(event.average)
+        elif isinstance(event, Ended) and self._sample is None and self._asked:
+            what = ", ".join(event.joints) or "seen only after a gap"
+            self._run.say(f"rejected: moved after {event.average.seconds:.1f} s ({what})")
+        elif isinstance(event, Rejected):
+            self._run.say(f"rejected: {event.reason} of {', '.join(event.joints)}")
+        elif isinstance(event, Interrupted):
+            self._run.say(f"nothing came for {event.seconds:.1f} s")
+
+    def press(self, key: str) -> None:
+        """React to a key; others than those offered only show the offer again."""
+        if self.done:
+            return
+        if key == "q":
+            self._quit = True
+        elif key == "s":
+            self._run.skip()
+            self._next()
+        elif key == "b":
+            self._run.back()
+            self._next()
+        elif key == "r" or (key == ENTER and self._sample is None):
+            self._record()
+        elif key == ENTER and self._sample is not None:
+            self._keep(self._sample)
+        else:
+            self._run.say(_WAITING if self._sample is None else _ASKING)
+
+    def _show(self, average: Average) -> None:
+        self._sample = average
+        for line in self._run.described(average):
+            self._run.say(line)
+        self._run.say(_ASKING)
+
+    def _record(self) -> None:
+        self._sample, self._asked = None, True
+        self._finder.restart()
+        self._run.say(f"recording {self._run.station.name} for {self._seconds:g} s once it rests")
+
+    def _keep(self, average: Average) -> None:
+        self._run.confirm(average, described=False)
+        self._finder.measure_excursion_from(average.angles)
+        self._next()
+
+    def _next(self) -> None:
+        self._sample, self._asked = None, False
+        if not self._run.done:
+            self._ask()
+
+    def _ask(self) -> None:
+        run = self._run
+        place = f"{run.index + 1} of {len(run.plan.stations)}"
+        start = "" if run.last is None else "moving there and resting records it; "
+        run.say(f"Bring the tip to {run.station.name} ({place}): {start}{_WAITING}")

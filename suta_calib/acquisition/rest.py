@@ -1,0 +1,170 @@
+"""Whether an arm rests: the scatter of its readings against the noise of its encoders.
+
+Noise is what neighbouring readings do to each other, motion what they do together: the middle one
+of three against the line through the outer two tells the noise, also while the arm moves. The arm
+rests while a short window scatters no more than noise can explain, or than a hand-held arm that
+is seated trembles.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from suta_calib.acquisition.averaging import spread, steps, unwrapped_about_median, wrap
+from suta_calib.geometry import FloatArray
+
+if TYPE_CHECKING:
+    from suta_calib.device.reading import Reading
+
+
+@dataclass(frozen=True)
+class RestSettings:
+    """What counts as rest.
+
+    Attributes:
+        window: length of the sliding window, s.
+        least: readings it must hold, however slow the stream.
+        tremble: scatter (standard deviation) that a seated arm may show whatever its noise, rad.
+        noises: scatter in units of the noise that is still rest.
+        hysteresis: how many times as much ends a rest as begins one.
+        gap: pause in the stream after which nothing is known of the arm, s.
+        hop: how often the window is looked at, s.
+    """
+
+    window: float = 0.25
+    least: int = 8
+    tremble: float = np.radians(0.02)
+    noises: float = 3.0
+    hysteresis: float = 2.0
+    gap: float = 0.5
+    hop: float = 0.025
+
+
+@dataclass(frozen=True, eq=False)
+class Look:
+    """One look at the window.
+
+    Attributes:
+        readings: those that came since the last look.
+        angles: (n,) where the arm is now, rad: medians of the latest few readings.
+        resting: whether it rests; None where too little is known yet.
+        moving: indices of the joints that keep it from resting.
+        gap: s without readings before this look, zero where there was no pause.
+    """
+
+    readings: tuple[Reading, ...]
+    angles: FloatArray
+    resting: bool | None
+    moving: tuple[int, ...] = ()
+    gap: float = 0.0
+
+
+DEFAULT_REST = RestSettings()
+
+
+class RestDetector:
+    """Looks at a stream of readings again and again, with hysteresis.
+
+    Args:
+        settings: what counts as rest.
+        even: the times of readings are those of their arrival and mean little; take them as
+            evenly spaced.
+
+    Attributes:
+        noise: (n,) noise of each encoder so far, rad; NaN before anything is known.
+    """
+
+    def __init__(self, settings: RestSettings = DEFAULT_REST, *, even: bool = False) -> None:
+        self._settings, self._even = settings, even
+        self._window: deque[Reading] = deque()
+        self._fresh: list[Reading] = []
+        self._seen: deque[FloatArray] = deque(maxlen=400)
+        self._resting: bool | None = None
+        self._gap = 0.0
+        self.noise: FloatArray = np.array([np.nan])
+
+    def feed(self, readings: Iterable[Reading]) -> list[Look]:
+        """Looks that new readings give occasion to."""
+        looks = []
+        for reading in readings:
+            if self._window and self._paused(reading):
+                looks += [self._look()] if self._fresh else []
+                self._gap = max(abs(reading.time - self._window[-1].time), self._settings.gap)
+                self._window.clear()
+                self._resting = None
+            self._window.append(reading)
+            self._fresh.append(reading)
+            if self._due(reading):
+                looks.append(self._look())
+        return looks
+
+    def _paused(self, reading: Reading) -> bool:
+        """A clock that runs backwards is another one: the device was started again."""
+        return not 0 <= reading.time - self._window[-1].time <= self._settings.gap
+
+    def _due(self, reading: Reading) -> bool:
+        return reading.time - self._fresh[0].time >= self._settings.hop or len(self._fresh) > 400
+
+    def _look(self) -> Look:
+        fresh, self._fresh = tuple(self._fresh), []
+        self._trim()
+        angles = np.array([reading.angles for reading in self._window])
+        now = unwrapped_about_median(angles[-max(3, len(fresh)) :])[0]
+        gap, self._gap = self._gap, 0.0
+        if not self._full():
+            return Look(fresh, now, None, gap=gap)
+        moving = self._moving(angles)
+        self._resting = not moving.any()
+        return Look(fresh, now, self._resting, tuple(np.flatnonzero(moving).tolist()), gap)
+
+    def _trim(self) -> None:
+        first = self._window[-1].time - self._settings.window
+        while len(self._window) > self._settings.least and self._window[1].time <= first:
+            self._window.popleft()
+
+    def _full(self) -> bool:
+        span = self._window[-1].time - self._window[0].time
+        enough = len(self._window) >= self._settings.least
+        # Lines that came in one piece bear one time: count them rather than wait for the clock.
+        return enough and span >= 0.8 * self._settings.window
+
+    def _moving(self, angles: FloatArray) -> FloatArray:
+        """(n,) whether each joint scatters or drifts more than noise explains."""
+        _, deviation = unwrapped_about_median(angles)
+        self._learn(angles)
+        s = self._settings
+        limit = np.maximum(s.tremble, np.maximum(s.noises * self.noise, 1.5 * steps(deviation)))
+        limit = limit * (s.hysteresis if self._resting else 1.0)
+        last = deviation[-max(3, len(deviation) // 4) :]
+        return np.asarray((spread(deviation) > limit) | (np.abs(np.median(last, axis=0)) > limit))
+
+    def _learn(self, angles: FloatArray) -> None:
+        times = np.array([reading.time for reading in self._window])
+        self._seen.append(noise_level(angles, None if self._even else times))
+        # Motion can only add to it, and a lost frame can: the lowest seen is the noise.
+        self.noise = np.min(np.array(self._seen), axis=0)
+
+
+def noise_level(angles: FloatArray, times: FloatArray | None = None) -> FloatArray:
+    """Noise of each column, free of its trend: the middle of three against the outer two.
+
+    Args:
+        angles: (k, n) rad, k at least 3, one after the other.
+        times: (k,) s, increasing, not necessarily evenly; None for evenly spaced ones.
+
+    Returns:
+        (n,) standard deviation of one reading, rad.
+    """
+    share = np.full(len(angles) - 2, 0.5)
+    if times is not None:
+        span = times[2:] - times[:-2]
+        share = np.where(span > 0, (times[1:-1] - times[:-2]) / np.where(span > 0, span, 1.0), 0.5)
+    before, after = wrap(angles[:-2] - angles[1:-1]), wrap(angles[2:] - angles[1:-1])
+    off = (1 - share)[:, None] * before + share[:, None] * after
+    factor = np.sqrt(1 + share**2 + (1 - share) ** 2)[:, None]
+    return spread(off / factor)

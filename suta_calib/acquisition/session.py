@@ -1,0 +1,184 @@
+"""The loop between a device and whoever takes the samples, and what happened on the way."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Final, Protocol
+
+import numpy as np
+
+from suta_calib.acquisition.stops import Event
+from suta_calib.errors import InputError
+from suta_calib.measurements.suggestion import did_you_mean
+
+if TYPE_CHECKING:
+    from suta_calib.device.description import DeviceSpec
+    from suta_calib.device.reading import Reading, Statistics
+
+# A pause between readings that is worth telling, s.
+STALL: Final = 0.5
+_READ_TIMEOUT: Final = 0.05
+
+
+class Source(Protocol):
+    """Where readings come from: `suta_calib.device.bus.Bus`, or a test."""
+
+    def read(self, timeout: float = ...) -> list[Reading]:
+        """Whatever has arrived."""
+        ...
+
+
+class Finder(Protocol):
+    """What makes events of readings: `StopFinder`."""
+
+    def feed(self, readings: Iterable[Reading]) -> list[Event]:
+        """What new readings tell."""
+        ...
+
+
+class Taker(Protocol):
+    """Who decides which stop is which sample: `Unattended`, `Guided` or `Continuous`."""
+
+    @property
+    def done(self) -> bool:
+        """Whether nothing is left to take."""
+        ...
+
+    def handle(self, event: Event) -> None:
+        """React to what the stream told."""
+        ...
+
+    def finish(self) -> None:
+        """Nothing more comes."""
+        ...
+
+
+class ArmReadings:
+    """Readings of the arm's joints, in its order, out of those of a device that may have more.
+
+    Args:
+        spec: the device.
+        joints: of the arm, base → tip.
+
+    Raises:
+        InputError: the device lacks a joint of the arm.
+    """
+
+    def __init__(self, spec: DeviceSpec, joints: Sequence[str]) -> None:
+        names = [joint.name for joint in spec.joints]
+        missing = [joint for joint in joints if joint not in names]
+        if missing:
+            raise InputError(
+                f"joints {', '.join(names)}",
+                f"the arm's joints {', '.join(joints)}",
+                file=spec.path,
+                where="joints",
+                hint=did_you_mean(missing[0], names) or f"add {', '.join(missing)}",
+            )
+        self._columns = np.array([names.index(joint) for joint in joints], dtype=np.intp)
+        self._same = names == list(joints)
+
+    def __call__(self, readings: Iterable[Reading]) -> list[Reading]:
+        """The same readings with the arm's joints only."""
+        if self._same:
+            return list(readings)
+        c = self._columns
+        return [
+            replace(r, angles=r.angles[c], error=r.error[c], warning=r.warning[c]) for r in readings
+        ]
+
+
+@dataclass(eq=False)
+class Happenings:
+    """What went wrong in the stream, for the summary at the end.
+
+    Attributes:
+        messages: of the bus: disconnected, reconnected.
+        stalls: length of each pause, s.
+        readings: how many came.
+        seconds: how long the session took.
+    """
+
+    messages: list[str] = field(default_factory=list)
+    stalls: list[float] = field(default_factory=list)
+    readings: int = 0
+    seconds: float = 0.0
+
+
+def run_session(
+    source: Source,
+    choose: ArmReadings,
+    finder: Finder,
+    taker: Taker,
+    *,
+    happenings: Happenings,
+    idle: Callable[[], None] = lambda: None,
+    record: Callable[[Sequence[Reading]], None] = lambda _: None,
+    patience: float = np.inf,
+) -> bool:
+    """Take samples until there is nothing left to take.
+
+    Args:
+        source: of the readings.
+        choose: picks the arm's joints.
+        finder: of the stops.
+        taker: of the samples.
+        happenings: filled as it goes on.
+        idle: called after every read: keys, and what is on the screen.
+        record: gets every reading with all joints, as it came.
+        patience: how long nothing may happen before it is given up, s.
+
+    Returns:
+        Whether it came to its end; False where patience did.
+
+    Raises:
+        DeviceError: as the source raises it.
+        OutputError: a sample could not be written.
+    """
+    began = since = last = time.monotonic()
+    while not taker.done:
+        readings = source.read(_READ_TIMEOUT)
+        now = time.monotonic()
+        if readings:
+            happenings.stalls += [now - last] if now - last > STALL and last > began else []
+            last = now
+        record(readings)
+        events = finder.feed(choose(readings))
+        for event in events:
+            if not taker.done:
+                taker.handle(event)
+        since = now if events else since
+        happenings.readings += len(readings)
+        happenings.seconds = now - began
+        idle()
+        if now - since > patience:
+            taker.finish()
+            return taker.done
+    return True
+
+
+def told(happenings: Happenings, statistics: Statistics, spec: DeviceSpec) -> list[str]:
+    """The summary of a stream in sentences, worst things last."""
+    joints = [joint.name for joint in spec.joints]
+    damaged = "lines that cannot be read" if spec.format == "lines" else "frames with a wrong CRC"
+    rate = happenings.readings / max(happenings.seconds, 1e-9)
+    lines = [f"{happenings.readings} readings in {happenings.seconds:.1f} s ({rate:.0f} per s)"]
+    counted = {
+        "lost frames": statistics.lost_frames,
+        damaged: statistics.frame_crc_errors,
+        "words with a wrong CRC": statistics.word_crc_errors,
+        "bytes of garbage": statistics.garbage_bytes,
+    }
+    happened = [f"{count} {what}" for what, count in counted.items() if count]
+    lines[0] += f": {', '.join(happened)}" if happened else ": nothing lost, no CRC errors"
+    if statistics.stale_readings:
+        lines.append(f"{statistics.stale_readings} stale readings dropped")
+    if happenings.stalls:
+        each = ", ".join(f"{length:.1f} s" for length in happenings.stalls)
+        lines.append(f"the stream paused {len(happenings.stalls)} times: {each}")
+    for what, flags in (("error", statistics.error_flags), ("warning", statistics.warning_flags)):
+        raised = [f"{j} {n} times" for j, n in zip(joints, flags, strict=True) if n]
+        lines += [f"{what} flag raised: {', '.join(raised)}"] if raised else []
+    return lines + happenings.messages

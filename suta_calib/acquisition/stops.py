@@ -1,0 +1,255 @@
+"""Stops: the times an arm rests, each recorded for as long as a sample needs.
+
+A window in which the arm moved, crept or an encoder raised its error flag is no sample. A stop that
+the stream leaves out for a moment (a stall, a cable pulled out) goes on where it was if the arm is
+found where it was.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from suta_calib.acquisition.averaging import Average, average, unwrapped_about_median, wrap
+from suta_calib.acquisition.rest import DEFAULT_REST, Look, RestDetector, RestSettings
+from suta_calib.geometry import FloatArray
+
+if TYPE_CHECKING:
+    from suta_calib.device.reading import Reading
+
+# What happened before the detector saw the arm move again is already motion, s.
+_ONSET: Final = 0.15
+# Farther than this from where it was, in units of the tremble allowed, the arm is elsewhere.
+_ELSEWHERE: Final = 3.0
+
+
+@dataclass(frozen=True)
+class Began:
+    """The arm has come to rest."""
+
+
+@dataclass(frozen=True, eq=False)
+class Complete:
+    """It has rested for as long as was asked for."""
+
+    average: Average
+
+
+@dataclass(frozen=True, eq=False)
+class Ended:
+    """It moved on before that.
+
+    Attributes:
+        average: of the time it did rest.
+        joints: names of those that moved; empty where the stream left out the motion.
+        interrupted: whether the stream left out part of the rest: it was longer than it seems.
+    """
+
+    average: Average
+    joints: tuple[str, ...] = ()
+    interrupted: bool = False
+
+
+@dataclass(frozen=True)
+class Rejected:
+    """What was recorded so far is no sample; recording begins again while the arm rests.
+
+    Attributes:
+        reason: such as ``error flag`` or ``crept``.
+        joints: names of the joints.
+    """
+
+    reason: str
+    joints: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Interrupted:
+    """Nothing came for a while; what the arm did meanwhile is not known.
+
+    Attributes:
+        seconds: for how long, by the device's clock.
+    """
+
+    seconds: float
+
+
+Event = Began | Complete | Ended | Rejected | Interrupted
+
+
+@dataclass(eq=False)
+class _Window:
+    """What has been recorded of a stop.
+
+    Attributes:
+        angles, ends: each reading's angles, and the time recorded up to it, s.
+        suspended: whether the stream paused and it is not yet known where the arm is.
+        interrupted: whether it has paused during this rest, or just before it was seen.
+        complete: whether it was long enough.
+    """
+
+    angles: list[FloatArray] = field(default_factory=list)
+    ends: list[float] = field(default_factory=list)
+    last: float | None = None
+    suspended: bool = False
+    interrupted: bool = False
+    complete: bool = False
+
+    @property
+    def seconds(self) -> float:
+        return self.ends[-1] if self.ends else 0.0
+
+    def add(self, reading: Reading, gap: float) -> None:
+        step = 0.0 if self.last is None else reading.time - self.last
+        self.angles.append(reading.angles)
+        self.ends.append(self.seconds + (step if 0 <= step <= gap else 0.0))
+        self.last = reading.time
+
+    def average(self, until: float = np.inf) -> Average:
+        kept = max(1, int(np.searchsorted(self.ends, until, side="right")))
+        return average(self.angles[:kept], min(self.seconds, max(until, 0.0)))
+
+    def clear(self) -> None:
+        self.angles, self.ends, self.last, self.complete = [], [], None, False
+
+
+class StopFinder:
+    """Finds stops in a stream of readings.
+
+    Args:
+        joints: names of the device's joints, in the order of the readings' angles.
+        seconds: how long a stop is recorded.
+        settings: what counts as rest.
+        even: see `RestDetector`.
+
+    Attributes:
+        excursion: how far any joint has been from `reference` since that was set, rad.
+    """
+
+    def __init__(
+        self,
+        joints: Sequence[str],
+        seconds: float,
+        settings: RestSettings = DEFAULT_REST,
+        *,
+        even: bool = False,
+    ) -> None:
+        self._joints, self._seconds, self._settings = tuple(joints), seconds, settings
+        self._detector = RestDetector(settings, even=even)
+        self._window: _Window | None = None
+        self._flagged: set[int] = set()
+        self._reference: FloatArray | None = None
+        self.excursion = 0.0
+        # Whether the stream paused and the arm has not been seen to move since.
+        self._unseen = False
+
+    @property
+    def resting(self) -> bool:
+        """Whether the arm rests."""
+        return self._window is not None and not self._window.suspended
+
+    @property
+    def recorded(self) -> float:
+        """How much of the present stop is recorded, s."""
+        return self._window.seconds if self._window else 0.0
+
+    def measure_excursion_from(self, angles: FloatArray) -> None:
+        """From now on `excursion` is how far the arm has been from here, (n,) rad."""
+        self._reference, self.excursion = angles, 0.0
+
+    def restart(self) -> None:
+        """Record the present stop again from now on."""
+        if self._window is not None:
+            self._window.clear()
+
+    def feed(self, readings: Iterable[Reading]) -> list[Event]:
+        """What new readings tell."""
+        events: list[Event] = []
+        for reading in readings:
+            if reading.error.any():
+                events += self._flag(reading)
+                continue
+            for look in self._detector.feed([reading]):
+                events += self._take(look)
+        return events
+
+    def _flag(self, reading: Reading) -> list[Event]:
+        """An encoder says its position is invalid: once for each stop and joint."""
+        found = set(np.flatnonzero(reading.error).tolist())
+        if self._window is not None and not self._window.complete:
+            self._window.clear()
+        new = found - self._flagged
+        self._flagged |= found
+        return [Rejected("error flag", self._names(sorted(new)))] if new else []
+
+    def _take(self, look: Look) -> list[Event]:
+        events: list[Event] = [Interrupted(look.gap)] if look.gap else []
+        if look.gap:
+            self._unseen = True
+            if self._window is not None:
+                self._window.suspended = self._window.interrupted = True
+        self._note_excursion(look)
+        if look.resting is None:
+            return events
+        if not look.resting:
+            self._unseen = False
+            return events + self._end(self._names(look.moving))
+        if self._window is not None and self._window.suspended:
+            events += self._resume(look)
+        if self._window is None:
+            self._window = _Window(interrupted=self._unseen)
+            self._flagged.clear()
+            events.append(Began())
+        return events + self._record(self._window, look)
+
+    def _note_excursion(self, look: Look) -> None:
+        if self._reference is not None:
+            away = float(np.max(np.abs(wrap(look.angles - self._reference))))
+            self.excursion = max(self.excursion, away)
+
+    def _resume(self, look: Look) -> list[Event]:
+        """After a pause: the same stop, or another one that began unseen."""
+        assert self._window is not None
+        self._window.suspended = False
+        if self._window.angles:
+            away = np.abs(wrap(look.angles - self._window.average().angles))
+            if np.all(away <= self._limit(_ELSEWHERE)):
+                return []
+        return self._end(())
+
+    def _end(self, joints: tuple[str, ...]) -> list[Event]:
+        window, self._window = self._window, None
+        if window is None or window.complete or not window.angles:
+            return []
+        return [Ended(window.average(window.seconds - _ONSET), joints, window.interrupted)]
+
+    def _record(self, window: _Window, look: Look) -> list[Event]:
+        if window.complete:
+            return []
+        for reading in look.readings:
+            window.add(reading, self._settings.gap)
+        if window.seconds < self._seconds:
+            return []
+        crept = self._crept(np.array(window.angles))
+        if crept:
+            window.clear()
+            return [Rejected("crept", crept)]
+        window.complete = True
+        return [Complete(window.average())]
+
+    def _crept(self, angles: FloatArray) -> tuple[str, ...]:
+        """Joints that moved too slowly for the short window: begin against end of the long one."""
+        _, deviation = unwrapped_about_median(angles)
+        quarter = max(1, len(deviation) // 4)
+        drift = np.median(deviation[-quarter:], axis=0) - np.median(deviation[:quarter], axis=0)
+        return self._names(np.flatnonzero(np.abs(drift) > self._limit(2.0)).tolist())
+
+    def _limit(self, trembles: float) -> FloatArray:
+        s = self._settings
+        return trembles * np.maximum(s.tremble, s.noises * self._detector.noise)
+
+    def _names(self, indices: Sequence[int]) -> tuple[str, ...]:
+        return tuple(self._joints[i] for i in indices)

@@ -1,0 +1,183 @@
+"""``suta-calib measure``: from an arm on a cable to a samples file."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import click
+
+from suta_calib.cli._output import json_option, print_json
+from suta_calib.errors import InputError
+
+if TYPE_CHECKING:
+    from suta_calib.acquisition.plan import Plan
+
+INCOMPLETE: Final = 1
+PATIENCE_S: Final = 60.0
+_RESTS: Final = 20
+
+
+@dataclass(frozen=True)
+class Options:
+    """What the command line asks for; see `measure`."""
+
+    job: Path
+    device: Path
+    placement: str | None
+    point: str | None
+    free: bool
+    repeat: str
+    seconds: float
+    rests: int
+    continuous: float | None
+    every: float
+    out: Path | None
+    sequence: str | None
+    observation: str | None
+    resume: bool
+    yes: bool
+    patience: float | None
+    raw: Path | None
+    urdf: Path | None
+    as_json: bool
+
+
+@click.command()
+@click.argument("job", type=click.Path(path_type=Path), metavar="JOB")
+@click.option("--device", type=click.Path(path_type=Path), required=True, help="The device.yaml.")
+@click.option("--placement", help="Label of where the artefact stands, such as P1.")
+@click.option("--point", help="Label of a fixed point, such as F1, in place of --placement.")
+@click.option("--free", is_flag=True, help="Readings only, with no label: wherever the arm rests.")
+@click.option("--repeat", default="1", show_default=True, help="Which time this is measured.")
+@click.option(
+    "--seconds",
+    type=click.FloatRange(min=0.1),
+    default=2.0,
+    show_default=True,
+    help="How long the arm's rest on each landmark is recorded.",
+)
+@click.option(
+    "--rests",
+    type=click.IntRange(min=1),
+    default=_RESTS,
+    show_default=True,
+    help="How many rests, with --point or --free.",
+)
+@click.option(
+    "--continuous",
+    type=click.FloatRange(min=0.1),
+    metavar="S",
+    help="With --point or --free: sample for S seconds while the arm moves, in place of rests.",
+)
+@click.option(
+    "--every",
+    type=click.FloatRange(min=0.01),
+    default=0.1,
+    show_default=True,
+    help="Seconds between two samples of --continuous.",
+)
+@click.option("--out", type=click.Path(path_type=Path), help="The CSV; among the job's by default.")
+@click.option("--sequence", help="Landmarks in order, such as O,M1,M2; the artefact's by default.")
+@click.option(
+    "--observation", metavar="N|KIND", help="Which of the job's: 0, landmark, validation."
+)
+@click.option("--resume", is_flag=True, help="Go on after the last confirmed landmark.")
+@click.option("--yes", is_flag=True, help="Ask nothing: each rest after a motion is the next one.")
+@click.option(
+    "--patience",
+    type=click.FloatRange(min=1),
+    metavar="S",
+    help=f"Give up when nothing happens for S seconds; {PATIENCE_S:g} with --yes, else never.",
+)
+@click.option("--raw", type=click.Path(path_type=Path), help="The whole stream, as Parquet.")
+@click.option(
+    "--urdf", type=click.Path(path_type=Path), help="For the distances shown; the job's by default."
+)
+@json_option
+@click.pass_context
+def measure(context: click.Context, /, **options: Any) -> None:
+    """Measure one placement of the artefact of JOB (a calibration.yaml), or one fixed point.
+
+    Waits until the arm rests on each landmark, records it, shows its scatter and how far its
+    distances are from the artefact's, and writes it to the samples file at once: whatever happens
+    then, what was confirmed is there, and --resume goes on. Readings are averaged on the circle; a
+    window in which the arm moved or an encoder raised its error flag is recorded again. Nothing
+    that was measured is ever overwritten. Exits with 1 where --patience ended it.
+    """
+    chosen = Options(**options)
+    measured = _measure(chosen)
+    if chosen.as_json:
+        print_json(measured)
+    if measured["status"] == "incomplete":
+        context.exit(INCOMPLETE)
+
+
+def _measure(options: Options) -> dict[str, Any]:
+    from suta_calib.acquisition.samples_file import SamplesFile
+    from suta_calib.acquisition.session import ArmReadings
+    from suta_calib.cli._measuring import Measuring
+    from suta_calib.device.description import read_device
+
+    plan, out = _plan(options)
+    spec = read_device(options.device)
+    choose = ArmReadings(spec, plan.arm.joints)
+    file = SamplesFile(out, plan.arm.joints, plan.label_columns, plan.key, resume=options.resume)
+    return Measuring(options, plan, spec, choose, file).run()
+
+
+def _plan(options: Options) -> tuple[Plan, Path]:
+    """What to measure, and where it goes."""
+    from suta_calib.acquisition.plan import FREE, POINT, TOUCHED, read_arm, read_row, repeated
+    from suta_calib.acquisition.plan import touched as artefact_plan
+
+    _check(options)
+    arm = read_arm(options.job, options.urdf)
+    if options.free:
+        out = options.out or options.job.parent / f"free_{options.repeat}.csv"
+        return repeated(arm, FREE, None, options.repeat, options.rests), out
+    kinds = (POINT,) if options.placement is None else TOUCHED
+    row = read_row(options.job, options.observation, kinds)
+    if row.kind not in kinds:
+        raise _unfitting(options, row.kind)
+    label = options.placement or options.point or ""
+    if row.kind == POINT:
+        plan = repeated(arm, POINT, label, options.repeat, options.rests)
+    else:
+        sequence = None if options.sequence is None else _names(options.sequence)
+        plan = artefact_plan(arm, row, label, options.repeat, sequence)
+    return plan, options.out or row.file(label, options.repeat)
+
+
+def _check(options: Options) -> None:
+    """Options that contradict each other."""
+    from suta_calib.acquisition.plan import checked_label
+
+    given = [options.placement is not None, options.point is not None, options.free]
+    if sum(given) != 1:
+        raise click.UsageError("expected one of --placement LABEL, --point LABEL and --free")
+    if options.placement is not None and options.continuous is not None:
+        raise click.UsageError("found --continuous with --placement; expected --point or --free")
+    if options.placement is None and options.sequence is not None:
+        raise click.UsageError("found --sequence without --placement; expected both")
+    checked_label(options.repeat, "--repeat")
+
+
+def _unfitting(options: Options, kind: str) -> InputError:
+    suits = {
+        "pairwise_distance": "--placement",
+        "landmark": "--placement",
+        "fixed_point": "--point",
+    }
+    return InputError(
+        f"an observation of kind {kind}",
+        "pairwise_distance or landmark for --placement, fixed_point for --point",
+        file=options.job,
+        where="--observation",
+        hint=f"use {suits.get(kind, '--free, and add what was seen to the file')}",
+    )
+
+
+def _names(sequence: str) -> list[str]:
+    return [name.strip() for name in sequence.split(",") if name.strip()]
