@@ -21,6 +21,8 @@ MOST_BYTES = 500_000
 CLAIMED = {
     "01_quickstart": ("10 of 13 unknowns", "Solve_Succeeded", "-223.0 mm", " 0.93\n", " 0.25\n"),
     "02_other_arms": ("25 of 55 unknowns", "RMS 6.17 mm → 0.09"),
+    "04_stereotactic_navigation": ("set c: degree 5, left-out frames 0.0057 mm",),
+    "05_from_encoders_to_poses": ("that are not what was sent: 0", "8 of 10 unknowns", "12.8 mm"),
 }
 # Two components at least, so that "mm/s" and "</td>" are none.
 ABSOLUTE_PATH = re.compile(r"(?<![\w.:/<])(?:/[\w.~-]+){2,}|\b[A-Za-z]:\\\w|file://")
@@ -47,7 +49,12 @@ def pictures(notebook: nbformat.NotebookNode) -> int:
 
 
 def test_notebooks_are_found():
-    assert [path.stem for path in NOTEBOOKS] == ["01_quickstart", "02_other_arms"]
+    assert [path.stem for path in NOTEBOOKS] == [
+        "01_quickstart",
+        "02_other_arms",
+        "04_stereotactic_navigation",
+        "05_from_encoders_to_poses",
+    ]
 
 
 @pytest.mark.slow

@@ -25,6 +25,16 @@ COMMANDS: Final = {
     "validate": ("suta_calib.cli.validate", "A job's validation data through any URDF."),
     "init": ("suta_calib.cli.init", "Start a job for a URDF: commented files to fill in."),
     "simulate": ("suta_calib.cli.simulate", "Simulate measurements of an arm with known errors."),
+    "pivot": ("suta_calib.cli.pivot", "The tip of a tracked tool that pivots on a point."),
+    "hand-eye": ("suta_calib.cli.hand_eye", "Where a camera is: AX=XB or AX=ZB."),
+    "register": ("suta_calib.cli.register", "A rigid transform between corresponding points."),
+    "stereotactic": ("suta_calib.cli.stereotactic", "Two trackers, distortion and CT: JHU files."),
+    "monitor": ("suta_calib.cli.monitor", "What a device sends, live, and what is wrong with it."),
+    "emulate": ("suta_calib.cli.emulate", "An arm without the arm: frames on a virtual port."),
+    "track": ("suta_calib.cli.track", "The calibrated tip live: console, files, OpenIGTLink, UDP."),
+    "dynamics": ("suta_calib.cli.dynamics", "How well a recorded motion follows a reference."),
+    "measure": ("suta_calib.cli.measure", "From an arm on a cable to a samples file."),
+    "baseline": ("suta_calib.cli.baseline", "Encoder offsets from known poses of the tip."),
 }
 
 

@@ -44,6 +44,7 @@ def result_dict(result: Result) -> Json:
         "metrics": _metrics(result),
         "timing_s": _timing(solution),
         "correlations": _correlations(solution),
+        "covariance": _covariance(solution),
         "noise": _noise(result),
         "solver": _solver(solution),
         "versions": versions(),
@@ -148,6 +149,16 @@ def _correlations(solution: Solution) -> Json:
         return {"parameters": [], "matrix": []}
     names, matrix = arm_correlations(solution)
     return {"parameters": list(names), "matrix": np.round(matrix, 4).tolist()}
+
+
+def _covariance(solution: Solution) -> Json:
+    """Of the arm's estimated parameters, with the standard deviations told of each."""
+    if not solution.converged:
+        return {"parameters": [], "unit": "m, rad", "matrix": []}
+    names, matrix = arm_correlations(solution)
+    std = np.array([solution.estimates[name].std for name in names], dtype=float)
+    covariance = matrix * np.outer(std, std)
+    return {"parameters": list(names), "unit": "m, rad", "matrix": covariance.tolist()}
 
 
 def arm_correlations(solution: Solution) -> tuple[tuple[str, ...], Any]:

@@ -1,0 +1,1 @@
+"""Live calibrated poses: from readings to whoever listens, and how well they follow a motion."""

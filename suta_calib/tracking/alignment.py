@@ -1,0 +1,243 @@
+"""How late a recorded motion is against a reference, and where the one's frame is in the other's.
+
+    T_ref_rec · (recorded(t) - Σ c_k error_k(t)) = reference(t - latency)
+
+in the least-squares sense, over the latency, the transform where asked for, and the sizes ``c`` of
+errors whose shape is known, such as those of a joint with play.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from suta_calib.errors import SamplesError
+from suta_calib.geometry import FloatArray, register_points, rotation_from_vector, skew
+from suta_calib.tracking.trajectory import LEAST_ROWS, Trajectory
+
+# (source, target) → rotation (3, 3) and position (3,) of the transform from source to target.
+Register = Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]
+_SHIFTS: Final = 201
+_ROWS_OF_SEARCH: Final = 800
+_STEPS: Final = 20
+# Blocks of consecutive rows, and how many neighbours one of them may depend on.
+_BLOCKS: Final = 100
+_NEIGHBOURS: Final = 4
+# s; half the interval over which a velocity is taken: below it, a measured reference is noise.
+_HALF_INTERVAL: Final = 5e-3
+# s; latencies that differ by less are the same.
+_SAME: Final = 1e-9
+# Eigenvalue of the scaled normal matrix below which two causes look alike.
+_TOLD_APART: Final = 1e-9
+# m; a reference that moves less tells no time.
+_LEAST_MOTION: Final = 1e-4
+
+
+@dataclass(frozen=True, eq=False)
+class Alignment:
+    """The answer, and the rows it is about.
+
+    Attributes:
+        latency: s; positive where the recording comes later than the reference.
+        latency_std: its standard uncertainty, s, from blocks of rows that vary together.
+        rotation, position: ``T_ref_rec``; identity where none was asked for.
+        registered: whether it was.
+        sizes, sizes_std: (k,) of the known errors, and their standard uncertainties.
+        rows: (m,) rows of the recording that the reference covers at any latency looked at.
+        shifts, rms: latencies looked at (k,), s, and what distance they leave (k,), m.
+    """
+
+    latency: float
+    latency_std: float
+    rotation: FloatArray
+    position: FloatArray
+    registered: bool
+    sizes: FloatArray
+    sizes_std: FloatArray
+    rows: np.typing.NDArray[np.intp]
+    shifts: FloatArray
+    rms: FloatArray
+
+    @property
+    def at_the_end(self) -> bool:
+        """Whether the best latency is the largest looked at: the true one may be larger."""
+        return bool(abs(self.latency) >= 0.98 * abs(self.shifts[-1]))
+
+    def act(self, points: FloatArray) -> FloatArray:
+        """Points (n, 3) of the recording in the reference's frame."""
+        return np.asarray(points @ self.rotation.T + self.position)
+
+
+class ReferencePath:
+    """A reference trajectory at any time it covers."""
+
+    def __init__(self, trajectory: Trajectory) -> None:
+        self.begin, self.end = float(trajectory.time[0]), float(trajectory.time[-1])
+        self._spline: Any = CubicSpline(trajectory.time, trajectory.position)
+
+    def position(self, time: FloatArray) -> FloatArray:
+        """(n, 3) m."""
+        return np.asarray(self._spline(time))
+
+    def velocity(self, time: FloatArray) -> FloatArray:
+        """(n, 3) m/s, mean over some milliseconds."""
+        after = np.minimum(time + _HALF_INTERVAL, self.end)
+        before = np.maximum(time - _HALF_INTERVAL, self.begin)
+        change = self.position(after) - self.position(before)
+        return np.asarray(change / (after - before)[:, None])
+
+
+def align(
+    recorded: Trajectory,
+    reference: Trajectory,
+    *,
+    register: Register | None = None,
+    largest: float = 0.5,
+    errors: FloatArray | None = None,
+) -> Alignment:
+    """Find the latency that minimises the distance, by search and then Gauss-Newton.
+
+    Args:
+        recorded: what is judged.
+        reference: what is held to be true.
+        register: registers the two frames robustly; None where they are the same.
+        largest: latencies of either sign looked at, s.
+        errors: (n, 3, k) along the recording's axes: known shapes of errors of unknown size.
+
+    Raises:
+        SamplesError: no common time, a reference that does not move, or points that leave the
+            registration undetermined.
+    """
+    path = ReferencePath(reference)
+    rows = _covered(recorded, path, largest)
+    time, points = recorded.time[rows], recorded.position[rows]
+    _check_motion(path, time, reference)
+    few = np.unique(np.linspace(0, len(rows) - 1, _ROWS_OF_SEARCH).astype(int))
+    shifts = np.linspace(-largest, largest, _SHIFTS)
+    rms = np.array(
+        [_misfit(points[few], path.position(time[few] - s), register is not None) for s in shifts]
+    )
+    fit = _Fit(path, time, points, np.zeros((len(rows), 3, 0)) if errors is None else errors[rows])
+    fit.latency = float(shifts[int(np.argmin(rms))])
+    if register is not None:
+        fit.registered = True
+        fit.R, fit.p = register(points[few], path.position(time[few] - fit.latency))
+    fit.refine(largest)
+    std = fit.std()
+    if fit.registered:
+        # The known errors may have taken a share of the transform; what is told has none of them.
+        fit.R, fit.p = register_points(points, path.position(time - fit.latency))
+    size = len(fit.sizes)
+    return Alignment(
+        latency=fit.latency,
+        latency_std=float(std[0]),
+        rotation=fit.R,
+        position=fit.p,
+        registered=fit.registered,
+        sizes=fit.sizes,
+        sizes_std=std[len(std) - size :],
+        rows=rows,
+        shifts=shifts,
+        rms=rms,
+    )
+
+
+def _covered(
+    recorded: Trajectory, path: ReferencePath, largest: float
+) -> np.typing.NDArray[np.intp]:
+    begin, end = path.begin + largest, path.end - largest
+    rows = np.flatnonzero((recorded.time >= begin) & (recorded.time <= end))
+    if len(rows) < LEAST_ROWS:
+        raise SamplesError(
+            f"{len(rows)} rows between {begin:.3f} s and {end:.3f} s, the time that the reference "
+            f"covers at latencies of up to {largest:g} s",
+            f"at least {LEAST_ROWS}; its own time is {recorded.time[0]:.3f} s to "
+            f"{recorded.time[-1]:.3f} s",
+            file=recorded.path,
+            where="column 'time'",
+            hint="both files must tell time by one clock; --max-latency narrows the search",
+        )
+    return rows
+
+
+def _check_motion(path: ReferencePath, time: FloatArray, reference: Trajectory) -> None:
+    if float(np.ptp(path.position(time), axis=0).max()) < _LEAST_MOTION:
+        raise SamplesError(
+            "a reference that stands still", "a motion: only it tells time", file=reference.path
+        )
+
+
+def _misfit(points: FloatArray, target: FloatArray, registered: bool) -> float:
+    """Root mean square distance, m, after the best transform where one is to be found."""
+    if registered:
+        R, p = register_points(points, target)
+        points = points @ R.T + p
+    return float(np.sqrt(np.mean(np.sum((points - target) ** 2, axis=1))))
+
+
+class _Fit:
+    """Gauss-Newton over everything at once: apart, latency and transform chase each other."""
+
+    def __init__(
+        self, path: ReferencePath, time: FloatArray, points: FloatArray, errors: FloatArray
+    ) -> None:
+        self.path, self.time, self.points, self.errors = path, time, points, errors
+        self.latency, self.registered = 0.0, False
+        self.R, self.p = np.eye(3), np.zeros(3)
+        self.sizes = np.zeros(errors.shape[2])
+
+    def refine(self, largest: float) -> None:
+        """Until the latency does not change, or is as large as it may be."""
+        for _ in range(_STEPS):
+            residual, jacobian = self._linearised()
+            inverse = _inverse(jacobian)
+            step = -inverse @ np.einsum("nki,nk->i", jacobian, residual)
+            self.latency = float(np.clip(self.latency + step[0], -largest, largest))
+            self.sizes = self.sizes + step[len(step) - len(self.sizes) :]
+            if self.registered:
+                turn, centre = rotation_from_vector(step[4:7]), self._moved().mean(axis=0)
+                self.R, self.p = turn @ self.R, turn @ (self.p - centre) + centre + step[1:4]
+            if abs(step[0]) < _SAME:
+                break
+
+    def std(self) -> FloatArray:
+        """Standard uncertainties: sandwich over blocks of rows that depend on their neighbours.
+
+        Newey, West (1987, doi:10.2307/1913610), with sums over blocks for single rows.
+        """
+        residual, jacobian = self._linearised()
+        inverse = _inverse(jacobian)
+        score = np.einsum("nki,nk->ni", jacobian, residual)
+        blocks = np.array([part.sum(axis=0) for part in np.array_split(score, _BLOCKS)])
+        variance = blocks.T @ blocks
+        for lag in range(1, _NEIGHBOURS + 1):
+            product = blocks[lag:].T @ blocks[:-lag]
+            variance += (1 - lag / (_NEIGHBOURS + 1)) * (product + product.T)
+        free = max(_BLOCKS - score.shape[1], 1)
+        covariance = _BLOCKS / free * inverse @ variance @ inverse
+        return np.asarray(np.sqrt(np.maximum(np.diag(covariance), 0.0)))
+
+    def _moved(self) -> FloatArray:
+        return np.asarray((self.points - self.errors @ self.sizes) @ self.R.T + self.p)
+
+    def _linearised(self) -> tuple[FloatArray, FloatArray]:
+        """Residuals (n, 3); derivatives (n, 3, …) by latency, shift, turn and sizes."""
+        moved, time = self._moved(), self.time - self.latency
+        columns = [self.path.velocity(time)[:, :, None]]
+        if self.registered:
+            columns.append(np.tile(np.eye(3), (len(moved), 1, 1)))
+            columns.append(-skew(moved - moved.mean(axis=0)))
+        columns.append(-self.R @ self.errors)
+        return moved - self.path.position(time), np.concatenate(columns, axis=2)
+
+
+def _inverse(jacobian: FloatArray) -> FloatArray:
+    """Pseudo-inverse of the normal matrix: what cannot be told apart shares the change."""
+    matrix = np.einsum("nki,nkj->ij", jacobian, jacobian, optimize=True)
+    scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    outer = np.outer(scale, scale)
+    return np.asarray(np.linalg.pinv(matrix / outer, _TOLD_APART, True) / outer)

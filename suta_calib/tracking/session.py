@@ -1,0 +1,145 @@
+"""One run of the tracker: readings in, poses out, and how long each took."""
+
+from __future__ import annotations
+
+import gc
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any, Final, Protocol
+
+from suta_calib.tracking.latency import LatencyStatistics
+from suta_calib.tracking.pose import TrackedPose
+from suta_calib.tracking.publisher import Publisher
+from suta_calib.tracking.tracker import Tracker
+
+if TYPE_CHECKING:
+    from suta_calib.device.reading import Reading
+
+# s; how long one look at the bus may last: the run's end is not noticed before.
+_LOOK: Final = 0.05
+# s; Python's own 5 ms would let a thread that writes a file hold up a pose for as long.
+_SWITCH: Final = 2e-5
+
+# Of a period, that a frame may come early: clocks count in whole microseconds.
+_EARLY: Final = 0.05
+
+
+class ReadingSource(Protocol):
+    """What the tracker needs of a bus."""
+
+    def read(self, timeout: float = 0.1) -> list[Reading]:
+        """Whatever has arrived, in order; nothing after the timeout."""
+
+
+class TrackingSession:
+    """Takes readings from a source, and hands poses to publishers.
+
+    The latency of a pose is the time from the arrival of its frame's last byte to the moment the
+    last publisher has handed it over: to the network's stack for network publishers, to the
+    writing thread for files.
+
+    Args:
+        tracker: makes poses.
+        publishers: in the order in which they get each pose.
+        rate: most poses a second of the device's clock; every reading by default.
+
+    Attributes:
+        latency: of every pose published.
+        interval: between the arrivals of successive poses' frames: the jitter of the device and of
+            the operating system.
+        readings, valid, invalid: how many readings, and poses of either kind.
+        last: the latest pose.
+        last_valid: the latest valid one.
+        began, ended: of the run, `time.perf_counter`; running: whether it lasts.
+    """
+
+    def __init__(
+        self, tracker: Tracker, publishers: Sequence[Publisher], rate: float | None = None
+    ) -> None:
+        self.tracker, self.publishers = tracker, tuple(publishers)
+        self._period = 0.0 if rate is None else 1.0 / rate
+        self._due = -float("inf")
+        self.latency, self.interval = LatencyStatistics(), LatencyStatistics()
+        self.readings = self.valid = self.invalid = 0
+        self.last: TrackedPose | None = None
+        self.last_valid: TrackedPose | None = None
+        self.began = self.ended = time.perf_counter()
+        self.running = False
+
+    def run(
+        self,
+        source: ReadingSource,
+        seconds: float | None = None,
+        stop: Callable[[], bool] = lambda: False,
+    ) -> None:
+        """Track until the time is over, or ``stop`` says so, or an error or Ctrl-C ends it."""
+        self.began, self.running = time.perf_counter(), True
+        end = float("inf") if seconds is None else self.began + seconds
+        try:
+            with prompt():
+                while not stop() and (left := end - time.perf_counter()) > 0:
+                    for reading in source.read(min(_LOOK, left)):
+                        self.take(reading)
+        finally:
+            self.ended, self.running = time.perf_counter(), False
+
+    def take(self, reading: Reading) -> None:
+        """Publish one reading's pose, unless it comes earlier than the rate allows."""
+        self.readings += 1
+        if not self._is_due(reading.time):
+            return
+        pose = self.tracker.pose(reading)
+        for publisher in self.publishers:
+            publisher.publish(pose)
+        self.latency.add(time.perf_counter() - reading.arrival)
+        self._count(pose)
+
+    def summary(self) -> dict[str, Any]:
+        """Counts, latency and publishers for JSON."""
+        lasted = self.ended - self.began
+        return {
+            "seconds": lasted,
+            "readings": self.readings,
+            "poses": {"valid": self.valid, "invalid": self.invalid},
+            "rate_hz": self.latency.count / lasted if lasted > 0 else 0.0,
+            "latency": self.latency.summary(),
+            "interval": self.interval.summary(),
+            "publishers": {p.name: p.statistics() for p in self.publishers},
+        }
+
+    def _is_due(self, now: float) -> bool:
+        """Keeps to multiples of the period, so that a late frame does not shift all others."""
+        if not self._period:
+            return True
+        late = now - self._due
+        # Far before it is due, the device has begun to count anew.
+        if -10 * self._period < late < -_EARLY * self._period:
+            return False
+        self._due = self._due + self._period if abs(late) < self._period else now + self._period
+        return True
+
+    def _count(self, pose: TrackedPose) -> None:
+        if self.last is not None:
+            self.interval.add(max(pose.arrival - self.last.arrival, 0.0))
+        self.last = pose
+        if pose.valid:
+            self.valid += 1
+            self.last_valid = pose
+        else:
+            self.invalid += 1
+
+
+@contextmanager
+def prompt() -> Iterator[None]:
+    """Make Python answer quickly: threads give way soon, and old objects are not looked through."""
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(_SWITCH)
+    gc.collect()
+    gc.freeze()
+    try:
+        yield
+    finally:
+        gc.unfreeze()
+        sys.setswitchinterval(before)

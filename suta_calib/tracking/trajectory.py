@@ -1,0 +1,86 @@
+"""Motions in files: where the tip was, and when."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from suta_calib.errors import SamplesError
+from suta_calib.geometry import FloatArray
+from suta_calib.measurements.csv_table import CsvTable, read_csv_table
+from suta_calib.measurements.pose_columns import (
+    has_rotations,
+    position_columns,
+    positions,
+    rotations,
+)
+from suta_calib.model.arm import ArmModel
+
+LEAST_ROWS: Final = 20
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """A motion of the tip.
+
+    Attributes:
+        path: the file.
+        time: (n,) s, increasing.
+        position: (n, 3) m.
+        rotation: (n, 3, 3); None where the file has none.
+        angles: (n, joints) readings of an arm, rad; None where there are none.
+    """
+
+    path: Path
+    time: FloatArray
+    position: FloatArray
+    rotation: FloatArray | None = None
+    angles: FloatArray | None = None
+
+
+def read_trajectory(path: str | Path, arm: ArmModel | None = None) -> Trajectory:
+    """Columns ``time,x,y,z`` (m; ``x_mm…``: mm), and ``qx,qy,qz,qw`` where it has orientations.
+
+    With an arm the columns of its joints are read too; where there is no position, the arm gives
+    it. Rows whose ``valid`` is 0, as ``suta-calib track`` writes them, are left out.
+
+    Raises:
+        SamplesError: unreadable, a column missing, a value that is none, time that does not
+            increase, or fewer than 20 rows.
+    """
+    table = _valid_rows(read_csv_table(Path(path)))
+    if len(table) < LEAST_ROWS:
+        raise SamplesError(f"{len(table)} valid rows", f"at least {LEAST_ROWS}", file=table.path)
+    time = table.numbers("time", "a column time in s")
+    for row in np.flatnonzero(np.diff(time) <= 0):
+        found = f"{table.columns['time'][row + 1]} after {table.columns['time'][row]}"
+        raise table.refuse(
+            int(row) + 1, "time", found, "time that increases", "one motion, one clock"
+        )
+    angles = _angles(table, arm)
+    if arm is not None and angles is not None and not _has_positions(table):
+        rotation, position = arm.forward(angles)
+        return Trajectory(table.path, time, position, rotation, angles)
+    turned = rotations(table) if has_rotations(table) else None
+    return Trajectory(table.path, time, positions(table), turned, angles)
+
+
+def _valid_rows(table: CsvTable) -> CsvTable:
+    if "valid" not in table.columns:
+        return table
+    kept = [k for k, cell in enumerate(table.columns["valid"]) if cell not in ("0", "false")]
+    columns = {name: tuple(cells[k] for k in kept) for name, cells in table.columns.items()}
+    return CsvTable(table.path, columns, table.header_line, tuple(table.lines[k] for k in kept))
+
+
+def _has_positions(table: CsvTable) -> bool:
+    return any(name in table.columns for name in position_columns())
+
+
+def _angles(table: CsvTable, arm: ArmModel | None) -> FloatArray | None:
+    if arm is None or not all(name in table.columns for name in arm.joints):
+        return None
+    return np.stack([table.numbers(name) for name in arm.joints], axis=-1)

@@ -1,0 +1,196 @@
+"""What a calibration knows of its own errors, for the arm it wrote.
+
+``result.json`` speaks of the nominal URDF's parameters; the arm that is tracked is the calibrated
+URDF, whose joints have swallowed offsets and turns. Both describe the same arm, so a small error
+of the one is a small error of the other: `CalibrationUncertainty.folded` gives the matrix between.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Final, Literal
+
+import numpy as np
+
+from suta_calib.errors import InputError
+from suta_calib.geometry import (
+    FloatArray,
+    rotation_from_rpy,
+    rotation_from_vector,
+    rpy_from_rotation,
+    vector_from_rotation,
+)
+from suta_calib.model.arm import ArmModel
+from suta_calib.model.chain import ChainJoint
+from suta_calib.model.urdf import folded_origin
+from suta_calib.tracking.json_files import numbers, read_json_object
+
+Source = Literal["covariance", "correlations", "std"]
+# How the figures were told, for people.
+SOURCE_WORDS: Final[dict[Source, str]] = {
+    "covariance": "covariance of the calibration",
+    "correlations": "standard deviations and rounded correlations of the calibration",
+    "std": "standard deviations of the calibration only, as if uncorrelated",
+}
+PLACEMENT: Final = ("x", "y", "z", "rx", "ry", "rz")
+_STEP: Final = 1e-5
+_SAME: Final = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class CalibrationUncertainty:
+    """Covariance of the arm's parameters as a calibration estimated them.
+
+    Attributes:
+        path: the ``result.json``.
+        names: (n,) estimated parameters, in the covariance's order.
+        covariance: (n, n), m and rad.
+        values: value of every parameter of the arm that the file names.
+        source: what the file offered.
+        held: parameters the data could not tell: what is said holds relative to them.
+    """
+
+    path: Path
+    names: tuple[str, ...]
+    covariance: FloatArray
+    values: dict[str, float]
+    source: Source
+    held: tuple[str, ...]
+
+    def folded(self, arm: ArmModel) -> tuple[tuple[str, ...], FloatArray]:
+        """The same errors as parameters of the calibrated URDF.
+
+        Args:
+            arm: the calibrated arm.
+
+        Returns:
+            Names (m,) of placement parameters of ``arm``, nominal there, and F (m, m') with
+            ``F Fᵀ`` their covariance.
+
+        Raises:
+            InputError: the arm is not the one that was calibrated.
+        """
+        rows: list[str] = []
+        blocks: list[FloatArray] = []
+        for joint, segment in zip(arm.chain.joints, arm.segments, strict=True):
+            mine = [n for n in self.names if n.rpartition(".")[0] == segment.prefix]
+            if mine:
+                self._check_same(joint, segment.prefix)
+                rows += [f"{segment.prefix}.{key}" for key in PLACEMENT]
+                blocks.append(self._of_joint(joint, segment.prefix))
+        derivative = np.vstack([np.zeros((0, len(self.names))), *blocks])
+        return tuple(rows), derivative @ _factor(self.covariance)
+
+    def _of_joint(self, joint: ChainJoint, prefix: str) -> FloatArray:
+        """(6, n) change of the calibrated joint's placement per change of each parameter."""
+        vector = np.array([self.values.get(f"{prefix}.{key}", 0.0) for key in PLACEMENT[3:]])
+        offset = self.values.get(f"{prefix}.offset", 0.0)
+        nominal = _unfolded(joint, vector, offset)
+        start = np.array([*nominal.xyz, *vector, offset])
+
+        def calibrated(x: FloatArray) -> tuple[FloatArray, FloatArray]:
+            xyz, rpy = folded_origin(nominal, x[:3], x[3:6], float(x[6]))
+            return xyz, rotation_from_rpy(rpy)
+
+        columns = np.zeros((6, len(self.names)))
+        for k, key in enumerate((*PLACEMENT, "offset")):
+            if (name := f"{prefix}.{key}") in self.names:
+                step = _STEP * np.eye(7)[k]
+                (p0, R0), (p1, R1) = calibrated(start - step), calibrated(start + step)
+                change = np.concatenate([p1 - p0, vector_from_rotation(R0.T @ R1)])
+                columns[:, self.names.index(name)] = change / (2 * _STEP)
+        return columns
+
+    def _check_same(self, joint: ChainJoint, prefix: str) -> None:
+        if joint.type == "prismatic":
+            return  # its offset is folded into the position
+        for key, found in zip("xyz", joint.xyz, strict=True):
+            name = f"{prefix}.{key}"
+            if abs(self.values.get(name, found) - found) > _SAME:
+                raise InputError(
+                    f"{self.values[name]:.9g} m, and {found:.9g} m in the URDF",
+                    "the result of the calibration that wrote this URDF",
+                    file=self.path,
+                    where=name,
+                    hint="give the calibrated.urdf beside this file, not the nominal one",
+                )
+
+
+def read_uncertainty(path: str | Path, arm: ArmModel) -> CalibrationUncertainty:
+    """Read the ``result.json`` that ``suta-calib calibrate`` wrote beside the calibrated URDF.
+
+    Raises:
+        InputError: unreadable, not such a result, not converged, or of another arm.
+    """
+    path = Path(path)
+    data = read_json_object(path)
+    parameters = _parameters(data, path)
+    known = set(arm.parameters.names)
+    own = {name: entry for name, entry in parameters.items() if name in known}
+    estimated = [name for name, entry in own.items() if entry.get("std") is not None]
+    if not own:
+        raise InputError(
+            f"no parameter of {arm.chain.path.name} among {', '.join(list(parameters)[:4])}",
+            "the result of this arm's calibration",
+            file=path,
+            where="parameters",
+        )
+    names, covariance, source = _covariance(data, own, estimated, path)
+    values = {n: float(numbers(e.get("value"), (), path, n)) for n, e in own.items()}
+    held = tuple(str(n) for n in data.get("unidentified", []) if n in known)
+    return CalibrationUncertainty(path, names, covariance, values, source, held)
+
+
+def _parameters(data: dict[str, Any], path: Path) -> dict[str, dict[str, Any]]:
+    found = data.get("parameters")
+    if not isinstance(found, dict) or not all(isinstance(e, dict) for e in found.values()):
+        raise InputError(
+            "no table of parameters", "a result.json of suta-calib calibrate", file=path
+        )
+    if data.get("status") != "converged":
+        raise InputError(
+            f"{data.get('status')!r}",
+            "'converged': a calibration that did not converge says nothing of the tip",
+            file=path,
+            where="status",
+        )
+    return found
+
+
+def _covariance(
+    data: dict[str, Any], own: dict[str, dict[str, Any]], estimated: Sequence[str], path: Path
+) -> tuple[tuple[str, ...], FloatArray, Source]:
+    for source in ("covariance", "correlations"):
+        table = data.get(source)
+        if not isinstance(table, dict) or not table.get("parameters"):
+            continue
+        names = tuple(map(str, table["parameters"]))
+        shape = (len(names), len(names))
+        matrix = numbers(table.get("matrix"), shape, path, f"{source}: matrix")
+        if missing := [name for name in names if name not in own]:
+            where = f"{source}: parameters"
+            raise InputError(repr(missing[0]), "a parameter of this arm", file=path, where=where)
+        if source == "covariance":
+            return names, matrix, "covariance"
+        std = np.array([numbers(own[n].get("std"), (), path, n) for n in names])
+        return names, matrix * np.outer(std, std), "correlations"
+    std = np.array([numbers(own[name]["std"], (), path, name) for name in estimated])
+    return tuple(estimated), np.diag(std**2), "std"
+
+
+def _factor(covariance: FloatArray) -> FloatArray:
+    """F (n, n) with F Fᵀ = covariance, also where rounding made it not quite positive."""
+    values, vectors = np.linalg.eigh((covariance + covariance.T) / 2)
+    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
+
+
+def _unfolded(joint: ChainJoint, vector: FloatArray, offset: float) -> ChainJoint:
+    """The joint as it was before its offset and turn were folded into its origin."""
+    R = rotation_from_rpy(joint.rpy)
+    turn = joint.axis * (offset if joint.type in ("revolute", "continuous") else 0.0)
+    turned = R @ rotation_from_vector(-turn)
+    slide = turned @ joint.axis * offset if joint.type == "prismatic" else np.zeros(3)
+    rpy = rpy_from_rotation(turned @ rotation_from_vector(-vector))
+    return replace(joint, xyz=joint.xyz - slide, rpy=rpy)

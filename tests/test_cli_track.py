@@ -1,0 +1,237 @@
+"""``suta-calib track`` over a real pseudo-terminal, with an emulated arm at the other end."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from cli_job import cli
+from simulated import SUTA_URDF
+from tracking_scene import TRUTH, calibrated
+
+from suta_calib.device import DeviceSpec, JointSpec
+from suta_calib.emulation import EmulatedArm, Emulation, Faults, sweep
+from suta_calib.measurements.csv_table import read_csv_table
+from suta_calib.model.arm import ArmModel
+from suta_calib.tracking.trajectory import read_trajectory
+
+TRACK = ("track", SUTA_URDF, "--tip", "tip", "--device")
+
+
+def emulated(**options: Any) -> Emulation:
+    """The SUTA, nominal, all joints swinging; simulated."""
+    arm = ArmModel.from_urdf(SUTA_URDF, "tip")
+    joints = tuple(JointSpec(name, -1 if k == 2 else 1) for k, name in enumerate(arm.joints))
+    device = DeviceSpec(Path("device.yaml"), "", 921600, "frames", "counts", 1 << 22, joints)
+    return Emulation(device, sweep(arm, slowest=0.3), **options)
+
+
+@pytest.fixture
+def device(tmp_path: Path) -> Iterator[Path]:
+    with EmulatedArm(emulated()) as emulator:
+        yield emulator.write_device(tmp_path / "device.yaml")
+
+
+def test_json_files_and_datagrams_agree(device: Path, tmp_path: Path, capsys):
+    log = tmp_path / "log.csv"
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver:
+        receiver.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 22)
+        receiver.bind(("127.0.0.1", 0))
+        to = f"127.0.0.1:{receiver.getsockname()[1]}"
+        options = ("--csv", log, "--udp", to, "--igtl", "127.0.0.1:0", "--seconds", 1)
+        assert cli(*TRACK, device, *options, "--json") == 0
+        receiver.setblocking(False)
+        datagrams = []
+        while True:
+            try:
+                datagrams.append(json.loads(receiver.recv(4096)))
+            except BlockingIOError:
+                break
+    captured = capsys.readouterr()
+    answer = json.loads(captured.out)
+    assert captured.err == ""
+    assert answer["poses"]["invalid"] == 0
+    count = answer["poses"]["valid"]
+    assert count == answer["latency"]["count"] == answer["publishers"]["csv"]["published"]
+    assert 300 < count <= 768
+    assert answer["stream"]["lost_frames"] == 0
+    table = read_csv_table(log)
+    assert len(table) == count
+    assert datagrams[-1] == answer["last"]
+    assert [d["sequence"] for d in datagrams] == [int(s) for s in table.columns["sequence"]]
+    arm = ArmModel.from_urdf(SUTA_URDF, "tip")
+    found = read_trajectory(log, arm)
+    np.testing.assert_allclose(found.position, arm.forward(found.angles)[1], atol=1e-8)
+
+
+def test_the_tip_is_where_the_arm_truly_is(tmp_path: Path, capsys):
+    log = tmp_path / "log.csv"
+    with EmulatedArm(emulated()) as emulator:
+        device = emulator.write_device(tmp_path / "device.yaml")
+        assert cli(*TRACK, device, "--csv", log, "--seconds", 0.8, "--json") == 0
+    arm = ArmModel.from_urdf(SUTA_URDF, "tip")
+    found = read_trajectory(log, arm)
+    truth = emulator.trajectory
+    rows = np.searchsorted(truth.time, found.time - 1e-5)
+    np.testing.assert_allclose(truth.time[rows], found.time, atol=2e-6)
+    np.testing.assert_allclose(found.position, arm.forward(truth.q[rows])[1], atol=2e-4)
+    assert json.loads(capsys.readouterr().out)["last"]["valid"]
+
+
+def test_uncertainty_and_tool(device: Path, tmp_path: Path, capsys):
+    scene = calibrated(tmp_path)
+    tool = tmp_path / "tip.json"
+    tool.write_text('{"tip_mm": [0, 0, 100]}')
+    command = ("track", tmp_path / "calibrated.urdf", "--tip", "tip", "--device", device)
+    options = ("--result", scene.path, "--tool", tool, "--seconds", 0.4, "--json", "--rate", 50)
+    assert cli(*command, *options) == 0
+    answer = json.loads(capsys.readouterr().out)
+    assert answer["uncertainty"] == {
+        "source": "covariance of the calibration",
+        "parameters": list(TRUTH),
+        "held": ["joint_1.offset"],
+        "tool_included": False,
+    }
+    assert answer["tool_mm"] == [0, 0, 100]
+    assert all(0 < value < 1e-2 for value in answer["last"]["std"])
+    assert answer["poses"]["valid"] < 25
+    assert answer["readings"] > 100
+
+
+def test_console_says_where_and_how_late(device: Path, capsys):
+    assert cli(*TRACK, device, "--seconds", 1.3, "--stats") == 0
+    text = capsys.readouterr().out
+    assert "latency p50" in text.splitlines()[0]
+    assert "position, mm" in text
+    assert "p99" in text
+
+
+def test_error_flags_make_poses_invalid(tmp_path: Path, capsys):
+    flagged = emulated(faults=Faults.parse("error=joint_3:60@0.4"))
+    log = tmp_path / "log.csv"
+    with EmulatedArm(flagged) as emulator:
+        device = emulator.write_device(tmp_path / "device.yaml")
+        assert cli(*TRACK, device, "--seconds", 0.8, "--csv", log, "--json") == 0
+    answer = json.loads(capsys.readouterr().out)
+    assert answer["poses"]["invalid"] > 50
+    assert answer["stream"]["flags"]["joint_3"]["errors"] >= answer["poses"]["invalid"]
+    table = read_csv_table(log)
+    assert table.columns["valid"].count("0") == answer["poses"]["invalid"]
+    assert table.columns["flags"][-1] == "joint_3:error"
+
+
+def test_nothing_valid_is_exit_1(tmp_path: Path, capsys):
+    with EmulatedArm(emulated(faults=Faults.parse("error=joint_1:60@0"))) as emulator:
+        device = emulator.write_device(tmp_path / "device.yaml")
+        assert cli(*TRACK, device, "--seconds", 0.4) == 1
+    assert "no valid pose" in capsys.readouterr().err
+
+
+def test_a_device_that_goes_and_comes_back_is_waited_for(tmp_path: Path, capsys):
+    with EmulatedArm(emulated(faults=Faults.parse("disconnect=0.3@0.4"))) as emulator:
+        device = emulator.write_device(tmp_path / "device.yaml")
+        assert cli(*TRACK, device, "--seconds", 1.6, "--json") == 0
+    captured = capsys.readouterr()
+    answer = json.loads(captured.out)
+    assert answer["stream"]["interruptions"] >= 1
+    assert any("connected again" in event for event in answer["events"])
+    assert "connected again" in captured.err
+    assert answer["poses"]["valid"] > 400
+
+
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
+def test_ctrl_c_leaves_complete_files(device: Path, tmp_path: Path, how: signal.Signals):
+    log = tmp_path / "log.csv"
+    command = [sys.executable, "-m", "suta_calib", *map(str, TRACK), str(device)]
+    process = subprocess.Popen(
+        [*command, "--csv", str(log), "--json"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    part = tmp_path / "log.csv.part"
+    end = time.monotonic() + 20
+    while not (part.exists() and part.stat().st_size > 5000):
+        assert time.monotonic() < end
+        time.sleep(0.02)
+    os.kill(process.pid, how)
+    out, err = process.communicate(timeout=10)
+    assert process.returncode == 130
+    assert err.splitlines()[-1].startswith("suta-calib: interrupted")
+    answer = json.loads(out)
+    assert answer["interrupted"]
+    assert len(read_csv_table(log)) == answer["publishers"]["csv"]["published"]
+    assert not part.exists()
+
+
+def write_device(folder: Path, text: str) -> Path:
+    path = folder / "device.yaml"
+    path.write_text(text)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("joints", "said"),
+    [
+        ("[{name: joint_1}, {name: joint_2}]", "joints: found the joints joint_1, joint_2"),
+        ("[{name: joint_1, sign: 2}]", "sign"),
+    ],
+)
+def test_bad_devices_are_one_clear_line(tmp_path: Path, capsys, joints: str, said: str):
+    device = write_device(tmp_path, f"port: {tmp_path}/none\njoints: {joints}\n")
+    assert cli(*TRACK, device, "--csv", tmp_path / "log.csv") == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.count("\n") == 1
+    assert said in captured.err
+    assert [file.name for file in tmp_path.iterdir()] == ["device.yaml"]
+
+
+def test_a_port_that_is_not_there_leaves_no_file(tmp_path: Path, capsys):
+    joints = ", ".join(f"{{name: joint_{k}}}" for k in range(1, 7))
+    device = write_device(tmp_path, f"port: {tmp_path}/none\njoints: [{joints}]\n")
+    assert cli(*TRACK, device, "--csv", tmp_path / "log.csv") == 2
+    assert capsys.readouterr().err.count("\n") == 1
+    assert [file.name for file in tmp_path.iterdir()] == ["device.yaml"]
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (("--udp", "5005"), "expected HOST:PORT"),
+        (("--igtl", "99999"), "port up to 65535"),
+        (("--igtl", "somewhere"), "expected a port number"),
+        (("--igtl", "0", "--igtl-name", "x" * 30), "1 to 20 ASCII characters"),
+        (("--rate", "0"), "--rate"),
+        (("--tool", "nothing.json"), "nothing.json: found no such file"),
+        (("--result", "nothing.json"), "nothing.json: found no such file"),
+        (("--csv", "/proc/none/log.csv"), "/proc"),
+    ],
+)
+def test_bad_usage_is_one_clear_line(tmp_path: Path, capsys, options: tuple[str, ...], said: str):
+    joints = ", ".join(f"{{name: joint_{k}}}" for k in range(1, 7))
+    device = write_device(tmp_path, f"port: {tmp_path}/none\njoints: [{joints}]\n")
+    assert cli(*TRACK, device, *options) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.count("\n") == 1
+    assert said in captured.err
+
+
+def test_an_old_pose_is_not_shown_as_the_present_one(tmp_path: Path, capsys):
+    with EmulatedArm(emulated(faults=Faults.parse("stall=1.5@0.4"))) as emulator:
+        device = emulator.write_device(tmp_path / "device.yaml")
+        assert cli(*TRACK, device, "--seconds", 1.6) == 0
+    text = capsys.readouterr().out
+    assert text.startswith("no reading for 0.")
+    assert "Tip in the base: NO READING FOR 1." in text

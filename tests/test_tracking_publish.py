@@ -1,0 +1,300 @@
+"""Poses to OpenIGTLink clients, UDP and files: whole, in order, and never waiting for anybody."""
+
+from __future__ import annotations
+
+import json
+import socket
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow.parquet
+import pyigtl
+import pytest
+from simulated import SUTA_URDF
+from tracking_scene import poses
+
+from suta_calib.errors import InputError, OutputError
+from suta_calib.measurements.csv_table import read_csv_table
+from suta_calib.model.arm import ArmModel
+from suta_calib.tracking.broadcast import SEND_BUFFER
+from suta_calib.tracking.igtl import IgtlPublisher
+from suta_calib.tracking.pose import TrackedPose
+from suta_calib.tracking.recording import CsvRecorder, ParquetRecorder
+from suta_calib.tracking.trajectory import read_trajectory
+from suta_calib.tracking.udp import UdpPublisher
+
+LOCAL = "127.0.0.1"
+JOINTS = [f"joint_{k}" for k in range(1, 7)]
+PATIENCE_S = 10.0
+
+
+class Everything(dict[str, Any]):
+    """Where pyigtl's client puts messages; it would keep only the latest of a device."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.messages: list[Any] = []
+
+    def __setitem__(self, name: str, message: Any) -> None:
+        self.messages.append(message)
+
+
+class Client:
+    """A real OpenIGTLink client that keeps every message."""
+
+    def __init__(self, port: int) -> None:
+        self._client = pyigtl.OpenIGTLinkClient(LOCAL, port, start_now=False)
+        self.seen = Everything()
+        self._client.incoming_messages = self.seen
+        self._client.start()
+
+    @property
+    def messages(self) -> list[Any]:
+        return self.seen.messages
+
+    def stop(self) -> None:
+        self._client.stop()
+
+
+def eventually(condition: Callable[[], object]) -> bool:
+    """Whether it comes true before patience is over."""
+    end = time.monotonic() + PATIENCE_S
+    while not condition():
+        if time.monotonic() > end:
+            return False
+        time.sleep(0.005)
+    return True
+
+
+def publish(publisher: IgtlPublisher, each: list[TrackedPose], pause: float = 2e-4) -> float:
+    """The longest that one took, s."""
+    longest = 0.0
+    for pose in each:
+        began = time.perf_counter()
+        publisher.publish(pose)
+        longest = max(longest, time.perf_counter() - began)
+        time.sleep(pause)
+    return longest
+
+
+@pytest.fixture
+def igtl():
+    with IgtlPublisher(0, "StylusTip", LOCAL) as publisher:
+        yield publisher
+
+
+def matrices(messages: list[Any]) -> np.ndarray:
+    return np.array([message.matrix for message in messages])
+
+
+def expected(each: list[TrackedPose]) -> np.ndarray:
+    found = np.tile(np.eye(4), (len(each), 1, 1))
+    for matrix, pose in zip(found, each, strict=True):
+        matrix[:3, :3], matrix[:3, 3] = pose.rotation, 1e3 * pose.position
+    return found
+
+
+def clients(publisher: IgtlPublisher) -> int:
+    return int(publisher.statistics()["clients"])
+
+
+def test_a_real_client_receives_every_pose_in_millimetres(igtl: IgtlPublisher):
+    each = poses(500, invalid=(7, 8))
+    client = Client(igtl.port)
+    try:
+        assert eventually(lambda: clients(igtl) == 1)
+        publish(igtl, each)
+        assert eventually(lambda: len(client.messages) == 498)
+    finally:
+        client.stop()
+    valid = [pose for pose in each if pose.valid]
+    np.testing.assert_allclose(matrices(client.messages), expected(valid), atol=1e-4)
+    first = client.messages[0]
+    assert (first.message_type, first.device_name) == ("TRANSFORM", "StylusTip")
+    assert abs(first.timestamp - valid[0].host_time) < 1e-5
+    assert igtl.statistics()["invalid"] == 2
+
+
+def test_a_client_that_comes_late_does_not_disturb_the_first(igtl: IgtlPublisher):
+    each = poses(600)
+    first = Client(igtl.port)
+    try:
+        assert eventually(lambda: clients(igtl) == 1)
+        publish(igtl, each[:300])
+        second = Client(igtl.port)
+        assert eventually(lambda: clients(igtl) == 2)
+        publish(igtl, each[300:])
+        assert eventually(lambda: len(first.messages) == 600)
+        assert eventually(lambda: len(second.messages) == 300)
+        second.stop()
+        assert eventually(lambda: clients(igtl) == 1)
+        publish(igtl, each[:50])
+        assert eventually(lambda: len(first.messages) == 650)
+    finally:
+        first.stop()
+    np.testing.assert_allclose(matrices(second.messages), expected(each[300:]), atol=1e-4)
+    assert igtl.dropped == 0
+
+
+def test_poses_go_nowhere_while_nobody_listens(igtl: IgtlPublisher):
+    publish(igtl, poses(100), pause=0)
+    assert (igtl.published, igtl.dropped) == (0, 0)
+
+
+def test_a_client_that_stops_reading_slows_nobody_and_gets_whole_messages(igtl: IgtlPublisher):
+    one = poses(1)[0]
+    reader = Client(igtl.port)
+    stalled = socket.create_connection((LOCAL, igtl.port))
+    stalled.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+    try:
+        assert eventually(lambda: clients(igtl) == 2)
+        sent = 0
+        longest = 0.0
+        while igtl.dropped < 200:
+            longest = max(longest, publish(igtl, [one] * 50, pause=0))
+            sent += 50
+            assert sent < 100 * SEND_BUFFER // 106, "the kernel takes everything"
+            assert eventually(lambda sent=sent: len(reader.messages) == sent)
+        # A blocking send would have waited for ever.
+        assert longest < 0.5
+        stalled.settimeout(0.2)
+        received = b""
+        while True:
+            try:
+                received += stalled.recv(1 << 16)
+            except TimeoutError:
+                break
+        publish(igtl, [one], pause=0)
+        received += stalled.recv(1 << 16)
+    finally:
+        stalled.close()
+        reader.stop()
+    assert len(received) % 106 == 0
+    stamps = {received[at : at + 12] for at in range(0, len(received), 106)}
+    assert stamps == {b"\x00\x01TRANSFORM\x00"}
+    assert eventually(lambda: clients(igtl) == 0)
+
+
+def test_what_clients_say_is_ignored(igtl: IgtlPublisher):
+    with socket.create_connection((LOCAL, igtl.port)) as client:
+        client.sendall(bytes(range(256)) * 100)
+        assert eventually(lambda: clients(igtl) == 1)
+        publish(igtl, poses(1))
+        assert len(client.recv(200)) == 106
+
+
+def test_a_port_in_use_is_one_clear_error(igtl: IgtlPublisher):
+    with pytest.raises(OutputError, match=f"port {igtl.port} .* in use.* choose another"):
+        IgtlPublisher(igtl.port, host=LOCAL)
+
+
+@pytest.mark.parametrize("name", ["", "x" * 21, "Spitze µ", "a\nb"])
+def test_names_that_do_not_fit_the_header_are_refused(name: str):
+    with pytest.raises(InputError, match="1 to 20 ASCII characters"):
+        IgtlPublisher(0, name, LOCAL)
+
+
+def test_udp_datagrams_are_json_in_metres():
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver:
+        receiver.bind((LOCAL, 0))
+        receiver.settimeout(5)
+        each = poses(3, invalid=(1,))
+        with UdpPublisher(LOCAL, receiver.getsockname()[1]) as publisher:
+            for pose in each:
+                publisher.publish(pose)
+            found = [json.loads(receiver.recv(4096)) for _ in each]
+        assert publisher.published == 3
+    assert [f["valid"] for f in found] == [True, False, True]
+    assert (found[1]["position"], found[1]["errors"]) == (None, ["joint_3"])
+    for pose, datagram in zip(each[::2], found[::2], strict=True):
+        np.testing.assert_allclose(datagram["position"], pose.position)
+        np.testing.assert_allclose(datagram["quaternion"], pose.quaternion)
+        assert (datagram["sequence"], datagram["time"]) == (pose.sequence, pose.time)
+        assert datagram["std"] is None
+        assert datagram["warnings"] == ["joint_2"]
+
+
+def test_udp_without_a_listener_goes_on():
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as gone:
+        gone.bind((LOCAL, 0))
+        port = gone.getsockname()[1]
+    with UdpPublisher(LOCAL, port) as publisher:
+        for pose in poses(20):
+            publisher.publish(pose)
+    assert publisher.published + publisher.dropped == 20
+
+
+def test_an_unknown_host_is_one_clear_error():
+    with pytest.raises(InputError, match=r"--udp: found 'no\.such\.host\.invalid'"):
+        UdpPublisher("no.such.host.invalid", 1)
+
+
+def test_csv_has_a_row_for_every_pose(tmp_path: Path):
+    each = poses(200, invalid=(5,))
+    with CsvRecorder(tmp_path / "log.csv", JOINTS) as recorder:
+        for pose in each:
+            recorder.publish(pose)
+        assert eventually(lambda: recorder.part.stat().st_size > 20_000), "written as it comes"
+        assert not recorder.path.exists()
+    assert [file.name for file in tmp_path.iterdir()] == ["log.csv"]
+    table = read_csv_table(tmp_path / "log.csv")
+    assert [int(s) for s in table.columns["sequence"]] == list(range(200))
+    assert table.columns["valid"][4:7] == ("1", "0", "1")
+    assert table.columns["flags"][4:6] == ("joint_2:warning", "joint_3:error joint_2:warning")
+    assert table.columns["x"][5] == ""
+    found = read_trajectory(tmp_path / "log.csv", ArmModel.from_urdf(SUTA_URDF, "tip"))
+    valid = [pose for pose in each if pose.valid]
+    np.testing.assert_allclose(found.position, [p.position for p in valid], atol=1e-9)
+    np.testing.assert_allclose(found.rotation, [p.rotation for p in valid], atol=1e-8)
+    np.testing.assert_allclose(found.angles, [p.angles for p in valid], atol=1e-9)
+
+
+def test_parquet_has_the_same(tmp_path: Path):
+    each = poses(50, invalid=(5,))
+    with ParquetRecorder(tmp_path / "log.parquet", JOINTS) as recorder:
+        for pose in each:
+            recorder.publish(pose)
+    table = pyarrow.parquet.read_table(tmp_path / "log.parquet").to_pydict()
+    assert table["sequence"] == list(range(50))
+    assert table["valid"] == [pose.valid for pose in each]
+    assert (table["x"][5], table["std_x"][0]) == (None, None)
+    assert table["y"][6] == each[6].position[1]
+    assert table["joint_4"][5] == each[5].angles[3]
+
+
+@pytest.mark.parametrize("recorder", [CsvRecorder, ParquetRecorder])
+def test_without_a_pose_there_is_no_file_and_an_old_one_stays(tmp_path: Path, recorder: Any):
+    path = tmp_path / "log"
+    path.write_text("earlier")
+    with recorder(path, JOINTS):
+        pass
+    assert path.read_text() == "earlier"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_full_disk_is_told_and_what_was_written_is_left(tmp_path: Path):
+    each = poses(3)
+    recorder = CsvRecorder(tmp_path / "log.csv", JOINTS)
+    recorder.publish(each[0])
+    assert eventually(lambda: recorder.part.stat().st_size > 300)
+    recorder._file.close()
+    recorder._file = Path("/dev/full").open("w")  # noqa: SIM115 (the recorder's own)
+    recorder.publish(each[1])
+    assert eventually(lambda: recorder._failure is not None)
+    with pytest.raises(OutputError, match=r"No space left.*log\.csv\.part"):
+        recorder.publish(each[2])
+    with pytest.raises(OutputError, match="not complete"):
+        recorder.close()
+    assert recorder.part.exists()
+    with pytest.raises(OSError, match="No space left"):
+        recorder._file.close()
+
+
+def test_a_file_that_cannot_be_created_is_one_clear_error(tmp_path: Path):
+    with pytest.raises(OutputError, match="No such file or directory"):
+        CsvRecorder(tmp_path / "nowhere" / "log.csv", JOINTS)
+    with pytest.raises(OutputError, match="found a folder"):
+        CsvRecorder(tmp_path, JOINTS)
