@@ -422,3 +422,27 @@ def test_few_poses_are_said_to_be_few() -> None:
     verdict = calibrate(noisy(8, turn=0.3)).verdict
     assert verdict.level == "caution"
     assert "X is known to" in verdict.notes[0]
+
+
+def test_pairs_that_do_not_belong_together_are_called_so() -> None:
+    rng = np.random.default_rng(0)
+    A, B = (
+        (rotation_from_vector(rng.uniform(-2, 2, (20, 3))), rng.uniform(-0.3, 0.3, (20, 3)))
+        for _ in range(2)
+    )
+    with pytest.raises(SamplesError, match="pair by pair"):
+        calibrate_hand_eye(A, B)
+
+
+def test_few_pairs_with_exact_turns_are_as_sure_as_they_scatter() -> None:
+    """Turns are weighed by no less than a tenth of a degree, and scatter by what they scatter."""
+    found, predicted = [], []
+    for seed in range(40):
+        s = HandEye.simulate(25, hand=Spread(0.0, 0.0), eye=Spread(0.5e-3, 0.0), seed=seed)
+        seen = s.seen
+        assert seen is not None
+        result = calibrate_hand_eye(s.poses, seen)
+        true = s.true_pose("hand_eye")
+        found.append(vector_from_rotation(true[0].T @ result.X[:3, :3]))
+        predicted.append(result.std["X"][3:] ** 2)
+    assert 0.75 < np.sqrt(np.mean(np.square(found)) / np.mean(predicted)) < 1.3

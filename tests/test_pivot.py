@@ -261,3 +261,23 @@ def test_200_poses_of_a_good_tracker_tell_the_tip_to_a_sixth_of_a_millimetre(sha
     ]
     assert np.median(errors) < (0.15e-3 if share == 0.0 else 0.18e-3)
     assert np.max(errors) < 0.4e-3
+
+
+def test_a_tool_whose_tip_is_its_own_origin() -> None:
+    rng = np.random.default_rng(0)
+    R = rotation_from_vector(rng.uniform(-0.5, 0.5, (60, 3)))
+    found = calibrate_pivot(R, [0.3, -0.2, 1.5] + 0.3e-3 * rng.standard_normal((60, 3)))
+    assert np.linalg.norm(found.tip) < 1e-3
+
+
+def test_poses_without_a_common_point_are_called_so() -> None:
+    rng = np.random.default_rng(0)
+    R = rotation_from_vector(rng.uniform(-2.0, 2.0, (20, 3)))
+    with pytest.raises(SamplesError, match="whose tips scatter by"):
+        calibrate_pivot(R, rng.uniform(-0.3, 0.3, (20, 3)))
+
+
+@pytest.mark.parametrize(("R", "message"), [(np.ones((4, 3, 3)), "not a rotation"), (3, "shape")])
+def test_what_are_no_poses_is_refused(R: object, message: str) -> None:
+    with pytest.raises(SamplesError, match=message):
+        calibrate_pivot(R, np.zeros((4, 3)))  # type: ignore[arg-type]

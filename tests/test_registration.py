@@ -295,3 +295,31 @@ def test_the_way_back_is_the_inverse(contaminated: tuple[Points, Registration]) 
     back = register(b, a)
     np.testing.assert_allclose(back.matrix @ found.matrix, np.eye(4), atol=1e-5)
     assert back.outliers == found.outliers
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_noisy_fiducials_are_registered_all_the_same(seed: int) -> None:
+    """Five millimetres on points within ± 100 mm are much, and no reason to refuse."""
+    term = TrackedPoint.simulate(12, spread=Spread(5e-3), seed=seed).term
+    found = register(term.poses.at({})[1], term.poses.samples.position)
+    assert 3e-3 < found.sigma < 8e-3
+
+
+def test_points_that_do_not_correspond_are_called_so() -> None:
+    rng = np.random.default_rng(0)
+    points = rng.uniform(-0.1, 0.1, (12, 3))
+    with pytest.raises(SamplesError, match=r"laid over each other.*row for row"):
+        register(points, rng.uniform(-0.1, 0.1, (12, 3)))
+
+
+@pytest.mark.parametrize(
+    ("source", "message"),
+    [
+        (np.full((5, 3), np.nan), "not finite"),
+        (np.zeros((5, 2)), "shape"),
+        ([["a", "b", "c"]] * 5, "no array of numbers"),
+    ],
+)
+def test_arrays_that_are_no_points_are_refused(source: object, message: str) -> None:
+    with pytest.raises(SamplesError, match=message):
+        register(source, np.eye(5, 3))  # type: ignore[arg-type]

@@ -2,49 +2,40 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final, Literal
+from typing import Final, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from suta_calib.errors import SamplesError
+from suta_calib.errors import ParameterError, SamplesError
 from suta_calib.geometry import FloatArray, homogeneous, rotation_from_vector, vector_from_rotation
-from suta_calib.measurements.samples import Samples
+from suta_calib.navigation.arrays import checked_poses
 from suta_calib.navigation.consensus import (
     BoolArray,
-    Consensus,
-    find_consensus,
-    minimal_samples,
 )
-from suta_calib.navigation.hand_share import estimate_hand_share
-from suta_calib.navigation.robust_fit import RobustFit, evaluate, robust_fit
+from suta_calib.navigation.hand_eye_consensus import plain_start, rms_length, robust_start
+from suta_calib.navigation.hand_share import HandShare
+from suta_calib.navigation.robust_fit import RobustFit, robust_fit
 from suta_calib.navigation.rotation_covariance import tangent_of_vector
 from suta_calib.navigation.undetermined import axis_of_all_turns, refuse_undetermined
 from suta_calib.navigation.verdict import Verdict, verdict_of
 from suta_calib.solver.solution import Solution
-from suta_calib.terms.hand_eye import HandEye
 from suta_calib.terms.hand_eye_start import (
     Poses,
-    close_the_loop,
     inverse,
     loops,
-    quaternion_hand_eye,
 )
-from suta_calib.terms.poses import MeasuredPoses
-from suta_calib.terms.term import IntArray, Noise
 
 Setup = Literal["eye-in-hand", "eye-to-hand"]
 Model = Literal["AX=XB", "AX=ZB"]
 LEAST_POSES: Final = 3
-SAMPLE: Final = 4
-# Loops that may be the middle one: some of them are good ones, however many are outliers.
-CANDIDATES: Final = 25
 # No hand and no eye is believed to turn more exactly than this when turns are weighed against
 # displacements: what is smaller repeats well, but is an error of the instruments all the same.
 FINEST_TURN: Final = float(np.radians(0.1))
 MANY_OUTLIERS: Final = 0.4
+# Scatter of turns, rad, of pairs that do not belong together.
+NO_AGREEMENT: Final = float(np.radians(10.0))
 UNSURE: Final = 2e-3
 UNSURE_TURN: Final = float(np.radians(0.5))
 
@@ -91,12 +82,12 @@ class HandEyeCalibration:
     @property
     def rms(self) -> float:
         """Root mean square distance of the inliers' ``A_i X B_i`` from Z, m."""
-        return _rms(self.position_residuals[self.inliers])
+        return rms_length(self.position_residuals[self.inliers])
 
     @property
     def rms_angle(self) -> float:
         """Root mean square turn of the inliers' ``A_i X B_i`` against Z, rad."""
-        return _rms(self.rotation_residuals[self.inliers])
+        return rms_length(self.rotation_residuals[self.inliers])
 
     @property
     def outliers(self) -> tuple[int, ...]:
@@ -153,20 +144,26 @@ def calibrate_hand_eye(
         SamplesError: too few pairs, or motions that do not determine X: pure translation, or turns
             about parallel axes; names the undetermined directions.
     """
-    A, B = _as_arrays(hand), _as_arrays(seen)
+    A, B = checked_poses(*hand, "hand"), checked_poses(*seen, "seen")
+    if setup not in get_args(Setup) or model not in get_args(Model):
+        raise ParameterError(
+            f"setup {setup!r} and model {model!r}",
+            f"one of {', '.join(get_args(Setup))} and one of {', '.join(get_args(Model))}",
+        )
     _check_counts(A, B)
     if setup == "eye-to-hand":
         A = inverse(A)
     length = _extent(A, B)
     centre = A[1].mean(axis=0)
     scaled, target = (A[0], (A[1] - centre) / length), (B[0], B[1] / length)
-    start = _start(scaled, target, seed) if robust else _everything(scaled, target)
-    share = _HandShare(scaled, target)
+    start = robust_start(scaled, target, seed) if robust else plain_start(scaled, target)
+    share = HandShare(scaled, target, FINEST_TURN)
     floors = (0.0, FINEST_TURN)
     fit = robust_fit(share.make, start, floors, robust=robust, revise=share.revise)
     if share.value and not share.explains(fit):
-        share.value, share.fixed = 0.0, True
+        share.value = 0.0
         fit = robust_fit(share.make, start, floors, robust=robust)
+    _check_agreement(fit)
     refuse_undetermined(
         fit.solution,
         "hand_eye",
@@ -175,49 +172,6 @@ def calibrate_hand_eye(
         axis_of_all_turns(A[0][fit.inliers], fit.sigmas[1]),
     )
     return _result(fit, A, B, centre, length, setup, model, share.value)
-
-
-class _HandShare:
-    """How much of the rotational noise is the hand's, revised with the solution."""
-
-    def __init__(self, hand: Poses, seen: Poses) -> None:
-        self._hand, self._seen = hand, seen
-        self.value, self.fixed = 0.5, False
-
-    def make(self, rows: IntArray, noises: Sequence[Noise]) -> HandEye:
-        return self._term(rows, noises, self.value)
-
-    def revise(self, values: Mapping[str, float], inliers: BoolArray) -> None:
-        rows = np.flatnonzero(inliers)
-        at_target = evaluate(self._term(rows, (Noise(), Noise()), 0.0), values)
-        x = np.array([values[f"hand_eye.{key}"] for key in ("x", "y", "z", "rx", "ry", "rz")])
-        R_seen, p_seen = self._seen[0][rows], self._seen[1][rows]
-        in_eye = np.einsum("nij,nj->ni", R_seen, at_target[1])
-        lever = p_seen + rotation_from_vector(x[3:]).T @ x[:3]
-        self.value = estimate_hand_share(at_target[0], np.cross(in_eye, lever))
-
-    def explains(self, fit: RobustFit) -> bool:
-        """Whether the residuals at the target grew no more by it than by chance."""
-        rows = np.flatnonzero(fit.inliers)
-        plain = robust_fit(
-            lambda r, n: self._term(rows[r], n, 0.0),
-            Consensus(np.ones(len(rows), dtype=np.bool_), np.array(fit.sigmas)),
-            (0.0, FINEST_TURN),
-            robust=False,
-        )
-        term = self._term(rows, (Noise(), Noise()), 0.0)
-        with_share = [float(np.sum(r**2)) for r in evaluate(term, fit.solution.values)]
-        without = [float(np.sum(r**2)) for r in plain.residuals]
-        unknowns, numbers = 12, 6 * len(rows)
-        allowed = 1.0 + 2.5 * unknowns / max(numbers - unknowns, 1)
-        return all(w <= allowed * p for w, p in zip(with_share, without, strict=True))
-
-    def _term(self, rows: IntArray, noises: Sequence[Noise], share: float) -> HandEye:
-        (RA, pA), (RB, pB) = self._hand, self._seen
-        nothing = np.zeros((len(rows), 0))
-        samples = Samples.from_arrays([], nothing, position=pB[rows], rotation=RB[rows])
-        poses = MeasuredPoses(RA[rows], pA[rows], samples)
-        return HandEye(poses, noises[0], noises[1], hand_share=share)
 
 
 def _result(
@@ -253,10 +207,6 @@ def _result(
     )
 
 
-def _as_arrays(poses: tuple[ArrayLike, ArrayLike]) -> Poses:
-    return np.asarray(poses[0], dtype=float), np.asarray(poses[1], dtype=float)
-
-
 def _check_counts(A: Poses, B: Poses) -> None:
     if len(A[1]) != len(B[1]):
         raise SamplesError(
@@ -268,51 +218,18 @@ def _check_counts(A: Poses, B: Poses) -> None:
         )
 
 
+def _check_agreement(fit: RobustFit) -> None:
+    """Where nothing fits, what the data leave open is not the trouble."""
+    if fit.sigmas[1] > NO_AGREEMENT:
+        raise SamplesError(
+            f"loops A X B that differ by {np.degrees(fit.sigmas[1]):.0f}° about every axis",
+            "poses of a hand and of what its eye saw, pair by pair",
+            hint="do the rows belong together, is the quaternion's order x y z w, is it the right "
+            "setup, and do both poses map in the direction asked for?",
+        )
+
+
 def _extent(A: Poses, B: Poses) -> float:
     """How large all this is: lengths are solved in units of it, so that none counts, m."""
     spread = A[1] - A[1].mean(axis=0)
-    return float(_rms(spread) + _rms(B[1])) or 1.0
-
-
-def _norms(A: Poses, B: Poses, X: Poses) -> FloatArray:
-    """Distance (m, n, 2) of every loop from the middle of all, in length and in angle."""
-    R, p = loops(A, X, B)
-    middle = np.median(p, axis=-2, keepdims=True)
-    mean = _middle_rotation(R)
-    cosine = (np.einsum("mij,mnij->mn", mean, R) - 1.0) / 2.0
-    angle = np.arccos(np.clip(cosine, -1.0, 1.0))
-    return np.stack([np.linalg.norm(p - middle, axis=-1), angle], axis=-1)
-
-
-def _middle_rotation(R: FloatArray) -> FloatArray:
-    """Of some of many rotations (m, n, 3, 3) the one that is nearest to all: a median."""
-    some = R[:, :: 1 + R.shape[1] // CANDIDATES]
-    overlap = np.einsum("mkij,mnij->mkn", some, R)
-    angle = np.arccos(np.clip((overlap - 1.0) / 2.0, -1.0, 1.0))
-    best = np.argmin(np.median(angle, axis=2), axis=1)
-    return np.asarray(some[np.arange(len(R)), best])
-
-
-def _start(A: Poses, B: Poses, seed: int) -> Consensus:
-    n = len(A[1])
-    if n <= SAMPLE:
-        return _everything(A, B)
-
-    def propose(rows: IntArray) -> Poses:
-        return quaternion_hand_eye((A[0][rows], A[1][rows]), (B[0][rows], B[1][rows]))
-
-    samples = minimal_samples(np.zeros(n, dtype=np.intp), SAMPLE, seed)
-    return find_consensus(samples, propose, lambda X: _norms(A, B, X), LEAST_POSES)
-
-
-def _everything(A: Poses, B: Poses) -> Consensus:
-    X = quaternion_hand_eye(A, B)
-    Z = close_the_loop(A, X, B)
-    R, p = loops(A, X, B)
-    turned = vector_from_rotation(Z[0].T @ R)
-    sigmas = np.array([_rms(p - Z[1]), _rms(turned)]) / np.sqrt(3.0)
-    return Consensus(np.ones(len(p), dtype=np.bool_), sigmas)
-
-
-def _rms(vectors: FloatArray) -> float:
-    return float(np.sqrt(np.mean(np.sum(vectors**2, axis=1))))
+    return float(rms_length(spread) + rms_length(B[1])) or 1.0

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from suta_calib.errors import SamplesError
 from suta_calib.geometry import FloatArray
 from suta_calib.measurements.samples import Samples
+from suta_calib.navigation.arrays import checked_poses
 from suta_calib.navigation.consensus import (
     BoolArray,
     Consensus,
@@ -34,6 +35,10 @@ SAMPLE: Final = 4
 SMALL_TURN: Final = np.radians(12.0)
 UNSURE: Final = 0.5e-3
 MANY_OUTLIERS: Final = 0.4
+# Scatter, in units of the extent, of poses that have no point in common, and turns (rad) that are
+# hardly any.
+NO_POINT: Final = 0.1
+HARDLY_TURNED: Final = float(np.radians(2.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,8 +137,10 @@ def calibrate_pivot(
         SamplesError: too few poses, or turns so small or about so few axes that the tip is not
             determined; names the undetermined directions.
     """
-    R, p = np.asarray(rotation, dtype=float), np.asarray(position, dtype=float)
+    R, p = checked_poses(rotation, position, "poses")
     labels = np.full(len(p), "post") if point is None else np.asarray(point, dtype=np.str_)
+    if len(labels) != len(p):
+        raise SamplesError(f"{len(labels)} labels", f"{len(p)}, one per pose", where="point")
     _check_counts(labels)
     names, index = grouped(labels)
     centre, length = p.mean(axis=0), _extent(R, p, index)
@@ -145,6 +152,7 @@ def calibrate_pivot(
         return _term(R[rows], scaled[rows], labels[rows], noises[0])
 
     fit = robust_fit(make, start, robust=robust)
+    _check_agreement(fit, R[fit.inliers], length)
     _refuse(fit.solution)
     return _result(fit, names, R, centre, length)
 
@@ -159,8 +167,6 @@ def _result(
 ) -> PivotCalibration:
     x = np.array([fit.solution.values[n] for n in _parameters(names)]) * length
     order = [fit.solution.problem.names.index(n) for n in _parameters(names)]
-    mean = R[fit.inliers].mean(axis=0)
-    told = np.linalg.eigvalsh(np.eye(3) - mean.T @ mean)[0]
     return PivotCalibration(
         tip=x[:3],
         posts={n: x[3 + 3 * k : 6 + 3 * k] + centre for k, n in enumerate(names)},
@@ -168,10 +174,17 @@ def _result(
         residuals=fit.residuals[0] * length,
         inliers=fit.inliers,
         sigma=fit.sigmas[0] * length,
-        turn=float(np.sqrt(max(told, 0.0))),
+        turn=float(_turns(R[fit.inliers])[0]),
         solution=fit.solution,
         length=length,
     )
+
+
+def _turns(R: FloatArray) -> FloatArray:
+    """Root mean square turns (3,), rad, as far as they tell a tip, from least to most."""
+    mean = R.mean(axis=0)
+    told = np.linalg.eigvalsh(np.eye(3) - mean.T @ mean)
+    return np.asarray(np.sqrt(np.maximum(told, 0.0)))
 
 
 def _parameters(names: Sequence[str]) -> list[str]:
@@ -182,7 +195,9 @@ def _parameters(names: Sequence[str]) -> list[str]:
 def _extent(R: FloatArray, p: FloatArray, index: IntArray) -> float:
     """How large all this is: lengths are solved in units of it, so that none counts, m."""
     spread = float(np.linalg.norm(p - p.mean(axis=0), axis=1).max())
-    return float(np.linalg.norm(stacked_pivot(R, p, index))) + spread or 1.0
+    tool = float(np.linalg.norm(stacked_pivot(R, p, index))) + spread
+    # A tool whose tip is its own origin has no extent; then the way to the tracker tells.
+    return max(tool, 0.1 * float(np.linalg.norm(p, axis=1).max())) or 1.0
 
 
 def _norms(R: FloatArray, p: FloatArray, index: IntArray, tips: FloatArray) -> FloatArray:
@@ -236,6 +251,17 @@ def _check_posts(names: Sequence[str], index: IntArray, rows: IntArray) -> None:
                 where="point",
                 hint="did the tool slip off it?",
             )
+
+
+def _check_agreement(fit: RobustFit, R: FloatArray, length: float) -> None:
+    """Where nothing fits though the tool turned, what the data leave open is not the trouble."""
+    if fit.sigmas[0] > NO_POINT and _turns(R)[-1] > HARDLY_TURNED:
+        raise SamplesError(
+            f"poses whose tips scatter by {1e3 * length * fit.sigmas[0]:.0f} mm per axis",
+            "a tool whose tip rests on a point",
+            hint="is it the right file, unit, and order of the quaternion (x y z w)? Are single "
+            "poses grossly wrong, then let the robust solve find them",
+        )
 
 
 def _refuse(solution: Solution) -> None:

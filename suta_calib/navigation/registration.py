@@ -18,6 +18,7 @@ from suta_calib.geometry import (
     skew,
 )
 from suta_calib.measurements.samples import Samples
+from suta_calib.navigation.arrays import checked_points
 from suta_calib.navigation.consensus import (
     BoolArray,
     Consensus,
@@ -40,6 +41,10 @@ ON_A_LINE: Final = 1e-6
 # A reflection that fits so many times better than any rotation is what the data are.
 MIRRORED: Final = 3.0
 MANY_OUTLIERS: Final = 0.4
+# Scatter of the residuals, in units of the points' extent, that unrelated points have.
+UNRELATED: Final = 0.25
+# Extent across a line, in units of the scatter, from which on it is more than noise.
+OFF_LINE: Final = 2.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,7 +138,7 @@ def register(
         SamplesError: numbers of points that differ, fewer than three, points on a line, points
             that coincide, or the mirror image of each other.
     """
-    a, b = np.asarray(source, dtype=float), np.asarray(target, dtype=float)
+    a, b = checked_points(source, "source"), checked_points(target, "target")
     _check_points(a, b)
     judge = robust and len(a) >= ENOUGH_TO_JUDGE
     start, mirrored = (
@@ -149,7 +154,8 @@ def register(
 
     scaled = Consensus(start.inliers, start.sigmas / length)
     fit = robust_fit(make, scaled, robust=robust)
-    _check_determined(fit.solution)
+    _check_correspondence(fit, length)
+    _check_line(moved[fit.inliers], fit)
     return _result(fit, a, b, (from_centre, to_centre), length)
 
 
@@ -182,7 +188,7 @@ def _result(
 def _term(a: FloatArray, b: FloatArray, noise: Noise) -> TrackedPoint:
     samples = Samples.from_arrays([], np.zeros((len(a), 0)), position=b)
     upright = np.tile(np.eye(3), (len(a), 1, 1))
-    return TrackedPoint(MeasuredPoses(upright, a, samples), noise)
+    return TrackedPoint(MeasuredPoses(upright, a, samples, exact=True), noise)
 
 
 def _start(a: FloatArray, b: FloatArray, seed: int) -> Consensus:
@@ -224,7 +230,7 @@ def _check_points(a: FloatArray, b: FloatArray) -> None:
         raise SamplesError(f"{len(a)} points", f"at least {LEAST_POINTS}, not on one line")
     for points, which in ((a, "first"), (b, "second")):
         spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
-        if spread[0] == 0:
+        if spread[0] <= 1e-12 * np.abs(points).max():
             raise SamplesError(f"the same point in every row of the {which} set", _NOT_ON_A_LINE)
         if spread[1] < ON_A_LINE * spread[0]:
             raise SamplesError(f"points on a line in the {which} set", _NOT_ON_A_LINE)
@@ -244,8 +250,21 @@ def _check_handedness(start: Consensus, mirrored: Consensus, extent: float) -> N
         )
 
 
-def _check_determined(solution: Solution) -> None:
-    if len(solution.identification.held):
+def _check_correspondence(fit: RobustFit, length: float) -> None:
+    if fit.sigmas[0] > UNRELATED:
+        raise SamplesError(
+            f"points that stay {1e3 * length * fit.sigmas[0]:.1f} mm per axis apart when they are "
+            f"laid over each other, which themselves lie {1e3 * length:.1f} mm about their middle",
+            "the same points, row for row",
+            hint="is the order of the rows the same, and the unit?",
+        )
+
+
+def _check_line(moved: FloatArray, fit: RobustFit) -> None:
+    """Points off a line by no more than noise do not tell the turn about it."""
+    centred = moved - moved.mean(axis=0)
+    off_line = np.linalg.svd(centred, compute_uv=False)[1] / np.sqrt(len(moved))
+    if off_line < OFF_LINE * fit.sigmas[0] or len(fit.solution.identification.held):
         raise SamplesError(
             "points that hardly differ from a line, given how they scatter: the turn about it "
             "is not determined",

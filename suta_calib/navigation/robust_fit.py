@@ -17,7 +17,7 @@ from suta_calib.geometry import FloatArray
 from suta_calib.navigation.consensus import DIMENSION, BoolArray, Consensus, outlier_limit
 from suta_calib.navigation.serial_correlation import blocks
 from suta_calib.solver.covariance import observed_covariance, predicted_covariance
-from suta_calib.solver.information import predicted_information
+from suta_calib.solver.information import Information, whitened_rows
 from suta_calib.solver.losses import huber_threshold
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
@@ -120,8 +120,20 @@ def _covariance(
         white = np.hstack([r / level for r, level in zip(residuals, levels, strict=True)])
         witnesses = [blocks(white)]
         return observed_covariance(problem, solution.x, solution.sigmas, solution.free, witnesses)
-    information = predicted_information(problem, solution.x, levels.tolist())
-    return predicted_covariance(problem, information, solution.free)
+    return _from_common_scatter(solution, levels)
+
+
+def _from_common_scatter(solution: Solution, levels: FloatArray) -> FloatArray:
+    """A⁻¹ M A⁻¹ with the weights of the fit in A, and in M what the blocks scatter in truth."""
+    rows = whitened_rows(solution.problem, solution.x, solution.sigmas)
+    parts = [r.jacobian.T @ r.jacobian for r in rows]
+    truly = [
+        (level / sigma) ** 2 * part
+        for level, sigma, part in zip(levels, solution.sigmas, parts, strict=True)
+    ]
+    nothing = np.zeros_like(parts[0])
+    information = Information(sum(parts, nothing), sum(truly, nothing), nothing)
+    return predicted_covariance(solution.problem, information, solution.free)
 
 
 def _noise(sigma: float, robust: bool) -> Noise:

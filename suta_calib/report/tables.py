@@ -7,7 +7,6 @@ from typing import Final
 
 from rich import box
 from rich.console import Group, RenderableType
-from rich.markup import escape
 from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
@@ -174,14 +173,14 @@ def _table(title: str) -> Table:
 def _parameter_cells(e: Estimate) -> list[RenderableType]:
     change = NOTHING if e.state in ("unidentified", "fixed") else _change(e)
     return [
-        escape(e.name),
+        Text(e.name),
         text(e.nominal, e.unit),
         text(e.value, e.unit),
         change,
         text(e.std, e.unit),
         SHOWN_UNIT[e.unit],
         _state(e.state),
-        escape(listed(list(e.given), 3)),
+        Text(listed(list(e.given), 3)),
     ]
 
 
@@ -191,12 +190,12 @@ def _change(e: Estimate) -> str:
 
 def _prospect_cells(p: Prospect) -> list[RenderableType]:
     return [
-        escape(p.name),
+        Text(p.name),
         f"± {text(p.plausible, p.unit)}",
         text(p.std, p.unit),
         SHOWN_UNIT[p.unit],
         _state(p.state),
-        escape(listed(list(p.given), 3)),
+        Text(listed(list(p.given), 3)),
     ]
 
 
@@ -214,13 +213,13 @@ def _at_prior(e: Estimate) -> bool:
     return e.state == "prior" and abs(e.value - e.nominal) < 0.1 * (e.std or 0.0)
 
 
-def _left_out(unmoved: int, own: Sequence[Estimate] | Sequence[Prospect]) -> str | None:
+def _left_out(unmoved: int, own: Sequence[Estimate] | Sequence[Prospect]) -> Text | None:
     parts = [f"{unmoved} of the arm that were not moved"] if unmoved else []
     if own:
         told = sum(item.state in ("identified", "prior") for item in own)
         frames = listed(sorted({item.name.rpartition(".")[0] for item in own}), 2)
         parts.append(f"{told} of {len(own)} unknowns of the observations ({frames})")
-    return escape(f"and {', '.join(parts)}: --verbose shows them") if parts else None
+    return Text(f"and {', '.join(parts)}: --verbose shows them") if parts else None
 
 
 def _add_errors(table: Table, name: str, terms: Sequence[TermAccuracy]) -> None:

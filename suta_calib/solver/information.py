@@ -23,7 +23,7 @@ from suta_calib.geometry import FloatArray
 from suta_calib.model.parameters import Unit
 from suta_calib.solver.evaluation import Linearised
 from suta_calib.solver.problem import Problem
-from suta_calib.terms.poses import ArmPoses
+from suta_calib.terms.poses import ArmPoses, MeasuredPoses
 
 # Readings that are looked at to learn how far the tip reaches: an average needs no more.
 REACH_SAMPLES: Final = 50
@@ -171,7 +171,9 @@ def _jitter(problem: Problem, x: FloatArray, rows: Sequence[Rows]) -> list[Float
             share = _levels(mine)["m"] * np.sqrt(3.0) / _reach(source, values)
             shifts.append(share * random.standard_normal(source.samples.q.shape))
         else:
-            shifts.append(_pose_noise(mine) * random.standard_normal((len(source), 6)))
+            exact = isinstance(source, MeasuredPoses) and source.exact
+            noise = np.zeros(6) if exact else _pose_noise(mine)
+            shifts.append(noise * random.standard_normal((len(source), 6)))
     return shifts
 
 

@@ -52,11 +52,15 @@ class MeasuredPoses(PoseSource):
         rotation: (n, 3, 3) of ``T_base_tool``.
         position: (n, 3), m.
         samples: what was observed beside them, n rows (may have no joints).
+        exact: whether their own noise may be left out of account when it is judged what the data
+            tell: because it is small, or the caller judges by himself.
     """
 
-    def __init__(self, rotation: FloatArray, position: FloatArray, samples: Samples) -> None:
+    def __init__(
+        self, rotation: FloatArray, position: FloatArray, samples: Samples, *, exact: bool = False
+    ) -> None:
         self.rotation, self.position = rotation, position
-        self.samples = samples
+        self.samples, self.exact = samples, exact
 
     def at(self, values: Mapping[str, float]) -> tuple[FloatArray, FloatArray]:
         """The measured poses, whatever the values."""
