@@ -21,6 +21,16 @@ MOST_BYTES = 500_000
 CLAIMED = {
     "01_quickstart": ("10 of 13 unknowns", "Solve_Succeeded", "-223.0 mm", " 0.93\n", " 0.25\n"),
     "02_other_arms": ("25 of 55 unknowns", "RMS 6.17 mm → 0.09"),
+    "03_pivot_and_hand_eye": (
+        "REFUSED, found poses that do not determine the tip in the tool: it may slide along (0.71,",
+        "RMS of z within 20 % of 1: True",
+        "rows left out are the 18 spoilt ones: True",
+        "rows left out are the 12 spoilt ones: True",
+        "calibrate_hand_eye  position of X in m or in mm: differs by 0.0000 mm",
+        "unidentified: joint_6.offset, tip.y, tip.z",
+        "camera and touches: converged: 24 of 24 unknowns",
+        "pivot, 45 % slipped: bad",
+    ),
     "04_stereotactic_navigation": ("set c: degree 5, left-out frames 0.0057 mm",),
     "05_from_encoders_to_poses": ("that are not what was sent: 0", "8 of 10 unknowns", "12.8 mm"),
 }
@@ -52,6 +62,7 @@ def test_notebooks_are_found():
     assert [path.stem for path in NOTEBOOKS] == [
         "01_quickstart",
         "02_other_arms",
+        "03_pivot_and_hand_eye",
         "04_stereotactic_navigation",
         "05_from_encoders_to_poses",
     ]
