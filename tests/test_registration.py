@@ -323,3 +323,11 @@ def test_points_that_do_not_correspond_are_called_so() -> None:
 def test_arrays_that_are_no_points_are_refused(source: object, message: str) -> None:
     with pytest.raises(SamplesError, match=message):
         register(source, np.eye(5, 3))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("scale", "said"), [(1.1, True), (1.0, False)])
+def test_another_scale_is_told(scale: float, said: bool) -> None:
+    s = TrackedPoint.simulate(10, spread=Spread(0.3e-3), seed=3)
+    found = register(s.term.poses.at({})[1], scale * s.term.poses.samples.position)
+    assert found.scale == pytest.approx(scale, abs=5 * found.scale_std)
+    assert any("times as far apart" in note for note in found.verdict.notes) is said

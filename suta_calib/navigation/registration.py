@@ -41,6 +41,8 @@ ON_A_LINE: Final = 1e-6
 # A reflection that fits so many times better than any rotation is what the data are.
 MIRRORED: Final = 3.0
 MANY_OUTLIERS: Final = 0.4
+# Difference in scale that is worth a word where the scatter does not explain it.
+OTHER_SCALE: Final = 0.02
 # Scatter of the residuals, in units of the points' extent, that unrelated points have.
 UNRELATED: Final = 0.25
 # Extent across a line, in units of the scatter, from which on it is more than noise.
@@ -60,6 +62,9 @@ class Registration:
         residuals: (n, 3), ``R a_i + p - b_i``, in frame b, m.
         inliers: (n,) points that were fitted.
         sigma: scatter of one component of an inlier's residual, m.
+        scale: how many times larger the fitted points are in the target than in the source, which
+            a rigid transform cannot make up for.
+        scale_std: standard deviation of that, as far as the scatter makes it.
         solution: of the solver.
     """
 
@@ -70,6 +75,8 @@ class Registration:
     residuals: FloatArray
     inliers: BoolArray
     sigma: float
+    scale: float
+    scale_std: float
     solution: Solution
 
     @property
@@ -114,6 +121,11 @@ class Registration:
         share = 1.0 - float(self.inliers.mean())
         if share > MANY_OUTLIERS:
             bad.append(f"{share:.0%} of the points do not agree with the rest.")
+        if abs(self.scale - 1.0) > max(OTHER_SCALE, 3.0 * self.scale_std):
+            caution.append(
+                f"The points are {self.scale:.3f} times as far apart in the second set as in the "
+                "first: look for a scale or a unit."
+            )
         if np.sum(self.inliers) == LEAST_POINTS:
             caution.append("Three points leave hardly a residual: an error in one may not show.")
         return verdict_of(bad, caution)
@@ -146,7 +158,7 @@ def register(
     )
     _check_handedness(start, mirrored, float(np.ptp(b)))
     from_centre, to_centre = a[start.inliers].mean(axis=0), b[start.inliers].mean(axis=0)
-    length = float(np.sqrt(np.mean(np.sum((b - to_centre) ** 2, axis=1)))) or 1.0
+    length = _extent(b) or 1.0
     moved, fixed = (a - from_centre) / length, (b - to_centre) / length
 
     def make(rows: IntArray, noises: Sequence[Noise]) -> TrackedPoint:
@@ -181,8 +193,15 @@ def _result(
         residuals=a @ R.T + position - b,
         inliers=fit.inliers,
         sigma=fit.sigmas[0] * length,
+        scale=_extent(b[fit.inliers]) / _extent(a[fit.inliers]),
+        scale_std=fit.sigmas[0] * length / _extent(b[fit.inliers]) / np.sqrt(fit.inliers.sum()),
         solution=fit.solution,
     )
+
+
+def _extent(points: FloatArray) -> float:
+    """Root mean square distance from the middle, m."""
+    return float(np.sqrt(np.mean(np.sum((points - points.mean(axis=0)) ** 2, axis=1))))
 
 
 def _term(a: FloatArray, b: FloatArray, noise: Noise) -> TrackedPoint:
