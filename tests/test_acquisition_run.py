@@ -409,3 +409,20 @@ def test_seating_knows_another_landmark_by_its_distances(
         assert seating.misfit(name, postures[name]) < 5e-3
     assert seating.same_place(postures["O"], postures["O"] + 1e-4)
     assert not seating.same_place(postures["O"], postures["M1"])
+
+
+@pytest.mark.parametrize("missed", [1, 2])
+def test_landmarks_missed_at_the_start_are_noticed_by_the_distances(
+    job: Path, arm: ArmModel, postures: dict[str, FloatArray], tmp_path: Path, missed: int
+) -> None:
+    """Whoever starts late takes the second landmark for the first, until the distances object."""
+    names = ["O", "M1", "M2", "L1", "M3", "L2"]
+    plan = plan_of(job, arm, ",".join(names))
+    readings = visit(postures, ",".join(names[missed:])).readings()
+    attempt = Attempt(plan, file_of(plan, tmp_path / "a.csv"), readings)
+    assert attempt.done
+    assert attempt.landmarks == names[missed:]
+    check_against(attempt, postures)
+    assert attempt.run.missing == tuple(names[:missed])
+    assert any("missed O" in line and "at the start" in line for line in attempt.said)
+    assert not attempt.run.notes

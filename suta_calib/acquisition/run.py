@@ -106,6 +106,23 @@ class Run:
         self.skipped.append(self.station.name)
         self.index += 1
 
+    def move_on(self, by: int) -> None:
+        """Take all samples so far for those of the stations ``by`` later: earlier ones were missed.
+
+        Raises:
+            OutputError: the new labels could not be written; nothing has changed then.
+        """
+        moved = {index + by: row for index, row in self._rows.items()}
+        order = sorted(moved, key=lambda index: moved[index])
+        self.file.relabel([self.plan.stations[index].labels for index in order])
+        self._rows, self.index = moved, self.index + by
+        self.skipped = [station.name for station in self.plan.stations[:by]]
+        self.notes.clear()
+        if self.seating is not None:
+            self.seating.tips.clear()
+            for labels, angles in self.file.rows:
+                self.seating.put(labels["landmark"], angles)
+
     def back(self) -> None:
         """Return to the station before; its sample stays until there is another one."""
         self.index = max(0, self.index - 1)

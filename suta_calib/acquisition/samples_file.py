@@ -107,6 +107,16 @@ class SamplesFile:
         self._write(together)
         self.rows = together
 
+    def relabel(self, labels: Sequence[Mapping[str, str]]) -> None:
+        """Give all rows of this run other labels, in their order, at once.
+
+        Raises:
+            OutputError: they could not be written; the file is as it was.
+        """
+        rows = [(new, angles) for new, (_, angles) in zip(labels, self.rows, strict=True)]
+        self._write(rows)
+        self.rows = rows
+
     def _write(self, rows: Sequence[tuple[Mapping[str, str], FloatArray]]) -> None:
         text = self._kept
         for labels, angles in rows:

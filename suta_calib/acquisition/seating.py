@@ -6,7 +6,7 @@ among the distances of the same placement is.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -19,6 +19,9 @@ from suta_calib.model.arm import ArmModel
 # An arm before its calibration may be off by this much without anything being wrong, m.
 _NOMINAL_ERROR: Final = 10e-3
 _OUTSTANDING: Final = 4.0
+# And among so many landmarks never by so much, however bad the other distances are, m.
+_MANY: Final = 4
+_NEVER_USUAL: Final = 30e-3
 # From here on a landmark is another one rather than badly measured, m and as a ratio.
 ANOTHER: Final = 15e-3
 _BETTER: Final = 3.0
@@ -86,7 +89,10 @@ class Seating:
         usual = [
             abs(self._error(a, self.tips[a], b)) for k, a in enumerate(others) for b in others[:k]
         ]
-        limit = max(_NOMINAL_ERROR, _OUTSTANDING * float(np.median(usual)) if usual else 0.0)
+        usual_error = float(np.median(usual)) if usual else 0.0
+        limit = max(_NOMINAL_ERROR, _OUTSTANDING * usual_error)
+        if len(others) >= _MANY:
+            limit = min(limit, _NEVER_USUAL)
         return float(np.median(errors)) > limit
 
     def same_place(self, angles: FloatArray, other: FloatArray) -> bool:
@@ -115,6 +121,12 @@ class Seating:
             return False
         values = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
         return bool(values[1] > _COLLINEAR * values[0])
+
+    def disagreement(self, names: Sequence[str], tips: Sequence[FloatArray]) -> float:
+        """RMS distance of tips from landmarks of these names, laid over each other, m."""
+        source, target = self._artefact.position_of(list(names)), np.array(tips)
+        R, p = register_points(source, target)
+        return float(np.sqrt(np.mean(np.sum((source @ R.T + p - target) ** 2, axis=1))))
 
     def which(self, expected: str, candidates: Iterable[str], angles: FloatArray) -> str:
         """The landmark the arm rests on, where it may not be the expected one.

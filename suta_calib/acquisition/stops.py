@@ -127,6 +127,7 @@ class StopFinder:
 
     Attributes:
         excursion: how far any joint has been from `reference` since that was set, rad.
+        restless: names of the joints that last kept the arm from resting.
     """
 
     def __init__(
@@ -143,6 +144,7 @@ class StopFinder:
         self._flagged: set[int] = set()
         self._reference: FloatArray | None = None
         self.excursion = 0.0
+        self.restless: tuple[str, ...] = ()
         # Whether the stream paused and the arm has not been seen to move since.
         self._unseen = False
 
@@ -195,7 +197,7 @@ class StopFinder:
         if look.resting is None:
             return events
         if not look.resting:
-            self._unseen = False
+            self._unseen, self.restless = False, self._names(look.moving)
             return events + self._end(self._names(look.moving))
         if self._window is not None and self._window.suspended:
             events += self._resume(look)

@@ -32,6 +32,10 @@ _ENOUGH: Final = 0.5
 _ENOUGH_INTERRUPTED: Final = 0.1
 # As many landmarks tell where the artefact stands.
 _TELLING: Final = 3
+# So many, that fit other names so many times better, are those others; and so many may be missed.
+_CERTAIN: Final = 4
+_CLEARLY: Final = 3.0
+_MOST_MISSED: Final = 3
 
 
 class Unattended:
@@ -47,6 +51,8 @@ class Unattended:
         self._run, self._finder, self._seconds = run, finder, seconds
         self._short: Average | None = None
         self._doubt = run.last is not None
+        # Rows of an earlier run have their labels for good.
+        self._fresh = run.last is None
         self._said_still = False
         if run.last is not None:
             self._left(run.last)
@@ -153,6 +159,26 @@ class Unattended:
         self._doubt = False
         self._run.confirm(average, note)
         self._left(average.angles)
+        if self._fresh:
+            self._check_first()
+
+    def _check_first(self) -> None:
+        """Whether the first landmark was missed, so that every name so far is another's."""
+        run, seating = self._run, self._run.seating
+        if seating is None or run.skipped or run.confirmed != run.index or run.index < _CERTAIN:
+            return
+        names = [s.labels["landmark"] for s in run.plan.stations]
+        tips = [seating.tip(angles) for _, angles in run.file.rows]
+        most = min(_MOST_MISSED, len(names) - run.index)
+        misfits = [seating.disagreement(names[k : k + len(tips)], tips) for k in range(most + 1)]
+        best = int(np.argmin(misfits))
+        if misfits[0] > ANOTHER and misfits[0] > _CLEARLY * misfits[best]:
+            taken, true = names[: len(tips)], names[best : best + len(tips)]
+            run.say(
+                f"missed {', '.join(names[:best])} at the start: by their distances what was taken "
+                f"for {', '.join(taken)} is {', '.join(true)}"
+            )
+            run.move_on(best)
 
     def _skip_missed(self, average: Average) -> None:
         """Go on to the landmark the arm really rests on, where a motion may have been missed."""

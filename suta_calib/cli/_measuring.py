@@ -8,11 +8,14 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from suta_calib.acquisition.continuous import Continuous
 from suta_calib.acquisition.guided import Guided
 from suta_calib.acquisition.keyboard import Keyboard
 from suta_calib.acquisition.plan import Plan
 from suta_calib.acquisition.raw import RawRecorder
+from suta_calib.acquisition.rest import DEFAULT_REST
 from suta_calib.acquisition.run import Run
 from suta_calib.acquisition.samples_file import SamplesFile
 from suta_calib.acquisition.session import (
@@ -31,8 +34,8 @@ from suta_calib.cli.measure import PATIENCE_S, Options
 if TYPE_CHECKING:
     from rich.status import Status
 
-    from suta_calib.device.bus import Bus
     from suta_calib.device.description import DeviceSpec
+    from suta_calib.device.read_ahead import ReadAhead
 
 
 class Measuring:
@@ -42,6 +45,7 @@ class Measuring:
         options: of the command line.
         plan: what to measure.
         spec: the device.
+        source: its readings.
         choose: picks the arm's joints.
         file: where confirmed samples go.
     """
@@ -51,16 +55,19 @@ class Measuring:
         options: Options,
         plan: Plan,
         spec: DeviceSpec,
+        source: ReadAhead,
         choose: ArmReadings,
         file: SamplesFile,
     ) -> None:
         self._options, self._plan, self._spec = options, plan, spec
-        self._choose, self._file = choose, file
+        self._source, self._choose, self._file = source, choose, file
+        source.on_event = self._note
         self._console = console(stderr=options.as_json)
         self._status: Status | None = None
         self._happenings = Happenings()
         self._lines: list[str] = []
         self._run: Run | None = None
+        self._finder: Finder | None = None
 
     def run(self) -> dict[str, Any]:
         """Measure; what was measured and what happened.
@@ -69,6 +76,7 @@ class Measuring:
             SutaCalibError: bad input, a device that does not answer, a disk that is full.
         """
         taker, finder = self._taker()
+        self._finder = finder
         finished = taker.done
         if finished:
             self.say(f"nothing left to measure: {self._file.path} has every station")
@@ -98,17 +106,14 @@ class Measuring:
         return kind(self._run, finder, options.seconds), finder
 
     def _measure(self, taker: Taker, finder: Finder) -> bool:
-        from suta_calib.device.bus import Bus
-
         joints = [joint.name for joint in self._spec.joints]
         with ExitStack() as stack:
-            bus = stack.enter_context(Bus(self._spec, reconnect=True, on_event=self._note))
             raw = self._options.raw
             record = None if raw is None else stack.enter_context(RawRecorder(raw, joints))
             idle = self._idle(stack, taker, finder)
             try:
                 return run_session(
-                    bus,
+                    self._source,
                     self._choose,
                     finder,
                     taker,
@@ -118,15 +123,21 @@ class Measuring:
                     patience=self._patience,
                 )
             finally:
-                self._close(bus)
+                self._close()
 
-    def _close(self, bus: Bus) -> None:
+    def _close(self) -> None:
         """Also after Ctrl-C or a lost device: say what there is."""
         if self._status is not None:
             self._status.stop()
-        self._lines = told(self._happenings, bus.statistics, self._spec)
+        self._lines = told(self._happenings, self._source.statistics, self._spec)
         count = len(self._file.rows)
         self.say(f"{count} samples in {self._file.path}" if count else "no samples recorded")
+        if not count and isinstance(self._finder, StopFinder) and self._finder.restless:
+            most, window = np.degrees(DEFAULT_REST.tremble), DEFAULT_REST.window
+            self.say(
+                f"the arm was not seen at rest: {', '.join(self._finder.restless)} moved by more "
+                f"than {most:.2g} deg within {window:g} s; seat it firmly and let go"
+            )
         if count and self._run is not None and not self._run.done:
             self.say("the same command with --resume goes on after the last one")
         for line in self._lines:

@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 
 _LIVE_S: Final = 0.25
 _LINE_S: Final = 1.0
+# A pause at the end that is no chance, s.
+SILENT_S: Final = 1.0
 _COUNTS: Final = {
     "lost_frames": "lost",
     "gaps": "gaps",
@@ -88,8 +90,15 @@ def report(
         "stale_readings": statistics.stale_readings,
         "joints": joints,
         "tip": None if tip is None or last is None else tip.pose(last.angles),
-        "remarks": remarks(statistics, spec),
+        "remarks": [*_silence(now - last.arrival if last else 0.0), *remarks(statistics, spec)],
     }
+
+
+def _silence(since: float) -> list[str]:
+    """What to say of a device that no longer sends, ``since`` so many seconds."""
+    if since < SILENT_S:
+        return []
+    return [f"nothing has come for {since:.1f} s: is the cable plugged in, is the device on?"]
 
 
 class View:

@@ -115,16 +115,22 @@ def measure(context: click.Context, /, **options: Any) -> None:
 
 
 def _measure(options: Options) -> dict[str, Any]:
-    from suta_calib.acquisition.samples_file import SamplesFile
-    from suta_calib.acquisition.session import ArmReadings
-    from suta_calib.cli._measuring import Measuring
     from suta_calib.device.description import read_device
+    from suta_calib.device.read_ahead import ReadAhead
 
-    plan, out = _plan(options)
+    _check(options)
     spec = read_device(options.device)
-    choose = ArmReadings(spec, plan.arm.joints)
-    file = SamplesFile(out, plan.arm.joints, plan.label_columns, plan.key, resume=options.resume)
-    return Measuring(options, plan, spec, choose, file).run()
+    # The arm may rest on the first landmark already, and loading the rest takes a second.
+    with ReadAhead(spec, reconnect=True) as source:
+        from suta_calib.acquisition.samples_file import SamplesFile
+        from suta_calib.acquisition.session import ArmReadings
+        from suta_calib.cli._measuring import Measuring
+
+        plan, out = _plan(options)
+        joints = plan.arm.joints
+        choose = ArmReadings(spec, joints)
+        file = SamplesFile(out, joints, plan.label_columns, plan.key, resume=options.resume)
+        return Measuring(options, plan, spec, source, choose, file).run()
 
 
 def _plan(options: Options) -> tuple[Plan, Path]:
@@ -132,7 +138,6 @@ def _plan(options: Options) -> tuple[Plan, Path]:
     from suta_calib.acquisition.plan import FREE, POINT, TOUCHED, read_arm, read_row, repeated
     from suta_calib.acquisition.plan import touched as artefact_plan
 
-    _check(options)
     arm = read_arm(options.job, options.urdf)
     if options.free:
         out = options.out or options.job.parent / f"free_{options.repeat}.csv"
