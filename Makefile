@@ -16,12 +16,13 @@ INSTALLED_DEV := $(VENV)/.installed-dev
 INSTALLED_BENCH := $(VENV)/.installed-bench
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint format bench bench-device clean distclean
+.PHONY: help demo test test-all lint format bench bench-device clean distclean
 .DELETE_ON_ERROR:
 
 help:
 	@echo "make demo       calibrate the SUTA from the data in this repository"
 	@echo "make test       lint, types and tests, notebooks included"
+	@echo "make test-all   the same with the large studies"
 	@echo "make bench      how long things take, and how well, beside others"
 	@echo "make bench-device  the wire alone, at full length: 100 million bytes of noise, 60 s streams"
 	@echo "make lint       ruff and mypy only"
@@ -33,6 +34,10 @@ demo: $(INSTALLED)
 	$(BIN)/suta-calib calibrate data/suta/calibration.yaml
 
 test: lint
+	$(BIN)/python -m pytest -n $(JOBS) -m "not slow"
+
+# The large studies as well: some ten minutes.
+test-all: lint
 	$(BIN)/python -m pytest -n $(JOBS)
 
 lint: $(INSTALLED_DEV)

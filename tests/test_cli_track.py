@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import socket
 import subprocess
@@ -229,9 +230,10 @@ def test_bad_usage_is_one_clear_line(tmp_path: Path, capsys, options: tuple[str,
 
 
 def test_an_old_pose_is_not_shown_as_the_present_one(tmp_path: Path, capsys):
-    with EmulatedArm(emulated(faults=Faults.parse("stall=1.5@0.4"))) as emulator:
+    with EmulatedArm(emulated(faults=Faults.parse("stall=9@2"))) as emulator:
         device = emulator.write_device(tmp_path / "device.yaml")
-        assert cli(*TRACK, device, "--seconds", 1.6) == 0
+        assert cli(*TRACK, device, "--seconds", 4) == 0
     text = capsys.readouterr().out
-    assert text.startswith("no reading for 0.")
-    assert "Tip in the base: NO READING FOR 1." in text
+    assert "no reading for " in text
+    # How long depends on how busy the machine is, but not whether.
+    assert re.search(r"Tip in the base: NO READING FOR [1-3]\.", text)

@@ -68,7 +68,7 @@ def test_notebooks_are_found():
     ]
 
 
-@pytest.mark.slow
+@pytest.mark.notebook
 @every_notebook
 def test_runs_without_error(path: Path, repository: Path, tmp_path: Path):
     if path.stem == "02_other_arms" and not (ROBOTS / ROBOT_FILES["panda"][0]).is_file():
