@@ -307,3 +307,13 @@ def test_correction_brings_the_first_assignments_distorted_post_back(shared: Pat
     assert distance(after.em_pivot.post, true_post(prefix)) < 1
     assert after.correction is not None
     assert rms_length(after.correction.residuals) < 0.25 * rms_length(after.em_error)
+
+
+@pytest.mark.parametrize("part", ["base", "optical", "em"])
+@pytest.mark.parametrize("scale", [1e-3, 1.1])
+def test_markers_of_another_size_are_no_answer(part: str, scale: float) -> None:
+    data = simulate_stereotactic("sim", seed=0).data
+    body = replace(data.body, **{part: scale * getattr(data.body, part)})
+    verdict = judge_stereotactic(solve_stereotactic(replace(data, body=body)))
+    assert verdict.level == "bad"
+    assert "another unit" in verdict.notes[0]

@@ -37,6 +37,12 @@ MANY_OUTLIERS: Final = 0.4
 # Scatter of turns, rad, of pairs that do not belong together.
 NO_AGREEMENT: Final = float(np.radians(10.0))
 UNSURE: Final = 2e-3
+# Pairs below which positions can be fitted so well that they would seem exact; then this, in units
+# of the extent, is the least that they are taken to scatter, and no pair can be judged by others.
+FEW: Final = 8
+FINEST_POSITION: Final = 5e-4
+# Pairs below which a standard deviation is hardly more than a guess.
+ENOUGH: Final = 12
 UNSURE_TURN: Final = float(np.radians(0.5))
 
 
@@ -103,6 +109,11 @@ class HandEyeCalibration:
         share = 1.0 - float(self.inliers.mean())
         if share > MANY_OUTLIERS:
             bad.append(f"{share:.0%} of the pairs do not agree with the rest.")
+        if self.inliers.sum() < ENOUGH:
+            caution.append(
+                f"Only {int(self.inliers.sum())} pairs: the standard deviations are guesses "
+                "themselves, and a wrong pair may not show; take a dozen or more."
+            )
         displaced, turned = (float(np.linalg.norm(self.std["X"][k])) for k in (_SLIDE, _TURN))
         if displaced > UNSURE or turned > UNSURE_TURN:
             caution.append(
@@ -158,7 +169,9 @@ def calibrate_hand_eye(
     scaled, target = (A[0], (A[1] - centre) / length), (B[0], B[1] / length)
     start = robust_start(scaled, target, seed) if robust else plain_start(scaled, target)
     share = HandShare(scaled, target, FINEST_TURN)
-    floors = (0.0, FINEST_TURN)
+    few = len(A[1]) < FEW
+    start = plain_start(scaled, target) if few else start
+    floors = (FINEST_POSITION if few else 0.0, FINEST_TURN)
     fit = robust_fit(share.make, start, floors, robust=robust, revise=share.revise)
     if share.value and not share.explains(fit):
         share.value = 0.0

@@ -260,7 +260,7 @@ def _check_agreement(fit: RobustFit, R: FloatArray, length: float) -> None:
             f"poses whose tips scatter by {1e3 * length * fit.sigmas[0]:.0f} mm per axis",
             "a tool whose tip rests on a point",
             hint="is it the right file, unit, and order of the quaternion (x y z w)? Are single "
-            "poses grossly wrong, then let the robust solve find them",
+            "poses grossly wrong, then solve robustly (without --no-robust)",
         )
 
 

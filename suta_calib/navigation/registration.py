@@ -41,6 +41,9 @@ ON_A_LINE: Final = 1e-6
 # A reflection that fits so many times better than any rotation is what the data are.
 MIRRORED: Final = 3.0
 MANY_OUTLIERS: Final = 0.4
+# Standard deviations, m and rad, that deserve a word.
+UNSURE: Final = 1e-3
+UNSURE_TURN: Final = float(np.radians(1.0))
 # Difference in scale that is worth a word where the scatter does not explain it.
 OTHER_SCALE: Final = 0.02
 # Scatter of the residuals, in units of the points' extent, that unrelated points have.
@@ -126,8 +129,16 @@ class Registration:
                 f"The points are {self.scale:.3f} times as far apart in the second set as in the "
                 "first: look for a scale or a unit."
             )
-        if np.sum(self.inliers) == LEAST_POINTS:
-            caution.append("Three points leave hardly a residual: an error in one may not show.")
+        if np.sum(self.inliers) <= LEAST_POINTS + 1:
+            count = int(np.sum(self.inliers))
+            caution.append(f"{count} points leave few residuals: an error in one may not show.")
+        unsure = float(np.sqrt(np.trace(self.covariance[:3, :3])))
+        turned = float(np.sqrt(np.trace(self.covariance[3:, 3:])))
+        if unsure > UNSURE or turned > UNSURE_TURN:
+            caution.append(
+                f"The points' middle is known to ± {1e3 * unsure:.2f} mm and the turn to "
+                f"± {np.degrees(turned):.2f}° only (one sigma)."
+            )
         return verdict_of(bad, caution)
 
 

@@ -27,6 +27,8 @@ from suta_calib.terms.term import IntArray, Noise, Term
 MAX_ROUNDS: Final = 12
 # Rows from which on each may speak for its own scatter.
 MANY_ROWS: Final = 30
+# Rows below which the scatter they show is too small by chance: then no less than is assumed.
+FEW_ROWS: Final = 12
 # Relative change of a noise level that is none.
 SAME_NOISE: Final = 0.01
 THRESHOLD: Final = huber_threshold(DIMENSION)
@@ -100,7 +102,9 @@ def robust_fit(
         if settled or not _enough(agreeing) or (round_ + 1 == MAX_ROUNDS):
             break
         inliers, sigmas = agreeing, levels
-    covariance = _covariance(solution, [r[inliers] for r in residuals], levels)
+    few = int(inliers.sum()) < FEW_ROWS
+    truly = np.maximum(levels, least) if few else levels
+    covariance = _covariance(solution, [r[inliers] for r in residuals], truly)
     return RobustFit(solution, residuals, inliers, tuple(float(s) for s in levels), covariance)
 
 

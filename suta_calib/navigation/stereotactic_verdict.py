@@ -4,12 +4,19 @@ from __future__ import annotations
 
 from typing import Final
 
+import numpy as np
+
+from suta_calib.geometry import FloatArray
 from suta_calib.navigation.distortion import is_distorted, rms_length
 from suta_calib.navigation.pivot import PivotCalibration
-from suta_calib.navigation.registration import Registration
+from suta_calib.navigation.registration import Registration, kabsch
 from suta_calib.navigation.stereotactic import StereotacticResult
 from suta_calib.navigation.verdict import Verdict, verdict_of
 
+# Misfit of rigid markers, and of EM readings, that no noise or distortion of use makes, as part of
+# the markers' extent.
+MISSHAPEN: Final = 0.02
+ELSEWHERE: Final = 0.05
 USES: Final = {
     "em_pivot": "the EM pivot",
     "em_fiducials": "the fiducials",
@@ -30,7 +37,44 @@ def judge_stereotactic(result: StereotacticResult) -> Verdict:
     for name, part in parts.items():
         notes = [f"{name}: {note}" for note in part.verdict.notes]
         (caution if part.verdict.usable else bad).extend(notes)
-    return verdict_of(bad, [*caution, *_on_distortion(result)])
+    misfits = _on_shapes(result)
+    # What does not fit together is not for dewarping to mend.
+    return verdict_of([*misfits, *bad], caution if misfits else [*caution, *_on_distortion(result)])
+
+
+def _on_shapes(result: StereotacticResult) -> list[str]:
+    """Markers that do not have the shape that calbody gives them: a unit, an order, a marker."""
+    body, readings = result.data.body, result.data.readings
+    seen = {
+        "calreadings: D": (body.base, readings.base),
+        "calreadings: A": (body.optical, readings.optical),
+        "optpivot: D": (body.base, result.data.optical_pivot.base),
+    }
+    notes = [
+        f"{where} markers of frame {int(np.argmax(rms)) + 1} stay {1e3 * rms.max():.2f} mm RMS "
+        "from calbody's: look for another unit or order, or for a wrong marker."
+        for where, (given, frames) in seen.items()
+        if (rms := _misfit(given, frames)).max() > MISSHAPEN * _extent(given)
+    ]
+    off = rms_length(result.em_error)
+    if off > ELSEWHERE * _extent(body.em):
+        notes.append(
+            f"The EM markers are read {1e3 * off:.1f} mm RMS from where the optical tracker says: "
+            "more than distortion; look for another unit or order of the C markers."
+        )
+    return notes
+
+
+def _misfit(given: FloatArray, frames: FloatArray) -> FloatArray:
+    """RMS distance (N_frames,) of each frame's markers from the given ones laid over them, m."""
+    same = np.broadcast_to(given, frames.shape)
+    R, p = kabsch(same, frames)
+    apart = np.einsum("fij,fmj->fmi", R, same) + p[:, None] - frames
+    return np.asarray(np.sqrt(np.mean(np.sum(apart**2, axis=2), axis=1)))
+
+
+def _extent(points: FloatArray) -> float:
+    return float(np.sqrt(np.mean(np.sum((points - points.mean(axis=0)) ** 2, axis=1))))
 
 
 def _on_distortion(result: StereotacticResult) -> list[str]:
