@@ -34,7 +34,7 @@ from suta_calib.measurements.pose_files import (
 from suta_calib.navigation.hand_eye import HandEyeCalibration, calibrate_hand_eye
 from suta_calib.navigation.pivot import PivotCalibration, calibrate_pivot
 from suta_calib.navigation.registration import Registration, register
-from suta_calib.report.pose_files import json_text, write_pose_files
+from suta_calib.report.files import json_text, write_texts
 from suta_calib.report.pose_json import (
     hand_eye_dict,
     pivot_dict,
@@ -214,13 +214,13 @@ def test_an_outlier_beyond_the_rings_is_told(tmp_path: Path) -> None:
 # ── files ────────────────────────────────────────────────────────────────────────────────────
 def test_files_are_all_there_or_none(tmp_path: Path) -> None:
     out = tmp_path / "out"
-    written = write_pose_files({"a": 1.5}, {"x.txt": "é\n"}, out)
+    written = write_texts({"a": 1.5}, {"x.txt": "é\n"}, out)
     assert written == {"a": 1.5, "files": {n: str(out / n) for n in ("x.txt", "result.json")}}
     assert (out / "x.txt").read_text(encoding="utf-8") == "é\n"
     assert json.loads((out / "result.json").read_text()) == written
     (out / "y.txt").mkdir()
     with pytest.raises(OutputError, match=r"y\.txt.*found a folder"):
-        write_pose_files({"a": 2.5}, {"x.txt": "new", "y.txt": "new"}, out)
+        write_texts({"a": 2.5}, {"x.txt": "new", "y.txt": "new"}, out)
     assert (out / "x.txt").read_text(encoding="utf-8") == "é\n"
     assert json.loads((out / "result.json").read_text())["a"] == 1.5
     assert {path.name for path in out.iterdir()} == {"x.txt", "y.txt", "result.json"}

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
     from rich.status import Status
 
-    from suta_calib.navigation.verdict import Verdict
+    from suta_calib.verdict import Verdict
 
 NOT_USABLE: Final = 1
 Command = TypeVar("Command", bound=Callable[..., Any])
@@ -102,9 +102,9 @@ def finish(
         as_json: print ``answer`` instead of ``shown``.
     """
     if out is not None:
-        from suta_calib.report.pose_files import write_pose_files
+        from suta_calib.report.files import write_texts
 
-        answer = write_pose_files(answer, texts(), out)
+        answer = write_texts(answer, texts(), out)
     if as_json:
         print_json(answer)
     else:

@@ -19,13 +19,13 @@ from suta_calib.navigation.hand_share import HandShare
 from suta_calib.navigation.robust_fit import RobustFit, robust_fit
 from suta_calib.navigation.rotation_covariance import tangent_of_vector
 from suta_calib.navigation.undetermined import axis_of_all_turns, refuse_undetermined
-from suta_calib.navigation.verdict import Verdict, verdict_of
 from suta_calib.solver.solution import Solution
 from suta_calib.terms.hand_eye_start import (
     Poses,
     inverse,
     loops,
 )
+from suta_calib.verdict import Verdict, verdict_of
 
 Setup = Literal["eye-in-hand", "eye-to-hand"]
 Model = Literal["AX=XB", "AX=ZB"]

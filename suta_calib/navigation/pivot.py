@@ -21,11 +21,11 @@ from suta_calib.navigation.consensus import (
 )
 from suta_calib.navigation.robust_fit import RobustFit, robust_fit
 from suta_calib.navigation.undetermined import refuse_undetermined
-from suta_calib.navigation.verdict import Verdict, verdict_of
 from suta_calib.solver.solution import Solution
 from suta_calib.terms.fixed_point import FixedPoint, stacked_pivot
 from suta_calib.terms.poses import MeasuredPoses
 from suta_calib.terms.term import IntArray, Noise, grouped
+from suta_calib.verdict import Verdict, verdict_of
 
 LEAST_POSES: Final = 3
 # Rows of a minimal sample: one more than needed, so that small turns do not decide by chance.

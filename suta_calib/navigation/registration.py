@@ -27,11 +27,11 @@ from suta_calib.navigation.consensus import (
 )
 from suta_calib.navigation.robust_fit import ROUNDING, RobustFit, robust_fit
 from suta_calib.navigation.rotation_covariance import tangent_of_vector
-from suta_calib.navigation.verdict import Verdict, verdict_of
 from suta_calib.solver.solution import Solution
 from suta_calib.terms.poses import MeasuredPoses
 from suta_calib.terms.term import IntArray, Noise
 from suta_calib.terms.tracked_point import TrackedPoint
+from suta_calib.verdict import Verdict, verdict_of
 
 LEAST_POINTS: Final = 3
 # Points from which on one that does not fit can be told from the others.

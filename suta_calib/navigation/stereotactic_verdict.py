@@ -11,7 +11,7 @@ from suta_calib.navigation.distortion import is_distorted, rms_length
 from suta_calib.navigation.pivot import PivotCalibration
 from suta_calib.navigation.registration import Registration, kabsch
 from suta_calib.navigation.stereotactic import StereotacticResult
-from suta_calib.navigation.verdict import Verdict, verdict_of
+from suta_calib.verdict import Verdict, verdict_of
 
 # Misfit of rigid markers, and of EM readings, that no noise or distortion of use makes, as part of
 # the markers' extent.

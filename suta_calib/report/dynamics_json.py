@@ -9,11 +9,11 @@ import numpy as np
 
 from suta_calib.geometry import FloatArray, homogeneous
 from suta_calib.model.parameters import Unit
-from suta_calib.navigation.verdict import Verdict, verdict_of
 from suta_calib.report.pose_json import quaternion, rpy_deg, verdict_dict
 from suta_calib.report.units import SHOWN_UNIT, shown
 from suta_calib.tracking.dynamics import Dynamics, ErrorFigures
 from suta_calib.tracking.reversals import ChannelReversals
+from suta_calib.verdict import Verdict, verdict_of
 
 MS: Final = 1e3
 Json = dict[str, Any]

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from typing import Final
 
-from rich import box
 from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from suta_calib.report.console import number_table, verdict_lines
 from suta_calib.report.dynamics_json import MS, dynamics_verdict, error_rows
-from suta_calib.report.tables import COLOUR
 from suta_calib.report.units import NOTHING, SHOWN_UNIT, text
-from suta_calib.report.verdict import WORD
 from suta_calib.tracking.dynamics import Dynamics
 from suta_calib.tracking.reversals import ChannelReversals
 
@@ -35,13 +33,11 @@ def dynamics_tables(found: Dynamics) -> RenderableType:
         style="bold",
     )
     parts: list[RenderableType] = [latency, "", _errors(found), "", _reversals(found)]
-    verdict = dynamics_verdict(found)
-    word = Text(f"{WORD[verdict.level]}.", style=COLOUR[verdict.level])
-    return Group(*parts, "", word, *(Text(f" • {note}") for note in verdict.notes))
+    return Group(*parts, "", *verdict_lines(dynamics_verdict(found)))
 
 
 def _errors(found: Dynamics) -> Table:
-    table = _table("Distance from the reference", "", "RMS", "mean", "95 %", "max")
+    table = number_table("Distance from the reference", "", "RMS", "mean", "95 %", "max")
     for key, (unit, figures) in error_rows(found).items():
         numbers = (figures.rms, figures.mean, figures.p95, figures.maximum)
         shown = [text(value, unit) for value in numbers]
@@ -52,7 +48,9 @@ def _errors(found: Dynamics) -> Table:
 def _reversals(found: Dynamics) -> Table:
     columns = ("times", "before", "after", "jump")
     title = "Error where it turns back, mm RMS"
-    table = _table(title, found.per, *columns, *(["hysteresis"] if found.per == "joint" else []))
+    table = number_table(
+        title, found.per, *columns, *(["hysteresis"] if found.per == "joint" else [])
+    )
     for each in found.reversals:
         lengths = (each.error_before, each.error_after, each.jump)
         row = [str(len(each.reversals)), *(text(value, "m") for value in lengths)]
@@ -68,11 +66,3 @@ def _hysteresis(found: Dynamics, each: ChannelReversals) -> str:
     size, std = found.hysteresis[each.channel.name]
     unit = each.channel.unit
     return f"{text(size, unit)} ± {text(std, unit, with_unit=True)}"
-
-
-def _table(title: str, first: str, *columns: str) -> Table:
-    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, title_style="bold")
-    table.add_column(first)
-    for name in columns:
-        table.add_column(name, justify="right")
-    return table

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from suta_calib.analysis.accuracy import TermAccuracy
@@ -16,6 +15,7 @@ from suta_calib.report.errors_by import GROUPINGS, by_kind, groups
 from suta_calib.report.histogram import error_histogram
 from suta_calib.report.result import Result, arm_estimates, labelled_terms
 from suta_calib.report.result_json import arm_correlations, versions
+from suta_calib.report.sections import environment
 from suta_calib.report.tables import by_remedy, explanations, quantity
 from suta_calib.report.units import NOTHING, SHOWN_UNIT, combination, percent, text
 from suta_calib.report.verdict import judge
@@ -43,14 +43,7 @@ def render_report(result: Result) -> str:
         HTML with inline CSS and SVG, no scripts and no references to anything outside; every
         text that came from the user is escaped.
     """
-    environment = Environment(
-        loader=PackageLoader("suta_calib.report"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    return environment.get_template("report.html.j2").render(_context(result))
+    return environment().get_template("report.html.j2").render(_context(result))
 
 
 def _context(result: Result) -> dict[str, Any]:

@@ -14,8 +14,8 @@ from suta_calib.navigation.consensus import BoolArray
 from suta_calib.navigation.hand_eye import HandEyeCalibration
 from suta_calib.navigation.pivot import PivotCalibration
 from suta_calib.navigation.registration import Registration
-from suta_calib.navigation.verdict import Verdict
 from suta_calib.report.units import PER_SI
+from suta_calib.verdict import Verdict
 
 MM: Final = PER_SI["m"]
 DEG: Final = PER_SI["rad"]

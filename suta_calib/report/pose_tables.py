@@ -6,7 +6,6 @@ from collections.abc import Iterable, Sequence
 from typing import Final
 
 import numpy as np
-from rich import box
 from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
@@ -17,11 +16,10 @@ from suta_calib.navigation.consensus import BoolArray
 from suta_calib.navigation.hand_eye import HandEyeCalibration
 from suta_calib.navigation.pivot import PivotCalibration
 from suta_calib.navigation.registration import Registration
-from suta_calib.navigation.verdict import Verdict
+from suta_calib.report.console import number_table, verdict_lines
 from suta_calib.report.pose_json import FRAMES, asked_for, origin_std, quaternion, rpy_deg
-from suta_calib.report.tables import COLOUR
 from suta_calib.report.units import text
-from suta_calib.report.verdict import WORD, listed
+from suta_calib.report.verdict import listed
 
 MOST_OUTLIERS: Final = 10
 MOST_POSTS: Final = 12
@@ -31,7 +29,7 @@ MOST_TARGETS: Final = 20
 def pivot_tables(found: PivotCalibration, data: ToolPoses) -> RenderableType:
     """Tip, posts, fit and verdict."""
     posts = "post" if len(found.posts) == 1 else "posts"
-    table = _table(f"Tip in the tool, {posts} in the tracker, mm", *"xyz")
+    table = number_table(f"Tip in the tool, {posts} in the tracker, mm", "", *"xyz")
     table.add_row("tip", *_with_std(found.tip, found.tip_std), style="bold")
     for name in list(found.posts)[:MOST_POSTS]:
         label = "post" if data.point is None else f"post {name}"
@@ -43,7 +41,9 @@ def pivot_tables(found: PivotCalibration, data: ToolPoses) -> RenderableType:
         f"rms {text(found.rms, 'm', with_unit=True)} (3-D); "
         f"the tool was turned by {np.degrees(found.turn):.0f}° RMS"
     )
-    return Group(table, _fit(fit, "pose", found.inliers, data.lines), *_words(found.verdict))
+    return Group(
+        table, _fit(fit, "pose", found.inliers, data.lines), "", *verdict_lines(found.verdict)
+    )
 
 
 def hand_eye_tables(found: HandEyeCalibration, data: PosePairs) -> RenderableType:
@@ -55,7 +55,7 @@ def hand_eye_tables(found: HandEyeCalibration, data: PosePairs) -> RenderableTyp
         f"{text(found.rms_angle, 'rad', with_unit=True)}"
     )
     lost = _fit(fit, "pair", found.inliers, data.lines)
-    return Group(*tables, lost, *_words(found.verdict))
+    return Group(*tables, lost, "", *verdict_lines(found.verdict))
 
 
 def register_tables(
@@ -72,11 +72,11 @@ def register_tables(
     parts: list[RenderableType] = [table, _fit(fit, "point", found.inliers, a.lines)]
     if targets is not None:
         parts += ["", _targets(found, targets)]
-    return Group(*parts, *_words(found.verdict))
+    return Group(*parts, "", *verdict_lines(found.verdict))
 
 
 def _targets(found: Registration, targets: Points) -> Table:
-    table = _table("Targets in frame b, mm", *"xyz", "error", first="row")
+    table = number_table("Targets in frame b, mm", "row", *"xyz", "error")
     moved, error = found.act(targets.position), found.target_error(targets.position)
     for row in range(min(len(moved), MOST_TARGETS)):
         table.add_row(str(row), *(text(v, "m") for v in moved[row]), text(error[row], "m"))
@@ -95,7 +95,7 @@ def _pose(name: str, setup: str, pose: FloatArray, std: FloatArray) -> Table:
 
 
 def _pose_table(title: str) -> Table:
-    return _table(title, "", "", "", "")
+    return number_table(title, "", "", "", "")
 
 
 def _pose_rows(table: Table, pose: FloatArray, std: FloatArray, axes: str) -> None:
@@ -123,31 +123,3 @@ def _fit(figures: str, what: str, inliers: BoolArray, lines: Sequence[int]) -> G
         outliers = "outlier" if len(lost) == 1 else "outliers"
         parts[-1].append(f"; {len(lost)} {outliers}: row{'s' * (len(lost) > 1)} {rows}")
     return Group(*parts)
-
-
-def _words(verdict: Verdict) -> list[RenderableType]:
-    line = Text(f"{WORD[verdict.level]}.", style=COLOUR[verdict.level])
-    return ["", line, *(_bullet(note) for note in verdict.notes)]
-
-
-def _bullet(note: str) -> Table:
-    grid = Table.grid(padding=(0, 1))
-    grid.add_row(" •", Text(note))
-    return grid
-
-
-def _table(title: str, *numbers: str, first: str = "") -> Table:
-    table = Table(
-        title=title,
-        title_justify="left",
-        title_style="bold",
-        caption_justify="left",
-        box=box.SIMPLE_HEAD,
-        show_header=any((first, *numbers)),
-        pad_edge=False,
-        header_style="bold",
-    )
-    table.add_column(first, overflow="fold")
-    for name in numbers:
-        table.add_column(name, justify="right", no_wrap=True)
-    return table

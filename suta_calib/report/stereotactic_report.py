@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from rich import box
 from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
@@ -19,13 +18,12 @@ from suta_calib.navigation.cis_files import output1_text, output2_text
 from suta_calib.navigation.pivot import PivotCalibration
 from suta_calib.navigation.stereotactic import Navigation, StereotacticResult
 from suta_calib.navigation.stereotactic_comparison import Comparison
-from suta_calib.navigation.verdict import Verdict
+from suta_calib.report.console import number_table, verdict_lines
+from suta_calib.report.files import make_folder
 from suta_calib.report.pose_json import verdict_dict
 from suta_calib.report.stereotactic_plots import stereotactic_figure
-from suta_calib.report.tables import COLOUR
 from suta_calib.report.units import NOTHING, text
-from suta_calib.report.verdict import WORD
-from suta_calib.report.write import make_folder
+from suta_calib.verdict import Verdict
 
 MM: Final = 1e3
 
@@ -162,11 +160,11 @@ def stereotactic_tables(
     if lost := {kind: count for kind, count in result.outliers.items() if count}:
         counts = ", ".join(f"{count} in {kind}" for kind, count in lost.items())
         parts.append(Text(f"Markers left out: {counts}"))
-    return Group(*parts, *_words(verdict))
+    return Group(*parts, "", *verdict_lines(verdict))
 
 
 def _posts(result: StereotacticResult) -> Table:
-    table = _table("Posts in the EM tracker, mm", "pivot", "x", "y", "z", "rms", "frames")
+    table = number_table("Posts in the EM tracker, mm", "pivot", "x", "y", "z", "rms", "frames")
     for name, pivot in (("EM", result.em_pivot), ("optical", result.optical_pivot)):
         values = zip(pivot.post, pivot.post_std(), strict=True)
         cells = [f"{text(value, 'm')} ± {text(std, 'm')}" for value, std in values]
@@ -177,7 +175,7 @@ def _posts(result: StereotacticResult) -> Table:
 
 
 def _readings(result: StereotacticResult) -> Table:
-    table = _table(
+    table = number_table(
         "EM markers, distance from where they were, mm", "readings", "rms", "mean", "max", "count"
     )
     rows = {"as measured": result.em_error}
@@ -195,7 +193,7 @@ def _readings(result: StereotacticResult) -> Table:
 
 
 def _navigation(found: Navigation) -> Table:
-    table = _table("EM probe's tip in CT, mm", "frame", "x", "y", "z", "expected error")
+    table = number_table("EM probe's tip in CT, mm", "frame", "x", "y", "z", "expected error")
     for number, (tip, error) in enumerate(zip(found.ct, found.target_error, strict=True), 1):
         table.add_row(str(number), *(text(v, "m") for v in tip), text(error, "m"))
     lost = len(found.registration.outliers)
@@ -208,7 +206,7 @@ def _navigation(found: Navigation) -> Table:
 
 
 def _comparison(comparison: Comparison) -> Table:
-    table = _table("Against the output files given, mm", "distance of", "mean", "max")
+    table = number_table("Against the output files given, mm", "distance of", "mean", "max")
     for name, many in (
         ("expected EM markers", comparison.expected),
         ("EM post", comparison.em_post),
@@ -219,31 +217,4 @@ def _comparison(comparison: Comparison) -> Table:
             single = isinstance(many, float)
             most = NOTHING if single else f"{MM * float(np.max(many)):.4f}"
             table.add_row(name, f"{MM * float(np.mean(many)):.4f}", most)
-    return table
-
-
-def _words(verdict: Verdict) -> list[RenderableType]:
-    line = Text(f"{WORD[verdict.level]}.", style=COLOUR[verdict.level])
-    return ["", line, *(_bullet(note) for note in verdict.notes)]
-
-
-def _bullet(note: str) -> Table:
-    grid = Table.grid(padding=(0, 1))
-    grid.add_row(" •", Text(note))
-    return grid
-
-
-def _table(title: str, first: str, *numbers: str) -> Table:
-    table = Table(
-        title=title,
-        title_justify="left",
-        title_style="bold",
-        caption_justify="left",
-        box=box.SIMPLE_HEAD,
-        pad_edge=False,
-        header_style="bold",
-    )
-    table.add_column(first)
-    for name in numbers:
-        table.add_column(name, justify="right", no_wrap=True)
     return table

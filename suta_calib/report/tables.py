@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Final
 
-from rich import box
 from rich.console import Group, RenderableType
 from rich.padding import Padding
 from rich.table import Table
@@ -14,19 +13,16 @@ from rich.text import Text
 from suta_calib.analysis.accuracy import Accuracy, Metrics, TermAccuracy
 from suta_calib.analysis.observability import Explanation, Observability, Prospect, explain
 from suta_calib.model.parameters import Unit
+from suta_calib.report.console import COLOUR, bullet, plain_table, verdict_lines
 from suta_calib.report.errors_by import KindErrors, by_kind
 from suta_calib.report.result import Result
 from suta_calib.report.units import NOTHING, SHOWN_UNIT, percent, text
-from suta_calib.report.verdict import Level, judge, listed
+from suta_calib.report.verdict import judge, listed
 from suta_calib.solver.solution import Estimate, Solution, State
+from suta_calib.verdict import Level
 
 MOST_SENTENCES: Final = 3
 MOST_ROWS: Final = 20
-COLOUR: Final[dict[Level, str]] = {
-    "good": "bold green",
-    "caution": "bold yellow",
-    "bad": "bold red",
-}
 STATE_COLOUR: Final[dict[State, str]] = {
     "identified": "green",
     "unidentified": "yellow",
@@ -55,14 +51,7 @@ def summary(result: Result, *, verbose: bool = False) -> RenderableType:
 
 def words(result: Result) -> RenderableType:
     """The verdict, what must be known, and why parameters were held and what to do about it."""
-    verdict = judge(result)
-    line = Text.assemble(
-        (f"{verdict.word}.", COLOUR[verdict.level]),
-        " ",
-        verdict.sentence[:1].upper() + verdict.sentence[1:],
-    )
-    parts: list[RenderableType] = [line, *(_bullet(note) for note in verdict.notes)]
-    return Group(*parts, *_explained(_on_the_arm(result.solution)))
+    return Group(*verdict_lines(judge(result)), *_explained(_on_the_arm(result.solution)))
 
 
 def explanations(solution: Solution) -> tuple[Explanation, ...]:
@@ -85,7 +74,7 @@ def parameter_table(solution: Solution, *, verbose: bool = False) -> Table:
         verbose: also the terms' own parameters, those that stayed where their prior has them
             and, of a long list, those held; otherwise one line counts them.
     """
-    table = _table("Parameters")
+    table = plain_table("Parameters")
     table.add_column("parameter", overflow="fold", min_width=14)
     for name in ("nominal", "value", "change", "± std"):
         table.add_column(name, justify="right", no_wrap=True)
@@ -116,7 +105,7 @@ def errors_table(sets: Mapping[str, Sequence[TermAccuracy]]) -> Table:
         sets: terms by what their data are; one pair of rows for each, and for each kind and
             quantity where there are several.
     """
-    table = _table("Errors")
+    table = plain_table("Errors")
     # Figures must not be cut where a terminal has its usual eighty columns: words fold instead.
     table.padding = 0
     table.add_column("data", no_wrap=True)
@@ -133,7 +122,7 @@ def errors_table(sets: Mapping[str, Sequence[TermAccuracy]]) -> Table:
 
 def observability_table(observability: Observability, *, verbose: bool = False) -> Table:
     """Predicted standard deviation of every parameter against its plausible range, mm and deg."""
-    table = _table("What these readings can determine")
+    table = plain_table("What these readings can determine")
     table.add_column("parameter", overflow="fold", min_width=14)
     for name in ("plausible", "predicted ± std"):
         table.add_column(name, justify="right", no_wrap=True)
@@ -155,18 +144,6 @@ def observability_words(observability: Observability) -> RenderableType:
     level: Level = "caution" if observability.unidentified else "good"
     return Group(
         Text(observability.verdict, style=COLOUR[level]), *_explained(observability.explanations)
-    )
-
-
-def _table(title: str) -> Table:
-    return Table(
-        title=title,
-        title_justify="left",
-        title_style="bold",
-        caption_justify="left",
-        box=box.SIMPLE_HEAD,
-        pad_edge=False,
-        header_style="bold",
     )
 
 
@@ -259,14 +236,8 @@ def by_remedy(found: Sequence[Explanation]) -> dict[str, list[str]]:
 def _explained(found: Sequence[Explanation]) -> list[RenderableType]:
     parts: list[RenderableType] = []
     for remedy, sentences in by_remedy(found).items():
-        parts += [_bullet(sentence) for sentence in sentences[:MOST_SENTENCES]]
+        parts += [bullet(sentence) for sentence in sentences[:MOST_SENTENCES]]
         if len(sentences) > MOST_SENTENCES:
-            parts.append(_bullet(f"and {len(sentences) - MOST_SENTENCES} more of this sort"))
+            parts.append(bullet(f"and {len(sentences) - MOST_SENTENCES} more of this sort"))
         parts.append(Padding(Text(f"→ {remedy}", style="italic"), (0, 0, 0, 5)))
     return parts
-
-
-def _bullet(sentence: str) -> RenderableType:
-    grid = Table.grid(padding=(0, 1))
-    grid.add_row(" •", Text(sentence))
-    return grid

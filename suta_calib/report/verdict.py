@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Final, Literal
+from typing import Final
 
 from suta_calib.analysis.accuracy import Accuracy
 from suta_calib.analysis.lack_of_fit import LackOfFit, lack_of_fit
 from suta_calib.report.result import Result, arm_estimates
 from suta_calib.report.units import text
 from suta_calib.solver.solution import Solution, State
+from suta_calib.verdict import Level, Verdict
 
-Level = Literal["good", "caution", "bad"]
-WORD: Final[dict[Level, str]] = {"good": "Good", "caution": "Take care", "bad": "Do not use"}
 # Noise that differs from what the job states by more than this factor deserves a word.
 SURPRISING: Final = 2.0
 # Residuals over the scatter of repeats from which a model is said to lack something.
@@ -20,31 +18,11 @@ LACKING: Final = 1.5
 MOST_NAMES: Final = 6
 
 
-@dataclass(frozen=True)
-class Verdict:
-    """The first thing a reader needs.
-
-    Attributes:
-        level: ``good``; ``caution`` (usable, but something must be known); ``bad`` (not usable).
-        sentence: the solver's own.
-        notes: what must be known, one sentence each.
-    """
-
-    level: Level
-    sentence: str
-    notes: tuple[str, ...]
-
-    @property
-    def word(self) -> str:
-        """The level for a reader."""
-        return WORD[self.level]
-
-
 def judge(result: Result) -> Verdict:
     """Weigh convergence, held-out errors, bounds and what could not be told."""
     solution = result.solution
     if not solution.converged:
-        return Verdict("bad", solution.verdict, ("No calibrated URDF is written.",))
+        return Verdict("bad", ("No calibrated URDF is written.",), solution.verdict)
     notes = (
         *_on_validation(result.accuracy),
         *_on_parameters(solution),
@@ -53,7 +31,7 @@ def judge(result: Result) -> Verdict:
     )
     worse = _validation_change(result.accuracy) > 0
     level: Level = "bad" if worse else "caution" if notes else "good"
-    return Verdict(level, solution.verdict, notes)
+    return Verdict(level, notes, solution.verdict)
 
 
 def _validation_change(accuracy: Accuracy) -> float:

@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 
 from suta_calib.atomic import write_bytes_atomically
-from suta_calib.errors import OutputError
+from suta_calib.report.files import make_folder
 from suta_calib.report.html import render_report
 from suta_calib.report.residuals import residuals_csv
 from suta_calib.report.result import Result
@@ -48,17 +48,3 @@ def write_results(result: Result, folder: str | Path) -> dict[str, Path]:
 def result_text(result: Result) -> str:
     """``result.json`` as text."""
     return json.dumps(result_dict(result), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
-
-
-def make_folder(folder: Path) -> None:
-    """Create a folder and its parents.
-
-    Raises:
-        OutputError: it cannot be created, or a file is in its place.
-    """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(
-            f"{folder}: cannot be used as the output folder: {error.strerror}; choose another one"
-        ) from error

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import ClassVar, Final
+from typing import ClassVar, Final, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -130,6 +130,10 @@ class FixedPoint(Term):
         labels = {"point": [f"post_{k + 1}" for k in range(len(c)) for _ in range(count)]}
         samples = Samples.from_arrays([], np.zeros((len(R), 0)), labels=labels)
         return simulated(cls(MeasuredPoses(*poses, samples)), (t, *c), outliers)
+
+    def over_poses(self, poses: PoseSource) -> Self:
+        """The same over other poses."""
+        return type(self)(poses, self.noise)
 
     def start(self, rotation: FloatArray, position: FloatArray) -> FloatArray:
         """The tip by linear least squares, then the mean of the touches of each point."""

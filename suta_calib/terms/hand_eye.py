@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import ClassVar, Final
+from typing import ClassVar, Final, Self
 
 import casadi as ca
 import numpy as np
@@ -98,6 +98,7 @@ class HandEye(Term):
         hand_share: float = 0.0,
     ) -> None:
         super().__init__(poses, noise, angular_noise)
+        self.label, self.hand_share = label, hand_share
         samples = poses.samples
         if samples.position is None or samples.rotation is None:
             raise SamplesError(
@@ -171,6 +172,10 @@ class HandEye(Term):
                 "at least 3, turned about different axes",
                 where=self.kind,
             )
+
+    def over_poses(self, poses: PoseSource) -> Self:
+        """The same over other poses."""
+        return type(self)(poses, self.noise, self.angular_noise, self.label, self.hand_share)
 
     def start(self, rotation: FloatArray, position: FloatArray) -> FloatArray:
         """Quaternions of consecutive motions for X, then the mean of the loops for Z."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import casadi as ca
 import numpy as np
@@ -80,6 +80,10 @@ class Landmark(Term):
     def over(cls, poses: PoseSource, setup: Setup) -> Landmark:
         """Build it from a row of a job file."""
         return cls(poses, setup.certified(cls.kind), setup.noise, setup.angular_noise)
+
+    def over_poses(self, poses: PoseSource) -> Self:
+        """The same over other poses."""
+        return type(self)(poses, self.artefact, self.noise, self.angular_noise)
 
     def start(self, rotation: FloatArray, position: FloatArray) -> FloatArray:
         """Arun's registration of each placement; by orientation where the landmarks are in line."""

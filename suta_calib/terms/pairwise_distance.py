@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import numpy as np
 
@@ -96,6 +96,10 @@ class PairwiseDistance(Term):
     def over(cls, poses: PoseSource, setup: Setup) -> PairwiseDistance:
         """Build it from a row of a job file."""
         return cls(poses, setup.certified(cls.kind), setup.noise)
+
+    def over_poses(self, poses: PoseSource) -> Self:
+        """The same over other poses."""
+        return type(self)(poses, self.artefact, self.noise)
 
     def start(self, rotation: FloatArray, position: FloatArray) -> FloatArray:
         """Distances have no unknowns of their own."""

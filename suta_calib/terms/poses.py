@@ -10,6 +10,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from suta_calib.geometry import FloatArray
 from suta_calib.measurements.samples import Samples
@@ -32,6 +33,10 @@ class PoseSource(ABC):
     def at(self, values: Mapping[str, float]) -> tuple[FloatArray, FloatArray]:
         """Rotations (n, 3, 3) and positions (n, 3), m, for parameter values by name."""
 
+    @abstractmethod
+    def take(self, rows: ArrayLike) -> PoseSource:
+        """The poses of some samples, by number or by boolean mask."""
+
 
 class ArmPoses(PoseSource):
     """Poses of an arm's tip by forward kinematics: the geometry may be unknown."""
@@ -43,6 +48,10 @@ class ArmPoses(PoseSource):
     def at(self, values: Mapping[str, float]) -> tuple[FloatArray, FloatArray]:
         """Forward kinematics of the samples."""
         return self.arm.forward(self.samples.q, values)
+
+    def take(self, rows: ArrayLike) -> ArmPoses:
+        """The poses of some samples of the same arm."""
+        return ArmPoses(self.arm, self.samples.take(rows))
 
 
 class MeasuredPoses(PoseSource):
@@ -66,3 +75,11 @@ class MeasuredPoses(PoseSource):
         """The measured poses, whatever the values."""
         del values
         return np.asarray(self.rotation), np.asarray(self.position)
+
+    def take(self, rows: ArrayLike) -> MeasuredPoses:
+        """Some of the poses."""
+        chosen = np.asarray(rows)
+        samples = self.samples.take(chosen)
+        return MeasuredPoses(
+            self.rotation[chosen], self.position[chosen], samples, exact=self.exact
+        )

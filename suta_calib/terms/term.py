@@ -13,11 +13,11 @@ from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, Final
+from typing import Any, ClassVar, Final, Self
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from suta_calib.errors import ArtefactError
 from suta_calib.geometry import FloatArray, Symbol, symbolic_rotation, vector_from_rotation
@@ -157,6 +157,21 @@ class Term(ABC):
 
         Must be finite for any poses, also where the data leave some of them undetermined.
         """
+
+    @abstractmethod
+    def over_poses(self, poses: PoseSource) -> Self:
+        """The same kind of term, with the same noise, artefact and label, over other poses."""
+
+    def take(self, rows: ArrayLike) -> Self:
+        """The term over some of its samples, by number (repeats allowed) or by boolean mask.
+
+        What a study, a bootstrap or leaving one out refits: compiled functions are shared, so that
+        it costs little more than its rows.
+
+        Raises:
+            SamplesError: the kind cannot be built over these rows alone.
+        """
+        return self.over_poses(self.poses.take(rows))
 
     @property
     def subject(self) -> str:

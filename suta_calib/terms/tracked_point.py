@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import ClassVar, Final
+from typing import ClassVar, Final, Self
 
 import casadi as ca
 import numpy as np
@@ -77,6 +77,7 @@ class TrackedPoint(Term):
         label: str = "default",
     ) -> None:
         super().__init__(poses, noise, angular_noise)
+        self.label = label
         samples = poses.samples
         if samples.position is None:
             raise SamplesError("no positions", "columns x, y, z", where=self.kind)
@@ -141,6 +142,10 @@ class TrackedPoint(Term):
     def over(cls, poses: PoseSource, setup: Setup) -> TrackedPoint:
         """Build it from a row of a job file."""
         return cls(poses, setup.noise, setup.angular_noise, setup.label)
+
+    def over_poses(self, poses: PoseSource) -> Self:
+        """The same over other poses."""
+        return type(self)(poses, self.noise, self.angular_noise, self.label)
 
     def start(self, rotation: FloatArray, position: FloatArray) -> FloatArray:
         """Arun's registration of the tip's positions to what the instrument saw."""
