@@ -90,6 +90,17 @@ def homogeneous(rotation: ArrayLike, position: ArrayLike) -> FloatArray:
     return matrix
 
 
+def rms_length(vectors: ArrayLike) -> float:
+    """Root mean square length of vectors (..., 3), in their unit."""
+    return float(np.sqrt(np.mean(np.sum(np.asarray(vectors, dtype=float) ** 2, axis=-1))))
+
+
+def extent(points: ArrayLike) -> float:
+    """Root mean square distance of points (n, 3) from their middle, in their unit."""
+    points = np.asarray(points, dtype=float)
+    return rms_length(points - points.mean(axis=0))
+
+
 def register_points(source: ArrayLike, target: ArrayLike) -> tuple[FloatArray, FloatArray]:
     """Least-squares rigid transform between corresponding points.
 

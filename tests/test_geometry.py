@@ -13,8 +13,10 @@ from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
 from suta_calib.geometry import (
+    extent,
     homogeneous,
     register_points,
+    rms_length,
     rotation_from_quaternion,
     rotation_from_rpy,
     rotation_from_vector,
@@ -208,3 +210,11 @@ def test_registration_of_noisy_points_is_the_least_squares_one() -> None:
     best = cost(np.zeros(3), np.zeros(3))
     for step in 1e-4 * np.vstack([np.eye(6), -np.eye(6)]):
         assert cost(step[:3], step[3:]) > best
+
+
+def test_lengths_and_extents() -> None:
+    assert rms_length([[3.0, 0.0, 4.0], [0.0, 0.0, 0.0]]) == pytest.approx(math.sqrt(12.5))
+    points = np.random.default_rng(0).normal(size=(4, 5, 3))
+    assert rms_length(points) == pytest.approx(rms_length(points.reshape(-1, 3)))
+    assert extent(points[0] + 7.0) == pytest.approx(math.sqrt(points[0].var(axis=0).sum()))
+    assert extent(np.ones((5, 3))) == 0.0

@@ -1,104 +1,23 @@
 """What every kind of observation promises, asked of all of them.
 
-A kind that is added to `suta_calib.terms.KINDS` fails here until it has a case.
-"""
+A kind that is added to `suta_calib.terms.KINDS` fails here until it has a case."""
 
 from __future__ import annotations
-
-from collections.abc import Callable
-from dataclasses import dataclass
-from functools import cache
 
 import casadi as ca
 import numpy as np
 import pytest
 from simulated import (
-    Scene,
     Spread,
-    arm_named,
-    artefact,
-    artefact_scene,
     dh_parameters,
-    fixed_point_scene,
-    hand_eye_scene,
-    perturbed,
-    placements,
-    tracked_scene,
 )
+from terms_cases import CASES, GAUGE, SIGMA, each_case, noises, problem_of, scene, truth_of
 
-from suta_calib.model.arm import ArmModel
 from suta_calib.solver.information import whitened_rows
-from suta_calib.solver.losses import huber_threshold
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solve import solve
 from suta_calib.solver.symbolic import symbolic_cost
-from suta_calib.terms import KINDS, ArmPoses, HandEye, Noise
-
-GAUGE = {"joint_1.offset", "joint_2.z"}
-SIGMA = Spread(position=1e-4, rotation=1e-3)
-Make = Callable[[ArmModel, dict[str, float]], Scene]
-
-
-@dataclass(frozen=True)
-class Case:
-    """A set-up of one kind, and what of the SUTA's thirteen parameters it cannot tell."""
-
-    kind: str
-    make: Make
-    unidentified: frozenset[str]
-
-
-def over_artefact(kind: str, oriented: bool) -> Make:
-    certified = artefact(8, oriented=oriented)
-    return lambda arm, truth: artefact_scene(kind, arm, truth, certified, placements(4))
-
-
-def case(kind: str, make: Make, *names: str) -> Case:
-    return Case(kind, make, frozenset(GAUGE | set(names)))
-
-
-# Parallel pillars hide the tool's length; one point hides the scale, held by one of the lengths;
-# a camera's unknown pose on the tip takes up whatever follows the last joint.
-CASES = {
-    "pairwise_distance": case(
-        "pairwise_distance", over_artefact("pairwise_distance", False), "tip.y"
-    ),
-    "landmark": case("landmark", over_artefact("landmark", False), "tip.y"),
-    "landmark with seats": case("landmark", over_artefact("landmark", True), "tip.y"),
-    "fixed_point": case("fixed_point", fixed_point_scene, "joint_4.z"),
-    "tracked_point": case("tracked_point", tracked_scene),
-    "tracked_point with orientation": case(
-        "tracked_point", lambda arm, truth: tracked_scene(arm, truth, oriented=True)
-    ),
-    "hand_eye": case("hand_eye", hand_eye_scene, "joint_6.offset", "tip.y", "tip.z"),
-}
-AVAILABLE = [name for name, c in CASES.items() if c.kind in KINDS]
-each_case = pytest.mark.parametrize("name", AVAILABLE)
-
-
-@cache
-def scene(name: str) -> Scene:
-    arm = arm_named("suta")
-    return CASES[name].make(arm, perturbed(dh_parameters(arm), seed=1))
-
-
-def noises(spread: Spread, robust: bool) -> tuple[Noise, Noise]:
-    """Lengths and angles: known scatter, and Huber's threshold where it is robust."""
-    found = []
-    for sigma in (spread.position, spread.rotation):
-        found.append(Noise(sigma, huber_threshold(3) * sigma) if robust else Noise(sigma))
-    return found[0], found[1]
-
-
-def problem_of(name: str, spread: Spread = SIGMA, seed: int = 0, robust: bool = False) -> Problem:
-    s = scene(name)
-    term = s.term(s.samples(spread, seed)[0], *noises(SIGMA, robust))
-    return Problem([term], dh_parameters(s.arm))
-
-
-def truth_of(problem: Problem, name: str) -> np.ndarray:
-    """The parameter vector at which the exact samples of a case were made."""
-    return problem.start(scene(name).truth)
+from suta_calib.terms import KINDS, ArmPoses, HandEye
 
 
 def somewhere(problem: Problem, name: str, seed: int = 0) -> np.ndarray:
@@ -258,69 +177,3 @@ def test_what_the_data_cannot_tell_is_held_and_named(name: str, spread: Spread) 
         assert (estimate.std, estimate.value) == (None, estimate.nominal)
     named = {c.held for c in solution.identification.combinations}
     assert named == CASES[name].unidentified
-
-
-@cache
-def told_alone(name: str) -> tuple[str, ...]:
-    """The arm's parameters that exact data determine by themselves."""
-    estimates = solve(problem_of(name, Spread())).estimates.values()
-    arm = scene(name).truth
-    return tuple(e.name for e in estimates if e.std and not e.given and e.name in arm)
-
-
-def error_of(name: str, spread: Spread, seed: int, robust: bool) -> float:
-    """Root mean square error of those parameters, in units of the solver's scales."""
-    problem = problem_of(name, spread, seed, robust)
-    values, truth = solve(problem).values, scene(name).truth
-    errors = [(values[n] - truth[n]) / problem.parameters[n].scale for n in told_alone(name)]
-    assert len(errors) >= 5
-    return float(np.sqrt(np.mean(np.square(errors))))
-
-
-@each_case
-def test_with_outliers_huber_beats_least_squares_threefold(name: str) -> None:
-    spread = Spread(SIGMA.position, SIGMA.rotation, outliers=0.1, gross=0.01)
-    plain, huber = (
-        np.sqrt(np.mean([error_of(name, spread, seed, robust) ** 2 for seed in range(3)]))
-        for robust in (False, True)
-    )
-    assert huber < plain / 3
-
-
-@each_case
-def test_gross_outliers_do_not_change_what_is_identified(name: str) -> None:
-    """An outlier of 30 mm tells the scale of an arm that only touched points, and wrongly."""
-    spread = Spread(SIGMA.position, SIGMA.rotation, outliers=0.1, gross=0.03)
-    assert set(solve(problem_of(name, spread, 0, True)).unidentified) == CASES[name].unidentified
-
-
-def spread_over_prediction(name: str, trials: int) -> float:
-    """Root of the mean, over the parameters, of Monte-Carlo variance over predicted variance."""
-    s = scene(name)
-    values, predicted = [], []
-    for samples in s.samples(SIGMA, seed=11, trials=trials):
-        problem = Problem([s.term(samples, *noises(SIGMA, False))], dh_parameters(s.arm))
-        solution = solve(problem)
-        assert solution.converged
-        values.append(solution.x)
-        predicted.append(np.diag(solution.covariance))
-    told = np.flatnonzero(np.all(np.array(predicted) > 0, axis=0))
-    assert len(told) >= 10
-    ratio = np.var(values, axis=0, ddof=1)[told] / np.mean(predicted, axis=0)[told]
-    return float(np.sqrt(np.mean(ratio)))
-
-
-@each_case
-def test_the_monte_carlo_spread_is_the_predicted_one(name: str) -> None:
-    """120 trials: a single parameter's ratio scatters by 1/√240 = 6.5 %, pooled ones by less.
-
-    The limits are then more than three standard deviations away, whatever the correlation.
-    """
-    assert 0.8 < spread_over_prediction(name, trials=120) < 1.25
-
-
-@pytest.mark.slow
-@each_case
-def test_the_monte_carlo_spread_is_the_predicted_one_closely(name: str) -> None:
-    """500 trials: 3.2 % at most, so that a bias of the prediction of a tenth shows."""
-    assert 0.88 < spread_over_prediction(name, trials=500) < 1.12

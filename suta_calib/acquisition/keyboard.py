@@ -11,7 +11,6 @@ import os
 import select
 import termios
 import tty
-from types import TracebackType
 from typing import Any, Final, Self
 
 _END: Final = "q"
@@ -40,12 +39,7 @@ class Keyboard:
             tty.setcbreak(self._descriptor)
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         if self._before is not None:
             with contextlib.suppress(termios.error):
                 termios.tcsetattr(self._descriptor, termios.TCSADRAIN, self._before)

@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from suta_calib.geometry import FloatArray, skew
+from suta_calib.geometry import FloatArray, rms_length, skew
 from suta_calib.solver.problem import Problem
 
 # What an angle is worth beside a length, m: the size of a tool or an artefact.
@@ -133,4 +133,4 @@ def placement_groups(problem: Problem) -> FloatArray:
 
 
 def _rms(vectors: FloatArray) -> float:
-    return float(np.sqrt(np.mean(np.sum(vectors**2, axis=1)))) if len(vectors) else 0.0
+    return rms_length(vectors) if len(vectors) else 0.0

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from types import TracebackType
 from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
@@ -126,12 +125,7 @@ class View:
             self._live.start()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def close(self) -> None:
@@ -163,7 +157,7 @@ class View:
 
     def conclude(self, data: dict[str, Any]) -> None:
         """What was seen in all, and what is wrong."""
-        counts = ", ".join(f"{data[key]} {name}" for key, name in _COUNTS.items())
+        counts = ", ".join(_counted(data[key], name) for key, name in _COUNTS.items())
         self._console.print(f"{data['frames']} frames; {counts}", soft_wrap=True)
         for remark in data["remarks"] or ["nothing wrong was seen"]:
             self._console.print(f"· {remark}", soft_wrap=True)
@@ -178,7 +172,7 @@ class View:
             style = "red" if joint["error"] else "yellow" if joint["warning"] else ""
             angle, noise = _number(joint["angle_deg"], 4), _number(joint["noise_deg"], 5)
             table.add_row(name, angle, noise, Text(_meaning(joint), style=style))
-        counts = ", ".join(f"{data[key]} {name}" for key, name in _COUNTS.items())
+        counts = ", ".join(_counted(data[key], name) for key, name in _COUNTS.items())
         found = [Text(f"· {remark}", style="yellow") for remark in data["remarks"]]
         return Group(table, Text(counts), *_tip_text(self._tip, data), *found)
 
@@ -195,9 +189,13 @@ def _line(data: dict[str, Any]) -> str:
         f"{name} {_number(joint['angle_deg'], 3)}°{_mark(joint)}"
         for name, joint in data["joints"].items()
     )
-    bad = ", ".join(f"{data[key]} {name}" for key, name in _COUNTS.items() if data[key])
+    bad = ", ".join(_counted(data[key], name) for key, name in _COUNTS.items() if data[key])
     tip = "" if data["tip"] is None else f"  tip {_vector(data['tip']['position_mm'])} mm"
     return f"{data['frame_rate_hz']:.1f} {data['format']}/s  {angles}{tip}  {bad}".rstrip()
+
+
+def _counted(number: int, name: str) -> str:
+    return f"{number} {name.removesuffix('s') if number == 1 else name}"
 
 
 def _mark(joint: dict[str, Any]) -> str:

@@ -53,7 +53,7 @@ def register(
         context,
         register_dict(found, *points, targets) | {"robust": not plain, "seed": seed},
         found.verdict,
-        lambda: register_tables(found, points[0], targets),
+        lambda: register_tables(found, points[0], targets, b=points[1]),
         lambda: register_texts(found, *points),
         out,
         as_json=as_json,

@@ -11,7 +11,6 @@ import threading
 from dataclasses import replace
 from pathlib import Path
 from queue import Empty, Queue
-from types import TracebackType
 from typing import Any, Final, Self
 
 import numpy as np
@@ -77,12 +76,7 @@ class EmulatedArm:
             raise
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.stop()
 
     @property

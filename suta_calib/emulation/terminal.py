@@ -9,7 +9,6 @@ import secrets
 import select
 import sys
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 from suta_calib.errors import OutputError, SutaCalibError
@@ -48,12 +47,7 @@ class PseudoTerminal:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     @property

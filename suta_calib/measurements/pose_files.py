@@ -6,7 +6,7 @@ Lengths are in m unless the columns are named ``…_mm``; unknown columns are ig
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
@@ -39,6 +39,7 @@ class ToolPoses:
         rotation: (n, 3, 3).
         position: (n, 3), m.
         point: (n,) label of the post touched; None where the file has no such column.
+        unit_notes: what speaks of another unit than the columns say, one sentence each.
     """
 
     path: Path
@@ -46,6 +47,7 @@ class ToolPoses:
     rotation: FloatArray
     position: FloatArray
     point: NDArray[np.str_] | None = None
+    unit_notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,12 +59,14 @@ class PosePairs:
         lines: (n,) line of every row in it, from 1.
         hand: rotations (n, 3, 3) and positions (n, 3), m.
         seen: the same of the target in the eye.
+        unit_notes: what speaks of another unit than the columns say, one sentence each.
     """
 
     path: Path
     lines: tuple[int, ...]
     hand: tuple[FloatArray, FloatArray]
     seen: tuple[FloatArray, FloatArray]
+    unit_notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,11 +77,13 @@ class Points:
         path: the file.
         lines: (n,) line of every row in it, from 1.
         position: (n, 3), m.
+        unit_notes: what speaks of another unit than the columns say, one sentence each.
     """
 
     path: Path
     lines: tuple[int, ...]
     position: FloatArray
+    unit_notes: tuple[str, ...] = ()
 
 
 def read_tool_poses(path: str | Path) -> ToolPoses:
@@ -92,10 +98,10 @@ def read_tool_poses(path: str | Path) -> ToolPoses:
             rows that repeat another exactly.
     """
     table = read_csv_table(Path(path))
-    rotation, position = _poses(table)
+    (rotation, position), notes = _poses(table)
     point = table.labels("point") if "point" in table.columns else None
     _check_different(table, np.hstack([position, rotation.reshape(-1, 9)]))
-    return ToolPoses(table.path, table.lines, rotation, position, point)
+    return ToolPoses(table.path, table.lines, rotation, position, point, notes)
 
 
 def read_pose_pairs(path: str | Path) -> PosePairs:
@@ -104,10 +110,10 @@ def read_pose_pairs(path: str | Path) -> PosePairs:
     Raises, warns: as `read_tool_poses`.
     """
     table = read_csv_table(Path(path))
-    hand, seen = _poses(table, "a_"), _poses(table, "b_")
+    (hand, of_hand), (seen, of_seen) = _poses(table, "a_"), _poses(table, "b_")
     numbers = [part.reshape(len(table), -1) for part in (*hand, *seen)]
     _check_different(table, np.hstack(numbers))
-    return PosePairs(table.path, table.lines, hand, seen)
+    return PosePairs(table.path, table.lines, hand, seen, of_hand + of_seen)
 
 
 def read_points(path: str | Path) -> Points:
@@ -120,9 +126,7 @@ def read_points(path: str | Path) -> Points:
         SutaCalibWarning: lengths that look like another unit.
     """
     table = read_csv_table(Path(path))
-    points = _points(table)
-    _hint_at_unit(table, points.position)
-    return points
+    return _hinted(table, _points(table))
 
 
 def read_corresponding_points(path_a: str | Path, path_b: str | Path) -> tuple[Points, Points]:
@@ -146,20 +150,23 @@ def read_corresponding_points(path_a: str | Path, path_b: str | Path) -> tuple[P
     for table, points in zip(tables, (a, b), strict=True):
         _count_different(table, points.position, "points")
     _check_same_unit(a, b)
-    for table, points in zip(tables, (a, b), strict=True):
-        _hint_at_unit(table, points.position)
-    return a, b
+    return _hinted(tables[0], a), _hinted(tables[1], b)
 
 
 def _points(table: CsvTable) -> Points:
     return Points(table.path, table.lines, _positions(table))
 
 
-def _poses(table: CsvTable, prefix: str = "") -> tuple[FloatArray, FloatArray]:
+def _hinted(table: CsvTable, points: Points) -> Points:
+    return replace(points, unit_notes=_hint_at_unit(table, points.position))
+
+
+def _poses(
+    table: CsvTable, prefix: str = ""
+) -> tuple[tuple[FloatArray, FloatArray], tuple[str, ...]]:
     position = _positions(table, prefix)
     rotation = rotations(table, prefix)
-    _hint_at_unit(table, position, prefix)
-    return rotation, position
+    return (rotation, position), _hint_at_unit(table, position, prefix)
 
 
 def _positions(table: CsvTable, prefix: str = "") -> FloatArray:
@@ -176,21 +183,29 @@ def _names(table: CsvTable, prefix: str) -> list[str]:
     return [f"{prefix}{axis}{unit}" for axis in "xyz"]
 
 
-def _hint_at_unit(table: CsvTable, found: FloatArray, prefix: str = "") -> None:
+def _hint_at_unit(table: CsvTable, found: FloatArray, prefix: str = "") -> tuple[str, ...]:
+    """Warn where lengths look like another unit, and say so to whoever judges the answer."""
     first = _names(table, prefix)[0]
-    in_mm = first.endswith("_mm")
     distance = float(np.median(np.linalg.norm(found, axis=1)))
-    there = f"{table.path}:{table.header_line}: column {first!r}"
+    if (said := _other_unit(first.endswith("_mm"), distance, prefix)) is None:
+        return ()
+    note = f"{table.path}:{table.header_line}: column {first!r}: {said}"
+    _warn(note)
+    return (f"{note}.",)
+
+
+def _other_unit(in_mm: bool, distance: float, prefix: str) -> str | None:
     if not in_mm and distance > FAR_M:
-        _warn(
-            f"{there}: found positions some {distance:.0f} m away; looks like millimetres: name "
+        return (
+            f"found positions some {distance:.0f} m away; looks like millimetres: name "
             f"the columns {prefix}x_mm, {prefix}y_mm, {prefix}z_mm"
         )
     if in_mm and 0.0 < 1e3 * distance < NEAR_MM:
-        _warn(
-            f"{there}: found positions some {1e3 * distance:.2g} mm away; looks like metres: name "
+        return (
+            f"found positions some {1e3 * distance:.2g} mm away; looks like metres: name "
             f"the columns {prefix}x, {prefix}y, {prefix}z"
         )
+    return None
 
 
 def _check_different(table: CsvTable, numbers: FloatArray) -> None:

@@ -22,7 +22,7 @@ from scipy.interpolate import NdBSpline
 from scipy.spatial import ConvexHull, QhullError
 
 from suta_calib.errors import SamplesError
-from suta_calib.geometry import FloatArray
+from suta_calib.geometry import FloatArray, rms_length
 
 # Beyond this the basis is worse conditioned than the data are good: (7 + 1)³ gives 1e8.
 DEGREES: Final = tuple(range(7))
@@ -126,11 +126,6 @@ def fit_distortion(
         {d: float(np.sqrt(e.sum() / known.sum())) for d, e in errors.items()},
         fits[degree].residuals,
     )
-
-
-def rms_length(vectors: FloatArray) -> float:
-    """Root of the mean squared length: (..., 3) → scalar."""
-    return float(np.sqrt(np.mean(np.sum(vectors**2, axis=-1))))
 
 
 def is_distorted(measured: FloatArray, expected: FloatArray) -> bool:

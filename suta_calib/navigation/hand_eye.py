@@ -9,14 +9,20 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from suta_calib.errors import ParameterError, SamplesError
-from suta_calib.geometry import FloatArray, homogeneous, rotation_from_vector, vector_from_rotation
-from suta_calib.navigation.arrays import checked_poses
-from suta_calib.navigation.consensus import (
-    BoolArray,
+from suta_calib.geometry import (
+    FloatArray,
+    extent,
+    homogeneous,
+    rms_length,
+    rotation_from_vector,
+    vector_from_rotation,
 )
-from suta_calib.navigation.hand_eye_consensus import plain_start, rms_length, robust_start
+from suta_calib.navigation.arrays import checked_poses
+from suta_calib.navigation.consensus import BoolArray, Consensus
+from suta_calib.navigation.hand_eye_causes import refuse_misread, refuse_strangers
+from suta_calib.navigation.hand_eye_consensus import plain_start, robust_start
 from suta_calib.navigation.hand_share import HandShare
-from suta_calib.navigation.robust_fit import RobustFit, robust_fit
+from suta_calib.navigation.robust_fit import RobustFit, objections, outlier_rows, robust_fit
 from suta_calib.navigation.rotation_covariance import tangent_of_vector
 from suta_calib.navigation.undetermined import axis_of_all_turns, refuse_undetermined
 from suta_calib.solver.solution import Solution
@@ -33,9 +39,6 @@ LEAST_POSES: Final = 3
 # No hand and no eye is believed to turn more exactly than this when turns are weighed against
 # displacements: what is smaller repeats well, but is an error of the instruments all the same.
 FINEST_TURN: Final = float(np.radians(0.1))
-MANY_OUTLIERS: Final = 0.4
-# Scatter of turns, rad, of pairs that do not belong together.
-NO_AGREEMENT: Final = float(np.radians(10.0))
 UNSURE: Final = 2e-3
 # Pairs below which positions can be fitted so well that they would seem exact; then this, in units
 # of the extent, is the least that they are taken to scatter, and no pair can be judged by others.
@@ -98,17 +101,12 @@ class HandEyeCalibration:
     @property
     def outliers(self) -> tuple[int, ...]:
         """Pairs judged outliers, from 0."""
-        return tuple(int(row) for row in np.flatnonzero(~self.inliers))
+        return outlier_rows(self.inliers)
 
     @property
     def verdict(self) -> Verdict:
         """How far to trust X."""
-        bad, caution = list[str](), list[str]()
-        if not self.solution.converged:
-            bad.append(f"The solver did not converge: {self.solution.verdict}.")
-        share = 1.0 - float(self.inliers.mean())
-        if share > MANY_OUTLIERS:
-            bad.append(f"{share:.0%} of the pairs do not agree with the rest.")
+        caution = list[str]()
         if self.inliers.sum() < ENOUGH:
             caution.append(
                 f"Only {int(self.inliers.sum())} pairs: the standard deviations are guesses "
@@ -120,7 +118,7 @@ class HandEyeCalibration:
                 f"X is known to ± {1e3 * displaced:.1f} mm and ± {np.degrees(turned):.2f}° only "
                 "(one sigma): add poses, turned by 30° or more about different axes."
             )
-        return verdict_of(bad, caution)
+        return verdict_of(objections(self.solution, self.inliers, "pairs"), caution)
 
 
 _SLIDE: Final = slice(0, 3)
@@ -152,8 +150,9 @@ def calibrate_hand_eye(
         seed: of the minimal samples.
 
     Raises:
-        SamplesError: too few pairs, or motions that do not determine X: pure translation, or turns
-            about parallel axes; names the undetermined directions.
+        SamplesError: too few pairs; pairs that do not agree with any X, with what would make them
+            agree; or motions that do not determine X: pure translation, or turns about parallel
+            axes; names the undetermined directions.
     """
     A, B = checked_poses(*hand, "hand"), checked_poses(*seen, "seen")
     if setup not in get_args(Setup) or model not in get_args(Model):
@@ -167,16 +166,22 @@ def calibrate_hand_eye(
     length = _extent(A, B)
     centre = A[1].mean(axis=0)
     scaled, target = (A[0], (A[1] - centre) / length), (B[0], B[1] / length)
-    start = robust_start(scaled, target, seed) if robust else plain_start(scaled, target)
-    share = HandShare(scaled, target, FINEST_TURN)
     few = len(A[1]) < FEW
-    start = plain_start(scaled, target) if few else start
+    judge = robust and not few
+
+    def start_from(hand: Poses, seen: Poses) -> Consensus:
+        return robust_start(hand, seen, seed) if judge else plain_start(hand, seen)
+
+    start = start_from(scaled, target)
+    other = next(name for name in get_args(Setup) if name != setup)
+    refuse_misread(start, scaled, target, length, other, start_from)
+    share = HandShare(scaled, target, FINEST_TURN)
     floors = (FINEST_POSITION if few else 0.0, FINEST_TURN)
     fit = robust_fit(share.make, start, floors, robust=robust, revise=share.revise)
     if share.value and not share.explains(fit):
         share.value = 0.0
         fit = robust_fit(share.make, start, floors, robust=robust)
-    _check_agreement(fit)
+    refuse_strangers(fit, start, length)
     refuse_undetermined(
         fit.solution,
         "hand_eye",
@@ -231,18 +236,6 @@ def _check_counts(A: Poses, B: Poses) -> None:
         )
 
 
-def _check_agreement(fit: RobustFit) -> None:
-    """Where nothing fits, what the data leave open is not the trouble."""
-    if fit.sigmas[1] > NO_AGREEMENT:
-        raise SamplesError(
-            f"loops A X B that differ by {np.degrees(fit.sigmas[1]):.0f}° about every axis",
-            "poses of a hand and of what its eye saw, pair by pair",
-            hint="do the rows belong together, is the quaternion's order x y z w, is it the right "
-            "setup, and do both poses map in the direction asked for?",
-        )
-
-
 def _extent(A: Poses, B: Poses) -> float:
     """How large all this is: lengths are solved in units of it, so that none counts, m."""
-    spread = A[1] - A[1].mean(axis=0)
-    return float(rms_length(spread) + rms_length(B[1])) or 1.0
+    return extent(A[1]) + rms_length(B[1]) or 1.0

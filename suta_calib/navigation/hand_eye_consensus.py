@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from suta_calib.geometry import FloatArray, vector_from_rotation
+from suta_calib.geometry import FloatArray, rms_length, vector_from_rotation
 from suta_calib.navigation.consensus import Consensus, find_consensus, minimal_samples
 from suta_calib.terms.hand_eye_start import Poses, close_the_loop, loops, quaternion_hand_eye
 from suta_calib.terms.term import IntArray
@@ -58,8 +58,3 @@ def plain_start(A: Poses, B: Poses) -> Consensus:
     turned = vector_from_rotation(Z[0].T @ R)
     sigmas = np.array([rms_length(p - Z[1]), rms_length(turned)]) / np.sqrt(3.0)
     return Consensus(np.ones(len(p), dtype=np.bool_), sigmas)
-
-
-def rms_length(vectors: FloatArray) -> float:
-    """Root mean square length of vectors (n, 3)."""
-    return float(np.sqrt(np.mean(np.sum(vectors**2, axis=1))))

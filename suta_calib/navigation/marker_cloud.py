@@ -17,13 +17,8 @@ from suta_calib.navigation.consensus import (
     minimal_samples,
     outlier_limit,
 )
-from suta_calib.navigation.registration import (
-    ENOUGH_TO_JUDGE,
-    LEAST_POINTS,
-    MIRRORED,
-    ON_A_LINE,
-    kabsch,
-)
+from suta_calib.navigation.registration import ENOUGH_TO_JUDGE, kabsch
+from suta_calib.navigation.registration_checks import LEAST_POINTS, MIRRORED, ON_A_LINE
 
 MAX_ROUNDS: Final = 10
 # Residual relative to the size of the body that is rounding.

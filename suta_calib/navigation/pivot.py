@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from suta_calib.errors import SamplesError
-from suta_calib.geometry import FloatArray
+from suta_calib.geometry import FloatArray, rms_length
 from suta_calib.measurements.samples import Samples
 from suta_calib.navigation.arrays import checked_poses
 from suta_calib.navigation.consensus import (
@@ -19,7 +19,7 @@ from suta_calib.navigation.consensus import (
     find_consensus,
     minimal_samples,
 )
-from suta_calib.navigation.robust_fit import RobustFit, robust_fit
+from suta_calib.navigation.robust_fit import RobustFit, objections, outlier_rows, robust_fit
 from suta_calib.navigation.undetermined import refuse_undetermined
 from suta_calib.solver.solution import Solution
 from suta_calib.terms.fixed_point import FixedPoint, stacked_pivot
@@ -34,7 +34,6 @@ SAMPLE: Final = 4
 # 24°. And the standard deviation of a tip that no navigation can afford (optical systems: 0.3 mm).
 SMALL_TURN: Final = np.radians(12.0)
 UNSURE: Final = 0.5e-3
-MANY_OUTLIERS: Final = 0.4
 # Scatter, in units of the extent, of poses that have no point in common, and turns (rad) that are
 # hardly any.
 NO_POINT: Final = 0.1
@@ -86,22 +85,17 @@ class PivotCalibration:
     @property
     def rms(self) -> float:
         """Root mean square length of the inliers' residuals, m."""
-        return float(np.sqrt(np.mean(np.sum(self.residuals[self.inliers] ** 2, axis=1))))
+        return rms_length(self.residuals[self.inliers])
 
     @property
     def outliers(self) -> tuple[int, ...]:
         """Poses judged outliers, from 0."""
-        return tuple(int(row) for row in np.flatnonzero(~self.inliers))
+        return outlier_rows(self.inliers)
 
     @property
     def verdict(self) -> Verdict:
         """How far to trust the tip."""
-        bad, caution = list[str](), list[str]()
-        if not self.solution.converged:
-            bad.append(f"The solver did not converge: {self.solution.verdict}.")
-        share = 1.0 - float(self.inliers.mean())
-        if share > MANY_OUTLIERS:
-            bad.append(f"{share:.0%} of the poses do not agree with the rest.")
+        caution = list[str]()
         if self.turn < SMALL_TURN:
             caution.append(
                 f"The tool was turned too little ({np.degrees(self.turn):.0f}° RMS where it "
@@ -110,7 +104,7 @@ class PivotCalibration:
         unsure = float(np.linalg.norm(self.tip_std))
         if unsure > UNSURE:
             caution.append(f"The tip is known to ± {1e3 * unsure:.2f} mm only (one sigma, 3-D).")
-        return verdict_of(bad, caution)
+        return verdict_of(objections(self.solution, self.inliers, "poses"), caution)
 
 
 def calibrate_pivot(

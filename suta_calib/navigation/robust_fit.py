@@ -29,6 +29,8 @@ MAX_ROUNDS: Final = 12
 MANY_ROWS: Final = 30
 # Rows below which the scatter they show is too small by chance: then no less than is assumed.
 FEW_ROWS: Final = 12
+# Part of the rows that, where they disagree, leave open who is right.
+MANY_OUTLIERS: Final = 0.4
 # Relative change of a noise level that is none.
 SAME_NOISE: Final = 0.01
 THRESHOLD: Final = huber_threshold(DIMENSION)
@@ -61,10 +63,27 @@ class RobustFit:
     sigmas: tuple[float, ...]
     covariance: FloatArray
 
-    @property
-    def outliers(self) -> tuple[int, ...]:
-        """Rows judged outliers, from 0."""
-        return tuple(int(row) for row in np.flatnonzero(~self.inliers))
+
+def outlier_rows(inliers: BoolArray) -> tuple[int, ...]:
+    """Rows judged outliers, from 0."""
+    return tuple(int(row) for row in np.flatnonzero(~inliers))
+
+
+def objections(solution: Solution, inliers: BoolArray, what: str) -> list[str]:
+    """Why an answer must not be used, one sentence each; none where nothing speaks against it.
+
+    Args:
+        solution: of the solver.
+        inliers: (n,) rows that were fitted.
+        what: the rows are, such as ``poses``.
+    """
+    found = list[str]()
+    if not solution.converged:
+        found.append(f"The solver did not converge: {solution.verdict}.")
+    share = 1.0 - float(inliers.mean())
+    if share > MANY_OUTLIERS:
+        found.append(f"{share:.0%} of the {what} do not agree with the rest.")
+    return found
 
 
 def robust_fit(
@@ -122,8 +141,10 @@ def _covariance(
     problem = solution.problem
     if len(residuals[0]) >= MANY_ROWS:
         white = np.hstack([r / level for r, level in zip(residuals, levels, strict=True)])
-        witnesses = [blocks(white)]
-        return observed_covariance(problem, solution.x, solution.sigmas, solution.free, witnesses)
+        witnesses = blocks(white)
+        if np.array_equal(witnesses, problem.terms[0].repeats()):
+            return solution.covariance
+        return observed_covariance(problem, solution.x, solution.sigmas, solution.free, [witnesses])
     return _from_common_scatter(solution, levels)
 
 

@@ -6,8 +6,8 @@ from typing import Final
 
 import numpy as np
 
-from suta_calib.geometry import FloatArray
-from suta_calib.navigation.distortion import is_distorted, rms_length
+from suta_calib.geometry import FloatArray, extent, rms_length
+from suta_calib.navigation.distortion import is_distorted
 from suta_calib.navigation.pivot import PivotCalibration
 from suta_calib.navigation.registration import Registration, kabsch
 from suta_calib.navigation.stereotactic import StereotacticResult
@@ -54,10 +54,10 @@ def _on_shapes(result: StereotacticResult) -> list[str]:
         f"{where} markers of frame {int(np.argmax(rms)) + 1} stay {1e3 * rms.max():.2f} mm RMS "
         "from calbody's: look for another unit or order, or for a wrong marker."
         for where, (given, frames) in seen.items()
-        if (rms := _misfit(given, frames)).max() > MISSHAPEN * _extent(given)
+        if (rms := _misfit(given, frames)).max() > MISSHAPEN * extent(given)
     ]
     off = rms_length(result.em_error)
-    if off > ELSEWHERE * _extent(body.em):
+    if off > ELSEWHERE * extent(body.em):
         notes.append(
             f"The EM markers are read {1e3 * off:.1f} mm RMS from where the optical tracker says: "
             "more than distortion; look for another unit or order of the C markers."
@@ -71,10 +71,6 @@ def _misfit(given: FloatArray, frames: FloatArray) -> FloatArray:
     R, p = kabsch(same, frames)
     apart = np.einsum("fij,fmj->fmi", R, same) + p[:, None] - frames
     return np.asarray(np.sqrt(np.mean(np.sum(apart**2, axis=2), axis=1)))
-
-
-def _extent(points: FloatArray) -> float:
-    return float(np.sqrt(np.mean(np.sum((points - points.mean(axis=0)) ** 2, axis=1))))
 
 
 def _on_distortion(result: StereotacticResult) -> list[str]:

@@ -8,15 +8,12 @@ import numpy as np
 
 from suta_calib.errors import SamplesError
 from suta_calib.geometry import FloatArray
+from suta_calib.solver.identifiability import FEIGNED
 from suta_calib.solver.solution import Solution
 from suta_calib.terms.term import POSE_KEYS
 
 # Part of a direction that is worth a word.
 NOTICEABLE: Final = 0.02
-
-
-# Noise in orientations may be at most this part of what an axis turns by, as a variance.
-FEIGNED: Final = 0.01
 
 
 def refuse_undetermined(
@@ -78,6 +75,7 @@ def axis_of_all_turns(rotation: FloatArray, noise: float) -> FloatArray:
         (1, 3) in the body, or (0, 3).
     """
     mean = rotation.mean(axis=0)
+    # Noise may be as small a part of what an axis turns by, as a variance, as of any direction.
     moved, axes = np.linalg.eigh(np.eye(3) - mean.T @ mean)
     still = moved < max(2.0 * noise**2 / FEIGNED, 1e-12)
     return np.asarray(axes.T[still]) if still.sum() == 1 else np.zeros((0, 3))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
@@ -15,7 +16,7 @@ from suta_calib.navigation.hand_eye import HandEyeCalibration
 from suta_calib.navigation.pivot import PivotCalibration
 from suta_calib.navigation.registration import Registration
 from suta_calib.report.units import PER_SI
-from suta_calib.verdict import Verdict
+from suta_calib.verdict import Level, Verdict
 
 MM: Final = PER_SI["m"]
 DEG: Final = PER_SI["rad"]
@@ -51,7 +52,7 @@ def pivot_dict(found: PivotCalibration, data: ToolPoses) -> Json:
         "turn_deg": DEG * found.turn,
         **_rows(found.inliers, data.lines),
         "covariance": _covariance(found.covariance, order, "m²"),
-        "verdict": verdict_dict(found.verdict),
+        "verdict": verdict_dict(verdict_on(found, data)),
         "input": str(data.path),
     }
 
@@ -81,7 +82,7 @@ def hand_eye_dict(found: HandEyeCalibration, data: PosePairs) -> Json:
         "hand_share": found.hand_share,
         **_rows(found.inliers, data.lines),
         "covariance": _covariance(found.covariance[:size, :size], order, "m, rad"),
-        "verdict": verdict_dict(found.verdict),
+        "verdict": verdict_dict(verdict_on(found, data)),
         "input": str(data.path),
     }
 
@@ -108,7 +109,7 @@ def register_dict(found: Registration, a: Points, b: Points, targets: Points | N
     if targets is not None:
         answer["targets"] = _targets(found, targets)
     return answer | {
-        "verdict": verdict_dict(found.verdict),
+        "verdict": verdict_dict(verdict_on(found, a, b, targets)),
         "input": {"a": str(a.path), "b": str(b.path)},
     }
 
@@ -132,6 +133,17 @@ def rpy_deg(pose: FloatArray) -> list[float]:
 def quaternion(pose: FloatArray) -> list[float]:
     """Quaternion x y z w of a 4x4 pose, w ≥ 0."""
     return [float(v) for v in Rotation.from_matrix(pose[:3, :3]).as_quat(canonical=True)]
+
+
+def verdict_on(
+    found: PivotCalibration | HandEyeCalibration | Registration,
+    *files: ToolPoses | PosePairs | Points | None,
+) -> Verdict:
+    """How far to trust an answer, and what its files themselves give to think about."""
+    verdict = found.verdict
+    notes = [note for file in files if file is not None for note in file.unit_notes]
+    level: Level = "caution" if notes and verdict.level == "good" else verdict.level
+    return replace(verdict, level=level, notes=(*verdict.notes, *notes))
 
 
 def verdict_dict(verdict: Verdict) -> Json:

@@ -17,7 +17,14 @@ from suta_calib.navigation.hand_eye import HandEyeCalibration
 from suta_calib.navigation.pivot import PivotCalibration
 from suta_calib.navigation.registration import Registration
 from suta_calib.report.console import number_table, verdict_lines
-from suta_calib.report.pose_json import FRAMES, asked_for, origin_std, quaternion, rpy_deg
+from suta_calib.report.pose_json import (
+    FRAMES,
+    asked_for,
+    origin_std,
+    quaternion,
+    rpy_deg,
+    verdict_on,
+)
 from suta_calib.report.units import text
 from suta_calib.report.verdict import listed
 
@@ -42,7 +49,10 @@ def pivot_tables(found: PivotCalibration, data: ToolPoses) -> RenderableType:
         f"the tool was turned by {np.degrees(found.turn):.0f}° RMS"
     )
     return Group(
-        table, _fit(fit, "pose", found.inliers, data.lines), "", *verdict_lines(found.verdict)
+        table,
+        _fit(fit, "pose", found.inliers, data.lines),
+        "",
+        *verdict_lines(verdict_on(found, data)),
     )
 
 
@@ -55,11 +65,11 @@ def hand_eye_tables(found: HandEyeCalibration, data: PosePairs) -> RenderableTyp
         f"{text(found.rms_angle, 'rad', with_unit=True)}"
     )
     lost = _fit(fit, "pair", found.inliers, data.lines)
-    return Group(*tables, lost, "", *verdict_lines(found.verdict))
+    return Group(*tables, lost, "", *verdict_lines(verdict_on(found, data)))
 
 
 def register_tables(
-    found: Registration, a: Points, targets: Points | None = None
+    found: Registration, a: Points, targets: Points | None = None, *, b: Points | None = None
 ) -> RenderableType:
     """``T_b_a``, fit, the error to expect at the targets, verdict."""
     table = _pose_table("T_b_a: frame a in frame b")
@@ -72,7 +82,7 @@ def register_tables(
     parts: list[RenderableType] = [table, _fit(fit, "point", found.inliers, a.lines)]
     if targets is not None:
         parts += ["", _targets(found, targets)]
-    return Group(*parts, "", *verdict_lines(found.verdict))
+    return Group(*parts, "", *verdict_lines(verdict_on(found, a, b, targets)))
 
 
 def _targets(found: Registration, targets: Points) -> Table:

@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 
 from suta_calib.batched import Batched
-from suta_calib.geometry import FloatArray
+from suta_calib.geometry import FloatArray, rms_length
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import Unit
 from suta_calib.tracking.trajectory import Trajectory
@@ -210,6 +210,4 @@ def _noise(x: FloatArray) -> float:
 
 
 def _rms(vectors: Sequence[FloatArray]) -> float:
-    if not vectors:
-        return math.nan
-    return float(np.sqrt(np.mean(np.sum(np.array(vectors) ** 2, axis=1))))
+    return rms_length(vectors) if vectors else math.nan

@@ -1,0 +1,94 @@
+"""Each kind of observation with a scene, a gauge and parameters to find."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+import pytest
+from simulated import (
+    Scene,
+    Spread,
+    arm_named,
+    artefact,
+    artefact_scene,
+    dh_parameters,
+    fixed_point_scene,
+    hand_eye_scene,
+    perturbed,
+    placements,
+    tracked_scene,
+)
+
+from suta_calib.model.arm import ArmModel
+from suta_calib.solver.losses import huber_threshold
+from suta_calib.solver.problem import Problem
+from suta_calib.terms import KINDS, Noise
+
+GAUGE = {"joint_1.offset", "joint_2.z"}
+SIGMA = Spread(position=1e-4, rotation=1e-3)
+Make = Callable[[ArmModel, dict[str, float]], Scene]
+
+
+@dataclass(frozen=True)
+class Case:
+    """A set-up of one kind, and what of the SUTA's thirteen parameters it cannot tell."""
+
+    kind: str
+    make: Make
+    unidentified: frozenset[str]
+
+
+def over_artefact(kind: str, oriented: bool) -> Make:
+    certified = artefact(8, oriented=oriented)
+    return lambda arm, truth: artefact_scene(kind, arm, truth, certified, placements(4))
+
+
+def case(kind: str, make: Make, *names: str) -> Case:
+    return Case(kind, make, frozenset(GAUGE | set(names)))
+
+
+# Parallel pillars hide the tool's length; one point hides the scale, held by one of the lengths;
+# a camera's unknown pose on the tip takes up whatever follows the last joint.
+CASES = {
+    "pairwise_distance": case(
+        "pairwise_distance", over_artefact("pairwise_distance", False), "tip.y"
+    ),
+    "landmark": case("landmark", over_artefact("landmark", False), "tip.y"),
+    "landmark with seats": case("landmark", over_artefact("landmark", True), "tip.y"),
+    "fixed_point": case("fixed_point", fixed_point_scene, "joint_4.z"),
+    "tracked_point": case("tracked_point", tracked_scene),
+    "tracked_point with orientation": case(
+        "tracked_point", lambda arm, truth: tracked_scene(arm, truth, oriented=True)
+    ),
+    "hand_eye": case("hand_eye", hand_eye_scene, "joint_6.offset", "tip.y", "tip.z"),
+}
+AVAILABLE = [name for name, c in CASES.items() if c.kind in KINDS]
+each_case = pytest.mark.parametrize("name", AVAILABLE)
+
+
+@cache
+def scene(name: str) -> Scene:
+    arm = arm_named("suta")
+    return CASES[name].make(arm, perturbed(dh_parameters(arm), seed=1))
+
+
+def noises(spread: Spread, robust: bool) -> tuple[Noise, Noise]:
+    """Lengths and angles: known scatter, and Huber's threshold where it is robust."""
+    found = []
+    for sigma in (spread.position, spread.rotation):
+        found.append(Noise(sigma, huber_threshold(3) * sigma) if robust else Noise(sigma))
+    return found[0], found[1]
+
+
+def problem_of(name: str, spread: Spread = SIGMA, seed: int = 0, robust: bool = False) -> Problem:
+    s = scene(name)
+    term = s.term(s.samples(spread, seed)[0], *noises(SIGMA, robust))
+    return Problem([term], dh_parameters(s.arm))
+
+
+def truth_of(problem: Problem, name: str) -> np.ndarray:
+    """The parameter vector at which the exact samples of a case were made."""
+    return problem.start(scene(name).truth)

@@ -1,0 +1,82 @@
+"""Every kind of observation: outliers, and the Monte-Carlo spread that is predicted."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from simulated import (
+    Spread,
+    dh_parameters,
+)
+from terms_cases import CASES, SIGMA, each_case, noises, problem_of, scene
+
+from suta_calib.solver.problem import Problem
+from suta_calib.solver.solve import solve
+
+
+@cache
+def told_alone(name: str) -> tuple[str, ...]:
+    """The arm's parameters that exact data determine by themselves."""
+    estimates = solve(problem_of(name, Spread())).estimates.values()
+    arm = scene(name).truth
+    return tuple(e.name for e in estimates if e.std and not e.given and e.name in arm)
+
+
+def error_of(name: str, spread: Spread, seed: int, robust: bool) -> float:
+    """Root mean square error of those parameters, in units of the solver's scales."""
+    problem = problem_of(name, spread, seed, robust)
+    values, truth = solve(problem).values, scene(name).truth
+    errors = [(values[n] - truth[n]) / problem.parameters[n].scale for n in told_alone(name)]
+    assert len(errors) >= 5
+    return float(np.sqrt(np.mean(np.square(errors))))
+
+
+@each_case
+def test_with_outliers_huber_beats_least_squares_threefold(name: str) -> None:
+    spread = Spread(SIGMA.position, SIGMA.rotation, outliers=0.1, gross=0.01)
+    plain, huber = (
+        np.sqrt(np.mean([error_of(name, spread, seed, robust) ** 2 for seed in range(3)]))
+        for robust in (False, True)
+    )
+    assert huber < plain / 3
+
+
+@each_case
+def test_gross_outliers_do_not_change_what_is_identified(name: str) -> None:
+    """An outlier of 30 mm tells the scale of an arm that only touched points, and wrongly."""
+    spread = Spread(SIGMA.position, SIGMA.rotation, outliers=0.1, gross=0.03)
+    assert set(solve(problem_of(name, spread, 0, True)).unidentified) == CASES[name].unidentified
+
+
+def spread_over_prediction(name: str, trials: int) -> float:
+    """Root of the mean, over the parameters, of Monte-Carlo variance over predicted variance."""
+    s = scene(name)
+    values, predicted = [], []
+    for samples in s.samples(SIGMA, seed=11, trials=trials):
+        problem = Problem([s.term(samples, *noises(SIGMA, False))], dh_parameters(s.arm))
+        solution = solve(problem)
+        assert solution.converged
+        values.append(solution.x)
+        predicted.append(np.diag(solution.covariance))
+    told = np.flatnonzero(np.all(np.array(predicted) > 0, axis=0))
+    assert len(told) >= 10
+    ratio = np.var(values, axis=0, ddof=1)[told] / np.mean(predicted, axis=0)[told]
+    return float(np.sqrt(np.mean(ratio)))
+
+
+@each_case
+def test_the_monte_carlo_spread_is_the_predicted_one(name: str) -> None:
+    """120 trials: a single parameter's ratio scatters by 1/√240 = 6.5 %, pooled ones by less.
+
+    The limits are then more than three standard deviations away, whatever the correlation.
+    """
+    assert 0.8 < spread_over_prediction(name, trials=120) < 1.25
+
+
+@pytest.mark.slow
+@each_case
+def test_the_monte_carlo_spread_is_the_predicted_one_closely(name: str) -> None:
+    """500 trials: 3.2 % at most, so that a bias of the prediction of a tenth shows."""
+    assert 0.88 < spread_over_prediction(name, trials=500) < 1.12
