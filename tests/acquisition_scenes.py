@@ -54,7 +54,7 @@ class Attempt:
         choose = ArmReadings(device(plan.arm.joints), plan.arm.joints)
         source = Replay(readings)
         self.done = run_session(
-            source, choose, finder, taker, happenings=Happenings(), patience=0.3
+            source, choose, finder, taker, happenings=Happenings(), patience=1.0
         )
 
     @property

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import random
 import shutil
 import signal
@@ -43,13 +44,8 @@ def waited_for(process: subprocess.Popen[str], text: str) -> str:
 
 
 def started(command: Sequence[str], **more: Any) -> subprocess.Popen[str]:
-    return subprocess.Popen(
-        [sys.executable, "-m", "suta_calib", *command],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        **more,
-    )
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT} | more
+    return subprocess.Popen([sys.executable, "-m", "suta_calib", *command], text=True, **pipes)
 
 
 def test_prompts_without_a_terminal(bench: Bench) -> None:
@@ -74,7 +70,7 @@ def test_prompts_without_a_terminal(bench: Bench) -> None:
         waited_for(process, "Bring the tip to L1 (3 of 3)")
         out, _ = process.communicate("q\n", timeout=20)
         assert process.returncode == 0, out
-        assert "1 samples in" in out
+        assert "1 sample in" in out
         assert "missing: M1, L1" in out
     bench.check(bench.samples())
 
@@ -88,9 +84,36 @@ def test_ctrl_c_leaves_what_was_confirmed(bench: Bench) -> None:
         process.send_signal(signal.SIGINT)
         out, _ = process.communicate(timeout=20)
         assert process.returncode == 130
-        assert "1 samples in" in out
+        assert "1 sample in" in out
         assert "Traceback" not in out
     assert len(bench.samples()) == 1
+
+
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
+def test_broken_off_the_answer_is_json_all_the_same(bench: Bench, how: signal.Signals) -> None:
+    emulation = bench.emulation(Still(bench.postures["O"]))
+    with EmulatedArm(emulation) as emulator:
+        emulator.write_device(bench.folder / "device.yaml")
+        command = bench.command("--placement", "P1", "--sequence", "O,M1", "--yes", "--json")
+        process = started(command, stderr=subprocess.PIPE)
+        assert process.stderr is not None
+        while "O: recorded" not in process.stderr.readline():
+            assert process.poll() is None
+        process.send_signal(how)
+        out, err = process.communicate(timeout=20)
+    assert process.returncode == 130
+    found = json.loads(out)
+    assert (found["status"], found["samples"], found["missing"]) == ("interrupted", 1, ["M1"])
+    assert "interrupted" in err
+
+
+@pytest.mark.parametrize("option", ["--seconds", "--patience", "--tremble-deg"])
+def test_a_number_that_is_none_is_refused(
+    bench: Bench, capsys: pytest.CaptureFixture[str], option: str
+) -> None:
+    (bench.folder / "device.yaml").write_text("port: none\njoints: [{name: a}]\n")
+    assert cli(*bench.command("--placement", "P1", "--yes", option, "nan")) == 2
+    assert f"Invalid value for '{option}': found 'nan'" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("kills", [1, pytest.param(10, marks=pytest.mark.slow)])

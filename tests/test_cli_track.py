@@ -94,7 +94,7 @@ def test_uncertainty_and_tool(device: Path, tmp_path: Path, capsys):
     tool = tmp_path / "tip.json"
     tool.write_text('{"tip_mm": [0, 0, 100]}')
     command = ("track", tmp_path / "calibrated.urdf", "--tip", "tip", "--device", device)
-    options = ("--result", scene.path, "--tool", tool, "--seconds", 0.4, "--json", "--rate", 50)
+    options = ("--result", scene.path, "--tool", tool, "--seconds", 1.0, "--json", "--rate", 50)
     assert cli(*command, *options) == 0
     answer = json.loads(capsys.readouterr().out)
     assert answer["uncertainty"] == {
@@ -105,7 +105,7 @@ def test_uncertainty_and_tool(device: Path, tmp_path: Path, capsys):
     }
     assert answer["tool_mm"] == [0, 0, 100]
     assert all(0 < value < 1e-2 for value in answer["last"]["std"])
-    assert answer["poses"]["valid"] < 25
+    assert answer["poses"]["valid"] < 55
     assert answer["readings"] > 100
 
 

@@ -281,3 +281,20 @@ def test_any_other_pyserial_url_is_a_port(monkeypatch: pytest.MonkeyPatch) -> No
         made[0].write(b"".join(frames(range(30))))
         assert len(read_until(opened, lambda found: len(found) >= 30)) == 30
         assert opened.read(0.01) == []
+
+
+def test_a_device_that_was_off_for_long_is_settled_again(
+    arm: PtyDevice, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """However long that lasted: it is no reason to doubt its clock."""
+    monkeypatch.setattr(bus, "_SETTLING_S", 0.3)
+    monkeypatch.setattr(bus, "_ABSENCE_S", 0.2)
+    arm.stream(first=50_000)
+    with Bus(spec_of(arm), reconnect=True, silence=0.2) as opened:
+        read_until(opened, bool)
+        arm.stop()
+        end = time.perf_counter() + 0.5
+        while time.perf_counter() < end:
+            opened.read(0.02)
+        arm.stream(first=0)
+        assert read_until(opened, lambda found: len(found) >= 20)

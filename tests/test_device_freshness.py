@@ -130,3 +130,30 @@ def test_no_window_lets_everything_through() -> None:
     assert not run.feed(live(5, 3, 1.0) + live(90_000, 3, 1.1))
     run.fresh.restart()
     assert len(run.taken) == 6
+
+
+def test_a_clock_that_is_slow_is_believed() -> None:
+    run = Run()
+    for n in range(300):
+        run.feed([reading(n, n / RATE, 1.2 * n / RATE)])
+    assert run.taken[0].arrival < 0.15
+    assert run.leaps == []
+
+
+def test_a_clock_that_is_fast_is_believed_after_a_while() -> None:
+    run = Run()
+    for n in range(round(3 * RATE)):
+        run.feed([reading(n, 1.5 * n / RATE, n / RATE)])
+    assert run.taken[0].arrival == pytest.approx(2.0, abs=0.05)
+
+
+def test_readings_that_were_read_late_are_no_leap() -> None:
+    """A computer that stood still: some were read late, the next were lost, then all is well."""
+    run = Run()
+    for each in live(0, 200, 0.0):
+        run.feed([each])
+    run.feed([reading(n, n / RATE, 6.0) for n in range(200, 230)])
+    following = live(4700, 50, 4700 / RATE)
+    assert not run.feed(following)
+    assert run.taken[-50:] == following
+    assert run.leaps == []

@@ -251,3 +251,10 @@ def test_what_stands_still_stands_still() -> None:
 def test_one_rest_is_a_motion_too() -> None:
     alone = Stops(np.array([[0.5]]), ({"point": "F1"},))
     np.testing.assert_array_equal(alone.readings(np.array([0.0, 100.0])), [[0.5], [0.5]])
+
+
+def test_without_a_posture_one_is_found_that_can_be_tilted(arm: ArmModel) -> None:
+    """In the middle of its joints' ranges this arm is stretched, and cannot tilt its tool."""
+    motion = pivoting(arm, TRUTH, cone=math.radians(20), period=10.0)
+    _, tips = arm.forward(motion.readings(np.linspace(0.0, 10.0, 40)), TRUTH)
+    assert np.ptp(tips, axis=0).max() < 1e-5

@@ -43,6 +43,10 @@ class Source:
     def __init__(self, bursts: list[list[Reading]], end: BaseException | None = None) -> None:
         self._bursts, self._end = list(bursts), end
 
+    @property
+    def empty(self) -> bool:
+        return not self._bursts
+
     def read(self, timeout: float = 0.1) -> list[Reading]:
         if self._bursts:
             return self._bursts.pop(0)
@@ -65,7 +69,8 @@ def test_every_reading_is_published_once_and_in_order(tracker):
     kept = Kept()
     session = TrackingSession(tracker, [kept])
     bad = burst(10, 5, error=(0,))
-    session.run(Source([burst(0, 10), bad, [], burst(15, 5)]), seconds=0.2)
+    source = Source([burst(0, 10), bad, [], burst(15, 5)])
+    session.run(source, stop=lambda: source.empty)
     assert [pose.sequence for pose in kept.poses] == list(range(20))
     assert (session.readings, session.valid, session.invalid) == (20, 15, 5)
     assert session.last_valid is kept.poses[-1]

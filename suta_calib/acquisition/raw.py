@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import os
-import secrets
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Iterator, Sequence
+from itertools import count
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Final, Self
@@ -18,10 +19,14 @@ if TYPE_CHECKING:
     from suta_calib.device.reading import Reading
 
 _ROWS: Final = 4096
+_EVERY_S: Final = 1.0
 
 
 class RawRecorder:
-    """Writes readings under a temporary name; the file gets its own name when it is complete.
+    """Writes readings to ``FILE.part``; they become the Parquet file when it is complete.
+
+    A Parquet file without its end cannot be read, so the part is an Arrow stream: who kills the
+    program loses a second of it, and the next recording under this name recovers the rest first.
 
     Columns: ``sequence``, ``time`` and ``arrival`` (s), one per joint (rad), and the names of the
     joints with a raised error flag in ``errors``.
@@ -29,6 +34,7 @@ class RawRecorder:
     Args:
         path: the file; must not exist.
         joints: names of the device's joints.
+        say: told what was recovered.
 
     Raises:
         InputError: there is a file of this name.
@@ -36,13 +42,16 @@ class RawRecorder:
         OutputError: it cannot be written.
     """
 
-    def __init__(self, path: Path, joints: Sequence[str]) -> None:
+    def __init__(
+        self, path: Path, joints: Sequence[str], say: Callable[[str], None] = lambda _: None
+    ) -> None:
         if path.exists():
             hint = "choose another name with --raw"
             raise InputError("a file that exists", "the name of a new file", file=path, hint=hint)
         self._path, self._joints = path, tuple(joints)
-        self._temporary = path.parent / f".{path.name[:40]}.{secrets.token_hex(6)}.tmp"
+        self._part = path.with_name(f"{path.name}.part")
         self._readings: list[Reading] = []
+        self._flushed = time.monotonic()
         self._arrow = _arrow()
         self._schema = self._arrow.schema(
             [("sequence", self._arrow.int64()), ("time", self._arrow.float64())]
@@ -50,15 +59,11 @@ class RawRecorder:
             + [(joint, self._arrow.float64()) for joint in self._joints]
             + [("errors", self._arrow.string())]
         )
-        self._writer = self._open()
-
-    def _open(self) -> Any:
-        from pyarrow import parquet
-
-        try:
-            return parquet.ParquetWriter(self._temporary, self._schema)
-        except OSError as error:
-            raise OutputError(f"{self._path}: not written: {error.strerror or error}") from error
+        with self._telling():
+            if self._part.exists():
+                say(_recovered(self._part, path))
+            self._sink = self._part.open("xb")
+            self._writer = self._arrow.ipc.new_stream(self._sink, self._schema)
 
     def __enter__(self) -> Self:
         return self
@@ -70,22 +75,34 @@ class RawRecorder:
         trace: TracebackType | None,
     ) -> None:
         # Also after an error: what came before it may explain it.
-        try:
+        with self._telling():
             self._flush()
             self._writer.close()
-            os.replace(self._temporary, self._path)  # noqa: PTH105
-        finally:
-            with contextlib.suppress(OSError):
-                self._temporary.unlink(missing_ok=True)
+            self._sink.close()
+            _to_parquet(self._part, self._path)
 
     def write(self, readings: Sequence[Reading]) -> None:
-        """Take readings, whole ones with all the device's joints."""
+        """Take readings, whole ones with all the device's joints.
+
+        Raises:
+            OutputError: the disk refuses them.
+        """
         self._readings += readings
-        if len(self._readings) >= _ROWS:
-            self._flush()
+        if len(self._readings) >= _ROWS or time.monotonic() - self._flushed > _EVERY_S:
+            with self._telling():
+                self._flush()
+
+    @contextlib.contextmanager
+    def _telling(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            reason = error.strerror or error
+            raise OutputError(f"{self._path}: not written: {reason}") from error
 
     def _flush(self) -> None:
         rows, self._readings = self._readings, []
+        self._flushed = time.monotonic()
         if not rows:
             return
         angles = np.array([row.angles for row in rows])
@@ -95,11 +112,61 @@ class RawRecorder:
             self._arrow.array(values, type=field.type)
             for values, field in zip(columns, self._schema, strict=True)
         ]
-        self._writer.write_table(self._arrow.Table.from_arrays(arrays, schema=self._schema))
+        batch = self._arrow.RecordBatch.from_arrays(arrays, schema=self._schema)
+        self._writer.write_batch(batch)
+        self._sink.flush()
 
     def _flags(self, reading: Reading) -> str:
         raised = zip(self._joints, reading.error, strict=True)
         return " ".join(joint for joint, error in raised if error)
+
+
+def _recovered(part: Path, path: Path) -> str:
+    """Make a Parquet file of what a killed recording left; what was done, in a sentence."""
+    names = (path.with_name(f"{path.stem}-recovered-{k}{path.suffix}") for k in count(1))
+    name = next(each for each in names if not each.exists())
+    rows = _to_parquet(part, name)
+    if not rows:
+        name.unlink(missing_ok=True)
+        return f"{part}, which a run that was killed left, held no readings: removed"
+    return f"{rows} readings of a run that was killed are in {name}"
+
+
+def _to_parquet(part: Path, path: Path) -> int:
+    """Turn as much of an Arrow stream as is whole into a Parquet file; how many rows it has."""
+    from pyarrow import parquet
+
+    rows, written = 0, path.with_name(f"{path.name}.tmp")
+    try:
+        with contextlib.ExitStack() as stack:
+            batches = _whole(stack.enter_context(part.open("rb")))
+            schema = next(batches, None)
+            if schema is not None:
+                writer = stack.enter_context(parquet.ParquetWriter(written, schema))
+                for batch in batches:
+                    writer.write_batch(batch)
+                    rows += batch.num_rows
+        if schema is not None:
+            os.replace(written, path)  # noqa: PTH105
+        elif part.stat().st_size:
+            hint = "move it away, or choose another name with --raw"
+            raise InputError("a file that is no recording", "nothing", file=part, hint=hint)
+        part.unlink()
+    finally:
+        with contextlib.suppress(OSError):
+            written.unlink(missing_ok=True)
+    return rows
+
+
+def _whole(file: Any) -> Iterator[Any]:
+    """The schema of an Arrow stream, and its batches up to where it was cut off."""
+    import pyarrow
+
+    # Of a stream that is cut off, pyarrow says either of these.
+    with contextlib.suppress(pyarrow.ArrowInvalid, OSError):
+        reader = pyarrow.ipc.open_stream(file)
+        yield reader.schema
+        yield from reader
 
 
 def _arrow() -> Any:

@@ -1,9 +1,10 @@
-"""Whether an arm rests: the scatter of its readings against the noise of its encoders.
+"""Whether an arm rests: what its readings do together against the noise of its encoders.
 
-Noise is what neighbouring readings do to each other, motion what they do together: the middle one
-of three against the line through the outer two tells the noise, also while the arm moves. The arm
-rests while a short window scatters no more than noise can explain, or than a hand-held arm that
-is seated trembles.
+Noise is what neighbouring readings do to each other: the middle one of three against the line
+through the outer two tells it, also while the arm moves. Motion is a mean that changes: the arm
+rests while the two halves of a short window agree but for noise, and the window scatters no more
+than a hand trembles (4 to 12 Hz) that holds an arm which is seated. A mean over two seconds has
+nothing of that tremor left.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
@@ -22,6 +23,10 @@ if TYPE_CHECKING:
     from suta_calib.device.reading import Reading
 
 
+_RARE: Final = 4.5
+_GROSS: Final = 6.0
+
+
 @dataclass(frozen=True)
 class RestSettings:
     """What counts as rest.
@@ -29,7 +34,9 @@ class RestSettings:
     Attributes:
         window: length of the sliding window, s.
         least: readings it must hold, however slow the stream.
-        tremble: scatter (standard deviation) that a seated arm may show whatever its noise, rad.
+        drift: change of the mean, from one half of the window to the other, that a seated arm may
+            show whatever its noise, rad.
+        tremble: scatter (standard deviation) that it may show whatever its noise, rad.
         noises: scatter in units of the noise that is still rest.
         hysteresis: how many times as much ends a rest as begins one.
         gap: pause in the stream after which nothing is known of the arm, s.
@@ -38,7 +45,8 @@ class RestSettings:
 
     window: float = 0.25
     least: int = 8
-    tremble: float = np.radians(0.02)
+    drift: float = np.radians(0.02)
+    tremble: float = np.radians(0.1)
     noises: float = 3.0
     hysteresis: float = 2.0
     gap: float = 0.5
@@ -86,6 +94,7 @@ class RestDetector:
         self._seen: deque[FloatArray] = deque(maxlen=400)
         self._resting: bool | None = None
         self._gap = 0.0
+        self._interrupted = False
         self.noise: FloatArray = np.array([np.nan])
 
     def feed(self, readings: Iterable[Reading]) -> list[Look]:
@@ -103,9 +112,14 @@ class RestDetector:
                 looks.append(self._look())
         return looks
 
+    def interrupt(self) -> None:
+        """What comes next does not follow what came before, whatever its time says."""
+        self._interrupted = True
+
     def _paused(self, reading: Reading) -> bool:
         """A clock that runs backwards is another one: the device was started again."""
-        return not 0 <= reading.time - self._window[-1].time <= self._settings.gap
+        interrupted, self._interrupted = self._interrupted, False
+        return interrupted or not 0 <= reading.time - self._window[-1].time <= self._settings.gap
 
     def _due(self, reading: Reading) -> bool:
         return reading.time - self._fresh[0].time >= self._settings.hop or len(self._fresh) > 400
@@ -134,20 +148,31 @@ class RestDetector:
         return enough and span >= 0.8 * self._settings.window
 
     def _moving(self, angles: FloatArray) -> FloatArray:
-        """(n,) whether each joint scatters or drifts more than noise explains."""
+        """(n,) whether each joint scatters or drifts more than noise and tremor explain."""
         _, deviation = unwrapped_about_median(angles)
         self._learn(angles)
-        s = self._settings
-        limit = np.maximum(s.tremble, np.maximum(s.noises * self.noise, 1.5 * steps(deviation)))
-        limit = limit * (s.hysteresis if self._resting else 1.0)
-        last = deviation[-max(3, len(deviation) // 4) :]
-        return np.asarray((spread(deviation) > limit) | (np.abs(np.median(last, axis=0)) > limit))
+        s, scatter = self._settings, spread(deviation)
+        least, factor = 1.5 * steps(deviation), s.hysteresis if self._resting else 1.0
+        tremble = np.maximum(s.tremble, np.maximum(s.noises * self.noise, least))
+        # Two means of half the window each differ by this much, one time in 100 000.
+        chance = _RARE * 2 * self.noise / np.sqrt(len(deviation))
+        drift = np.maximum(s.drift, np.maximum(chance, least))
+        # A single gross error must not move a mean.
+        most = np.maximum(_GROSS * scatter, 2 * drift)
+        change = half_to_half(np.clip(deviation, -most, most))
+        return np.asarray((scatter > factor * tremble) | (np.abs(change) > factor * drift))
 
     def _learn(self, angles: FloatArray) -> None:
         times = np.array([reading.time for reading in self._window])
         self._seen.append(noise_level(angles, None if self._even else times))
         # Motion can only add to it, and a lost frame can: the lowest seen is the noise.
         self.noise = np.min(np.array(self._seen), axis=0)
+
+
+def half_to_half(deviation: FloatArray) -> FloatArray:
+    """By how much the mean of the later half exceeds that of the earlier one, (k, n) → (n,)."""
+    half = len(deviation) // 2
+    return np.asarray(deviation[-half:].mean(axis=0) - deviation[:half].mean(axis=0))
 
 
 def noise_level(angles: FloatArray, times: FloatArray | None = None) -> FloatArray:

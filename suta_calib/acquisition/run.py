@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Final
 
 import numpy as np
@@ -68,9 +68,9 @@ class Run:
         return self.plan.stations[self.index :]
 
     @property
-    def confirmed(self) -> int:
-        """How many stations have a sample."""
-        return len(self._rows)
+    def taken(self) -> tuple[int, ...]:
+        """Numbers of the stations that this run's samples are of, in the file's order."""
+        return tuple(sorted(self._rows, key=lambda place: self._rows[place]))
 
     @property
     def missing(self) -> tuple[str, ...]:
@@ -106,17 +106,21 @@ class Run:
         self.skipped.append(self.station.name)
         self.index += 1
 
-    def move_on(self, by: int) -> None:
-        """Take all samples so far for those of the stations ``by`` later: earlier ones were missed.
+    def rename(self, places: Sequence[int]) -> None:
+        """Take this run's samples, in the file's order, for those of other stations.
+
+        Args:
+            places: their stations' numbers, increasing; those left out before them were missed.
 
         Raises:
             OutputError: the new labels could not be written; nothing has changed then.
         """
-        moved = {index + by: row for index, row in self._rows.items()}
-        order = sorted(moved, key=lambda index: moved[index])
-        self.file.relabel([self.plan.stations[index].labels for index in order])
-        self._rows, self.index = moved, self.index + by
-        self.skipped = [station.name for station in self.plan.stations[:by]]
+        self.file.relabel([self.plan.stations[place].labels for place in places])
+        self._rows = {place: row for row, place in enumerate(places)}
+        self.index = places[-1] + 1
+        self.skipped = [
+            s.name for k, s in enumerate(self.plan.stations[: self.index]) if k not in self._rows
+        ]
         self.notes.clear()
         if self.seating is not None:
             self.seating.tips.clear()

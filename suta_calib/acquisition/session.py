@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Final, Protocol
 import numpy as np
 
 from suta_calib.acquisition.stops import Event
+from suta_calib.device.description import misnamed
 from suta_calib.errors import InputError
-from suta_calib.measurements.suggestion import did_you_mean
 
 if TYPE_CHECKING:
     from suta_calib.device.description import DeviceSpec
@@ -75,7 +75,7 @@ class ArmReadings:
                 f"the arm's joints {', '.join(joints)}",
                 file=spec.path,
                 where="joints",
-                hint=did_you_mean(missing[0], names) or f"add {', '.join(missing)}",
+                hint=misnamed(names, joints) or f"add {', '.join(missing)}",
             )
         self._columns = np.array([names.index(joint) for joint in joints], dtype=np.intp)
         self._same = names == list(joints)
@@ -98,7 +98,7 @@ class Happenings:
         messages: of the bus: disconnected, reconnected.
         stalls: length of each pause, s.
         readings: how many came.
-        seconds: how long the session took.
+        seconds: from the first one's arrival to the last one's.
     """
 
     messages: list[str] = field(default_factory=list)
@@ -138,6 +138,7 @@ def run_session(
         OutputError: a sample could not be written.
     """
     began = since = last = time.monotonic()
+    came: float | None = None
     while not taker.done:
         readings = source.read(_READ_TIMEOUT)
         now = time.monotonic()
@@ -150,8 +151,10 @@ def run_session(
             if not taker.done:
                 taker.handle(event)
         since = now if events else since
-        happenings.readings += len(readings)
-        happenings.seconds = now - began
+        if readings:
+            came = readings[0].arrival if came is None else came
+            happenings.readings += len(readings)
+            happenings.seconds = readings[-1].arrival - came
         idle()
         if now - since > patience:
             taker.finish()
@@ -177,8 +180,13 @@ def told(happenings: Happenings, statistics: Statistics, spec: DeviceSpec) -> li
         lines.append(f"{statistics.stale_readings} stale readings dropped")
     if happenings.stalls:
         each = ", ".join(f"{length:.1f} s" for length in happenings.stalls)
-        lines.append(f"the stream paused {len(happenings.stalls)} times: {each}")
+        times = "once" if len(happenings.stalls) == 1 else f"{len(happenings.stalls)} times"
+        lines.append(f"the stream paused {times}: {each}")
     for what, flags in (("error", statistics.error_flags), ("warning", statistics.warning_flags)):
-        raised = [f"{j} {n} times" for j, n in zip(joints, flags, strict=True) if n]
+        raised = [
+            f"{j} {'once' if n == 1 else f'{n} times'}"
+            for j, n in zip(joints, flags, strict=True)
+            if n
+        ]
         lines += [f"{what} flag raised: {', '.join(raised)}"] if raised else []
     return lines + happenings.messages

@@ -8,13 +8,19 @@ found where it was.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from suta_calib.acquisition.averaging import Average, average, unwrapped_about_median, wrap
+from suta_calib.acquisition.averaging import (
+    Average,
+    spread,
+    unwrapped_about_median,
+    wrap,
+)
 from suta_calib.acquisition.rest import DEFAULT_REST, Look, RestDetector, RestSettings
+from suta_calib.acquisition.stop_window import StopWindow
 from suta_calib.geometry import FloatArray
 
 if TYPE_CHECKING:
@@ -22,8 +28,8 @@ if TYPE_CHECKING:
 
 # What happened before the detector saw the arm move again is already motion, s.
 _ONSET: Final = 0.15
-# Farther than this from where it was, in units of the tremble allowed, the arm is elsewhere.
-_ELSEWHERE: Final = 3.0
+# A tremor as slow as 4 Hz does not average out of less than half its period, s.
+_TREMOR: Final = 0.1
 
 
 @dataclass(frozen=True)
@@ -45,7 +51,8 @@ class Ended:
     Attributes:
         average: of the time it did rest.
         joints: names of those that moved; empty where the stream left out the motion.
-        interrupted: whether the stream left out part of the rest: it was longer than it seems.
+        interrupted: whether the stream left out part of the rest, or began during it: it was longer
+            than it seems.
     """
 
     average: Average
@@ -80,42 +87,6 @@ class Interrupted:
 Event = Began | Complete | Ended | Rejected | Interrupted
 
 
-@dataclass(eq=False)
-class _Window:
-    """What has been recorded of a stop.
-
-    Attributes:
-        angles, ends: each reading's angles, and the time recorded up to it, s.
-        suspended: whether the stream paused and it is not yet known where the arm is.
-        interrupted: whether it has paused during this rest, or just before it was seen.
-        complete: whether it was long enough.
-    """
-
-    angles: list[FloatArray] = field(default_factory=list)
-    ends: list[float] = field(default_factory=list)
-    last: float | None = None
-    suspended: bool = False
-    interrupted: bool = False
-    complete: bool = False
-
-    @property
-    def seconds(self) -> float:
-        return self.ends[-1] if self.ends else 0.0
-
-    def add(self, reading: Reading, gap: float) -> None:
-        step = 0.0 if self.last is None else reading.time - self.last
-        self.angles.append(reading.angles)
-        self.ends.append(self.seconds + (step if 0 <= step <= gap else 0.0))
-        self.last = reading.time
-
-    def average(self, until: float = np.inf) -> Average:
-        kept = max(1, int(np.searchsorted(self.ends, until, side="right")))
-        return average(self.angles[:kept], min(self.seconds, max(until, 0.0)))
-
-    def clear(self) -> None:
-        self.angles, self.ends, self.last, self.complete = [], [], None, False
-
-
 class StopFinder:
     """Finds stops in a stream of readings.
 
@@ -140,13 +111,13 @@ class StopFinder:
     ) -> None:
         self._joints, self._seconds, self._settings = tuple(joints), seconds, settings
         self._detector = RestDetector(settings, even=even)
-        self._window: _Window | None = None
+        self._window: StopWindow | None = None
         self._flagged: set[int] = set()
         self._reference: FloatArray | None = None
         self.excursion = 0.0
         self.restless: tuple[str, ...] = ()
-        # Whether the stream paused and the arm has not been seen to move since.
-        self._unseen = False
+        # Whether the arm has not been seen to move since the stream began, or paused.
+        self._unseen = True
 
     @property
     def resting(self) -> bool:
@@ -166,6 +137,10 @@ class StopFinder:
         """Record the present stop again from now on."""
         if self._window is not None:
             self._window.clear()
+
+    def interrupt(self) -> None:
+        """What comes next does not follow what came before: the stream was cut."""
+        self._detector.interrupt()
 
     def feed(self, readings: Iterable[Reading]) -> list[Event]:
         """What new readings tell."""
@@ -202,7 +177,7 @@ class StopFinder:
         if self._window is not None and self._window.suspended:
             events += self._resume(look)
         if self._window is None:
-            self._window = _Window(interrupted=self._unseen)
+            self._window = StopWindow(interrupted=self._unseen)
             self._flagged.clear()
             events.append(Began())
         return events + self._record(self._window, look)
@@ -218,7 +193,8 @@ class StopFinder:
         self._window.suspended = False
         if self._window.angles:
             away = np.abs(wrap(look.angles - self._window.average().angles))
-            if np.all(away <= self._limit(_ELSEWHERE)):
+            # Where it is now is one moment of its tremor.
+            if np.all(away <= self._settings.tremble + self._limit()):
                 return []
         return self._end(())
 
@@ -228,7 +204,7 @@ class StopFinder:
             return []
         return [Ended(window.average(window.seconds - _ONSET), joints, window.interrupted)]
 
-    def _record(self, window: _Window, look: Look) -> list[Event]:
+    def _record(self, window: StopWindow, look: Look) -> list[Event]:
         if window.complete:
             return []
         for reading in look.readings:
@@ -247,11 +223,13 @@ class StopFinder:
         _, deviation = unwrapped_about_median(angles)
         quarter = max(1, len(deviation) // 4)
         drift = np.median(deviation[-quarter:], axis=0) - np.median(deviation[:quarter], axis=0)
-        return self._names(np.flatnonzero(np.abs(drift) > self._limit(2.0)).tolist())
+        tremor = 2 * spread(deviation) * min(1.0, 4 * _TREMOR / self._seconds)
+        return self._names(np.flatnonzero(np.abs(drift) > self._limit() + tremor).tolist())
 
-    def _limit(self, trembles: float) -> FloatArray:
+    def _limit(self) -> FloatArray:
+        """(n,) by how much two looks at an arm that stands still may differ, rad."""
         s = self._settings
-        return trembles * np.maximum(s.tremble, s.noises * self._detector.noise)
+        return 2.0 * np.maximum(s.drift, s.noises * self._detector.noise)
 
     def _names(self, indices: Sequence[int]) -> tuple[str, ...]:
         return tuple(self._joints[i] for i in indices)

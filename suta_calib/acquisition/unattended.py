@@ -1,7 +1,8 @@
 """Measuring without anybody at the keyboard: each rest that follows a motion is the next station.
 
-A stream that pauses may hide a motion, and then the next rest is not the next station any more.
-Where that can have happened the artefact decides which landmark the arm rests on.
+A stream that pauses may hide a motion, and who pauses on the way rests where no landmark is: then
+the next rest is not the next station any more. Where that can have happened, and where enough
+landmarks are known to be certain, the artefact decides which one the arm rests on.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from typing import Final
 import numpy as np
 
 from suta_calib.acquisition.averaging import Average, wrap
+from suta_calib.acquisition.naming import CERTAIN, likelier
 from suta_calib.acquisition.run import Run
 from suta_calib.acquisition.seating import ANOTHER
 from suta_calib.acquisition.stops import (
@@ -28,14 +30,14 @@ from suta_calib.geometry import FloatArray
 MOTION: Final = np.radians(0.25)
 # A rest cut short counts if it lasted this part of what was asked for.
 _ENOUGH: Final = 0.5
-# And this part, if the stream left out some of it.
-_ENOUGH_INTERRUPTED: Final = 0.1
+# And this part, if the stream left out some of it, or began during it.
+_ENOUGH_INTERRUPTED: Final = 0.05
 # As many landmarks tell where the artefact stands.
 _TELLING: Final = 3
-# So many, that fit other names so many times better, are those others; and so many may be missed.
-_CERTAIN: Final = 4
-_CLEARLY: Final = 3.0
-_MOST_MISSED: Final = 3
+# As many that agree to this leave no doubt where the others are, m; and nobody seats so badly, m.
+_SURE: Final = 5
+_AGREED: Final = 10e-3
+_NOWHERE: Final = 40e-3
 
 
 class Unattended:
@@ -78,13 +80,28 @@ class Unattended:
     def finish(self) -> None:
         """Nothing more comes: a rest cut short that waits for its successor is one after all."""
         self._settle_short(None)
+        run = self._run
+        few = 0 < len(run.taken) < CERTAIN
+        if few and self._fresh and run.seating is not None and not run.done:
+            for place in run.taken:
+                note = "of so few landmarks nothing tells that none was missed: check its name"
+                run.notes.setdefault(run.plan.stations[place].name, note)
 
     def _complete(self, average: Average) -> None:
         if not self._is_next(average):
             return
         self._settle_short(average)
-        if not self.done:
-            self._confirm(average)
+        if self.done:
+            return
+        if self._sure() and self._farthest_off(average) > _NOWHERE:
+            self._doubt = True
+            self._run.say(
+                f"rested where none of the landmarks left can be, {self._run.station.name} next: "
+                "taken for a pause on the way"
+            )
+            self._left(average.angles)
+            return
+        self._confirm(average)
 
     def _is_next(self, average: Average) -> bool:
         """Whether the arm has been elsewhere since the last station, and is elsewhere now."""
@@ -133,6 +150,7 @@ class Unattended:
         if short is None or self.done:
             return
         if following is not None and self._same(short.angles, following.angles):
+            self._run.say("back where it rested before: one rest, recorded again")
             return
         if self._elsewhere(short):
             self._doubt = True
@@ -145,7 +163,22 @@ class Unattended:
         seating = self._run.seating
         if seating is None or len(seating.tips) < _TELLING:
             return False
-        return all(seating.misfit(s.name, average.angles) > ANOTHER for s in self._run.left)
+        return self._farthest_off(average) > ANOTHER
+
+    def _farthest_off(self, average: Average) -> float:
+        """How far the tip is from where even the nearest of the landmarks left must be, m."""
+        seating = self._run.seating
+        if seating is None:
+            return 0.0
+        return min(seating.misfit(s.name, average.angles) for s in self._run.left)
+
+    def _sure(self) -> bool:
+        """Whether the landmarks measured leave no doubt where the artefact stands."""
+        seating = self._run.seating
+        if seating is None or len(seating.tips) < _SURE:
+            return False
+        names = list(seating.tips)
+        return seating.disagreement(names, [seating.tips[name] for name in names]) < _AGREED
 
     def _same(self, angles: FloatArray, other: FloatArray) -> bool:
         if _away(angles, other) < MOTION:
@@ -154,31 +187,33 @@ class Unattended:
         return seating is not None and seating.same_place(angles, other)
 
     def _confirm(self, average: Average, note: str = "") -> None:
-        if self._doubt:
+        if self._doubt or self._sure():
             self._skip_missed(average)
         self._doubt = False
         self._run.confirm(average, note)
         self._left(average.angles)
         if self._fresh:
-            self._check_first()
+            self._check_names()
 
-    def _check_first(self) -> None:
-        """Whether the first landmark was missed, so that every name so far is another's."""
+    def _check_names(self) -> None:
+        """Whether landmarks were missed, so that names so far are those of others."""
         run, seating = self._run, self._run.seating
-        if seating is None or run.skipped or run.confirmed != run.index or run.index < _CERTAIN:
+        if seating is None:
             return
         names = [s.labels["landmark"] for s in run.plan.stations]
+        taken = run.taken
         tips = [seating.tip(angles) for _, angles in run.file.rows]
-        most = min(_MOST_MISSED, len(names) - run.index)
-        misfits = [seating.disagreement(names[k : k + len(tips)], tips) for k in range(most + 1)]
-        best = int(np.argmin(misfits))
-        if misfits[0] > ANOTHER and misfits[0] > _CLEARLY * misfits[best]:
-            taken, true = names[: len(tips)], names[best : best + len(tips)]
+        true = likelier(seating, names, taken, tips)
+        if true is not None:
+            missed = [names[k] for k in range(true[-1]) if k not in true]
+            start = " at the start" if missed == names[: true[0]] else ""
+            changed = [(a, b) for a, b in zip(taken, true, strict=True) if a != b]
             run.say(
-                f"missed {', '.join(names[:best])} at the start: by their distances what was taken "
-                f"for {', '.join(taken)} is {', '.join(true)}"
+                f"missed {', '.join(missed) or 'none'}{start}: by their distances what was taken "
+                f"for {', '.join(names[a] for a, _ in changed)} is "
+                f"{', '.join(names[b] for _, b in changed)}"
             )
-            run.move_on(best)
+            run.rename(true)
 
     def _skip_missed(self, average: Average) -> None:
         """Go on to the landmark the arm really rests on, where a motion may have been missed."""

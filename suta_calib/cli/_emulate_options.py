@@ -9,11 +9,12 @@ from typing import Any, Final
 
 import click
 
+from suta_calib.cli._numbers import FiniteRange
 from suta_calib.emulation.faults import WORDS
 
 FILE: Final = click.Path(path_type=Path)
-POSITIVE: Final = click.FloatRange(min=0, min_open=True)
-_NOT_NEGATIVE: Final = click.FloatRange(min=0)
+POSITIVE: Final = FiniteRange(min=0, min_open=True)
+_NOT_NEGATIVE: Final = FiniteRange(min=0)
 _SEED: Final = click.IntRange(min=0)
 _COUNT: Final = click.IntRange(min=1)
 _EPILOG: Final = "\b\nFaults, separated by commas; times are s after the port was first opened:\n"

@@ -218,7 +218,7 @@ def _free_motion(options: Options, arm: ArmModel, values: dict[str, float]) -> M
         return recorded(options.csv, arm)
     posture = posture_of(arm, parse_posture(arm, options.posture))
     if options.motion == "pivot":
-        return _pivot(options, arm, values, posture)
+        return _pivot(options, arm, values, posture if options.posture else None)
     if options.motion == "trajectory":
         slowest, fastest = options.frequency
         return sweep(
@@ -233,7 +233,7 @@ def _free_motion(options: Options, arm: ArmModel, values: dict[str, float]) -> M
 
 
 def _pivot(
-    options: Options, arm: ArmModel, values: dict[str, float], posture: FloatArray
+    options: Options, arm: ArmModel, values: dict[str, float], posture: FloatArray | None
 ) -> Motion:
     if len(options.points) > 1:
         raise InputError(f"{len(options.points)} points", "one to pivot on", where="--point")

@@ -15,7 +15,6 @@ from suta_calib.acquisition.guided import Guided
 from suta_calib.acquisition.keyboard import Keyboard
 from suta_calib.acquisition.plan import Plan
 from suta_calib.acquisition.raw import RawRecorder
-from suta_calib.acquisition.rest import DEFAULT_REST
 from suta_calib.acquisition.run import Run
 from suta_calib.acquisition.samples_file import SamplesFile
 from suta_calib.acquisition.session import (
@@ -29,7 +28,7 @@ from suta_calib.acquisition.session import (
 from suta_calib.acquisition.stops import StopFinder
 from suta_calib.acquisition.unattended import Unattended
 from suta_calib.cli._output import console
-from suta_calib.cli.measure import PATIENCE_S, Options
+from suta_calib.cli.measure import INTERRUPTED, PATIENCE_S, Options
 
 if TYPE_CHECKING:
     from rich.status import Status
@@ -80,9 +79,12 @@ class Measuring:
         finished = taker.done
         if finished:
             self.say(f"nothing left to measure: {self._file.path} has every station")
-        else:
+            return self._summary("complete")
+        try:
             finished = self._measure(taker, finder)
-        return self._summary(finished)
+        except KeyboardInterrupt:
+            return self._summary(INTERRUPTED)
+        return self._summary("complete" if finished else "incomplete")
 
     def say(self, line: str) -> None:
         """Show a line, now: through a pipe, what is confirmed must not wait in a buffer."""
@@ -91,6 +93,9 @@ class Measuring:
 
     def _note(self, message: str) -> None:
         self._happenings.messages.append(message)
+        # A clock that was set anew hides how long the stream was cut.
+        if isinstance(self._finder, StopFinder):
+            self._finder.interrupt()
         self.say(message)
 
     def _taker(self) -> tuple[Taker, Finder]:
@@ -98,9 +103,9 @@ class Measuring:
         if options.continuous is not None:
             both = Continuous(self._plan, self._file, self.say, options.continuous, options.every)
             return both, both
-        finder = StopFinder(
-            self._plan.arm.joints, options.seconds, even=self._spec.format == "lines"
-        )
+        even = self._spec.format == "lines"
+        joints, rest = self._plan.arm.joints, options.rest
+        finder = StopFinder(joints, options.seconds, rest, even=even)
         self._run = Run(self._plan, self._file, self.say)
         kind = Unattended if options.yes else Guided
         return kind(self._run, finder, options.seconds), finder
@@ -109,7 +114,9 @@ class Measuring:
         joints = [joint.name for joint in self._spec.joints]
         with ExitStack() as stack:
             raw = self._options.raw
-            record = None if raw is None else stack.enter_context(RawRecorder(raw, joints))
+            record = (
+                None if raw is None else stack.enter_context(RawRecorder(raw, joints, self.say))
+            )
             idle = self._idle(stack, taker, finder)
             try:
                 return run_session(
@@ -129,14 +136,20 @@ class Measuring:
         """Also after Ctrl-C or a lost device: say what there is."""
         if self._status is not None:
             self._status.stop()
+        if not self._happenings.readings:
+            return
         self._lines = told(self._happenings, self._source.statistics, self._spec)
         count = len(self._file.rows)
-        self.say(f"{count} samples in {self._file.path}" if count else "no samples recorded")
+        recorded = f"{count} sample{'s' * (count != 1)} in {self._file.path}"
+        self.say(recorded if count else "no samples recorded")
         if not count and isinstance(self._finder, StopFinder) and self._finder.restless:
-            most, window = np.degrees(DEFAULT_REST.tremble), DEFAULT_REST.window
+            rest = self._options.rest
+            drift, tremble = np.degrees(rest.drift), np.degrees(rest.tremble)
             self.say(
-                f"the arm was not seen at rest: {', '.join(self._finder.restless)} moved by more "
-                f"than {most:.2g} deg within {window:g} s; seat it firmly and let go"
+                f"the arm was not seen at rest: within {rest.window:g} s, "
+                f"{', '.join(self._finder.restless)} drifted by more than {drift:.2g} deg or "
+                f"trembled by more than {tremble:.2g} deg; seat it firmly and let go, or allow "
+                "more with --drift-deg or --tremble-deg"
             )
         if count and self._run is not None and not self._run.done:
             self.say("the same command with --resume goes on after the last one")
@@ -182,10 +195,10 @@ class Measuring:
             return "--resume takes more"
         return f"--resume --sequence {','.join(run.missing)} measures them"
 
-    def _summary(self, finished: bool) -> dict[str, Any]:
+    def _summary(self, status: str) -> dict[str, Any]:
         run = self._run
         found: dict[str, Any] = {
-            "status": "complete" if finished else "incomplete",
+            "status": status,
             "file": str(self._file.path),
             "samples": len(self._file.rows),
             "happened": self._lines,

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 import numpy as np
 
+from suta_calib.cli._numbers import FiniteRange
 from suta_calib.cli._output import check_folder, console, json_option, print_json
 from suta_calib.errors import InputError
 
@@ -45,7 +46,7 @@ _POSE_NUMBERS: Final = (3, 6)
 @click.option("--out", type=click.Path(path_type=Path), help="URDF to write, with the offsets.")
 @click.option(
     "--tolerance-mm",
-    type=click.FloatRange(min=0, min_open=True),
+    type=FiniteRange(min=0, min_open=True),
     default=_TOLERANCE_MM,
     show_default=True,
     help="How far the tip may stay from where it is known to be (RMS).",

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from suta_calib.cli._numbers import FiniteRange
 from suta_calib.cli._output import check_folder, json_option
 from suta_calib.cli._poses import LateStatus, finish
 
@@ -26,7 +27,7 @@ _PATH = click.Path(path_type=Path)
 @click.option("--register", "registered", is_flag=True, help="The files are in different frames.")
 @click.option(
     "--max-latency",
-    type=click.FloatRange(min=1e-3),
+    type=FiniteRange(min=1e-3),
     default=0.5,
     show_default=True,
     help="Largest latency looked at, either way, s.",

@@ -8,13 +8,17 @@ from typing import TYPE_CHECKING, Any, Final
 
 import click
 
-from suta_calib.cli._output import json_option, print_json
+from suta_calib.cli._numbers import FiniteRange
+from suta_calib.cli._output import check_folder, json_option, print_json
+from suta_calib.cli._signals import ended_by_sigterm
 from suta_calib.errors import InputError
 
 if TYPE_CHECKING:
     from suta_calib.acquisition.plan import Plan
+    from suta_calib.acquisition.rest import RestSettings
 
 INCOMPLETE: Final = 1
+INTERRUPTED: Final = "interrupted"
 PATIENCE_S: Final = 60.0
 _RESTS: Final = 20
 
@@ -41,7 +45,20 @@ class Options:
     patience: float | None
     raw: Path | None
     urdf: Path | None
+    drift_deg: float
+    tremble_deg: float
     as_json: bool
+
+    @property
+    def rest(self) -> RestSettings:
+        """What counts as rest."""
+        import math
+
+        from suta_calib.acquisition.rest import RestSettings
+
+        return RestSettings(
+            drift=math.radians(self.drift_deg), tremble=math.radians(self.tremble_deg)
+        )
 
 
 @click.command()
@@ -53,7 +70,7 @@ class Options:
 @click.option("--repeat", default="1", show_default=True, help="Which time this is measured.")
 @click.option(
     "--seconds",
-    type=click.FloatRange(min=0.1),
+    type=FiniteRange(min=0.1),
     default=2.0,
     show_default=True,
     help="How long the arm's rest on each landmark is recorded.",
@@ -67,13 +84,13 @@ class Options:
 )
 @click.option(
     "--continuous",
-    type=click.FloatRange(min=0.1),
+    type=FiniteRange(min=0.1),
     metavar="S",
     help="With --point or --free: sample for S seconds while the arm moves, in place of rests.",
 )
 @click.option(
     "--every",
-    type=click.FloatRange(min=0.01),
+    type=FiniteRange(min=0.01),
     default=0.1,
     show_default=True,
     help="Seconds between two samples of --continuous.",
@@ -87,13 +104,27 @@ class Options:
 @click.option("--yes", is_flag=True, help="Ask nothing: each rest after a motion is the next one.")
 @click.option(
     "--patience",
-    type=click.FloatRange(min=1),
+    type=FiniteRange(min=1),
     metavar="S",
     help=f"Give up when nothing happens for S seconds; {PATIENCE_S:g} with --yes, else never.",
 )
 @click.option("--raw", type=click.Path(path_type=Path), help="The whole stream, as Parquet.")
 @click.option(
     "--urdf", type=click.Path(path_type=Path), help="For the distances shown; the job's by default."
+)
+@click.option(
+    "--drift-deg",
+    type=FiniteRange(min=0, min_open=True),
+    default=0.02,
+    show_default=True,
+    help="How far an arm at rest may drift within a quarter of a second.",
+)
+@click.option(
+    "--tremble-deg",
+    type=FiniteRange(min=0, min_open=True),
+    default=0.1,
+    show_default=True,
+    help="Standard deviation of the tremor that a hand may pass on to an arm at rest.",
 )
 @json_option
 @click.pass_context
@@ -104,29 +135,41 @@ def measure(context: click.Context, /, **options: Any) -> None:
     distances are from the artefact's, and writes it to the samples file at once: whatever happens
     then, what was confirmed is there, and --resume goes on. Readings are averaged on the circle; a
     window in which the arm moved or an encoder raised its error flag is recorded again. Nothing
-    that was measured is ever overwritten. Exits with 1 where --patience ended it.
+    that was measured is ever overwritten. Exits with 1 where --patience ended it. Until it ends,
+    the file of --raw is called FILE.part.
     """
     chosen = Options(**options)
     measured = _measure(chosen)
     if chosen.as_json:
         print_json(measured)
+    if measured["status"] == INTERRUPTED:
+        raise KeyboardInterrupt
     if measured["status"] == "incomplete":
         context.exit(INCOMPLETE)
 
 
 def _measure(options: Options) -> dict[str, Any]:
-    from suta_calib.device.description import read_device
-    from suta_calib.device.read_ahead import ReadAhead
+    from suta_calib.device.description import glance, read_device
+    from suta_calib.device.remote_port import RemotePort
 
-    _check(options)
-    spec = read_device(options.device)
     # The arm may rest on the first landmark already, and loading the rest takes a second.
-    with ReadAhead(spec, reconnect=True) as source:
+    glanced = glance(options.device)
+    first = None if glanced is None else RemotePort(glanced)
+    try:
+        _check(options)
+        spec = read_device(options.device)
+        from suta_calib.device.read_ahead import ReadAhead
+    except BaseException:
+        if first is not None:
+            first.close()
+        raise
+    with ended_by_sigterm(), ReadAhead(spec, reconnect=True, first=first) as source:
         from suta_calib.acquisition.samples_file import SamplesFile
         from suta_calib.acquisition.session import ArmReadings
         from suta_calib.cli._measuring import Measuring
 
         plan, out = _plan(options)
+        check_folder(out.parent)
         joints = plan.arm.joints
         choose = ArmReadings(spec, joints)
         file = SamplesFile(out, joints, plan.label_columns, plan.key, resume=options.resume)

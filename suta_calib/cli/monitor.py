@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
+from suta_calib.cli._numbers import FiniteRange
 from suta_calib.cli._output import json_option, print_json
+from suta_calib.cli._signals import ended_by_sigterm
 
 if TYPE_CHECKING:
     from suta_calib.cli._monitor_view import TipView, View
@@ -26,7 +28,7 @@ _LOOK_S: Final = 0.05
 @click.option("--base", help="With --urdf: the link poses are given in; the root by default.")
 @click.option(
     "--seconds",
-    type=click.FloatRange(min=0.1),
+    type=FiniteRange(min=0.1),
     help=f"Stop after this long; with --json after {_JSON_SECONDS:g} by default.",
 )
 @json_option
@@ -71,7 +73,7 @@ def _monitor(spec: DeviceSpec, tip: TipView | None, seconds: float | None, as_js
     view = View(spec, tip, quiet=as_json)
     bus = Bus(spec, reconnect=True, on_event=view.event)
     try:
-        with view, bus:
+        with ended_by_sigterm(), view, bus:
             _watch(bus, watched, view, seconds)
     finally:
         # However it ended: who pressed Ctrl-C wants to know what was seen until then.

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import re
-import signal
-import threading
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import click
 
+from suta_calib.cli._numbers import FiniteRange
 from suta_calib.cli._output import check_folder, console, json_option, print_json
+from suta_calib.cli._signals import ended_by_sigterm
 
 if TYPE_CHECKING:
     from suta_calib.cli._track_view import TrackView
@@ -88,11 +88,11 @@ class _Wanted:
 )
 @click.option("--csv", type=_PATH, metavar="FILE", help="Record every pose as CSV, m.")
 @click.option("--parquet", type=_PATH, metavar="FILE", help="Record every pose as Parquet, m.")
-@click.option("--seconds", type=click.FloatRange(min=0, min_open=True), help="Stop after so long.")
+@click.option("--seconds", type=FiniteRange(min=0, min_open=True), help="Stop after so long.")
 @click.option("--stats", is_flag=True, help="Show the latency from frame arrival to publication.")
 @click.option(
     "--rate",
-    type=click.FloatRange(min=0, min_open=True),
+    type=FiniteRange(min=0, min_open=True),
     metavar="HZ",
     help="Publish at most so many poses a second; default: one for every frame.",
 )
@@ -193,24 +193,11 @@ def _run(
     )
     bus = Bus(spec, reconnect=True, on_event=view.say)
     try:
-        with _ended_by_sigterm(), bus, view:
+        with ended_by_sigterm(), bus, view:
             session.run(bus, seconds, lambda: view.broken)
     except KeyboardInterrupt:
         return bus.statistics, view, True
     return bus.statistics, view, False
-
-
-@contextmanager
-def _ended_by_sigterm() -> Iterator[None]:
-    """Whoever ends it as services are ended gets complete files too."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
 
 
 def _about(
@@ -265,7 +252,8 @@ def _print_end(
     to = console()
     to.print(track_table(session, device, session.summary()["rate_hz"], stats=stats))
     if known is not None:
-        held = f"; relative to {', '.join(known.held)}, which was held" if known.held else ""
+        were = "was" if len(known.held) == 1 else "were"
+        held = f"; relative to {', '.join(known.held)}, which {were} held" if known.held else ""
         to.print(f"± is from the {SOURCE_WORDS[known.source]}{held}.", soft_wrap=True)
     for publisher in session.publishers:
         path = getattr(publisher, "path", None)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from types import TracebackType
 from typing import Final, Self
 
 from suta_calib.device.description import DeviceSpec
@@ -12,6 +11,7 @@ from suta_calib.device.freshness import Freshness
 from suta_calib.device.port import Port
 from suta_calib.device.protocol import decoder_for
 from suta_calib.device.reading import Reading, Statistics
+from suta_calib.device.remote_port import RemotePort
 from suta_calib.device.watch import Watch
 from suta_calib.errors import DeviceError, DisconnectedError, WrongFormatError
 
@@ -39,6 +39,7 @@ class Bus:
         on_event: called with one sentence for everything that was wrong and went on.
         settle: how long the clocks must agree before readings are believed to be fresh, s;
             0 takes everything that comes once the port is open.
+        open_port: opens the port; in this process by default.
 
     Attributes:
         spec: the device.
@@ -53,6 +54,7 @@ class Bus:
         silence: float = 2.0,
         on_event: Callable[[str], None] | None = None,
         settle: float = 0.1,
+        open_port: Callable[[DeviceSpec], Port | RemotePort] = Port,
     ) -> None:
         self.spec = spec
         self._reconnect, self._settle = reconnect, settle
@@ -61,8 +63,10 @@ class Bus:
         self.statistics: Statistics = self._decoder.statistics
         self._fresh = Freshness(settle, self.statistics, self._leapt)
         self._watch = Watch(spec, silence, reconnect, self._say)
-        self._port: Port | None = None
+        self._open_port = open_port
+        self._port: Port | RemotePort | None = None
         self._asked = self._lost_at = self._next_try = self._since = 0.0
+        self._last_arrival = 0.0
 
     def __enter__(self) -> Self:
         """Open the port.
@@ -75,12 +79,7 @@ class Bus:
         self._open(time.perf_counter())
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def close(self) -> None:
@@ -121,8 +120,7 @@ class Bus:
         except DisconnectedError as error:
             self._disconnected(error)
             return []
-        arrival = time.perf_counter()
-        return self._take(data, arrival)
+        return self._take(data, self._port.arrived)
 
     def _take(self, data: bytes, arrival: float) -> list[Reading]:
         if not data:
@@ -132,6 +130,9 @@ class Bus:
         readings, leapt = self._fresh.take(decoded)
         if leapt:
             self._decoder.resume(self._fresh.last)
+        if leapt or arrival - self._last_arrival > _ABSENCE_S:
+            self._since = arrival
+        self._last_arrival = arrival
         self._watch.saw(data, bool(decoded), arrival)
         self._watch.check(arrival)
         self._check_clock(arrival)
@@ -150,7 +151,7 @@ class Bus:
     def _open(self, now: float) -> None:
         if self._port is not None:
             return
-        self._port = Port(self.spec)
+        self._port = self._open_port(self.spec)
         try:
             self._begin(now)
         except DisconnectedError:
@@ -161,12 +162,12 @@ class Bus:
         """What comes from now on has nothing to do with what came before."""
         if self._settle > 0 and self._port is not None:
             self._port.flush()
-        self._asked = self._since = now
+        self._asked = self._since = self._last_arrival = now
         self._watch.restart(now)
         self._fresh.restart()
 
     def _notice_absence(self, now: float) -> None:
-        if now - self._asked <= _ABSENCE_S or self._port is None:
+        if now - self._asked <= _ABSENCE_S or self._port is None or self._port.keeps:
             return
         try:
             self._decoder.resume(None)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -91,11 +92,45 @@ def read_device(path: Path) -> DeviceSpec:
     )
 
 
+def misnamed(given: Sequence[str], wanted: Sequence[str]) -> str:
+    """``'jiont_3': did you mean 'joint_3'?`` about the first name that is given and not wanted."""
+    from suta_calib.measurements.suggestion import did_you_mean
+
+    missing = [name for name in wanted if name not in given]
+    others = (name for name in given if name not in wanted)
+    return next((f"{n!r}: {hint}" for n in others if (hint := did_you_mean(n, missing))), "")
+
+
+def glance(path: Path) -> DeviceSpec | None:
+    """Port and baud rate of a ``device.yaml``, to open it while everything loads that checks it.
+
+    Returns:
+        A device without joints; None where there is anything to complain of, which is the business
+        of `read_device`.
+    """
+    from ruamel.yaml import YAML
+
+    try:
+        given = YAML(typ="safe", pure=True).load(path.read_text(encoding="utf-8"))
+        port, baudrate = given["port"], given.get("baudrate", _DEFAULT_BAUDRATE)
+    except Exception:  # noqa: BLE001 (whatever it is, it is told later)
+        return None
+    if not (isinstance(port, str) and type(baudrate) is int and baudrate > 0):
+        return None
+    port = _beside(path, port)
+    return DeviceSpec(path, port, baudrate, "frames", "counts", FRAME_COUNTS_PER_TURN, ())
+
+
 def _port(top: YamlSection) -> str:
     port = top.text("port")
     if port.lower().startswith("socket://") and not _SOCKET.fullmatch(port):
         raise top.refuse(repr(port), "socket://host:port", at=("port",))
-    beside = top.document.path.parent / port
+    return _beside(top.document.path, port)
+
+
+def _beside(path: Path, port: str) -> str:
+    """A relative port is meant from the file's folder if there is something of that name."""
+    beside = path.parent / port
     if not _URL.match(port) and not Path(port).is_absolute() and beside.exists():
         return str(beside)
     return port

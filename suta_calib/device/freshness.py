@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Callable
 from typing import Final
@@ -12,6 +13,11 @@ from suta_calib.device.reading import Reading, Statistics
 # drivers hand bytes over up to 16 ms late, and a busy computer reads them late.
 _LATENESS_S: Final = 0.02
 _TOLERANCE: Final = 0.1
+# What a cache held comes too fast, never too slowly: a clock may be this much slower, if it is one.
+_SLOWER: Final = 0.7
+# No cache holds so much that it would come this much too fast for so long: a bad clock then.
+_LONG_S: Final = 2.0
+_FASTER: Final = 1.0
 _FEWEST: Final = 3
 # A clock that leaps this far from one frame to the next is another clock, or a cache's end.
 _LEAP_S: Final = 1.0
@@ -21,7 +27,8 @@ class Freshness:
     """Lets readings through once the device's clock runs with this computer's.
 
     Bytes from a cache come faster than they were measured, or carry a clock that stands far from
-    that of the next frame; live ones come as time goes by.
+    that of the next frame; live ones come as time goes by, or more slowly by a clock that is slow.
+    A clock that is fast is believed after two seconds of it.
 
     Args:
         window: how long the clocks must agree, s; 0 lets everything through.
@@ -34,6 +41,9 @@ class Freshness:
     ) -> None:
         self._window, self._statistics, self._on_leap = window, statistics, on_leap
         self._points: deque[tuple[float, float]] = deque()
+        self._since: float | None = None
+        # Of the clock to this computer's, at its most punctual, s.
+        self._ahead = -math.inf
         self.last: Reading | None = None
         self.settled = window <= 0
         self._newest: Reading | None = None
@@ -47,7 +57,8 @@ class Freshness:
         if self.settled:
             self._before, self._dropped = self._statistics.copy(), 0
         self.settled = False
-        self._newest = None
+        self._newest = self._since = None
+        self._ahead = -math.inf
         self._points.clear()
 
     def take(self, readings: list[Reading]) -> tuple[list[Reading], bool]:
@@ -76,10 +87,17 @@ class Freshness:
 
     def _leap(self, reading: Reading) -> float:
         """How far the clock leapt from the reading before; 0 where it went on."""
-        before = self._newest
+        before, ahead = self._newest, reading.time - reading.arrival
         if before is None or reading.sequence == before.sequence + 1:
+            self._ahead = max(self._ahead, ahead)
             return 0.0
-        leap = (reading.time - before.time) - (reading.arrival - before.arrival)
+        if self.settled:
+            # What was read late seems to be old, and the next then to leap: no clock is ahead of
+            # where it was at its most punctual.
+            leap = ahead - self._ahead
+            self._ahead = max(self._ahead, ahead)
+            return leap if leap > _LEAP_S else 0.0
+        leap = ahead - (before.time - before.arrival)
         return leap if abs(leap) > _LEAP_S else 0.0
 
     def _leapt(self, leap: float, left_out: list[Reading]) -> None:
@@ -101,7 +119,10 @@ class Freshness:
             points.popleft()
         host = reading.arrival - points[0][1]
         device = reading.time - points[0][0]
-        agree = abs(device - host) <= _LATENESS_S + _TOLERANCE * host
+        self._since = reading.arrival if self._since is None else self._since
+        faster = _TOLERANCE if reading.arrival - self._since < _LONG_S else _FASTER
+        ahead = device - host
+        agree = -_LATENESS_S - _SLOWER * host <= ahead <= _LATENESS_S + faster * host
         if len(points) < _FEWEST or host < self._window or not agree:
             self._dropped += 1
             return False

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import select
+import time
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -29,14 +30,21 @@ class Port:
     Args:
         spec: gives the port, any pyserial URL, and the baud rate.
 
+    Attributes:
+        arrived: when `read` gave what it gave last, `time.perf_counter`, s.
+        keeps: whether what comes while nobody reads is kept with its time of arrival.
+
     Raises:
         PortNotFoundError, PortBusyError, PortPermissionError: it cannot be opened.
         DeviceFileError: port or baud rate mean nothing to pyserial.
         MissingExtraError: pyserial is not installed.
     """
 
+    keeps = False
+
     def __init__(self, spec: DeviceSpec) -> None:
         self._name = spec.port
+        self.arrived = time.perf_counter()
         serial = load("serial", "device")
         # termios.error, where there is termios, is neither an OSError nor pyserial's.
         self._failures = (OSError, serial.SerialException, *_termios_error())
@@ -44,7 +52,7 @@ class Port:
             self._serial = serial.serial_for_url(
                 spec.port, baudrate=spec.baudrate, timeout=0, exclusive=True
             )
-        except (*self._failures, ValueError) as error:
+        except (*self._failures, ValueError, OverflowError) as error:
             raise opening_error(spec, error) from None
         self._read: Callable[[float], bytes] = (
             self._read_descriptor if _is_plain(self._serial) else self._read_any
@@ -57,7 +65,9 @@ class Port:
             DisconnectedError: the port is gone.
         """
         try:
-            return self._read(timeout)
+            data = self._read(timeout)
+            self.arrived = time.perf_counter()
+            return data
         except self._failures as error:
             if getattr(error, "errno", None) in (errno.EINTR, errno.EAGAIN):
                 return b""

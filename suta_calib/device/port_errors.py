@@ -27,8 +27,8 @@ def opening_error(spec: DeviceSpec, error: Exception) -> SutaCalibError:
     """The error to raise for what pyserial said when it opened ``spec.port``."""
     number = getattr(error, "errno", None)
     text = " ".join(str(error).split())
-    if isinstance(error, ValueError):
-        return _meaningless(spec, text)
+    if isinstance(error, ValueError | OverflowError):
+        return _meaningless(spec, text, isinstance(error, OverflowError) or "baud" in text.lower())
     if number in _ABSENT:
         return _not_found(spec)
     if number in _BUSY or (os.name == "nt" and "PermissionError" in text):
@@ -77,8 +77,7 @@ def _forbidden(spec: DeviceSpec) -> PortPermissionError:
     )
 
 
-def _meaningless(spec: DeviceSpec, text: str) -> DeviceFileError:
-    about_speed = "baud" in text.lower()
+def _meaningless(spec: DeviceSpec, text: str, about_speed: bool) -> DeviceFileError:
     return DeviceFileError(
         f"{spec.baudrate} ({text})" if about_speed else f"{spec.port!r} ({text})",
         "a baud rate this port supports" if about_speed else "a pyserial URL",

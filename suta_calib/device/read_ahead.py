@@ -1,7 +1,7 @@
 """A device that is listened to while everything else still starts.
 
-What an arm does before a program has loaded its libraries is measured too: a thread opens the port
-at once and keeps what arrives until it is asked for.
+What an arm does before a program has loaded its libraries is measured too: a process of its own
+opens the port at once and keeps what arrives, and a thread decodes it.
 """
 
 from __future__ import annotations
@@ -9,12 +9,13 @@ from __future__ import annotations
 import queue
 import threading
 from collections.abc import Callable
-from types import TracebackType
 from typing import Final, Self
 
 from suta_calib.device.bus import Bus
 from suta_calib.device.description import DeviceSpec
+from suta_calib.device.port import Port
 from suta_calib.device.reading import Reading, Statistics
+from suta_calib.device.remote_port import RemotePort
 
 _SLICE: Final = 0.05
 
@@ -25,14 +26,24 @@ class ReadAhead:
     Args:
         spec: the device.
         reconnect: whether to wait for a device that was lost.
+        first: its port, if somebody began to open it even before `spec` was read; closed here.
 
     Attributes:
         on_event: told what happens when it is read about, in the reader's thread; may be set later.
     """
 
-    def __init__(self, spec: DeviceSpec, *, reconnect: bool = False) -> None:
+    def __init__(
+        self, spec: DeviceSpec, *, reconnect: bool = False, first: RemotePort | None = None
+    ) -> None:
         self._arrived: queue.SimpleQueue[list[Reading] | str | Exception] = queue.SimpleQueue()
-        self._bus = Bus(spec, reconnect=reconnect, on_event=self._arrived.put)
+        if first is not None and not first.serves(spec):
+            first.close()
+            first = None
+        # Started here, before anybody loads anything.
+        self._first: RemotePort | None = first or RemotePort(spec)
+        self._bus = Bus(
+            spec, reconnect=reconnect, on_event=self._arrived.put, open_port=self._open_port
+        )
         self.on_event: Callable[[str], None] = _ignore
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._listen, name="device", daemon=True)
@@ -63,14 +74,21 @@ class ReadAhead:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._stop.set()
         self._thread.join(timeout=2.0)
+
+    def _open_port(self, spec: DeviceSpec) -> Port | RemotePort:
+        """The port that is being opened already; later, when all is loaded, one in this process."""
+        first, self._first = self._first, None
+        if first is None:
+            return Port(spec)
+        try:
+            first.wait_open()
+        except BaseException:
+            first.close()
+            raise
+        return first
 
     def _listen(self) -> None:
         try:

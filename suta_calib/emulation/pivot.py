@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 import numpy as np
@@ -19,6 +19,8 @@ from suta_calib.simulation.noise import full_circle, stream
 # So dense that a cubic between two of them keeps the tip within a micrometre.
 _KNOTS: Final = 1000
 _FEWEST_JOINTS: Final = 5
+# So many postures are tried where none is asked for.
+_OTHERS: Final = 20
 
 
 def pivoting(
@@ -38,7 +40,8 @@ def pivoting(
         values: its true parameters, m or rad.
         point: (3,) in the base, m; by default where the tip is at ``posture``.
         posture: (joints,) readings from which the first posture is searched; the middle of every
-            joint's range by default.
+            joint's range by default, and others where that does not allow the tilts, as with many
+            an arm that is stretched there.
         cone: largest angle by which the tool is tilted, rad.
         period: of going through all tilts and back, s.
         seed: of the search.
@@ -47,23 +50,59 @@ def pivoting(
         JobError: too few joints to tilt the tool, or the point or a tilt is out of reach.
     """
     kinematics = InverseKinematics(arm, values)
-    matching = _matching(arm)
+    matching, tilts = _matching(arm), rotation_from_vector(_tilts(cone))
     start = kinematics.middle if posture is None else np.asarray(posture, dtype=float)
-    rotation, position = arm.forward(start, values)
     rng = stream(seed, "pivot")
-    if point is not None:
-        position = np.asarray(point, dtype=float)
-        start = _reached(kinematics, position, rotation, "position", start, rng)
-        rotation, _ = arm.forward(start, values)
-    knots = np.empty((_KNOTS, len(start)))
-    for k, tilt in enumerate(rotation_from_vector(_tilts(cone))):
-        start = _reached(kinematics, position, rotation @ tilt, matching, start, rng)
-        knots[k] = start
+    others = kinematics.random_readings(stream(seed, "pivot from"), _OTHERS)
+    starts = [start, *others] if posture is None else [start]
+    knots = _first_tilted(kinematics, values, point, starts, tilts, matching, rng)
     knots = continuous(knots, full_circle(arm))
     # By the length of the way in joint space: no joint hurries where the arm is nearly singular.
     steps = np.linalg.norm(np.diff(knots, axis=0), axis=1)
     length = np.concatenate([[0.0], np.cumsum(steps + 1e-3 * steps.mean())])
     return ThereAndBack(Curve(length, knots), period)
+
+
+def _first_tilted(
+    kinematics: InverseKinematics,
+    values: Mapping[str, float],
+    point: FloatArray | None,
+    starts: Sequence[FloatArray],
+    tilts: FloatArray,
+    matching: Matching,
+    rng: np.random.Generator,
+) -> FloatArray:
+    """Postures about the point, or where the tip is, from the first of some that allows them."""
+    refused: JobError | None = None
+    for start in starts:
+        rotation, position = kinematics.arm.forward(start, values)
+        try:
+            if point is not None:
+                position = np.asarray(point, dtype=float)
+                start = _reached(kinematics, position, rotation, "position", start, rng)
+            return _tilted(kinematics, values, position, start, tilts, matching, rng)
+        except JobError as error:
+            refused = refused or error
+    assert refused is not None
+    raise refused
+
+
+def _tilted(
+    kinematics: InverseKinematics,
+    values: Mapping[str, float],
+    position: FloatArray,
+    start: FloatArray,
+    tilts: FloatArray,
+    matching: Matching,
+    rng: np.random.Generator,
+) -> FloatArray:
+    """(n, joints) postures in which the tip is on the point, tilted from the first posture's."""
+    rotation, _ = kinematics.arm.forward(start, values)
+    knots = np.empty((len(tilts), len(start)))
+    for k, tilt in enumerate(tilts):
+        start = _reached(kinematics, position, rotation @ tilt, matching, start, rng)
+        knots[k] = start
+    return knots
 
 
 def _matching(arm: ArmModel) -> Matching:

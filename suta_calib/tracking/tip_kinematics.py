@@ -27,7 +27,8 @@ class TipKinematics:
     Args:
         arm: the calibrated arm, for raw readings.
         tool: where the tool's tip is; the arm's own tip by default.
-        uncertainty: of the calibration that wrote the arm's URDF.
+        uncertainty: of the calibration that wrote the arm's URDF; what that could not hold
+            (eccentric encoders, yielding joints) is corrected from it.
 
     Raises:
         InputError: the uncertainty is not this arm's.
@@ -64,7 +65,8 @@ def quaternion(rotation: FloatArray) -> FloatArray:
 def _compiled(arm: ArmModel, tool: Tool, uncertainty: CalibrationUncertainty | None) -> Any:
     """CasADi function: readings → rotation (9, column by column), position (3), std (3)."""
     names, factor = ((), np.zeros((0, 0))) if uncertainty is None else uncertainty.folded(arm)
-    nominal = ca.DM([arm.parameters[name].nominal for name in names])
+    beside = {} if uncertainty is None else uncertainty.beside_geometry
+    nominal = ca.DM([beside.get(name, arm.offered[name].nominal) for name in names])
     q = ca.SX.sym("q", len(arm.joints))
     flat, tip, jacobian = arm.function(names)(nominal, q)
     R = ca.reshape(flat, 3, 3)

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from suta_calib.device.description import misnamed
 from suta_calib.errors import InputError
-from suta_calib.measurements.suggestion import did_you_mean
 from suta_calib.model.arm import ArmModel
 from suta_calib.tracking.pose import TrackedPose
 from suta_calib.tracking.tip_kinematics import TipKinematics, quaternion
@@ -99,6 +99,6 @@ def matched_joints(
             f"those of the chain {arm.chain.base} → {arm.tip}: {', '.join(arm.joints)}",
             file=device,
             where="joints",
-            hint=did_you_mean(missing[0], device_joints) or f"{missing[0]} is missing",
+            hint=misnamed(device_joints, arm.joints) or f"add {', '.join(missing)}",
         )
     return [order[name] for name in arm.joints]

@@ -24,6 +24,7 @@ from suta_calib.geometry import (
 )
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.chain import ChainJoint
+from suta_calib.model.nongeometric import is_nongeometric
 from suta_calib.model.urdf import folded_origin
 from suta_calib.tracking.json_files import numbers, read_json_object
 
@@ -47,7 +48,8 @@ class CalibrationUncertainty:
         path: the ``result.json``.
         names: (n,) estimated parameters, in the covariance's order.
         covariance: (n, n), m and rad.
-        values: value of every parameter of the arm that the file names.
+        values: value of every parameter of the arm that the file names, eccentricities and
+            compliances among them: the calibrated URDF lacks these.
         source: what the file offered.
         held: parameters the data could not tell: what is said holds relative to them.
     """
@@ -59,6 +61,11 @@ class CalibrationUncertainty:
     source: Source
     held: tuple[str, ...]
 
+    @property
+    def beside_geometry(self) -> dict[str, float]:
+        """Eccentricities and compliances that are not zero, which no URDF holds."""
+        return {n: v for n, v in self.values.items() if v and is_nongeometric(n)}
+
     def folded(self, arm: ArmModel) -> tuple[tuple[str, ...], FloatArray]:
         """The same errors as parameters of the calibrated URDF.
 
@@ -66,8 +73,8 @@ class CalibrationUncertainty:
             arm: the calibrated arm.
 
         Returns:
-            Names (m,) of placement parameters of ``arm``, nominal there, and F (m, m') with
-            ``F Fᵀ`` their covariance.
+            Names (m,) of placement parameters of ``arm``, nominal there, then those of
+            `beside_geometry`; and F (m, m') with ``F Fᵀ`` their covariance.
 
         Raises:
             InputError: the arm is not the one that was calibrated.
@@ -76,10 +83,13 @@ class CalibrationUncertainty:
         blocks: list[FloatArray] = []
         for joint, segment in zip(arm.chain.joints, arm.segments, strict=True):
             mine = [n for n in self.names if n.rpartition(".")[0] == segment.prefix]
-            if mine:
+            if any(not is_nongeometric(n) for n in mine):
                 self._check_same(joint, segment.prefix)
                 rows += [f"{segment.prefix}.{key}" for key in PLACEMENT]
                 blocks.append(self._of_joint(joint, segment.prefix))
+        for name in self.beside_geometry:
+            rows.append(name)
+            blocks.append(np.array([[float(n == name) for n in self.names]]))
         derivative = np.vstack([np.zeros((0, len(self.names))), *blocks])
         return tuple(rows), derivative @ _factor(self.covariance)
 
@@ -127,7 +137,7 @@ def read_uncertainty(path: str | Path, arm: ArmModel) -> CalibrationUncertainty:
     path = Path(path)
     data = read_json_object(path)
     parameters = _parameters(data, path)
-    known = set(arm.parameters.names)
+    known = set(arm.offered.names)
     own = {name: entry for name, entry in parameters.items() if name in known}
     estimated = [name for name, entry in own.items() if entry.get("std") is not None]
     if not own:
