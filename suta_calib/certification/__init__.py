@@ -1,0 +1,1 @@
+"""From an instrument's raw points on an artefact to landmarks with their uncertainty."""

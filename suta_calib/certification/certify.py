@@ -1,0 +1,185 @@
+"""The five steps of a certification: ground, tops, holes, flats, side; then spacers and a verdict.
+
+Order and features follow the procedure of the SUTA's calibration artefact: a plane through the
+ground gives z; five touches on each top its height; the diagonals of four reference holes its
+centre; the flats its turn; the side plane the direction of x.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from suta_calib.certification.comparison import compare
+from suta_calib.certification.damage import faults
+from suta_calib.certification.frame import (
+    Placed,
+    Sources,
+    heading_jacobian,
+    pillar_jacobian,
+    shape_covariance,
+    wrapped,
+)
+from suta_calib.certification.heading import Heading
+from suta_calib.certification.measuring import Measured, measure, noise_of
+from suta_calib.certification.options import PLAIN, Options
+from suta_calib.certification.pillar import (
+    DIAGONAL_02,
+    DIAGONAL_13,
+    SLOPE_X,
+    SLOPE_Y,
+    UNEVEN_X,
+    UNEVEN_Y,
+    WIDTH,
+)
+from suta_calib.certification.placing import heading_of, origin_of, placed_in_frame, sources_of
+from suta_calib.certification.plane import BoolArray
+from suta_calib.certification.points import RawPoints, Touches
+from suta_calib.certification.quantities import judged, uneven_tops
+from suta_calib.certification.result import (
+    Certification,
+    CertifiedLandmark,
+    PlaneQuality,
+    SpacerLength,
+)
+from suta_calib.errors import SamplesError
+from suta_calib.geometry import FloatArray
+from suta_calib.measurements.suggestion import did_you_mean
+
+
+def certify(raw: RawPoints, options: Options = PLAIN) -> Certification:
+    """Landmarks with their uncertainty from raw points.
+
+    First-order propagation from every touch in use through planes, crossings and the frame; the
+    noise is the one stated, or pooled from the residuals of the tops' and the ground's planes.
+
+    Raises:
+        SamplesError: touches that define no plane or centre, and which; too few to learn their
+            noise from.
+        ArtefactError: no such origin, or a drawing of other landmarks.
+    """
+    names = [pillar.name for pillar in raw.pillars]
+    origin = origin_of(names, options)
+    measured = measure(raw, options.sigma)
+    noise = noise_of(measured, options.sigma, raw)
+    heading = heading_of(raw, measured, noise.touch)
+    by = sources_of(measured, heading, noise)
+    jacobians = [
+        pillar_jacobian(g, c, by) for g, c in zip(measured.geometry, by.pillars, strict=True)
+    ]
+    where, turned, heading_by = placed_in_frame(measured, jacobians, heading, by, origin, options)
+    yaw = wrapped(where.yaw - options.front)
+    comparison = None
+    if options.drawing is not None:
+        comparison = compare(names, where.position, yaw, options.drawing)
+    landmarks, covariance = _landmarks(measured, jacobians, where, yaw, by, options)
+    found = judged(measured, jacobians, by, landmarks, comparison)
+    return Certification(
+        path=raw.path,
+        name=options.name or raw.path.stem,
+        points=raw.count,
+        landmarks=landmarks,
+        covariance=covariance,
+        origin=names[origin],
+        heading=heading.source if heading else "farthest landmark",
+        turned=turned,
+        heading_std=_std(heading_by, by),
+        ground=_ground_quality(raw, measured, by),
+        side=_side_quality(raw, heading, by),
+        noise=noise.touch,
+        stated_noise=options.sigma,
+        freedom=noise.freedom,
+        spacers=_spacers(raw, options, noise.touch),
+        faults=(
+            *uneven_tops(measured, noise.touch, options.tolerance),
+            *faults(names, found, noise.freedom, options.tolerance),
+        ),
+        comparison=comparison,
+        tolerance=options.tolerance,
+    )
+
+
+def _landmarks(
+    measured: Measured,
+    jacobians: Sequence[FloatArray],
+    where: Placed,
+    yaw: FloatArray,
+    by: Sources,
+    options: Options,
+) -> tuple[tuple[CertifiedLandmark, ...], FloatArray]:
+    n = len(measured.pillars)
+    rows = where.by.reshape(3 * n, -1) * by.sigma
+    covariance = rows @ rows.T
+    std = np.sqrt(np.diag(covariance)).reshape(n, 3)
+    shape = np.sqrt(np.diag(shape_covariance(where.position, covariance)).clip(0)).reshape(n, 3)
+    found = []
+    for k, (pillar, top, geometry) in enumerate(
+        zip(measured.pillars, measured.tops, measured.geometry, strict=True)
+    ):
+        g, has = geometry.values, bool(np.isfinite(yaw[k]))
+        wrong = [line for line, used in zip(pillar.top.lines, top.inliers, strict=True) if not used]
+        slopes = [_std(jacobians[k][row], by) for row in (SLOPE_X, SLOPE_Y)]
+        found.append(
+            CertifiedLandmark(
+                name=pillar.name,
+                position=where.position[k],
+                std=std[k],
+                shape_std=shape[k],
+                yaw=float(yaw[k]) if has else None,
+                yaw_std=_std(where.yaw_by[k], by) if has else None,
+                tilt=float(np.arctan(np.hypot(g[SLOPE_X], g[SLOPE_Y]))),
+                tilt_std=max(slopes),
+                flatness=float(np.abs(top.residuals[top.inliers]).max()),
+                symmetry=float(np.hypot(g[UNEVEN_X], g[UNEVEN_Y])),
+                diagonals=g[[DIAGONAL_02, DIAGONAL_13]],
+                flats=float(g[WIDTH]) - 2 * options.probe_radius if has else None,
+                touches=int(top.inliers.sum()),
+                wrong_touches=tuple(wrong),
+            )
+        )
+    return tuple(found), covariance
+
+
+def _ground_quality(raw: RawPoints, measured: Measured, by: Sources) -> PlaneQuality:
+    ground = measured.ground
+    used = ground.residuals[ground.inliers]
+    tilt = max(_std(row, by) for row in by.ground[:2])
+    wrong = _unused(raw.ground, ground.inliers)
+    return PlaneQuality(len(used), ground.rms, float(np.ptp(used)), tilt, wrong)
+
+
+def _side_quality(raw: RawPoints, heading: Heading | None, by: Sources) -> PlaneQuality | None:
+    if heading is None or raw.side is None:
+        return None
+    used = heading.residuals[heading.inliers]
+    turn = _std(heading_jacobian(heading, by), by)
+    wrong = _unused(raw.side, heading.inliers)
+    return PlaneQuality(len(used), heading.rms, float(np.ptp(used)), turn, wrong)
+
+
+def _unused(touches: Touches, inliers: BoolArray) -> tuple[int, ...]:
+    return tuple(line for line, used in zip(touches.lines, inliers, strict=True) if not used)
+
+
+def _spacers(raw: RawPoints, options: Options, noise: float) -> tuple[SpacerLength, ...]:
+    names = [spacer.name for spacer in raw.spacers]
+    for name in options.spacers:
+        if name not in names:
+            raise SamplesError(
+                f"no touched spacer {name!r}",
+                f"one of {', '.join(names)}" if names else "touches of the feature 'spacer'",
+                file=raw.path,
+                hint=did_you_mean(name, names),
+            )
+    found = []
+    for spacer in raw.spacers:
+        # The ball's centre stays a radius off either end.
+        length = float(np.linalg.norm(np.diff(spacer.ends, axis=0))) - 2 * options.probe_radius
+        nominal = options.spacers.get(spacer.name)
+        found.append(SpacerLength(spacer.name, length, noise * 2**0.5, nominal))
+    return tuple(found)
+
+
+def _std(row: FloatArray, by: Sources) -> float:
+    return float(np.linalg.norm(row * by.sigma))

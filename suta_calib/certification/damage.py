@@ -1,0 +1,119 @@
+"""Pillars that are not as the others are, or not as drawn, beyond what the touches scatter.
+
+What is judged of each landmark, all of it as a length at the pillar: how its top leans, whether the
+diagonals of its holes halve each other, their lengths, the distance of its flats and, against a
+drawing, its place, its height and its turn.
+
+Without a tolerance the artefact itself says how well it was made: a pillar is damaged that stands
+out from the others' scatter. With a tolerance a pillar is damaged that is out of it for certain,
+its uncertainty taken into account (ISO 14253-1's rule for proving nonconformity).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from scipy.stats import norm, t
+
+from suta_calib.certification.plane import MAD
+from suta_calib.geometry import FloatArray
+
+# Chance that a pillar is named of an artefact with nothing wrong.
+FALSE_ALARM: Final = 0.001
+# Chance of wrongly proving nonconformity, for each quantity.
+RISK: Final = 0.025
+# Pillars from which on the others say what is usual.
+ENOUGH: Final = 5
+# Scatter among the pillars, beyond the touches', that one must exceed so many times.
+STANDS_OUT: Final = 6.0
+
+
+@dataclass(frozen=True, eq=False)
+class Quantity:
+    """One thing judged of every landmark.
+
+    Attributes:
+        name: what it is, as a reader is told.
+        value: (n, c) lengths, m; NaN where a landmark has none.
+        std: (n, c) their standard deviations, m.
+        nominal: whether zero is right; otherwise what most landmarks have is.
+    """
+
+    name: str
+    value: FloatArray
+    std: FloatArray
+    nominal: bool
+
+
+@dataclass(frozen=True)
+class Fault:
+    """Why a landmark is called damaged.
+
+    Attributes:
+        landmark: its name.
+        what: the quantity's name.
+        size: by how much it is off, m.
+        limit: beyond which that is too much, m.
+    """
+
+    landmark: str
+    what: str
+    size: float
+    limit: float
+
+
+def faults(
+    names: Sequence[str],
+    quantities: Sequence[Quantity],
+    freedom: float,
+    tolerance: float | None,
+) -> tuple[Fault, ...]:
+    """What is wrong, landmark by landmark in the order given.
+
+    Args:
+        names: of the landmarks.
+        quantities: what is judged.
+        freedom: degrees of freedom of the noise; inf where it is stated.
+        tolerance: largest acceptable departure, m, if there is one.
+    """
+    tests = max(sum(int(np.isfinite(q.value).sum()) for q in quantities), 1)
+    chance = FALSE_ALARM / tests / 2 if tolerance is None else RISK
+    factor = float(norm.isf(chance) if np.isinf(freedom) else t.isf(chance, freedom))
+    found = [fault for q in quantities for fault in _faults_of(names, q, factor, tolerance)]
+    return tuple(sorted(found, key=lambda fault: list(names).index(fault.landmark)))
+
+
+def _faults_of(
+    names: Sequence[str], quantity: Quantity, factor: float, tolerance: float | None
+) -> list[Fault]:
+    enough = int(np.isfinite(quantity.value).all(axis=1).sum()) >= ENOUGH
+    if not (enough or quantity.nominal):
+        return []
+    usual, spread = _usual(quantity, enough)
+    # A tolerance is about the drawing; without one, what all pillars share is no pillar's fault.
+    if quantity.nominal and tolerance is not None:
+        usual = np.zeros_like(usual)
+    off = np.abs(quantity.value - usual)
+    own = STANDS_OUT * spread if tolerance is None else tolerance
+    limit = factor * quantity.std + own
+    found = []
+    for row, name in enumerate(names):
+        over = np.nan_to_num(off[row] / limit[row], nan=0.0)
+        worst = int(np.argmax(over))
+        if over[worst] > 1.0:
+            sizes = float(off[row, worst]), float(limit[row, worst])
+            found.append(Fault(name, quantity.name, *sizes))
+    return found
+
+
+def _usual(quantity: Quantity, enough: bool) -> tuple[FloatArray, FloatArray]:
+    """Median over the landmarks, and their scatter beyond that of the touches, by component."""
+    if not enough:
+        return np.zeros(quantity.value.shape[1]), np.zeros(quantity.value.shape[1])
+    usual = np.nanmedian(quantity.value, axis=0)
+    spread = MAD * np.nanmedian(np.abs(quantity.value - usual), axis=0)
+    noise = np.nanmedian(quantity.std, axis=0)
+    return usual, np.sqrt(np.maximum(spread**2 - noise**2, 0.0))

@@ -1,0 +1,132 @@
+"""Least squares through touches, some of which may be wrong."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import norm, t
+
+from suta_calib.geometry import FloatArray
+
+BoolArray = NDArray[np.bool_]
+# Chance that any touch of a feature without a wrong one is called wrong.
+FALSE_ALARM: Final = 0.001
+# No more of a feature's touches than this can be wrong.
+MOST_WRONG: Final = 0.3
+# Finer than any instrument: what exact, made-up points scatter (m).
+FINEST: Final = 1e-8
+# From MAD to standard deviation of a normal distribution.
+MAD: Final = float(1.0 / norm.ppf(0.75))
+
+
+@dataclass(frozen=True, eq=False)
+class Plane:
+    """A plane through points by orthogonal least squares.
+
+    Attributes:
+        centre: (3,) mean of the points used, m.
+        axes: (3, 3) rows: the plane's principal directions, then its normal.
+        inliers: (n,) points used.
+        residuals: (n,) signed distances of all points, along the normal, m.
+    """
+
+    centre: FloatArray
+    axes: FloatArray
+    inliers: BoolArray
+    residuals: FloatArray
+
+    @property
+    def freedom(self) -> int:
+        """Residuals less parameters."""
+        return int(self.inliers.sum()) - 3
+
+    @property
+    def rms(self) -> float:
+        """Standard deviation of one residual, m; 0 where three points make the plane."""
+        squared = float(np.sum(self.residuals[self.inliers] ** 2))
+        return float(np.sqrt(squared / self.freedom)) if self.freedom > 0 else 0.0
+
+
+def fit_plane(points: FloatArray, noise: float | None = None) -> Plane:
+    """Orthogonal least squares, without touches that the others refute.
+
+    Args:
+        points: (n, 3), m.
+        noise: standard deviation of a touch, m, if it is known; a larger scatter of the touches
+            counts instead of it, because a surface is not flat to the instrument's noise.
+    """
+
+    def line_up(rows: BoolArray) -> tuple[FloatArray, FloatArray]:
+        centre, axes = _principal(points[rows])
+        local = (points - centre) @ axes.T
+        return local[:, 2], np.column_stack([np.ones(len(points)), local[:, :2]])
+
+    inliers = agreeing(line_up, len(points), 3, noise)
+    centre, axes = _principal(points[inliers])
+    return Plane(centre, axes, inliers, (points - centre) @ axes[2])
+
+
+def on_a_line(points: FloatArray, noise: float) -> bool:
+    """Whether the points do not say how a plane through them turns about their line."""
+    centred = points - points.mean(axis=0)
+    singular = np.linalg.svd(centred, compute_uv=False)
+    return bool(singular[1] < max(1e-3 * singular[0], 5.0 * noise))
+
+
+def agreeing(
+    fit: Callable[[BoolArray], tuple[FloatArray, FloatArray]],
+    count: int,
+    parameters: int,
+    noise: float | None,
+) -> BoolArray:
+    """Points that a linear fit may use: without those that the rest refute.
+
+    Generalised extreme studentised deviates (Rosner 1983, doi:10.1080/00401706.1983.10487848): the
+    worst goes, again and again, and wrong are all up to the last that stood out. Two wrong touches
+    hide each other from a test that stops at the first.
+
+    Args:
+        fit: from points in use to residuals (n,) and design matrix (n, parameters) of all.
+        count: number of points.
+        parameters: of the fit.
+        noise: as for `fit_plane`.
+    """
+    used = np.ones(count, dtype=np.bool_)
+    found = used.copy()
+    while count - used.sum() < int(MOST_WRONG * count) and used.sum() >= parameters + 3:
+        residual, design = fit(used)
+        ratio, scale_known = _studentised(residual[used], design[used], noise)
+        worst = int(np.argmax(ratio))
+        freedom = int(used.sum()) - parameters - 1
+        chance = FALSE_ALARM / int(used.sum()) / 2
+        limit = norm.isf(chance) if scale_known else t.isf(chance, freedom)
+        used[np.flatnonzero(used)[worst]] = False
+        if ratio[worst] > limit:
+            found = used.copy()
+    return found
+
+
+def _studentised(
+    residual: FloatArray, design: FloatArray, noise: float | None
+) -> tuple[FloatArray, bool]:
+    """Residuals in units of what they may scatter, each judged by the scatter of the others."""
+    q = np.linalg.qr(design)[0]
+    free = np.maximum(1.0 - np.sum(q**2, axis=1), 1e-6)
+    freedom = len(residual) - design.shape[1]
+    total = float(np.sum(residual**2))
+    others = np.maximum(total - residual**2 / free, 0.0) / max(freedom - 1, 1)
+    scale = np.sqrt(others)
+    least = FINEST if noise is None else max(noise, FINEST)
+    known = bool(noise is not None and np.median(scale) <= least)
+    return np.abs(residual) / np.sqrt(free) / np.maximum(scale, least), known
+
+
+def _principal(points: FloatArray) -> tuple[FloatArray, FloatArray]:
+    centre = points.mean(axis=0)
+    axes = np.linalg.svd(points - centre)[2]
+    axes[2] *= np.linalg.det(axes)
+    return centre, axes

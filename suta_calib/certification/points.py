@@ -1,0 +1,225 @@
+"""Raw points of an artefact, as a laser tracker or a coordinate measuring machine wrote them.
+
+One CSV file with the columns ``feature, landmark, index, x, y, z`` (m; ``x_mm, y_mm, z_mm``: mm).
+Features are ``ground``, ``top``, ``hole``, ``flat``, ``side`` and ``spacer``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from suta_calib.errors import SamplesError
+from suta_calib.geometry import FloatArray
+from suta_calib.measurements import CsvTable, positions, read_csv_table
+from suta_calib.measurements.suggestion import did_you_mean
+
+FEATURES: Final = ("ground", "top", "hole", "flat", "side", "spacer")
+HOLES: Final = 4
+# What a plane takes; more touches are needed to judge it.
+LEAST_ON_PLANE: Final = 3
+LEAST_ON_SIDE: Final = 2
+# No artefact that an arm can touch is larger or smaller (m): another unit was meant.
+LARGEST_EXTENT: Final = 10.0
+SMALLEST_EXTENT: Final = 2e-3
+# Ends of a spacer that are one point (m).
+COINCIDENT: Final = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Touches:
+    """Points of one feature.
+
+    Attributes:
+        position: (n, 3) in the instrument's frame, m.
+        lines: (n,) their lines in the file.
+    """
+
+    position: FloatArray
+    lines: tuple[int, ...]
+
+    def __len__(self) -> int:
+        return len(self.lines)
+
+
+@dataclass(frozen=True, eq=False)
+class Pillar:
+    """What was touched on one landmark.
+
+    Attributes:
+        name: of the landmark.
+        top: three touches or more on its top.
+        holes: (4, 3), in order around the pillar, m.
+        front, back: (3,) mean touch of each flat, m; None where the flats were not touched.
+        flat_counts: touches on front and back.
+    """
+
+    name: str
+    top: Touches
+    holes: Touches
+    front: FloatArray | None
+    back: FloatArray | None
+    flat_counts: tuple[int, int] = (1, 1)
+
+
+@dataclass(frozen=True, eq=False)
+class SpacerEnds:
+    """The two ends of a spacer: (2, 3), m."""
+
+    name: str
+    ends: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class RawPoints:
+    """Everything in one file.
+
+    Attributes:
+        path: the file.
+        ground: touches of the ground plane.
+        pillars: in order of first appearance.
+        side: touches of the side plane, or None.
+        spacers: pairs of ends.
+        count: rows in the file.
+    """
+
+    path: Path
+    ground: Touches
+    pillars: tuple[Pillar, ...]
+    side: Touches | None
+    spacers: tuple[SpacerEnds, ...]
+    count: int
+
+
+def read_raw_points(path: Path) -> RawPoints:
+    """Read and check a file of raw points.
+
+    Raises:
+        SamplesError: not a CSV file, a column or cell that cannot be used, an unknown feature, or
+            touches that a landmark needs and does not have; names the line or the landmark.
+    """
+    table = read_csv_table(path)
+    rows = _Rows(table)
+    names = list(dict.fromkeys(rows.landmark[k] for k in rows.of("top", "hole", "flat")))
+    ground, side = rows.of("ground"), rows.of("side")
+    if len(ground) < LEAST_ON_PLANE:
+        raise rows.missing(f"{len(ground)} touches of the ground", "at least 3, not on a line")
+    if not names:
+        raise rows.missing("no landmark", "touches of 'top' and 'hole' for every landmark")
+    if 0 < len(side) < LEAST_ON_SIDE:
+        raise rows.missing("1 touch of the side", "two or more along it, or none")
+    pillars = tuple(_pillar(rows, name) for name in names)
+    _check_extent(rows)
+    return RawPoints(
+        path=path,
+        ground=rows.touches(ground),
+        pillars=pillars,
+        side=rows.touches(side) if side else None,
+        spacers=tuple(_spacers(rows)),
+        count=len(table),
+    )
+
+
+class _Rows:
+    """The file's rows, checked cell by cell."""
+
+    def __init__(self, table: CsvTable) -> None:
+        self.table = table
+        self.feature = [str(cell) for cell in table.labels("feature", "what was touched")]
+        for row, feature in enumerate(self.feature):
+            if feature not in FEATURES:
+                hint = did_you_mean(feature, FEATURES)
+                raise table.refuse(
+                    row, "feature", repr(feature), f"one of {', '.join(FEATURES)}", hint
+                )
+        self.landmark = list(table.cells("landmark", "the landmark's name"))
+        for row in self.of("top", "hole", "flat"):
+            if not self.landmark[row]:
+                raise table.refuse(row, "landmark", "an empty cell", "the landmark's name")
+        self._index = table.cells("index", "the number of the touch")
+        self.position = positions(table)
+
+    def of(self, *features: str, landmark: str | None = None) -> list[int]:
+        """Rows of these features, of one landmark if it is given."""
+        return [
+            row
+            for row, feature in enumerate(self.feature)
+            if feature in features and landmark in (None, self.landmark[row])
+        ]
+
+    def touches(self, rows: Iterable[int]) -> Touches:
+        listed = list(rows)
+        return Touches(self.position[listed], tuple(self.table.lines[row] for row in listed))
+
+    def index(self, row: int, most: int) -> int:
+        """The cell ``index`` as a whole number from 0 to ``most``."""
+        cell = self._index[row]
+        if not cell.isascii() or not cell.isdecimal() or int(cell) > most:
+            raise self.table.refuse(row, "index", repr(cell), f"a whole number from 0 to {most}")
+        return int(cell)
+
+    def spacer_index(self, row: int) -> str:
+        return self._index[row]
+
+    def missing(self, found: str, expected: str, where: str = "", hint: str = "") -> SamplesError:
+        return SamplesError(found, expected, file=self.table.path, where=where, hint=hint)
+
+
+def _pillar(rows: _Rows, name: str) -> Pillar:
+    where = f"landmark {name!r}"
+    top = rows.touches(rows.of("top", landmark=name))
+    if len(top) < LEAST_ON_PLANE:
+        raise rows.missing(f"{len(top)} touches of its top", "five, at least three", where)
+    holes = {rows.index(row, HOLES): row for row in rows.of("hole", landmark=name)}
+    count = len(rows.of("hole", landmark=name))
+    # Some count from one.
+    if count != HOLES or len(holes) != HOLES or {0, HOLES} <= set(holes):
+        listed = ", ".join(str(k) for k in sorted(holes)) or "none"
+        raise rows.missing(
+            f"{count} touches of its holes, with the indices {listed}",
+            "four, 0 1 2 3 in order around the pillar",
+            where,
+        )
+    flats = rows.of("flat", landmark=name)
+    sides: tuple[list[int], list[int]] = ([], [])
+    for row in flats:
+        sides[rows.index(row, 1)].append(row)
+    if bool(sides[0]) != bool(sides[1]):
+        raise rows.missing("one flat only", "index 0 (front) and 1 (back), or none", where)
+    front, back = (rows.position[s].mean(axis=0) if s else None for s in sides)
+    in_order = rows.touches(holes[k] for k in sorted(holes))
+    return Pillar(name, top, in_order, front, back, (len(sides[0]) or 1, len(sides[1]) or 1))
+
+
+def _spacers(rows: _Rows) -> Iterable[SpacerEnds]:
+    """Ends in pairs: by index where a spacer's indices differ, else as they follow in the file."""
+    for name in dict.fromkeys(rows.landmark[row] for row in rows.of("spacer")):
+        listed = rows.of("spacer", landmark=name)
+        indices = [rows.spacer_index(row) for row in listed]
+        if len(set(indices)) == len(listed) and all(i.isdecimal() for i in indices):
+            listed = [row for _, row in sorted(zip(map(int, indices), listed, strict=True))]
+        called = name or "spacer"
+        if len(listed) % 2:
+            raise rows.missing(
+                f"{len(listed)} ends", "ends in pairs", f"spacer {name!r}" if name else "spacer"
+            )
+        pairs = list(zip(listed[::2], listed[1::2], strict=True))
+        for number, pair in enumerate(pairs, start=1):
+            label = f"{called} {number}" if len(pairs) > 1 else called
+            if np.ptp(rows.position[list(pair)], axis=0).max() < COINCIDENT:
+                raise rows.missing("both ends in one place", "two ends", f"spacer {label!r}")
+            yield SpacerEnds(label, rows.position[list(pair)])
+
+
+def _check_extent(rows: _Rows) -> None:
+    extent = float(np.linalg.norm(np.ptp(rows.position, axis=0)))
+    if not SMALLEST_EXTENT < extent < LARGEST_EXTENT:
+        raise rows.missing(
+            f"points within {extent:.4g} m",
+            f"an artefact of {SMALLEST_EXTENT:g} to {LARGEST_EXTENT:g} m",
+            hint="columns x,y,z are in metres and x_mm,y_mm,z_mm in millimetres: which are these?",
+        )

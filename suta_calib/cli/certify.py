@@ -1,0 +1,157 @@
+"""``suta-calib certify``: from raw points on an artefact to its file."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Final
+
+import click
+
+from suta_calib.cli._analysis import finish_analysis
+from suta_calib.cli._numbers import FiniteRange
+from suta_calib.cli._output import check_folder, json_option
+from suta_calib.errors import OutputError
+
+LENGTH: Final = FiniteRange(min=0, min_open=True, max=1e6)
+
+
+@click.command()
+@click.argument("points", type=click.Path(path_type=Path), metavar="POINTS.csv")
+@click.option(
+    "--out", type=click.Path(path_type=Path), metavar="FILE.yaml", help="The artefact's file."
+)
+@click.option(
+    "--nominal",
+    type=click.Path(path_type=Path),
+    metavar="DRAWING.yaml",
+    help="Compare with this artefact's file.",
+)
+@click.option(
+    "--report",
+    type=click.Path(path_type=Path),
+    metavar="DIR",
+    help="Write certify.json, certify.svg and report.html there.",
+)
+@click.option(
+    "--sigma-um",
+    type=LENGTH,
+    help="Standard deviation of one touched coordinate; from the touches' own scatter without.",
+)
+@click.option(
+    "--tolerance-mm",
+    type=LENGTH,
+    help="Largest acceptable departure; without, a damaged pillar is one unlike the others.",
+)
+@click.option(
+    "--probe-radius-mm",
+    type=FiniteRange(min=0, max=1e3),
+    default=0.0,
+    help="The points are centres of a ball: flats and spacers measure two radii less.",
+)
+@click.option("--origin", metavar="NAME", default="", help="Landmark with x = y = 0; O, or first.")
+@click.option(
+    "--front-deg",
+    type=FiniteRange(-360, 360),
+    default=0.0,
+    help="Where the front flat is in the seated tip's frame, from its x axis about z up.",
+)
+@click.option("--name", default="", help="Of the artefact; the file's name by default.")
+@click.option(
+    "--spacer",
+    "spacers",
+    multiple=True,
+    metavar="NAME=MM",
+    help="A spacer's nominal length; may be given again.",
+)
+@json_option
+@click.pass_context
+def certify(
+    context: click.Context,
+    points: Path,
+    out: Path | None,
+    nominal: Path | None,
+    report: Path | None,
+    sigma_um: float | None,
+    tolerance_mm: float | None,
+    probe_radius_mm: float,
+    origin: str,
+    front_deg: float,
+    name: str,
+    spacers: tuple[str, ...],
+    as_json: bool,
+) -> None:
+    """Certify an artefact: raw laser tracker points in, artefact.yaml out.
+
+    POINTS.csv has the columns feature,landmark,index,x,y,z (m; x_mm,y_mm,z_mm: mm). Features:
+    ground; top (five per landmark); hole (four, in order around the pillar); flat (0 front, 1
+    back); side; spacer (ends in pairs). Exits with 1 where a landmark is damaged.
+    """
+    from suta_calib.certification.artefact_file import write_certified
+    from suta_calib.certification.certify import certify as certified
+    from suta_calib.certification.options import Options
+    from suta_calib.certification.points import read_raw_points
+    from suta_calib.certification.trust import verdict_on
+    from suta_calib.measurements import read_artefact
+    from suta_calib.navigation.blame import blame
+    from suta_calib.report.certification_json import certification_dict
+    from suta_calib.report.certification_report import certification_section, certification_tables
+
+    _check_outputs(out, report, [points, nominal])
+    raw = read_raw_points(points)
+    options = Options(
+        name=" ".join(name.split()),
+        sigma=None if sigma_um is None else 1e-6 * sigma_um,
+        origin=origin,
+        probe_radius=1e-3 * probe_radius_mm,
+        front=math.radians(front_deg),
+        drawing=None if nominal is None else read_artefact(nominal),
+        tolerance=None if tolerance_mm is None else 1e-3 * tolerance_mm,
+        spacers=_lengths(spacers),
+    )
+    with blame(points):
+        found = certified(raw, options)
+    answer = certification_dict(found)
+    if out is not None:
+        write_certified(out, found)
+        answer["artefact"] = str(out)
+    finish_analysis(
+        context,
+        answer,
+        lambda: certification_tables(found),
+        lambda: certification_section(found),
+        report,
+        as_json=as_json,
+        usable=verdict_on(found).usable,
+    )
+
+
+def _lengths(spacers: tuple[str, ...]) -> dict[str, float]:
+    """Nominal lengths by name, m."""
+    found = {}
+    for given in spacers:
+        name, _, text = given.rpartition("=")
+        try:
+            length = 1e-3 * float(text)
+        except ValueError:
+            length = math.nan
+        if not name or not 0 < length < math.inf:
+            raise click.BadParameter(
+                f"found {given!r}; expected NAME=LENGTH in mm, such as A=40", param_hint="--spacer"
+            )
+        found[name.strip()] = length
+    return found
+
+
+def _check_outputs(out: Path | None, report: Path | None, inputs: list[Path | None]) -> None:
+    """Refuse what cannot be written, and what would replace an input, before any work."""
+    if report is not None:
+        check_folder(report)
+    if out is None:
+        return
+    if not out.parent.is_dir() or out.is_dir():
+        what = "a folder" if out.is_dir() else f"no folder {out.parent}"
+        raise OutputError(f"{out}: found {what}; expected a file's name in a folder that exists")
+    for path in inputs:
+        if path is not None and path.exists() and out.exists() and out.samefile(path):
+            raise OutputError(f"{out}: found the same file as an input; expected another --out")
