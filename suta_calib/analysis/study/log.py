@@ -1,0 +1,161 @@
+"""Finished trials of a study in a CSV file, one line each, so that an interrupted study goes on.
+
+The first line, a comment, says which study it is. Each trial is written in one piece when it is
+done; a line that a crash cut off is dropped when the study is resumed. SI units throughout.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Final, Self
+
+from suta_calib.analysis.study.trial import Trial
+from suta_calib.atomic import write_bytes_atomically
+from suta_calib.errors import JobError, OutputError
+from suta_calib.measurements import CsvTable, read_csv_table, read_text
+
+_MARK: Final = "# suta-calib study: "
+Done = dict[tuple[int, int], Trial]
+
+
+class StudyLog:
+    """Appends trials to a file, which is begun with the first of them.
+
+    Args:
+        path: the file; its folder is created if it is not there.
+        identity: what makes two studies the same, by name: kind, seed, unit, digest of the job.
+        names: parameters that trials may estimate.
+    """
+
+    def __init__(self, path: Path, identity: Mapping[str, str], names: Sequence[str]) -> None:
+        self.path, self._identity, self._names = path, identity, tuple(names)
+        self._descriptor = -1
+        self._goes_on = False
+
+    def finished(self) -> Done:
+        """Trials that are in the file already, by (size, number); those to come are added to it.
+
+        Without a file there are none, and the study begins anew.
+
+        Raises:
+            JobError: the file is of another study; says what differs.
+            SamplesError: a line of it cannot be read.
+            OutputError: a line that a crash cut off cannot be removed.
+        """
+        if not self.path.exists():
+            return {}
+        done = self._read()
+        self._goes_on = True
+        return done
+
+    def append(self, trial: Trial) -> None:
+        """Write one trial; it is in the file when this returns.
+
+        Raises:
+            OutputError: it cannot be written.
+        """
+        estimates = [trial.estimates.get(name, (math.nan, math.nan)) for name in self._names]
+        numbers = [trial.rms, *(number for pair in estimates for number in pair)]
+        cells = [str(trial.size), str(trial.number), trial.problem, *map(_cell, numbers)]
+        try:
+            if self._descriptor < 0:
+                self._open()
+            os.write(self._descriptor, _line(cells).encode())
+        except OSError as error:
+            raise OutputError(f"{self.path}: not written: {error.strerror}") from error
+
+    def _open(self) -> None:
+        if not self._goes_on:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            write_bytes_atomically(self.path, "".join(self._head()).encode())
+        self._descriptor = os.open(self.path, os.O_WRONLY | os.O_APPEND)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if self._descriptor >= 0:
+            os.close(self._descriptor)
+
+    def _head(self) -> tuple[str, str]:
+        said = ", ".join(f"{name}={value}" for name, value in self._identity.items())
+        columns = [column for name in self._names for column in (name, f"{name}:std")]
+        return f"{_MARK}{said}\n", _line(["size", "trial", "problem", "rms_m", *columns])
+
+    def _read(self) -> Done:
+        text = read_text(self.path, JobError)
+        whole = text[: text.rfind("\n") + 1]
+        lines = whole.splitlines(keepends=True)
+        self._check(lines[0] if lines else "")
+        if len(lines) < 2:
+            whole = "".join(self._head())
+        if whole != text:
+            write_bytes_atomically(self.path, whole.encode())
+        if len(lines) <= 2:
+            return {}
+        table = read_csv_table(self.path)
+        trials = (_trial(table, row, self._names) for row in range(len(table)))
+        return {(trial.size, trial.number): trial for trial in trials}
+
+    def _check(self, first: str) -> None:
+        """Refuse trials of another study."""
+        if first == self._head()[0]:
+            return
+        parts = first.removeprefix(_MARK).strip().split(", ")
+        there = dict(part.split("=", 1) for part in parts if "=" in part)
+        differs = [name for name, value in self._identity.items() if there.get(name) != value]
+        raise JobError(
+            f"trials of another study ({', '.join(differs) or 'another file'} differs)",
+            "trials of this job with the same data and options",
+            file=self.path,
+            line=1,
+            hint="leave out --resume to begin anew, or choose another --out",
+        )
+
+
+def _trial(table: CsvTable, row: int, names: Sequence[str]) -> Trial:
+    estimates = {}
+    for name in names:
+        value, std = (_number(table, row, column) for column in (name, f"{name}:std"))
+        if math.isfinite(value):
+            estimates[name] = (value, std)
+    size, number = (_whole_number(table, row, name) for name in ("size", "trial"))
+    rms = _number(table, row, "rms_m")
+    return Trial(size, number, table.cells("problem")[row], rms, estimates)
+
+
+def _number(table: CsvTable, row: int, name: str) -> float:
+    """The number in a cell, NaN for an empty one."""
+    cell = table.cells(name)[row]
+    try:
+        return float(cell) if cell else math.nan
+    except ValueError:
+        raise table.refuse(row, name, repr(cell), "a number, as it was written") from None
+
+
+def _whole_number(table: CsvTable, row: int, name: str) -> int:
+    cell = table.cells(name)[row]
+    if not cell.isdecimal():
+        raise table.refuse(row, name, repr(cell), "a whole number, as it was written")
+    return int(cell)
+
+
+def _cell(number: float) -> str:
+    return repr(number) if math.isfinite(number) else ""
+
+
+def _line(cells: Sequence[str]) -> str:
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerow(cells)
+    return text.getvalue()

@@ -1,0 +1,205 @@
+"""How many measurement sets a calibration needs, and how much its answer varies with them.
+
+Three studies by one runner. *size*: random subsets of s sets are calibrated and judged on held-out
+data; the mean error over s says when more sets stop paying. *bootstrap* (Efron 1979,
+doi:10.1214/aos/1176344552): sets drawn with replacement tell how the estimates scatter, without a
+model of the noise. *monte-carlo*: data simulated at the solution tell whether the standard
+deviations that are predicted are those that appear.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+from suta_calib.analysis.study.log import StudyLog
+from suta_calib.analysis.study.runner import Task, run_trials
+from suta_calib.analysis.study.sets import Sets, Unit, sets_of
+from suta_calib.analysis.study.trial import Kind, Reference, StudyData, Trial, held_out_rms
+from suta_calib.errors import JobError, SamplesError
+from suta_calib.model.parameters import ParameterSet
+from suta_calib.solver.ipopt import Options
+from suta_calib.solver.problem import Problem
+from suta_calib.solver.solution import Solution
+from suta_calib.solver.solve import solve
+from suta_calib.terms import Term
+
+# Of the sets, where those not drawn are what is held out, unless the user asks for more.
+MOST_DRAWN: Final = 0.8
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """Which trials to run.
+
+    Attributes:
+        data: what each of them needs.
+        sizes: how many sets are drawn, ascending; all of them for the other kinds.
+        trials: of each size.
+        left_out: sizes that were asked for and that these data are too few for.
+        solution: the calibration with all data, by the job's own solver options; None for the
+            study of sizes.
+    """
+
+    data: StudyData
+    sizes: tuple[int, ...]
+    trials: int
+    left_out: tuple[int, ...] = ()
+    solution: Solution | None = None
+
+    @property
+    def tasks(self) -> list[Task]:
+        """Size and number of every trial."""
+        return [(size, number) for size in self.sizes for number in range(self.trials)]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Parameters that trials estimate; none in the study of sizes."""
+        reference = self.data.reference
+        return () if reference is None else tuple(reference.given)
+
+    @property
+    def full_rms(self) -> float:
+        """RMS, m, of the validation data with all sets; NaN where there are none."""
+        assert self.solution is not None
+        return held_out_rms(self.solution, self.data.validation)
+
+
+@dataclass(frozen=True)
+class Request:
+    """What the user asked for.
+
+    Attributes:
+        kind: of study.
+        trials: of each size.
+        sizes: how many sets to draw; None for a choice that suits the data.
+        unit: what one set is; None for what suits the data.
+        seed: of all trials.
+    """
+
+    kind: Kind = "size"
+    trials: int = 100
+    sizes: tuple[int, ...] | None = None
+    unit: Unit | None = None
+    seed: int = 0
+
+
+def plan_study(
+    parameters: ParameterSet,
+    terms: Sequence[Term],
+    validation: Sequence[Term],
+    options: Options,
+    request: Request,
+) -> Plan:
+    """Decide what to draw, and solve with all data where the study compares with that.
+
+    Args:
+        parameters: the arm's unknowns.
+        terms: the observations.
+        validation: held-out terms, may be none.
+        options: of the solver for all data; a trial has one start, from nominal, which every size
+            gets alike.
+        request: what is asked for.
+
+    Raises:
+        SamplesError: too few sets, or none of the sizes is possible.
+        JobError: the calibration with all data does not converge, so that there is nothing to
+            compare trials with.
+    """
+    sets = sets_of(terms, request.unit)
+    once = Options(1, 0, options.hessian, options.max_iterations)
+    data = StudyData(
+        request.kind,
+        request.seed,
+        parameters,
+        tuple(terms),
+        tuple(validation),
+        sets,
+        once,
+    )
+    if request.kind == "size":
+        sizes, left_out = _sizes(request.sizes, sets, whole=bool(validation))
+        return Plan(data, sizes, request.trials, left_out)
+    solution = solve(Problem(terms, parameters), options)
+    if not solution.converged:
+        raise JobError(
+            f"a calibration with all data that is {solution.verdict}",
+            f"one to compare {request.kind} trials with",
+            hint="see what 'calibrate' and 'observe' say of this job",
+        )
+    known = replace(data, reference=Reference.of(solution))
+    return Plan(known, (len(sets),), request.trials, (), solution)
+
+
+def run_study(
+    plan: Plan,
+    log: StudyLog | None = None,
+    *,
+    resume: bool = False,
+    workers: int = 1,
+    dask: str | None = None,
+    progress: Progress | None = None,
+) -> tuple[Trial, ...]:
+    """Run every trial of a plan that is not in the log yet.
+
+    Args:
+        plan: of `plan_study`.
+        log: where finished trials are written and, to resume, read.
+        resume: go on with the trials in the log.
+        workers: processes on this computer.
+        dask: address of a Dask scheduler to run on instead.
+        progress: called with (trials done, trials).
+
+    Returns:
+        One trial for each task of the plan, in its order, whatever order they were done in.
+
+    Raises:
+        JobError: the log is of another study.
+        InputError: no Dask scheduler answers, or its workers cannot run a trial.
+    """
+    tasks = plan.tasks
+    done = log.finished() if log is not None and resume else {}
+    left = [task for task in tasks if task not in done]
+    count = len(tasks) - len(left)
+    for trial in run_trials(plan.data, left, workers=workers, dask=dask):
+        if log is not None:
+            log.append(trial)
+        done[trial.size, trial.number] = trial
+        count += 1
+        if progress is not None:
+            progress(count, len(tasks))
+    return tuple(done[task] for task in tasks)
+
+
+def _sizes(
+    asked: tuple[int, ...] | None, sets: Sets, *, whole: bool
+) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """Sizes to study, and those asked for that cannot be.
+
+    Args:
+        asked: sizes, or None.
+        sets: what there is.
+        whole: whether all sets may be drawn: something else is held out then.
+    """
+    largest = len(sets) if whole else len(sets) - 1
+    # An error over one or two held-out sets tells little of the arm.
+    judgeable = largest if whole else max(1, int(MOST_DRAWN * len(sets)))
+    wanted = _suitable(judgeable, sets.unit) if asked is None else tuple(sorted(set(asked)))
+    possible = tuple(size for size in wanted if size <= largest)
+    if not possible:
+        held_out = "" if whole else ", one of them to be held out: the job has no validation data"
+        raise SamplesError(
+            f"sizes from {wanted[0]} for {len(sets)} sets{held_out}",
+            f"sizes up to {largest}",
+            where="--sizes",
+        )
+    return possible, tuple(size for size in wanted if size > largest)
+
+
+def _suitable(largest: int, unit: Unit) -> tuple[int, ...]:
+    """One to ten sets; of single samples ten sizes over the whole range."""
+    if unit != "sample":
+        return tuple(range(1, min(largest, 10) + 1))
+    return tuple(sorted({max(1, round(largest * k / 10)) for k in range(1, 11)}))

@@ -1,0 +1,180 @@
+"""Measurements drawn again: which of them belong together, and terms over some of them.
+
+A *set* is what a protocol measures in one go, so that it is drawn or left as a whole. Where samples
+have a placement and a repeat, that is one round over the artefact: distances exist only within it.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from suta_calib.errors import SamplesError
+from suta_calib.measurements import Samples
+from suta_calib.terms.poses import ArmPoses
+from suta_calib.terms.term import IntArray, Term
+
+Unit = Literal["set", "placement", "point", "sample"]
+UNITS: Final[tuple[Unit, ...]] = ("set", "placement", "point", "sample")
+# Which label columns make two samples belong together.
+LABELS: Final[dict[Unit, tuple[str, ...]]] = {
+    "set": ("placement", "repeat"),
+    "placement": ("placement",),
+    "point": ("point",),
+    "sample": (),
+}
+# Fewer points than this leave too few subsets to choose from: then touches are drawn one by one.
+ENOUGH_POINTS: Final = 4
+# Fewer sets cannot be chosen from.
+FEWEST_SETS: Final = 2
+
+
+@dataclass(frozen=True, eq=False)
+class Sets:
+    """What is drawn, and which samples it takes along.
+
+    Attributes:
+        unit: what one set is: ``set`` (one placement and repeat), ``placement`` (all its repeats),
+            ``point`` (all touches of one fixed point) or ``sample``.
+        names: of the sets, in order of first appearance.
+        members: for each term the set (samples,) each of its samples belongs to, or None for a
+            term without such sets, which is kept whole.
+    """
+
+    unit: Unit
+    names: tuple[str, ...]
+    members: tuple[IntArray | None, ...]
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    @property
+    def kept_whole(self) -> tuple[int, ...]:
+        """Numbers of the terms that every draw contains whole."""
+        return tuple(k for k, members in enumerate(self.members) if members is None)
+
+    def take(self, terms: Sequence[Term], chosen: Sequence[int]) -> tuple[Term, ...]:
+        """The terms over the chosen sets; a term that has no sample in them is left out.
+
+        Args:
+            terms: those the sets were made of, over an arm's samples.
+            chosen: numbers of sets. One that comes twice is measured twice: its copies do not
+                pair with each other.
+
+        Raises:
+            SamplesError: a kind cannot be built over these samples alone.
+        """
+        found = []
+        for term, members in zip(terms, self.members, strict=True):
+            if members is None:
+                found.append(term)
+            elif np.isin(members, chosen).any():
+                found.append(self._drawn(term, members, chosen))
+        return tuple(found)
+
+    def rest(self, terms: Sequence[Term], chosen: Sequence[int]) -> tuple[Term, ...]:
+        """The terms over the sets that were not chosen, without those that are kept whole.
+
+        Raises:
+            SamplesError: a kind cannot be built over these samples alone.
+        """
+        left = np.setdiff1d(np.arange(len(self)), chosen)
+        found = []
+        for term, members in zip(terms, self.members, strict=True):
+            if members is not None and np.isin(members, left).any():
+                found.append(term.take(np.isin(members, left)))
+        return tuple(found)
+
+    def _drawn(self, term: Term, members: IntArray, chosen: Sequence[int]) -> Term:
+        copies = Counter(chosen)
+        rows = [np.flatnonzero(members == k) for k in copies for _ in range(copies[k])]
+        copy = np.concatenate(
+            [np.full(len(r), c) for r, c in zip(rows, _numbers(copies), strict=True)]
+        )
+        index = np.concatenate(rows)
+        if not copy.any():
+            # In the order they were measured: the same set of sets is the same problem.
+            return term.take(np.sort(index))
+        assert isinstance(term.poses, ArmPoses)
+        samples = _relabelled(term.poses.samples.take(index), copy)
+        return term.over_poses(ArmPoses(term.poses.arm, samples))
+
+
+def sets_of(terms: Sequence[Term], unit: Unit | None = None) -> Sets:
+    """The sets that samples of these terms form.
+
+    Args:
+        terms: observations. The same label in two terms is one set: it was measured at once.
+        unit: what one set is. By default ``set`` where any term has placements; else ``point``
+            where there are four points or more; else ``sample``.
+
+    Raises:
+        SamplesError: no term has such labels, or there are fewer than two sets.
+    """
+    unit = _natural(terms) if unit is None else unit
+    labelled = [_labels(term, unit, k) for k, term in enumerate(terms)]
+    names = tuple(dict.fromkeys(name for labels in labelled for name in labels or ()))
+    if not names:
+        raise SamplesError(
+            f"no samples with {' and '.join(LABELS[unit])}",
+            "an observation whose samples have them",
+            where="observations",
+            hint="draw other units, for example sample",
+        )
+    if len(names) < FEWEST_SETS:
+        raise SamplesError(
+            f"one {unit} only ({names[0]})",
+            f"at least {FEWEST_SETS} to draw from",
+            where="observations",
+            hint="measure more of them, or draw smaller units, for example sample",
+        )
+    index = {name: k for k, name in enumerate(names)}
+    members = tuple(
+        None if labels is None else np.array([index[n] for n in labels], dtype=np.intp)
+        for labels in labelled
+    )
+    return Sets(unit, names, members)
+
+
+def _natural(terms: Sequence[Term]) -> Unit:
+    columns = [term.poses.samples.labels for term in terms]
+    if any("placement" in labels for labels in columns):
+        return "set"
+    points = {str(p) for labels in columns for p in labels.get("point", ())}
+    return "point" if len(points) >= ENOUGH_POINTS else "sample"
+
+
+def _labels(term: Term, unit: Unit, number: int) -> list[str] | None:
+    """Which set each sample belongs to, by name; None for a term without such labels."""
+    samples = term.poses.samples
+    if unit == "sample":
+        return [f"{number + 1}:{k + 1}" for k in range(len(samples))]
+    if not all(name in samples.labels for name in LABELS[unit]):
+        return None
+    return ["/".join(row) for row in _rows(samples, LABELS[unit])]
+
+
+def _rows(samples: Samples, names: Sequence[str]) -> list[tuple[str, ...]]:
+    columns: list[NDArray[np.str_]] = [samples.labels[name] for name in names]
+    return [tuple(str(cell) for cell in row) for row in zip(*columns, strict=True)]
+
+
+def _numbers(copies: Counter[int]) -> list[int]:
+    """0, 1, … for the copies of each set."""
+    return [c for count in copies.values() for c in range(count)]
+
+
+def _relabelled(samples: Samples, copy: IntArray) -> Samples:
+    """Copies of a set as further repeats of it: distances are formed within a repeat."""
+    if "repeat" not in samples.labels:
+        return samples
+    repeats = [
+        f"{repeat}~{c + 1}" if c else str(repeat)
+        for repeat, c in zip(samples.labels["repeat"], copy, strict=True)
+    ]
+    return replace(samples, labels={**samples.labels, "repeat": np.array(repeats)})

@@ -1,0 +1,198 @@
+"""One calibration of a study: draw or simulate, solve, look at held-out data.
+
+A trial is a function of the study's data and of (kind, size, trial) alone: its random numbers hang
+on these, and it starts from nominal. So it gives the same numbers wherever and whenever it runs.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Final, Literal
+
+import numpy as np
+
+from suta_calib.analysis.accuracy import fit_own
+from suta_calib.analysis.study.sets import Sets
+from suta_calib.analysis.study.simulated_again import simulated_again
+from suta_calib.errors import InputError
+from suta_calib.model.parameters import ParameterSet
+from suta_calib.simulation.noise import stream
+from suta_calib.solver.ipopt import Options
+from suta_calib.solver.problem import Problem
+from suta_calib.solver.solution import Solution, State
+from suta_calib.solver.solve import solve
+from suta_calib.terms import Term
+from suta_calib.threads import single_threaded
+
+Kind = Literal["size", "bootstrap", "monte-carlo"]
+KINDS: Final[tuple[Kind, ...]] = ("size", "bootstrap", "monte-carlo")
+# States in which the data say something about a value.
+TOLD: Final[tuple[State, ...]] = ("identified", "prior")
+
+
+@dataclass(frozen=True)
+class Reference:
+    """The calibration with all data, as far as trials need it.
+
+    Attributes:
+        values: of all parameters by name, m or rad.
+        noise: found for each block, m or rad per component.
+        given: for each estimated parameter of the arm the held ones its value is relative to.
+    """
+
+    values: Mapping[str, float]
+    noise: Sequence[float]
+    given: Mapping[str, tuple[str, ...]]
+
+    @classmethod
+    def of(cls, solution: Solution) -> Reference:
+        """What a solution says."""
+        arm = solution.problem.names[: solution.problem.arm_count]
+        estimates = {name: solution.estimates[name] for name in arm}
+        given = {name: e.given for name, e in estimates.items() if e.state in TOLD}
+        return cls(solution.values, solution.noise, given)
+
+
+@dataclass(frozen=True, eq=False)
+class StudyData:
+    """Everything a trial needs. It holds arrays and names only, so it can be sent to a worker.
+
+    Attributes:
+        kind: what is studied.
+        seed: of all trials.
+        parameters: the arm's unknowns.
+        terms: the observations.
+        validation: held-out terms; where there are none, the sets not drawn are.
+        sets: what is drawn.
+        options: of the solver; one start, from nominal.
+        reference: the calibration with all data; the study of sizes needs none.
+    """
+
+    kind: Kind
+    seed: int
+    parameters: ParameterSet
+    terms: tuple[Term, ...]
+    validation: tuple[Term, ...]
+    sets: Sets
+    options: Options = Options()
+    reference: Reference | None = None
+
+    @property
+    def judged_by(self) -> Term:
+        """The term whose kind of error counts: the first held out, or the first drawn."""
+        if self.validation:
+            return self.validation[0]
+        whole = self.sets.kept_whole
+        return next(term for k, term in enumerate(self.terms) if k not in whole)
+
+    def chosen(self, size: int, trial: int) -> tuple[int, ...]:
+        """Numbers of the sets of one trial, ascending; with repeats in a bootstrap."""
+        if self.kind == "monte-carlo":
+            return tuple(range(len(self.sets)))
+        random = stream(self.seed, self.kind, str(size), str(trial))
+        drawn = random.choice(len(self.sets), size, replace=self.kind == "bootstrap")
+        return tuple(sorted(int(k) for k in drawn))
+
+
+@dataclass(frozen=True)
+class Trial:
+    """What came of one calibration.
+
+    Attributes:
+        size: how many sets were drawn.
+        number: of the trial among those of its size, from 0.
+        problem: why there is no result; empty where there is one.
+        rms: of the held-out errors, m; NaN where there is no result or nothing was held out.
+        estimates: value and standard deviation, m or rad, of each parameter of the arm that was
+            told, relative to the same held ones as with all data.
+    """
+
+    size: int
+    number: int
+    problem: str = ""
+    rms: float = math.nan
+    estimates: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+
+
+@single_threaded
+def run_trial(data: StudyData, size: int, number: int) -> Trial:
+    """One trial; what cannot be solved says why."""
+    try:
+        terms, held_out = _drawn(data, size, number)
+        solution = solve(Problem(terms, data.parameters), data.options)
+        if not solution.converged:
+            return Trial(size, number, solution.verdict)
+        rms = held_out_rms(solution, held_out)
+        if data.kind == "size" and math.isnan(rms):
+            return Trial(size, number, f"no {data.judged_by.kind} among the sets not drawn")
+    except InputError as problem:
+        return Trial(size, number, " ".join(str(problem).split()))
+    except np.linalg.LinAlgError as problem:
+        return Trial(size, number, f"numerically singular: {problem}")
+    return Trial(size, number, "", rms, _estimates(solution, data.reference))
+
+
+def held_out_rms(solution: Solution, validation: Sequence[Term]) -> float:
+    """RMS of held-out errors, m, with the calibrated arm held; NaN without terms.
+
+    It is the figure `assess` finds after calibration, without those before.
+    """
+    count = solution.problem.arm_count
+    arm = ParameterSet(list(solution.problem.parameters.values())[:count])
+    return _rms(validation, arm, solution.values)
+
+
+def nominal_rms(data: StudyData) -> float:
+    """RMS of held-out errors, m, with the nominal arm; NaN where the job holds nothing out."""
+    if not data.validation:
+        return math.nan
+    nominal = {p.name: p.nominal for p in data.parameters.values()}
+    known = fit_own(data.terms, data.parameters, nominal)
+    return _rms(data.validation, data.parameters, known)
+
+
+def _rms(validation: Sequence[Term], arm: ParameterSet, known: Mapping[str, float]) -> float:
+    """Over all terms of the first one's kind; own unknowns that are not known are fitted."""
+    if not validation:
+        return math.nan
+    unknown = {p.name for term in validation for p in term.own} - known.keys()
+    values = fit_own(validation, arm, known) if unknown else known
+    same = [term for term in validation if term.kind == validation[0].kind]
+    problem = Problem(same, arm)
+    x = np.array([values[name] for name in problem.names])
+    lines = iter(problem.linearise(x, problem.assumed_sigmas()))
+    squared = []
+    for term in same:
+        first, *_ = [next(lines).residual for _ in term.blocks]
+        squared.append(np.einsum("nd,nd->n", first, first))
+    return float(np.sqrt(np.mean(np.concatenate(squared))))
+
+
+def _drawn(data: StudyData, size: int, number: int) -> tuple[Sequence[Term], Sequence[Term]]:
+    """Terms to fit, and terms to look at."""
+    if data.kind == "monte-carlo":
+        assert data.reference is not None
+        random = stream(data.seed, data.kind, str(number))
+        known = data.reference
+        return simulated_again(data.terms, known.values, known.noise, random), data.validation
+    chosen = data.chosen(size, number)
+    terms = data.sets.take(data.terms, chosen)
+    if data.validation:
+        return terms, data.validation
+    kind = data.judged_by.kind
+    return terms, [t for t in data.sets.rest(data.terms, chosen) if t.kind == kind]
+
+
+def _estimates(solution: Solution, reference: Reference | None) -> dict[str, tuple[float, float]]:
+    """Values that mean the same as with all data: told, and relative to the same held ones."""
+    if reference is None:
+        return {}
+    found = {}
+    for name, given in reference.given.items():
+        estimate = solution.estimates[name]
+        if estimate.state in TOLD and set(estimate.given) == set(given):
+            assert estimate.std is not None
+            found[name] = (estimate.value, estimate.std)
+    return found

@@ -1,0 +1,200 @@
+"""``suta-calib study``: how many sets are enough, and how far the answer scatters."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING, Final, cast
+
+import click
+
+from suta_calib.cli._analysis import finish_analysis, folder_of, out_option
+from suta_calib.cli._output import LateProgress, json_option
+
+if TYPE_CHECKING:
+    from suta_calib.analysis.study.plan import Plan
+    from suta_calib.analysis.study.sets import Unit
+    from suta_calib.analysis.study.trial import Kind
+    from suta_calib.job import CalibrationJob
+    from suta_calib.report.study_report import Study
+
+_RANGE: Final = re.compile(r"(\d{1,6})(?:-(\d{1,6})(?::(\d{1,6}))?)?")
+
+
+def _sizes(
+    context: click.Context, parameter: click.Parameter, value: str | None
+) -> tuple[int, ...] | None:
+    """Numbers and ranges, a step after a colon, as sizes, ascending, each once."""
+    if value is None:
+        return None
+    found: set[int] = set()
+    for part in value.split(","):
+        sizes = _range(part.strip())
+        if not sizes:
+            expected = "numbers from 1 and ranges, such as 1-10, 2,4,8 or 10-100:10"
+            raise click.BadParameter(f"found {value!r}; expected {expected}", context, parameter)
+        found.update(sizes)
+    return tuple(sorted(found))
+
+
+def _range(text: str) -> range:
+    """A number or a range; empty where it is none."""
+    match = _RANGE.fullmatch(text)
+    if match is None:
+        return range(0)
+    first, last, step = (None if number is None else int(number) for number in match.groups())
+    start, end = first or 0, last if last is not None else first or 0
+    return range(start, end + 1, step or 1) if start >= 1 and step != 0 else range(0)
+
+
+@click.command()
+@click.argument("job", type=click.Path(path_type=Path), metavar="JOB")
+@click.option(
+    "--kind",
+    type=click.Choice(["size", "bootstrap", "monte-carlo"]),
+    default="size",
+    show_default=True,
+    help="What to study.",
+)
+@click.option(
+    "--trials",
+    type=click.IntRange(1),
+    default=100,
+    show_default=True,
+    help="How many; of each size.",
+)
+@click.option(
+    "--sizes",
+    callback=_sizes,
+    metavar="LIST",
+    help="Sets to draw, as 1-10 or 2,4,8; default: 1-10.",
+)
+@click.option(
+    "--unit",
+    type=click.Choice(["set", "placement", "point", "sample"]),
+    help="What is drawn as a whole; default: set, one placement and repeat, where there are any.",
+)
+@click.option(
+    "--tolerance-pct",
+    type=click.FloatRange(0, min_open=True),
+    default=5.0,
+    show_default=True,
+    help="How far above the largest size's mean is still enough.",
+)
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of all draws.")
+@click.option("--jobs", type=click.IntRange(1), help="Processes; default: one per core.")
+@click.option("--dask", metavar="ADDRESS", help="Run on this Dask cluster, as tcp://host:8786.")
+@click.option("--resume", is_flag=True, help="Go on with the trials an earlier run finished.")
+@out_option
+@json_option
+@click.pass_context
+def study(
+    context: click.Context,
+    job: Path,
+    kind: str,
+    trials: int,
+    sizes: tuple[int, ...] | None,
+    unit: str | None,
+    tolerance_pct: float,
+    seed: int,
+    jobs: int | None,
+    dask: str | None,
+    resume: bool,
+    out: Path | None,
+    as_json: bool,
+) -> None:
+    """Repeat the calibration of JOB many times over parts of its data.
+
+    size: random subsets of the measurement sets, judged on held-out data, say how many are enough.
+    bootstrap: sets drawn with replacement say how the estimates scatter. monte-carlo: data
+    simulated at the solution say whether predicted standard deviations are right.
+
+    Every trial has random numbers of its own, so that the answer is the same with any number of
+    processes and on a cluster. Finished trials are kept in a .trials.csv beside the answer; without
+    --resume it is begun anew. Exits with 1 where no trial gave a result.
+    """
+    if sizes is not None and kind != "size":
+        raise click.UsageError(f"--sizes is for --kind size; {kind} takes as many as there are")
+    from suta_calib.analysis.study.plan import Request, plan_study
+    from suta_calib.job import CalibrationJob
+    from suta_calib.report.study_json import study_dict
+    from suta_calib.report.study_report import study_section, study_tables
+
+    folder = folder_of(job, out)
+    loaded = CalibrationJob.load(job)
+    request = Request(cast("Kind", kind), trials, sizes, cast("Unit | None", unit), seed)
+    plan = plan_study(
+        loaded.parameters, loaded.observations, loaded.validation, loaded.options(), request
+    )
+    found = _run(loaded, plan, folder, tolerance_pct / 100, resume=resume, jobs=jobs, dask=dask)
+    finish_analysis(
+        context,
+        study_dict(found),
+        lambda: study_tables(found),
+        lambda: study_section(found),
+        folder,
+        as_json=as_json,
+        usable=found.verdict.usable,
+    )
+
+
+def _run(
+    job: CalibrationJob,
+    plan: Plan,
+    folder: Path,
+    tolerance: float,
+    *,
+    resume: bool,
+    jobs: int | None,
+    dask: str | None,
+) -> Study:
+    """Run the trials, with a log of them in the folder."""
+    from suta_calib.analysis.study.log import StudyLog
+    from suta_calib.analysis.study.plan import run_study
+    from suta_calib.analysis.study.sizes import judge_sizes
+    from suta_calib.analysis.study.spread import judge_spread
+    from suta_calib.report.study_report import NAMES
+
+    path = folder / f"{NAMES[plan.data.kind]}.trials.csv"
+    log = StudyLog(path, _identity(job, plan), plan.names)
+    try:
+        with LateProgress("calibrating") as progress, log:
+            trials = run_study(
+                plan, log, resume=resume, workers=_workers(jobs), dask=dask, progress=progress
+            )
+    except KeyboardInterrupt:
+        click.echo(f"finished trials are in {path}: go on with --resume", err=True)
+        raise
+    if plan.data.kind == "size":
+        return judge_sizes(plan, trials, tolerance)
+    return judge_spread(plan, trials)
+
+
+def _workers(jobs: int | None) -> int:
+    from joblib import cpu_count
+
+    return int(cpu_count()) if jobs is None else jobs
+
+
+def _identity(job: CalibrationJob, plan: Plan) -> dict[str, str]:
+    """What makes two studies the same: trials of one may stand in the other."""
+    data = plan.data
+    return {
+        "kind": data.kind,
+        "unit": data.sets.unit,
+        "seed": str(data.seed),
+        "version": version("suta_calib"),
+        "job": _digest(job),
+    }
+
+
+def _digest(job: CalibrationJob) -> str:
+    """Of the content of the job and of all files it names, wherever they are."""
+    rows = (*job.spec.observations, *job.spec.validation)
+    files = [job.spec.path, job.spec.arm.urdf]
+    for row in rows:
+        files += [*row.sample_files, *([] if row.artefact is None else [row.artefact])]
+    each = (hashlib.sha256(path.read_bytes()).digest() for path in files)
+    return hashlib.sha256(b"".join(each)).hexdigest()
