@@ -1,0 +1,220 @@
+"""What the metrics would be if nothing but noise were the matter.
+
+The same touches are simulated with the noise that was found (common to repeats, and of each touch),
+fitted by the same equations to first order, and measured in the same way. From the largest value
+over all groups comes the probability that chance alone makes any of them so large: Westfall and
+Young (1993), Resampling-Based Multiple Testing, single-step max T. A group's metric is compared in
+standard deviations of its own, because a landmark at the edge always has more influence than one in
+the middle.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from suta_calib.analysis.outliers.groups import Grouping
+from suta_calib.analysis.outliers.influence import inverse
+from suta_calib.analysis.outliers.metrics import Scene, shares
+from suta_calib.analysis.outliers.reference import BoolArray, Refit
+from suta_calib.analysis.outliers.registration import Registered, systematic
+from suta_calib.analysis.outliers.result import METRICS, Measures
+from suta_calib.analysis.outliers.touches import Touches
+from suta_calib.geometry import FloatArray
+from suta_calib.solver.information import Rows, whitened_rows
+from suta_calib.terms import PairwiseDistance
+from suta_calib.terms.term import IntArray
+
+DRAWS: Final = 1000
+# Information, relative to the whole, that is a difference of equal numbers.
+ROUNDING: Final = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Chance:
+    """Simulated metrics of one level.
+
+    Attributes:
+        values: (4, draws, groups) in the order of `METRICS`.
+    """
+
+    values: FloatArray
+
+    def p(self, found: Measures) -> FloatArray:
+        """(4, groups) probability that chance makes any metric of any group as conspicuous.
+
+        NaN where a metric does not exist. Over the groups by the largest value, over the four
+        metrics by Bonferroni's factor.
+        """
+        drawn, seen = _stretched(self.values), _stretched(found.array())
+        mean, std = drawn.mean(axis=1), np.maximum(drawn.std(axis=1), 1e-12)
+        largest = ((drawn - mean[:, None]) / std[:, None]).max(axis=2)
+        z = (seen - mean) / std
+        above = np.sum(largest[:, :, None] >= z[:, None, :], axis=1)
+        p = np.minimum(len(METRICS) * (1.0 + above) / (1.0 + drawn.shape[1]), 1.0)
+        return np.asarray(np.where(np.isfinite(seen), p, np.nan))
+
+
+def _stretched(values: FloatArray) -> FloatArray:
+    """Roots of what is a sum of squares: closer to normal."""
+    found = values.copy()
+    for k, name in enumerate(METRICS):
+        if name in ("contribution", "cooks_distance"):
+            found[k] = np.sqrt(np.maximum(values[k], 0.0))
+    return found
+
+
+class Simulator:
+    """Noise to put through a scene's fits, to first order.
+
+    What was found displaced is judged in the fit that has it, all else in the fit without it.
+
+    Args:
+        scene: whose fits are imitated.
+        touches: the noise.
+        seed: of the random numbers.
+    """
+
+    def __init__(self, scene: Scene, touches: Touches, seed: int) -> None:
+        self._scene = scene
+        noise = _noise(scene, touches, seed)
+        self._clean = _Imitation(scene, scene.clean, noise)
+        same = scene.clean is scene.whole
+        self._whole = self._clean if same else _Imitation(scene, scene.whole, noise)
+
+    def chance(self, grouping: Grouping) -> Chance:
+        """Simulated metrics of every group of a level."""
+        columns = []
+        for g in range(len(grouping)):
+            rows = grouping.rows(g)
+            inside = self._clean if np.any(rows & self._scene.kept) else self._whole
+            columns.append(inside.group(grouping, rows))
+        return Chance(np.moveaxis(np.array(columns), 0, 2))
+
+
+def _noise(scene: Scene, touches: Touches, seed: int) -> FloatArray:
+    """(draws, samples, 3), m."""
+    random = np.random.default_rng([seed, scene.reference.index])
+    cell = scene.reference.term.repeats()
+    alone = np.sqrt(max(touches.sigma**2 - touches.shared**2, 0.0))
+    common = random.standard_normal((DRAWS, int(cell.max()) + 1, 3))[:, cell]
+    single = random.standard_normal((DRAWS, len(cell), 3))
+    return np.asarray(touches.shared * common + alone * single)
+
+
+class _Imitation:
+    """One fit to first order, and the simulated errors it leaves."""
+
+    def __init__(self, scene: Scene, fit: Refit, noise: FloatArray) -> None:
+        self._scene, self._fit = scene, fit
+        terms = fit.problem.terms
+        index = scene.reference.index
+        rows = whitened_rows(fit.problem, fit.x, scene.reference.block_sigmas(terms))
+        first = sum(len(t.blocks) for t in terms[:index])
+        self._mine = rows[first : first + len(terms[index].blocks)]
+        names = fit.problem.names
+        self._free = [k for k, n in enumerate(names) if n in scene.reference.estimated]
+        self._named = [[names[k] for k in self._free].index(n) for n in scene.moved]
+        prior = np.diag(fit.problem.prior_precision()[self._free])
+        self._hessian = prior + sum(_square(r.jacobian[:, self._free]) for r in rows)
+        self._jacobian = self._blocked(self._mine[0])
+        self._shares = shares(fit.samples, scene.displaced)
+        self._errors(noise)
+
+    def _errors(self, noise: FloatArray) -> None:
+        """Whitened errors (draws, rows, d) after the fit, and the registered touches."""
+        term, sigma = self._scene.reference.term, self._fit.sigma
+        error = noise[:, self._fit.samples[:, 0]]
+        if isinstance(term, PairwiseDistance):
+            names = term.poses.samples.labels["landmark"]
+            ends = term.artefact.position_of(names)[self._fit.samples]
+            apart = ends[:, 0] - ends[:, 1]
+            along = apart / np.linalg.norm(apart, axis=1)[:, None]
+            error = error - noise[:, self._fit.samples[:, 1]]
+            error = np.einsum("nd,knd->kn", along, error)[:, :, None]
+        white = error / sigma[:, None]
+        step = _by_parameter(white, self._jacobian) @ inverse(self._hessian)
+        flat = self._jacobian.reshape(-1, len(self._free))
+        self._error = white - (step @ flat.T).reshape(white.shape)
+        self._white = _Sums(self._error, self._jacobian)
+        self._metric = _Sums(self._error * sigma[:, None], self._jacobian * sigma[:, None, None])
+        self._registered = Registered.of(term, self._scene.kept)
+        if self._registered is not None:
+            self._touched = self._registered.registered(noise)
+
+    def group(self, grouping: Grouping, rows: BoolArray) -> FloatArray:
+        """(4, draws) metrics of the samples of one group."""
+        inside = np.flatnonzero(rows[self._fit.samples].any(axis=1))
+        step = self._step_without(rows, inside)
+        squared = (self._fit.sigma[inside] ** 2) * np.sum(self._error[:, inside] ** 2, axis=2)
+        share = np.sum((rows[self._fit.samples] * self._shares)[inside], axis=1)
+        contribution = squared @ share / self._metric.squared
+        n = len(self._fit.samples)
+        left = self._metric.without(inside, step) / max(n - len(inside), 1)
+        fall = 1.0 - np.sqrt(left / (self._metric.squared / n))
+        count = max((n - len(inside)) * self._error.shape[2], 1)
+        variance = self._white.without(inside, step) / count
+        cook = self._scene.influence.distance(step[:, self._named]) / variance
+        return np.array([contribution, cook, fall, self._bias(grouping, rows, squared)])
+
+    def _step_without(self, rows: BoolArray, inside: IntArray) -> FloatArray:
+        """(draws, free) change of the parameters when a group is left out."""
+        gone = np.zeros_like(self._hessian)
+        kept = np.flatnonzero(self._fit.kept)
+        for block in self._mine:
+            touched = rows[kept[block.line.view.block.samples]]
+            gone += _square(self._blocked(block)[touched.any(axis=1)])
+        gradient = _by_parameter(self._error[:, inside], self._jacobian[inside])
+        # What only the group determined goes with it: its placement's pose, its point.
+        rest = self._hessian - gone
+        left = np.flatnonzero(np.diag(rest) > ROUNDING * np.diag(self._hessian))
+        step = np.zeros_like(gradient)
+        step[:, left] = gradient[:, left] @ inverse(rest[np.ix_(left, left)])
+        return step
+
+    def _bias(self, grouping: Grouping, rows: BoolArray, squared: FloatArray) -> FloatArray:
+        if self._registered is None:
+            return np.asarray(np.sqrt(squared.mean(axis=1)))
+        touched = rows & self._fit.kept
+        return systematic(self._touched, touched, grouping.name, self._registered)
+
+    def _blocked(self, rows: Rows) -> FloatArray:
+        size = rows.line.view.block.size
+        jacobian = rows.jacobian[:, self._free]
+        return np.asarray(jacobian.reshape(-1, size, len(self._free)))
+
+
+class _Sums:
+    """Sums of squares of errors that a step changes, without going through all rows again.
+
+    Args:
+        error: (draws, n, d).
+        jacobian: (n, d, p).
+    """
+
+    def __init__(self, error: FloatArray, jacobian: FloatArray) -> None:
+        self._error, self._jacobian = error, jacobian
+        self.squared = np.einsum("knd,knd->k", error, error)
+        self._linear, self._quadratic = _by_parameter(error, jacobian), _square(jacobian)
+
+    def without(self, inside: IntArray, step: FloatArray) -> FloatArray:
+        """(draws,) Σ (e + J step)² over the rows that are not ``inside``."""
+        error, jacobian = self._error[:, inside], self._jacobian[inside]
+        constant = self.squared - np.einsum("knd,knd->k", error, error)
+        linear = self._linear - _by_parameter(error, jacobian)
+        quadratic = self._quadratic - _square(jacobian)
+        found = constant + np.sum((2 * linear + step @ quadratic) * step, axis=1)
+        return np.asarray(np.maximum(found, 0.0))
+
+
+def _by_parameter(error: FloatArray, jacobian: FloatArray) -> FloatArray:
+    """(draws, p) Σ Jᵀ e."""
+    flat = jacobian.reshape(-1, jacobian.shape[-1])
+    return np.asarray(error.reshape(len(error), -1) @ flat)
+
+
+def _square(jacobian: FloatArray) -> FloatArray:
+    flat = jacobian.reshape(-1, jacobian.shape[-1])
+    return np.asarray(flat.T @ flat)

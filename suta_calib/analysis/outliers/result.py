@@ -1,0 +1,224 @@
+"""What the search for outliers found, typed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Final, Literal
+
+import numpy as np
+
+from suta_calib.geometry import FloatArray
+from suta_calib.solver.solution import Solution
+from suta_calib.verdict import Verdict
+
+Metric = Literal["contribution", "cooks_distance", "leave_one_out", "bias"]
+METRICS: Final[tuple[Metric, ...]] = ("contribution", "cooks_distance", "leave_one_out", "bias")
+# Metrics that must agree before something is called an outlier. Each has a blind spot: a wrong
+# landmark without leverage moves no parameter (Cook), one displaced across its distances hardly
+# changes them (contribution, leave-one-out), and one whose shift a short series of touches can
+# take for noise has no certain bias. Three of four leaves room for one blind spot, and no single
+# metric convicts.
+AGREEMENT: Final = 3
+
+
+@dataclass(frozen=True)
+class Thresholds:
+    """From which value on a metric is conspicuous.
+
+    Attributes:
+        contribution: share of the squared errors, in multiples of 1/n for n groups.
+        cook: Cook's distance, in multiples of 1/n.
+        leave_one_out: relative fall of the RMS.
+        bias: systematic error after registration, m.
+        significance: probability that chance alone makes any of the 4 n values so conspicuous.
+    """
+
+    contribution: float = 1.5
+    cook: float = 4.0
+    leave_one_out: float = 0.05
+    bias: float = 1e-3
+    significance: float = 0.01
+
+    def of(self, metric: Metric, n: int) -> float:
+        """The threshold of a metric over n groups, in the metric's unit."""
+        return {
+            "contribution": self.contribution / n,
+            "cooks_distance": self.cook / n,
+            "leave_one_out": self.leave_one_out,
+            "bias": self.bias,
+        }[metric]
+
+
+@dataclass(frozen=True, eq=False)
+class Measures:
+    """The four metrics of n groups; NaN where one does not exist.
+
+    Attributes:
+        contribution: (n,) share of the sum of squared errors; sums to one.
+        cooks_distance: (n,) change of the identified parameters when the group is left out, in
+            units of their covariance, per parameter.
+        leave_one_out: (n,) relative fall of the RMS when the group is left out of the fit.
+        bias: (n,) systematic error after registration, m.
+    """
+
+    contribution: FloatArray
+    cooks_distance: FloatArray
+    leave_one_out: FloatArray
+    bias: FloatArray
+
+    def array(self) -> FloatArray:
+        """(4, n) in the order of `METRICS`."""
+        return np.array([getattr(self, name) for name in METRICS])
+
+
+@dataclass(frozen=True, eq=False)
+class Displacement:
+    """How far a landmark lies from where it is certified, in the artefact's frame.
+
+    Attributes:
+        vector: (3,) touched minus certified position, m.
+        std: (3,) its standard deviation, m.
+    """
+
+    vector: FloatArray
+    std: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Group:
+    """One landmark, placement, set, point or row.
+
+    Attributes:
+        label: what a person calls it.
+        samples: how many touches it has.
+        values: the four metrics by name, as judged.
+        p: for each, the probability that chance makes any metric of any group so conspicuous.
+        flags: metrics that are over their threshold and beyond chance.
+        as_calibrated: the four metrics of the job's own fit, nothing set aside.
+        outlier: whether enough metrics agree.
+        displacement: of a landmark that is not where it is certified, else None.
+    """
+
+    label: str
+    samples: int
+    values: Mapping[Metric, float]
+    p: Mapping[Metric, float]
+    flags: tuple[Metric, ...]
+    as_calibrated: Mapping[Metric, float]
+    outlier: bool
+    displacement: Displacement | None = None
+
+    @property
+    def suspect(self) -> bool:
+        """Flagged, but not by enough metrics."""
+        return bool(self.flags) and not self.outlier
+
+
+@dataclass(frozen=True, eq=False)
+class Level:
+    """All groups of one sort.
+
+    Attributes:
+        name: ``landmarks``, ``placements``, ``sets``, ``points`` or ``rows``.
+        groups: in the order of the file.
+        thresholds: of each metric for this many groups.
+    """
+
+    name: str
+    groups: tuple[Group, ...]
+    thresholds: Mapping[Metric, float]
+
+    @property
+    def outliers(self) -> tuple[Group, ...]:
+        """Those that enough metrics name."""
+        return tuple(g for g in self.groups if g.outlier)
+
+    @property
+    def suspects(self) -> tuple[Group, ...]:
+        """Those that some metric names."""
+        return tuple(g for g in self.groups if g.suspect)
+
+
+@dataclass(frozen=True)
+class GrossTouch:
+    """A single touch far beyond the noise of its neighbours.
+
+    Attributes:
+        origin: file and line it came from.
+        what: the landmark or point, with its placement and repeat.
+        size: length of its residual, m.
+    """
+
+    origin: str
+    what: str
+    size: float
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """What excluding a group does to errors on data that were not fitted.
+
+    Attributes:
+        before, after: RMS, m, over the same held-out rows: all but those of the group itself.
+        everything: RMS, m, over all held-out rows after the exclusion.
+        count: held-out rows.
+    """
+
+    before: float
+    after: float
+    everything: float
+    count: int
+
+    @property
+    def change(self) -> float:
+        """Relative change; negative where the exclusion helps."""
+        return self.after / self.before - 1.0 if self.before > 0 else 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class TermOutliers:
+    """One observation of the job.
+
+    Attributes:
+        kind: of observation.
+        levels: landmarks, placements, sets, points or rows.
+        touches: single touches that were set aside.
+        samples: how many touches there are.
+        sigma: noise of one coordinate of one touch, m.
+        position: (n, 3) certified positions of the landmarks, m, in the order of the groups.
+        held_out: by the name of the level and the label of the group.
+        method: ``validation``, or how the rows were held out.
+    """
+
+    kind: str
+    levels: tuple[Level, ...]
+    touches: tuple[GrossTouch, ...]
+    samples: int
+    sigma: float
+    position: FloatArray | None = None
+    held_out: Mapping[str, Mapping[str, HeldOut]] = field(default_factory=dict)
+    method: str = ""
+
+    def level(self, name: str) -> Level | None:
+        """The level of this name, if the term has it."""
+        return next((level for level in self.levels if level.name == name), None)
+
+
+@dataclass(frozen=True, eq=False)
+class Outliers:
+    """The whole answer.
+
+    Attributes:
+        solution: the job's own fit.
+        terms: one entry for each observation.
+        thresholds: that were used.
+        explaining: names of the arm's parameters that explain systematic errors.
+        verdict: the first thing a reader needs.
+    """
+
+    solution: Solution
+    terms: Sequence[TermOutliers]
+    thresholds: Thresholds
+    explaining: tuple[str, ...]
+    verdict: Verdict

@@ -1,0 +1,180 @@
+"""What every single touch is off, once the arm has been given every chance to explain it.
+
+The residual of a touch is a vector of three components. A robust linear fit splits it into what the
+arm's whole geometry explains (with the poses of the artefact, the instrument, …), a displacement
+common to all touches of one landmark, and the rest: noise, and gross single touches. Landmarks are
+given a displacement one at a time, the most significant first, so that none hides behind another.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+from scipy.stats import f as f_distribution
+
+from suta_calib.analysis.outliers.groups import Grouping
+from suta_calib.analysis.outliers.reference import BoolArray, Reference
+from suta_calib.analysis.outliers.result import Displacement
+from suta_calib.analysis.outliers.robust import FINEST, RobustFit, scatter
+from suta_calib.geometry import FloatArray
+from suta_calib.measurements import Artefact, Samples
+from suta_calib.model.parameters import ParameterSet
+from suta_calib.solver.information import whitened_rows
+from suta_calib.solver.problem import Problem
+from suta_calib.terms import ArmPoses, Landmark, PairwiseDistance
+from suta_calib.terms.poses import MeasuredPoses, PoseSource
+from suta_calib.terms.term import IntArray, Term
+
+# Probability that data without gross touches lose one, and without displaced landmarks gain one.
+FALSE_ALARM: Final = 0.01
+# Variance of a median over that of a mean, for normal numbers.
+MEDIAN_COST: Final = np.pi / 2
+
+
+@dataclass(frozen=True, eq=False)
+class Touches:
+    """The touches of one term.
+
+    Attributes:
+        rest: (n, 3) what is left of each residual, m.
+        sigma: standard deviation of one component of one touch, m.
+        shared: of what repeats of a touch have in common, m; part of ``sigma``.
+        gross: (n,) touches far beyond that.
+        displaced: landmarks by number.
+    """
+
+    rest: FloatArray
+    sigma: float
+    shared: float
+    gross: BoolArray
+    displaced: Mapping[int, Displacement] = field(default_factory=dict)
+
+
+def explained_touches(
+    reference: Reference, arm: ParameterSet, landmarks: Grouping | None
+) -> Touches:
+    """Split every touch of a term into explained, displaced and gross.
+
+    Args:
+        reference: the job's fit, where it is linearised.
+        arm: the arm's unknowns that may explain, with their priors.
+        landmarks: whose displacement is looked for, or None.
+    """
+    vehicle = single_touches(reference.term)
+    problem = Problem([vehicle], arm)
+    own = {n: v for n, v in reference.values.items() if n in problem.parameters}
+    values = {p.name: p.nominal for p in arm.values()} | own
+    start = problem.start(values)
+    x = np.array([values.get(n, float(s)) for n, s in zip(problem.names, start, strict=True)])
+    rows = whitened_rows(problem, x, problem.assumed_sigmas())[0]
+    jacobian = rows.jacobian * np.repeat(rows.line.sigma, 3)[:, None]
+    deviation = x - problem.parameters.array("nominal")
+    fit = RobustFit(jacobian, rows.line.residual.copy(), problem.prior_precision(), deviation)
+    return _with_displacements(fit, reference.term.repeats(), landmarks)
+
+
+def single_touches(term: Term) -> Term:
+    """A term with one residual vector for each touch, over the same samples.
+
+    Distances between touches become touches of the artefact registered set by set, which is what
+    distances are blind to.
+    """
+    if isinstance(term, PairwiseDistance):
+        labels = dict(term.poses.samples.labels)
+        labels["placement"] = np.char.add(np.char.add(labels["placement"], "/"), labels["repeat"])
+        return Landmark(_relabelled(term.poses, labels), _positions_only(term.artefact))
+    if isinstance(term, Landmark):
+        return Landmark(term.poses, _positions_only(term.artefact))
+    return term
+
+
+def _relabelled(poses: PoseSource, labels: dict[str, NDArray[np.str_]]) -> PoseSource:
+    s = poses.samples
+    samples = Samples(s.joints, s.q, labels, s.position, s.rotation, s.origin)
+    if isinstance(poses, ArmPoses):
+        return ArmPoses(poses.arm, samples)
+    rotation, position = poses.at({})
+    return MeasuredPoses(rotation, position, samples, exact=True)
+
+
+def _positions_only(artefact: Artefact) -> Artefact:
+    marks = {name: replace(m, rotation=None) for name, m in artefact.landmarks.items()}
+    return Artefact(artefact.name, marks)
+
+
+def _with_displacements(fit: RobustFit, cells: IntArray, landmarks: Grouping | None) -> Touches:
+    """Free one landmark after the other for as long as one is significantly displaced."""
+    if landmarks is None:
+        rest, sigma, _ = fit.solve(np.zeros((3 * len(cells), 0)))
+        return Touches(rest, sigma, _shared(rest, cells, sigma), _gross(rest, sigma))
+    chosen: list[int] = []
+    while True:
+        rest, sigma, shift = fit.solve(_columns(landmarks, chosen))
+        means, of = _cell_means(rest, cells, landmarks)
+        spread = max(scatter(means), FINEST)
+        worst, p = _most_displaced(means, of, spread, len(landmarks), chosen)
+        if p * len(landmarks) > FALSE_ALARM or len(chosen) >= len(landmarks) // 3:
+            break
+        chosen.append(worst)
+    displaced = {
+        mark: Displacement(
+            -shift[3 * k : 3 * k + 3], np.full(3, spread / np.sqrt(np.sum(of == mark)))
+        )
+        for k, mark in enumerate(chosen)
+    }
+    return Touches(rest, sigma, _shared(rest, cells, sigma), _gross(rest, sigma), displaced)
+
+
+def _gross(rest: FloatArray, sigma: float) -> BoolArray:
+    limit = sigma * np.sqrt(chi2.ppf(1.0 - FALSE_ALARM / len(rest), 3))
+    return np.asarray(np.linalg.norm(rest, axis=1) > limit)
+
+
+def _columns(landmarks: Grouping, chosen: list[int]) -> FloatArray:
+    """(3 n, 3 s) derivative of the residuals by the places of some landmarks."""
+    n = len(landmarks.member)
+    columns = np.zeros((n, 3, 3 * len(chosen)))
+    for k, landmark in enumerate(chosen):
+        columns[landmarks.rows(landmark), :, 3 * k : 3 * k + 3] = np.eye(3)
+    return columns.reshape(3 * n, -1)
+
+
+def _cell_means(
+    rest: FloatArray, cells: IntArray, landmarks: Grouping
+) -> tuple[FloatArray, IntArray]:
+    """Median residual (cells, 3) over the repeats of each touch, and the landmark of each cell."""
+    _, first, index = np.unique(cells, return_index=True, return_inverse=True)
+    means = np.array([np.median(rest[index == k], axis=0) for k in range(len(first))])
+    return means, landmarks.member[first]
+
+
+def _most_displaced(
+    means: FloatArray, of: IntArray, spread: float, count: int, chosen: list[int]
+) -> tuple[int, float]:
+    """The landmark whose touches agree best on being elsewhere, and how likely by chance."""
+    p = np.ones(count)
+    for landmark in set(range(count)) - set(chosen):
+        mine = means[of == landmark]
+        squared = float(np.sum(np.median(mine, axis=0) ** 2))
+        variance = spread**2 * MEDIAN_COST / len(mine)
+        p[landmark] = f_distribution.sf(squared / variance / 3, 3, 1.5 * len(means))
+    worst = int(np.argmin(p))
+    return worst, float(p[worst])
+
+
+def _shared(rest: FloatArray, cells: IntArray, sigma: float) -> float:
+    """Scatter of one component that the repeats of a touch have in common, m."""
+    _, index, count = np.unique(cells, return_inverse=True, return_counts=True)
+    if not np.any(count > 1):
+        return 0.0
+    mean = np.zeros((len(count), 3))
+    np.add.at(mean, index, rest)
+    inside = rest - (mean / count[:, None])[index]
+    freed = inside / np.sqrt(1.0 - 1.0 / np.maximum(count, 2))[index, None]
+    alone = scatter(freed[count[index] > 1])
+    return float(np.sqrt(max(sigma**2 - alone**2, 0.0)))

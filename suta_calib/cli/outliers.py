@@ -1,0 +1,62 @@
+"""``suta-calib outliers``: which landmark, placement, set, point or row is unlike the others."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from suta_calib.cli._analysis import finish_analysis, folder_of, out_option
+from suta_calib.cli._numbers import FiniteRange
+from suta_calib.cli._output import LateProgress, json_option
+
+
+@click.command()
+@click.argument("job", type=click.Path(path_type=Path), metavar="JOB")
+@click.option(
+    "--bias-mm",
+    type=FiniteRange(min=0.0, min_open=True),
+    default=1.0,
+    show_default=True,
+    help="Systematic error after registration from which on it is flagged.",
+)
+@out_option
+@json_option
+@click.pass_context
+def outliers(
+    context: click.Context, job: Path, bias_mm: float, out: Path | None, as_json: bool
+) -> None:
+    """Look in the data of JOB (a calibration.yaml) for what does not agree with the rest.
+
+    Every landmark, placement and set (of an artefact), every point and row (of other kinds) is
+    left out in turn, and four metrics are taken: its share of the squared errors (flagged over
+    1.5/n), Cook's distance (4/n), the fall of the RMS (5 %) and its bias after registration. A
+    flag needs the threshold and significance against simulated noise; three flags of four make an
+    outlier. Nothing is excluded: the answer says what excluding would do on held-out data, and
+    how to write it into the job. Writes outliers.json, the heat map outliers.svg and a section of
+    report.html.
+    """
+    from suta_calib.analysis.outliers import Thresholds, find_outliers
+    from suta_calib.job import CalibrationJob
+    from suta_calib.report.outliers_json import outliers_dict
+    from suta_calib.report.outliers_tables import outlier_section, outlier_tables
+
+    folder = folder_of(job, out)
+    loaded = CalibrationJob.load(job)
+    with LateProgress("looking for outliers") as progress:
+        found = find_outliers(
+            loaded.problem(),
+            loaded.validation,
+            loaded.options(),
+            Thresholds(bias=1e-3 * bias_mm),
+            progress,
+        )
+    finish_analysis(
+        context,
+        outliers_dict(found),
+        lambda: outlier_tables(found),
+        lambda: outlier_section(found),
+        folder,
+        as_json=as_json,
+        usable=found.verdict.usable,
+    )

@@ -1,0 +1,101 @@
+"""Samples that a job leaves out by name: nothing is excluded silently, and nothing else is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import PurePath
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from suta_calib.errors import SamplesError
+from suta_calib.measurements.samples import Samples
+from suta_calib.measurements.suggestion import did_you_mean
+from suta_calib.measurements.yaml_section import YamlSection
+
+# Key of the job → the label columns whose values, joined by a slash, it names.
+LEVELS: Final = {
+    "landmarks": ("landmark",),
+    "placements": ("placement",),
+    "sets": ("placement", "repeat"),
+    "points": ("point",),
+    "rows": (),
+}
+
+
+@dataclass(frozen=True)
+class Exclusion:
+    """What a row of a job leaves out.
+
+    Attributes:
+        names: by level (``landmarks``, ``placements``, ``sets``, ``points``, ``rows``), what is
+            left out; a set is ``placement/repeat``, a row ``file.csv:line``.
+    """
+
+    names: tuple[tuple[str, tuple[str, ...]], ...]
+
+    def __str__(self) -> str:
+        return "; ".join(f"{level} {', '.join(names)}" for level, names in self.names)
+
+    def as_dict(self) -> dict[str, list[str]]:
+        """By level."""
+        return {level: list(names) for level, names in self.names}
+
+    def kept(self, samples: Samples) -> Samples:
+        """The samples that are left.
+
+        Raises:
+            SamplesError: a name that no sample has, a level these samples have no column for, or
+                nothing left.
+        """
+        out = np.zeros(len(samples), dtype=bool)
+        for level, names in self.names:
+            labels = _labels(samples, level)
+            for name in names:
+                found = (labels == name).any(axis=0)
+                if not found.any():
+                    raise _unknown(level, name, labels)
+                out |= found
+        if out.all():
+            raise SamplesError(
+                f"every one of {len(samples)} samples excluded",
+                "some that are left",
+                where="exclude",
+            )
+        return samples.take(~out)
+
+
+def read_exclusion(section: YamlSection) -> Exclusion:
+    """The mapping under a job row's key ``exclude``.
+
+    Raises:
+        InputError: an unknown key, or names that are no text; names the line and the key.
+    """
+    section.check_keys(tuple(LEVELS))
+    return Exclusion(tuple((level, section.texts(level)) for level in section.data))
+
+
+def _labels(samples: Samples, level: str) -> NDArray[np.str_]:
+    """(spellings, n) what each sample is called on a level."""
+    if level == "rows":
+        return np.array([samples.origin, [PurePath(place).name for place in samples.origin]])
+    columns = LEVELS[level]
+    for column in columns:
+        if column not in samples.labels:
+            raise SamplesError(
+                f"no column {column!r} to exclude {level} by",
+                f"one of {', '.join(samples.labels) or 'rows'}",
+                where=f"exclude.{level}",
+            )
+    joined = samples.labels[columns[0]]
+    for column in columns[1:]:
+        joined = np.char.add(np.char.add(joined, "/"), samples.labels[column])
+    return joined[None]
+
+
+def _unknown(level: str, name: str, labels: NDArray[np.str_]) -> SamplesError:
+    known = list(dict.fromkeys(labels[-1].tolist()))
+    listed = ", ".join(known[:20]) + (", …" if len(known) > 20 else "")
+    hint = did_you_mean(name, known)
+    return SamplesError(repr(name), f"one of {listed}", where=f"exclude.{level}", hint=hint)
