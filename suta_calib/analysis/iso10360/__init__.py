@@ -1,0 +1,49 @@
+"""Acceptance test of an articulated arm after ISO 10360-12: errors, limits, decisions."""
+
+from suta_calib.analysis.iso10360.acceptance import (
+    AcceptanceTest,
+    Characteristic,
+    Measured,
+    accept,
+)
+from suta_calib.analysis.iso10360.lengths import LengthErrors
+from suta_calib.analysis.iso10360.limits import (
+    Decision,
+    DecisionRule,
+    LengthLimit,
+    Limits,
+    Rule,
+    StatedUncertainty,
+)
+from suta_calib.analysis.iso10360.places import (
+    Articulation,
+    Repeats,
+    SphereProbing,
+    articulations,
+    probings,
+    repeats,
+)
+from suta_calib.analysis.iso10360.spheres import Sphere, best_sphere, smallest_sphere
+
+__all__ = [
+    "AcceptanceTest",
+    "Articulation",
+    "Characteristic",
+    "Decision",
+    "DecisionRule",
+    "LengthErrors",
+    "LengthLimit",
+    "Limits",
+    "Measured",
+    "Repeats",
+    "Rule",
+    "Sphere",
+    "SphereProbing",
+    "StatedUncertainty",
+    "accept",
+    "articulations",
+    "best_sphere",
+    "probings",
+    "repeats",
+    "smallest_sphere",
+]

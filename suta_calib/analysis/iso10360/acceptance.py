@@ -1,0 +1,257 @@
+"""The acceptance test: every error against its limit, and what was simplified.
+
+Symbols are those of ISO 10360-12:2016: E_Uni and E_Bi, the errors of a length probed from one side
+or from both; L_Dia.5x5:Art, the location error from five articulations of five touches; P_Size and
+P_Form, the errors of size and form on a sphere of 25 touches.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from suta_calib.analysis.iso10360.lengths import LengthErrors
+from suta_calib.analysis.iso10360.limits import (
+    EXPANDED,
+    Decision,
+    DecisionRule,
+    Limits,
+    StatedUncertainty,
+    worst,
+)
+from suta_calib.analysis.iso10360.places import Articulation, Repeats, SphereProbing
+from suta_calib.geometry import FloatArray
+from suta_calib.verdict import Verdict, verdict_of
+
+TOUCHES: Final = 25
+ARTICULATIONS: Final = 5
+# Four touches on the equator and one on the pole give 1.5.
+_BADLY_SPREAD: Final = 4.0
+NO_LIMITS: Final = Limits()
+NOTHING_STATED: Final = StatedUncertainty()
+GUARDED: Final = DecisionRule()
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """What was measured; empty or None where a test was not made.
+
+    Attributes:
+        lengths: of the artefact.
+        bidirectional: whether lengths were probed from both sides, so that they hold the
+            stylus' size: E_Bi in place of E_Uni.
+        articulations: points found from several articulations.
+        spheres: probed spheres.
+        sphere_std: standard uncertainty of the spheres' diameter, m.
+        repeats: repeatedly visited points.
+        notes: what must be known of these data, one sentence each.
+    """
+
+    lengths: LengthErrors | None = None
+    bidirectional: bool = False
+    articulations: tuple[Articulation, ...] = ()
+    spheres: tuple[SphereProbing, ...] = ()
+    sphere_std: float = 0.0
+    repeats: tuple[Repeats, ...] = ()
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Characteristic:
+    """One figure of the test: the worst of those that were measured.
+
+    Attributes:
+        symbol: of the standard, or in plain words.
+        where: what it was measured on.
+        value: with its sign, m.
+        limit: maximum permissible error there, m; None where none is given.
+        expanded: uncertainty of the test there, k = 2, m.
+        decision: on all of them, not on the worst alone.
+        count: how many there are.
+    """
+
+    symbol: str
+    where: str
+    value: float
+    limit: float | None
+    expanded: float
+    decision: Decision
+    count: int
+
+
+@dataclass(frozen=True, eq=False)
+class AcceptanceTest:
+    """What was found.
+
+    Attributes:
+        measured: errors one by one.
+        limits, uncertainty, rule: what they were judged with.
+        characteristics: the worst of each kind.
+    """
+
+    measured: Measured
+    limits: Limits
+    uncertainty: StatedUncertainty
+    rule: DecisionRule
+    characteristics: tuple[Characteristic, ...]
+
+    @property
+    def decision(self) -> Decision:
+        """On the whole: every limit must be kept."""
+        judged = [each.decision for each in self.characteristics if each.limit is not None]
+        return worst(judged)
+
+    @property
+    def length_expanded(self) -> FloatArray:
+        """(n,) expanded uncertainty of every length, m."""
+        return length_uncertainty(self.measured.lengths, self.uncertainty)
+
+    @property
+    def verdict(self) -> Verdict:
+        """Passed, failed, or neither proved."""
+        bad = [_failure(each) for each in self.characteristics if _failure(each)]
+        return verdict_of(bad, self._cautions(), self._sentence())
+
+    def _sentence(self) -> str:
+        judged = [each for each in self.characteristics if each.limit is not None]
+        if not judged:
+            return "No limits given: figures without pass or fail"
+        kept = sum(each.decision == "pass" for each in judged)
+        words = {"pass": "Passed", "fail": "Failed", "undecided": "Neither passed nor failed"}
+        return f"{words[self.decision]}: {kept} of {len(judged)} limits are kept"
+
+    def _cautions(self) -> list[str]:
+        notes = [*self.measured.notes]
+        for each in self.measured.articulations:
+            if each.amplification > _BADLY_SPREAD:
+                notes.append(
+                    f"{each.point}: touches lie so that a sphere's centre is up to "
+                    f"{each.amplification:.0f} times less sure than a touch; spread them over a "
+                    "pole and four places on the equator."
+                )
+        for found in self.characteristics:
+            if found.limit is not None and self.rule.guard(found.expanded) >= found.limit:
+                notes.append(
+                    f"{found.symbol}: the test is less sure (U {1e3 * found.expanded:.4f} mm) than "
+                    "the limit: nothing can pass it."
+                )
+            if found.limit is None and self.limits.given:
+                notes.append(f"{found.symbol}: no limit is given.")
+        return notes
+
+    @property
+    def simplified(self) -> tuple[str, ...]:
+        """Where the procedure is not the standard's, a sentence each."""
+        m = self.measured
+        said = []
+        if m.lengths is not None:
+            said.append(
+                f"Lengths: every pair of landmarks at every placement, {len(m.lengths)} errors of "
+                f"lengths up to {1e3 * float(m.lengths.length.max()):.0f} mm; the standard "
+                "prescribes which lengths lie where in the measuring volume, and longer ones "
+                "were not tested."
+            )
+        if m.articulations:
+            said.append(_articulations_said(m.articulations))
+        if any(len(each.radial) != TOUCHES for each in m.spheres):
+            said.append(f"Probing: the standard asks for {TOUCHES} touches of each sphere.")
+        if m.repeats:
+            said.append("Repeatability of one point is no characteristic of ISO 10360-12.")
+        return tuple(said)
+
+
+def _articulations_said(found: Sequence[Articulation]) -> str:
+    fewest = min(len(each.names) for each in found)
+    several = all(each.touches == TOUCHES and len(each.names) == ARTICULATIONS for each in found)
+    made = "five touches in each of five articulations" if several else f"from {fewest} up"
+    return (
+        f"Articulations: {made}; the standard finds a sphere's centre from five touches in each "
+        "of five, spread over the range of the wrist."
+    )
+
+
+def _failure(each: Characteristic) -> str:
+    if each.decision not in ("fail", "undecided") or each.limit is None:
+        return ""
+    how = "beyond" if each.decision == "fail" else "too near to"
+    sure = f" with U {1e3 * each.expanded:.4f} mm" if each.expanded else ""
+    return (
+        f"{each.symbol}: {1e3 * each.value:+.4f} mm ({each.where}) is {how} the limit "
+        f"±{1e3 * each.limit:.4f} mm{sure}."
+    )
+
+
+def accept(
+    measured: Measured,
+    limits: Limits = NO_LIMITS,
+    uncertainty: StatedUncertainty = NOTHING_STATED,
+    rule: DecisionRule = GUARDED,
+) -> AcceptanceTest:
+    """Judge what was measured."""
+    m, u = measured, uncertainty
+    diameter = float(np.hypot(EXPANDED * m.sphere_std, u.size))
+    kinds = (
+        ("L_Dia", [(a.point, a.diameter) for a in m.articulations], limits.location, u.location),
+        ("P_Size", [(s.sphere, s.size) for s in m.spheres], limits.size, diameter),
+        ("P_Form", [(s.sphere, s.form) for s in m.spheres], limits.form, u.form),
+        (
+            "repeatability",
+            [(r.point, r.diameter) for r in m.repeats],
+            limits.repeatability,
+            u.repeatability,
+        ),
+    )
+    found = [_worst_place(*kind, rule) for kind in kinds if kind[1]]
+    if m.lengths is not None:
+        found.insert(0, _worst_length(m.lengths, m.bidirectional, limits, u, rule))
+    return AcceptanceTest(measured, limits, uncertainty, rule, tuple(found))
+
+
+def length_uncertainty(lengths: LengthErrors | None, u: StatedUncertainty) -> FloatArray:
+    """Expanded (k = 2) uncertainty (n,) of what each length truly was, m."""
+    if lengths is None:
+        return np.zeros(0)
+    own = (EXPANDED * lengths.calibration_std) ** 2
+    return np.asarray(np.sqrt(own + u.length**2 + (u.per_length * lengths.length) ** 2))
+
+
+def _worst_length(
+    lengths: LengthErrors,
+    bidirectional: bool,
+    limits: Limits,
+    uncertainty: StatedUncertainty,
+    rule: DecisionRule,
+) -> Characteristic:
+    expanded = length_uncertainty(lengths, uncertainty)
+    limit = None if limits.length is None else limits.length.at(lengths.length)
+    beyond = np.abs(lengths.error) - (0.0 if limit is None else limit - rule.guard(expanded))
+    row = int(np.argmax(beyond))
+    decisions: list[Decision] = ["no limit"]
+    if limit is not None:
+        rows = zip(lengths.error.tolist(), limit.tolist(), expanded.tolist(), strict=True)
+        decisions = [rule.decide(*each) for each in rows]
+    place = f"{lengths.label[row]}, {1e3 * lengths.length[row]:.1f} mm, {lengths.placement[row]}"
+    return Characteristic(
+        "E_Bi" if bidirectional else "E_Uni",
+        place,
+        float(lengths.error[row]),
+        None if limit is None else float(limit[row]),
+        float(expanded[row]),
+        worst(decisions),
+        len(lengths),
+    )
+
+
+def _worst_place(
+    symbol: str,
+    values: Sequence[tuple[str, float]],
+    limit: float | None,
+    expanded: float,
+    rule: DecisionRule,
+) -> Characteristic:
+    where, value = max(values, key=lambda each: abs(each[1]))
+    decision = rule.decide(value, limit, expanded)
+    return Characteristic(symbol, where, value, limit, expanded, decision, len(values))

@@ -1,0 +1,122 @@
+"""Maximum permissible errors, the uncertainty of a test, and the rule that decides with both."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final, Literal
+
+import numpy as np
+
+from suta_calib.geometry import FloatArray
+
+Decision = Literal["pass", "undecided", "fail", "no limit"]
+Rule = Literal["guarded", "simple"]
+# Expanded uncertainties are given, as usual, for twice the standard uncertainty.
+EXPANDED: Final = 2.0
+_WORST: Final[tuple[Decision, ...]] = ("fail", "undecided", "pass", "no limit")
+
+
+@dataclass(frozen=True)
+class LengthLimit:
+    """Maximum permissible error of a length, ``min(A + L/K, B)``; either part may be missing.
+
+    The three forms in which ISO 10360 lets a maker state it: A + L/K, B, or the smaller of both.
+
+    Attributes:
+        constant: A, m; None where only the largest is given.
+        slope: 1/K with A and L in one unit, m/m.
+        largest: B, m; None where there is none.
+    """
+
+    constant: float | None = None
+    slope: float = 0.0
+    largest: float | None = None
+
+    def at(self, length: FloatArray) -> FloatArray:
+        """Limit (n,) at lengths (n,), m."""
+        limit = np.full(len(length), np.inf)
+        if self.constant is not None:
+            limit = self.constant + self.slope * length
+        return limit if self.largest is None else np.minimum(limit, self.largest)
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Maximum permissible errors, m; None where no limit is given.
+
+    Attributes:
+        length: of a length, E_Uni,MPE or E_Bi,MPE.
+        location: of the place found from several articulations, L_Dia,MPE.
+        size: of the diameter of a sphere, P_Size,MPE.
+        form: of the scatter of radial distances on a sphere, P_Form,MPE.
+        repeatability: of the sphere that holds repeated visits, its diameter.
+    """
+
+    length: LengthLimit | None = None
+    location: float | None = None
+    size: float | None = None
+    form: float | None = None
+    repeatability: float | None = None
+
+    @property
+    def given(self) -> bool:
+        """Whether there is any limit."""
+        return self != Limits()
+
+
+@dataclass(frozen=True)
+class StatedUncertainty:
+    """What the test itself is unsure of beside the calibrated artefact, and whatever the arm is.
+
+    Expanded (k = 2), m: fixture, temperature, form of a sphere.
+
+    Attributes:
+        length: of a length, whatever its size.
+        per_length: of a length, m per m.
+        location, size, form, repeatability: of these.
+    """
+
+    length: float = 0.0
+    per_length: float = 0.0
+    location: float = 0.0
+    size: float = 0.0
+    form: float = 0.0
+    repeatability: float = 0.0
+
+
+@dataclass(frozen=True)
+class DecisionRule:
+    """How a value, its uncertainty and its limit become a decision; ISO 14253-1.
+
+    Attributes:
+        kind: ``guarded``: conformity is proved where |value| ≤ limit - g, non-conformity where
+            |value| > limit + g, and between them nothing is; ``simple``: pass up to the limit.
+        factor: g in standard uncertainties. ISO 14253-1:2017 takes 1.65 for a limit on one side
+            and 95 %; 2 is its former rule, g = U (k = 2), and on the safe side.
+    """
+
+    kind: Rule = "guarded"
+    factor: float = EXPANDED
+
+    def guard(self, expanded: FloatArray | float) -> FloatArray:
+        """Guard band for an expanded uncertainty (k = 2), m."""
+        if self.kind == "simple":
+            return np.zeros_like(np.asarray(expanded, dtype=float))
+        return np.asarray(self.factor / EXPANDED * np.asarray(expanded, dtype=float))
+
+    def decide(self, value: float, limit: float | None, expanded: float) -> Decision:
+        """On one value, m; the sign of the value does not count."""
+        if limit is None:
+            return "no limit"
+        guard = float(self.guard(expanded))
+        # A value on the limit passes, whatever is left of it in binary.
+        size = abs(value) * (1 - 1e-12)
+        if size <= limit - guard:
+            return "pass"
+        return "fail" if size > limit + guard else "undecided"
+
+
+def worst(decisions: Sequence[Decision]) -> Decision:
+    """Of several: all must pass."""
+    return min(decisions, key=_WORST.index, default="no limit")

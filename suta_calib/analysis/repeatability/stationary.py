@@ -1,0 +1,232 @@
+"""Encoder sanity: noise, steps, drift and Allan deviation of every joint of an arm at rest."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import t
+
+from suta_calib.analysis.repeatability.allan import AllanDeviation, allan_deviation
+from suta_calib.analysis.repeatability.scatter import deviations, median_angle
+from suta_calib.analysis.repeatability.stream import Stream
+from suta_calib.geometry import FloatArray
+from suta_calib.model.parameters import Unit
+from suta_calib.verdict import Verdict, verdict_of
+
+# Of the drift: few batches, so that each is longer than what correlates within it.
+_BATCHES: Final = 20
+_CONFIDENCE: Final = 0.95
+# Half intervals of 95 % that noise all but never exceeds, on however many joints.
+_SURE: Final = 2.0
+# A joint whose batches differ by more than this was moved, rad or m.
+_MOVED: Final[dict[Unit, float]] = {"rad": math.radians(0.5), "m": 1e-3}
+# Readings farther out than this many robust standard deviations, and steps, are gross errors.
+_GROSS: Final = 8.0
+_NORMAL: Final = 1.4826
+# An encoder's steps are seen where every level occurs this often.
+_ROWS_PER_LEVEL: Final = 4
+# Levels are whole steps apart to this share of one.
+_WHOLE: Final = 0.1
+_ROUNDING: Final = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class JointNoise:
+    """One joint at rest, rad (m for a prismatic joint).
+
+    Attributes:
+        joint: its name.
+        unit: rad or m.
+        mean: of the readings, on the circle.
+        std: standard deviation of one reading, with n - 1.
+        std_detrended: the same with a straight line taken out.
+        std_short: of one reading from differences of neighbours, which no drift reaches.
+        peak_to_peak: from the smallest to the largest.
+        left_out: grossly wrong readings that count in no other figure.
+        levels: how many different readings there are.
+        step: smallest step of the encoder, where it shows; None where noise hides it.
+        drift: slope, per s.
+        drift_half: half the 95 % interval of the slope, correlated noise accounted for, per s.
+        batch_range: how far the means of twenty parts of the record lie apart.
+        allan: Allan deviation.
+    """
+
+    joint: str
+    unit: Unit
+    mean: float
+    std: float
+    std_detrended: float
+    std_short: float
+    peak_to_peak: float
+    left_out: int
+    levels: int
+    step: float | None
+    drift: float
+    drift_half: float
+    batch_range: float
+    allan: AllanDeviation
+
+    @property
+    def moved(self) -> bool:
+        """Whether the joint was not at rest."""
+        return self.batch_range > _MOVED[self.unit]
+
+    @property
+    def drifts(self) -> bool:
+        """Whether the slope is more than correlated noise gives to any joint of an arm."""
+        return abs(self.drift) > _SURE * self.drift_half
+
+    @property
+    def stuck(self) -> bool:
+        """Whether the reading never changed."""
+        return self.levels == 1
+
+
+@dataclass(frozen=True, eq=False)
+class Stationary:
+    """A stationary stream, joint by joint.
+
+    Attributes:
+        stream: what was looked at.
+        joints: in the order of its columns.
+        tip_std: what the readings' noise does to the tip, m (3-D); None without an arm.
+    """
+
+    stream: Stream
+    joints: tuple[JointNoise, ...]
+    tip_std: float | None = None
+
+    @property
+    def seconds(self) -> float:
+        """Length of the record, s."""
+        return float(self.stream.time[-1] - self.stream.time[0])
+
+    @property
+    def verdict(self) -> Verdict:
+        """Whether the arm was at rest, and what the encoders do meanwhile."""
+        moved = [each.joint for each in self.joints if each.moved]
+        bad = [f"{', '.join(moved)} moved: the figures are no noise. Let the arm rest."]
+        worst = max(self.joints, key=lambda each: each.std_detrended)
+        sentence = (
+            f"{len(self.stream.time)} readings in {self.seconds:.1f} s at "
+            f"{1 / self.stream.period:.4g} Hz; most noise: {worst.joint}"
+        )
+        return verdict_of(bad if moved else [], [] if moved else self._cautions(), sentence)
+
+    def _cautions(self) -> list[str]:
+        notes = []
+        if names := self._which("stuck"):
+            notes.append(f"{names} never changed: noise below one step, or an encoder that hangs.")
+        if names := self._which("drifts"):
+            notes.append(f"{names} drifts: more than its noise explains.")
+        if gross := [f"{each.joint} ({each.left_out})" for each in self.joints if each.left_out]:
+            notes.append(f"Grossly wrong readings were left out: {', '.join(gross)}.")
+        if self.stream.gaps:
+            notes.append(
+                f"{self.stream.gaps} gaps in time: averaging times are those of a steady stream."
+            )
+        if self.stream.dropped:
+            notes.append(f"{self.stream.dropped} rows not valid, or with an error flag, left out.")
+        return notes
+
+    def _which(self, quality: str) -> str:
+        return ", ".join(each.joint for each in self.joints if getattr(each, quality))
+
+
+def stationary(
+    stream: Stream,
+    units: Sequence[Unit] | None = None,
+    levers: FloatArray | None = None,
+) -> Stationary:
+    """Look at every joint of a stationary stream.
+
+    Args:
+        stream: the readings.
+        units: of each joint; rad where not given.
+        levers: (joints,) how far each joint moves the tip, m per rad or m.
+    """
+    each_unit: Sequence[Unit] = ["rad"] * len(stream.joints) if units is None else units
+    columns = zip(stream.joints, each_unit, stream.readings.T, strict=True)
+    joints = tuple(_joint(*column, stream.time, stream.period) for column in columns)
+    if levers is None:
+        return Stationary(stream, joints)
+    # Encoders are read one by one: their noise has nothing in common.
+    noise = np.array([each.std for each in joints])
+    return Stationary(stream, joints, float(np.linalg.norm(levers * noise)))
+
+
+def _joint(
+    joint: str, unit: Unit, readings: FloatArray, time: FloatArray, period: float
+) -> JointNoise:
+    kept = _honest(readings, unit)
+    mean, away = deviations(readings[kept], unit)
+    moment = time[kept]
+    levels, step = _steps(readings[kept])
+    slope, half, batch_range = _drift(moment, away)
+    line = np.polynomial.Polynomial.fit(moment, away, 1)
+    return JointNoise(
+        joint,
+        unit,
+        mean,
+        float(away.std(ddof=1)),
+        float((away - line(moment)).std(ddof=2)),
+        float(np.sqrt(np.mean(np.diff(away) ** 2) / 2)),
+        float(np.ptp(away)),
+        int(np.sum(~kept)),
+        levels,
+        step,
+        slope,
+        half,
+        batch_range,
+        allan_deviation(away, period),
+    )
+
+
+def _honest(readings: FloatArray, unit: Unit) -> NDArray[np.bool_]:
+    """Readings that are no gross errors, (n,)."""
+    away = readings - (median_angle(readings) if unit == "rad" else np.median(readings))
+    away = np.angle(np.exp(1j * away)) if unit == "rad" else away
+    away = away - np.median(away)
+    # Where most readings are one and the same, the median deviation is zero and says nothing.
+    scale = max(
+        _NORMAL * float(np.median(np.abs(away))), float(np.quantile(np.abs(away), 0.99)) / 3
+    )
+    return np.asarray(np.abs(away) <= _GROSS * scale + _ROUNDING)
+
+
+def _steps(readings: FloatArray) -> tuple[int, float | None]:
+    """How many different readings there are, and the step between them where it shows."""
+    levels = np.unique(readings)
+    if len(levels) < 2 or _ROWS_PER_LEVEL * len(levels) > len(readings):
+        return len(levels), None
+    gaps = np.diff(levels)
+    gaps = gaps[gaps < np.pi]
+    if not len(gaps):
+        return len(levels), None
+    counts = np.round(gaps / gaps.min())
+    step = float(gaps.sum() / counts.sum())
+    whole = np.abs(gaps / step - np.round(gaps / step)).max() < _WHOLE
+    return len(levels), step if whole else None
+
+
+def _drift(time: FloatArray, away: FloatArray) -> tuple[float, float, float]:
+    """Slope per s, half its 95 % interval, and how far apart the batches' means are.
+
+    The slope is that of the means of twenty batches: whatever correlates within a batch shows in
+    how its mean scatters, so that correlated noise makes the interval as wide as it should be.
+    """
+    batches = np.array_split(np.arange(len(time)), _BATCHES)
+    moment = np.array([time[rows].mean() for rows in batches])
+    mean = np.array([away[rows].mean() for rows in batches])
+    moment = moment - moment.mean()
+    power = float(moment @ moment)
+    slope = float(moment @ mean) / power
+    left = mean - mean.mean() - slope * moment
+    std = np.sqrt(float(left @ left) / (_BATCHES - 2) / power)
+    half = float(t.ppf(0.5 + _CONFIDENCE / 2, _BATCHES - 2) * std)
+    return slope, half, float(np.ptp(mean))

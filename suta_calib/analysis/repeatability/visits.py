@@ -1,0 +1,241 @@
+"""Repeatability: many visits to one point, as ISO 9283 asks for them, taken apart."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from suta_calib.analysis.repeatability.directions import DirectionalForce, directional_force
+from suta_calib.analysis.repeatability.intervals import CONFIDENCE
+from suta_calib.analysis.repeatability.protocols import Comparison, compare_protocols
+from suta_calib.analysis.repeatability.scatter import (
+    CYCLES,
+    LEAST_VISITS,
+    JointScatter,
+    OrientationScatter,
+    PositionScatter,
+    deviations,
+    joint_scatter,
+)
+from suta_calib.analysis.repeatability.unusual import elsewhere, other_posture, white
+from suta_calib.batched import Batched
+from suta_calib.errors import SamplesError
+from suta_calib.geometry import FloatArray
+from suta_calib.measurements import Samples
+from suta_calib.model.arm import ArmModel
+from suta_calib.model.parameters import Unit
+from suta_calib.navigation.serial_correlation import correlation_length
+from suta_calib.terms.term import grouped
+from suta_calib.threads import single_threaded
+from suta_calib.verdict import Verdict, verdict_of
+
+DIRECTION: Final = "direction"
+PROTOCOL: Final = "protocol"
+
+
+@dataclass(frozen=True, eq=False)
+class Repeatability:
+    """Visits to one point.
+
+    Attributes:
+        samples: the visits.
+        position_of: (n, 3) of the tip at each visit, in the base, m.
+        position, orientation: scatter of the tip over all visits.
+        joints: scatter of every joint over all visits, in the order of the chain.
+        protocols: scatter of the visits of each protocol; empty where there is but one.
+        comparisons: of the first protocol with each of the others.
+        directions: what the direction of the push does; None where there is but one.
+        elsewhere: rows so far from the others that they may have visited another point.
+        other_posture: rows in which a joint is far from where it is in the others.
+        correlation: integrated autocorrelation of successive visits; 1 where they are independent.
+        confidence: of every interval.
+    """
+
+    samples: Samples
+    position_of: FloatArray
+    position: PositionScatter
+    orientation: OrientationScatter
+    joints: tuple[JointScatter, ...]
+    protocols: Mapping[str, PositionScatter]
+    comparisons: tuple[Comparison, ...]
+    directions: DirectionalForce | None
+    elsewhere: tuple[int, ...]
+    other_posture: tuple[int, ...]
+    correlation: float
+    confidence: float
+
+    @property
+    def verdict(self) -> Verdict:
+        """What the visits say, and what must be known before the figures are used."""
+        return verdict_of([], self._cautions(), self._sentence())
+
+    def _sentence(self) -> str:
+        rp, inside = self.position.rp, self.position.rp.interval(self.confidence)
+        return (
+            f"RP {1e3 * rp.value:.3f} mm from {self.position.count} visits "
+            f"({100 * self.confidence:g} % interval {1e3 * inside.low:.3f} to "
+            f"{1e3 * inside.high:.3f} mm)"
+        )
+
+    def _cautions(self) -> list[str]:
+        notes = [*self._few(), *self._far()]
+        if self.correlation > 1.0:
+            notes.append(
+                f"Successive visits resemble each other (they are worth {1 / self.correlation:.0%} "
+                "of their number): the arm drifts or warms up, and every interval here is too "
+                "narrow."
+            )
+        giving = None if self.directions is None else self.directions.giving
+        if giving is not None:
+            notes.append(
+                f"{' or '.join([giving.joint, *giving.as_well])} gives: with the direction of the "
+                f"push its reading changes by what moves the tip by {1e3 * giving.tip:.3f} mm "
+                f"(p = {giving.p_value:.2g})."
+            )
+        return notes
+
+    def _few(self) -> list[str]:
+        parts = self.protocols or {"": self.position}
+        named = [
+            f"{each.count} visits" + (f" with protocol {name}" if name else "")
+            for name, each in parts.items()
+            if each.count < CYCLES
+        ]
+        if not named:
+            return []
+        return [f"{' and '.join(named)}: ISO 9283 asks for {CYCLES}; the intervals are wide."]
+
+    def _far(self) -> list[str]:
+        notes = []
+        if self.elsewhere:
+            notes.append(
+                f"Far from the other visits: {self._rows(self.elsewhere)}. Was another point "
+                "visited, or did the tip slip? They count in every figure."
+            )
+        if self.other_posture:
+            notes.append(
+                f"In another posture than the others: {self._rows(self.other_posture)}. The "
+                "figures of the joints, and of directions, mean little with them."
+            )
+        return notes
+
+    def _rows(self, rows: tuple[int, ...]) -> str:
+        named = ", ".join(self.samples.origin[row] for row in rows[:3])
+        return f"{named}, …" if len(rows) > 3 else named
+
+
+@single_threaded
+def repeatability(
+    arm: ArmModel, samples: Samples, *, confidence: float = CONFIDENCE, seed: int = 0
+) -> Repeatability:
+    """Take visits to one point apart.
+
+    Args:
+        arm: whose readings these are, as well calibrated as it is.
+        samples: the visits in the order they were made; the labels ``direction`` and ``protocol``
+            are looked at where they are there.
+        confidence: of the intervals, between 0 and 1.
+        seed: of the permutations that tell directions from noise.
+
+    Raises:
+        SamplesError: fewer than three visits, or fewer with one protocol or direction.
+    """
+    _check(samples)
+    rotation, position = arm.forward(samples.q)
+    units, levers = _units(arm), tip_levers(arm, samples.q).tolist()
+    protocol, direction = _several(samples, PROTOCOL), _several(samples, DIRECTION)
+    columns = list(zip(arm.joints, units, samples.q.T, levers, strict=True))
+    pushed = None
+    if direction is not None:
+        named = list(zip(arm.joints, units, levers, strict=True))
+        away = np.stack([deviations(q, unit)[1] for _, unit, q, _ in columns], axis=1)
+        pushed = directional_force(named, away, position, direction, protocol, seed)
+    protocols = _by_label(position, protocol)
+    within = _within(position, protocol)
+    return Repeatability(
+        samples,
+        position,
+        PositionScatter.of(position),
+        OrientationScatter.of(rotation),
+        tuple(joint_scatter(*column) for column in columns),
+        protocols,
+        _comparisons(protocols, confidence),
+        pushed,
+        elsewhere(within),
+        other_posture(columns),
+        _correlation(within if pushed is None else pushed.within[:, -3:]),
+        confidence,
+    )
+
+
+def _correlation(away: FloatArray) -> float:
+    """That of the principal axis along which successive visits resemble each other most."""
+    return max((correlation_length(axis[:, None]) for axis in white(away).T), default=1.0)
+
+
+def _comparisons(
+    protocols: Mapping[str, PositionScatter], confidence: float
+) -> tuple[Comparison, ...]:
+    """The first protocol with each of the others."""
+    first, *others = protocols or [""]
+    return tuple(
+        compare_protocols(first, protocols[first], other, protocols[other], confidence)
+        for other in others
+    )
+
+
+def tip_levers(arm: ArmModel, q: FloatArray) -> FloatArray:
+    """How far each joint moves the tip, (joints,), m per rad (or m): mean over readings (n, j)."""
+    names = [f"{joint}.offset" for joint in arm.joints]
+    batch = Batched(arm.function(names), len(q), shared=[0])
+    batch.inputs[1][:] = q
+    jacobian = batch()[2].reshape(len(q), 6, len(names))
+    return np.asarray(np.linalg.norm(jacobian[:, :3], axis=1).mean(axis=0))
+
+
+def _units(arm: ArmModel) -> list[Unit]:
+    return ["m" if joint.type == "prismatic" else "rad" for joint in arm.chain.moving]
+
+
+def _check(samples: Samples) -> None:
+    if len(samples) < LEAST_VISITS:
+        raise SamplesError(
+            f"{len(samples)} visits", f"at least {LEAST_VISITS} ({CYCLES} by ISO 9283)",
+            where=samples.origin[-1],
+        )  # fmt: skip
+    for key in (PROTOCOL, DIRECTION):
+        labels = _several(samples, key)
+        for name in () if labels is None else grouped(labels)[0]:
+            rows = np.flatnonzero(labels == name)
+            if len(rows) < LEAST_VISITS:
+                raise SamplesError(
+                    f"{len(rows)} visits with {key} {name!r}",
+                    f"at least {LEAST_VISITS} of each {key}",
+                    where=samples.origin[rows[0]],
+                    hint="visit more often, or correct the label",
+                )
+
+
+def _several(samples: Samples, key: str) -> NDArray[np.str_] | None:
+    """A label column with at least two different labels, or None."""
+    labels = samples.labels.get(key)
+    return None if labels is None or len(set(labels)) < 2 else labels
+
+
+def _by_label(position: FloatArray, labels: NDArray[np.str_] | None) -> dict[str, PositionScatter]:
+    if labels is None:
+        return {}
+    return {name: PositionScatter.of(position[labels == name]) for name in grouped(labels)[0]}
+
+
+def _within(position: FloatArray, labels: NDArray[np.str_] | None) -> FloatArray:
+    """Positions (n, 3) about the barycentre of their protocol."""
+    away: FloatArray = position - position.mean(axis=0)
+    if labels is not None:
+        for name in np.unique(labels):
+            away[labels == name] -= away[labels == name].mean(axis=0)
+    return away

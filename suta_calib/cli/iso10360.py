@@ -1,0 +1,50 @@
+"""``suta-calib iso10360``: acceptance test of an articulated arm."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from suta_calib.cli._analysis import finish_analysis
+from suta_calib.cli._output import check_folder, json_option
+
+_PATH = click.Path(path_type=Path)
+
+
+@click.command()
+@click.argument("job", type=_PATH, metavar="JOB.yaml")
+@click.option("--urdf", type=_PATH, help="In place of the job's own, such as calibrated.urdf.")
+@click.option("--out", type=_PATH, help="Folder for iso10360.json, its picture and report.html.")
+@json_option
+@click.pass_context
+def iso10360(
+    context: click.Context, job: Path, urdf: Path | None, out: Path | None, as_json: bool
+) -> None:
+    """Errors of a measuring arm against maximum permissible errors, after ISO 10360-12.
+
+    JOB.yaml says which arm, what was measured (lengths of a calibrated artefact, one point from
+    several articulations, a sphere, repeated visits), the limits (mpe) and what the test itself is
+    unsure of. A calibration.yaml will do too: its held-out distances and fixed points are taken,
+    and there is no pass or fail. Exits with 1 where a limit is broken, or where the uncertainty
+    leaves it open.
+    """
+    from suta_calib.acceptance_job import AcceptanceJob
+    from suta_calib.report.iso10360_json import acceptance_dict
+    from suta_calib.report.iso10360_report import acceptance_tables, section
+
+    if out is not None:
+        check_folder(out)
+    loaded = AcceptanceJob.load(job, urdf)
+    found = loaded.run()
+    answer: dict[str, Any] = {**acceptance_dict(found), "urdf": str(loaded.urdf), "job": str(job)}
+    finish_analysis(
+        context,
+        answer,
+        lambda: acceptance_tables(found),
+        lambda: section(found),
+        out,
+        as_json=as_json,
+        usable=found.verdict.usable,
+    )

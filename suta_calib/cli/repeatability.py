@@ -1,0 +1,125 @@
+"""``suta-calib repeatability``: visits to one point, and encoders at rest."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from suta_calib.cli._analysis import finish_analysis
+from suta_calib.cli._output import check_folder, json_option
+from suta_calib.cli._poses import LateStatus
+
+if TYPE_CHECKING:
+    from suta_calib.analysis.repeatability import Repeatability, Stationary
+    from suta_calib.model.arm import ArmModel
+
+_PATH = click.Path(path_type=Path)
+
+
+@click.command()
+@click.argument("samples", type=_PATH, metavar="[SAMPLES.csv]", required=False)
+@click.option("--urdf", type=_PATH, help="The arm, as well calibrated as it is.")
+@click.option("--tip", help="Link or frame that visited the point.")
+@click.option("--base", help="Link the chain starts from; default: the root link.")
+@click.option(
+    "--stationary",
+    "at_rest",
+    type=_PATH,
+    metavar="STREAM",
+    help="CSV or Parquet of an arm at rest: time and a column per joint.",
+)
+@click.option(
+    "--confidence",
+    type=click.FloatRange(50.0, 99.9),
+    default=95.0,
+    show_default=True,
+    help="Of the intervals, %.",
+)
+@click.option(
+    "--seed",
+    type=click.IntRange(min=0),
+    default=0,
+    show_default=True,
+    help="Of the permutations that tell directions from noise.",
+)
+@click.option("--out", type=_PATH, help="Folder for repeatability.json, pictures and report.html.")
+@json_option
+@click.pass_context
+def repeatability(
+    context: click.Context,
+    samples: Path | None,
+    urdf: Path | None,
+    tip: str | None,
+    base: str | None,
+    at_rest: Path | None,
+    confidence: float,
+    seed: int,
+    out: Path | None,
+    as_json: bool,
+) -> None:
+    """How well an arm comes back to one point (ISO 9283), and what its encoders do at rest.
+
+    All rows of SAMPLES.csv visited one point: a column per joint, and optionally `direction` (of
+    the push on the seated tip) and `protocol` (ways to visit, compared with one another). Without
+    SAMPLES.csv, --stationary alone looks at the encoders. Exits with 1 where an arm that should
+    have been at rest moved.
+    """
+    from suta_calib.report import repeatability_report as report
+
+    if out is not None:
+        check_folder(out)
+    arm = _arm(samples, urdf, tip, base, at_rest)
+    with LateStatus("comparing visits"):
+        visits = _visits(arm, samples, confidence / 100, seed) if arm and samples else None
+        rest = None if at_rest is None else _rest(arm, at_rest)
+    finish_analysis(
+        context,
+        report.answer_of(visits, rest),
+        lambda: report.shown_tables(visits, rest),
+        lambda: report.section(visits, rest),
+        out,
+        as_json=as_json,
+        usable=report.whole_verdict(visits, rest).usable,
+    )
+
+
+def _arm(
+    samples: Path | None, urdf: Path | None, tip: str | None, base: str | None, at_rest: Path | None
+) -> ArmModel | None:
+    if samples is None and at_rest is None:
+        raise click.UsageError("give SAMPLES.csv (visits to one point), --stationary, or both")
+    if urdf is None:
+        if samples is not None:
+            raise click.UsageError("SAMPLES.csv needs --urdf and --tip: whose visits these are")
+        if tip or base:
+            raise click.UsageError("--tip and --base name frames of an arm: give it with --urdf")
+        return None
+    if tip is None:
+        raise click.UsageError("--urdf needs --tip: the link or frame that visited the point")
+    from suta_calib.model.arm import ArmModel
+
+    return ArmModel.from_urdf(urdf, tip, base)
+
+
+def _visits(arm: ArmModel, path: Path, confidence: float, seed: int) -> Repeatability:
+    from suta_calib.analysis.repeatability import DIRECTION, PROTOCOL, repeatability
+    from suta_calib.job import joint_ranges
+    from suta_calib.measurements import SampleColumns, read_csv_table, read_samples
+
+    columns = read_csv_table(path).columns
+    labels = tuple(name for name in (DIRECTION, PROTOCOL) if name in columns)
+    samples = read_samples([path], joint_ranges(arm), SampleColumns(labels=labels))
+    return repeatability(arm, samples, confidence=confidence, seed=seed)
+
+
+def _rest(arm: ArmModel | None, path: Path) -> Stationary:
+    from suta_calib.analysis.repeatability import read_stream, stationary, tip_levers
+    from suta_calib.job import joint_ranges
+
+    if arm is None:
+        return stationary(read_stream(path))
+    stream = read_stream(path, arm.joints)
+    units = [joint.unit for joint in joint_ranges(arm)]
+    return stationary(stream, units, tip_levers(arm, stream.readings[:1]))

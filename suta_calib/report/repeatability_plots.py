@@ -1,0 +1,180 @@
+"""Pictures of visits to one point, and of joints at rest."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from suta_calib.analysis.repeatability import (
+    DIRECTION,
+    PROTOCOL,
+    DirectionalForce,
+    Repeatability,
+    Stationary,
+)
+from suta_calib.report.svg import BLUE, GREY, ORANGE, WIDTH, plain_log, style, svg_text
+from suta_calib.report.units import SHOWN_UNIT, shown
+from suta_calib.terms.term import grouped
+
+MM: Final = 1e3
+LARGE: Final = 1.3 * WIDTH
+_LOOKS: Final = tuple(zip((BLUE, ORANGE, "black") * 2, "osD^vP", strict=True))
+_LINES: Final = ("-", "--", ":", "-.")
+_COLOURS: Final = (BLUE, ORANGE, "black", GREY)
+
+
+def visits_plot(found: Repeatability) -> str:
+    """An SVG: the visits from two sides, and what the joints do."""
+    name = "repeatability_visits"
+    pushed = found.directions is not None
+    with style(name):
+        figure = Figure(figsize=(LARGE, 6.2 if pushed else 3.4), layout="constrained")
+        top = ["xy", "xz", "order"]
+        layout: Any = [top, ["joints"] * 3] if pushed else [top]
+        panels = figure.subplot_mosaic(layout)
+        _cloud(panels["xy"], found, 0, 1)
+        _cloud(panels["xz"], found, 0, 2)
+        figure.legend(
+            *panels["xy"].get_legend_handles_labels(),
+            loc="outside upper left",
+            ncols=8,
+            fontsize=8,
+            handletextpad=0.2,
+        )
+        _in_order(panels["order"], found)
+        if found.directions is not None:
+            _pushes(panels["joints"], found.directions)
+        return svg_text(figure, name, "Visits about their barycentre, in mm, and in their order")
+
+
+def _labels(found: Repeatability) -> tuple[list[str], Any]:
+    """What colours the visits: direction, else protocol, else nothing."""
+    for key in (DIRECTION, PROTOCOL):
+        if len(set(found.samples.labels.get(key, ()))) > 1:
+            return grouped(found.samples.labels[key])
+    return ["visits"], np.zeros(len(found.samples), dtype=np.intp)
+
+
+def _cloud(axes: Axes, found: Repeatability, across: int, up: int) -> None:
+    away = MM * (found.position_of - found.position_of.mean(axis=0))
+    names, index = _labels(found)
+    for k, label in enumerate(names):
+        colour, marker = _LOOKS[k % len(_LOOKS)]
+        rows = away[index == k]
+        axes.plot(rows[:, across], rows[:, up], marker, color=colour, ms=4, mfc="none", label=label)
+    angle = np.linspace(0, 2 * np.pi, 121)
+    radius = MM * found.position.rp.value
+    axes.plot(radius * np.cos(angle), radius * np.sin(angle), "--", color=GREY, lw=1.2, label="RP")
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.set_title(f"{'xyz'[across]} and {'xyz'[up]} of the base")
+    axes.set_xlabel(f"{'xyz'[across]}, mm")
+    axes.set_ylabel(f"{'xyz'[up]}, mm")
+    axes.grid()
+
+
+def _in_order(axes: Axes, found: Repeatability) -> None:
+    size = MM * np.linalg.norm(found.position_of - found.position_of.mean(axis=0), axis=1)
+    axes.plot(np.arange(1, len(size) + 1), size, ".-", color=BLUE, lw=0.6, ms=4)
+    for value, line, label in (
+        (found.position.rp.value, "--", "RP"),
+        (found.position.mean, ":", "mean"),
+    ):
+        axes.axhline(MM * value, color=GREY, ls=line, lw=1.2)
+        axes.annotate(
+            label,
+            (1, MM * value),
+            xycoords=("axes fraction", "data"),
+            xytext=(3, 0),
+            textcoords="offset points",
+            fontsize=7,
+            va="center",
+        )
+    axes.set_ylim(bottom=0)
+    axes.set_title("Distance to the barycentre")
+    axes.set_xlabel("visit, in order")
+    axes.set_ylabel("mm")
+    axes.grid(axis="y")
+
+
+def _pushes(axes: Axes, found: DirectionalForce) -> None:
+    """Each joint's play beside what chance gives, at the tip."""
+    places = np.arange(len(found.joints))
+    seen = np.array([each.tip for each in found.joints])
+    chance = [each.tip * each.chance / max(each.play, 1e-300) for each in found.joints]
+    axes.bar(places - 0.2, MM * seen, 0.38, color=BLUE, label="play between directions")
+    axes.bar(
+        places + 0.2, MM * np.array(chance), 0.38,
+        color="white", edgecolor="black", hatch="////", label="by chance, once in twenty",
+    )  # fmt: skip
+    for place, each in zip(places, found.joints, strict=True):
+        if each.gives:
+            axes.annotate(
+                "gives", (place - 0.2, MM * each.tip), ha="center", va="bottom", fontsize=8
+            )
+    axes.margins(y=0.15)
+    axes.set_xticks(places, [each.joint for each in found.joints])
+    axes.set_title("What each joint does out of step with the others when pushed another way")
+    axes.set_ylabel("at the tip, mm")
+    axes.grid(axis="y")
+    axes.legend(fontsize=8)
+
+
+def stationary_plot(found: Stationary) -> str:
+    """An SVG: readings over time, and Allan deviation of every joint."""
+    name = "repeatability_stationary"
+    with style(name):
+        figure = Figure(figsize=(LARGE, 3.9), layout="constrained")
+        over_time, allan = figure.subplots(1, 2)
+        _over_time(over_time, found)
+        _allan(allan, found)
+        return svg_text(figure, name, "Joints at rest: readings over time, and Allan deviation")
+
+
+def _over_time(axes: Axes, found: Stationary) -> None:
+    """Means of short stretches, one joint above the other."""
+    parts = np.array_split(np.arange(len(found.stream.time)), min(200, len(found.stream.time)))
+    time = [found.stream.time[rows].mean() - found.stream.time[0] for rows in parts]
+    columns = []
+    for each, readings in zip(found.joints, found.stream.readings.T, strict=True):
+        away = readings - each.mean
+        away = np.angle(np.exp(1j * away)) if each.unit == "rad" else away
+        means = np.array([np.median(away[rows]) for rows in parts])
+        columns.append(1e3 * shown(1.0, each.unit) * means)
+    apart = 1.5 * max(float(np.ptp(column)) for column in columns) or 1.0
+    for k, (each, column) in enumerate(zip(found.joints, columns, strict=True)):
+        axes.plot(time, column - column.mean() - k * apart, color=BLUE, lw=0.8)
+        axes.annotate(each.joint, (time[0], (0.2 - k) * apart), fontsize=7, va="bottom")
+    axes.set_ylim(top=0.8 * apart)
+    axes.set_title("Readings, averaged over short stretches")
+    axes.set_xlabel("time, s")
+    axes.set_ylabel(f"{_unit(found)}, one joint below the other")
+    axes.grid(axis="y")
+
+
+def _allan(axes: Axes, found: Stationary) -> None:
+    for k, each in enumerate(found.joints):
+        scale = 1e3 * shown(1.0, each.unit)
+        seen = each.allan.deviation > 0
+        if not seen.any():
+            continue
+        colour, line = _COLOURS[k % 4], _LINES[(k + k // 4) % 4]
+        tau, deviation = each.allan.tau[seen], scale * each.allan.deviation[seen]
+        axes.plot(tau, deviation, color=colour, ls=line, lw=1.3, label=each.joint)
+        low, high = scale * each.allan.low[seen], scale * each.allan.high[seen]
+        axes.fill_between(tau, low, high, color=colour, alpha=0.1, lw=0)
+    plain_log(axes.xaxis, axes.set_xscale)
+    plain_log(axes.yaxis, axes.set_yscale)
+    axes.set_title("Allan deviation (bands: 95 %)")
+    axes.set_xlabel("averaging time, s")
+    axes.set_ylabel(_unit(found))
+    axes.grid()
+    if axes.lines:
+        axes.legend(fontsize=7, ncols=2)
+
+
+def _unit(found: Stationary) -> str:
+    units = {f"0.001 {SHOWN_UNIT[each.unit]}" for each in found.joints}
+    return " or ".join(sorted(units))

@@ -1,0 +1,267 @@
+"""``suta-calib iso10360`` end to end: a job of its own, a calibration, bad input."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+from cli_job import cli
+from hypothesis import given
+from hypothesis import strategies as st
+from lxml import html
+
+from suta_calib.analysis.iso10360.limits_file import read_limits, read_rule, read_uncertainty
+from suta_calib.errors import JobError
+from suta_calib.measurements import YamlSection, read_yaml
+
+Capture = pytest.CaptureFixture[str]
+
+
+@pytest.fixture
+def folder(tmp_path: Path, repository: Path) -> Path:
+    """The simulated acceptance test of data/accuracy in a folder of its own."""
+    data = repository / "data" / "accuracy"
+    for name in ("lengths", "articulation", "probing", "repeated"):
+        shutil.copy(data / f"{name}.csv", tmp_path)
+    shutil.copy(repository / "data" / "suta" / "artefact.yaml", tmp_path)
+    shutil.copy(repository / "urdf" / "suta.urdf", tmp_path)
+    text = (data / "iso10360.yaml").read_text().replace("../suta/artefact.yaml", "artefact.yaml")
+    text = text.replace("../../urdf/suta.urdf", "suta.urdf")
+    (tmp_path / "job.yaml").write_text(text)
+    return tmp_path
+
+
+def change(folder: Path, old: str, new: str, file: str = "job.yaml") -> None:
+    text = (folder / file).read_text()
+    assert old in text
+    (folder / file).write_text(text.replace(old, new, 1))
+
+
+def answer(capsys: Capture, *arguments: object, code: int = 0) -> dict[str, Any]:
+    assert cli("iso10360", *arguments, "--json") == code
+    out, err = capsys.readouterr()
+    assert err == ""
+    found = json.loads(out)
+    assert isinstance(found, dict)
+    return found
+
+
+def decisions(found: dict[str, Any]) -> dict[str, str]:
+    return {each["symbol"]: each["decision"] for each in found["characteristics"]}
+
+
+def test_a_whole_acceptance_test_passes(folder: Path, capsys: Capture) -> None:
+    found = answer(capsys, folder / "job.yaml")
+    symbols = ("E_Uni", "L_Dia", "P_Size", "P_Form", "repeatability")
+    assert decisions(found) == dict.fromkeys(symbols, "pass")
+    assert found["passed"] is True
+    assert found["decision_rule"] == {"kind": "guarded", "factor": 2.0}
+    assert found["lengths"]["count"] == 210
+    assert len(found["lengths"]["rows"]["error_mm"]) == 210
+    assert found["articulations"]["near"]["articulations"] == 5
+    assert found["spheres"]["far"]["touches"] == 25
+    assert found["mpe"]["length"] == "(200 + L/10) µm, at most 250 µm"
+    assert found["simplified"]
+    assert not list(folder.glob("*.json"))
+
+
+def test_a_limit_that_is_broken_or_left_open_exits_with_1(folder: Path, capsys: Capture) -> None:
+    worst = abs(answer(capsys, folder / "job.yaml")["characteristics"][0]["value_mm"])
+    change(folder, "{a_um: 200, k: 10, max_um: 250}", f"{{max_um: {1e3 * worst + 10:.3f}}}")
+    found = answer(capsys, folder / "job.yaml", code=1)
+    assert decisions(found)["E_Uni"] == "undecided"
+    assert found["passed"] is False
+    change(folder, "decision_rule: guarded", "decision_rule: simple")
+    assert answer(capsys, folder / "job.yaml")["passed"] is True
+    change(folder, "location_mm: 0.15", "location_mm: 0.01")
+    assert decisions(answer(capsys, folder / "job.yaml", code=1))["L_Dia"] == "fail"
+
+
+def test_files_are_written_and_the_text_is_readable(folder: Path, capsys: Capture) -> None:
+    assert cli("iso10360", folder / "job.yaml", "--out", folder / "out") == 0
+    text = capsys.readouterr().out
+    assert "Passed: 5 of 5 limits are kept" in text
+    assert "guard band" in text
+    names = {path.name for path in (folder / "out").iterdir()}
+    assert names == {"iso10360.json", "iso10360.svg", "report.html"}
+    page = html.fromstring((folder / "out" / "report.html").read_text())
+    assert [each.get("id") for each in page.iter("section")] == ["iso10360"]
+
+
+def test_parts_of_the_test_may_be_left_out(folder: Path, capsys: Capture) -> None:
+    (folder / "job.yaml").write_text(
+        "arm: {urdf: suta.urdf, tip: tip}\nrepeatability: {samples: repeated.csv}\n"
+    )
+    found = answer(capsys, folder / "job.yaml", "--out", folder / "out")
+    assert decisions(found) == {"repeatability": "no limit"}
+    assert found["passed"] is None
+    assert found["lengths"] is None
+
+
+def test_spheres_may_be_probed_in_the_articulations(folder: Path, capsys: Capture) -> None:
+    text = (folder / "probing.csv").read_text().replace("sphere", "articulation", 1)
+    rows = text.splitlines()
+    lines = [f"{rows[0]},point", *(f"{row},S" for row in rows[1:26])]
+    # One sphere, whose touches are dealt out to five articulations.
+    lines[1:] = [row.replace("near", f"a{k % 5}") for k, row in enumerate(lines[1:])]
+    (folder / "spheres.csv").write_text("\n".join(lines) + "\n")
+    (folder / "job.yaml").write_text(
+        "arm: {urdf: suta.urdf, tip: tip}\n"
+        "articulation: {samples: spheres.csv, probed: sphere}\n"
+        "mpe: {location_mm: 0.3}\n"
+    )
+    found = answer(capsys, folder / "job.yaml")
+    assert found["articulations"]["S"]["articulations"] == 5
+    assert found["articulations"]["S"]["location_mm"] < 0.3
+    # Every fifth touch of that spiral lies on one side of the sphere.
+    assert "times less sure than a touch" in " ".join(found["verdict"]["notes"])
+
+
+@pytest.fixture
+def calibration(folder: Path) -> Path:
+    """A calibration with held-out lengths and fitted fixed points."""
+    (folder / "calibration.yaml").write_text(
+        "arm: {urdf: suta.urdf, tip: tip}\n"
+        'parameters: [{select: ["*.offset"], bound_deg: 5}]\n'
+        "observations: [{kind: fixed_point, samples: articulation.csv}]\n"
+        "validation: [{kind: pairwise_distance, artefact: artefact.yaml, samples: lengths.csv}]\n"
+    )
+    return folder / "calibration.yaml"
+
+
+def test_a_calibration_gives_figures_without_decision(calibration: Path, capsys: Capture) -> None:
+    found = answer(capsys, calibration)
+    assert decisions(found) == {"E_Uni": "no limit", "L_Dia": "no limit"}
+    notes = " ".join(found["verdict"]["notes"])
+    assert "give the calibrated one with --urdf" in notes
+    assert "not held out" in notes
+    own = answer(capsys, calibration.parent / "job.yaml")
+    assert found["lengths"]["rms_mm"] == pytest.approx(own["lengths"]["rms_mm"])
+
+
+def test_a_job_may_judge_a_calibration(calibration: Path, capsys: Capture) -> None:
+    (calibration.parent / "limits.yaml").write_text(
+        "job: calibration.yaml\nmpe: {length: {a_um: 250}}\n"
+    )
+    found = answer(
+        capsys, calibration.parent / "limits.yaml", "--urdf", calibration.parent / "suta.urdf"
+    )
+    assert decisions(found) == {"E_Uni": "pass", "L_Dia": "no limit"}
+    assert "--urdf" not in " ".join(found["verdict"]["notes"])
+
+
+def refused(capsys: Capture, folder: Path, *more: object) -> str:
+    assert cli("iso10360", folder / "job.yaml", "--out", folder / "out", *more) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert "Traceback" not in err
+    assert len(err.splitlines()) == 1
+    assert not (folder / "out").exists()
+    return err
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("decision_rule: guarded", "decision_rule: guardd", "did you mean 'guarded'"),
+        ("a_um: 200", "a_mm: 0.2", "unknown key"),
+        ("a_um: 200, ", "", "k without a_um"),
+        ("k: 10", "k: 0", "positive"),
+        ("location_mm: 0.15", "location_mm: -1", "positive"),
+        ("probing: {samples", "proving: {samples", "did you mean 'probing'"),
+        ("diameter_mm: 25, ", "", "diameter_mm"),
+        ("samples: lengths.csv", "samples: 'l*.tsv'", "no file that matches"),
+        ("tip: tip", "tip: top", "top"),
+        ("artefact: artefact.yaml", "artefact: nothing.yaml", "nothing.yaml"),
+        ("decision_rule: guarded", "decision_rule: simple\ncoverage_factor: 2", "simple rule"),
+        ("samples: articulation.csv", "samples: repeated.csv, probed: sphere", "articulation"),
+        ("arm: {urdf: suta.urdf, tip: tip}", "job: job.yaml", "one or the other"),
+    ],
+)
+def test_bad_keys_are_one_line(
+    folder: Path, capsys: Capture, old: str, new: str, said: str
+) -> None:
+    change(folder, old, new)
+    assert said in refused(capsys, folder)
+
+
+def cell(file: Path, line: int, column: str, value: str) -> None:
+    rows = [row.split(",") for row in file.read_text().splitlines()]
+    rows[line - 1][rows[0].index(column)] = value
+    file.write_text("\n".join(map(",".join, rows)) + "\n")
+
+
+@pytest.mark.parametrize(
+    ("file", "line", "column", "value", "said"),
+    [
+        ("lengths", 7, "joint_1", "nan", "lengths.csv:7"),
+        ("lengths", 7, "joint_1", "-37.7", "looks like degrees"),
+        ("lengths", 4, "landmark", "Q9", "Q9"),
+        ("articulation", 1, "point", "punkt", "point"),
+        ("probing", 3, "sphere", "third", "sphere 'third'"),
+        ("repeated", 3, "point", "other", "1 visits to point 'other'"),
+    ],
+)
+def test_bad_cells_are_one_line(
+    folder: Path, capsys: Capture, file: str, line: int, column: str, value: str, said: str
+) -> None:
+    cell(folder / f"{file}.csv", line, column, value)
+    assert said in refused(capsys, folder)
+
+
+def test_bad_files_are_one_line(folder: Path, capsys: Capture) -> None:
+    text = (folder / "lengths.csv").read_text()
+    (folder / "lengths.csv").write_text(text[: len(text) // 2])
+    assert "middle of a row" in refused(capsys, folder)
+    (folder / "lengths.csv").write_text("")
+    assert "an empty file" in refused(capsys, folder)
+    (folder / "lengths.csv").unlink()
+    assert "no file that matches" in refused(capsys, folder)
+    change(folder, "arm: {urdf: suta.urdf", "arm: {urdf: other.urdf")
+    assert "other.urdf" in refused(capsys, folder)
+    (folder / "job.yaml").write_text("arm: {urdf: suta.urdf, tip: tip}\n")
+    assert "nothing that was measured" in refused(capsys, folder)
+    (folder / "job.yaml").write_text("arm: [\n")
+    assert "YAML" in refused(capsys, folder)
+
+
+def test_limits_for_what_is_not_tested_are_refused(folder: Path, capsys: Capture) -> None:
+    (folder / "job.yaml").write_text(
+        "arm: {urdf: suta.urdf, tip: tip}\nrepeatability: {samples: repeated.csv}\n"
+        "mpe: {size_mm: 0.1}\n"
+    )
+    assert "not tested" in refused(capsys, folder)
+
+
+def test_a_calibration_without_lengths_is_refused(calibration: Path, capsys: Capture) -> None:
+    text = calibration.read_text().splitlines()
+    hand_eye = "observations: [{kind: landmark, artefact: artefact.yaml, samples: lengths.csv}]"
+    calibration.write_text("\n".join([*text[:2], hand_eye]) + "\n")
+    assert cli("iso10360", calibration) == 2
+    assert "neither pairwise_distance nor fixed_point" in capsys.readouterr().err
+
+
+VALUES = st.sampled_from(["1", "-1", "0", ".nan", "1e30", "abc", "[]", "{}", "true", "simple"])
+KEYS = st.sampled_from(["length", "location_mm", "a_um", "k", "max_um", "size", "length_mm"])
+
+
+def mapping(values: st.SearchStrategy[str]) -> st.SearchStrategy[str]:
+    parts = st.dictionaries(KEYS, values, max_size=3)
+    return parts.map(lambda each: "{" + ", ".join(f"{k}: {v}" for k, v in each.items()) + "}")
+
+
+@given(mapping(VALUES | mapping(VALUES)), mapping(VALUES), VALUES, VALUES)
+def test_any_limits_are_read_or_refused(scratch: Path, mpe, stated, rule, factor) -> None:
+    scratch.write_text(
+        f"lengths: x\narticulation: x\nprobing: x\nmpe: {mpe}\nuncertainty: {stated}\n"
+        f"decision_rule: {rule}\ncoverage_factor: {factor}\n"
+    )
+    top = YamlSection(read_yaml(scratch, JobError), JobError)
+    for read in (read_limits, read_uncertainty, read_rule):
+        # Whatever else it raised would be no message for a user.
+        with contextlib.suppress(JobError):
+            assert read(top) is not None
