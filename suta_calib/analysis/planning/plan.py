@@ -1,0 +1,183 @@
+"""Where to measure next, what it would bring, and when to stop."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+
+from suta_calib.analysis.planning.answer import Best, Choice, Plan, PlanOptions, Stop
+from suta_calib.analysis.planning.candidates import Candidate, Place, Unreachable
+from suta_calib.analysis.planning.design import Design, best_set, exchange, greedy, random_sets
+from suta_calib.analysis.planning.forecast import forecast
+from suta_calib.analysis.planning.generate import generated
+from suta_calib.analysis.planning.information import Space, Told, nothing, present, promised
+from suta_calib.analysis.planning.reach import Reach
+from suta_calib.analysis.planning.region import Region
+from suta_calib.analysis.planning.remedies import remedies
+from suta_calib.analysis.planning.situation import Situation
+from suta_calib.analysis.tip_uncertainty import Sensitivity
+from suta_calib.errors import JobError
+from suta_calib.geometry import FloatArray
+from suta_calib.threads import single_threaded
+
+Progress = Callable[[int, int], None]
+
+
+@single_threaded
+def plan(
+    situation: Situation,
+    options: PlanOptions,
+    places: Sequence[Place] | None = None,
+    region: Region | None = None,
+    progress: Progress | None = None,
+) -> Plan:
+    """Choose what to measure next.
+
+    Args:
+        situation: the present data and what is known of the arm.
+        options: how many, by which criterion, and when to stop.
+        places: what could be measured; searched in the region by default.
+        region: where the tip shall be sure; around what was touched by default.
+        progress: called with (candidates done, candidates).
+
+    Raises:
+        JobError: the arm reaches none of the places, or next to nothing of the region.
+    """
+    region = Region.around(situation) if region is None else region
+    options = replace(options, repeats=options.repeats or situation.repeats)
+    assert options.repeats is not None
+    if places is None:
+        places = generated(situation, region, options.pool, options.repeats, options.seed)
+    reached = Reach(situation, options.repeats, options.seed).candidates(places)
+    if not reached.candidates:
+        raise _none(reached.unreachable)
+    space = Space.of(situation)
+    tip = region.sensitivity(situation, space.names[: space.arm_count], options.seed)
+    told = _promises(situation, space, reached.candidates, progress)
+    now = present(situation, space)
+    design = Design.over(space, told, tip_weight(space, tip), options.criterion, now)
+    chosen = best_set(design, now, options.count)
+    after = sum((told[k] for k in chosen), now)
+    return Plan(
+        situation=situation,
+        options=options,
+        region=region,
+        candidates=reached.candidates,
+        unreachable=reached.unreachable,
+        collisions=reached.collisions,
+        before=forecast(space, now, tip),
+        after=forecast(space, after, tip),
+        chosen=_choices(space, design, now, [(reached.candidates[k], told[k]) for k in chosen]),
+        best=_best(situation, space, design, now, list(zip(reached.candidates, told, strict=True))),
+        random=_random(design, now, options),
+        stop=_stop(design, now, options),
+        remedies=remedies(situation, space, now, reached.candidates, told),
+    )
+
+
+def tip_weight(space: Space, tip: Sensitivity) -> FloatArray:
+    """(p, p) W with trace(W C) the mean variance of the registered tip over the region, m²."""
+    jacobian = tip.registered()
+    weight = np.zeros((len(space.names),) * 2)
+    arm = slice(0, space.arm_count)
+    weight[arm, arm] = np.einsum("nip,niq->pq", jacobian, jacobian) / len(jacobian)
+    return weight
+
+
+def _none(unreachable: Sequence[Unreachable]) -> JobError:
+    first = f"; {unreachable[0].name}: {unreachable[0].reason}" if unreachable else ""
+    return JobError(
+        f"{len(unreachable)} candidates, none of which the arm reaches{first}",
+        "at least one within reach and joint limits",
+        where="candidates",
+        hint="move them nearer, or give another region",
+    )
+
+
+def _promises(
+    situation: Situation,
+    space: Space,
+    candidates: Sequence[Candidate],
+    progress: Progress | None,
+) -> list[Told]:
+    found = []
+    for done, candidate in enumerate(candidates, start=1):
+        found.append(promised(situation, space, candidate))
+        if progress is not None:
+            progress(done, len(candidates))
+    return found
+
+
+def _choices(
+    space: Space, design: Design, now: Told, chosen: Sequence[tuple[Candidate, Told]]
+) -> tuple[Choice, ...]:
+    found = []
+    before = now
+    for candidate, more in chosen:
+        after = before + more
+        tips = [design.tip(t) for t in (before, after)]
+        volumes = [design.d(t) for t in (before, after)]
+        still = {c.held for c in space.identify(after).combinations}
+        found.append(
+            Choice(
+                candidate,
+                tips[1],
+                1.0 - tips[1] / tips[0] if tips[0] > 0 else 0.0,
+                (volumes[0] - volumes[1]) * space.arm_count / math.log(2.0),
+                tuple(c.held for c in space.identify(before).combinations if c.held not in still),
+            )
+        )
+        before = after
+    return tuple(found)
+
+
+def _best(
+    situation: Situation,
+    space: Space,
+    design: Design,
+    now: Told,
+    candidates: Sequence[tuple[Candidate, Told]],
+) -> Best:
+    typical = float(np.median([candidate.samples for candidate, _ in candidates]))
+    count = max(1, min(len(design), round(situation.samples / typical)))
+    none = nothing(space)
+    rows = best_set(design, none, count)
+    tips = design.tip(now), design.tip(none, rows)
+    # What nothing here can tell is the same in both and must not make them alike.
+    held = space.identify(sum((candidates[k][1] for k in rows), none)).held
+    told = max(space.arm_count - int(np.sum(held < space.arm_count)), 1)
+    change = (design.d(none, rows) - design.d(now)) * space.arm_count / told
+    return Best(
+        names=tuple(candidates[k][0].name for k in rows),
+        count=count,
+        tip=tips[1],
+        present=tips[0],
+        efficiency=(tips[1] / tips[0]) ** 2 if tips[0] > 0 else 1.0,
+        d_efficiency=math.exp(2.0 * change),
+    )
+
+
+def _random(design: Design, now: Told, options: PlanOptions) -> FloatArray:
+    sets = random_sets(design, options.count, options.random, options.seed)
+    return np.array([design.tip(now, rows) for rows in sets])
+
+
+def _stop(design: Design, now: Told, options: PlanOptions) -> Stop:
+    """Look ahead by the tip's uncertainty, whatever the plan is chosen by."""
+    by_tip = replace(design, criterion="tip")
+    far = exchange(by_tip, now, greedy(by_tip, now, max(options.horizon, options.count)))
+    tips = [by_tip.tip(now, far[:k]) for k in range(len(far) + 1)]
+    gains = [1.0 - b / a if a > 0 else 0.0 for a, b in pairwise(tips)]
+    small = [k for k, gain in enumerate(gains) if gain < options.least_gain]
+    reached = [k for k, tip in enumerate(tips) if options.target and tip <= options.target]
+    return Stop(
+        tips=tuple(tips),
+        worthwhile=small[0] if small else None,
+        least_gain=options.least_gain,
+        target=options.target,
+        needed=reached[0] if reached else None,
+    )

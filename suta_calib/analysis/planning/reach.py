@@ -1,0 +1,189 @@
+"""From places to candidates: which of them the arm can touch, and in which postures."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from suta_calib.analysis.planning.candidates import (
+    Candidate,
+    Place,
+    Placement,
+    Point,
+    Posture,
+    Unreachable,
+)
+from suta_calib.analysis.planning.links import Collisions
+from suta_calib.analysis.planning.region import directions, nearest
+from suta_calib.analysis.planning.situation import Situation
+from suta_calib.errors import JobError
+from suta_calib.geometry import FloatArray
+from suta_calib.measurements import Landmark
+from suta_calib.simulation.inverse_kinematics import Matching, Targets
+
+_STARTS: Final = 8
+# Of the directions of a point, the part that must be reached; more are tried than are needed.
+_ENOUGH: Final = 0.5
+_TRIED: Final = 2
+_GOLDEN: Final = (math.sqrt(5.0) - 1.0) / 2.0
+
+
+@dataclass(frozen=True, eq=False)
+class Reached:
+    """Candidates, the places that are none, and what is known of collisions."""
+
+    candidates: tuple[Candidate, ...]
+    unreachable: tuple[Unreachable, ...]
+    collisions: str
+
+
+@dataclass(frozen=True, eq=False)
+class Reach:
+    """Finds postures for places.
+
+    Attributes:
+        situation: the arm as it is known, and the postures it had.
+        repeats: of the landmarks of a placement.
+        seed: of the searches.
+    """
+
+    situation: Situation
+    repeats: int
+    seed: int = 0
+
+    def candidates(self, places: Sequence[Place]) -> Reached:
+        """Those places every touch of which is within reach, joint limits and free of collision.
+
+        Raises:
+            JobError: a place needs an artefact or an instrument that the job does not have.
+        """
+        for place in places:
+            self._check(place)
+        collisions = Collisions.of(self.situation.arm, self.situation.readings)
+        found: dict[str, Candidate | Unreachable] = {}
+        found |= self._placements([p for p in places if isinstance(p, Placement)])
+        found |= self._points([p for p in places if isinstance(p, Point)])
+        found |= {p.name: self._posture(p) for p in places if isinstance(p, Posture)}
+        judged = [self._colliding(found[place.name], collisions) for place in places]
+        return Reached(
+            tuple(c for c in judged if isinstance(c, Candidate)),
+            tuple(c for c in judged if isinstance(c, Unreachable)),
+            collisions.note,
+        )
+
+    def _check(self, place: Place) -> None:
+        if isinstance(place, Placement) and self.situation.touching is None:
+            raise JobError(
+                f"placement {place.name!r}",
+                "a job with pairwise_distance or landmark observations, which say what is put down",
+                line=place.line,
+                where="candidates",
+            )
+        if isinstance(place, Posture) and self.situation.seen is None:
+            raise JobError(
+                f"pose {place.name!r}",
+                "a job with tracked_point or hand_eye observations, which say what sees the arm",
+                line=place.line,
+                where="candidates",
+            )
+
+    def _placements(self, places: Sequence[Placement]) -> dict[str, Candidate | Unreachable]:
+        artefact = self.situation.artefact
+        if artefact is None or not places:
+            return {}
+        marks = list(artefact.landmarks.values())
+        q, ok = self._touch(places, marks)
+        found: dict[str, Candidate | Unreachable] = {}
+        names = tuple(mark.name for mark in marks)
+        for place, readings, good in zip(places, q, ok, strict=True):
+            if good.all():
+                found[place.name] = Candidate(place, readings, names, self.repeats)
+            else:
+                missed = [name for name, reached in zip(names, good, strict=True) if not reached]
+                reason = f"{len(missed)} of {len(names)} landmarks out of reach ({missed[0]}, …)"
+                found[place.name] = Unreachable(place.name, place.kind, reason)
+        return found
+
+    def _touch(
+        self, places: Sequence[Placement], marks: Sequence[Landmark]
+    ) -> tuple[FloatArray, NDArray[np.bool_]]:
+        """Postures (places, marks, joints) and whether they reach; seats fix the orientation."""
+        certified = np.array([mark.position for mark in marks])
+        position = np.array([certified @ p.rotation.T + p.position for p in places])
+        seats = np.array([np.eye(3) if m.rotation is None else m.rotation for m in marks])
+        rotation = np.array([place.rotation @ seats for place in places])
+        q = np.zeros((*position.shape[:2], len(self.situation.arm.joints)))
+        ok = np.zeros(position.shape[:2], dtype=bool)
+        seated = np.array([mark.rotation is not None for mark in marks])
+        kinds: tuple[tuple[Matching, NDArray[np.bool_]], ...] = (
+            ("pose", seated),
+            ("position", ~seated),
+        )
+        for matching, rows in kinds:
+            if rows.any():
+                targets = Targets(
+                    position[:, rows].reshape(-1, 3), rotation[:, rows].reshape(-1, 3, 3), matching
+                )
+                answer, reached = self._solve(targets)
+                q[:, rows] = answer.reshape(len(places), -1, q.shape[2])
+                ok[:, rows] = reached.reshape(len(places), -1)
+        return q, ok
+
+    def _points(self, places: Sequence[Point]) -> dict[str, Candidate | Unreachable]:
+        if not places:
+            return {}
+        counts = [_TRIED * place.directions for place in places]
+        position = np.repeat([place.position for place in places], counts, axis=0)
+        rotation = np.concatenate([_spiral(p, n) for p, n in zip(places, counts, strict=True)])
+        answer, reached = self._solve(Targets(position, rotation, "axis"))
+        found: dict[str, Candidate | Unreachable] = {}
+        ends = np.cumsum(counts)
+        for place, end, count in zip(places, ends, counts, strict=True):
+            q = answer[end - count : end][reached[end - count : end]]
+            if len(q) < _ENOUGH * count:
+                reason = f"{len(q)} of {count} directions within reach"
+                found[place.name] = Unreachable(place.name, place.kind, reason)
+                continue
+            spread = np.linspace(0, len(q) - 1, place.directions).round().astype(int)
+            found[place.name] = Candidate(place, q[spread], (), 1)
+        return found
+
+    def _posture(self, place: Posture) -> Candidate | Unreachable:
+        for joint, reading in zip(self.situation.arm.chain.moving, place.readings, strict=True):
+            if not joint.lower - 1e-9 <= reading <= joint.upper + 1e-9:
+                reason = f"{joint.name} beyond its limits"
+                return Unreachable(place.name, place.kind, reason)
+        return Candidate(place, place.readings[None, :], (), 1)
+
+    def _solve(self, targets: Targets) -> tuple[FloatArray, NDArray[np.bool_]]:
+        """Postures near those the arm had: whoever measures will not fold it another way."""
+        visited = self.situation.readings[nearest(self.situation.tips[1], targets.position)]
+        rng = np.random.default_rng(self.seed)
+        found = self.situation.kinematics.solve(targets, visited, rng, _STARTS)
+        return found.q, found.reached
+
+    @staticmethod
+    def _colliding(
+        candidate: Candidate | Unreachable, collisions: Collisions
+    ) -> Candidate | Unreachable:
+        if isinstance(candidate, Unreachable) or collisions.geometry is None:
+            return candidate
+        free = collisions.free(candidate.q)
+        if free.all():
+            return candidate
+        if candidate.place.kind == "point" and free.mean() >= _ENOUGH:
+            rows = np.resize(np.flatnonzero(free), len(free))
+            return Candidate(candidate.place, candidate.q[rows], (), candidate.repeats)
+        reason = f"the arm touches itself in {int((~free).sum())} of {len(free)} postures"
+        return Unreachable(candidate.name, candidate.place.kind, reason)
+
+
+def _spiral(place: Point, count: int) -> FloatArray:
+    """Orientations (count, 3, 3) with z axes spread evenly over the point's cone."""
+    k = np.arange(count, dtype=np.float64)
+    return directions(place.axis, place.cone, (k + 0.5) / count, (k * _GOLDEN) % 1.0)

@@ -1,0 +1,185 @@
+"""Sections through the workspace: where the tip gets, and how sure it is there."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+from scipy.spatial import KDTree
+
+from suta_calib.analysis.planning.calibrated import calibrated_kinematics
+from suta_calib.analysis.planning.region import Region, turning_z_to
+from suta_calib.analysis.tip_uncertainty import Sensitivity, sensitivity
+from suta_calib.geometry import FloatArray
+from suta_calib.model.arm import ArmModel
+from suta_calib.simulation.inverse_kinematics import InverseKinematics, Targets
+from suta_calib.solver.solution import Solution
+
+_STARTS: Final = 3
+_WAVES: Final = 8
+_REACH_SAMPLES: Final = 4000
+# Beyond the farthest the tip gets, nothing needs to be tried.
+_MARGIN: Final = 1.02
+
+
+@dataclass(frozen=True, eq=False)
+class Knowledge:
+    """An arm as a calibration left it.
+
+    Attributes:
+        arm: the nominal arm.
+        values: calibrated values by name, m or rad.
+        names: (p,) parameters that were estimated.
+        covariance: (p, p) of them.
+        held: parameters that were not: what is said holds relative to them.
+        visited: (m, joints) readings of the samples; the middle of the range where none is known.
+        open_directions: what the data left open: change of each parameter, and the plausible size.
+    """
+
+    arm: ArmModel
+    values: Mapping[str, float]
+    names: tuple[str, ...]
+    covariance: FloatArray
+    held: tuple[str, ...]
+    visited: FloatArray
+    open_directions: tuple[tuple[str, Mapping[str, float], float], ...] = ()
+
+    @classmethod
+    def of(cls, solution: Solution) -> Knowledge:
+        """What a solution says of the arm, with the readings of its samples."""
+        problem = solution.problem
+        assert problem.arm is not None
+        rows = solution.free[solution.free < problem.arm_count]
+        parameters = problem.parameters
+        return cls(
+            arm=problem.arm,
+            values=solution.values,
+            names=tuple(problem.names[k] for k in rows),
+            covariance=solution.covariance[np.ix_(rows, rows)],
+            held=tuple(n for n in solution.unidentified if n in problem.names[: problem.arm_count]),
+            visited=np.vstack([term.poses.samples.q for term in problem.terms]),
+            open_directions=tuple(
+                (c.held, c.direction, parameters[c.held].plausible)
+                for c in solution.identification.combinations
+                if c.held in problem.names[: problem.arm_count]
+            ),
+        )
+
+    @cached_property
+    def kinematics(self) -> InverseKinematics:
+        """Inverse kinematics of the calibrated arm."""
+        return calibrated_kinematics(self.arm, self.values)
+
+    @cached_property
+    def farthest(self) -> float:
+        """Beyond this distance from the base the tip does not get, m."""
+        q = self.kinematics.random_readings(np.random.default_rng(0), _REACH_SAMPLES)
+        _, position = self.arm.forward(q, self.values)
+        return _MARGIN * float(np.linalg.norm(position, axis=1).max())
+
+    def at(self, q: FloatArray) -> Sensitivity:
+        """The tip and its derivative by the estimated parameters."""
+        return sensitivity(self.arm, self.values, self.names, q)
+
+
+@dataclass(frozen=True, eq=False)
+class Slice:
+    """One section through the workspace.
+
+    Attributes:
+        name: ``side`` or ``top``.
+        along: (3,) horizontal unit vector of the section's first axis, in the base.
+        origin: (3,) where both coordinates are zero, m.
+        up: (3,) unit vector of its second axis.
+        u, v: coordinates of the grid, m.
+        registered, absolute: (v, u) 3-D standard uncertainty, m; NaN out of reach.
+    """
+
+    name: str
+    along: FloatArray
+    up: FloatArray
+    origin: FloatArray
+    u: FloatArray
+    v: FloatArray
+    registered: FloatArray
+    absolute: FloatArray
+
+    def project(self, points: FloatArray) -> FloatArray:
+        """(n, 2) coordinates of points (n, 3) in the section's plane."""
+        away = points - self.origin
+        return np.stack([away @ self.along, away @ self.up], axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class Walker:
+    """Postures for tip positions, each like its neighbours', so that the map is smooth."""
+
+    knowledge: Knowledge
+    axis: FloatArray
+    seed: int
+
+    def reach(self, wanted: FloatArray) -> FloatArray:
+        """(n, joints) readings, NaN out of reach, outward from the postures that were visited."""
+        knowledge = self.knowledge
+        _, known = knowledge.arm.forward(knowledge.visited, knowledge.values)
+        readings = knowledge.visited
+        rotation = np.tile(turning_z_to(self.axis), (len(wanted), 1, 1))
+        found = np.full((len(wanted), readings.shape[1]), np.nan)
+        order = np.argsort(KDTree(known).query(wanted)[0], kind="stable")
+        for rows in np.array_split(order, min(_WAVES, len(order))):
+            rows = rows[np.linalg.norm(wanted[rows], axis=1) <= knowledge.farthest]
+            if not len(rows):
+                continue
+            start = readings[KDTree(known).query(wanted[rows])[1]]
+            targets = Targets(wanted[rows], rotation[rows], "axis")
+            answer = knowledge.kinematics.solve(
+                targets, start, np.random.default_rng(self.seed), _STARTS
+            )
+            good = rows[answer.reached]
+            found[good] = answer.q[answer.reached]
+            known = np.vstack([known, wanted[good]])
+            readings = np.vstack([readings, found[good]])
+        return found
+
+
+def slices(walker: Walker, region: Region, reference: Sensitivity, grid: int) -> tuple[Slice, ...]:
+    """The vertical plane through the base's z axis and the region, and a horizontal one in it."""
+    far = walker.knowledge.farthest
+    centre = (region.lower + region.upper) / 2
+    towards = math.atan2(centre[1], centre[0])
+    ahead = np.array([math.cos(towards), math.sin(towards), 0.0])
+    z, x, y = np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
+    level = np.array([0.0, 0.0, centre[2]])
+    wide = np.linspace(-far, far, grid)
+    return (
+        _section("side", (ahead, z), np.zeros(3), (wide, wide), walker, reference),
+        _section("top", (x, y), level, (wide, wide), walker, reference),
+    )
+
+
+def _section(
+    name: str,
+    axes: tuple[FloatArray, FloatArray],
+    origin: FloatArray,
+    coordinates: Sequence[FloatArray],
+    walker: Walker,
+    reference: Sensitivity,
+) -> Slice:
+    u, v = coordinates
+    wanted = origin + u[None, :, None] * axes[0] + v[:, None, None] * axes[1]
+    q = walker.reach(wanted.reshape(-1, 3))
+    good = np.isfinite(q).all(axis=1)
+    registered, absolute = np.full(len(q), np.nan), np.full(len(q), np.nan)
+    if good.any():
+        at = walker.knowledge.at(q[good])
+        covariance = walker.knowledge.covariance
+        registered[good] = at.std(covariance, at.registered(reference))
+        absolute[good] = at.std(covariance)
+    shape = (len(v), len(u))
+    return Slice(
+        name, axes[0], axes[1], origin, u, v, registered.reshape(shape), absolute.reshape(shape)
+    )

@@ -1,0 +1,96 @@
+"""How far the tip may be off because the arm's parameters are not known better.
+
+For a small error of the parameters the tip moves by J, so the covariance C of a calibration gives
+its position the variance trace(J C Jᵀ). Two figures matter. *Absolute*: in the base frame, as
+calibrated; parameters that were held count as exact. *Registered*: what is left after a rigid
+registration has taken out the motion common to a set of postures. Navigation registers, so this is
+its error at the target from the arm alone; where the whole arm stands (the base gauge) drops out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from suta_calib.batched import Batched
+from suta_calib.geometry import FloatArray, skew
+from suta_calib.model.arm import ArmModel
+
+# Relative singular value below which registration points leave a rotation open.
+_OPEN = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Sensitivity:
+    """The tip in some postures, and how it moves with parameters.
+
+    Attributes:
+        q: (n, joints) readings.
+        position: (n, 3) of the tip in the base, m.
+        rotation: (n, 3, 3) of the tip in the base.
+        jacobian: (n, 3, p) derivative of the position by the parameters, base axes.
+    """
+
+    q: FloatArray
+    position: FloatArray
+    rotation: FloatArray
+    jacobian: FloatArray
+
+    def registered(self, reference: Sensitivity | None = None) -> FloatArray:
+        """(n, 3, p) the derivative that a rigid registration at ``reference`` leaves.
+
+        Args:
+            reference: postures whose touched points are registered, three or more; by default the
+                postures themselves, as an error map after a best fit over all of them.
+
+        Returns:
+            Error at each posture once the best rigid motion of the reference has been taken out.
+            A turn that points on a line leave open is not taken out.
+        """
+        at = self if reference is None else reference
+        centre = at.position.mean(axis=0)
+        design = _rigid(at.position - centre).reshape(-1, 6)
+        # Lengths and turns are made alike before it is judged what is open.
+        scale = np.array([1.0] * 3 + [max(float(np.ptp(at.position, axis=0).max()), 1e-9)] * 3)
+        fit = np.linalg.pinv(design / scale, _OPEN) @ at.jacobian.reshape(-1, at.jacobian.shape[2])
+        return np.asarray(self.jacobian - _rigid(self.position - centre) / scale @ fit)
+
+    def std(self, covariance: FloatArray, jacobian: FloatArray | None = None) -> FloatArray:
+        """(n,) 3-D standard uncertainty of the tip, m: root of the summed variances of x, y, z.
+
+        Args:
+            covariance: (p, p) of the parameters.
+            jacobian: (n, 3, p), e.g. the `registered` one; the absolute one by default.
+        """
+        j = self.jacobian if jacobian is None else jacobian
+        variance = np.einsum("nip,pq,niq->n", j, covariance, j, optimize=True)
+        return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
+
+
+def sensitivity(
+    arm: ArmModel, values: Mapping[str, float], names: Sequence[str], q: FloatArray
+) -> Sensitivity:
+    """The tip and its derivative by some of the arm's parameters, all postures at once.
+
+    Args:
+        arm: the arm.
+        values: parameter values, m or rad; nominal where not given; names of others are ignored.
+        names: p parameters to differentiate by.
+        q: (n, joints) readings.
+    """
+    others = [n for n in values if n in arm.offered and n not in names]
+    batch = Batched(arm.function([*names, *others]), len(q), shared=[0])
+    nominal = [values.get(n, arm.offered[n].nominal) for n in names]
+    batch.inputs[0][:] = nominal + [values[n] for n in others]
+    batch.inputs[1][:] = q
+    flat, position, velocity = batch()
+    jacobian = velocity.reshape(len(q), 6, -1)[:, :3, : len(names)].copy()
+    rotation = np.swapaxes(flat.reshape(-1, 3, 3), 1, 2).copy()
+    return Sensitivity(np.array(q, dtype=float), position.copy(), rotation, jacobian)
+
+
+def _rigid(position: FloatArray) -> FloatArray:
+    """(n, 3, 6) motion of points by a displacement and a turn about the origin."""
+    return np.concatenate([np.tile(np.eye(3), (len(position), 1, 1)), -skew(position)], axis=2)

@@ -1,0 +1,183 @@
+"""Pictures of a plan: where things go on the bench, and what each more of them brings."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Polygon
+from scipy.spatial import ConvexHull
+
+from suta_calib.analysis.planning import Candidate, Placement, Plan, Point
+from suta_calib.analysis.planning.links import link_points
+from suta_calib.geometry import FloatArray
+from suta_calib.report.plan_json import MM
+from suta_calib.report.svg import BLUE, GREY, ORANGE, WIDTH, plain_log, style, svg_text
+
+VIEWS: Final = {"seen from above": (0, 1), "seen from the side": (0, 2)}
+AXES: Final = "xyz"
+_ARROW: Final = 0.05
+_TICKS: Final = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100)
+
+
+def bench_drawing(found: Plan, name: str = "plan_bench") -> str:
+    """An SVG element: the arm, what was measured, and what to measure next; mm in the base."""
+    with style(name):
+        figure = Figure(figsize=(1.25 * WIDTH, 5.0), layout="constrained")
+        for axes, (title, plane) in zip(
+            figure.subplots(1, 2, width_ratios=(1, 1)), VIEWS.items(), strict=True
+        ):
+            _view(axes, found, plane)
+            axes.set_title(title)
+        handles, labels = figure.axes[0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside lower center", ncols=4, fontsize=8)
+        return svg_text(figure, name, "Placements and points to measure next, about the arm")
+
+
+def gain_curve(found: Plan, name: str = "plan_gain") -> str:
+    """An SVG element: predicted uncertainty of the tip by the number of further candidates."""
+    stop = found.stop
+    tips = MM * np.array(stop.tips)
+    with style(name):
+        figure = Figure(figsize=(WIDTH, 3.2), layout="constrained")
+        axes = figure.subplots()
+        axes.plot(range(len(tips)), tips, "o-", color=BLUE, ms=5, label="best choice")
+        spread = MM * np.percentile(found.random, [5, 50, 95])
+        axes.errorbar(
+            *(len(found.chosen), spread[1]),
+            yerr=[[spread[1] - spread[0]], [spread[2] - spread[1]]],
+            fmt="s",
+            color=ORANGE,
+            ms=5,
+            capsize=5,
+            label=f"{len(found.random)} random choices (5, 50, 95 %)",
+        )
+        if stop.target is not None:
+            label = f"target {MM * stop.target:.3g} mm"
+            axes.axhline(MM * stop.target, color="black", lw=1.0, ls="--", label=label)
+        if stop.worthwhile is not None:
+            label = f"then less than {100 * stop.least_gain:.0f} % each"
+            axes.axvline(stop.worthwhile, color=GREY, lw=1.2, ls=":", label=label)
+        _log_if_wide(axes, tips)
+        axes.set_xticks(range(len(tips)))
+        axes.set_xlabel("further placements, points or poses")
+        axes.set_ylabel("tip uncertainty, mm (3-D RMS)")
+        axes.grid(axis="y")
+        axes.legend(fontsize=8, loc="upper right")
+        return svg_text(figure, name, "Predicted uncertainty of the tip by further candidates")
+
+
+def draw_arm(axes: Axes, points: FloatArray, label: str = "arm") -> None:
+    """The arm's links as a line in a plane, (n, 2) points in mm."""
+    axes.plot(*points.T, "-", color="black", lw=2.6, solid_capstyle="round", zorder=5, label=label)
+    axes.plot(*points[:-1].T, "o", color="black", mfc="white", ms=5, mew=1.2, zorder=6)
+    axes.plot(*points[0], "s", color="black", ms=8, zorder=6)
+
+
+def outline(points: FloatArray) -> FloatArray:
+    """(m, 2) convex hull of points (n, 2) in order; the points themselves where they are flat."""
+    spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    if len(points) < 3 or spread[1] < 1e-6 * spread[0]:
+        return points
+    return np.asarray(points[ConvexHull(points).vertices])
+
+
+def _view(axes: Axes, found: Plan, plane: tuple[int, int]) -> None:
+    i, j = plane
+    box = [found.region.lower, found.region.upper]
+    low, high = (MM * np.array([corner[i], corner[j]]) for corner in box)
+    frame = np.array([low, [high[0], low[1]], high, [low[0], high[1]], low])
+    axes.plot(*frame.T, color=GREY, lw=1.0, ls="--", label="region of the tip")
+    for k, place in enumerate(found.situation.placements):
+        _artefact(axes, found, place, plane, GREY, "" if k else "measured")
+    for k, choice in enumerate(found.chosen):
+        _candidate(axes, found, choice.candidate, plane, k)
+    draw_arm(axes, MM * _arm(found)[:, [i, j]])
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.set_xlabel(f"{AXES[i]}, mm")
+    axes.set_ylabel(f"{AXES[j]}, mm")
+    axes.grid()
+
+
+def _candidate(
+    axes: Axes, found: Plan, candidate: Candidate, plane: tuple[int, int], number: int
+) -> None:
+    place = candidate.place
+    if isinstance(place, Placement):
+        first = not any(isinstance(c.candidate.place, Placement) for c in found.chosen[:number])
+        _artefact(axes, found, place, plane, BLUE, "planned artefact" if first else "")
+        where = place.position
+    elif isinstance(place, Point):
+        first = not any(isinstance(c.candidate.place, Point) for c in found.chosen[:number])
+        where = place.position
+        _directions(axes, found, candidate, plane)
+        at = MM * where[list(plane)]
+        label = "planned point, tool from all sides" if first else ""
+        axes.plot(*at, "*", color=ORANGE, mec="black", ms=13, zorder=8, label=label)
+    else:
+        _, where = found.situation.arm.forward(candidate.q[0], found.situation.values)
+        at = MM * where[list(plane)]
+        axes.plot(*at, "D", color=BLUE, ms=5, zorder=7, label="" if number else "planned pose")
+    axes.annotate(
+        candidate.name,
+        tuple(MM * where[list(plane)]),
+        xytext=(6, 6),
+        textcoords="offset points",
+        fontsize=9,
+        fontweight="bold",
+        zorder=9,
+        bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 0.8},
+    )
+
+
+def _artefact(
+    axes: Axes, found: Plan, place: Placement, plane: tuple[int, int], colour: str, label: str
+) -> None:
+    """Outline of the landmarks and their feet, and the artefact's x axis."""
+    assert found.situation.artefact is not None
+    marks = np.array([m.position for m in found.situation.artefact.landmarks.values()])
+    body = np.vstack([marks, marks * [1.0, 1.0, 0.0]]) @ place.rotation.T + place.position
+    planned = colour == BLUE
+    hull = outline(MM * body[:, list(plane)])
+    axes.add_patch(
+        Polygon(
+            hull,
+            facecolor="#cfe3f1" if planned else "none",
+            edgecolor=colour,
+            alpha=0.8 if planned else 1.0,
+            lw=1.6 if planned else 0.9,
+            hatch="" if planned else "....",
+            zorder=3 if planned else 2,
+            label=label or None,
+        )
+    )
+    tip = tuple(MM * (place.position + _ARROW * place.rotation[:, 0])[list(plane)])
+    at = tuple(MM * place.position[list(plane)])
+    axes.annotate(
+        "", tip, at, arrowprops={"arrowstyle": "->", "color": colour, "lw": 1.4}, zorder=7
+    )
+
+
+def _directions(axes: Axes, found: Plan, candidate: Candidate, plane: tuple[int, int]) -> None:
+    """Where the tool comes from, as short lines."""
+    rotation, position = found.situation.arm.forward(candidate.q, found.situation.values)
+    for R, p in list(zip(rotation, position, strict=True))[:: 1 + len(rotation) // 20]:
+        line = MM * np.array([p, p - 0.07 * R[:, 2]])[:, list(plane)]
+        axes.plot(*line.T, color=ORANGE, lw=0.9, zorder=4)
+
+
+def _arm(found: Plan) -> FloatArray:
+    """The arm where it begins the plan, or as it was in the first sample."""
+    first = found.chosen[0].candidate.q[0] if found.chosen else found.situation.readings[0]
+    return link_points(found.situation.arm, first)
+
+
+def _log_if_wide(axes: Axes, values: FloatArray) -> None:
+    if values.max() < 8 * values.min():
+        axes.set_ylim(bottom=0)
+        return
+    plain_log(axes.yaxis, axes.set_yscale)
+    inside = [t for t in _TICKS if 0.6 * values.min() <= t <= 1.5 * values.max()]
+    axes.set_yticks(inside)

@@ -1,0 +1,180 @@
+"""The planner's mathematics: information adds up, exchange finds the best set, gauges drop out."""
+
+from __future__ import annotations
+
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+import pytest
+from simulated import (
+    ARMS,
+    SUTA_URDF,
+    arm_named,
+    artefact,
+    artefact_scene,
+    dh_parameters,
+    fixed_point_scene,
+    perturbed,
+    placements,
+    random_readings,
+)
+
+from suta_calib.analysis.planning import Candidate, Placement, Point, Situation
+from suta_calib.analysis.planning.design import Design, best_set, greedy, ordered
+from suta_calib.analysis.planning.information import Space, Told, nothing, present, promised
+from suta_calib.analysis.planning.links import Collisions, link_points
+from suta_calib.model.arm import ArmModel
+from suta_calib.solver.covariance import predicted_covariance
+from suta_calib.solver.information import predicted_information
+from suta_calib.solver.problem import Problem
+
+ARM = arm_named("suta")
+TRUTH = perturbed(dh_parameters(ARM), 1)
+WHERE = placements(3)
+MARKS = artefact(6, oriented=True)
+
+
+def situation(kind: str = "pairwise_distance", *, points: bool = False) -> Situation:
+    """Exact simulated samples of three placements, and of two points if asked for."""
+    terms = [artefact_scene(kind, ARM, TRUTH, MARKS, WHERE).exact()]
+    if points:
+        terms.append(fixed_point_scene(ARM, TRUTH, directions=10).exact())
+    problem = Problem(terms, dh_parameters(ARM))
+    sigmas = tuple([0.3e-3 if b.unit == "m" else 1e-3 for b in problem.blocks])
+    return Situation(problem, problem.start(TRUTH), sigmas, True)
+
+
+def as_candidates(found: Situation) -> list[Candidate]:
+    """The present samples, place by place, as if they were yet to be taken."""
+    made = []
+    for term in found.problem.terms:
+        labels = term.poses.samples.labels
+        column = labels["placement"] if "placement" in labels else labels["point"]
+        for name in dict.fromkeys(map(str, column)):
+            rows = column == name
+            q = term.poses.samples.q[rows]
+            place = Placement(name, np.zeros(3), np.eye(3))
+            marks = tuple(map(str, labels["landmark"][rows])) if "landmark" in labels else ()
+            if not marks:
+                place = Point(name, np.zeros(3), len(q), np.array([0, 0, -1.0]), 1.0)
+            made.append(Candidate(place, q, marks, 1))
+    return made
+
+
+@pytest.mark.parametrize("kind", ["pairwise_distance", "landmark"])
+def test_information_of_different_places_adds_up(kind: str) -> None:
+    found = situation(kind, points=True)
+    space = Space.of(found)
+    whole = present(found, space)
+    parts = sum((promised(found, space, c) for c in as_candidates(found)), nothing(space))
+    for name in ("curvature", "variance"):
+        a, b = getattr(whole, name), getattr(parts, name)
+        np.testing.assert_allclose(b, a, rtol=1e-6, atol=1e-6 * np.abs(a).max())
+
+
+def test_covariance_is_the_solvers_with_the_terms_own_unknowns_followed() -> None:
+    found = situation(points=True)
+    space = Space.of(found)
+    told = present(found, space)
+    held = {int(k) for k in space.identify(told).held}
+    arm = np.array([k for k in range(space.arm_count) if k not in held], dtype=np.intp)
+    problem = found.problem
+    own = np.arange(problem.arm_count, len(problem.names))
+    information = predicted_information(problem, found.x, found.sigmas)
+    whole = predicted_covariance(problem, information, np.concatenate([arm, own]))
+    mine = space.covariance(told, arm)
+    unit = np.sqrt(np.diag(whole)[arm])
+    scaled = (mine[np.ix_(arm, arm)] - whole[np.ix_(arm, arm)]) / np.outer(unit, unit)
+    assert np.abs(scaled).max() < 1e-6
+
+
+def test_repeats_are_independent() -> None:
+    found = situation()
+    space = Space.of(found)
+    (once, *_) = as_candidates(found)
+    thrice = Candidate(once.place, once.q, once.marks, 3)
+    a, b = (promised(found, space, c) for c in (once, thrice))
+    np.testing.assert_allclose(b.curvature, 3 * a.curvature)
+    np.testing.assert_allclose(b.variance, 3 * a.variance)
+
+
+def random_design(criterion: str, count: int = 9) -> tuple[Design, Space, Told]:
+    """Candidates with random information on the thirteen parameters."""
+    space = Space.of(situation())
+    rng = np.random.default_rng(5)
+    told = []
+    for _ in range(count):
+        rows = rng.standard_normal((6, 13)) * rng.uniform(1, 60, 13)
+        spread = rows.T @ np.diag(rng.uniform(0.5, 2.0, 6)) @ rows
+        told.append(Told(rows.T @ rows, spread, 0 * spread))
+    lever = rng.standard_normal((20, 13))
+    weight = lever.T @ lever / 20
+    return Design.over(space, told, weight, criterion, nothing(space)), space, nothing(space)
+
+
+@pytest.mark.parametrize("criterion", ["tip", "d"])
+def test_exchange_finds_the_best_of_all_sets(criterion: str) -> None:
+    design, _, start = random_design(criterion)
+    values = {s: design.value(start, s) for s in combinations(range(len(design)), 4)}
+    best = min(values, key=lambda s: values[s])
+    found = best_set(design, start, 4)
+    assert len(set(found)) == 4
+    assert design.value(start, found) <= design.value(start, greedy(design, start, 4)) + 1e-12
+    assert design.value(start, found) == pytest.approx(values[best], rel=0.01)
+    assert set(ordered(design, start, found)) == set(found)
+
+
+def test_values_are_those_of_the_covariance_written_out() -> None:
+    design, space, start = random_design("tip")
+    back = np.linalg.inv(design.basis)
+    curvature, variance, weight = (
+        back.T @ m @ back for m in (design.curvature[2], design.variance[2], design.weight)
+    )
+    covariance = space.plausible_covariance(start + Told(curvature, variance, 0 * variance))
+    unit = space.unit
+    expected = np.trace(weight / np.outer(unit, unit) @ covariance) + design.untold
+    assert design.tip(start, [2]) == pytest.approx(np.sqrt(expected), rel=1e-9)
+
+
+def test_directions_nothing_tells_are_kept_in_the_tips_uncertainty() -> None:
+    space = Space.of(situation())
+    told = [Told(np.diag([1e4] * 12 + [0.0]), np.diag([1e4] * 12 + [0.0]), np.zeros((13, 13)))]
+    weight = np.zeros((13, 13))
+    weight[12, 12] = 1.0
+    design = Design.over(space, told, weight, "tip", nothing(space))
+    assert design.tip(nothing(space), [0]) == pytest.approx(space.unit[12])
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_links_end_at_the_tip_whatever_the_joints(name: str) -> None:
+    arm = arm_named(name)
+    q = random_readings(arm, np.random.default_rng(0), 4)
+    for row in q:
+        points = link_points(arm, row)
+        assert points.shape == (len(arm.joints) + 2, 3)
+        np.testing.assert_allclose(points[-1], arm.forward(row)[1])
+    collisions = Collisions.of(arm, q)
+    assert "shapes" in collisions.note
+    assert collisions.free(q).all(), "a visited posture does not collide"
+
+
+def test_some_postures_collide_and_a_visited_posture_does_not() -> None:
+    visited = situation().readings
+    collisions = Collisions.of(ARM, visited)
+    assert "visual shapes" in collisions.note
+    assert collisions.free(visited).all()
+    rng = np.random.default_rng(0)
+    anywhere = rng.uniform(-np.pi, np.pi, (300, 6))
+    hit = ~collisions.free(anywhere)
+    assert 0 < hit.sum() < 300
+
+
+def test_without_shapes_nothing_is_checked_and_that_is_said(tmp_path: Path) -> None:
+    text = SUTA_URDF.read_text(encoding="utf-8")
+    bare = tmp_path / "arm.urdf"
+    parts = text.split("<visual>")
+    bare.write_text(parts[0] + "".join(p.split("</visual>", 1)[1] for p in parts[1:]))
+    collisions = Collisions.of(ArmModel.from_urdf(bare, "tip"), np.zeros((1, 6)))
+    assert collisions.note == "collisions not checked: the URDF has no shapes"
+    assert collisions.free(np.zeros((2, 6))).all()
