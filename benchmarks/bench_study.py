@@ -25,7 +25,7 @@ from suta_calib.analysis.study.plan import Plan, Request, plan_study, run_study
 from suta_calib.analysis.study.sizes import judge_sizes
 from suta_calib.analysis.study.trial import Trial
 from suta_calib.job import CalibrationJob
-from suta_calib.report.study_report import study_tables
+from suta_calib.report.study.report import study_tables
 from suta_calib.solver.problem import Problem
 
 JOB = Path(__file__).parents[1] / "data" / "suta" / "calibration.yaml"

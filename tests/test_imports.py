@@ -11,11 +11,11 @@ ROWS = (
     {"terms"},
     {"solver"},
     {"simulation"},
-    {"analysis", "navigation"},
+    {"analysis", "navigation", "certification"},
     {"device"},
     {"emulation", "acquisition", "tracking"},
     {"report"},
-    {"job", "job_schema", "init_job", "cli", "__init__", "__main__"},
+    {"job", "job_schema", "init_job", "acceptance_job", "cli", "__init__", "__main__"},
 )
 ROW = {part: row for row, parts in enumerate(ROWS) for part in parts}
 # Parts that see less than their row would allow them.

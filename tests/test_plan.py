@@ -24,7 +24,7 @@ from suta_calib.analysis.planning import (
 )
 from suta_calib.errors import JobError
 from suta_calib.job import CalibrationJob
-from suta_calib.report.plan_json import plan_dict, plan_verdict
+from suta_calib.report.planning.json import plan_dict, plan_verdict
 from suta_calib.solver.ipopt import Options
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solve import solve

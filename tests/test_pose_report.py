@@ -35,15 +35,15 @@ from suta_calib.navigation.hand_eye import HandEyeCalibration, calibrate_hand_ey
 from suta_calib.navigation.pivot import PivotCalibration, calibrate_pivot
 from suta_calib.navigation.registration import Registration, register
 from suta_calib.report.files import json_text, write_texts
-from suta_calib.report.pose_json import (
+from suta_calib.report.poses.json import (
     hand_eye_dict,
     pivot_dict,
     quaternion,
     register_dict,
     rpy_deg,
 )
-from suta_calib.report.pose_plots import hand_eye_figure, pivot_figure, register_figure
-from suta_calib.report.pose_tables import hand_eye_tables, pivot_tables, register_tables
+from suta_calib.report.poses.plots import hand_eye_figure, pivot_figure, register_figure
+from suta_calib.report.poses.tables import hand_eye_tables, pivot_tables, register_tables
 
 SVG = "{http://www.w3.org/2000/svg}"
 

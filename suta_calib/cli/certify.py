@@ -94,8 +94,8 @@ def certify(
     from suta_calib.certification.trust import verdict_on
     from suta_calib.measurements import read_artefact
     from suta_calib.navigation.blame import blame
-    from suta_calib.report.certification_json import certification_dict
-    from suta_calib.report.certification_report import certification_section, certification_tables
+    from suta_calib.report.certification.json import certification_dict
+    from suta_calib.report.certification.report import certification_section, certification_tables
 
     _check_outputs(out, report, [points, nominal])
     raw = read_raw_points(points)

@@ -54,9 +54,9 @@ def dynamics(
     with --urdf and its joint columns the hysteresis of every joint is found, and taken out of the
     latency. Exits with 1 where the latency found is the largest looked at.
     """
-    from suta_calib.report.dynamics_json import dynamics_dict, dynamics_verdict
-    from suta_calib.report.dynamics_plots import dynamics_figure
-    from suta_calib.report.dynamics_tables import dynamics_tables
+    from suta_calib.report.dynamics.json import dynamics_dict, dynamics_verdict
+    from suta_calib.report.dynamics.plots import dynamics_figure
+    from suta_calib.report.dynamics.tables import dynamics_tables
     from suta_calib.tracking.dynamics import compare
     from suta_calib.tracking.trajectory import read_trajectory
 

@@ -52,9 +52,9 @@ def hand_eye(
     from suta_calib.measurements.pose_files import read_pose_pairs
     from suta_calib.navigation.blame import blame
     from suta_calib.navigation.hand_eye import calibrate_hand_eye
-    from suta_calib.report.pose_files import hand_eye_texts
-    from suta_calib.report.pose_json import hand_eye_dict
-    from suta_calib.report.pose_tables import hand_eye_tables
+    from suta_calib.report.poses.files import hand_eye_texts
+    from suta_calib.report.poses.json import hand_eye_dict
+    from suta_calib.report.poses.tables import hand_eye_tables
 
     if out is not None:
         check_folder(out)

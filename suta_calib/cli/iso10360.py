@@ -31,8 +31,8 @@ def iso10360(
     leaves it open.
     """
     from suta_calib.acceptance_job import AcceptanceJob
-    from suta_calib.report.iso10360_json import acceptance_dict
-    from suta_calib.report.iso10360_report import acceptance_tables, section
+    from suta_calib.report.iso10360.json import acceptance_dict
+    from suta_calib.report.iso10360.report import acceptance_tables, section
 
     if out is not None:
         check_folder(out)

@@ -38,8 +38,8 @@ def outliers(
     """
     from suta_calib.analysis.outliers import Thresholds, find_outliers
     from suta_calib.job import CalibrationJob
-    from suta_calib.report.outliers_json import outliers_dict
-    from suta_calib.report.outliers_tables import outlier_section, outlier_tables
+    from suta_calib.report.outliers.json import outliers_dict
+    from suta_calib.report.outliers.tables import outlier_section, outlier_tables
 
     folder = folder_of(job, out)
     loaded = CalibrationJob.load(job)

@@ -28,9 +28,9 @@ def pivot(
     from suta_calib.measurements.pose_files import read_tool_poses
     from suta_calib.navigation.blame import blame
     from suta_calib.navigation.pivot import calibrate_pivot
-    from suta_calib.report.pose_files import pivot_texts
-    from suta_calib.report.pose_json import pivot_dict
-    from suta_calib.report.pose_tables import pivot_tables
+    from suta_calib.report.poses.files import pivot_texts
+    from suta_calib.report.poses.json import pivot_dict
+    from suta_calib.report.poses.tables import pivot_tables
 
     if out is not None:
         check_folder(out)

@@ -79,9 +79,9 @@ def plan(
     """
     from suta_calib.analysis.planning import PlanOptions, Pool
     from suta_calib.analysis.planning import plan as choose
-    from suta_calib.report.plan_json import plan_dict
-    from suta_calib.report.plan_report import bench_files, plan_section
-    from suta_calib.report.plan_tables import plan_tables
+    from suta_calib.report.planning.json import plan_dict
+    from suta_calib.report.planning.report import bench_files, plan_section
+    from suta_calib.report.planning.tables import plan_tables
 
     folder = folder_of(job, out)
     situation = _situation(job)

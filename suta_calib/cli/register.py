@@ -39,9 +39,9 @@ def register(
     from suta_calib.measurements.pose_files import read_corresponding_points, read_points
     from suta_calib.navigation.blame import blame
     from suta_calib.navigation.registration import register as register_points
-    from suta_calib.report.pose_files import register_texts
-    from suta_calib.report.pose_json import register_dict
-    from suta_calib.report.pose_tables import register_tables
+    from suta_calib.report.poses.files import register_texts
+    from suta_calib.report.poses.json import register_dict
+    from suta_calib.report.poses.tables import register_tables
 
     if out is not None:
         check_folder(out)

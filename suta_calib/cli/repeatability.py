@@ -66,7 +66,7 @@ def repeatability(
     SAMPLES.csv, --stationary alone looks at the encoders. Exits with 1 where an arm that should
     have been at rest moved.
     """
-    from suta_calib.report import repeatability_report as report
+    from suta_calib.report.repeatability import report
 
     if out is not None:
         check_folder(out)

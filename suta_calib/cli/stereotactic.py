@@ -35,7 +35,7 @@ def stereotactic(
     from suta_calib.navigation.stereotactic_comparison import compare, read_given
     from suta_calib.navigation.stereotactic_data import StereotacticData
     from suta_calib.navigation.stereotactic_verdict import judge_stereotactic
-    from suta_calib.report.stereotactic_report import (
+    from suta_calib.report.stereotactic.report import (
         stereotactic_dict,
         stereotactic_tables,
         write_stereotactic,

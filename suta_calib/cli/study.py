@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from suta_calib.analysis.study.sets import Unit
     from suta_calib.analysis.study.trial import Kind
     from suta_calib.job import CalibrationJob
-    from suta_calib.report.study_report import Study
+    from suta_calib.report.study.report import Study
 
 _RANGE: Final = re.compile(r"(\d{1,6})(?:-(\d{1,6})(?::(\d{1,6}))?)?")
 
@@ -119,8 +119,8 @@ def study(
         raise click.UsageError(f"--sizes is for --kind size; {kind} takes as many as there are")
     from suta_calib.analysis.study.plan import Request, plan_study
     from suta_calib.job import CalibrationJob
-    from suta_calib.report.study_json import study_dict
-    from suta_calib.report.study_report import study_section, study_tables
+    from suta_calib.report.study.json import study_dict
+    from suta_calib.report.study.report import study_section, study_tables
 
     folder = folder_of(job, out)
     loaded = CalibrationJob.load(job)
@@ -155,7 +155,7 @@ def _run(
     from suta_calib.analysis.study.plan import run_study
     from suta_calib.analysis.study.sizes import judge_sizes
     from suta_calib.analysis.study.spread import judge_spread
-    from suta_calib.report.study_report import NAMES
+    from suta_calib.report.study.report import NAMES
 
     path = folder / f"{NAMES[plan.data.kind]}.trials.csv"
     log = StudyLog(path, _identity(job, plan), plan.names)

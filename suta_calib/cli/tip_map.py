@@ -65,7 +65,7 @@ def tip_map(
     its arm: figures over a region and a map over the arm, absolute and after registration.
     """
     from suta_calib.analysis.tip_map import tip_map as chart
-    from suta_calib.report.tip_map_report import (
+    from suta_calib.report.tip_map.report import (
         tip_map_dict,
         tip_map_section,
         tip_map_tables,

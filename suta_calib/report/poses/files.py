@@ -7,9 +7,9 @@ from suta_calib.navigation.hand_eye import HandEyeCalibration
 from suta_calib.navigation.pivot import PivotCalibration
 from suta_calib.navigation.registration import Registration
 from suta_calib.report.files import json_text
-from suta_calib.report.pose_json import tip_dict
-from suta_calib.report.pose_plots import hand_eye_figure, pivot_figure, register_figure
-from suta_calib.report.pose_residuals import (
+from suta_calib.report.poses.json import tip_dict
+from suta_calib.report.poses.plots import hand_eye_figure, pivot_figure, register_figure
+from suta_calib.report.poses.residuals import (
     hand_eye_residuals,
     pivot_residuals,
     register_residuals,

@@ -12,8 +12,8 @@ from suta_calib.analysis.study.spread import ParameterSpread, SpreadStudy
 from suta_calib.analysis.study.trial import TOLD, Kind
 from suta_calib.report.console import number_table, verdict_lines
 from suta_calib.report.sections import Plot, Section, Table, Text
-from suta_calib.report.study_json import SET_IS, held_out
-from suta_calib.report.study_plots import size_figure, spread_figure
+from suta_calib.report.study.json import SET_IS, held_out
+from suta_calib.report.study.plots import size_figure, spread_figure
 from suta_calib.report.units import NOTHING, SHOWN_UNIT, text
 from suta_calib.report.verdict import listed
 

@@ -10,9 +10,9 @@ from rich.text import Text as RichText
 
 from suta_calib.analysis.tip_map import THRESHOLDS, Figures, TipMap
 from suta_calib.report.console import bullet, number_table, plain_table, verdict_lines
-from suta_calib.report.pose_json import verdict_dict
+from suta_calib.report.poses.json import verdict_dict
 from suta_calib.report.sections import Plot, Section, Table, Text
-from suta_calib.report.tip_map_plots import tip_map_figure
+from suta_calib.report.tip_map.plots import tip_map_figure
 from suta_calib.report.units import PER_SI, SHOWN_UNIT
 from suta_calib.verdict import Verdict, verdict_of
 

@@ -9,7 +9,7 @@ import numpy as np
 from suta_calib.analysis.planning import Candidate, Choice, Place, Placement, Plan, Point
 from suta_calib.analysis.planning.forecast import Forecast
 from suta_calib.geometry import FloatArray, rpy_from_rotation
-from suta_calib.report.pose_json import verdict_dict
+from suta_calib.report.poses.json import verdict_dict
 from suta_calib.report.units import SHOWN_UNIT, shown
 from suta_calib.verdict import Verdict, verdict_of
 

@@ -12,7 +12,7 @@ from rich.text import Text as Line
 from suta_calib.certification.artefact_file import frame_sentence, noise_source
 from suta_calib.certification.result import Certification, CertifiedLandmark
 from suta_calib.certification.trust import verdict_on
-from suta_calib.report.certification_plots import certification_figure
+from suta_calib.report.certification.plots import certification_figure
 from suta_calib.report.console import number_table, verdict_lines
 from suta_calib.report.sections import Plot, Section, Table, Text
 from suta_calib.report.units import NOTHING

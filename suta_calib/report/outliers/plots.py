@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from suta_calib.analysis.outliers import METRICS, Level, Metric, Outliers, TermOutliers
 from suta_calib.analysis.outliers.judgement import ONE
 from suta_calib.geometry import FloatArray
-from suta_calib.report.outliers_json import KEYS
+from suta_calib.report.outliers.json import KEYS
 from suta_calib.report.svg import BLUE, GREY, ORANGE, WIDTH, style, svg_text
 
 TITLES: Final[dict[Metric, str]] = {

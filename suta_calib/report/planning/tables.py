@@ -14,8 +14,8 @@ from ruamel.yaml import YAML
 
 from suta_calib.analysis.planning import Choice, Placement, Plan, Point, Posture
 from suta_calib.report.console import bullet, number_table, plain_table, verdict_lines
-from suta_calib.report.plan_json import MM, place_dict, plan_verdict, rounded
-from suta_calib.report.plan_words import plan_sentences, remedy_sentences
+from suta_calib.report.planning.json import MM, place_dict, plan_verdict, rounded
+from suta_calib.report.planning.words import plan_sentences, remedy_sentences
 from suta_calib.report.units import NOTHING, SHOWN_UNIT, text
 
 CHOSEN_HEADS: Final = ("", "what", "position, mm", "roll pitch yaw, deg", "tip, mm", "gain")

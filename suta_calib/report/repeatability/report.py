@@ -9,9 +9,9 @@ from rich.text import Text as Line
 
 from suta_calib.analysis.repeatability import Repeatability, Stationary
 from suta_calib.report.console import number_table, verdict_lines
-from suta_calib.report.repeatability_json import repeatability_dict, stationary_dict
-from suta_calib.report.repeatability_plots import stationary_plot, visits_plot
-from suta_calib.report.repeatability_rows import repeatability_tables, stationary_tables
+from suta_calib.report.repeatability.json import repeatability_dict, stationary_dict
+from suta_calib.report.repeatability.plots import stationary_plot, visits_plot
+from suta_calib.report.repeatability.rows import repeatability_tables, stationary_tables
 from suta_calib.report.sections import Plot, Section, Table, Text
 from suta_calib.verdict import Verdict, verdict_of
 

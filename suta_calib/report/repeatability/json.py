@@ -17,7 +17,7 @@ from suta_calib.analysis.repeatability import (
     Stationary,
 )
 from suta_calib.model.parameters import Unit
-from suta_calib.report.pose_json import verdict_dict
+from suta_calib.report.poses.json import verdict_dict
 from suta_calib.report.units import SHOWN_UNIT, shown
 
 Json = dict[str, Any]

@@ -20,8 +20,8 @@ from suta_calib.navigation.stereotactic import Navigation, StereotacticResult
 from suta_calib.navigation.stereotactic_comparison import Comparison
 from suta_calib.report.console import number_table, verdict_lines
 from suta_calib.report.files import make_folder
-from suta_calib.report.pose_json import verdict_dict
-from suta_calib.report.stereotactic_plots import stereotactic_figure
+from suta_calib.report.poses.json import verdict_dict
+from suta_calib.report.stereotactic.plots import stereotactic_figure
 from suta_calib.report.units import NOTHING, text
 from suta_calib.verdict import Verdict
 

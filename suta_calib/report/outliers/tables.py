@@ -22,8 +22,8 @@ from suta_calib.analysis.outliers import (
 )
 from suta_calib.analysis.outliers.judgement import ONE
 from suta_calib.report.console import bullet, number_table, verdict_lines
-from suta_calib.report.outliers_json import KEYS, exclusion, threshold_text
-from suta_calib.report.outliers_plots import outlier_plots
+from suta_calib.report.outliers.json import KEYS, exclusion, threshold_text
+from suta_calib.report.outliers.plots import outlier_plots
 from suta_calib.report.sections import Plot, Section, Table, Text
 from suta_calib.report.units import NOTHING
 

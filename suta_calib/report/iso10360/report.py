@@ -9,8 +9,8 @@ from rich.text import Text as Line
 
 from suta_calib.analysis.iso10360 import AcceptanceTest
 from suta_calib.report.console import bullet, number_table, verdict_lines
-from suta_calib.report.iso10360_json import STANDARD, SYMBOL, length_limit_text
-from suta_calib.report.iso10360_plots import NAME, acceptance_plot
+from suta_calib.report.iso10360.json import STANDARD, SYMBOL, length_limit_text
+from suta_calib.report.iso10360.plots import NAME, acceptance_plot
 from suta_calib.report.sections import Plot, Section, Table, Text
 from suta_calib.report.units import NOTHING, text
 

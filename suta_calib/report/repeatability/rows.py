@@ -14,7 +14,7 @@ from suta_calib.analysis.repeatability import (
     Stationary,
 )
 from suta_calib.model.parameters import Unit
-from suta_calib.report.repeatability_json import SECONDS_PER_HOUR
+from suta_calib.report.repeatability.json import SECONDS_PER_HOUR
 from suta_calib.report.sections import Table
 from suta_calib.report.units import NOTHING, SHOWN_UNIT, shown, text
 

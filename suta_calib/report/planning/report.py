@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from suta_calib.analysis.planning import Plan
-from suta_calib.report.plan_json import plan_verdict
-from suta_calib.report.plan_plots import bench_drawing, gain_curve
-from suta_calib.report.plan_tables import (
+from suta_calib.report.planning.json import plan_verdict
+from suta_calib.report.planning.plots import bench_drawing, gain_curve
+from suta_calib.report.planning.tables import (
     CHOSEN_HEADS,
     PARAMETER_HEADS,
     chosen_rows,
@@ -13,7 +13,7 @@ from suta_calib.report.plan_tables import (
     plan_csv,
     plan_yaml,
 )
-from suta_calib.report.plan_words import plan_sentences, remedy_sentences
+from suta_calib.report.planning.words import plan_sentences, remedy_sentences
 from suta_calib.report.sections import Plot, Section, Table, Text
 
 _WHAT = (

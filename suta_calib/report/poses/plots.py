@@ -16,7 +16,7 @@ from suta_calib.navigation.consensus import BoolArray
 from suta_calib.navigation.hand_eye import HandEyeCalibration
 from suta_calib.navigation.pivot import PivotCalibration
 from suta_calib.navigation.registration import Registration
-from suta_calib.report.pose_sphere import MANY_MARKERS, draw_axes, draw_directions
+from suta_calib.report.poses.sphere import MANY_MARKERS, draw_axes, draw_directions
 from suta_calib.report.svg import BLUE, GREY, ORANGE, WIDTH, plain_log, shown_array, style, svg_text
 from suta_calib.report.units import SHOWN_UNIT
 

@@ -17,7 +17,7 @@ from suta_calib.analysis.outliers import (
     TermOutliers,
     Thresholds,
 )
-from suta_calib.report.pose_json import verdict_dict
+from suta_calib.report.poses.json import verdict_dict
 
 Json = dict[str, Any]
 # Metric → its key, and what turns it from SI into the key's unit.

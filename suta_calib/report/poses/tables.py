@@ -17,7 +17,7 @@ from suta_calib.navigation.hand_eye import HandEyeCalibration
 from suta_calib.navigation.pivot import PivotCalibration
 from suta_calib.navigation.registration import Registration
 from suta_calib.report.console import number_table, verdict_lines
-from suta_calib.report.pose_json import (
+from suta_calib.report.poses.json import (
     FRAMES,
     asked_for,
     origin_std,

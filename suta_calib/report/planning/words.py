@@ -10,7 +10,7 @@ import numpy as np
 
 from suta_calib.analysis.planning import Plan
 from suta_calib.analysis.planning.remedies import Remedy
-from suta_calib.report.plan_json import MM
+from suta_calib.report.planning.json import MM
 
 _MOST_NAMES: Final = 5
 

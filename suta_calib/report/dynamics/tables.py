@@ -9,7 +9,7 @@ from rich.table import Table
 from rich.text import Text
 
 from suta_calib.report.console import number_table, verdict_lines
-from suta_calib.report.dynamics_json import MS, dynamics_verdict, error_rows
+from suta_calib.report.dynamics.json import MS, dynamics_verdict, error_rows
 from suta_calib.report.units import NOTHING, SHOWN_UNIT, text
 from suta_calib.tracking.dynamics import Dynamics
 from suta_calib.tracking.reversals import ChannelReversals

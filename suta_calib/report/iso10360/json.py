@@ -17,7 +17,7 @@ from suta_calib.analysis.iso10360 import (
     SphereProbing,
 )
 from suta_calib.geometry import FloatArray
-from suta_calib.report.pose_json import verdict_dict
+from suta_calib.report.poses.json import verdict_dict
 from suta_calib.report.units import shown
 
 Json = dict[str, Any]

@@ -9,7 +9,7 @@ import numpy as np
 
 from suta_calib.geometry import FloatArray, homogeneous
 from suta_calib.model.parameters import Unit
-from suta_calib.report.pose_json import quaternion, rpy_deg, verdict_dict
+from suta_calib.report.poses.json import quaternion, rpy_deg, verdict_dict
 from suta_calib.report.units import SHOWN_UNIT, shown
 from suta_calib.tracking.dynamics import Dynamics, ErrorFigures
 from suta_calib.tracking.reversals import ChannelReversals

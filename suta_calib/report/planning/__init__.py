@@ -1,0 +1,1 @@
+"""A plan, shown and written for the bench."""

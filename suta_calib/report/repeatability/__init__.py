@@ -1,0 +1,1 @@
+"""Repeatability and encoders at rest, shown."""

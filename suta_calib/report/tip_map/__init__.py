@@ -1,0 +1,1 @@
+"""The tip uncertainty over the workspace, shown."""
