@@ -18,7 +18,7 @@ from suta_calib.solver.ipopt import Options
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.solver.solve import Progress, solve
-from suta_calib.terms import KINDS, ArmPoses, Noise, Setup, Term
+from suta_calib.terms import KINDS, ArmPoses, Noise, Seating, Setup, Term
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,15 +111,18 @@ def _term(arm: ArmModel, row: ObservationSpec, job: Path, *, fitted: bool = Fals
             line=row.line,
             where="kind",
         )
-    poses = ArmPoses(arm, read_arm_samples(arm, row.sample_files, row.kind))
+    samples = read_arm_samples(arm, row.sample_files, row.kind)
     setup = Setup(
         None if row.artefact is None else read_artefact(row.artefact),
         _noise(row.sigma_m, row.huber_m),
         _noise(row.sigma_rad, row.huber_rad),
         row.label,
+        _seating(row),
     )
     try:
-        term = KINDS[row.kind].over(poses, setup)
+        if row.exclude is not None:
+            samples = row.exclude.kept(samples)
+        term = KINDS[row.kind].over(ArmPoses(arm, samples), setup)
         if fitted:
             term.check_enough()
     except InputError as error:
@@ -134,6 +137,12 @@ def _placed(error: InputError, job: Path, line: int | None) -> InputError:
     return JobError(
         error.found, error.expected, file=job, line=line, where=error.where, hint=error.hint
     )
+
+
+def _seating(row: ObservationSpec) -> Seating | None:
+    if not row.clearance_m and not row.clearance_rad:
+        return None
+    return Seating(row.clearance_m, row.clearance_rad)
 
 
 def _noise(sigma: float | None, huber: float | None) -> Noise:

@@ -13,6 +13,8 @@ from pathlib import Path
 from typing import Final, Literal, cast
 
 from suta_calib.errors import JobError, SamplesError
+from suta_calib.measurements.encoder_section import EncoderSpec, read_encoders
+from suta_calib.measurements.exclusion import Exclusion, read_exclusion
 from suta_calib.measurements.files import expand
 from suta_calib.measurements.yaml_document import read_yaml
 from suta_calib.measurements.yaml_section import YamlSection
@@ -22,14 +24,18 @@ KINDS: Final = ("pairwise_distance", "landmark", "fixed_point", "tracked_point",
 _KINDS_WITH_ARTEFACT: Final = ("pairwise_distance", "landmark")
 _KINDS_WITHOUT_ANGLES: Final = ("pairwise_distance", "fixed_point")
 
-_TOP_KEYS: Final = ("arm", "parameters", "observations", "validation", "solver")
+_TOP_KEYS: Final = ("arm", "parameters", "observations", "validation", "solver", "encoders")
 _ARM_KEYS: Final = ("urdf", "tip", "base")
-_BOUND_AND_PRIOR_KEYS: Final = ("bound_mm", "bound_deg", "prior_mm", "prior_deg")
+_BOUND_AND_PRIOR_KEYS: Final = (
+    *("bound_mm", "bound_deg", "bound_deg_per_nm"),
+    *("prior_mm", "prior_deg", "prior_deg_per_nm"),
+)
 _ANGLE_KEYS: Final = ("huber_deg", "sigma_deg")
 _OBSERVATION_KEYS: Final = (
-    *("kind", "artefact", "samples", "label"),
-    *("huber_mm", "huber_deg", "sigma_mm", "sigma_deg"),
+    *("kind", "artefact", "samples", "label", "exclude"),
+    *("huber_mm", "huber_deg", "sigma_mm", "sigma_deg", "seating"),
 )
+_SEATING_KEYS: Final = ("clearance_mm", "rotation_deg")
 _SOLVER_KEYS: Final = ("starts", "seed", "hessian", "max_iterations")
 _M_PER_MM: Final = 1e-3
 _RAD_PER_DEG: Final = math.pi / 180
@@ -67,6 +73,9 @@ class ObservationSpec:
         sigma_m: standard deviation of a measured length or coordinate, m, or None.
         sigma_rad: standard deviation of a measured angle, rad, or None.
         line: line of the row in the job file.
+        exclude: samples that are left out, or None.
+        clearance_m, clearance_rad: what the artefact's sockets leave the tip, m and rad; zero where
+            it fits.
     """
 
     kind: str
@@ -79,6 +88,9 @@ class ObservationSpec:
     sigma_m: float | None = None
     sigma_rad: float | None = None
     line: int | None = None
+    exclude: Exclusion | None = None
+    clearance_m: float = 0.0
+    clearance_rad: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -109,6 +121,7 @@ class JobSpec:
         observations: terms that are solved together, at least one.
         validation: terms that are never used for fitting.
         solver: how to solve.
+        encoders: what is known of their noise, or None.
     """
 
     path: Path
@@ -117,6 +130,7 @@ class JobSpec:
     observations: tuple[ObservationSpec, ...]
     validation: tuple[ObservationSpec, ...] = ()
     solver: SolverSpec = SolverSpec()
+    encoders: EncoderSpec | None = None
 
 
 def read_job(path: Path) -> JobSpec:
@@ -136,6 +150,7 @@ def read_job(path: Path) -> JobSpec:
         _observations(top, "observations"),
         _observations(top, "validation") if "validation" in top else (),
         _solver(top.section("solver")) if "solver" in top else SolverSpec(),
+        read_encoders(top.section("encoders")) if "encoders" in top else None,
     )
 
 
@@ -170,6 +185,8 @@ def _parameter_row(row: YamlSection) -> Selection:
         prior_rad=_angle(row, "prior_deg"),
         fixed=fixed,
         line=row.line,
+        bound_rad_per_nm=_angle(row, "bound_deg_per_nm"),
+        prior_rad_per_nm=_angle(row, "prior_deg_per_nm"),
     )
 
 
@@ -181,6 +198,7 @@ def _observation(row: YamlSection) -> ObservationSpec:
     row.check_keys(_OBSERVATION_KEYS, required=("kind", "samples"))
     kind = row.choice("kind", KINDS)
     _check_keys_of_kind(row, kind)
+    clearance_m, clearance_rad = _seating(row, kind)
     return ObservationSpec(
         kind,
         row.texts("samples"),
@@ -192,14 +210,28 @@ def _observation(row: YamlSection) -> ObservationSpec:
         sigma_m=_length(row, "sigma_mm"),
         sigma_rad=_angle(row, "sigma_deg"),
         line=row.line,
+        exclude=read_exclusion(row.section("exclude")) if "exclude" in row else None,
+        clearance_m=clearance_m,
+        clearance_rad=clearance_rad,
     )
+
+
+def _seating(row: YamlSection, kind: str) -> tuple[float, float]:
+    if "seating" not in row:
+        return 0.0, 0.0
+    section = row.section("seating")
+    section.check_keys(_SEATING_KEYS)
+    if "rotation_deg" in section and kind in _KINDS_WITHOUT_ANGLES:
+        hint = "remove it: distances do not see how far the tip is turned"
+        raise section.refuse(f"a key that {kind} has no use for", at=("rotation_deg",), hint=hint)
+    return _length(section, "clearance_mm") or 0.0, _angle(section, "rotation_deg") or 0.0
 
 
 def _check_keys_of_kind(row: YamlSection, kind: str) -> None:
     needs_artefact = kind in _KINDS_WITH_ARTEFACT
     if needs_artefact and "artefact" not in row:
         raise row.refuse("no such key", f"the artefact's file: {kind} needs it", at=("artefact",))
-    senseless: Collection[str] = () if needs_artefact else ("artefact",)
+    senseless: Collection[str] = () if needs_artefact else ("artefact", "seating")
     if kind in _KINDS_WITHOUT_ANGLES:
         senseless = (*senseless, *_ANGLE_KEYS)
     for key in senseless:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from copy import copy
+from types import MappingProxyType
 
 import numpy as np
 
@@ -17,7 +18,10 @@ from suta_calib.terms import ArmPoses, Term
 
 
 def compare_arms(
-    observations: Sequence[Term], validation: Sequence[Term], other: ArmModel
+    observations: Sequence[Term],
+    validation: Sequence[Term],
+    other: ArmModel,
+    beside_geometry: Mapping[str, float] = MappingProxyType({}),
 ) -> Accuracy:
     """Errors on the validation rows with the terms' own arm (before) and another (after).
 
@@ -29,6 +33,7 @@ def compare_arms(
         observations: the job's terms.
         validation: the terms to judge by, over the same arm.
         other: the arm to compare with; it must have the same moving joints.
+        beside_geometry: its eccentricities and compliances by name, which its URDF cannot hold.
 
     Raises:
         UrdfError: the arms differ in their moving joints.
@@ -37,6 +42,8 @@ def compare_arms(
     after = _residuals(
         [_through(term, other) for term in observations],
         [_through(term, other) for term in validation],
+        other.select(*beside_geometry) if beside_geometry else None,
+        beside_geometry,
     )
     pairs = iter(zip(before, after, strict=True))
     return Accuracy(
@@ -54,14 +61,19 @@ def compare_arms(
     )
 
 
-def _residuals(observations: Sequence[Term], validation: Sequence[Term]) -> list[FloatArray]:
+def _residuals(
+    observations: Sequence[Term],
+    validation: Sequence[Term],
+    held: ParameterSet | None = None,
+    known: Mapping[str, float] = MappingProxyType({}),
+) -> list[FloatArray]:
     """Residuals of every block of the validation terms, own unknowns fitted, the arm held."""
-    held = ParameterSet()
+    held = held or ParameterSet()
     shared = {p.name for term in validation for p in term.own}
     fitted = fit_own(
         [t for t in observations if any(p.name in shared for p in t.own)] or validation,
         held,
-        {},
+        known,
     )
     values = fit_own(validation, held, fitted)
     problem = Problem(validation, held)

@@ -22,19 +22,28 @@ INTERRUPTED: Final = 130
 COMMANDS: Final = {
     "calibrate": ("suta_calib.cli.calibrate", "Calibrate an arm: everything a job asks for."),
     "observe": ("suta_calib.cli.observe", "What a job's data can and cannot determine."),
+    "study": ("suta_calib.cli.study", "How many sets are enough, and how far answers scatter."),
+    "extend": ("suta_calib.cli.extend", "Eccentric encoders, joints that yield: worth having?"),
+    "budget": ("suta_calib.cli.budget", "What the errors come from: encoders, seating, artefact."),
     "validate": ("suta_calib.cli.validate", "A job's validation data through any URDF."),
+    "outliers": ("suta_calib.cli.outliers", "What in a job's data does not agree with the rest."),
     "init": ("suta_calib.cli.init", "Start a job for a URDF: commented files to fill in."),
     "simulate": ("suta_calib.cli.simulate", "Simulate measurements of an arm with known errors."),
     "pivot": ("suta_calib.cli.pivot", "The tip of a tracked tool that pivots on a point."),
     "hand-eye": ("suta_calib.cli.hand_eye", "Where a camera is: AX=XB or AX=ZB."),
     "register": ("suta_calib.cli.register", "A rigid transform between corresponding points."),
     "stereotactic": ("suta_calib.cli.stereotactic", "Two trackers, distortion and CT: JHU files."),
+    "certify": ("suta_calib.cli.certify", "An artefact from raw laser tracker points."),
     "monitor": ("suta_calib.cli.monitor", "What a device sends, live, and what is wrong with it."),
     "emulate": ("suta_calib.cli.emulate", "An arm without the arm: frames on a virtual port."),
     "track": ("suta_calib.cli.track", "The calibrated tip live: console, files, OpenIGTLink, UDP."),
     "dynamics": ("suta_calib.cli.dynamics", "How well a recorded motion follows a reference."),
     "measure": ("suta_calib.cli.measure", "From an arm on a cable to a samples file."),
+    "plan": ("suta_calib.cli.plan", "Where to measure next, and when to stop."),
+    "tip-map": ("suta_calib.cli.tip_map", "How sure the tip is, over the whole workspace."),
     "baseline": ("suta_calib.cli.baseline", "Encoder offsets from known poses of the tip."),
+    "repeatability": ("suta_calib.cli.repeatability", "How well an arm comes back; its encoders."),
+    "iso10360": ("suta_calib.cli.iso10360", "Acceptance test of a measuring arm, ISO 10360-12."),
 }
 
 

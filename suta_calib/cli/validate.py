@@ -17,8 +17,13 @@ if TYPE_CHECKING:
 @click.command()
 @click.argument("urdf", type=click.Path(path_type=Path), metavar="URDF")
 @click.argument("job", type=click.Path(path_type=Path), metavar="JOB")
+@click.option(
+    "--result",
+    type=click.Path(path_type=Path),
+    help="The result.json beside it: corrects eccentric encoders and yielding joints too.",
+)
 @json_option
-def validate(urdf: Path, job: Path, as_json: bool) -> None:
+def validate(urdf: Path, job: Path, result: Path | None, as_json: bool) -> None:
     """Run the validation data of JOB through URDF, such as a calibrated.urdf.
 
     The arm is held as the URDF has it. "before" is the job's own URDF, "after" the given one.
@@ -26,6 +31,7 @@ def validate(urdf: Path, job: Path, as_json: bool) -> None:
     from suta_calib.analysis.comparison import compare_arms
     from suta_calib.job import CalibrationJob
     from suta_calib.model.arm import ArmModel
+    from suta_calib.tracking.uncertainty import read_uncertainty
 
     loaded = CalibrationJob.load(job)
     if not loaded.validation:
@@ -37,7 +43,8 @@ def validate(urdf: Path, job: Path, as_json: bool) -> None:
         )
     arm = loaded.spec.arm
     other = ArmModel.from_urdf(urdf, arm.tip, arm.base)
-    accuracy = compare_arms(loaded.observations, loaded.validation, other)
+    beside = {} if result is None else read_uncertainty(result, other).beside_geometry
+    accuracy = compare_arms(loaded.observations, loaded.validation, other, beside)
     if as_json:
         print_json(validation_dict(accuracy, urdf))
     else:

@@ -149,11 +149,16 @@ def _landmark(name: str, section: YamlSection) -> Landmark:
 
 
 def write_artefact(path: Path, artefact: Artefact) -> None:
-    """Write ``artefact.yaml``: millimetres to 1 pm, degrees to 1e-9.
+    """Write ``artefact.yaml``: `artefact_text`.
 
     Raises:
         OutputError: the file cannot be written; what was there is untouched.
     """
+    write_text(path, artefact_text(artefact))
+
+
+def artefact_text(artefact: Artefact) -> str:
+    """Content of ``artefact.yaml``: millimetres to 1 pm, degrees to 1e-9."""
     landmarks = CommentedMap()
     for name, landmark in artefact.landmarks.items():
         row = CommentedMap(position_mm=_rounded(1e3 * landmark.position))
@@ -166,7 +171,7 @@ def write_artefact(path: Path, artefact: Artefact) -> None:
     yaml, text = YAML(), io.StringIO()
     yaml.width = 1000
     yaml.dump({"name": _quotable(artefact.name), "landmarks": landmarks}, text)
-    write_text(path, text.getvalue())
+    return text.getvalue()
 
 
 def _quotable(name: str) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property, lru_cache
 from pathlib import Path
 
@@ -14,7 +14,9 @@ from suta_calib.batched import Batched
 from suta_calib.errors import ParameterError, UrdfError
 from suta_calib.geometry import FloatArray, Symbol
 from suta_calib.model.chain import Chain, ChainJoint, read_chain
+from suta_calib.model.gravity import Load, check_masses, gravity_in_base, loads
 from suta_calib.model.kinematics import Motion, Segment, forward_kinematics
+from suta_calib.model.nongeometric import COMPLIANCE, nongeometric_parameters
 from suta_calib.model.parameters import (
     Parameter,
     ParameterSet,
@@ -35,7 +37,8 @@ class ArmModel:
         chain: the joints as the URDF's text gives them, base → tip, fixed ones included.
         model: `pin.Model` with every joint off the chain locked at its neutral position.
         segments: the same chain as Pinocchio understood it.
-        parameters: everything that could be unknown about this arm, all at nominal.
+        parameters: every placement and offset that could be unknown, all at nominal.
+        nongeometric: eccentricity and compliance of its revolute joints, all zero (`nongeometric`).
     """
 
     def __init__(self, chain: Chain, model: pin.Model) -> None:
@@ -45,6 +48,8 @@ class ArmModel:
             _segment(model, joint, _prefix(chain, joint)) for joint in chain.joints
         )
         self.parameters = ParameterSet(_parameters(self.segments))
+        turning = [s.prefix for s in self.segments if s.motion == "revolute"]
+        self.nongeometric = ParameterSet(nongeometric_parameters(turning))
 
     @classmethod
     def from_urdf(cls, path: str | Path, tip: str, base: str | None = None) -> ArmModel:
@@ -89,15 +94,37 @@ class ArmModel:
             if not name.endswith(".offset")
         )
 
+    @cached_property
+    def offered(self) -> ParameterSet:
+        """`parameters`, then `nongeometric`: all that can be selected."""
+        return ParameterSet([*self.parameters.values(), *self.nongeometric.values()])
+
+    @cached_property
+    def loads(self) -> tuple[Load, ...]:
+        """The masses on the moving joints, base → tip, as the URDF has them."""
+        return loads(self.chain, self.model)
+
     def select(self, *rows: Selection | str) -> ParameterSet:
-        """The parameters that are to be estimated; strings stand for unbounded selections."""
+        """The parameters that are to be estimated; strings stand for unbounded selections.
+
+        Raises:
+            ParameterError: a row that fits no parameter.
+            UrdfError: a joint's compliance is selected, and nothing beyond it has a mass.
+        """
         selections = [r if isinstance(r, Selection) else Selection((r,)) for r in rows]
-        return select_parameters(self.parameters, self.geometric, selections)
+        chosen = select_parameters(self.offered, self.geometric, selections)
+        self._check_masses(chosen)
+        return chosen
+
+    def _check_masses(self, names: Iterable[str]) -> None:
+        split = (name.rpartition(".") for name in names)
+        yielding = [joint for joint, _, key in split if key == COMPLIANCE]
+        check_masses(self.chain, self.loads, yielding)
 
     def function(self, names: Sequence[str]) -> Symbol:
         """CasADi function of `kinematics.forward_kinematics`, built once for each set of names."""
         for name in names:
-            _ = self.parameters[name]
+            _ = self.offered[name]
         return _kinematics(self, tuple(names))
 
     def forward(
@@ -113,7 +140,8 @@ class ArmModel:
             Rotations (n, 3, 3) and positions (n, 3), m; without n for a single reading.
         """
         readings = np.asarray(q, dtype=float)
-        own = {k: v for k, v in (values or {}).items() if k in self.parameters}
+        own = {k: v for k, v in (values or {}).items() if v and k in self.nongeometric}
+        own |= {k: v for k, v in (values or {}).items() if k in self.parameters}
         rows = np.atleast_2d(readings)
         if rows.shape[1] != len(self.joints):
             raise ParameterError(
@@ -133,7 +161,8 @@ class ArmModel:
 
         Args:
             destination: file to write.
-            values: parameter values by name; those of other things than this arm are ignored.
+            values: parameter values by name; those of other things than this arm are ignored, and
+                so are eccentricity and compliance: a URDF cannot hold them.
 
         Raises:
             OutputError: the file could not be written; nothing is left half-written.
@@ -150,7 +179,9 @@ class ArmModel:
 
 @lru_cache(maxsize=16)
 def _kinematics(arm: ArmModel, names: tuple[str, ...]) -> Symbol:
-    return forward_kinematics(arm.segments, names)
+    arm._check_masses(names)
+    gravity = gravity_in_base(arm.chain, arm.model)
+    return forward_kinematics(arm.segments, names, arm.loads, gravity)
 
 
 def _prefix(chain: Chain, joint: ChainJoint) -> str:

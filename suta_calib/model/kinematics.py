@@ -4,14 +4,15 @@
 
     Trans(xyz) · R_nominal · exp([rx, ry, rz]) · motion(axis, q + offset)
 
-with the placements and axes of `pin.Model`. The Jacobian is written as the geometric Jacobian of
-every parameter (an axis through a point) rather than left to differentiation: a column then costs
-a cross product, not another walk along the chain.
+with the placements and axes of `pin.Model`; what an eccentric encoder or a yielding joint adds to
+the reading is that of `nongeometric`. The Jacobian is written as the geometric Jacobian of every
+parameter (an axis through a point) rather than left to differentiation: a column then costs a cross
+product, not another walk along the chain.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final, Literal
 
@@ -19,6 +20,8 @@ import casadi as ca
 import numpy as np
 
 from suta_calib.geometry import FloatArray, Symbol, symbolic_rotation
+from suta_calib.model.gravity import Load, MovingFrame, gravity_torques
+from suta_calib.model.nongeometric import COMPLIANCE
 
 Motion = Literal["revolute", "prismatic", "fixed"]
 AXES: Final = ("x", "y", "z")
@@ -52,11 +55,18 @@ class Segment:
 class _Walk:
     """The state of one pass along the chain: the current frame and the columns met so far."""
 
-    def __init__(self, names: Sequence[str], theta: Symbol, nominal: dict[str, float]) -> None:
+    def __init__(
+        self,
+        names: Sequence[str],
+        theta: Symbol,
+        nominal: Mapping[str, float],
+        torques: Mapping[str, Symbol],
+    ) -> None:
         self.rotation: Symbol = ca.SX.eye(3)
         self.position: Symbol = ca.SX(3, 1)
         self.index = {name: k for k, name in enumerate(names)}
-        self.theta, self.nominal = theta, nominal
+        self.theta, self.nominal, self.torques = theta, nominal, torques
+        self.frames: list[MovingFrame] = []
         # column index → (linear direction, None) or (axis, point it passes through)
         self.columns: dict[int, tuple[Symbol, Symbol | None]] = {}
 
@@ -99,13 +109,31 @@ class _Walk:
         offset = f"{segment.prefix}.offset"
         amount = reading + self.value(offset)
         axis = _snapped(segment.axis)
-        direction = self.rotation @ ca.SX(axis)
+        direction, point = self.rotation @ ca.SX(axis), self.position
         if segment.motion == "prismatic":
             self.note(offset, direction)
             self.position = self.position + direction * amount
         else:
-            self.note(offset, direction, self.position)
+            self.note(offset, direction, point)
+            for name, effect in self._beside_the_reading(segment.prefix, reading):
+                amount += self.value(name) * effect
+                self.note(name, direction * effect, point)
             self.rotation = self.rotation @ _axis_rotation(axis, amount)
+        frame = MovingFrame(segment.prefix, direction, point, self.rotation, self.position)
+        self.frames.append(frame)
+
+    def _beside_the_reading(self, joint: str, reading: Symbol) -> Iterator[tuple[str, Symbol]]:
+        """Names that are asked for, with the joint's turn per unit of each."""
+        turns = {
+            "ecc_c1": ca.cos(reading),
+            "ecc_s1": ca.sin(reading),
+            "ecc_c2": ca.cos(2 * reading),
+            "ecc_s2": ca.sin(2 * reading),
+            COMPLIANCE: self.torques.get(joint),
+        }
+        for key, turn in turns.items():
+            if f"{joint}.{key}" in self.index:
+                yield f"{joint}.{key}", turn
 
     def jacobian(self) -> Symbol:
         """(6, n): linear over angular velocity of the tip in the base frame, per parameter."""
@@ -118,12 +146,19 @@ class _Walk:
         return ca.horzcat(*rows) if rows else ca.SX(6, 0)
 
 
-def forward_kinematics(segments: Sequence[Segment], names: Sequence[str]) -> Symbol:
+def forward_kinematics(
+    segments: Sequence[Segment],
+    names: Sequence[str],
+    carried: Sequence[Load] = (),
+    gravity: FloatArray | None = None,
+) -> Symbol:
     """The chain's kinematics as a CasADi function of the named parameters and one sample.
 
     Args:
         segments: base to tip.
         names: the parameters that become inputs, in this order; all others stay nominal.
+        carried: loads of the moving joints, needed where a name is a compliance.
+        gravity: (3,) in the base frame, m/s², needed likewise.
 
     Returns:
         ``ca.Function(theta (n), q (joints)) -> (rotation (9, column by column), position (3),
@@ -136,10 +171,11 @@ def forward_kinematics(segments: Sequence[Segment], names: Sequence[str]) -> Sym
     nominal = {
         f"{s.prefix}.{k}": float(s.position[i]) for s in segments for i, k in enumerate(AXES)
     }
-    walk = _Walk(names, theta, nominal)
-    readings = iter(range(len(moving)))
-    for segment in segments:
-        walk.through(segment, None if segment.motion == "fixed" else q[next(readings)])
+    torques: Mapping[str, Symbol] = {}
+    if gravity is not None and any(name.endswith(f".{COMPLIANCE}") for name in names):
+        still = _walked(segments, _Walk([], theta, nominal, {}), q)
+        torques = gravity_torques(still.frames, carried, gravity)
+    walk = _walked(segments, _Walk(names, theta, nominal, torques), q)
     outputs = [ca.vec(walk.rotation), walk.position, walk.jacobian().T]
     return ca.Function(
         "forward_kinematics",
@@ -149,6 +185,13 @@ def forward_kinematics(segments: Sequence[Segment], names: Sequence[str]) -> Sym
         ["rotation", "position", "jacobian"],
         {"cse": True},
     )
+
+
+def _walked(segments: Sequence[Segment], walk: _Walk, q: Symbol) -> _Walk:
+    readings = iter(range(q.numel()))
+    for segment in segments:
+        walk.through(segment, None if segment.motion == "fixed" else q[next(readings)])
+    return walk
 
 
 def _axis_rotation(axis: FloatArray, angle: Symbol) -> Symbol:

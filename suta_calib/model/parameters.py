@@ -14,13 +14,21 @@ import numpy as np
 from suta_calib.errors import ParameterError
 from suta_calib.geometry import FloatArray
 
-Unit = Literal["m", "rad"]
+# The last is that of a joint's compliance, a turn per torque.
+Unit = Literal["m", "rad", "rad/Nm"]
 GEOMETRIC: Final = "geometric"
-# Lengths and angles of the size that moves the tip of a metre-long arm by a centimetre.
-SCALE: Final[dict[Unit, float]] = {"m": 0.01, "rad": 0.01}
+# Lengths and angles of the size that moves the tip of a metre-long arm by a centimetre, and what
+# yields as much to the torque of a few kilograms.
+SCALE: Final[dict[Unit, float]] = {"m": 0.01, "rad": 0.01, "rad/Nm": 1e-3}
+# How the keys of errors begin that are no geometry (`nongeometric`).
+NONGEOMETRIC: Final = ("ecc", "compliance")
 # How far a geometric parameter without a bound may plausibly be off: only used to judge whether
 # the data tell anything about it, never to limit it.
-PLAUSIBLE: Final[dict[Unit, float]] = {"m": 0.05, "rad": math.radians(10.0)}
+PLAUSIBLE: Final[dict[Unit, float]] = {
+    "m": 0.05,
+    "rad": math.radians(10.0),
+    "rad/Nm": math.radians(0.2),
+}
 
 
 @dataclass(frozen=True)
@@ -29,7 +37,7 @@ class Parameter:
 
     Attributes:
         name: as in the file formats, e.g. ``joint_4.z`` or ``placement[P1].rx``.
-        unit: ``m`` or ``rad``.
+        unit: ``m``, ``rad`` or ``rad/Nm``.
         nominal: where it starts, and where it stays if nothing can be said of it.
         lower, upper: bounds of the value, infinite where there is none.
         prior: standard deviation of a Gaussian prior about nominal, or None.
@@ -123,8 +131,9 @@ class Selection:
 
     Attributes:
         select: names, globs, or the word ``geometric``.
-        bound_m, bound_rad: half-width of the bounds about nominal, for lengths and for angles.
-        prior_m, prior_rad: standard deviation of a Gaussian prior about nominal.
+        bound_m, bound_rad, bound_rad_per_nm: half-width of the bounds about nominal, for lengths,
+            for angles and for compliances.
+        prior_m, prior_rad, prior_rad_per_nm: standard deviation of a Gaussian prior about nominal.
         fixed: name the parameter in the result, but do not estimate it.
         line: line of the job file, for messages.
     """
@@ -136,14 +145,22 @@ class Selection:
     prior_rad: float | None = None
     fixed: bool = False
     line: int | None = None
+    bound_rad_per_nm: float | None = None
+    prior_rad_per_nm: float | None = None
+
+    def sizes(self, unit: Unit) -> tuple[float | None, float | None]:
+        """Bound and prior of what is measured in ``unit``."""
+        return {
+            "m": (self.bound_m, self.prior_m),
+            "rad": (self.bound_rad, self.prior_rad),
+            "rad/Nm": (self.bound_rad_per_nm, self.prior_rad_per_nm),
+        }[unit]
 
     def applied_to(self, parameter: Parameter) -> Parameter:
         """The parameter with this row's bounds and prior in place of its own."""
         if self.fixed:
             return replace(parameter, free=False)
-        if parameter.unit == "m":
-            return parameter.bounded(self.bound_m, self.prior_m)
-        return parameter.bounded(self.bound_rad, self.prior_rad)
+        return parameter.bounded(*self.sizes(parameter.unit))
 
 
 def select_parameters(
@@ -176,14 +193,14 @@ def _matches(
 ) -> list[str]:
     if pattern in available:
         return [pattern]
-    reachable = [n for n in available if n in geometric or n.endswith(".offset")]
+    found = [n for n in _reachable(pattern, available, geometric) if fnmatchcase(n, pattern)]
     if pattern == GEOMETRIC:
-        return [name for name in reachable if name in geometric]
-    found = [name for name in reachable if fnmatchcase(name, pattern)]
+        return [name for name in available if name in geometric]
     if not found:
         raise ParameterError(
             f"'{pattern}', which matches no parameter of the arm",
-            "names like joint.offset, joint.x|y|z|rx|ry|rz, globs of them, or 'geometric'",
+            "names like joint.offset, joint.x|y|z|rx|ry|rz, joint.ecc_c1|ecc_s1|ecc_c2|ecc_s2, "
+            "joint.compliance, globs of them, or 'geometric'",
             line=row.line,
             where="parameters: select",
             hint=_did_you_mean(pattern, available),
@@ -191,18 +208,25 @@ def _matches(
     return found
 
 
+def _reachable(pattern: str, available: ParameterSet, geometric: frozenset[str]) -> list[str]:
+    """What a glob may mean: errors that are no geometry only where it says so itself."""
+    if pattern.rpartition(".")[2].startswith(NONGEOMETRIC):
+        return [n for n in available if n.rpartition(".")[2].startswith(NONGEOMETRIC)]
+    return [n for n in available if n in geometric or n.endswith(".offset")]
+
+
 def _check_units(row: Selection, units: set[Unit]) -> None:
-    given: dict[Unit, list[float | None]] = {
-        "m": [row.bound_m, row.prior_m],
-        "rad": [row.bound_rad, row.prior_rad],
+    keys: dict[Unit, tuple[str, str]] = {
+        "m": ("bound_mm or prior_mm", "lengths"),
+        "rad": ("bound_deg or prior_deg", "angles"),
+        "rad/Nm": ("bound_deg_per_nm or prior_deg_per_nm", "compliances"),
     }
-    keys = {"m": "bound_mm or prior_mm", "rad": "bound_deg or prior_deg"}
-    for unit, values in given.items():
-        if unit not in units and any(v is not None for v in values):
-            kind = "angles" if unit == "m" else "lengths"
+    for unit, (key, _) in keys.items():
+        if unit not in units and any(v is not None for v in row.sizes(unit)):
             raise ParameterError(
-                f"{keys[unit]} for {', '.join(row.select)}, which are all {kind}",
-                keys["rad" if unit == "m" else "m"],
+                f"{key} for {', '.join(row.select)}, which are all "
+                f"{' or '.join(kind for u, (_, kind) in keys.items() if u in units)}",
+                ", ".join(k for u, (k, _) in keys.items() if u in units),
                 line=row.line,
                 where="parameters",
             )

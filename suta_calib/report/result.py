@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Protocol
 
 from suta_calib.analysis.accuracy import Accuracy, TermAccuracy
+from suta_calib.measurements.exclusion import Exclusion
 from suta_calib.model.arm import ArmModel
 from suta_calib.solver.solution import Estimate, Solution
 
@@ -20,6 +21,14 @@ class Observation(Protocol):
     @property
     def label(self) -> str:
         """Tells several instruments of one kind apart."""
+
+    @property
+    def kind(self) -> str:
+        """What was observed."""
+
+    @property
+    def exclude(self) -> Exclusion | None:
+        """Samples the row leaves out."""
 
 
 class Spec(Protocol):

@@ -41,6 +41,7 @@ def result_dict(result: Result) -> Json:
         "parameters": {name: _parameter(solution, name) for name in solution.problem.names},
         "unidentified": list(solution.unidentified),
         "unobservable": _combinations(solution),
+        "excluded": _excluded(result),
         "metrics": _metrics(result),
         "timing_s": _timing(solution),
         "correlations": _correlations(solution),
@@ -116,6 +117,18 @@ def _knowledge(parameter: Parameter) -> Json:
     if math.isfinite(parameter.lower) or math.isfinite(parameter.upper):
         content["bounds"] = [parameter.lower, parameter.upper]
     return content
+
+
+def _excluded(result: Result) -> list[Json]:
+    """Samples that rows of the job leave out by name."""
+    spec = result.job.spec
+    sets = {"observations": spec.observations, "validation": spec.validation}
+    return [
+        {"in": f"{name}[{k}]", "kind": row.kind, **row.exclude.as_dict()}
+        for name, rows in sets.items()
+        for k, row in enumerate(rows)
+        if row.exclude is not None
+    ]
 
 
 def _combinations(solution: Solution) -> list[dict[str, float]]:

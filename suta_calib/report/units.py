@@ -8,9 +8,13 @@ from typing import Final
 
 from suta_calib.model.parameters import Unit
 
-PER_SI: Final[dict[Unit, float]] = {"m": 1e3, "rad": 180.0 / math.pi}
-SHOWN_UNIT: Final[dict[Unit, str]] = {"m": "mm", "rad": "deg"}
-DECIMALS: Final[dict[Unit, int]] = {"m": 3, "rad": 4}
+PER_SI: Final[dict[Unit, float]] = {
+    "m": 1e3,
+    "rad": 180.0 / math.pi,
+    "rad/Nm": 180.0 / math.pi,
+}
+SHOWN_UNIT: Final[dict[Unit, str]] = {"m": "mm", "rad": "deg", "rad/Nm": "deg/Nm"}
+DECIMALS: Final[dict[Unit, int]] = {"m": 3, "rad": 4, "rad/Nm": 5}
 NOTHING: Final = "–"
 
 

@@ -6,6 +6,8 @@ from typing import Final
 
 from suta_calib.analysis.accuracy import Accuracy
 from suta_calib.analysis.lack_of_fit import LackOfFit, lack_of_fit
+from suta_calib.analysis.model_choice.residual_tests import score_tests
+from suta_calib.model.nongeometric import is_nongeometric
 from suta_calib.report.result import Result, arm_estimates
 from suta_calib.report.units import text
 from suta_calib.solver.solution import Solution, State
@@ -27,7 +29,9 @@ def judge(result: Result) -> Verdict:
         *_on_validation(result.accuracy),
         *_on_parameters(solution),
         *_on_fit(solution),
+        *_beside_geometry(solution),
         *_on_noise(solution),
+        *_on_exclusions(result),
     )
     worse = _validation_change(result.accuracy) > 0
     level: Level = "bad" if worse else "caution" if notes else "good"
@@ -76,6 +80,28 @@ def _lacking(fit: LackOfFit) -> str:
     )
 
 
+def _beside_geometry(solution: Solution) -> list[str]:
+    """What a URDF cannot hold, and what the residuals look like beside geometry."""
+    notes = []
+    if held := [n for n, e in arm_estimates(solution).items() if e.value and is_nongeometric(n)]:
+        notes.append(
+            f"A URDF cannot hold {listed(held)}: calibrated.urdf is the geometry only, and its tip "
+            "is right only with the corrections in result.json (track and validate apply them "
+            "with --result)."
+        )
+    suspects: dict[str, None] = {}
+    for test in score_tests(solution):
+        if test.suspicious:
+            what = "a joint that yields" if test.family == "compliance" else "an eccentric encoder"
+            suspects.setdefault(f"{test.joint} look like {what}")
+    if suspects:
+        notes.append(
+            f"The residuals of {next(iter(suspects))}: run suta-calib extend, which says whether "
+            "such a term predicts left-out data better."
+        )
+    return notes
+
+
 def _on_noise(solution: Solution) -> list[str]:
     notes = []
     blocks = solution.problem.blocks
@@ -86,6 +112,12 @@ def _on_noise(solution: Solution) -> list[str]:
                 f"the job says {text(assumed, block.unit, with_unit=True)}."
             )
     return notes
+
+
+def _on_exclusions(result: Result) -> list[str]:
+    spec = result.job.spec
+    rows = (*spec.observations, *spec.validation)
+    return [f"The job excludes {r.exclude} from {r.kind}." for r in rows if r.exclude is not None]
 
 
 def listed(names: list[str], most: int = MOST_NAMES) -> str:

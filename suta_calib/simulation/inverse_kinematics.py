@@ -80,7 +80,7 @@ class InverseKinematics:
     def __init__(self, arm: ArmModel, values: Mapping[str, float]) -> None:
         self.arm = arm
         offsets = [f"{joint}.offset" for joint in arm.joints]
-        others = [n for n in values if n in arm.parameters and n not in offsets]
+        others = [n for n in values if n in arm.offered and n not in offsets]
         self._function = arm.function([*offsets, *others])
         self._theta = np.array([values.get(n, 0.0) for n in offsets] + [values[n] for n in others])
         unlimited = full_circle(arm)

@@ -12,6 +12,7 @@ from ruamel.yaml.comments import CommentedMap
 
 from suta_calib.errors import OutputError
 from suta_calib.measurements import write_samples, write_text
+from suta_calib.simulation.schema import SUFFIX
 from suta_calib.simulation.simulate import SimulatedFile, Simulation
 
 _TITLE: Final = "# Simulated measurements"
@@ -53,6 +54,7 @@ def truth_text(simulation: Simulation) -> str:
         "seed": simulation.seed,
         "parameters": {name: _parameter(simulation, name) for name in _departing(simulation)},
         "landmarks": _landmarks(simulation),
+        **_seatings(simulation),
         "outliers": [row for file in simulation.files for row in _outliers(file)],
     }
     yaml, text = YAML(), io.StringIO()
@@ -62,13 +64,13 @@ def truth_text(simulation: Simulation) -> str:
 
 
 def _departing(simulation: Simulation) -> list[str]:
-    nominal = simulation.arm.parameters
+    nominal = simulation.arm.offered
     return [name for name, value in simulation.values.items() if value != nominal[name].nominal]
 
 
 def _parameter(simulation: Simulation, name: str) -> CommentedMap:
-    parameter, value = simulation.arm.parameters[name], simulation.values[name]
-    unit = "mm" if parameter.unit == "m" else "deg"
+    parameter, value = simulation.arm.offered[name], simulation.values[name]
+    unit = SUFFIX[parameter.unit]
     return _row(
         {
             f"value_{unit}": _shown(value, unit),
@@ -92,6 +94,17 @@ def _landmarks(simulation: Simulation) -> dict[str, Any]:
         for name, artefact in simulation.artefacts.items()
         if name in departing
     }
+
+
+def _seatings(simulation: Simulation) -> dict[str, Any]:
+    """How the tip always sits, by set; nothing where it fits."""
+    found = {
+        plan.name: _row({"x_mm": 1e3 * x, "y_mm": 1e3 * y, "rz_deg": math.degrees(rz)})
+        for plan in simulation.spec.sets
+        for x, y, rz in [plan.seating]
+        if any(plan.seating)
+    }
+    return {"seating": found} if found else {}
 
 
 def _outliers(file: SimulatedFile) -> list[CommentedMap]:

@@ -13,6 +13,8 @@ from suta_calib.simulation.noise import NoiseLevels, OutlierSpec
 
 TOUCHED_ARTEFACT: Final = ("pairwise_distance", "landmark")
 SEEN_FROM_AFAR: Final = ("tracked_point", "hand_eye")
+# How the keys of a file end that give a size in a unit.
+SUFFIX: Final[dict[Unit, str]] = {"m": "mm", "rad": "deg", "rad/Nm": "deg_per_nm"}
 KINDS: Final = (*TOUCHED_ARTEFACT, "fixed_point", *SEEN_FROM_AFAR)
 
 
@@ -22,8 +24,8 @@ class ErrorRow:
 
     Attributes:
         select: names, globs, or the word ``geometric``.
-        value: by unit, the departure itself, m or rad.
-        std: by unit, the standard deviation it is drawn with, m or rad.
+        value: by unit, the departure itself, m, rad or rad/(N·m).
+        std: by unit, the standard deviation it is drawn with, likewise.
         line: line of the row in the file.
     """
 
@@ -86,6 +88,8 @@ class SetSpec:
         eye_in_tip: ``T_tip_eye`` of a camera that the tip carries.
         target_in_base: ``T_base_target`` of what the camera sees.
         line: line of the set in the file.
+        seating: (3,) how the tip always sits in its sockets: x and y off their axes, m, and the
+            turn about the tool's axis, rad.
     """
 
     name: str
@@ -105,6 +109,7 @@ class SetSpec:
     eye_in_tip: PoseSpec | None = None
     target_in_base: PoseSpec | None = None
     line: int | None = None
+    seating: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     @property
     def places(self) -> str:

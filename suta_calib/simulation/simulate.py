@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from suta_calib.errors import JobError
-from suta_calib.geometry import FloatArray
+from suta_calib.geometry import FloatArray, rotation_from_vector
 from suta_calib.measurements import Artefact, Samples, read_artefact
 from suta_calib.model.arm import ArmModel
 from suta_calib.simulation.inverse_kinematics import InverseKinematics, Targets
@@ -143,7 +143,9 @@ def _touched(plan: SetSpec, visits: Visits, visitor: Visitor) -> SimulatedFile:
     displacement = _displacement(plan, visits.name, n, visitor.seed)
     position = visits.targets.position + plan.noise.seating * rng.standard_normal((n, 3))
     tilt = scattered_rotations(rng, plan.noise.seating_angle, n)
-    targets = Targets(position + displacement, visits.targets.rotation @ tilt)
+    shift = visits.targets.rotation @ np.array([*plan.seating[:2], 0.0])
+    turned = visits.targets.rotation @ rotation_from_vector([0.0, 0.0, plan.seating[2]])
+    targets = Targets(position + shift + displacement, turned @ tilt)
     again = stream(visitor.seed, plan.name, visits.name, "touches")
     q = visitor.reach(visits, targets, visits.start, again, f"sets.{plan.name}.{plan.places}")
     noise = stream(visitor.seed, plan.name, visits.name, "encoders")

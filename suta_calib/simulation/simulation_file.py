@@ -17,6 +17,7 @@ from suta_calib.model.parameters import Unit
 from suta_calib.simulation.noise import NoiseLevels, OutlierSpec
 from suta_calib.simulation.schema import (
     KINDS,
+    SUFFIX,
     TOUCHED_ARTEFACT,
     ErrorRow,
     PoseSpec,
@@ -27,8 +28,8 @@ from suta_calib.simulation.schema import (
 
 _COMMON_KEYS: Final = ("kind", "noise", "outliers")
 _KEYS_OF_KIND: Final = {
-    "pairwise_distance": ("artefact", "placements", "repeats"),
-    "landmark": ("artefact", "placements", "repeats"),
+    "pairwise_distance": ("artefact", "placements", "repeats", "seating"),
+    "landmark": ("artefact", "placements", "repeats", "seating"),
     "fixed_point": ("points", "directions", "axis", "cone_deg"),
     "tracked_point": ("samples", "base_in_instrument", "orientation"),
     "hand_eye": ("samples", "eye_in_tip", "target_in_base"),
@@ -37,7 +38,7 @@ _NOISE_KEYS: Final = (
     *("seating_mm", "seating_deg", "encoder_deg", "encoder_mm", "encoder_bits"),
     *("instrument_mm", "instrument_deg", "artefact"),
 )
-_ERROR_KEYS: Final = ("value_mm", "value_deg", "std_mm", "std_deg")
+_ERROR_KEYS: Final = tuple(f"{key}_{s}" for key in ("value", "std") for s in SUFFIX.values())
 _MOST_BITS: Final = 52
 _M_PER_MM: Final = 1e-3
 _RAD_PER_DEG: Final = math.pi / 180
@@ -110,9 +111,10 @@ def _error_row(row: YamlSection) -> ErrorRow:
 
 
 def _by_unit(row: YamlSection, key: str) -> dict[str, float]:
-    """``value_mm`` and ``value_deg`` as {"m": …, "rad": …}; a std must not be negative."""
-    found = {}
-    for unit, suffix, scale in (("m", "mm", _M_PER_MM), ("rad", "deg", _RAD_PER_DEG)):
+    """``value_mm``, ``value_deg``, … as {"m": …, "rad": …}; a std must not be negative."""
+    found: dict[str, float] = {}
+    for unit, suffix in SUFFIX.items():
+        scale = _M_PER_MM if unit == "m" else _RAD_PER_DEG
         sign = "non-negative" if key == "std" else "any"
         number = row.optional_number(f"{key}_{suffix}", sign, scale)  # type: ignore[arg-type]
         if number is not None:
@@ -174,7 +176,19 @@ def _set(name: str, section: YamlSection, noise: NoiseLevels) -> SetSpec:
         _optional_pose(section, "eye_in_tip"),
         _optional_pose(section, "target_in_base"),
         section.line,
+        _seating(section.section("seating")) if "seating" in section else (0.0, 0.0, 0.0),
     )
+
+
+def _seating(section: YamlSection) -> tuple[float, float, float]:
+    keys = ("x_mm", "y_mm", "rz_deg")
+    section.check_keys(keys)
+    scales = (_M_PER_MM, _M_PER_MM, _RAD_PER_DEG)
+    x, y, rz = (
+        section.optional_number(key, scale=scale) or 0.0
+        for key, scale in zip(keys, scales, strict=True)
+    )
+    return x, y, rz
 
 
 def _required(kind: str) -> tuple[str, ...]:

@@ -6,11 +6,13 @@ from suta_calib.errors import JobError, ParameterError
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import Parameter
 from suta_calib.simulation.noise import stream
-from suta_calib.simulation.schema import ErrorRow, SimulationSpec
+from suta_calib.simulation.schema import SUFFIX, ErrorRow, SimulationSpec
 
 
 def true_values(arm: ArmModel, spec: SimulationSpec, seed: int) -> dict[str, float]:
-    """True values of all the arm's parameters, nominal where no row names them.
+    """True values of all the arm's placements and offsets, nominal where no row names them.
+
+    Eccentricity and compliance are among them only where a row gives them.
 
     A parameter's random number depends on the seed and its name alone, so a change to one row
     leaves the others' parameters as they were.
@@ -21,7 +23,7 @@ def true_values(arm: ArmModel, spec: SimulationSpec, seed: int) -> dict[str, flo
         seed: of the drawn errors.
 
     Returns:
-        Values by name, m or rad, in the arm's order.
+        Values by name, m, rad or rad/(N·m), in the arm's order.
 
     Raises:
         JobError: a row selects nothing, or gives no size in the unit of one it selects.
@@ -29,8 +31,9 @@ def true_values(arm: ArmModel, spec: SimulationSpec, seed: int) -> dict[str, flo
     errors: dict[str, float] = {}
     for index, row in enumerate(spec.errors):
         for name in _selected(arm, row, index, spec):
-            errors[name] = _error(arm.parameters[name], row, index, seed, spec)
-    return {n: p.nominal + errors.get(n, 0.0) for n, p in arm.parameters.items()}
+            errors[name] = _error(arm.offered[name], row, index, seed, spec)
+    told = [n for n in arm.offered if n in errors or n in arm.parameters]
+    return {n: arm.offered[n].nominal + errors.get(n, 0.0) for n in told}
 
 
 def _selected(arm: ArmModel, row: ErrorRow, index: int, spec: SimulationSpec) -> tuple[str, ...]:
@@ -48,7 +51,7 @@ def _selected(arm: ArmModel, row: ErrorRow, index: int, spec: SimulationSpec) ->
             hint=problem.hint,
         ) from None
     sized = {*row.value, *row.std}
-    return tuple(n for n in names if n in row.select or arm.parameters[n].unit in sized)
+    return tuple(n for n in names if n in row.select or arm.offered[n].unit in sized)
 
 
 def _error(
@@ -58,7 +61,7 @@ def _error(
         return row.value[parameter.unit]
     if parameter.unit in row.std:
         return row.std[parameter.unit] * float(stream(seed, parameter.name).standard_normal())
-    suffix = "mm" if parameter.unit == "m" else "deg"
+    suffix = SUFFIX[parameter.unit]
     raise JobError(
         f"no size of the error of {parameter.name}",
         f"value_{suffix} or std_{suffix}",

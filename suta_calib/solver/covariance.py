@@ -1,20 +1,27 @@
 """How sure an estimate is: the sandwich covariance, before and after the residuals are known.
 
-    Cov = A⁻¹ (M + P) A⁻¹
+    Cov = A⁻¹ (M + P) A⁻¹ + G Σ Gᵀ
 
-with A the curvature of the robust cost and priors, M the variance of its gradient by touch, and P
-the priors' precision. Rows that share samples are not independent: the (JᵀJ)⁻¹ of pairwise
-distances understates standard deviations by two to four times.
+with A the curvature of the robust cost and priors, M the variance of its gradient by touch, P the
+priors' precision, and G Σ Gᵀ what the artefact's uncertainty adds (`artefact_covariance`). Rows
+that share samples are not independent: the (JᵀJ)⁻¹ of pairwise distances understates standard
+deviations by two to four times.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
 from suta_calib.geometry import FloatArray
+from suta_calib.solver.artefact_covariance import (
+    artefact_covariance,
+    artefact_rows,
+    residuals_without_artefact,
+)
 from suta_calib.solver.information import Information, Rows, robust_jacobian, whitened_rows
 from suta_calib.solver.problem import Problem
 from suta_calib.terms.term import IntArray
@@ -25,6 +32,24 @@ MANY_TOUCHES: Final = 2000
 ROUNDING: Final = 1e-14
 
 
+@dataclass(frozen=True, eq=False)
+class CovarianceParts:
+    """Where an estimate's uncertainty comes from; the parts add up.
+
+    Attributes:
+        scatter: (n, n) of everything that differs from touch to touch, and of the priors.
+        artefact: (n, n) of certified coordinates, whose errors all touches share.
+    """
+
+    scatter: FloatArray
+    artefact: FloatArray
+
+    @property
+    def total(self) -> FloatArray:
+        """Covariance (n, n) of the estimate."""
+        return np.asarray(self.scatter + self.artefact)
+
+
 def observed_covariance(
     problem: Problem,
     x: FloatArray,
@@ -32,10 +57,22 @@ def observed_covariance(
     free: IntArray,
     touches: Sequence[IntArray] | None = None,
 ) -> FloatArray:
-    """Covariance (n, n) of the estimate at x, zero for entries that were not free.
+    """Covariance (n, n) of the estimate at x: the sum of `observed_parts`."""
+    return observed_parts(problem, x, sigmas, free, touches).total
+
+
+def observed_parts(
+    problem: Problem,
+    x: FloatArray,
+    sigmas: Sequence[float],
+    free: IntArray,
+    touches: Sequence[IntArray] | None = None,
+) -> CovarianceParts:
+    """Covariance of the estimate at x by origin, zero for entries that were not free.
 
     The sandwich A⁻¹ (M + P) A⁻¹ with the priors' precision P in A as well: scatter as the residuals
-    show it, outliers as Huber weighs them, rows of one touch together.
+    show it, outliers as Huber weighs them, rows of one touch together. What an artefact's stated
+    uncertainty explains of the residuals is taken from them and stands in its own part.
 
     Args:
         problem: terms and parameters.
@@ -47,14 +84,18 @@ def observed_covariance(
     rows = whitened_rows(problem, x, sigmas)
     prior = np.diag(problem.prior_precision())
     curvature = prior + sum(j.T @ j for j in map(robust_jacobian, rows))
-    bread = np.zeros_like(prior)
+    bread, artefact = np.zeros_like(prior), np.zeros_like(prior)
     bread[np.ix_(free, free)] = _pseudo_inverse(curvature[np.ix_(free, free)])
-    covariance = bread @ prior @ bread
     touches = [term.repeats() for term in problem.terms] if touches is None else touches
+    part = artefact_rows(rows)
+    if part is not None and len(free):
+        artefact = artefact_covariance(rows, part, bread)
+        rows = residuals_without_artefact(problem, x, rows, part, free, touches)
+    scatter = bread @ prior @ bread
     for term, touch in zip(problem.terms, touches, strict=True):
         mine = [r for r in rows if any(r.line.view.block is b for b in term.blocks)]
-        covariance += _clustered_variance(mine, touch, bread)
-    return covariance
+        scatter += _clustered_variance(mine, touch, bread)
+    return CovarianceParts(scatter, artefact)
 
 
 def predicted_covariance(problem: Problem, information: Information, free: IntArray) -> FloatArray:

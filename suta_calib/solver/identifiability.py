@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from suta_calib.errors import ParameterError
 from suta_calib.geometry import FloatArray
+from suta_calib.model.nongeometric import is_nongeometric
 from suta_calib.model.parameters import ParameterSet
 from suta_calib.solver.information import Information
 from suta_calib.terms.term import IntArray
@@ -206,10 +207,15 @@ def _combinations(
 
 
 def _preference(parameters: ParameterSet) -> FloatArray:
-    """Among equals, hold turns before lengths before offsets, zeros before lengths, base first."""
+    """Among equals, hold what is no geometry first, then turns, lengths, offsets.
+
+    Of those zeros before lengths, base first.
+    """
     rank = []
     for k, p in enumerate(parameters.values()):
         key = p.name.rsplit(".", 1)[-1]
         group = 0 if key.startswith("r") else 2 if key == "offset" else 1
+        if is_nongeometric(p.name):
+            group = -1
         rank.append(group + (0.5 if p.nominal else 0.0) + 1e-6 * k)
     return np.array(rank)

@@ -57,6 +57,8 @@ class Solution:
         identification: what they can tell at the solution: this decided what was held.
         free: indices of the parameters that were estimated.
         covariance: (n, n) of all parameters, m and rad; zero rows where nothing was estimated.
+        artefact_covariance: (n, n), the part of it that comes from the artefact's stated
+            uncertainty, which further touches cannot reduce; zero where none is stated.
         sigmas: assumed noise of each block, m or rad per component.
         noise: noise of each block as the residuals show it.
         timing: seconds by phase.
@@ -69,6 +71,7 @@ class Solution:
     identification: Identification
     free: IntArray
     covariance: FloatArray
+    artefact_covariance: FloatArray
     sigmas: tuple[float, ...]
     noise: tuple[float, ...]
     timing: dict[str, float]

@@ -12,7 +12,7 @@ import numpy as np
 from suta_calib.errors import ParameterError, SamplesError
 from suta_calib.geometry import FloatArray
 from suta_calib.model.parameters import Parameter
-from suta_calib.solver.covariance import observed_covariance
+from suta_calib.solver.covariance import observed_parts
 from suta_calib.solver.identifiability import Identification, identify
 from suta_calib.solver.information import noise_levels, predicted_information
 from suta_calib.solver.ipopt import Minimum, Options, RobustNlp
@@ -55,7 +55,7 @@ def solve(
     solved = perf_counter()
     x = fit.minimum.x
     free = _inside(problem, x, fit.free)
-    covariance = observed_covariance(problem, x, sigmas, free)
+    parts = observed_parts(problem, x, sigmas, free)
     return Solution(
         problem=problem,
         minimum=fit.minimum,
@@ -63,7 +63,8 @@ def solve(
         before=before,
         identification=fit.identification,
         free=free,
-        covariance=covariance,
+        covariance=parts.total,
+        artefact_covariance=parts.artefact,
         sigmas=tuple(sigmas),
         noise=tuple(noise_levels(problem, x, sigmas)),
         timing={

@@ -7,6 +7,7 @@ from suta_calib.terms.hand_eye import HandEye
 from suta_calib.terms.landmark import Landmark
 from suta_calib.terms.pairwise_distance import PairwiseDistance
 from suta_calib.terms.poses import ArmPoses, MeasuredPoses, PoseSource
+from suta_calib.terms.seating import Seating
 from suta_calib.terms.term import Block, Noise, Setup, Term
 from suta_calib.terms.tracked_point import TrackedPoint
 
@@ -25,6 +26,7 @@ __all__ = [
     "Noise",
     "PairwiseDistance",
     "PoseSource",
+    "Seating",
     "Setup",
     "Term",
     "TrackedPoint",

@@ -12,8 +12,10 @@ from scipy.spatial.transform import Rotation
 from suta_calib.errors import SamplesError
 from suta_calib.geometry import FloatArray, Symbol, register_points, symbolic_rotation_log
 from suta_calib.measurements import Artefact, SampleColumns
+from suta_calib.terms.certified import certified_rows
 from suta_calib.terms.pairwise_distance import check_landmarks
 from suta_calib.terms.poses import PoseSource
+from suta_calib.terms.seating import Seating, flat, seat_axes, turned_about_z
 from suta_calib.terms.term import (
     Block,
     IntArray,
@@ -38,6 +40,18 @@ def _rotation(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
     return symbolic_rotation_log(seated.T @ pose_of(own).R.T @ poses[0].R)
 
 
+def _position_shifted(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
+    """The same where the tip sits off the landmark's axis."""
+    seat = data[0:3] + ca.reshape(data[3:9], 3, 2) @ own[6:8]
+    return pose_of(own).inverse_act(poses[0].p) - seat
+
+
+def _rotation_turned(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
+    """The same where the tip is turned in its seat."""
+    seated = ca.reshape(data, 3, 3) @ turned_about_z(own[6])
+    return symbolic_rotation_log(seated.T @ pose_of(own).R.T @ poses[0].R)
+
+
 class Landmark(Term):
     """``T_base_artefact⁻¹ p_i - l_i`` for every touched landmark; each placement's pose is unknown.
 
@@ -48,8 +62,11 @@ class Landmark(Term):
         artefact: certified landmarks.
         noise: scatter and robustness of a position, m per axis.
         angular_noise: the same for the orientation, rad per axis.
+        seating: what the sockets leave open; the tip fits them exactly by default.
+        label: tells the seating in several artefacts apart.
 
     Raises:
+        ArtefactError: a landmark without orientation where there is a seating.
         SamplesError: a landmark is not certified.
     """
 
@@ -62,15 +79,20 @@ class Landmark(Term):
         artefact: Artefact,
         noise: Noise = Noise(),
         angular_noise: Noise = Noise(),
+        seating: Seating | None = None,
+        label: str = "default",
     ) -> None:
         super().__init__(poses, noise, angular_noise)
-        self.artefact = artefact
+        self.artefact, self.seating, self.label = artefact, seating, label
         self._certified = check_landmarks(poses, artefact)
         self._placements, self._placement = grouped(poses.samples.labels["placement"])
         self._seated = self._seated_rotations()
         self.own = tuple(
             p for name in self._placements for p in pose_parameters(f"placement[{name}]")
         )
+        if seating is not None:
+            self._axes = seat_axes(artefact, poses.samples.labels["landmark"])
+            self.own += seating.parameters(label)
         rows = np.arange(len(poses))
         self.blocks = (self._position_block(rows),)
         if len(self._oriented):
@@ -79,11 +101,13 @@ class Landmark(Term):
     @classmethod
     def over(cls, poses: PoseSource, setup: Setup) -> Landmark:
         """Build it from a row of a job file."""
-        return cls(poses, setup.certified(cls.kind), setup.noise, setup.angular_noise)
+        certified = setup.certified(cls.kind)
+        return cls(poses, certified, setup.noise, setup.angular_noise, setup.seating, setup.label)
 
     def over_poses(self, poses: PoseSource) -> Self:
         """The same over other poses."""
-        return type(self)(poses, self.artefact, self.noise, self.angular_noise)
+        given = (self.artefact, self.noise, self.angular_noise, self.seating, self.label)
+        return type(self)(poses, *given)
 
     def start(self, rotation: FloatArray, position: FloatArray) -> FloatArray:
         """Arun's registration of each placement; by orientation where the landmarks are in line."""
@@ -96,7 +120,8 @@ class Landmark(Term):
                 r = _mean_rotation(rotation[seated], self._seated[seated])
                 p = (position[rows] - self._certified[rows] @ r.T).mean(axis=0)
             values.append(pose_values(r, p))
-        return np.concatenate(values)
+        seating = len(self.own) - 6 * len(self._placements)
+        return np.concatenate([*values, np.zeros(seating)])
 
     def _spans_plane(self, rows: IntArray) -> bool:
         centred = self._certified[rows] - self._certified[rows].mean(axis=0)
@@ -128,8 +153,12 @@ class Landmark(Term):
                     hint="its pose is six unknowns; use fixed_point for one point touched often",
                 )
 
-    def _own_rows(self, rows: IntArray) -> IntArray:
-        return 6 * self._placement[rows, None] + np.arange(6)
+    def _own_rows(self, rows: IntArray, keys: str = "") -> IntArray:
+        """The placement's pose, and those of the seating's unknowns whose names end so."""
+        seats = range(6 * len(self._placements), len(self.own))
+        more = [k for k in seats if self.own[k].name.endswith(tuple(keys.split()) or ("?",))]
+        pose = 6 * self._placement[rows, None] + np.arange(6)
+        return np.hstack([pose, np.tile(np.array(more, dtype=np.intp), (len(rows), 1))])
 
     def _labels(self, rows: IntArray) -> tuple[str, ...]:
         return tuple(str(n) for n in self.poses.samples.labels["landmark"][rows])
@@ -137,21 +166,32 @@ class Landmark(Term):
     def _position_block(self, rows: IntArray) -> Block:
         names = self.poses.samples.labels["landmark"]
         sigma = np.array([self.artefact.landmarks[str(n)].sigma for n in names])
-        own, labels = self._own_rows(rows), self._labels(rows)
-        certified = self._certified
+        labels, residual, data = self._labels(rows), _position, self._certified
+        own = self._own_rows(rows, ".x .y")
+        if own.shape[1] > 6:
+            residual, data = _position_shifted, np.hstack([data, flat(self._axes)])
+        by_mark = np.tile(-np.eye(3)[:, None, :], (len(rows), 1, 1, 1))
         return Block(
-            "position", "m", 3, _position, rows[:, None], own, certified, self.noise, sigma, labels
+            "position",
+            "m",
+            3,
+            residual,
+            rows[:, None],
+            own,
+            data,
+            self.noise,
+            sigma,
+            labels,
+            certified_rows(self.artefact, names[rows, None], by_mark),
         )
 
     def _rotation_block(self, rows: IntArray) -> Block:
-        own, labels = self._own_rows(rows), self._labels(rows)
-        # Column by column, as CasADi reshapes.
-        data = np.swapaxes(self._seated[rows], 1, 2).reshape(len(rows), 9)
+        own, labels = self._own_rows(rows, ".rz"), self._labels(rows)
+        residual = _rotation_turned if own.shape[1] > 6 else _rotation
+        data = flat(self._seated[rows])
         known = np.zeros(len(rows))
         noise = self.angular_noise
-        return Block(
-            "rotation", "rad", 3, _rotation, rows[:, None], own, data, noise, known, labels
-        )
+        return Block("rotation", "rad", 3, residual, rows[:, None], own, data, noise, known, labels)
 
 
 def _mean_rotation(measured: FloatArray, seated: FloatArray) -> FloatArray:

@@ -5,12 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import ClassVar, Self
 
+import casadi as ca
 import numpy as np
 
 from suta_calib.errors import SamplesError
 from suta_calib.geometry import FloatArray, Symbol
 from suta_calib.measurements import Artefact, SampleColumns
+from suta_calib.terms.certified import certified_rows
 from suta_calib.terms.poses import PoseSource
+from suta_calib.terms.seating import Seating, flat, seat_axes
 from suta_calib.terms.term import (
     Block,
     IntArray,
@@ -29,6 +32,12 @@ def _residual(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
     return norm(poses[0].p - poses[1].p) - data[0]
 
 
+def _seated(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
+    """The same where the tip sits off the landmarks' axes, by as much everywhere."""
+    apart = data[0:3] + ca.reshape(data[3:9], 3, 2) @ own
+    return norm(poses[0].p - poses[1].p) - norm(apart)
+
+
 class PairwiseDistance(Term):
     """``|p_i - p_j| - |l_i - l_j|`` for every two different landmarks of one placement and repeat.
 
@@ -39,17 +48,28 @@ class PairwiseDistance(Term):
         poses: samples with the labels placement, repeat and landmark.
         artefact: certified landmark positions.
         noise: scatter and robustness of a distance, m.
+        seating: what the sockets leave open; the tip fits them exactly by default. Its rotation is
+            of no use here.
+        label: tells the seating in several artefacts apart.
 
     Raises:
+        ArtefactError: a landmark without orientation where there is a seating.
         SamplesError: no placement holds two different landmarks, or a landmark is not certified.
     """
 
     kind: ClassVar[str] = "pairwise_distance"
     columns: ClassVar[SampleColumns] = SampleColumns(labels=("placement", "repeat", "landmark"))
 
-    def __init__(self, poses: PoseSource, artefact: Artefact, noise: Noise = Noise()) -> None:
+    def __init__(
+        self,
+        poses: PoseSource,
+        artefact: Artefact,
+        noise: Noise = Noise(),
+        seating: Seating | None = None,
+        label: str = "default",
+    ) -> None:
         super().__init__(poses, noise)
-        self.artefact = artefact
+        self.artefact, self.seating, self.label = artefact, seating, label
         names = poses.samples.labels["landmark"]
         certified = check_landmarks(poses, artefact)
         pairs = _pairs(poses)
@@ -62,21 +82,30 @@ class PairwiseDistance(Term):
             )
         first, second = pairs.T
         _check_apart(poses, first, second)
-        length = np.linalg.norm(certified[first] - certified[second], axis=1)
+        apart = certified[first] - certified[second]
+        length = np.linalg.norm(apart, axis=1)
+        along = (apart / length[:, None])[:, None, None, :]
         sigma = np.array([artefact.landmarks[str(name)].sigma for name in names])
-        self.own = ()
+        residual, data = _residual, length[:, None]
+        self.own, own = (), no_own(len(pairs))
+        if seating is not None and seating.clearance:
+            self.own = seating.parameters(label)[:2]
+            axes = seat_axes(artefact, names)
+            residual, data = _seated, np.hstack([apart, flat(axes[first] - axes[second])])
+            own = np.tile(np.arange(2), (len(pairs), 1))
         self.blocks = (
             Block(
                 "distance",
                 "m",
                 1,
-                _residual,
+                residual,
                 pairs,
-                no_own(len(pairs)),
-                length[:, None],
+                own,
+                data,
                 noise,
                 np.hypot(sigma[first], sigma[second]),
                 tuple(f"{names[i]}-{names[j]}" for i, j in pairs),
+                certified_rows(artefact, names[pairs], np.concatenate([-along, along], axis=2)),
             ),
         )
 
@@ -95,16 +124,22 @@ class PairwiseDistance(Term):
     @classmethod
     def over(cls, poses: PoseSource, setup: Setup) -> PairwiseDistance:
         """Build it from a row of a job file."""
-        return cls(poses, setup.certified(cls.kind), setup.noise)
+        certified = setup.certified(cls.kind)
+        return cls(poses, certified, setup.noise, setup.seating, setup.label)
 
     def over_poses(self, poses: PoseSource) -> Self:
         """The same over other poses."""
-        return type(self)(poses, self.artefact, self.noise)
+        return type(self)(poses, self.artefact, self.noise, self.seating, self.label)
+
+    @property
+    def subject(self) -> str:
+        """The artefact, whose sockets the seating is about."""
+        return f"artefact '{self.artefact.name}'"
 
     def start(self, rotation: FloatArray, position: FloatArray) -> FloatArray:
-        """Distances have no unknowns of their own."""
+        """On the sockets' axes, where distances know of sockets at all."""
         del rotation, position
-        return np.zeros(0)
+        return np.zeros(len(self.own))
 
 
 def _check_apart(poses: PoseSource, first: IntArray, second: IntArray) -> None:

@@ -13,7 +13,7 @@ from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, Final, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Final, Self
 
 import casadi as ca
 import numpy as np
@@ -24,6 +24,10 @@ from suta_calib.geometry import FloatArray, Symbol, symbolic_rotation, vector_fr
 from suta_calib.measurements import Artefact, SampleColumns
 from suta_calib.model.parameters import Parameter, Unit
 from suta_calib.terms.poses import PoseSource
+from suta_calib.terms.seating import Seating
+
+if TYPE_CHECKING:
+    from suta_calib.terms.certified import Certified
 
 IntArray = NDArray[np.intp]
 POSE_KEYS: Final = ("x", "y", "z", "rx", "ry", "rz")
@@ -81,6 +85,7 @@ class Block:
         noise: scatter and robustness.
         known_sigma: (n,) standard deviation per row that is known beforehand, added in quadrature.
         labels: (n,) what a person calls the row.
+        certified: the artefact's part in the residuals, where there is an artefact.
     """
 
     name: str
@@ -93,6 +98,7 @@ class Block:
     noise: Noise
     known_sigma: FloatArray
     labels: tuple[str, ...] = field(repr=False)
+    certified: Certified | None = None
 
     def __len__(self) -> int:
         return len(self.samples)
@@ -105,13 +111,15 @@ class Setup:
     Attributes:
         artefact: certified landmarks, or None.
         noise, angular_noise: scatter and robustness of lengths and of angles.
-        label: tells several instruments of one kind apart.
+        label: tells several instruments, or sockets, of one kind apart.
+        seating: what the artefact's sockets leave open, or None.
     """
 
     artefact: Artefact | None = None
     noise: Noise = field(default_factory=Noise)
     angular_noise: Noise = field(default_factory=Noise)
     label: str = "default"
+    seating: Seating | None = None
 
     def certified(self, kind: str) -> Artefact:
         """The artefact, or the error that it is missing."""

@@ -1,0 +1,313 @@
+"""Where the errors come from: encoders, seating, the artefact, gross errors, and the model.
+
+The mean square of a block's residuals is split into what each source is known to put there:
+
+* gross errors: what rows beyond the block's Huber threshold have more than the others, and rows of
+  touches that have many such;
+* encoders: their stated noise, pushed through the kinematics;
+* seating: the scatter of repeats of the same touch, less the encoders';
+* artefact: the certified coordinates' stated standard deviations;
+* parameters (held-out data only): the covariance of the calibration;
+* model: the rest, which repeats share and nothing stated explains (see `lack_of_fit`).
+
+A seating that is off in the same way every time is no scatter: it is calibrated (the key
+``seating``), or it is part of the model's share. A share that the data do not determine has no
+number: its sources stand together with one number for all of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from suta_calib.analysis.accuracy import fit_own
+from suta_calib.analysis.encoder_noise import EncoderNoise, Linear, linear
+from suta_calib.analysis.lack_of_fit import ENOUGH_GROUPS
+from suta_calib.errors import ParameterError
+from suta_calib.geometry import FloatArray
+from suta_calib.model.parameters import ParameterSet, Unit
+from suta_calib.solver.solution import Solution
+from suta_calib.terms import Term
+from suta_calib.terms.term import Block, IntArray
+from suta_calib.threads import single_threaded
+
+Source = Literal["gross", "encoders", "seating", "instrument", "artefact", "parameters", "model"]
+# Of a touch's rows beyond the threshold: a displaced touch has half, any other hardly one in ten.
+MANY: Final = 0.25
+# Stated encoder noise over the scatter of repeats, as variances, from which it cannot be so large.
+TOO_LARGE: Final = 1.5
+BoolArray = NDArray[np.bool_]
+SEEN_FROM_AFAR: Final = ("tracked_point", "hand_eye")
+
+
+@dataclass(frozen=True)
+class Share:
+    """A part of the mean square that one source made, or several that cannot be told apart.
+
+    Attributes:
+        sources: one, or those that stand together.
+        variance: m² or rad², of the residual's norm.
+    """
+
+    sources: tuple[Source, ...]
+    variance: float
+
+
+@dataclass(frozen=True)
+class BlockBudget:
+    """One block of one term.
+
+    Attributes:
+        data: ``calibration`` or ``validation``.
+        kind: of the term.
+        block: ``distance``, ``position`` or ``rotation``.
+        unit: m or rad.
+        shares: they add up to ``variance``.
+        variance: mean square of all residuals' norms.
+        count: of residuals.
+        overstated: whether the encoders' stated noise is more than repeats scatter.
+    """
+
+    data: str
+    kind: str
+    block: str
+    unit: Unit
+    shares: tuple[Share, ...]
+    variance: float
+    count: int
+    overstated: bool = False
+
+    def variance_of(self, *sources: Source) -> float | None:
+        """Of exactly these sources, or None where they have no number of their own."""
+        found = [s.variance for s in self.shares if set(s.sources) == set(sources)]
+        return found[0] if found else None
+
+    @property
+    def rms(self) -> float:
+        """Root of the mean square, m or rad."""
+        return float(np.sqrt(self.variance))
+
+
+@dataclass(frozen=True)
+class TipBudget:
+    """Mean square of the tip's position error at the postures that were visited, m².
+
+    Attributes:
+        encoders: of a single reading; None where nothing is known of the encoders.
+        parameters: from the covariance of the calibration, relative to what was held.
+        model: as the first block of lengths shows it; None where it has no number of its own.
+    """
+
+    encoders: float | None
+    parameters: float
+    model: float | None
+
+    @property
+    def rms(self) -> float:
+        """Of everything that has a number, m."""
+        return float(np.sqrt(sum(v for v in (self.encoders, self.parameters, self.model) if v)))
+
+
+@dataclass(frozen=True)
+class ErrorBudget:
+    """The budget of a calibration.
+
+    Attributes:
+        blocks: of the observations, then of the validation data.
+        tip: what it means for the tip in use.
+        missing: what would have to be known to tell more, one sentence each.
+    """
+
+    blocks: tuple[BlockBudget, ...]
+    tip: TipBudget
+    missing: tuple[str, ...]
+
+
+@single_threaded
+def error_budget(
+    solution: Solution, validation: Sequence[Term] = (), encoders: EncoderNoise | None = None
+) -> ErrorBudget:
+    """Split the residuals of a calibration by where they come from.
+
+    Args:
+        solution: a converged one, over an arm.
+        validation: terms that were not fitted.
+        encoders: what is known of them; their share has no number without.
+
+    Raises:
+        ParameterError: there is no arm.
+    """
+    problem = solution.problem
+    if problem.arm is None:
+        raise ParameterError("no arm among the observations", "one", where="error budget")
+    names = problem.names[: problem.arm_count]
+    std = (encoders or EncoderNoise()).std(problem.arm)
+    at = linear(problem.terms, names, solution.values, std)
+    known = encoders is not None
+    blocks = _blocks("calibration", problem.terms, at, known, None)
+    covariance = solution.covariance[: len(names), : len(names)]
+    if validation:
+        arm = ParameterSet(list(problem.parameters.values())[: problem.arm_count])
+        values = fit_own(validation, arm, solution.values)
+        held_out = linear(validation, names, values, std)
+        blocks += _blocks("validation", validation, held_out, known, covariance)
+    tip = TipBudget(
+        float(at.tip_by_reading.mean()) if known else None,
+        _mean_variance(at.tip_by_parameters, covariance),
+        _model_at_the_tip(blocks),
+    )
+    return ErrorBudget(tuple(blocks), tip, _missing(blocks, known))
+
+
+def _blocks(
+    data: str, terms: Sequence[Term], at: Linear, known: bool, covariance: FloatArray | None
+) -> list[BlockBudget]:
+    found, each = [], iter(zip(at.residuals, at.by_reading, at.by_parameters, strict=True))
+    for term in terms:
+        touch = term.repeats()
+        for block in term.blocks:
+            residual, by_reading, by_parameters = next(each)
+            stated: dict[Source, float | None] = {
+                "encoders": float(by_reading.mean()) if known else None,
+                "artefact": _artefact(block),
+            }
+            if covariance is not None:
+                stated["parameters"] = _mean_variance(by_parameters, covariance)
+            shares = _shares(term, block, residual, touch, stated)
+            total = float(np.mean(np.sum(residual**2, axis=1)))
+            head = (data, term.kind, block.name, block.unit)
+            overstated = _overstated(shares, stated["encoders"])
+            found.append(BlockBudget(*head, shares, total, len(block), overstated))
+    return found
+
+
+def _artefact(block: Block) -> float | None:
+    """Stated variance of the certified coordinates in a residual, None where none is stated."""
+    if block.certified is None:
+        return 0.0
+    return float(block.size * np.mean(block.known_sigma**2)) or None
+
+
+def _shares(
+    term: Term,
+    block: Block,
+    residual: FloatArray,
+    touch: IntArray,
+    stated: dict[Source, float | None],
+) -> tuple[Share, ...]:
+    squares = np.sum(residual**2, axis=1)
+    sound = ~gross_rows(block, np.sqrt(squares))
+    inside = min(float(squares[sound].mean()) if sound.any() else 0.0, float(squares.mean()))
+    shares = [Share(("gross",), float(squares.mean()) - inside)]
+    touching: Source = "instrument" if term.kind in SEEN_FROM_AFAR else "seating"
+    scatter = repeat_variance(block, residual, touch, sound)
+    left, unknown = inside, list[Source]()
+    if scatter is not None:
+        left -= (scatter := min(scatter, inside))
+        shares += _of_repeats(scatter, stated["encoders"], touching)
+    elif stated["encoders"] is not None:
+        left -= (part := min(stated["encoders"], left))
+        shares.append(Share(("encoders",), part))
+        unknown.append(touching)
+    else:
+        unknown += ["encoders", touching]
+    for source in ("artefact", "parameters"):
+        variance = stated.get(source, 0.0)
+        if variance is None:
+            unknown.append(source)
+        elif variance:
+            left -= (part := min(variance, left))
+            shares.append(Share((source,), part))
+    return (*shares, Share((*unknown, "model"), max(left, 0.0)))
+
+
+def _overstated(shares: Sequence[Share], encoders: float | None) -> bool:
+    found = [s.variance for s in shares if s.sources == ("encoders",)]
+    return bool(encoders and found and encoders > TOO_LARGE * found[0])
+
+
+def _of_repeats(scatter: float, encoders: float | None, touching: Source) -> list[Share]:
+    if encoders is None:
+        return [Share(("encoders", touching), scatter)]
+    part = min(encoders, scatter)
+    return [Share(("encoders",), part), Share((touching,), scatter - part)]
+
+
+def gross_rows(block: Block, norm: FloatArray) -> BoolArray:
+    """Rows (n,) beyond the Huber threshold, and all rows of touches with many of those."""
+    beyond = norm > block.noise.huber
+    samples, count = block.samples, int(block.samples.max()) + 1
+    rows, bad = np.zeros(count), np.zeros(count)
+    for k in range(samples.shape[1]):
+        np.add.at(rows, samples[:, k], 1.0)
+        np.add.at(bad, samples[:, k], beyond)
+    suspect = bad > MANY * rows
+    return np.asarray(beyond | suspect[samples].any(axis=1))
+
+
+def repeat_variance(
+    block: Block, residual: FloatArray, touch: IntArray, sound: BoolArray
+) -> float | None:
+    """Variance of a residual's norm among repeats of the same touches, or None without enough.
+
+    Args:
+        block: whose rows these are.
+        residual: (n, d).
+        touch: (samples,) number of the touch each sample repeats.
+        sound: (n,) rows that count.
+    """
+    residual = residual[sound]
+    members = np.sort(touch[block.samples[sound]], axis=1)
+    _, group, count = np.unique(members, axis=0, return_inverse=True, return_counts=True)
+    group = group.reshape(-1)
+    if np.sum(count > 1) < ENOUGH_GROUPS:
+        return None
+    mean = np.zeros((len(count), block.size))
+    np.add.at(mean, group, residual)
+    inside = residual - (mean / count[:, None])[group]
+    return float(np.sum(inside**2) / np.sum(count - 1))
+
+
+def _mean_variance(derivative: FloatArray, covariance: FloatArray) -> float:
+    """Mean over the rows (n, d, p) of the trace of J Σ Jᵀ."""
+    return float(np.einsum("ndp,pq,ndq->", derivative, covariance, derivative) / len(derivative))
+
+
+def _model_at_the_tip(blocks: Sequence[BlockBudget]) -> float | None:
+    """The model's share as variance of a position; held-out data tell it best."""
+    for budget in sorted(blocks, key=lambda b: b.data != "validation"):
+        if budget.unit == "m":
+            share = budget.variance_of("model")
+            # A distance sees one coordinate of each of its two ends; a position has three.
+            return share if share is None or budget.block != "distance" else 1.5 * share
+    return None
+
+
+def _missing(blocks: Sequence[BlockBudget], known: bool) -> tuple[str, ...]:
+    together = [s.sources for b in blocks for s in b.shares if len(s.sources) > 1]
+    notes = []
+    if not known:
+        notes.append(
+            "Nothing is stated of the encoders: give the job encoders: {bits: …, noise_deg: …}, "
+            "and their share gets a number of its own."
+        )
+    if any("model" in s and ("seating" in s or "instrument" in s) for s in together):
+        notes.append(
+            "There are too few repeats of the same touch to tell what scatters from what the model "
+            "lacks: touch every landmark again, at least twice (column repeat)."
+        )
+    if any(b.overstated for b in blocks):
+        notes.append(
+            "The encoders' stated noise would scatter repeats more than they do: it is stated too "
+            "large, and their share is only what the repeats allow."
+        )
+    if any("artefact" in s for s in together):
+        notes.append(
+            "The artefact states no uncertainty: give its landmarks sigma_mm, and its share gets "
+            "a number of its own."
+        )
+    return tuple(notes)

@@ -1,0 +1,70 @@
+"""``suta-calib extend``: errors beside geometry that predict left-out data better."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from suta_calib.cli._analysis import finish_analysis, folder_of, out_option
+from suta_calib.cli._output import LateProgress, json_option
+
+if TYPE_CHECKING:
+    from suta_calib.analysis.model_choice import ModelChoice
+    from suta_calib.job import CalibrationJob
+    from suta_calib.report.model_choice.json import Validated
+
+
+@click.command()
+@click.argument("job", type=click.Path(path_type=Path), metavar="JOB")
+@click.option("--quick", is_flag=True, help="Leave out the models with every joint at once.")
+@click.option("--seed", default=0, show_default=True, help="Of folds that are not placements.")
+@out_option
+@json_option
+@click.pass_context
+def extend(
+    context: click.Context, job: Path, quick: bool, seed: int, out: Path | None, as_json: bool
+) -> None:
+    """Look for errors that are no geometry: eccentric encoders, joints that yield to gravity.
+
+    Models with and without them are fitted to the observations of JOB (a calibration.yaml) with one
+    placement left out after the other. What predicts the left-out data better is worth having; that
+    it fits better is not enough. Says which rows to add to the job, or that nothing is worth it.
+    """
+    from suta_calib.analysis.model_choice import choose_model
+    from suta_calib.job import CalibrationJob
+    from suta_calib.report.model_choice.json import extend_dict
+    from suta_calib.report.model_choice.report import extend_section, extend_tables
+
+    loaded = CalibrationJob.load(job)
+    folder = folder_of(job, out)
+    with LateProgress("trying models") as progress:
+        choice = choose_model(
+            loaded.observations,
+            loaded.parameters,
+            families=not quick,
+            seed=seed,
+            progress=progress,
+        )
+    validated = _validated(loaded, choice)
+    finish_analysis(
+        context,
+        extend_dict(choice, validated),
+        lambda: extend_tables(choice, validated),
+        lambda: extend_section(choice, validated),
+        folder,
+        as_json=as_json,
+        usable=True,
+    )
+
+
+def _validated(job: CalibrationJob, choice: ModelChoice) -> Validated | None:
+    """Errors on validation data, which took no part in the choice."""
+    from suta_calib.analysis.accuracy import assess
+
+    if not job.validation:
+        return None
+    models = (choice.job, choice.chosen)
+    first, second = (assess(m.solution, job.validation).validation for m in models)
+    return first, second

@@ -1,0 +1,117 @@
+"""The torque of gravity about every joint's axis, on CasADi symbols, at the nominal geometry.
+
+With the mass m_k and centre c_k of every body beyond joint j, whose axis a_j passes through p_j,
+
+    τ_j(q) = a_j · Σ_{k ≥ j} (c_k - p_j) × m_k g
+
+which is what gravity does to the joint: the negative of `pin.computeGeneralizedGravity`, the
+torque that would hold it. Gravity points along -z of the URDF's root link, as Pinocchio has it, so
+the root must stand as it does in the file. Offsets and other errors are left out: a per cent of a
+deflection is nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+import pinocchio as pin
+
+from suta_calib.errors import UrdfError
+from suta_calib.geometry import FloatArray, Symbol
+from suta_calib.model.chain import Chain
+
+
+@dataclass(frozen=True, eq=False)
+class Load:
+    """What hangs on one moving joint, and what its placement is.
+
+    Attributes:
+        joint: its name.
+        mass: of everything that moves with it, before the next moving joint, kg.
+        centre: (3,) of that mass in the joint's frame, m.
+    """
+
+    joint: str
+    mass: float
+    centre: FloatArray
+
+
+def loads(chain: Chain, model: pin.Model) -> tuple[Load, ...]:
+    """The masses of the chain's moving joints, fixed and locked parts counted in.
+
+    Args:
+        chain: base → tip.
+        model: `pin.Model` in which only the chain's joints move.
+    """
+    found = []
+    for joint in chain.moving:
+        inertia = model.inertias[model.getJointId(joint.name)]
+        found.append(Load(joint.name, float(inertia.mass), inertia.lever.copy()))
+    return tuple(found)
+
+
+def gravity_in_base(chain: Chain, model: pin.Model) -> FloatArray:
+    """Acceleration (3,) of gravity in the chain's base frame, m/s²."""
+    base = model.frames[model.getFrameId(chain.base, pin.FrameType.BODY)].placement
+    field: FloatArray = base.rotation.T @ model.gravity.linear
+    return field
+
+
+def check_masses(chain: Chain, carried: Sequence[Load], joints: Sequence[str]) -> None:
+    """Refuse joints on which nothing hangs: their compliance would do nothing.
+
+    Raises:
+        UrdfError: the links beyond one of the ``joints`` have no mass.
+    """
+    for joint in joints:
+        first = [load.joint for load in carried].index(joint)
+        if not sum(load.mass for load in carried[first:]) > 0:
+            raise UrdfError(
+                f"no mass in any link beyond {joint}",
+                "<inertial> with <mass> in the links, which gravity's torque is computed from",
+                file=chain.path,
+                where=f"{joint}.compliance",
+                hint="add the masses, or do not select this parameter",
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class MovingFrame:
+    """One moving joint at a posture: its axis (3,) and origin (3,) in the base, and its load.
+
+    Attributes:
+        prefix: name of the joint.
+        axis, point: in the base frame; the point in m.
+        rotation, position: of the frame behind the joint's motion.
+    """
+
+    prefix: str
+    axis: Symbol
+    point: Symbol
+    rotation: Symbol
+    position: Symbol
+
+
+def gravity_torques(
+    frames: Sequence[MovingFrame], carried: Sequence[Load], gravity: FloatArray
+) -> dict[str, Symbol]:
+    """Torque of gravity about each joint's axis, N·m (for a prismatic one it means nothing).
+
+    Args:
+        frames: the moving joints at nominal, base → tip.
+        carried: their loads, in the same order.
+        gravity: (3,) acceleration in the base frame, m/s².
+    """
+    centres = [
+        f.position + f.rotation @ ca.DM(load.centre)
+        for f, load in zip(frames, carried, strict=True)
+    ]
+    found = {}
+    for k, frame in enumerate(frames):
+        torque: Symbol = ca.SX(3, 1)
+        for centre, load in zip(centres[k:], carried[k:], strict=True):
+            torque += ca.cross(centre - frame.point, load.mass * ca.DM(gravity))
+        found[frame.prefix] = ca.dot(frame.axis, torque)
+    return found

@@ -1,0 +1,224 @@
+"""What an artefact's own uncertainty does to an estimate.
+
+An error in a certified coordinate is the same in every touch of that landmark. It does not average
+out over placements, and the scatter of the residuals shows only a part of it. With the landmarks'
+coordinates l, certified with Σ = diag(σ²), the implicit function theorem gives at the solution
+
+    dx/dl = -A⁻¹ (∂r/∂x)ᵀ Ψ (∂r/∂l)            Cov += (dx/dl) Σ (dx/dl)ᵀ
+
+with A and Ψ the curvature of the robust cost as in `solver.covariance`. The scatter must then be
+read from residuals without the artefact's part, or what they show of it would count twice:
+`residuals_without_artefact` fits the landmarks, with Σ as a prior, beside the parameters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from suta_calib.geometry import FloatArray
+from suta_calib.solver.information import Rows, robust_jacobian
+from suta_calib.solver.problem import Problem
+from suta_calib.terms.term import Block, IntArray, Term
+
+# The noise that weighs the landmarks' prior settles in so many rounds.
+ROUNDS: Final = 4
+# Share of the residuals' variance below which what they show of the artefact may count twice: half
+# of it is what a standard deviation is wrong by.
+NEGLIGIBLE: Final = 0.01
+# Share of the residuals' freedom that is left, whatever the landmarks take of it.
+LEAST_FREEDOM: Final = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class ArtefactRows:
+    """Derivatives of whitened rows by certified coordinates.
+
+    Attributes:
+        keys: landmarks, as in `terms.certified.Certified`; three coordinates each.
+        sigma: (c,) standard deviations of the coordinates, m; all positive.
+        jacobian: for each block (n·d, c), whitened as the rows are.
+    """
+
+    keys: tuple[tuple[object, ...], ...]
+    sigma: FloatArray
+    jacobian: tuple[FloatArray, ...]
+
+
+def artefact_rows(rows: Sequence[Rows]) -> ArtefactRows | None:
+    """The artefact's part in the rows; None where nothing certified has an uncertainty."""
+    blocks = [r.line.view.block for r in rows]
+    sigma = _landmark_sigmas(blocks)
+    if not sigma:
+        return None
+    index = {key: k for k, key in enumerate(sigma)}
+    jacobian = tuple(_by_coordinates(r, index) for r in rows)
+    return ArtefactRows(tuple(sigma), np.repeat(list(sigma.values()), 3), jacobian)
+
+
+def _landmark_sigmas(blocks: Sequence[Block]) -> dict[tuple[object, ...], float]:
+    """Landmarks of all terms that have an uncertainty; one artefact in two terms counts once."""
+    found: dict[tuple[object, ...], float] = {}
+    for certified in (block.certified for block in blocks):
+        if certified is not None:
+            for key, sigma in zip(certified.keys, certified.sigma, strict=True):
+                if sigma > 0:
+                    found[key] = float(sigma)
+    return found
+
+
+def _by_coordinates(rows: Rows, index: dict[tuple[object, ...], int]) -> FloatArray:
+    n, size = rows.line.residual.shape
+    whitened = np.zeros((n, size, len(index), 3))
+    certified = rows.line.view.block.certified
+    if certified is not None:
+        # Landmarks without uncertainty go to a column that is cut off below.
+        column = np.array([index.get(key, len(index)) for key in certified.keys])
+        wide = np.zeros((n, size, len(index) + 1, 3))
+        scaled = certified.derivative / rows.line.sigma[:, None, None, None]
+        for k in range(certified.marks.shape[1]):
+            # No row looks twice at one landmark.
+            wide[np.arange(n), :, column[certified.marks[:, k]]] += scaled[:, :, k]
+        whitened = wide[:, :, :-1]
+    return whitened.reshape(n * size, -1)
+
+
+def artefact_covariance(rows: Sequence[Rows], part: ArtefactRows, bread: FloatArray) -> FloatArray:
+    """(dx/dl) Σ (dx/dl)ᵀ, (n, n).
+
+    Args:
+        rows: whitened rows at the solution.
+        part: from `artefact_rows`.
+        bread: (n, n) inverse curvature A⁻¹.
+    """
+    cross = sum(
+        robust_jacobian(r).T @ robust_jacobian(replace(r, jacobian=d))
+        for r, d in zip(rows, part.jacobian, strict=True)
+    )
+    spread = bread @ cross * part.sigma
+    return np.asarray(spread @ spread.T)
+
+
+def residuals_without_artefact(
+    problem: Problem,
+    x: FloatArray,
+    rows: Sequence[Rows],
+    part: ArtefactRows,
+    free: IntArray,
+    touches: Sequence[IntArray],
+) -> list[Rows]:
+    """Rows with the residuals that a better artefact would have left, free of what it takes.
+
+    The landmarks are fitted to all rows beside the free parameters, each with its certified
+    coordinates as a prior, and the residuals enlarged for the freedom they lose to that, which is
+    a freedom among touches: a repeat sees the same landmark.
+
+    Args:
+        problem: terms and parameters.
+        x: (n,) the estimate.
+        rows: whitened rows at x.
+        part: from `artefact_rows`.
+        free: indices that were estimated.
+        touches: for each term, which samples are one witness.
+    """
+    if all(_share(r, d, part.sigma) < NEGLIGIBLE for r, d in zip(rows, part.jacobian, strict=True)):
+        return list(rows)
+    counts = np.array([_equations(problem.terms, r, touches) for r in rows])
+    fit = _joint_fit(problem, x, rows, part, free, counts[:, 0])
+    left = np.maximum(1.0 - fit.taken / counts[:, 1], LEAST_FREEDOM)
+    return [
+        _with_residual(r, white / np.sqrt(share))
+        for r, white, share in zip(rows, fit.residuals, left, strict=True)
+    ]
+
+
+def _share(rows: Rows, by_mark: FloatArray, sigma: FloatArray) -> float:
+    """The stated uncertainty's part of a block's residuals, if it is all there."""
+    stated = float(np.einsum("ij,j->", by_mark**2, sigma**2)) / len(by_mark)
+    return stated / max(float(np.mean(_white(rows) ** 2)), 1e-300)
+
+
+@dataclass(frozen=True, eq=False)
+class _JointFit:
+    """Parameters and landmarks fitted together.
+
+    Attributes:
+        residuals: for each block (n·d,), whitened and believed as the fit does.
+        taken: for each block the freedom that the landmarks take of it.
+        levels: for each block the variance of its residuals, in units of the assumed one.
+    """
+
+    residuals: Sequence[FloatArray]
+    taken: FloatArray
+    levels: FloatArray
+
+
+def _joint_fit(
+    problem: Problem,
+    x: FloatArray,
+    rows: Sequence[Rows],
+    part: ArtefactRows,
+    free: IntArray,
+    equations: FloatArray,
+) -> _JointFit:
+    """One linear step, weighed by the noise that it leaves: repeated until that has settled."""
+    precision = problem.prior_precision()
+    pull = precision * (x - problem.parameters.array("nominal"))
+    prior = np.concatenate([precision[free], part.sigma**-2.0])
+    slope = np.concatenate([pull[free], np.zeros(len(part.sigma))])
+    gains = [_joint(r, d, free) for r, d in zip(rows, part.jacobian, strict=True)]
+    whites = [_white(r) for r in rows]
+    levels = np.array([float(np.mean(white**2)) for white in whites])
+    fit = _JointFit(whites, np.zeros(len(rows)), levels)
+    for _ in range(ROUNDS):
+        # Rows that share samples say less than their number.
+        trust = equations / [w.size for w in whites] / np.maximum(fit.levels, 1e-300)
+        squares = [t * g.T @ g for t, g in zip(trust, gains, strict=True)]
+        inverse = _inverse(np.asarray(sum(squares)) + np.diag(prior))
+        weighed = zip(trust, gains, whites, strict=True)
+        step = -inverse @ (slope + sum(t * g.T @ w for t, g, w in weighed))
+        residuals = [w + g @ step for w, g in zip(whites, gains, strict=True)]
+        share = np.array([np.einsum("ij,ji->i", inverse, square) for square in squares])
+        left = np.maximum(1.0 - share.sum(axis=1) / equations, LEAST_FREEDOM)
+        levels = np.array([float(np.mean(r**2)) for r in residuals]) / left
+        fit = _JointFit(residuals, share[:, len(free) :].sum(axis=1), levels)
+    return fit
+
+
+def _joint(rows: Rows, by_mark: FloatArray, free: IntArray) -> FloatArray:
+    believed = np.repeat(np.sqrt(rows.line.weight), rows.line.residual.shape[1])
+    return np.asarray(np.hstack([rows.jacobian[:, free], by_mark]) * believed[:, None])
+
+
+def _white(rows: Rows) -> FloatArray:
+    line = rows.line
+    return np.asarray((line.residual * (np.sqrt(line.weight) / line.sigma)[:, None]).reshape(-1))
+
+
+def _with_residual(rows: Rows, white: FloatArray) -> Rows:
+    line = rows.line
+    scale = line.sigma / np.sqrt(line.weight)
+    residual = white.reshape(line.residual.shape) * scale[:, None]
+    return replace(rows, line=replace(line, residual=residual))
+
+
+def _equations(
+    terms: Sequence[Term], rows: Rows, touches: Sequence[IntArray]
+) -> tuple[float, float]:
+    """Independent numbers among a block's rows, and among its touches, whatever their repeats."""
+    block = rows.line.view.block
+    for term, touch in zip(terms, touches, strict=True):
+        if any(block is b for b in term.blocks):
+            whole = sum(len(b) * b.size for b in term.blocks)
+            equations = term.equations() * len(block) * block.size / whole
+            return equations, equations * (int(touch.max()) + 1) / len(touch)
+    raise ValueError("a row of no term")
+
+
+def _inverse(matrix: FloatArray) -> FloatArray:
+    scale = 1.0 / np.sqrt(np.diag(matrix))
+    outer = np.outer(scale, scale)
+    return np.asarray(np.linalg.pinv(matrix * outer, 1e-12, True) * outer)

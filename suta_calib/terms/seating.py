@@ -1,0 +1,109 @@
+"""How a plug sits in a socket that is larger than it: always turned and pushed to the same stop.
+
+A plug with clearance, turned counter-clockwise until it stops, does not rest on the socket's axis:
+it is turned about the tool's axis by a bias β and lies against the wall, (x, y) off the axis. If it
+is always seated alike, both are the same every time and can be calibrated:
+
+    T_artefact_tip = T_artefact_landmark · Trans(x, y, 0) · Rot_z(β)
+
+in the frame that ``rotation_rpy_deg`` gives the seated tip. The shift turns with the landmarks'
+flats: where all have the same orientation it cancels out of every distance, and only the prior
+tells it. To the data it is the same as ``<tip>.x`` and ``<tip>.y`` (and β as ``<tip>.rz``), because
+the tip is seated in the same way everywhere: where those are unknown too, the prior shares the sum
+out, and their standard deviations say so. A fixed point touched without a socket tells them apart.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Final
+
+import casadi as ca
+import numpy as np
+
+from suta_calib.errors import ArtefactError, ParameterError
+from suta_calib.geometry import FloatArray, Symbol, symbolic_rotation
+from suta_calib.measurements import Artefact
+from suta_calib.model.parameters import Parameter
+
+KEYS: Final = ("x", "y", "rz")
+
+
+@dataclass(frozen=True)
+class Seating:
+    """What the socket leaves open, as priors.
+
+    A stop lies anywhere on the circle of the clearance, so each coordinate has a standard
+    deviation of ``clearance``/√2; a turn anywhere within ± ``rotation`` has one of ``rotation``/√3.
+    Bounds are ± ``clearance`` for each coordinate and ± ``rotation``.
+
+    Attributes:
+        clearance: radius of the circle the plug's axis can move on, m; 0 for a plug that fits.
+        rotation: largest turn the flats allow, rad; 0 for none.
+
+    Raises:
+        ParameterError: a negative size, or nothing left open.
+    """
+
+    clearance: float = 0.0
+    rotation: float = 0.0
+
+    def __post_init__(self) -> None:
+        sizes = (self.clearance, self.rotation)
+        if min(sizes) < 0 or not max(sizes) > 0 or not all(map(math.isfinite, sizes)):
+            raise ParameterError(
+                f"a clearance of {1e3 * self.clearance:g} mm and "
+                f"{math.degrees(self.rotation):g} deg",
+                "one of them positive, neither negative",
+                where="seating",
+            )
+
+    def parameters(self, label: str) -> tuple[Parameter, ...]:
+        """Its unknowns, ``seating.x|y`` and ``seating.rz``, those that are left open.
+
+        Args:
+            label: tells several artefacts apart: ``seating[label].x``; ``default`` for none.
+        """
+        prefix = "seating" if label == "default" else f"seating[{label}]"
+        shift = [] if not self.clearance else [self._shift(f"{prefix}.{key}") for key in "xy"]
+        return (*shift, *([self._turn(f"{prefix}.rz")] if self.rotation else []))
+
+    def _shift(self, name: str) -> Parameter:
+        c = self.clearance
+        return Parameter(name, "m", 0.0, -c, c, prior=c / math.sqrt(2.0))
+
+    def _turn(self, name: str) -> Parameter:
+        r = self.rotation
+        return Parameter(name, "rad", 0.0, -r, r, prior=r / math.sqrt(3.0))
+
+
+def seat_axes(artefact: Artefact, names: Iterable[str]) -> FloatArray:
+    """Directions (n, 3, 2), in the artefact, in which x and y shift a seated tip.
+
+    Raises:
+        ArtefactError: the artefact does not say how a landmark holds the tip.
+    """
+    axes = []
+    for name in names:
+        seat = artefact.landmarks[str(name)].rotation
+        if seat is None:
+            raise ArtefactError(
+                f"no rotation_rpy_deg of landmark '{name}'",
+                "the seated tip's orientation, with which the seating's shift turns",
+                where="seating",
+                hint=f"add it to the artefact '{artefact.name}', or leave out the key seating",
+            )
+        axes.append(seat[:, :2])
+    return np.array(axes)
+
+
+def turned_about_z(angle: Symbol) -> Symbol:
+    """Rotation (3, 3) about z by an angle, rad."""
+    return symbolic_rotation(ca.vertcat(0, 0, angle))
+
+
+def flat(matrices: FloatArray) -> FloatArray:
+    """Matrices (n, r, c) as rows (n, r·c), column by column, as CasADi reshapes."""
+    return np.swapaxes(matrices, 1, 2).reshape(len(matrices), -1)
