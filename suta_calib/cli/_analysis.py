@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from suta_calib.cli._output import check_folder, console, print_json
-from suta_calib.cli._poses import NOT_USABLE
+from suta_calib.cli._output import check_folder, present
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -56,12 +55,4 @@ def finish_analysis(
         from suta_calib.report.sections import write_analysis
 
         answer = write_analysis(answer, section(), folder, texts)
-    if as_json:
-        print_json(answer)
-    else:
-        to = console()
-        to.print(shown())
-        if folder is not None:
-            to.print(f"Written to {folder}: {', '.join(answer['files'])}", soft_wrap=True)
-    if not usable:
-        context.exit(NOT_USABLE)
+    present(context, answer, shown, folder, as_json=as_json, usable=usable)

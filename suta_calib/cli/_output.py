@@ -6,6 +6,7 @@ import json
 import math
 import os
 import time
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Self
 
@@ -14,11 +15,13 @@ import click
 from suta_calib.errors import OutputError
 
 if TYPE_CHECKING:
-    from rich.console import Console
+    from rich.console import Console, RenderableType
     from rich.progress import Progress
 
 # Shorter runs are over before anybody wonders.
 PATIENCE_S: Final = 2.0
+# Exit code of a command that ran, but whose answer must not be used.
+NOT_USABLE: Final = 1
 json_option = click.option(
     "--json", "as_json", is_flag=True, help="Print one JSON object and nothing else."
 )
@@ -34,7 +37,7 @@ def console(*, stderr: bool = False) -> Console:
     return Console(stderr=stderr, highlight=False, markup=False, emoji=False)
 
 
-def print_json(data: dict[str, Any]) -> None:
+def print_json(data: Mapping[str, Any]) -> None:
     """One JSON object on stdout; what is not a finite number becomes null."""
     click.echo(json.dumps(_finite(data), indent=2, ensure_ascii=False, allow_nan=False))
 
@@ -58,6 +61,36 @@ def check_folder(folder: Path) -> None:
             f"{folder}: found {existing} write-protected; expected a folder to write into; "
             "choose another with --out"
         )
+
+
+def present(
+    context: click.Context,
+    answer: Mapping[str, Any],
+    shown: Callable[[], RenderableType],
+    folder: Path | None,
+    *,
+    as_json: bool,
+    usable: bool,
+) -> None:
+    """Print an answer that is already written; exit with 1 where it must not be used.
+
+    Args:
+        context: of the command.
+        answer: as JSON data; its ``files`` were written.
+        shown: makes what a console shows.
+        folder: written into, or None.
+        as_json: print ``answer`` instead of ``shown``.
+        usable: whether the answer may be used.
+    """
+    if as_json:
+        print_json(answer)
+    else:
+        to = console()
+        to.print(shown())
+        if folder is not None:
+            to.print(f"Written to {folder}: {', '.join(answer['files'])}", soft_wrap=True)
+    if not usable:
+        context.exit(NOT_USABLE)
 
 
 class LateProgress:
@@ -90,7 +123,7 @@ class LateProgress:
 
 
 def _finite(value: Any) -> Any:
-    if isinstance(value, dict):
+    if isinstance(value, Mapping):
         return {str(k): _finite(v) for k, v in value.items()}
     if isinstance(value, list | tuple):
         return [_finite(v) for v in value]

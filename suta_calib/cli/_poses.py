@@ -6,11 +6,11 @@ import threading
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 import click
 
-from suta_calib.cli._output import PATIENCE_S, console, json_option, print_json
+from suta_calib.cli._output import PATIENCE_S, console, json_option, present
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -18,7 +18,6 @@ if TYPE_CHECKING:
 
     from suta_calib.verdict import Verdict
 
-NOT_USABLE: Final = 1
 Command = TypeVar("Command", bound=Callable[..., Any])
 
 
@@ -99,12 +98,4 @@ def finish(
         from suta_calib.report.files import write_texts
 
         answer = write_texts(answer, texts(), out)
-    if as_json:
-        print_json(answer)
-    else:
-        to = console()
-        to.print(shown())
-        if out is not None:
-            to.print(f"Written to {out}: {', '.join(answer['files'])}", soft_wrap=True)
-    if not verdict.usable:
-        context.exit(NOT_USABLE)
+    present(context, answer, shown, out, as_json=as_json, usable=verdict.usable)

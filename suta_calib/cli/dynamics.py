@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING
 
 import click
 
+from suta_calib.cli._arm import optional_arm
 from suta_calib.cli._numbers import FiniteRange
 from suta_calib.cli._output import check_folder, json_option
 from suta_calib.cli._poses import LateStatus, finish
 
 if TYPE_CHECKING:
-    from suta_calib.model.arm import ArmModel
     from suta_calib.tracking.alignment import Register
 
 _PATH = click.Path(path_type=Path)
@@ -62,7 +62,7 @@ def dynamics(
 
     if out is not None:
         check_folder(out)
-    arm = _arm(urdf, tip, base)
+    arm = optional_arm(urdf, tip, base, "was recorded")
     motions = read_trajectory(recorded, arm), read_trajectory(reference)
     register = _register() if registered else None
     with LateStatus("comparing"):
@@ -76,18 +76,6 @@ def dynamics(
         out,
         as_json=as_json,
     )
-
-
-def _arm(urdf: Path | None, tip: str | None, base: str | None) -> ArmModel | None:
-    if urdf is None:
-        if tip or base:
-            raise click.UsageError("--tip and --base name frames of an arm: give it with --urdf")
-        return None
-    if tip is None:
-        raise click.UsageError("--urdf needs --tip: the link or frame that was recorded")
-    from suta_calib.model.arm import ArmModel
-
-    return ArmModel.from_urdf(urdf, tip, base)
 
 
 def _register() -> Register:

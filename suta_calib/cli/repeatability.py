@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from suta_calib.cli._analysis import finish_analysis
+from suta_calib.cli._arm import optional_arm
 from suta_calib.cli._output import check_folder, json_option
 from suta_calib.cli._poses import LateStatus
 
@@ -90,17 +91,9 @@ def _arm(
 ) -> ArmModel | None:
     if samples is None and at_rest is None:
         raise click.UsageError("give SAMPLES.csv (visits to one point), --stationary, or both")
-    if urdf is None:
-        if samples is not None:
-            raise click.UsageError("SAMPLES.csv needs --urdf and --tip: whose visits these are")
-        if tip or base:
-            raise click.UsageError("--tip and --base name frames of an arm: give it with --urdf")
-        return None
-    if tip is None:
-        raise click.UsageError("--urdf needs --tip: the link or frame that visited the point")
-    from suta_calib.model.arm import ArmModel
-
-    return ArmModel.from_urdf(urdf, tip, base)
+    if urdf is None and samples is not None:
+        raise click.UsageError("SAMPLES.csv needs --urdf and --tip: whose visits these are")
+    return optional_arm(urdf, tip, base, "visited the point")
 
 
 def _visits(arm: ArmModel, path: Path, confidence: float, seed: int) -> Repeatability:
