@@ -17,7 +17,7 @@ SVG = '<svg xmlns="http://www.w3.org/2000/svg" id="{}"><path d="M0 0"/></svg>'
 SECTION = Section(
     "outliers",
     "Outliers",
-    Verdict("caution", ("one <b>note</b>",), "1 of 15 landmarks"),
+    Verdict("caution", ("one <b>note</b>",), "one of 15 landmarks"),
     [
         Text("a < b"),
         Table(["landmark", "mm"], [["S<2>", "1.2"]], frozenset({1})),
@@ -38,6 +38,7 @@ def test_a_section_makes_a_page_of_its_own_with_everything_escaped() -> None:
     assert tree.xpath("//td/text()") == ["S<2>", "1.2"]
     assert tree.xpath("//td[@class='n']/text()") == ["1.2"]
     assert tree.xpath("//li/text()") == ["one <b>note</b>"]
+    assert "</span> One of 15 landmarks" in page
     assert len(tree.xpath("//figure/svg")) == 1
     assert "http" not in page.replace("http://www.w3.org/2000/svg", "")
 
