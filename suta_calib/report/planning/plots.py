@@ -148,7 +148,7 @@ def _artefact(
             edgecolor=colour,
             alpha=0.8 if planned else 1.0,
             lw=1.6 if planned else 0.9,
-            hatch="" if planned else "....",
+            hatch="" if planned else "////",
             zorder=3 if planned else 2,
             label=label or None,
         )

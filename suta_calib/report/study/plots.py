@@ -63,7 +63,7 @@ def _bands(axes: Axes, study: SizeStudy) -> None:
     )
     std = MM * np.nan_to_num(np.array([s.std for s in solved]))
     axes.fill_between(
-        size, low, high, facecolor="#e8e8e8", edgecolor=GREY, hatch="...", label="range", lw=0.6
+        size, low, high, facecolor="#e8e8e8", edgecolor=GREY, hatch="///", label="range", lw=0.6
     )
     axes.fill_between(
         size, mean - std, mean + std, facecolor="#a9cfe6", edgecolor=BLUE, label="± std", lw=0.6

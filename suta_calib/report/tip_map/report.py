@@ -19,10 +19,10 @@ from suta_calib.verdict import Verdict, verdict_of
 MM: Final = 1e3
 Json = dict[str, Any]
 HEADS: Final = ("", "RMS", "median", "95 %", "max", "≤ 0.3", "≤ 0.5")
-# Figures of other instruments, mm, as makers quote them; each is of another kind than the others.
+# Figures of other instruments, mm, as the field quotes them; each is of another kind.
 FIELD: Final = (
-    ("optical tracking", 0.30, "RMS of a static marker in the volume, by its maker"),
-    ("electromagnetic tracking", 0.48, "RMS of a static sensor, no metal near, by its maker"),
+    ("optical tracking", 0.30, "RMS often quoted for optical navigation; not measured here"),
+    ("electromagnetic tracking", 0.48, "RMS often quoted for EM navigation; not measured here"),
     ("mechanical CMM arm", 0.024, "maximum permissible error (ISO 10360-12): a limit, no spread"),
 )
 OURS: Final = "predicted 3-D RMS, this calibration's part only, after registration"
