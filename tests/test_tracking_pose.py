@@ -190,7 +190,8 @@ def test_joints_are_matched_by_name():
 def test_a_device_that_lacks_a_joint_is_refused():
     arm = arm_named("suta")
     names = ["joint1", *arm.joints[1:]]
-    with pytest.raises(InputError, match=r"device.yaml: joints: .* 'joint1': did you mean 'joint_1'\?"):
+    told = r"device.yaml: joints: .* 'joint1': did you mean 'joint_1'\?"
+    with pytest.raises(InputError, match=told):
         Tracker(arm, names, TipKinematics(arm), Path("device.yaml"))
 
 
