@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ from certified_artefact import truth, write_points
 from cli_job import cli
 
 from suta_calib.geometry import FloatArray
-from suta_calib.measurements import read_artefact, write_artefact
+from suta_calib.measurements import Artefact, read_artefact, write_artefact
 
 Capture = pytest.CaptureFixture[str]
 
@@ -137,6 +138,7 @@ BAD: dict[str, tuple[Callable[[str], str], str]] = {
         r":3: column 'feature': found 'grund'; expected one of .*did you mean 'ground'",
     ),
     "nan": (replaced(r"(top,O,0,)[^,]*", r"\1nan"), r":\d+: column 'x': found 'nan'"),
+    "far too large": (replaced(r"(top,O,0,)[^,]*", r"\g<1>1e308"), r"found points within inf m"),
     "no number": (replaced(r"(top,O,0,)[^,]*", r"\1one"), r":\d+: column 'x': found 'one'"),
     "no name": (replaced("top,O,0", "top,,0"), r":\d+: column 'landmark': found an empty cell"),
     "hole index": (replaced("hole,O,3", "hole,O,5"), r"column 'index': found '5'.* from 0 to 4"),
@@ -175,11 +177,22 @@ def test_bad_points_are_refused(points: Path, capsys: Capture, what: str) -> Non
     assert re.search(re.escape(str(points)) + ".*" + expected, err), err
 
 
+def swapped(folder: Path) -> Path:
+    """A drawing with the right names in the wrong places."""
+    exact = truth().landmarks
+    places = [mark.position for mark in exact.values()]
+    turned = zip(exact.values(), [*places[2:], *places[:2]], strict=True)
+    marks = {mark.name: replace(mark, position=place) for mark, place in turned}
+    write_artefact(folder / "swapped.yaml", Artefact("swapped", marks))
+    return folder / "swapped.yaml"
+
+
 def test_bad_options_are_refused(points: Path, tmp_path: Path, capsys: Capture) -> None:
     other = tmp_path / "other.yaml"
     other.write_text("landmarks:\n  o1: {position_mm: [0, 0, 0]}\n", encoding="utf-8")
     bad = {
         ("--nominal", other): r"0 of the touched landmarks in the drawing 'other'; expected at",
+        ("--nominal", swapped(tmp_path)): r"--nominal: found landmarks that do not fit the drawing",
         ("--nominal", tmp_path / "none.yaml"): r"none.yaml: found no such file",
         ("--out", points): r"the same file as an input",
         ("--out", tmp_path): r"found a folder",

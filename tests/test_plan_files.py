@@ -239,6 +239,33 @@ def test_bad_input_is_one_line_and_leaves_nothing(
     assert not (tmp_path / "o").exists()
 
 
+def test_a_plan_over_data_that_cannot_be_fitted_may_not_be_used(
+    suta: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    artefact = suta.parent / "artefact.yaml"
+    # Metres where millimetres are said.
+    in_metres = re.sub(
+        r"position_mm: \[(.*?)\]",
+        lambda m: f"position_mm: [{', '.join(f'{float(x) / 1000:g}' for x in m[1].split(','))}]",
+        artefact.read_text(),
+    )
+    (tmp_path / "artefact.yaml").write_text(in_metres, encoding="utf-8")
+    job = tmp_path / "calibration.yaml"
+    job.write_text(
+        suta.read_text()
+        .replace("starts: 8", "starts: 1")
+        .replace("calibration/", f"{suta.parent}/calibration/")
+        .replace("validation/", f"{suta.parent}/validation/")
+        .replace("../../urdf/", f"{suta.parent}/../../urdf/"),
+        encoding="utf-8",
+    )
+    file = written(tmp_path, CANDIDATES)
+    assert cli("plan", job, "--candidates", file, "-n", 1, "--json") == 1
+    told = json.loads(capsys.readouterr().out)
+    assert told["verdict"]["level"] == "bad"
+    assert told["verdict"]["notes"][0].startswith("The calibration itself is not ")
+
+
 def test_a_missing_file_or_job_is_one_line(
     suta: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -216,6 +216,13 @@ def test_few_visits_other_points_and_postures_and_drift_are_said() -> None:
     assert any("drifts or warms up" in note for note in found.verdict.notes)
 
 
+def test_one_reading_written_down_again_is_told() -> None:
+    q = visits(1, 0.0).q
+    notes = run(Samples.from_arrays(arm_named("suta").joints, np.repeat(q, 30, axis=0))).verdict
+    assert any("29 of 30 visits repeat" in note for note in notes.notes)
+    assert not any("repeat the readings" in note for note in run(visits(30, 1e-4)).verdict.notes)
+
+
 def test_too_few_visits_are_refused() -> None:
     with pytest.raises(SamplesError, match="2 visits"):
         run(visits(2, 1e-4))

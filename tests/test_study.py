@@ -138,6 +138,7 @@ def test_the_smallest_size_within_the_tolerance(
     errors = {size: [mean] for size, mean in enumerate(means, 1)}
     found = judged(planned(sizes=(1, 2, 3), trials=1), errors, tolerance)
     assert found.recommended == enough
+    assert found.levelled is (enough < 3)
     assert (found.verdict.level == "good") is (enough < 3 and means[0] > 0)
 
 

@@ -111,6 +111,7 @@ def test_no_result_at_all_exits_with_one(tracked: Path, capsys: pytest.CaptureFi
     assert cli("study", tracked, *FEW, "--sizes", "1-2") == 1
     out, err = capsys.readouterr()
     assert "Do not use" in out
+    assert "(3 trials)" in out
     assert "Traceback" not in err
 
 
@@ -120,7 +121,7 @@ def test_sizes_beyond_the_sets_are_left_out_and_told(
     found = answer(capsys, JOB, *FEW, "--sizes", "14-17", "--out", tmp_path)
     assert [s["size"] for s in found["sizes"]] == [14, 15]
     assert found["left_out_sizes"] == [16, 17]
-    assert any("16, 17" in note for note in found["verdict"]["notes"])
+    assert any("16 to 17" in note for note in found["verdict"]["notes"])
     assert "up to 15" in refused(capsys, JOB, "--sizes", "16", "--out", tmp_path / "none")
     assert not (tmp_path / "none").exists()
 
@@ -134,8 +135,10 @@ def test_sizes_beyond_the_sets_are_left_out_and_told(
         (("--sizes", "all"), "'all'"),
         (("--sizes", ""), "numbers from 1"),
         (("--trials", "0"), "--trials"),
+        (("--trials", "1000000000"), "--trials"),
         (("--jobs", "0"), "--jobs"),
         (("--tolerance-pct", "-1"), "--tolerance-pct"),
+        (("--tolerance-pct", "nan"), "finite number"),
         (("--kind", "jackknife"), "--kind"),
         (("--kind", "bootstrap", "--sizes", "1-3"), "--sizes is for --kind size"),
         (("--unit", "point"), "no samples with point"),

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import gc
 import math
 import pickle
+import signal
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -85,9 +89,22 @@ def test_progress_counts_every_trial() -> None:
 def test_an_address_without_a_scheduler(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("distributed")
     monkeypatch.setattr(study_runner, "CONNECT_S", 0.5)
+    cried: list[object] = []
+    monkeypatch.setattr(sys, "unraisablehook", cried.append)
     for address in ("tcp://127.0.0.1:1", "nowhere", "udp://x:1"):
         with pytest.raises(InputError, match=f"--dask {address}.*no scheduler"):
             run_study(plan_of("size"), dask=address)
+    gc.collect()
+    assert not cried
+
+
+@pytest.mark.skipif(not hasattr(signal, "pthread_sigmask"), reason="signals cannot be blocked here")
+def test_processes_started_for_a_study_do_not_hear_an_interrupt() -> None:
+    ask = "import signal; print(signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, []))"
+    with study_runner._interrupts_withheld():
+        told = subprocess.run([sys.executable, "-c", ask], capture_output=True, check=True)
+    assert told.stdout.strip() == b"True"
+    assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, [])
 
 
 def test_dask_is_an_extra(monkeypatch: pytest.MonkeyPatch) -> None:

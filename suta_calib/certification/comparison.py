@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from suta_calib.certification.frame import wrapped
-from suta_calib.errors import ArtefactError
+from suta_calib.errors import ArtefactError, SamplesError
 from suta_calib.geometry import FloatArray, register_points, rpy_from_rotation
 from suta_calib.measurements import Artefact
 from suta_calib.measurements.suggestion import did_you_mean
@@ -75,12 +75,19 @@ def compare(
         drawing: to compare with.
 
     Raises:
-        ArtefactError: fewer than three landmarks in common.
-        SamplesError: the landmarks in common are on a line, or are not the same landmarks.
+        ArtefactError: fewer than three landmarks in common, or these are on a line, or are not
+            the same landmarks.
     """
     rows = _shared(names, drawing)
     drawn = drawing.position_of(names[k] for k in rows)
-    found = register(position[rows], drawn)
+    try:
+        found = register(position[rows], drawn)
+    except SamplesError as problem:
+        raise ArtefactError(
+            f"landmarks that do not fit the drawing {drawing.name!r}: {problem.found}",
+            "the drawing of this artefact, with the same names of landmarks",
+            where="--nominal",
+        ) from None
     deviation = np.full(position.shape, np.nan)
     deviation[rows] = found.act(position[rows]) - drawn
     turned = float(rpy_from_rotation(found.rotation)[2])

@@ -216,7 +216,9 @@ def _spacers(rows: _Rows) -> Iterable[SpacerEnds]:
 
 
 def _check_extent(rows: _Rows) -> None:
-    extent = float(np.linalg.norm(np.ptp(rows.position, axis=0)))
+    # A typing error may be too large to be squared.
+    with np.errstate(over="ignore"):
+        extent = float(np.linalg.norm(np.ptp(rows.position, axis=0)))
     if not SMALLEST_EXTENT < extent < LARGEST_EXTENT:
         raise rows.missing(
             f"points within {extent:.4g} m",

@@ -75,11 +75,11 @@ def plan(
 
     Candidates are placements of the job's artefact, flat and tilted, single points touched from
     many directions, and postures where an instrument or a camera is used. Writes plan.csv,
-    plan.yaml and drawings.
+    plan.yaml and drawings. Exits with 1 where the calibration of the present data may not be used.
     """
     from suta_calib.analysis.planning import PlanOptions, Pool
     from suta_calib.analysis.planning import plan as choose
-    from suta_calib.report.planning.json import plan_dict
+    from suta_calib.report.planning.json import plan_dict, plan_verdict
     from suta_calib.report.planning.report import bench_files, plan_section
     from suta_calib.report.planning.tables import plan_tables
 
@@ -104,7 +104,7 @@ def plan(
         lambda: plan_section(found),
         folder,
         as_json=as_json,
-        usable=True,
+        usable=plan_verdict(found).usable,
         texts=bench_files(found),
     )
 

@@ -9,6 +9,7 @@ import click
 
 from suta_calib.cli._analysis import finish_analysis
 from suta_calib.cli._arm import optional_arm
+from suta_calib.cli._numbers import FiniteRange
 from suta_calib.cli._output import check_folder, json_option
 from suta_calib.cli._poses import LateStatus
 
@@ -33,7 +34,7 @@ _PATH = click.Path(path_type=Path)
 )
 @click.option(
     "--confidence",
-    type=click.FloatRange(50.0, 99.9),
+    type=FiniteRange(50.0, 99.9),
     default=95.0,
     show_default=True,
     help="Of the intervals, %.",

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Final, cast
 import click
 
 from suta_calib.cli._analysis import finish_analysis, folder_of, out_option
+from suta_calib.cli._numbers import FiniteRange
 from suta_calib.cli._output import LateProgress, json_option
 
 if TYPE_CHECKING:
@@ -20,6 +21,8 @@ if TYPE_CHECKING:
     from suta_calib.job import CalibrationJob
     from suta_calib.report.study.report import Study
 
+# Each is kept in memory and written down; no question needs more.
+MOST_TRIALS: Final = 100_000
 _RANGE: Final = re.compile(r"(\d{1,6})(?:-(\d{1,6})(?::(\d{1,6}))?)?")
 
 
@@ -60,7 +63,7 @@ def _range(text: str) -> range:
 )
 @click.option(
     "--trials",
-    type=click.IntRange(1),
+    type=click.IntRange(1, MOST_TRIALS),
     default=100,
     show_default=True,
     help="How many; of each size.",
@@ -78,7 +81,7 @@ def _range(text: str) -> range:
 )
 @click.option(
     "--tolerance-pct",
-    type=click.FloatRange(0, min_open=True),
+    type=FiniteRange(0, min_open=True),
     default=5.0,
     show_default=True,
     help="How far above the largest size's mean is still enough.",
@@ -165,7 +168,8 @@ def _run(
                 plan, log, resume=resume, workers=_workers(jobs), dask=dask, progress=progress
             )
     except KeyboardInterrupt:
-        click.echo(f"finished trials are in {path}: go on with --resume", err=True)
+        if path.exists():
+            click.echo(f"finished trials are in {path}: go on with --resume", err=True)
         raise
     if plan.data.kind == "size":
         return judge_sizes(plan, trials, tolerance)

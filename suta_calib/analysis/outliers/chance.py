@@ -45,16 +45,18 @@ class Chance:
     def p(self, found: Measures) -> FloatArray:
         """(4, groups) probability that chance makes any metric of any group as conspicuous.
 
-        NaN where a metric does not exist. Over the groups by the largest value, over the four
-        metrics by Bonferroni's factor.
+        NaN where a metric does not exist, with the data or by chance. Over the groups by the
+        largest value, over the four metrics by Bonferroni's factor.
         """
         drawn, seen = _stretched(self.values), _stretched(found.array())
+        told = np.asarray(np.isfinite(drawn).all(axis=1))
+        drawn = np.where(told[:, None], drawn, 0.0)
         mean, std = drawn.mean(axis=1), np.maximum(drawn.std(axis=1), 1e-12)
         largest = ((drawn - mean[:, None]) / std[:, None]).max(axis=2)
         z = (seen - mean) / std
         above = np.sum(largest[:, :, None] >= z[:, None, :], axis=1)
         p = np.minimum(len(METRICS) * (1.0 + above) / (1.0 + drawn.shape[1]), 1.0)
-        return np.asarray(np.where(np.isfinite(seen), p, np.nan))
+        return np.asarray(np.where(np.isfinite(seen) & told, p, np.nan))
 
 
 def _stretched(values: FloatArray) -> FloatArray:
@@ -156,7 +158,11 @@ class _Imitation:
         fall = 1.0 - np.sqrt(left / (self._metric.squared / n))
         count = max((n - len(inside)) * self._error.shape[2], 1)
         variance = self._white.without(inside, step) / count
-        cook = self._scene.influence.distance(step[:, self._named]) / variance
+        # Without the group the others may be fitted exactly: nothing to measure a change by.
+        exact = variance * count < ROUNDING * self._white.squared
+        fall[exact] = np.nan
+        cook = self._scene.influence.distance(step[:, self._named])
+        cook = np.divide(cook, variance, out=np.full_like(cook, np.nan), where=~exact)
         return np.array([contribution, cook, fall, self._bias(grouping, rows, squared)])
 
     def _step_without(self, rows: BoolArray, inside: IntArray) -> FloatArray:

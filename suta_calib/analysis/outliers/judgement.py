@@ -29,6 +29,7 @@ WORDS: Final = {
 def verdict_on(solution: Solution, terms: Sequence[TermOutliers]) -> Verdict:
     """What a reader must know: outliers first, then what is suspect or was set aside."""
     bad = [] if solution.converged else [f"The calibration itself: {solution.verdict}."]
+    bad += [_exact(t) for t in terms if t.exact]
     outliers = [s for t in terms for level in t.levels for s in _outliers(level)]
     suspects = [s for t in terms for level in t.levels for s in _suspects(level)]
     gross = [_gross(t) for t in terms if t.touches]
@@ -80,12 +81,22 @@ def _where(group: Group) -> str:
     )
 
 
+def _exact(term: TermOutliers) -> str:
+    return (
+        f"The {term.samples} samples of {term.kind} are fitted exactly: there are as many unknowns "
+        "as data. Nothing can be unlike the others; measure more, or select fewer parameters."
+    )
+
+
 def _gross(term: TermOutliers) -> str:
     n = len(term.touches)
     worst = max(term.touches, key=lambda t: t.size)
+    are, were, them, first = (
+        ("is", "was", "it", "") if n == 1 else ("are", "were", "them", "worst ")
+    )
     return (
-        f"{n} of {term.samples} single touches are far beyond the noise of "
-        f"{1e3 * term.sigma:.2g} mm per axis and were set aside for these figures, not for the "
-        f"calibration, whose loss weighs them down: worst {worst.what} ({worst.origin}), "
-        f"{1e3 * worst.size:.1f} mm."
+        f"{n} of {term.samples} single touches {are} far beyond the noise of "
+        f"{1e3 * term.sigma:.2g} mm per axis and {were} set aside for these figures, not for the "
+        f"calibration, whose loss weighs {them} down: {first}{worst.what} "
+        f"({worst.origin}), {1e3 * worst.size:.1f} mm."
     )

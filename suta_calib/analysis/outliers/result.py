@@ -189,6 +189,7 @@ class TermOutliers:
         position: (n, 3) certified positions of the landmarks, m, in the order of the groups.
         held_out: by the name of the level and the label of the group.
         method: ``validation``, or how the rows were held out.
+        exact: whether the fit leaves no errors, so that nothing was compared.
     """
 
     kind: str
@@ -199,6 +200,7 @@ class TermOutliers:
     position: FloatArray | None = None
     held_out: Mapping[str, Mapping[str, HeldOut]] = field(default_factory=dict)
     method: str = ""
+    exact: bool = False
 
     def level(self, name: str) -> Level | None:
         """The level of this name, if the term has it."""

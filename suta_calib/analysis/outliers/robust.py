@@ -19,6 +19,8 @@ SAME: Final = 1e-3
 # Lengths, m, that are rounding.
 FINEST: Final = 1e-9
 # Component of a three-dimensional normal vector for a median length of one.
+# Share of the data that a fit must leave for its scatter to be noise.
+LEAST_LEFT: Final = 0.3
 _MEDIAN_LENGTH: Final = float(np.sqrt(chi2.ppf(0.5, 3)))
 
 
@@ -41,6 +43,8 @@ class RobustFit:
     ) -> None:
         self.jacobian, self.residual = jacobian, residual
         self._precision, self._deviation = precision, deviation
+        # Whether the last fit took up so much that what it leaves is no noise.
+        self.saturated = False
 
     def solve(self, shift: FloatArray) -> tuple[FloatArray, float, FloatArray]:
         """Rest (n, 3), scatter of one of its components, and the coefficients of ``shift``.
@@ -64,6 +68,7 @@ class RobustFit:
             if k > SETTLING and abs(found - sigma) < SAME * sigma:
                 break
             sigma = found
+        self.saturated = used > (1.0 - LEAST_LEFT) * 3 * n
         return rest, sigma, step[a.shape[1] - extra :]
 
 

@@ -24,7 +24,7 @@ from suta_calib.analysis.outliers.result import (
     TermOutliers,
     Thresholds,
 )
-from suta_calib.analysis.outliers.touches import Touches, explained_touches
+from suta_calib.analysis.outliers.touches import SMALLEST, Touches, explained_touches
 from suta_calib.geometry import FloatArray
 from suta_calib.model.parameters import ParameterSet
 from suta_calib.solver.problem import Problem
@@ -34,6 +34,8 @@ from suta_calib.terms.term import Term
 
 # Rows beyond which only those with the largest errors are refitted one by one.
 MOST_ROWS: Final = 300
+# Errors (RMS, m) that are rounding: the fit leaves none.
+ROUNDING: Final = 1e-9
 
 
 class TermSearch:
@@ -66,7 +68,9 @@ class TermSearch:
         self._judge = Judge(self._own, tuple(t for t in validation if t.kind == self._term.kind))
 
     def run(self, levels: Sequence[Grouping]) -> TermOutliers:
-        """All levels of the term."""
+        """All levels of the term; none where its errors are rounding."""
+        if self._fits_exactly():
+            return not_searched(self._term, exact=True)
         everything = groupings(self._term)
         landmarks = next((g for g in everything if g.name == "landmarks"), None)
         touches = explained_touches(self._own, self._arm, landmarks)
@@ -83,6 +87,14 @@ class TermSearch:
             {level.name: self._held_out(g, level) for g, level in zip(levels, found, strict=True)},
             self._judge.method,
         )
+
+    def _fits_exactly(self) -> bool:
+        """There are as many unknowns as data, so that no error is left to look at."""
+        equations = sum(term.equations() for term in self._own.terms)
+        if equations > len(self._own.estimated):
+            return False
+        fit = self._own.over(np.ones(len(self._term.poses), dtype=bool))
+        return fit is not None and fit.rms < ROUNDING
 
     def _level(
         self,
@@ -106,7 +118,15 @@ class TermSearch:
         p = Simulator(scene, touches, self._seed).chance(grouping).p(values)
         limits = {m: self._thresholds.of(m, len(grouping)) for m in METRICS}
         groups = [
-            self._group(grouping, g, values.array()[:, g], p[:, g], calibrated[:, g], limits)
+            self._group(
+                grouping,
+                g,
+                values.array()[:, g],
+                p[:, g],
+                calibrated[:, g],
+                limits,
+                errs=_errs(scene, grouping.rows(g)),
+            )
             for g in chosen
         ]
         if grouping.name == "landmarks":
@@ -121,11 +141,13 @@ class TermSearch:
         p: FloatArray,
         calibrated: FloatArray,
         limits: dict[Metric, float],
+        *,
+        errs: bool,
     ) -> Group:
         flags = tuple(
             name
             for name, value, chance in zip(METRICS, values, p, strict=True)
-            if value > limits[name] and chance <= self._thresholds.significance
+            if errs and value > limits[name] and chance <= self._thresholds.significance
         )
         return Group(
             grouping.labels[g],
@@ -156,9 +178,15 @@ class TermSearch:
         )
 
 
-def not_searched(term: Term) -> TermOutliers:
-    """A term of a calibration that did not converge: there is nothing to compare with."""
-    return TermOutliers(term.kind, (), (), len(term.poses), float("nan"))
+def _errs(scene: Scene, rows: BoolArray) -> bool:
+    """Whether errors of the fit that a group is judged in are more than its last digits."""
+    fit, _ = scene.with_and_without(rows)
+    return fit is not None and fit.rms > SMALLEST
+
+
+def not_searched(term: Term, *, exact: bool = False) -> TermOutliers:
+    """A term of a calibration that did not converge or fits exactly: nothing to compare with."""
+    return TermOutliers(term.kind, (), (), len(term.poses), float("nan"), exact=exact)
 
 
 def chosen_groups(grouping: Grouping, touches: Touches | None) -> list[int]:

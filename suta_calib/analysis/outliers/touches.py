@@ -20,7 +20,7 @@ from scipy.stats import f as f_distribution
 from suta_calib.analysis.outliers.groups import Grouping
 from suta_calib.analysis.outliers.reference import BoolArray, Reference
 from suta_calib.analysis.outliers.result import Displacement
-from suta_calib.analysis.outliers.robust import FINEST, RobustFit, scatter
+from suta_calib.analysis.outliers.robust import RobustFit, scatter
 from suta_calib.geometry import FloatArray
 from suta_calib.measurements import Artefact, Samples
 from suta_calib.model.parameters import ParameterSet
@@ -32,6 +32,8 @@ from suta_calib.terms.term import IntArray, Term
 
 # Probability that data without gross touches lose one, and without displaced landmarks gain one.
 FALSE_ALARM: Final = 0.01
+# Noise of an arm that nobody has (m): in finer errors a solver's last steps show, and nothing else.
+SMALLEST: Final = 1e-6
 # Variance of a median over that of a mean, for normal numbers.
 MEDIAN_COST: Final = np.pi / 2
 
@@ -111,12 +113,12 @@ def _with_displacements(fit: RobustFit, cells: IntArray, landmarks: Grouping | N
     """Free one landmark after the other for as long as one is significantly displaced."""
     if landmarks is None:
         rest, sigma, _ = fit.solve(np.zeros((3 * len(cells), 0)))
-        return Touches(rest, sigma, _shared(rest, cells, sigma), _gross(rest, sigma))
+        return Touches(rest, sigma, _shared(rest, cells, sigma), _gross(fit, rest, sigma))
     chosen: list[int] = []
     while True:
         rest, sigma, shift = fit.solve(_columns(landmarks, chosen))
         means, of = _cell_means(rest, cells, landmarks)
-        spread = max(scatter(means), FINEST)
+        spread = max(scatter(means), SMALLEST)
         worst, p = _most_displaced(means, of, spread, len(landmarks), chosen)
         if p * len(landmarks) > FALSE_ALARM or len(chosen) >= len(landmarks) // 3:
             break
@@ -127,11 +129,13 @@ def _with_displacements(fit: RobustFit, cells: IntArray, landmarks: Grouping | N
         )
         for k, mark in enumerate(chosen)
     }
-    return Touches(rest, sigma, _shared(rest, cells, sigma), _gross(rest, sigma), displaced)
+    return Touches(rest, sigma, _shared(rest, cells, sigma), _gross(fit, rest, sigma), displaced)
 
 
-def _gross(rest: FloatArray, sigma: float) -> BoolArray:
-    limit = sigma * np.sqrt(chi2.ppf(1.0 - FALSE_ALARM / len(rest), 3))
+def _gross(fit: RobustFit, rest: FloatArray, sigma: float) -> BoolArray:
+    if fit.saturated:
+        return np.zeros(len(rest), dtype=bool)
+    limit = max(sigma, SMALLEST) * np.sqrt(chi2.ppf(1.0 - FALSE_ALARM / len(rest), 3))
     return np.asarray(np.linalg.norm(rest, axis=1) > limit)
 
 

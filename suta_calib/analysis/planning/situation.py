@@ -35,12 +35,14 @@ class Situation:
         x: (n,) where everything is linearised: the solution, or nominal where there is none.
         sigmas: noise level of each block of the problem, m or rad per component.
         solved: whether x is a solution and ``sigmas`` are what its residuals show.
+        trouble: why a fit of the data may not be used; empty where it may, or none was possible.
     """
 
     problem: Problem
     x: FloatArray
     sigmas: tuple[float, ...]
     solved: bool
+    trouble: str = ""
 
     @classmethod
     def of(cls, problem: Problem, solution: Solution | None = None) -> Situation:
@@ -52,7 +54,8 @@ class Situation:
         if problem.arm is None:
             raise JobError("observations without an arm", "samples with joint readings")
         if solution is None or not solution.converged:
-            return cls(problem, problem.start(), tuple(problem.assumed_sigmas()), False)
+            trouble = "" if solution is None else str(solution.verdict)
+            return cls(problem, problem.start(), tuple(problem.assumed_sigmas()), False, trouble)
         return cls(problem, solution.x, solution.noise, True)
 
     @property

@@ -35,6 +35,8 @@ from suta_calib.verdict import Verdict, verdict_of
 
 DIRECTION: Final = "direction"
 PROTOCOL: Final = "protocol"
+# Share of visits that read as the one before, from which on somebody should ask.
+MANY_COPIES: Final = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +84,7 @@ class Repeatability:
         )
 
     def _cautions(self) -> list[str]:
-        notes = [*self._few(), *self._far()]
+        notes = [*self._copies(), *self._few(), *self._far()]
         if self.correlation > 1.0:
             notes.append(
                 f"Successive visits resemble each other (they are worth {1 / self.correlation:.0%} "
@@ -97,6 +99,17 @@ class Repeatability:
                 f"(p = {giving.p_value:.2g})."
             )
         return notes
+
+    def _copies(self) -> list[str]:
+        """Encoders hardly ever all read the same twice in a row."""
+        q = self.samples.q
+        same = int(np.sum(np.all(q[1:] == q[:-1], axis=1)))
+        if same < MANY_COPIES * len(q):
+            return []
+        return [
+            f"{same} of {len(q)} visits repeat the readings before them to the last digit: were "
+            "these visits, or one reading written down again?"
+        ]
 
     def _few(self) -> list[str]:
         parts = self.protocols or {"": self.position}

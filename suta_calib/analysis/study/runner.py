@@ -12,9 +12,11 @@ import multiprocessing
 import pickle
 import signal
 import threading
+import warnings
 from collections.abc import Iterator, Sequence
 from concurrent.futures import CancelledError
 from contextlib import contextmanager, suppress
+from multiprocessing import resource_tracker
 from typing import Any, Final
 
 import numpy as np
@@ -69,10 +71,11 @@ def _on_cores(data: StudyData, batches: Sequence[Sequence[Task]], workers: int) 
     # An array, because joblib shares a large one between processes instead of sending it along.
     shared = np.frombuffer(content, dtype=np.uint8)
     with parallel_config("loky", n_jobs=workers, inner_max_num_threads=1):
-        results = Parallel(return_as="generator_unordered", batch_size=1)(
-            delayed(_run_local)(key, shared, batch) for batch in batches
-        )
         try:
+            with _interrupts_withheld():
+                results = Parallel(return_as="generator_unordered", batch_size=1)(
+                    delayed(_run_local)(key, shared, batch) for batch in batches
+                )
             for found in results:
                 yield from found
         except BrokenProcessPool as error:
@@ -87,10 +90,30 @@ def _on_cores(data: StudyData, batches: Sequence[Sequence[Task]], workers: int) 
             raise
 
 
+@contextmanager
+def _interrupts_withheld() -> Iterator[None]:
+    """Processes started meanwhile do not hear of an interrupt, which comes afterwards.
+
+    Until a worker has imported what it needs it cannot ignore one itself, and cries.
+    """
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    # Its start lets interrupts through again.
+    resource_tracker.ensure_running()
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
 def _end_workers() -> None:
     """Workers ignore an interrupt so as not to cry; without this they would finish their batch."""
     from joblib.externals.loky import get_reusable_executor
 
+    # What is cancelled is known: joblib would advise another way of handing out tasks.
+    warnings.filterwarnings("ignore", message=".*still being processed by the workers")
     get_reusable_executor().shutdown(wait=True, kill_workers=True)
 
 
@@ -131,6 +154,8 @@ def _client(distributed: Any, address: str) -> Iterator[Any]:
         # Their tracebacks would stand beside our one line.
         log.setLevel(logging.CRITICAL)
     try:
+        # A client that fails half-way through its construction cries when it is collected.
+        _check_address(distributed, address)
         client = distributed.Client(address, timeout=CONNECT_S, set_as_default=False)
     except (OSError, ValueError, TypeError) as error:
         reason = " ".join(str(error).split()) or type(error).__name__
@@ -150,6 +175,14 @@ def _client(distributed: Any, address: str) -> Iterator[Any]:
             log.setLevel(level)
     finally:
         client.close()
+
+
+def _check_address(distributed: Any, address: str) -> None:
+    """Raises ValueError where an address has no port, or a scheme nobody knows."""
+    scheme, place = distributed.comm.parse_address(address)
+    distributed.comm.registry.get_backend(scheme)
+    if scheme != "inproc":
+        distributed.comm.addressing.parse_host_port(place)
 
 
 def _packed(data: StudyData) -> tuple[bytes, str]:

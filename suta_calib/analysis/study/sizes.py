@@ -17,6 +17,8 @@ from suta_calib.verdict import Verdict, verdict_of
 
 # Share of trials without a result from which the mean of the others says little.
 MANY_FAILED: Final = 0.05
+# Reasons that a reader is told; the rest are counted.
+MOST_REASONS: Final = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,34 +100,45 @@ class SizeStudy:
         return enough
 
     @property
+    def levelled(self) -> bool:
+        """Whether a smaller size than the largest is enough, so that the curve has levelled off."""
+        largest = next((s.size for s in reversed(self.sizes) if len(s.rms)), None)
+        return self.recommended is not None and self.recommended != largest
+
+    @property
     def verdict(self) -> Verdict:
         """Whether the recommendation may be relied on."""
         if self.baseline is None:
-            reasons = "; ".join(self.failures)
-            return verdict_of([f"No trial gave a result: {reasons}"], [], "no size can be judged")
+            return verdict_of(self._reasons(), [], "no size can be judged: no trial has a result")
         return verdict_of([], self._cautions(), self._sentence())
 
     def _sentence(self) -> str:
         largest = [s for s in self.sizes if len(s.rms)][-1].size
         percent = f"{100 * self.tolerance:g} %"
-        if self.recommended == largest:
+        if not self.levelled:
             return (
                 f"no size below {largest} is within {percent} of the mean error with {largest}: "
                 "more may help"
             )
         return (
-            f"{self.recommended} {self._unit(self.recommended)} are enough: the mean error is "
-            f"within {percent} of that with {largest}"
+            f"{self.recommended} {self._unit(self.recommended)} "
+            f"{'is' if self.recommended == 1 else 'are'} enough: the mean error is within "
+            f"{percent} of that with {largest}"
         )
+
+    def _reasons(self) -> list[str]:
+        """Why trials have no result, the most frequent first."""
+        told = [f"{problem} ({count} trials)." for problem, count in self.failures.items()]
+        more = len(told) - MOST_REASONS
+        return told[:MOST_REASONS] + ([f"And {more} further reasons."] if more > 0 else [])
 
     def _unit(self, count: int | None) -> str:
         unit = self.plan.data.sets.unit
         return unit if count == 1 else f"{unit}s"
 
     def _cautions(self) -> list[str]:
-        solved = [s for s in self.sizes if len(s.rms)]
         found = []
-        if self.recommended == solved[-1].size:
+        if not self.levelled:
             found.append("The curve has not levelled off: study more sets than these.")
         bad = [s for s in self.sizes if s.failed > MANY_FAILED * s.trials]
         if bad:
@@ -135,8 +148,9 @@ class SizeStudy:
                 "better than such data deserve."
             )
         if self.plan.left_out:
-            sizes = ", ".join(map(str, self.plan.left_out))
-            found.append(f"There are {len(self.plan.data.sets)} sets: not studied were {sizes}.")
+            first, last = self.plan.left_out[0], self.plan.left_out[-1]
+            sizes = f"{first}" if first == last else f"{first} to {last}"
+            found.append(f"There are {len(self.plan.data.sets)} sets: not studied: {sizes}.")
         if not self.plan.data.validation:
             found.append(
                 "The job has no validation data: the sets that a trial did not draw stood in for "

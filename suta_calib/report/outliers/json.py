@@ -99,8 +99,8 @@ def _group(group: Group) -> Json:
         }
     return {
         **_scaled(group.values),
-        "p": {name: _finite(group.p[name]) for name in METRICS},
-        "flags": list(group.flags),
+        "p": {KEYS[name][0]: _finite(group.p[name]) for name in METRICS},
+        "flags": [KEYS[name][0] for name in group.flags],
         "outlier": group.outlier,
         "suspect": group.suspect,
         "samples": group.samples,

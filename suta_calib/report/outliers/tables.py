@@ -35,6 +35,8 @@ DECIMALS: Final[dict[Metric, int]] = {
     "leave_one_out": 1,
     "bias": 3,
 }
+# Larger figures have no place in a column.
+WIDEST: Final = 1e5
 # Of long levels only the groups with the largest shares are shown.
 MOST: Final = 20
 EXPLAINED: Final = (
@@ -165,7 +167,8 @@ def _value(group: Group, metric: Metric) -> str:
 def _number(value: float, metric: Metric) -> str:
     if not math.isfinite(value):
         return NOTHING
-    number = f"{KEYS[metric][1] * value:.{DECIMALS[metric]}f}"
+    shown = KEYS[metric][1] * value
+    number = f"{shown:.{DECIMALS[metric]}f}" if abs(shown) < WIDEST else f"{shown:.1e}"
     return number.removeprefix("-") if float(number) == 0 else number
 
 

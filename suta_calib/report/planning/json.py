@@ -60,15 +60,23 @@ def plan_verdict(found: Plan) -> Verdict:
         f"Measuring {names} takes the tip from {MM * found.before.tip:.3f} to "
         f"{MM * found.after.tip:.3f} mm (3-D RMS in the region, after registration)"
     )
-    return verdict_of([], [*_on_start(found), *_on_rest(found)], sentence)
+    bad = [_on_trouble(found)] if found.situation.trouble else []
+    return verdict_of(bad, [*_on_start(found), *_on_rest(found)], sentence)
+
+
+def _on_trouble(found: Plan) -> str:
+    return (
+        f"The calibration itself is {found.situation.trouble}. Mend that first: this plan rests on "
+        "the nominal arm, and on what the job says of artefact and readings."
+    )
 
 
 def _on_start(found: Plan) -> list[str]:
-    if found.situation.solved:
+    if found.situation.solved or found.situation.trouble:
         return []
     return [
-        "The present data cannot be fitted: predicted at the nominal arm with assumed noise "
-        "(0.5 mm where the job does not say)."
+        "The present data are too few to be fitted: predicted at the nominal arm with assumed "
+        "noise (0.5 mm where the job does not say)."
     ]
 
 

@@ -43,6 +43,11 @@ def _able(remedy: Remedy) -> str:
 
 def _efficiency(found: Plan) -> str:
     best = found.best
+    if best.tip >= best.present:
+        return (
+            "The present data tell more of the tip than as many samples at the best of these "
+            f"candidates would ({MM * best.present:.3f} mm against {MM * best.tip:.3f} mm)."
+        )
     return (
         f"As many samples as there are now, at the best {best.count} candidates "
         f"({_some(best.names)}), would give {MM * best.tip:.3f} mm instead of "
@@ -64,6 +69,8 @@ def _stop(found: Plan) -> str:
     percent = f"{100 * stop.least_gain:.0f} %"
     if stop.worthwhile is None:
         sentence = f"Each of {ahead} further candidates lessens the tip's uncertainty by {percent}."
+    elif stop.worthwhile == 0:
+        sentence = f"Even the first lessens the tip's uncertainty by less than {percent}: stop now."
     else:
         sentence = (
             f"After {stop.worthwhile} more, the next one lessens the tip's uncertainty by less "

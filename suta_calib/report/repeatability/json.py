@@ -30,6 +30,8 @@ def repeatability_dict(found: Repeatability) -> Json:
     answer: Json = {
         "visits": found.position.count,
         "confidence_pct": 100 * confidence,
+        "rp_mm": _mm(found.position.rp.value),
+        "rms_mm": _mm(found.position.rms.value),
         "position": position_dict(found.position, confidence),
         "orientation": {
             f"{name}_deg": shown(getattr(o, name), "rad") for name in ("rpa", "rpb", "rpc", "rms")

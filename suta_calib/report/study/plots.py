@@ -65,8 +65,10 @@ def _bands(axes: Axes, study: SizeStudy) -> None:
     axes.fill_between(
         size, low, high, facecolor="#e8e8e8", edgecolor=GREY, hatch="///", label="range", lw=0.6
     )
+    # Where the scatter is lopsided, mean - std is below every error, even below zero.
+    lower = np.maximum(mean - std, low)
     axes.fill_between(
-        size, mean - std, mean + std, facecolor="#a9cfe6", edgecolor=BLUE, label="± std", lw=0.6
+        size, lower, mean + std, facecolor="#a9cfe6", edgecolor=BLUE, label="± std", lw=0.6
     )
     axes.plot(size, mean, "o-", color="black", ms=4, lw=1.4, label="mean")
     level = MM * solved[-1].mean * (1 + study.tolerance) if solved else np.nan
@@ -76,7 +78,7 @@ def _bands(axes: Axes, study: SizeStudy) -> None:
 
 def _recommendation(axes: Axes, study: SizeStudy) -> None:
     chosen = next((s for s in study.sizes if s.size == study.recommended), None)
-    if chosen is None:
+    if chosen is None or not study.levelled:
         return
     axes.axvline(chosen.size, color=ORANGE, ls="--", lw=1.6, label=f"enough: {chosen.size}")
     axes.plot(chosen.size, MM * chosen.mean, "D", mfc="none", mec="black", mew=1.6, ms=11)

@@ -83,7 +83,7 @@ def _table(study: Study) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
 def _size_rows(study: SizeStudy) -> list[tuple[str, ...]]:
     rows = []
     for s in study.sizes:
-        mark = " ←" if s.size == study.recommended else ""
+        mark = " ←" if study.levelled and s.size == study.recommended else ""
         lengths = [text(value, "m") for value in (s.mean, s.std, s.minimum, s.maximum)]
         gain = f"{100 * s.improvement:.1f} %" if len(s.rms) else NOTHING
         done = f"{s.trials}" if not s.failed else f"{s.trials - s.failed} of {s.trials}"
