@@ -140,9 +140,7 @@ def _placed(error: InputError, job: Path, line: int | None) -> InputError:
 
 
 def _seating(row: ObservationSpec) -> Seating | None:
-    if not row.clearance_m and not row.clearance_rad:
-        return None
-    return Seating(row.clearance_m, row.clearance_rad)
+    return Seating(row.clearance_m, row.clearance_rad) if row.seated else None
 
 
 def _noise(sigma: float | None, huber: float | None) -> Noise:

@@ -92,6 +92,11 @@ class ObservationSpec:
     clearance_m: float = 0.0
     clearance_rad: float = 0.0
 
+    @property
+    def seated(self) -> bool:
+        """Whether the row has the key ``seating``."""
+        return self.clearance_m > 0 or self.clearance_rad > 0
+
 
 @dataclass(frozen=True)
 class SolverSpec:

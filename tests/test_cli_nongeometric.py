@@ -9,9 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from cli_job import JOB, cli, simulated, write_simulated_job
+from ruamel.yaml import YAML
 
 from suta_calib.measurements import write_samples
 from suta_calib.model.arm import ArmModel
+from suta_calib.model.parameters import Selection
+from suta_calib.report.model_choice.json import row_text
+from suta_calib.report.model_choice.report import wrapped
 from suta_calib.tracking.tip_kinematics import TipKinematics
 from suta_calib.tracking.uncertainty import read_uncertainty
 
@@ -115,6 +119,24 @@ def test_what_a_urdf_cannot_hold_is_said_and_can_be_applied(
     assert plain > 5 * after
 
 
+def test_values_of_another_urdf_are_refused(job: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The nominal arm with the corrections of the calibrated one would be neither."""
+    extended = with_row(job)
+    result = answer(capsys, "calibrate", extended)["files"]["result.json"]
+    assert cli("validate", job.parent / "arm.urdf", extended, "--result", result) == 2
+    said = capsys.readouterr().err
+    assert len(said.strip().splitlines()) == 1
+    assert "arm.urdf: joint_2: found another origin of joint_2" in said
+
+
+def test_rows_to_add_are_yaml_however_many() -> None:
+    names = tuple(f"wrist_{k}_joint.ecc_{key}" for k in range(3) for key in ("c1", "s1"))
+    lines = wrapped(row_text(Selection(names, bound_rad=np.radians(1.0))))
+    assert max(map(len, lines.splitlines())) <= 78
+    rows = YAML().load(f"parameters:\n{lines}\n")["parameters"]
+    assert rows == [{"select": list(names), "bound_deg": 1}]
+
+
 def test_the_tracked_tip_is_corrected(job: Path, capsys: pytest.CaptureFixture[str]) -> None:
     files = answer(capsys, "calibrate", with_row(job))["files"]
     nominal = ArmModel.from_urdf(job.parent / "arm.urdf", "tip")
@@ -144,7 +166,7 @@ def test_budget_splits_the_errors(clean: Path, capsys: pytest.CaptureFixture[str
     assert (clean.parent / "results" / "budget.svg").read_text().startswith("<svg")
     assert cli("budget", clean) == 0
     out = capsys.readouterr().out
-    assert "too few repeats" in out
+    assert "tracked_point has no repeats of the same posture" in " ".join(out.split())
     assert max(map(len, out.split("Written")[0].splitlines())) <= 80
 
 
@@ -192,6 +214,11 @@ def test_bad_input_is_one_line(
     assert len(out.err.strip().splitlines()) == 1
     assert said in out.err
     assert not (clean.parent / "results").exists()
+
+
+def test_a_negative_seed_is_one_line(clean: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli("extend", clean, "--seed", -1) == 2
+    assert len(capsys.readouterr().err.strip().splitlines()) == 1
 
 
 def _scaled(row: str) -> str:

@@ -18,7 +18,9 @@ from suta_simulated import everything, scene, thirteen
 
 from suta_calib.analysis.encoder_noise import EncoderNoise, linear
 from suta_calib.analysis.error_budget import BlockBudget, ErrorBudget, error_budget
+from suta_calib.analysis.repeats import gross_rows
 from suta_calib.errors import ParameterError
+from suta_calib.geometry import FloatArray
 from suta_calib.measurements import Artefact, Samples
 from suta_calib.model.arm import ArmModel
 from suta_calib.report.error_budget import budget_dict, budget_verdict
@@ -27,6 +29,7 @@ from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.solver.solve import solve
 from suta_calib.terms import HandEye, Noise, Term
+from suta_calib.terms.term import Block, IntArray
 
 # Put in by the shipped simulation: per axis, so √2 of it in a distance.
 SEATING = 0.167e-3
@@ -117,6 +120,50 @@ def with_sigma(marks: Artefact, sigma: float) -> Artefact:
 
     named = {n: replace(m, sigma=sigma) for n, m in marks.landmarks.items()}
     return Artefact(marks.name, named)
+
+
+def distances(displaced: int = 0, *, long: float = 0.0) -> tuple[Block, IntArray, FloatArray]:
+    """Three repeats of two placements: a block, its touches, its residuals at an arm too long."""
+    arm, marks = arm_named("suta"), artefact()
+    where = artefact_scene("pairwise_distance", arm, {}, marks, placements(2), repeats=3)
+    samples = where.samples()[0]
+    _, first, number = np.unique(
+        where.term(samples).repeats(), return_index=True, return_inverse=True
+    )
+    read = Samples.from_arrays(arm.joints, samples.q[first[number]], labels=samples.labels)
+    term = where.term(read, Noise(1e-4, huber=1e-3))
+    values = {"joint_4.z": arm.parameters["joint_4.z"].nominal + long}
+    problem = Problem([term], arm.select("joint_4.z"))
+    residual = problem.linearise(np.array(list(values.values())), [1e-4])[0].residual.copy()
+    looks = (term.blocks[0].samples < displaced).any(axis=1)
+    residual[looks] += 5e-3
+    return term.blocks[0], term.repeats(), residual
+
+
+def test_what_repeats_agree_on_is_no_gross_error() -> None:
+    block, touch, residual = distances(long=0.02)
+    assert (np.abs(residual) > 1e-3).mean() > 0.2
+    assert not gross_rows(block, residual, touch).any()
+
+
+@pytest.mark.parametrize("long", [0.0, 0.02])
+def test_a_displaced_touch_is_one_whatever_the_model_lacks(long: float) -> None:
+    block, touch, residual = distances(1, long=long)
+    np.testing.assert_array_equal(gross_rows(block, residual, touch), (block.samples < 1).any(1))
+
+
+def test_without_repeats_a_majority_is_no_gross_error() -> None:
+    block, touch, residual = distances()
+    alone = np.arange(len(touch))
+    assert gross_rows(block, residual + 5e-3 * (np.arange(len(residual)) == 7)[:, None], alone)[7]
+    assert not gross_rows(block, residual + 5e-3, alone).any()
+
+
+def test_mostly_gross_errors_are_said() -> None:
+    found = scene(0)
+    terms = [found.term("calibration")]
+    solution = solve(Problem(terms, everything(found.arm)), Options(starts=1))
+    assert any("suta-calib outliers" in n for n in budget_verdict(error_budget(solution)).notes)
 
 
 @pytest.mark.parametrize("kind", ["landmark", "pairwise_distance"])

@@ -11,6 +11,7 @@ import pinocchio as pin
 import pytest
 from simulated import ARMS, arm_named, dh_parameters, perturbed, random_readings, tracked_scene
 
+from suta_calib.analysis.explanation import explain
 from suta_calib.errors import JobError, ParameterError, UrdfError
 from suta_calib.job_schema import read_job
 from suta_calib.model.arm import ArmModel
@@ -135,6 +136,28 @@ def test_an_arm_without_masses_says_so(tmp_path: Path, suta_urdf: Path) -> None:
     ):
         arm.select("*.compliance")
     assert len(arm.select("*.ecc_*")) == 24
+
+
+@pytest.mark.parametrize("key", ["ecc_c1", "compliance", "ecc_*"])
+def test_a_joint_that_slides_has_none_and_it_is_said(key: str) -> None:
+    arm = arm_named("tiago")
+    (sliding,) = [j.name for j in arm.chain.moving if j.type == "prismatic"]
+    with pytest.raises(ParameterError, match=f"'{sliding}.{re.escape(key)}', and {sliding} slides"):
+        arm.select(f"{sliding}.{key}")
+
+
+def test_what_shows_nothing_is_explained() -> None:
+    arm = arm_named("suta")
+    scene = tracked_scene(arm, {}, 60)
+    scene.q[:, 2] = 0.4
+    scene.position[:] = arm.forward(scene.q)[1]
+    unknown = arm.select("joint_1.compliance", "joint_3.offset", "joint_3.ecc_c1")
+    problem = Problem([scene.exact(Noise(1e-4))], unknown)
+    solution = solve(problem, Options(starts=1))
+    told = {e.held: e for e in explain(problem, solution.x, solution.identification)}
+    assert "gravity has no torque" in told["joint_1.compliance"].sentence
+    assert "does the same as joint_3.offset" in told["joint_3.ecc_c1"].sentence
+    assert told["joint_3.ecc_c1"].remedy == "turn joint_3 farther"
 
 
 def test_bounds_and_priors_have_their_own_unit() -> None:

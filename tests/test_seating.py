@@ -12,6 +12,7 @@ import pytest
 from cli_job import cli
 from simulated import Scene, arm_named, artefact, artefact_scene, placements, readings_for
 
+from suta_calib.analysis.study.simulated_again import simulated_again
 from suta_calib.errors import ArtefactError, JobError, ParameterError
 from suta_calib.geometry import rotation_from_rpy, rotation_from_vector
 from suta_calib.job_schema import read_job
@@ -158,6 +159,18 @@ def test_ignoring_the_seating_costs_accuracy() -> None:
     assert without.noise[0] > 3 * with_it.noise[0]
 
 
+@pytest.mark.parametrize("kind", [PairwiseDistance, Landmark])
+def test_simulated_again_it_sits_as_it_did(kind: type[Term]) -> None:
+    term = term_of(seated_scene(artefact(oriented=True)), kind, SEATING, seed=1)
+    problem = Problem([term])
+    sat = dict(zip(("seating.x", "seating.y", "seating.rz"), (*SHIFT, TURN), strict=True))
+    values = problem.values(problem.start()) | sat
+    (again,) = simulated_again([term], values, [0.0] * len(term.blocks), np.random.default_rng(0))
+    x = np.array([values[name] for name in problem.names])
+    for line in Problem([again]).linearise(x, problem.assumed_sigmas()):
+        np.testing.assert_allclose(line.residual, 0.0, atol=1e-8)
+
+
 def test_it_is_kept_by_parts_and_needs_orientations() -> None:
     scene = seated_scene(artefact(oriented=True))
     for kind in (PairwiseDistance, Landmark):
@@ -228,6 +241,10 @@ def test_from_simulation_to_result(
         "SEATING", "{clearance_mm: 0.3, rotation_deg: 2}, sigma_mm: 0.02, sigma_deg: 0.02"
     )
     (tmp_path / "job.yaml").write_text(text)
+    held_out = "validation: [{kind: landmark, artefact: a.yaml, samples: 'calibration/*.csv'}]\n"
+    (tmp_path / "forgotten.yaml").write_text(text + held_out)
+    cli("calibrate", tmp_path / "forgotten.yaml")
+    assert "validation row of landmark has no seating" in " ".join(capsys.readouterr().out.split())
     assert cli("calibrate", tmp_path / "job.yaml") == 0
     capsys.readouterr()
     found = json.loads((tmp_path / "results" / "result.json").read_text())["parameters"]

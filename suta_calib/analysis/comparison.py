@@ -5,16 +5,20 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from copy import copy
 from types import MappingProxyType
+from typing import Final
 
 import numpy as np
 
 from suta_calib.analysis.accuracy import Accuracy, BlockErrors, TermAccuracy, fit_own
 from suta_calib.errors import UrdfError
-from suta_calib.geometry import FloatArray
+from suta_calib.geometry import FloatArray, rotation_from_rpy
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import ParameterSet
 from suta_calib.solver.problem import Problem
 from suta_calib.terms import ArmPoses, Term
+
+# Origins that differ by less, m or rad, were rounded when they were written.
+SAME_ORIGIN: Final = 1e-7
 
 
 def compare_arms(
@@ -59,6 +63,31 @@ def compare_arms(
             for term in validation
         ),
     )
+
+
+def check_calibrated(nominal: ArmModel, other: ArmModel, values: Mapping[str, float]) -> None:
+    """Refuse values that were not folded into the URDF they are to be used with.
+
+    Args:
+        nominal: the job's arm, which was calibrated.
+        other: the arm that is said to be the outcome.
+        values: what the calibration found, by name.
+
+    Raises:
+        UrdfError: a joint's origin is not what the calibration made of it.
+    """
+    made = nominal.origins(values)
+    for joint in other.chain.joints:
+        xyz, rpy = made.get(joint.name, (joint.xyz, joint.rpy))
+        turn = rotation_from_rpy(rpy).T @ rotation_from_rpy(joint.rpy)
+        apart = max(float(np.abs(xyz - joint.xyz).max()), float(np.abs(turn - np.eye(3)).max()))
+        if apart > SAME_ORIGIN:
+            raise UrdfError(
+                f"another origin of {joint.name} than the result's values make",
+                "the calibrated.urdf that was written beside the result",
+                file=other.chain.path,
+                where=joint.name,
+            )
 
 
 def _residuals(

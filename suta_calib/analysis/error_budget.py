@@ -2,8 +2,8 @@
 
 The mean square of a block's residuals is split into what each source is known to put there:
 
-* gross errors: what rows beyond the block's Huber threshold have more than the others, and rows of
-  touches that have many such;
+* gross errors: what rows beyond the block's Huber threshold, and apart from their repeats, have
+  more than the others, and rows of touches that have many such (`repeats`);
 * encoders: their stated noise, pushed through the kinematics;
 * seating: the scatter of repeats of the same touch, less the encoders';
 * artefact: the certified coordinates' stated standard deviations;
@@ -22,25 +22,21 @@ from dataclasses import dataclass
 from typing import Final, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from suta_calib.analysis.accuracy import fit_own
 from suta_calib.analysis.encoder_noise import EncoderNoise, Linear, linear
-from suta_calib.analysis.lack_of_fit import ENOUGH_GROUPS
+from suta_calib.analysis.repeats import gross_rows, repeat_variance
 from suta_calib.errors import ParameterError
 from suta_calib.geometry import FloatArray
 from suta_calib.model.parameters import ParameterSet, Unit
 from suta_calib.solver.solution import Solution
-from suta_calib.terms import Term
+from suta_calib.terms import KINDS, Term
 from suta_calib.terms.term import Block, IntArray
 from suta_calib.threads import single_threaded
 
 Source = Literal["gross", "encoders", "seating", "instrument", "artefact", "parameters", "model"]
-# Of a touch's rows beyond the threshold: a displaced touch has half, any other hardly one in ten.
-MANY: Final = 0.25
 # Stated encoder noise over the scatter of repeats, as variances, from which it cannot be so large.
 TOO_LARGE: Final = 1.5
-BoolArray = NDArray[np.bool_]
 SEEN_FROM_AFAR: Final = ("tracked_point", "hand_eye")
 
 
@@ -200,7 +196,7 @@ def _shares(
     stated: dict[Source, float | None],
 ) -> tuple[Share, ...]:
     squares = np.sum(residual**2, axis=1)
-    sound = ~gross_rows(block, np.sqrt(squares))
+    sound = ~gross_rows(block, residual, touch)
     inside = min(float(squares[sound].mean()) if sound.any() else 0.0, float(squares.mean()))
     shares = [Share(("gross",), float(squares.mean()) - inside)]
     touching: Source = "instrument" if term.kind in SEEN_FROM_AFAR else "seating"
@@ -237,41 +233,6 @@ def _of_repeats(scatter: float, encoders: float | None, touching: Source) -> lis
     return [Share(("encoders",), part), Share((touching,), scatter - part)]
 
 
-def gross_rows(block: Block, norm: FloatArray) -> BoolArray:
-    """Rows (n,) beyond the Huber threshold, and all rows of touches with many of those."""
-    beyond = norm > block.noise.huber
-    samples, count = block.samples, int(block.samples.max()) + 1
-    rows, bad = np.zeros(count), np.zeros(count)
-    for k in range(samples.shape[1]):
-        np.add.at(rows, samples[:, k], 1.0)
-        np.add.at(bad, samples[:, k], beyond)
-    suspect = bad > MANY * rows
-    return np.asarray(beyond | suspect[samples].any(axis=1))
-
-
-def repeat_variance(
-    block: Block, residual: FloatArray, touch: IntArray, sound: BoolArray
-) -> float | None:
-    """Variance of a residual's norm among repeats of the same touches, or None without enough.
-
-    Args:
-        block: whose rows these are.
-        residual: (n, d).
-        touch: (samples,) number of the touch each sample repeats.
-        sound: (n,) rows that count.
-    """
-    residual = residual[sound]
-    members = np.sort(touch[block.samples[sound]], axis=1)
-    _, group, count = np.unique(members, axis=0, return_inverse=True, return_counts=True)
-    group = group.reshape(-1)
-    if np.sum(count > 1) < ENOUGH_GROUPS:
-        return None
-    mean = np.zeros((len(count), block.size))
-    np.add.at(mean, group, residual)
-    inside = residual - (mean / count[:, None])[group]
-    return float(np.sum(inside**2) / np.sum(count - 1))
-
-
 def _mean_variance(derivative: FloatArray, covariance: FloatArray) -> float:
     """Mean over the rows (n, d, p) of the trace of J Σ Jᵀ."""
     return float(np.einsum("ndp,pq,ndq->", derivative, covariance, derivative) / len(derivative))
@@ -295,11 +256,7 @@ def _missing(blocks: Sequence[BlockBudget], known: bool) -> tuple[str, ...]:
             "Nothing is stated of the encoders: give the job encoders: {bits: …, noise_deg: …}, "
             "and their share gets a number of its own."
         )
-    if any("model" in s and ("seating" in s or "instrument" in s) for s in together):
-        notes.append(
-            "There are too few repeats of the same touch to tell what scatters from what the model "
-            "lacks: touch every landmark again, at least twice (column repeat)."
-        )
+    notes += _on_repeats(blocks)
     if any(b.overstated for b in blocks):
         notes.append(
             "The encoders' stated noise would scatter repeats more than they do: it is stated too "
@@ -311,3 +268,32 @@ def _missing(blocks: Sequence[BlockBudget], known: bool) -> tuple[str, ...]:
             "a number of its own."
         )
     return tuple(notes)
+
+
+def _on_repeats(blocks: Sequence[BlockBudget]) -> list[str]:
+    """What would tell scatter from model, for the kinds in which they stand together."""
+    mixed = {
+        b.kind
+        for b in blocks
+        for s in b.shares
+        if "model" in s.sources and ("seating" in s.sources or "instrument" in s.sources)
+    }
+    repeatable = {kind for kind in mixed if _repeatable(kind)}
+    notes = []
+    if repeatable:
+        notes.append(
+            "There are too few repeats of the same touch to tell what scatters from what the model "
+            "lacks: touch every landmark again, at least twice (column repeat)."
+        )
+    told = {b.kind for b in blocks if _repeatable(b.kind)} - repeatable
+    if (others := sorted(mixed - repeatable)) and not told:
+        notes.append(
+            f"{' and '.join(others)} {'have' if len(others) > 1 else 'has'} no repeats of the same "
+            "posture, so what scatters there and what the model lacks stand together: an artefact "
+            "touched at least twice at each placement tells them apart."
+        )
+    return notes
+
+
+def _repeatable(kind: str) -> bool:
+    return "repeat" in KINDS[kind].columns.labels

@@ -11,6 +11,7 @@ import numpy as np
 
 from suta_calib.analysis.tip_motion import LEVER, NOISE, TipMotion, placement_groups, tip_motion
 from suta_calib.geometry import FloatArray
+from suta_calib.model.nongeometric import COMPLIANCE, is_nongeometric
 from suta_calib.model.parameters import Unit
 from suta_calib.solver.identifiability import Combination, Identification
 from suta_calib.solver.information import Information, predicted_information
@@ -94,7 +95,7 @@ def _explain(
     motion = tip_motion(problem, x, combination.direction)
     spread = _spread(problem, combination.direction, information)
     case = _Case(problem, combination, motion, spread)
-    for rule in (_same_thing, _turns_tip, _rigid, _per_placement):
+    for rule in (_beside_geometry, _same_thing, _turns_tip, _rigid, _per_placement):
         found = rule(case)
         if found is not None:
             return found
@@ -118,6 +119,23 @@ def _own(combination: Combination) -> Explanation:
         combination.held,
         f"{subject} changes {label} in a way that its samples hardly show",
         "none needed for the arm; to know it too, spread its samples wider",
+    )
+
+
+def _beside_geometry(case: _Case) -> Explanation | None:
+    """An eccentricity or a compliance that the visited readings do not show."""
+    if not case.motion.vanishes or not is_nongeometric(case.held):
+        return None
+    joint = case.held.rpartition(".")[0]
+    if not case.others and case.held != f"{joint}.{COMPLIANCE}":
+        return None
+    if case.others:
+        does = f"does the same as {case.others} at the readings visited"
+        return Explanation(case.held, f"{case.held} {does}", f"turn {joint} farther")
+    return Explanation(
+        case.held,
+        f"{case.held} does nothing at the postures visited: gravity has no torque about its axis",
+        "none needed while the arm stands so",
     )
 
 
@@ -274,4 +292,6 @@ def _axis(vector: FloatArray) -> str:
 
 
 def _amount(value: float, unit: Unit) -> str:
-    return f"{value * 1e3:.3g} mm" if unit == "m" else f"{math.degrees(value):.3g}°"
+    if unit == "m":
+        return f"{value * 1e3:.3g} mm"
+    return f"{math.degrees(value):.3g}°{'/Nm' if unit == 'rad/Nm' else ''}"

@@ -13,13 +13,12 @@ from typing import Final
 
 import numpy as np
 
+from suta_calib.analysis.repeats import ENOUGH_GROUPS, repeat_groups
 from suta_calib.geometry import FloatArray
 from suta_calib.model.parameters import Unit
 from suta_calib.solver.solution import Solution
 from suta_calib.terms.term import Block, IntArray
 
-# Groups of repeats below which their scatter says too little.
-ENOUGH_GROUPS: Final = 10
 # Of a normal distribution: median absolute value over standard deviation.
 NORMAL_MEDIAN: Final = 0.6745
 
@@ -64,10 +63,7 @@ def lack_of_fit(solution: Solution) -> tuple[LackOfFit, ...]:
 
 def _repeat_scatter(block: Block, residual: FloatArray, touch: IntArray) -> float | None:
     """Robust standard deviation of one component within groups of repeats, or None."""
-    # A residual of two samples may be seen from either end; distances do not care.
-    members = np.sort(touch[block.samples], axis=1)
-    _, group, count = np.unique(members, axis=0, return_inverse=True, return_counts=True)
-    group = group.reshape(-1)
+    group, count = repeat_groups(block, touch)
     if np.sum(count > 1) < ENOUGH_GROUPS:
         return None
     mean = np.zeros((len(count), block.size))

@@ -19,7 +19,13 @@ if TYPE_CHECKING:
 @click.command()
 @click.argument("job", type=click.Path(path_type=Path), metavar="JOB")
 @click.option("--quick", is_flag=True, help="Leave out the models with every joint at once.")
-@click.option("--seed", default=0, show_default=True, help="Of folds that are not placements.")
+@click.option(
+    "--seed",
+    type=click.IntRange(min=0),
+    default=0,
+    show_default=True,
+    help="Of folds that are not placements.",
+)
 @out_option
 @json_option
 @click.pass_context

@@ -61,18 +61,12 @@ def _prospect(p: Prospect) -> dict[str, Any]:
 
 
 def _print(found: Observability, verbose: bool) -> None:
-    from suta_calib.report.tables import by_remedy, observability_table
+    from suta_calib.report.tables import observability_table, observability_words
 
     to = console()
     to.print(observability_table(found, verbose=verbose))
-    to.print(_conditioning(found), soft_wrap=True)
-    to.print(f"{found.verdict}.", soft_wrap=True)
-    if found.explanations:
-        to.print("What they cannot tell, and what to do:")
-    for remedy, sentences in by_remedy(found.explanations).items():
-        for sentence in sentences:
-            to.print(f" • {sentence}", soft_wrap=True)
-        to.print(f"     → {remedy}", soft_wrap=True)
+    to.print(_conditioning(found))
+    to.print(observability_words(found))
 
 
 def _conditioning(found: Observability) -> str:

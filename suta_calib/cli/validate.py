@@ -28,7 +28,7 @@ def validate(urdf: Path, job: Path, result: Path | None, as_json: bool) -> None:
 
     The arm is held as the URDF has it. "before" is the job's own URDF, "after" the given one.
     """
-    from suta_calib.analysis.comparison import compare_arms
+    from suta_calib.analysis.comparison import check_calibrated, compare_arms
     from suta_calib.job import CalibrationJob
     from suta_calib.model.arm import ArmModel
     from suta_calib.tracking.uncertainty import read_uncertainty
@@ -43,7 +43,11 @@ def validate(urdf: Path, job: Path, result: Path | None, as_json: bool) -> None:
         )
     arm = loaded.spec.arm
     other = ArmModel.from_urdf(urdf, arm.tip, arm.base)
-    beside = {} if result is None else read_uncertainty(result, other).beside_geometry
+    beside: dict[str, float] = {}
+    if result is not None:
+        found = read_uncertainty(result, other)
+        check_calibrated(loaded.arm, other, found.values)
+        beside = found.beside_geometry
     accuracy = compare_arms(loaded.observations, loaded.validation, other, beside)
     if as_json:
         print_json(validation_dict(accuracy, urdf))

@@ -1,23 +1,44 @@
-"""What was observed: immutable, checked once when read, units known."""
+"""What was observed: immutable, checked once when read, units known.
 
-from suta_calib.measurements.artefact import Artefact, Landmark, read_artefact, write_artefact
-from suta_calib.measurements.csv_table import CsvTable, read_csv_table
-from suta_calib.measurements.files import expand, read_text, write_text
-from suta_calib.measurements.pose_columns import (
-    SutaCalibWarning,
-    has_rotations,
-    positions,
-    rotations,
-)
-from suta_calib.measurements.sample_files import (
-    JointRange,
-    SampleColumns,
-    read_samples,
-    write_samples,
-)
-from suta_calib.measurements.samples import Samples
-from suta_calib.measurements.yaml_document import YamlDocument, read_yaml
-from suta_calib.measurements.yaml_section import YamlSection
+Names are imported when they are first used: who reads a YAML file need not wait for SciPy.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from suta_calib.measurements.artefact import Artefact, Landmark, read_artefact, write_artefact
+    from suta_calib.measurements.csv_table import CsvTable, read_csv_table
+    from suta_calib.measurements.files import expand, read_text, write_text
+    from suta_calib.measurements.pose_columns import (
+        SutaCalibWarning,
+        has_rotations,
+        positions,
+        rotations,
+    )
+    from suta_calib.measurements.sample_files import (
+        JointRange,
+        SampleColumns,
+        read_samples,
+        write_samples,
+    )
+    from suta_calib.measurements.samples import Samples
+    from suta_calib.measurements.yaml_document import YamlDocument, read_yaml
+    from suta_calib.measurements.yaml_section import YamlSection
+
+_HOMES = {
+    "artefact": ("Artefact", "Landmark", "read_artefact", "write_artefact"),
+    "csv_table": ("CsvTable", "read_csv_table"),
+    "files": ("expand", "read_text", "write_text"),
+    "pose_columns": ("SutaCalibWarning", "has_rotations", "positions", "rotations"),
+    "sample_files": ("JointRange", "SampleColumns", "read_samples", "write_samples"),
+    "samples": ("Samples",),
+    "yaml_document": ("YamlDocument", "read_yaml"),
+    "yaml_section": ("YamlSection",),
+}
+_HOME = {name: home for home, names in _HOMES.items() for name in names}
 
 __all__ = [
     "Artefact",
@@ -42,3 +63,9 @@ __all__ = [
     "write_samples",
     "write_text",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module 'suta_calib.measurements' has no attribute '{name}'")
+    return getattr(import_module(f"suta_calib.measurements.{_HOME[name]}"), name)

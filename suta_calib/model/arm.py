@@ -167,14 +167,22 @@ class ArmModel:
         Raises:
             OutputError: the file could not be written; nothing is left half-written.
         """
-        origins = {}
+        write_urdf(self.chain.path, Path(destination), self.origins(values))
+
+    def origins(self, values: Mapping[str, float]) -> dict[str, tuple[FloatArray, FloatArray]]:
+        """Position (3,), m, and rpy (3,), rad, of every joint's origin with these values folded in.
+
+        Args:
+            values: parameter values by name, as in `write_urdf`; nominal where not given.
+        """
+        found = {}
         for joint in self.chain.joints:
             prefix = _prefix(self.chain, joint)
             xyz = [values.get(f"{prefix}.{k}", joint.xyz[i]) for i, k in enumerate("xyz")]
             vector = [values.get(f"{prefix}.r{k}", 0.0) for k in "xyz"]
             offset = values.get(f"{prefix}.offset", 0.0)
-            origins[joint.name] = folded_origin(joint, np.array(xyz), np.array(vector), offset)
-        write_urdf(self.chain.path, Path(destination), origins)
+            found[joint.name] = folded_origin(joint, np.array(xyz), np.array(vector), offset)
+        return found
 
 
 @lru_cache(maxsize=16)

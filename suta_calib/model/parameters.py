@@ -197,6 +197,7 @@ def _matches(
     if pattern == GEOMETRIC:
         return [name for name in available if name in geometric]
     if not found:
+        _refuse_sliding(pattern, available, row)
         raise ParameterError(
             f"'{pattern}', which matches no parameter of the arm",
             "names like joint.offset, joint.x|y|z|rx|ry|rz, joint.ecc_c1|ecc_s1|ecc_c2|ecc_s2, "
@@ -206,6 +207,19 @@ def _matches(
             hint=_did_you_mean(pattern, available),
         )
     return found
+
+
+def _refuse_sliding(pattern: str, available: ParameterSet, row: Selection) -> None:
+    """Say so where a prismatic joint is asked for what only revolute ones have."""
+    joint, _, key = pattern.rpartition(".")
+    offset = f"{joint}.offset"
+    if key.startswith(NONGEOMETRIC) and offset in available and available[offset].unit == "m":
+        raise ParameterError(
+            f"'{pattern}', and {joint} slides",
+            "a revolute joint: only what turns has an eccentric encoder, or yields to a torque",
+            line=row.line,
+            where="parameters: select",
+        )
 
 
 def _reachable(pattern: str, available: ParameterSet, geometric: frozenset[str]) -> list[str]:

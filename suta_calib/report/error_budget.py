@@ -42,10 +42,13 @@ LOOKS: Final[dict[Source, tuple[str, str]]] = {
     "gross": (GREY, "++"),
 }
 TOGETHER: Final = ("white", "oo")
+# Of a mean square: more than that are errors to look for, not to split.
+MOSTLY_GROSS: Final = 0.5
 HEADS: Final = ("where it comes from", "RMS", "unit", "share")
 CAPTION: Final = (
     "Mean squares add up, so shares are of the mean square; RMS is its root. Of gross errors: what "
-    "rows beyond the Huber threshold, and touches with many of them, have more than the others."
+    "rows beyond the Huber threshold whose repeats do not agree with them, and touches with many "
+    "of those, have more than the others."
 )
 
 
@@ -55,12 +58,30 @@ def budget_verdict(budget: ErrorBudget) -> Verdict:
     inside = [s for s in first.shares if s.sources != ("gross",)]
     largest = max(inside, key=lambda s: s.variance)
     total = sum(s.variance for s in inside)
-    share = f"{100 * largest.variance / total:.0f} %" if total > 0 else "nothing"
+    notes = (*budget.missing, *_on_gross(budget))
+    rms = text(first.rms, first.unit, with_unit=True)
+    if not total > 0:
+        return verdict_of((), notes, f"The {first.data} errors ({rms} RMS) leave nothing to split")
     sentence = (
-        f"Of the {first.data} errors ({text(first.rms, first.unit, with_unit=True)} RMS), gross "
-        f"ones aside, {share} is {share_words(largest)}"
+        f"Of the {first.data} errors ({rms} RMS), gross ones aside, "
+        f"{100 * largest.variance / total:.0f} % is {share_words(largest)}"
     )
-    return verdict_of((), budget.missing, sentence)
+    return verdict_of((), notes, sentence)
+
+
+def _on_gross(budget: ErrorBudget) -> list[str]:
+    """Data of which a few touches make most of the mean square."""
+    worst = max((_gross(b) / b.variance for b in budget.blocks if b.variance > 0), default=0.0)
+    if worst < MOSTLY_GROSS:
+        return []
+    return [
+        f"Gross errors make {100 * worst:.0f} % of a mean square: suta-calib outliers says which "
+        "touches they are."
+    ]
+
+
+def _gross(block: BlockBudget) -> float:
+    return block.variance_of("gross") or 0.0
 
 
 def budget_dict(budget: ErrorBudget) -> dict[str, Any]:

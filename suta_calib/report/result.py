@@ -30,6 +30,14 @@ class Observation(Protocol):
     def exclude(self) -> Exclusion | None:
         """Samples the row leaves out."""
 
+    @property
+    def artefact(self) -> Path | None:
+        """The artefact's file, where the kind needs one."""
+
+    @property
+    def seated(self) -> bool:
+        """Whether the artefact's sockets leave the tip anything."""
+
 
 class Spec(Protocol):
     """A job file."""

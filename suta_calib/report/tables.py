@@ -13,16 +13,18 @@ from rich.text import Text
 from suta_calib.analysis.accuracy import Accuracy, Metrics, TermAccuracy
 from suta_calib.analysis.observability import Explanation, Observability, Prospect, explain
 from suta_calib.model.parameters import Unit
-from suta_calib.report.console import COLOUR, bullet, plain_table, verdict_lines
+from suta_calib.report.console import bullet, plain_table, verdict_lines
 from suta_calib.report.errors_by import KindErrors, by_kind
 from suta_calib.report.result import Result
 from suta_calib.report.units import NOTHING, SHOWN_UNIT, percent, text
 from suta_calib.report.verdict import judge, listed
 from suta_calib.solver.solution import Estimate, Solution, State
-from suta_calib.verdict import Level
+from suta_calib.verdict import Level, Verdict
 
 MOST_SENTENCES: Final = 3
 MOST_ROWS: Final = 20
+# Names that fit into eighty columns beside the figures and the space between them.
+LONG_NAME: Final = 14
 STATE_COLOUR: Final[dict[State, str]] = {
     "identified": "green",
     "unidentified": "yellow",
@@ -75,14 +77,16 @@ def parameter_table(solution: Solution, *, verbose: bool = False) -> Table:
             and, of a long list, those held; otherwise one line counts them.
     """
     table = plain_table("Parameters")
+    estimates = list(solution.estimates.values())
+    arm = solution.problem.arm_count
+    shown = estimates if verbose else _worth_showing(estimates[:arm])
+    if max((len(e.name) for e in shown), default=0) > LONG_NAME:
+        table.padding = 0
     table.add_column("parameter", overflow="fold", min_width=14)
     for name in ("nominal", "value", "change", "± std"):
         table.add_column(name, justify="right", no_wrap=True)
     table.add_column("unit", no_wrap=True)
     table.add_column("state", no_wrap=True)
-    estimates = list(solution.estimates.values())
-    arm = solution.problem.arm_count
-    shown = estimates if verbose else _worth_showing(estimates[:arm])
     if any(e.given for e in shown):
         table.add_column("given", overflow="fold", max_width=24)
     for estimate in shown:
@@ -123,15 +127,17 @@ def errors_table(sets: Mapping[str, Sequence[TermAccuracy]]) -> Table:
 def observability_table(observability: Observability, *, verbose: bool = False) -> Table:
     """Predicted standard deviation of every parameter against its plausible range, mm and deg."""
     table = plain_table("What these readings can determine")
+    prospects = list(observability.prospects.values())
+    arm = observability.problem.arm_count or len(prospects)
+    shown = prospects if verbose else prospects[:arm]
+    if max((len(p.name) for p in shown), default=0) > LONG_NAME:
+        table.padding = 0
     table.add_column("parameter", overflow="fold", min_width=14)
     for name in ("plausible", "predicted ± std"):
         table.add_column(name, justify="right", no_wrap=True)
     table.add_column("unit", no_wrap=True)
     table.add_column("state", no_wrap=True)
     table.add_column("given", overflow="fold", max_width=24)
-    prospects = list(observability.prospects.values())
-    arm = observability.problem.arm_count or len(prospects)
-    shown = prospects if verbose else prospects[:arm]
     for prospect in shown:
         table.add_row(*_prospect_cells(prospect))
     if not verbose:
@@ -142,9 +148,8 @@ def observability_table(observability: Observability, *, verbose: bool = False) 
 def observability_words(observability: Observability) -> RenderableType:
     """The verdict in one sentence, then why parameters would be held and what to do about it."""
     level: Level = "caution" if observability.unidentified else "good"
-    return Group(
-        Text(observability.verdict, style=COLOUR[level]), *_explained(observability.explanations)
-    )
+    verdict = Verdict(level, (), observability.verdict)
+    return Group(*verdict_lines(verdict), *_explained(observability.explanations))
 
 
 def _parameter_cells(e: Estimate) -> list[RenderableType]:

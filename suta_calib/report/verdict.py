@@ -32,6 +32,7 @@ def judge(result: Result) -> Verdict:
         *_beside_geometry(solution),
         *_on_noise(solution),
         *_on_exclusions(result),
+        *_on_seating(result),
     )
     worse = _validation_change(result.accuracy) > 0
     level: Level = "bad" if worse else "caution" if notes else "good"
@@ -118,6 +119,19 @@ def _on_exclusions(result: Result) -> list[str]:
     spec = result.job.spec
     rows = (*spec.observations, *spec.validation)
     return [f"The job excludes {r.exclude} from {r.kind}." for r in rows if r.exclude is not None]
+
+
+def _on_seating(result: Result) -> list[str]:
+    """Held-out touches of an artefact whose sockets only the observations know to be wide."""
+    spec = result.job.spec
+    wide = {r.artefact for r in spec.observations if r.seated}
+    tight = [r for r in spec.validation if not r.seated]
+    return [
+        f"The validation row of {r.kind} has no seating, and the observations of the same artefact "
+        "do: its errors hold what the seating would take away. Give it the same key."
+        for r in tight
+        if r.artefact is not None and r.artefact in wide
+    ]
 
 
 def listed(names: list[str], most: int = MOST_NAMES) -> str:

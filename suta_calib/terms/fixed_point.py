@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import ClassVar, Final, Self
 
 import numpy as np
@@ -12,6 +12,7 @@ from suta_calib.errors import SamplesError
 from suta_calib.geometry import FloatArray, Symbol
 from suta_calib.measurements import SampleColumns, Samples
 from suta_calib.terms.poses import MeasuredPoses, PoseSource
+from suta_calib.terms.rehearsal import Rehearsal
 from suta_calib.terms.synthetic import (
     EXACT,
     NOTHING_GROSS,
@@ -134,6 +135,14 @@ class FixedPoint(Term):
     def over_poses(self, poses: PoseSource) -> Self:
         """The same over other poses."""
         return type(self)(poses, self.noise)
+
+    def simulated_again(
+        self, values: Mapping[str, float], noise: Sequence[float], again: Rehearsal
+    ) -> Self:
+        """Every touch at its point."""
+        points = [[values[f"fixed_point[{n}].{key}"] for key in "xyz"] for n in self._points]
+        target = np.array(points)[self._point]
+        return self.over_poses(again.touched(self.poses, target, noise[0]))
 
     def start(self, rotation: FloatArray, position: FloatArray) -> FloatArray:
         """The tip by linear least squares, then the mean of the touches of each point."""

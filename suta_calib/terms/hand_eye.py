@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import ClassVar, Final, Self
 
 import casadi as ca
@@ -14,6 +14,7 @@ from suta_calib.geometry import FloatArray, Symbol, rotation_from_vector, symbol
 from suta_calib.measurements import SampleColumns, Samples
 from suta_calib.terms.hand_eye_start import Poses, close_the_loop, quaternion_hand_eye
 from suta_calib.terms.poses import MeasuredPoses, PoseSource
+from suta_calib.terms.rehearsal import Rehearsal, pose_named
 from suta_calib.terms.synthetic import (
     EXACT,
     NOTHING_GROSS,
@@ -176,6 +177,17 @@ class HandEye(Term):
     def over_poses(self, poses: PoseSource) -> Self:
         """The same over other poses."""
         return type(self)(poses, self.noise, self.angular_noise, self.label, self.hand_share)
+
+    def simulated_again(
+        self, values: Mapping[str, float], noise: Sequence[float], again: Rehearsal
+    ) -> Self:
+        """The target as the eye sees it."""
+        X, Z = (pose_named(values, self.own[k].name.removesuffix(".x")) for k in (0, 6))
+        rotation, position = self.poses.at(values)
+        back = np.swapaxes(rotation @ X[0], 1, 2)
+        eye = position + rotation @ X[1]
+        seen = back @ Z[0], np.einsum("nij,nj->ni", back, Z[1] - eye)
+        return self.over_poses(again.seen(self.poses, seen, noise))
 
     def start(self, rotation: FloatArray, position: FloatArray) -> FloatArray:
         """Quaternions of consecutive motions for X, then the mean of the loops for Z."""

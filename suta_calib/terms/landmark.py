@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import ClassVar, Self
 
 import casadi as ca
@@ -10,12 +11,19 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from suta_calib.errors import SamplesError
-from suta_calib.geometry import FloatArray, Symbol, register_points, symbolic_rotation_log
+from suta_calib.geometry import (
+    FloatArray,
+    Symbol,
+    register_points,
+    rotation_from_vector,
+    symbolic_rotation_log,
+)
 from suta_calib.measurements import Artefact, SampleColumns
 from suta_calib.terms.certified import certified_rows
 from suta_calib.terms.pairwise_distance import check_landmarks
 from suta_calib.terms.poses import PoseSource
-from suta_calib.terms.seating import Seating, flat, seat_axes, turned_about_z
+from suta_calib.terms.rehearsal import Rehearsal, pose_named
+from suta_calib.terms.seating import Seating, flat, seat_axes, seated_at, turned_about_z
 from suta_calib.terms.term import (
     Block,
     IntArray,
@@ -108,6 +116,27 @@ class Landmark(Term):
         """The same over other poses."""
         given = (self.artefact, self.noise, self.angular_noise, self.seating, self.label)
         return type(self)(poses, *given)
+
+    def simulated_again(
+        self, values: Mapping[str, float], noise: Sequence[float], again: Rehearsal
+    ) -> Self:
+        """Every landmark where its placement's pose has it.
+
+        Seats get the orientation that they would have had, rather than the arm readings that give
+        both: an arm of few joints cannot reach any orientation.
+        """
+        shift, turn = seated_at(self.own, values)
+        marks = self._certified if self.seating is None else self._certified + self._axes @ shift
+        frames = [pose_named(values, f"placement[{name}]") for name in self._placements]
+        R, p = (np.array(c)[self._placement] for c in zip(*frames, strict=True))
+        target = np.einsum("nij,nj->ni", R, marks) + p
+        found = self.over_poses(again.touched(self.poses, target, noise[0]))
+        if len(self._oriented):
+            rows, (rotation, _) = self._oriented, found.poses.at(values)
+            seated = again.turned(np.swapaxes(R[rows], 1, 2) @ rotation[rows], noise[1])
+            unturned = seated @ rotation_from_vector([0.0, 0.0, -turn])
+            found.blocks = (found.blocks[0], replace(found.blocks[1], data=flat(unturned)))
+        return found
 
     def start(self, rotation: FloatArray, position: FloatArray) -> FloatArray:
         """Arun's registration of each placement; by orientation where the landmarks are in line."""

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import ClassVar, Self
+from collections.abc import Mapping, Sequence
+from typing import ClassVar, Final, Self
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
 from suta_calib.errors import SamplesError
-from suta_calib.geometry import FloatArray, Symbol
+from suta_calib.geometry import FloatArray, Symbol, register_points
 from suta_calib.measurements import Artefact, SampleColumns
 from suta_calib.terms.certified import certified_rows
 from suta_calib.terms.poses import PoseSource
-from suta_calib.terms.seating import Seating, flat, seat_axes
+from suta_calib.terms.rehearsal import Rehearsal
+from suta_calib.terms.seating import Seating, flat, seat_axes, seated_at
 from suta_calib.terms.term import (
     Block,
     IntArray,
@@ -25,6 +27,9 @@ from suta_calib.terms.term import (
     no_own,
     norm,
 )
+
+# A distance scatters by the noise of both its ends.
+ENDS: Final = float(np.sqrt(2.0))
 
 
 def _residual(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
@@ -112,9 +117,7 @@ class PairwiseDistance(Term):
     def equations(self) -> int:
         """Distances between m points of one set fix their shape: 3 m - 6 numbers, not m²/2."""
         pairs = self.blocks[0].samples
-        labels = self.poses.samples.labels
-        sets = np.char.add(np.char.add(labels["placement"], "/"), labels["repeat"])
-        found = 0
+        sets, found = self._sets(), 0
         for name in np.unique(sets):
             mine = pairs[sets[pairs[:, 0]] == name]
             points = len(np.unique(mine))
@@ -130,6 +133,27 @@ class PairwiseDistance(Term):
     def over_poses(self, poses: PoseSource) -> Self:
         """The same over other poses."""
         return type(self)(poses, self.artefact, self.noise, self.seating, self.label)
+
+    def simulated_again(
+        self, values: Mapping[str, float], noise: Sequence[float], again: Rehearsal
+    ) -> Self:
+        """Every set's landmarks where they fit best to what was touched."""
+        names = self.poses.samples.labels["landmark"]
+        marks = self.artefact.position_of(names)
+        if self.own:
+            marks = marks + seat_axes(self.artefact, names) @ seated_at(self.own, values)[0]
+        _, position = self.poses.at(values)
+        target, sets = np.empty_like(position), self._sets()
+        for name in np.unique(sets):
+            rows = sets == name
+            R, p = register_points(marks[rows], position[rows])
+            target[rows] = marks[rows] @ R.T + p
+        return self.over_poses(again.touched(self.poses, target, noise[0] / ENDS))
+
+    def _sets(self) -> NDArray[np.str_]:
+        """(n,) what tells apart the rows between which distances are formed."""
+        labels = self.poses.samples.labels
+        return np.char.add(np.char.add(labels["placement"], "/"), labels["repeat"])
 
     @property
     def subject(self) -> str:

@@ -16,7 +16,7 @@ out, and their standard deviations say so. A fixed point touched without a socke
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Final
 
@@ -97,6 +97,13 @@ def seat_axes(artefact: Artefact, names: Iterable[str]) -> FloatArray:
             )
         axes.append(seat[:, :2])
     return np.array(axes)
+
+
+def seated_at(own: Iterable[Parameter], values: Mapping[str, float]) -> tuple[FloatArray, float]:
+    """Shift (2,), m, and turn, rad, of the seating among a term's unknowns; zero without one."""
+    found = {p.name.rpartition(".")[2]: values[p.name] for p in own if p.name.startswith("seating")}
+    x, y, turn = (found.get(key, 0.0) for key in KEYS)
+    return np.array([x, y]), turn
 
 
 def turned_about_z(angle: Symbol) -> Symbol:

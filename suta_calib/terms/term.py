@@ -19,7 +19,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from suta_calib.errors import ArtefactError
+from suta_calib.errors import ArtefactError, SamplesError
 from suta_calib.geometry import FloatArray, Symbol, symbolic_rotation, vector_from_rotation
 from suta_calib.measurements import Artefact, SampleColumns
 from suta_calib.model.parameters import Parameter, Unit
@@ -28,6 +28,7 @@ from suta_calib.terms.seating import Seating
 
 if TYPE_CHECKING:
     from suta_calib.terms.certified import Certified
+    from suta_calib.terms.rehearsal import Rehearsal
 
 IntArray = NDArray[np.intp]
 POSE_KEYS: Final = ("x", "y", "z", "rx", "ry", "rz")
@@ -180,6 +181,24 @@ class Term(ABC):
             SamplesError: the kind cannot be built over these rows alone.
         """
         return self.over_poses(self.poses.take(rows))
+
+    def simulated_again(
+        self, values: Mapping[str, float], noise: Sequence[float], again: Rehearsal
+    ) -> Self:
+        """The term over an arm's samples simulated anew, in nearly the same postures.
+
+        Args:
+            values: what is taken for the truth: of the arm and of `own`, m or rad.
+            noise: of each block, m or rad per component of its residual.
+            again: how the arm reaches what it touches, and how that scatters.
+
+        Raises:
+            SamplesError: the kind has no such simulation, or a target cannot be reached.
+        """
+        del values, noise, again
+        raise SamplesError(
+            f"the kind {self.kind}", "one that can be simulated again", where="observations"
+        )
 
     @property
     def subject(self) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import ClassVar, Final, Self
 
 import casadi as ca
@@ -20,6 +20,7 @@ from suta_calib.geometry import (
 from suta_calib.measurements import SampleColumns, Samples
 from suta_calib.terms.hand_eye_start import Poses
 from suta_calib.terms.poses import MeasuredPoses, PoseSource
+from suta_calib.terms.rehearsal import Rehearsal, pose_named
 from suta_calib.terms.synthetic import (
     EXACT,
     NOTHING_GROSS,
@@ -146,6 +147,14 @@ class TrackedPoint(Term):
     def over_poses(self, poses: PoseSource) -> Self:
         """The same over other poses."""
         return type(self)(poses, self.noise, self.angular_noise, self.label)
+
+    def simulated_again(
+        self, values: Mapping[str, float], noise: Sequence[float], again: Rehearsal
+    ) -> Self:
+        """The tip as the instrument sees it."""
+        R, p = pose_named(values, self.own[0].name.removesuffix(".x"))
+        rotation, position = self.poses.at(values)
+        return self.over_poses(again.seen(self.poses, (R @ rotation, position @ R.T + p), noise))
 
     def start(self, rotation: FloatArray, position: FloatArray) -> FloatArray:
         """Arun's registration of the tip's positions to what the instrument saw."""

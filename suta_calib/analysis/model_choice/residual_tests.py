@@ -19,7 +19,7 @@ from functools import lru_cache
 from typing import Final
 
 import numpy as np
-from scipy.stats import f as f_distribution
+from scipy.special import fdtrc
 
 from suta_calib.analysis.model_choice.score_statistics import Scores, scores_of
 from suta_calib.errors import UrdfError
@@ -159,7 +159,7 @@ def _p(scores: Scores, index: IntArray, freedom: int) -> float:
     kept = index[scores.telling[index]]
     if not len(kept):
         return 1.0
-    return float(f_distribution.sf(scores.statistic(kept), len(kept), freedom))
+    return float(fdtrc(len(kept), freedom, scores.statistic(kept)))
 
 
 def _geometry_gain(

@@ -11,7 +11,7 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import f as f_distribution
+from scipy.special import fdtrc
 
 from suta_calib.geometry import FloatArray
 from suta_calib.solver.information import Rows, robust_jacobian
@@ -64,7 +64,7 @@ class Scores:
         if freedom < 1 or not 0 < lowered < self.squares:
             return 1.0
         ratio = lowered / (self.squares - lowered) * freedom / len(chosen)
-        return float(f_distribution.sf(ratio, len(chosen), freedom))
+        return float(fdtrc(len(chosen), freedom, ratio))
 
     def gain(self, chosen: IntArray, solution: Solution) -> float:
         """How much that step lowers twice the cost, in units of what noise alone would.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from textwrap import fill
 from typing import Final
 
 import numpy as np
@@ -33,19 +34,44 @@ CAPTION: Final = (
 )
 TEST_HEADS: Final = ("joint", "looks like", "chance", "beside geometry")
 MOST_TESTS: Final = 6
+# Rows of a table on a terminal, and columns of one.
+MOST_MODELS: Final = 12
+WIDE: Final = 78
+# Letters of a name beside a plot.
+LONG: Final = 60
 
 
 def extend_tables(choice: ModelChoice, validated: Validated | None = None) -> RenderableType:
     """The models, what the chosen one adds, and the verdict."""
     table = number_table("Models, cross-validated", HEADS[0], *HEADS[1:])
-    for each in choice.tried:
+    best = _best(choice)
+    for each in best:
         table.add_row(*_cells(choice, each))
+    if more := len(choice.tried) - len(best):
+        table.caption = Line(f"and {more} worse ones that were tried: report.html has them all")
     parts: list[RenderableType] = [table, Line(CAPTION, style="dim"), ""]
     parts += [Line(f"{n}  {estimate_text(choice, n)}") for n in choice.added]
     if validated is not None:
         parts.append(Line(_on_validation(validated)))
     parts += verdict_lines(extend_verdict(choice))
-    return Group(*parts, *(Line(f"  {row_text(row)}") for row in choice.rows))
+    return Group(*parts, *(Line(wrapped(row_text(row))) for row in choice.rows))
+
+
+def short(name: str) -> str:
+    """A name that fits beside a plot: models that grew from one another differ at the end."""
+    return name if len(name) < LONG else f"{name[: LONG // 3]} … {name[-(LONG - LONG // 3) :]}"
+
+
+def _best(choice: ModelChoice) -> list[Candidate]:
+    """The job's own model, the chosen one, and the best of the others, as they were tried."""
+    by_loss = sorted(choice.tried, key=lambda c: (c is not choice.chosen, c.held_out.loss))
+    kept = {id(c) for c in (choice.job, *by_loss[: MOST_MODELS - 1])}
+    return [c for c in choice.tried if id(c) in kept]
+
+
+def wrapped(row: str) -> str:
+    """A line of YAML, to be copied: what does not fit goes on indented, which YAML allows."""
+    return fill(row, WIDE, initial_indent="  ", subsequent_indent=" " * 6, break_long_words=False)
 
 
 def extend_section(choice: ModelChoice, validated: Validated | None = None) -> Section:
@@ -69,9 +95,9 @@ def extend_section(choice: ModelChoice, validated: Validated | None = None) -> S
 
 
 def models_figure(choice: ModelChoice) -> str:
-    """Fitted and held-out RMS of every model that was tried, mm."""
-    models = sorted(choice.tried, key=lambda c: c.held_out.rms)
-    names = [f"→ {m.name}" if m is choice.chosen else m.name for m in models]
+    """Fitted and held-out RMS of the best models that were tried, mm."""
+    models = sorted(_best(choice), key=lambda c: c.held_out.rms)
+    names = [f"→ {short(m.name)}" if m is choice.chosen else short(m.name) for m in models]
     places = np.arange(len(models))
     with style(NAME):
         figure = Figure(figsize=(WIDTH, 1.3 + 0.3 * len(models)), layout="constrained")
@@ -81,7 +107,7 @@ def models_figure(choice: ModelChoice) -> str:
             ([m.held_out.rms for m in models], BLUE, "o", "data left out"),
         ):
             axes.plot(shown_array(np.array(values), "m"), places, mark, color=colour, label=label)
-        axes.set_yticks(places, [n if len(n) < 60 else f"{n[:59]}…" for n in names], fontsize=8)
+        axes.set_yticks(places, names, fontsize=8)
         axes.invert_yaxis()
         axes.grid()
         axes.set_xlim(left=0)
