@@ -132,6 +132,12 @@ A = "landmarks:\n  A: {position_mm: [0, 0, 0]}\n"
             5,
             "landmarks.B.position_mm: found the same position as that of 'A'",
         ),
+        (
+            A + "  B: {position_mm: [0.07, 0, 0.02]}\n",
+            1,
+            "landmarks: found landmarks that lie within 0.07 mm of one another; expected positions "
+            "in mm; these look like metres",
+        ),
         (A + "  B: 3\n", 3, "landmarks.B: found 3; expected a mapping"),
         (A + "  B: {sigma_mm: 1}\n", 3, "landmarks.B.position_mm: found no such key"),
         (A + "  B: {position: [1, 0, 0]}\n", 3, "landmarks.B.position: found a position without"),

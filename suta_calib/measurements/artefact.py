@@ -24,6 +24,8 @@ from suta_calib.measurements.yaml_section import YamlSection
 
 # A distance of zero has no gradient, and no artefact is made or certified this fine (m).
 _COINCIDENT = 1e-6
+# Span of an artefact, m, below which its file must be in metres.
+_SMALLEST = 1e-3
 _LANDMARK_KEYS = ("position_mm", "rotation_rpy_deg", "sigma_mm")
 
 
@@ -115,7 +117,8 @@ def read_artefact(path: Path) -> Artefact:
 
     Raises:
         ArtefactError: unreadable, an unknown, missing or unusable key (with its line), no
-            landmarks, one landmark twice or two in the same place.
+            landmarks, one landmark twice, two in the same place, or all so close together that
+            they must be in metres.
     """
     top = YamlSection(read_yaml(path, ArtefactError), ArtefactError)
     top.check_keys(("name", "landmarks"), required=("landmarks",))
@@ -129,6 +132,12 @@ def read_artefact(path: Path) -> Artefact:
             f"the same position as that of {pair[0]!r}",
             "landmarks in different places",
             at=(pair[1], "position_mm"),
+        )
+    span = float(np.ptp([each.position for each in landmarks.values()], axis=0).max())
+    if len(landmarks) > 1 and span < _SMALLEST:
+        raise listed.refuse(
+            f"landmarks that lie within {1e3 * span:.3g} mm of one another",
+            "positions in mm; these look like metres",
         )
     return Artefact(name, landmarks)
 
