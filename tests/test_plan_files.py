@@ -243,13 +243,13 @@ def test_a_plan_over_data_that_cannot_be_fitted_may_not_be_used(
     suta: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     artefact = suta.parent / "artefact.yaml"
-    # Metres where millimetres are said.
-    in_metres = re.sub(
+    # Centimetres where millimetres are said: metres are refused when they are read.
+    in_centimetres = re.sub(
         r"position_mm: \[(.*?)\]",
-        lambda m: f"position_mm: [{', '.join(f'{float(x) / 1000:g}' for x in m[1].split(','))}]",
+        lambda m: f"position_mm: [{', '.join(f'{float(x) / 10:g}' for x in m[1].split(','))}]",
         artefact.read_text(),
     )
-    (tmp_path / "artefact.yaml").write_text(in_metres, encoding="utf-8")
+    (tmp_path / "artefact.yaml").write_text(in_centimetres, encoding="utf-8")
     job = tmp_path / "calibration.yaml"
     job.write_text(
         suta.read_text()

@@ -21,7 +21,7 @@ from simulated import (
     tracked_scene,
 )
 
-from suta_calib.errors import ParameterError
+from suta_calib.errors import ParameterError, SamplesError
 from suta_calib.measurements import Artefact, Samples
 from suta_calib.measurements import Landmark as Mark
 from suta_calib.model.parameters import Selection
@@ -253,3 +253,17 @@ def test_two_artefacts_cannot_stand_at_one_placement() -> None:
     terms = [Landmark(ArmPoses(arm, samples), Artefact(name, marks)) for name in ("one", "two")]
     with pytest.raises(ParameterError, match="'one' and of artefact 'two'"):
         Problem(terms)
+
+
+def test_unknowns_that_vanishing_residuals_set_free_are_not_called_determined() -> None:
+    arm = arm_named("suta")
+    unknowns = arm.select(
+        Selection(("*.x", "*.y", "*.z"), bound_m=0.03),
+        Selection(("*.offset",), bound_rad=math.radians(15)),
+    )
+    truth = perturbed(dh_parameters(arm), 3, 3e-3, 1e-2)
+    where = [placements(6)[3], placements(8)[3]]
+    scene = artefact_scene("pairwise_distance", arm, truth, artefact(4), where)
+    term = scene.term(scene.samples(Spread(position=2e-4), 0)[0], Noise(huber=1.35e-3), Noise())
+    with pytest.raises(SamplesError, match=r"12 independent equations for \d+ unknowns"):
+        solve(Problem([term], unknowns), Options(starts=4))

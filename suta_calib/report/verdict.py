@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Final
 
+import numpy as np
+
 from suta_calib.analysis.accuracy import Accuracy
 from suta_calib.analysis.lack_of_fit import LackOfFit, lack_of_fit
 from suta_calib.analysis.model_choice.residual_tests import score_tests
@@ -18,6 +20,8 @@ SURPRISING: Final = 2.0
 # Residuals over the scatter of repeats from which a model is said to lack something.
 LACKING: Final = 1.5
 MOST_NAMES: Final = 6
+# Equations beyond the unknowns from which on residuals tell the noise to a third or so.
+REDUNDANT: Final = 6
 
 
 def judge(result: Result) -> Verdict:
@@ -68,7 +72,22 @@ def _on_parameters(solution: Solution) -> list[str]:
 
 
 def _on_fit(solution: Solution) -> list[str]:
-    return [_lacking(fit) for fit in lack_of_fit(solution) if fit.ratio > LACKING]
+    lacking = [_lacking(fit) for fit in lack_of_fit(solution) if fit.ratio > LACKING]
+    return [*_redundancy(solution), *lacking]
+
+
+def _redundancy(solution: Solution) -> list[str]:
+    """Noise that is learnt from few residuals may be off by half, and every ± with it."""
+    problem = solution.problem
+    equations = sum(term.equations() for term in problem.terms)
+    known = int(np.count_nonzero(problem.prior_precision()[solution.free]))
+    left = equations + known - len(solution.free)
+    if left >= REDUNDANT:
+        return []
+    return [
+        f"{equations} independent equations for {len(solution.free)} unknowns: so few to spare "
+        "tell little of the noise, and every ± may be several times too small. Measure more."
+    ]
 
 
 def _lacking(fit: LackOfFit) -> str:

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from time import perf_counter
+from typing import Final
 
 import numpy as np
 
@@ -22,6 +23,7 @@ from suta_calib.terms.term import IntArray
 from suta_calib.threads import single_threaded
 
 MAX_REVISIONS = 4
+MORE_DATA: Final = "measure more, select fewer parameters, or give priors"
 Progress = Callable[[int, int], None]
 
 
@@ -52,6 +54,8 @@ def solve(
     _check_determined(problem, before)
     checked = perf_counter()
     fit = _fit(problem, nominal, before, sigmas, options, progress)
+    # With hardly any redundancy the residuals vanish, and what was held seems to be determined.
+    _check_redundant(problem, fit.free)
     solved = perf_counter()
     x = fit.minimum.x
     free = _inside(problem, x, fit.free)
@@ -81,22 +85,27 @@ def _check_determined(problem: Problem, verdict: Identification) -> None:
     if not len(wanted):
         raise ParameterError("no unknowns", "at least one parameter to estimate")
     free = np.setdiff1d(wanted, verdict.held)
-    equations = sum(term.equations() for term in problem.terms)
-    known = int(np.count_nonzero(problem.prior_precision()[free]))
-    advice = "measure more, select fewer parameters, or give priors"
     if np.any(wanted < problem.arm_count) and not np.any(free < problem.arm_count):
+        equations = sum(term.equations() for term in problem.terms)
         raise SamplesError(
             f"{equations} independent equations, which determine none of the arm's unknowns",
             "data that determine at least one of them",
             where="observations",
-            hint=f"{advice}; 'observe' says what is missing",
+            hint=f"{MORE_DATA}; 'observe' says what is missing",
         )
+    _check_redundant(problem, free)
+
+
+def _check_redundant(problem: Problem, free: IntArray) -> None:
+    """Refuse as many unknowns as equations: any values would fit, and nothing tell how well."""
+    equations = sum(term.equations() for term in problem.terms)
+    known = int(np.count_nonzero(problem.prior_precision()[free]))
     if equations + known <= len(free):
         raise SamplesError(
             f"{equations} independent equations for {len(free)} unknowns",
             "more equations than unknowns",
             where="observations",
-            hint=advice,
+            hint=MORE_DATA,
         )
 
 
