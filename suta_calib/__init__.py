@@ -15,9 +15,10 @@ Names are imported when they are first used, so that the command line starts qui
 
 from __future__ import annotations
 
-from importlib import import_module
 from importlib.metadata import version
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from suta_calib.lazy import lazily
 
 if TYPE_CHECKING:
     from suta_calib.analysis.accuracy import Accuracy, Metrics, assess
@@ -43,22 +44,21 @@ if TYPE_CHECKING:
 __version__ = version("suta_calib")
 
 _HOMES = {
-    "suta_calib.analysis.accuracy": ("Accuracy", "Metrics", "assess"),
-    "suta_calib.errors": ("InputError", "SutaCalibError"),
-    "suta_calib.job": ("CalibrationJob", "CalibrationResult"),
-    "suta_calib.measurements": ("Artefact", "Samples", "read_artefact"),
-    "suta_calib.model.arm": ("ArmModel",),
-    "suta_calib.model.parameters": ("Parameter", "ParameterSet", "Selection"),
-    "suta_calib.solver.ipopt": ("Options",),
-    "suta_calib.solver.problem": ("Problem",),
-    "suta_calib.solver.solution": ("Estimate", "Solution"),
-    "suta_calib.solver.solve": ("solve",),
-    "suta_calib.terms": (
+    "analysis.accuracy": ("Accuracy", "Metrics", "assess"),
+    "errors": ("InputError", "SutaCalibError"),
+    "job": ("CalibrationJob", "CalibrationResult"),
+    "measurements": ("Artefact", "Samples", "read_artefact"),
+    "model.arm": ("ArmModel",),
+    "model.parameters": ("Parameter", "ParameterSet", "Selection"),
+    "solver.ipopt": ("Options",),
+    "solver.problem": ("Problem",),
+    "solver.solution": ("Estimate", "Solution"),
+    "solver.solve": ("solve",),
+    "terms": (
         *("ArmPoses", "FixedPoint", "MeasuredPoses", "Noise"),
         *("PairwiseDistance", "Term", "TrackedPoint"),
     ),
 }
-_HOME = {name: home for home, names in _HOMES.items() for name in names}
 
 __all__ = [
     "Accuracy",
@@ -89,8 +89,4 @@ __all__ = [
     "solve",
 ]
 
-
-def __getattr__(name: str) -> Any:
-    if name not in _HOME:
-        raise AttributeError(f"module 'suta_calib' has no attribute '{name}'")
-    return getattr(import_module(_HOME[name]), name)
+__getattr__ = lazily(__name__, _HOMES)

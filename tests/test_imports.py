@@ -6,7 +6,7 @@ import ast
 from pathlib import Path
 
 ROWS = (
-    {"errors", "geometry", "atomic", "batched", "extras", "threads", "verdict"},
+    {"errors", "geometry", "atomic", "batched", "extras", "lazy", "threads", "verdict"},
     {"model", "measurements"},
     {"terms"},
     {"solver"},

@@ -11,7 +11,7 @@ import click
 import numpy as np
 
 from suta_calib.cli._numbers import FiniteRange
-from suta_calib.cli._output import check_folder, console, json_option, print_json
+from suta_calib.cli._output import NOT_USABLE, check_folder, console, json_option, print_json
 from suta_calib.errors import InputError
 
 if TYPE_CHECKING:
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from suta_calib.measurements import Samples
     from suta_calib.model.arm import ArmModel
 
-NOT_USABLE: Final = 1
 _TOLERANCE_MM: Final = 20.0
 _POSE_NUMBERS: Final = (3, 6)
 

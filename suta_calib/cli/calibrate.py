@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 import click
 
 from suta_calib.cli._output import (
+    NOT_USABLE,
     LateProgress,
     check_folder,
     console,
@@ -18,8 +19,6 @@ from suta_calib.cli._output import (
 
 if TYPE_CHECKING:
     from suta_calib.job import CalibrationResult
-
-NOT_CONVERGED: Final = 1
 
 
 @click.command()
@@ -56,7 +55,7 @@ def calibrate(
     else:
         _print(result, files, verbose)
     if judge(result).level == "bad":
-        context.exit(NOT_CONVERGED)
+        context.exit(NOT_USABLE)
 
 
 def _print(result: CalibrationResult, files: dict[str, Path], verbose: bool) -> None:

@@ -5,8 +5,9 @@ Names are imported when they are first used: a process that only reads a port st
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from suta_calib.lazy import lazily
 
 if TYPE_CHECKING:
     from suta_calib.device.bus import Bus
@@ -20,7 +21,6 @@ _HOMES = {
     "protocol": ("Decoder", "decoder_for"),
     "reading": ("Reading", "Statistics"),
 }
-_HOME = {name: home for home, names in _HOMES.items() for name in names}
 
 __all__ = [
     "Bus",
@@ -33,8 +33,4 @@ __all__ = [
     "read_device",
 ]
 
-
-def __getattr__(name: str) -> Any:
-    if name not in _HOME:
-        raise AttributeError(f"module 'suta_calib.device' has no attribute '{name}'")
-    return getattr(import_module(f"suta_calib.device.{_HOME[name]}"), name)
+__getattr__ = lazily(__name__, _HOMES)

@@ -9,8 +9,9 @@ Names are imported when they are first used: that process needs neither CasADi n
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from suta_calib.lazy import lazily
 
 if TYPE_CHECKING:
     from suta_calib.emulation.device import device_of
@@ -44,7 +45,6 @@ _HOMES = {
     "truth": ("drawn_truth", "nominal_values", "read_truth"),
     "within_reach": ("placement_within_reach",),
 }
-_HOME = {name: home for home, names in _HOMES.items() for name in names}
 
 __all__ = [
     "Curve",
@@ -80,8 +80,4 @@ __all__ = [
     "sweep",
 ]
 
-
-def __getattr__(name: str) -> Any:
-    if name not in _HOME:
-        raise AttributeError(f"module 'suta_calib.emulation' has no attribute '{name}'")
-    return getattr(import_module(f"suta_calib.emulation.{_HOME[name]}"), name)
+__getattr__ = lazily(__name__, _HOMES)

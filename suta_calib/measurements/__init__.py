@@ -5,8 +5,9 @@ Names are imported when they are first used: who reads a YAML file need not wait
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from suta_calib.lazy import lazily
 
 if TYPE_CHECKING:
     from suta_calib.measurements.artefact import Artefact, Landmark, read_artefact, write_artefact
@@ -38,7 +39,6 @@ _HOMES = {
     "yaml_document": ("YamlDocument", "read_yaml"),
     "yaml_section": ("YamlSection",),
 }
-_HOME = {name: home for home, names in _HOMES.items() for name in names}
 
 __all__ = [
     "Artefact",
@@ -64,8 +64,4 @@ __all__ = [
     "write_text",
 ]
 
-
-def __getattr__(name: str) -> Any:
-    if name not in _HOME:
-        raise AttributeError(f"module 'suta_calib.measurements' has no attribute '{name}'")
-    return getattr(import_module(f"suta_calib.measurements.{_HOME[name]}"), name)
+__getattr__ = lazily(__name__, _HOMES)
