@@ -29,11 +29,12 @@ from suta_calib.analysis.planning.information import Space, Told, nothing, promi
 from suta_calib.analysis.planning.plan import tip_weight
 from suta_calib.analysis.planning.reach import Reach
 from suta_calib.analysis.tip_uncertainty import Sensitivity
-from suta_calib.geometry import FloatArray, register_points, rotation_from_vector
-from suta_calib.job import CalibrationJob
+from suta_calib.arrays import FloatArray
+from suta_calib.geometry.numbers import register_points, rotation_from_vector
+from suta_calib.job.calibration import CalibrationJob
 from suta_calib.measurements import Samples
 from suta_calib.simulation import Targets, read_simulation, true_values
-from suta_calib.solver.ipopt import Options
+from suta_calib.solver.ipopt import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solve import solve
 from suta_calib.terms import KINDS, ArmPoses, Noise, Setup, Term
@@ -94,7 +95,7 @@ class Scene:
 
     def _trial(self, rows: Sequence[int], trial: int) -> float:
         terms = self._terms(rows, trial)
-        solution = solve(Problem(terms, self.job.parameters), Options(starts=1))
+        solution = solve(Problem(terms, self.job.parameters), SolverOptions(starts=1))
         arm = self.job.arm
         _, true = arm.forward(self.tip.q, self.truth)
         _, found = arm.forward(self.tip.q, solution.values)

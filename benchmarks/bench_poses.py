@@ -19,16 +19,17 @@ from pose_peers import hand_eye_peers, pivot_peers
 from rich.console import Console
 from rich.table import Table
 
-from suta_calib.geometry import FloatArray, vector_from_rotation
-from suta_calib.navigation.hand_eye import calibrate_hand_eye
-from suta_calib.navigation.pivot import calibrate_pivot
+from suta_calib.arrays import FloatArray
+from suta_calib.geometry.numbers import vector_from_rotation
+from suta_calib.pose_calibration.hand_eye import calibrate_hand_eye
+from suta_calib.pose_calibration.pivot import calibrate_pivot
 from suta_calib.terms import FixedPoint, HandEye
 from suta_calib.terms.hand_eye_start import Poses
-from suta_calib.terms.synthetic import EXACT, Gross, Nature, Simulated, Spread
+from suta_calib.terms.synthetic import EXACT, OutlierKind, OutlierModel, PoseNoise, Simulated
 
 RESULTS = Path(__file__).parent / "results" / "poses.md"
-NOISE = Spread(3e-4, float(np.radians(0.1)))
-NATURES = get_args(Nature)
+NOISE = PoseNoise(3e-4, float(np.radians(0.1)))
+NATURES = get_args(OutlierKind)
 # A median of 40 trials scatters by 15 %, as much as methods differ where there are no outliers: the
 # scene in which they are compared most closely gets more.
 TRIALS = 24
@@ -71,9 +72,9 @@ class Row:
 def hand_eye_scenes() -> list[Scene]:
     """Both noisy with more and more outliers; then one of them exact."""
 
-    def scene(count: int, share: float, hand: Spread, eye: Spread, whose: str) -> Scene:
+    def scene(count: int, share: float, hand: PoseNoise, eye: PoseNoise, whose: str) -> Scene:
         def make(trial: int) -> Simulated[HandEye]:
-            gross = Gross(share, NATURES[trial % 3])
+            gross = OutlierModel(share, NATURES[trial % 3])
             return HandEye.simulate(count, hand=hand, eye=eye, seed=trial, gross=gross)
 
         name = f"{count} poses, {share:.0%} outliers, noise on {whose}"
@@ -91,7 +92,7 @@ def pivot_scenes() -> list[Scene]:
 
     def scene(degrees: int, share: float) -> Scene:
         def make(trial: int) -> Simulated[FixedPoint]:
-            gross, turn = Gross(share, NATURES[trial % 3]), float(np.radians(degrees))
+            gross, turn = OutlierModel(share, NATURES[trial % 3]), float(np.radians(degrees))
             return FixedPoint.simulate(
                 PIVOT_POSES, spread=NOISE, seed=trial, turn=turn, gross=gross
             )

@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from rich.console import Console
 from rich.table import Table
 
-from suta_calib.job import CalibrationJob
+from suta_calib.job.calibration import CalibrationJob
 from suta_calib.measurements import Samples
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solve import solve
@@ -60,7 +60,7 @@ def main() -> None:
         pairs = len(problem.blocks[0])
         rows.append((len(samples), pairs, built - began, done - built, peak))
         if not solution.converged:
-            raise SystemExit(f"{len(samples)} samples: {solution.verdict}")
+            raise SystemExit(f"{len(samples)} samples: {solution.sentence}")
     _print(rows)
     _draw(rows)
     if rows[-1][-1] > LIMIT_MB:

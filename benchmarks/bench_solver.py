@@ -17,8 +17,8 @@ from peers import LoopDistances, NumpyDistances
 from rich.console import Console
 from rich.table import Table
 
-from suta_calib.job import CalibrationJob
-from suta_calib.solver.ipopt import Options, RobustNlp
+from suta_calib.job.calibration import CalibrationJob
+from suta_calib.solver.ipopt import RobustNlp, SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solve import solve, start_points
 from suta_calib.terms import PairwiseDistance
@@ -43,21 +43,21 @@ def main() -> None:
     job = CalibrationJob.load(JOB)
     terms = [_plain(job)]
     problem = Problem(terms, job.parameters)
-    solution = solve(problem, Options(starts=STARTS))
+    solution = solve(problem, SolverOptions(starts=STARTS))
     identified = [problem.names[k] for k in solution.free]
     held = set(solution.identification.held.tolist())
-    starts = start_points(problem, problem.start(), held, Options(starts=STARTS))
+    starts = start_points(problem, problem.start(), held, SolverOptions(starts=STARTS))
     sigma = solution.sigmas[0]
     huber = problem.blocks[0].noise.huber
 
     def ours(hessian: str = "gauss-newton") -> float:
         fresh = Problem(terms, job.parameters)
-        return solve(fresh, Options(starts=STARTS, hessian=hessian)).minimum.cost * sigma**2
+        return solve(fresh, SolverOptions(starts=STARTS, hessian=hessian)).minimum.cost * sigma**2
 
     def as_posed() -> float:
         """All 13 given to IPOPT, nothing checked and nothing held."""
         fresh = Problem(terms, job.parameters)
-        nlp = RobustNlp(fresh, np.arange(len(fresh.names)), [sigma], Options())
+        nlp = RobustNlp(fresh, np.arange(len(fresh.names)), [sigma], SolverOptions())
         return min(nlp.minimise(x).cost for x in starts) * sigma**2
 
     def scipy(kind: type[NumpyDistances], names: list[str], count: int = STARTS) -> float:

@@ -21,10 +21,10 @@ from peers import NumpyDistances
 from rich.console import Console
 from rich.table import Table
 
-from suta_calib.analysis.study.plan import Plan, Request, plan_study, run_study
+from suta_calib.analysis.study.plan import Request, StudyPlan, plan_study, run_study
 from suta_calib.analysis.study.sizes import judge_sizes
 from suta_calib.analysis.study.trial import Trial
-from suta_calib.job import CalibrationJob
+from suta_calib.job.calibration import CalibrationJob
 from suta_calib.report.study.report import study_tables
 from suta_calib.solver.problem import Problem
 
@@ -80,7 +80,7 @@ def cluster() -> Iterator[str | None]:
         yield running.scheduler_address
 
 
-def scipy(plan: Plan, ours: tuple[Trial, ...]) -> Row:
+def scipy(plan: StudyPlan, ours: tuple[Trial, ...]) -> Row:
     """The same subsets solved by SciPy; what its mean error is beside ours."""
     data = plan.data
     names = list(data.parameters.names)

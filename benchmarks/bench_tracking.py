@@ -22,7 +22,7 @@ from rich.table import Table
 from suta_calib.device import Bus, DeviceSpec, JointSpec, Statistics
 from suta_calib.emulation import EmulatedArm, Emulation, sweep
 from suta_calib.model.arm import ArmModel
-from suta_calib.report.dynamics.latency_plots import latency_figure
+from suta_calib.report.path_accuracy.latency_plots import latency_figure
 from suta_calib.tracking.igtl import IgtlPublisher
 from suta_calib.tracking.recording import CsvRecorder
 from suta_calib.tracking.session import TrackingSession

@@ -15,7 +15,7 @@ from types import ModuleType
 
 import numpy as np
 
-from suta_calib.geometry import FloatArray
+from suta_calib.arrays import FloatArray
 from suta_calib.terms.hand_eye_start import Poses, inverse
 
 # X from the hand's poses and what the eye saw.

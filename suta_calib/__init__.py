@@ -7,7 +7,7 @@ A few lines do what the command line does::
     poses = ArmPoses(arm, samples)
     problem = Problem([PairwiseDistance(poses, artefact, Noise(huber=1.35e-3))], unknowns)
     solution = solve(problem, Options(starts=8))
-    print(solution.verdict, solution.unidentified)
+    print(solution.sentence, solution.unidentified)
     arm.write_urdf("calibrated.urdf", solution.values)
 
 Names are imported when they are first used, so that the command line starts quickly.
@@ -21,13 +21,13 @@ from typing import TYPE_CHECKING
 from suta_calib.lazy import lazily
 
 if TYPE_CHECKING:
-    from suta_calib.analysis.accuracy import Accuracy, Metrics, assess
+    from suta_calib.diagnostics.accuracy import Accuracy, Metrics, assess
     from suta_calib.errors import InputError, SutaCalibError
-    from suta_calib.job import CalibrationJob, CalibrationResult
+    from suta_calib.job.calibration import CalibrationJob, CalibrationResult
     from suta_calib.measurements import Artefact, Samples, read_artefact
     from suta_calib.model.arm import ArmModel
     from suta_calib.model.parameters import Parameter, ParameterSet, Selection
-    from suta_calib.solver.ipopt import Options
+    from suta_calib.solver.ipopt import SolverOptions
     from suta_calib.solver.problem import Problem
     from suta_calib.solver.solution import Estimate, Solution
     from suta_calib.solver.solve import solve
@@ -50,7 +50,7 @@ _HOMES = {
     "measurements": ("Artefact", "Samples", "read_artefact"),
     "model.arm": ("ArmModel",),
     "model.parameters": ("Parameter", "ParameterSet", "Selection"),
-    "solver.ipopt": ("Options",),
+    "solver.ipopt": ("SolverOptions",),
     "solver.problem": ("Problem",),
     "solver.solution": ("Estimate", "Solution"),
     "solver.solve": ("solve",),
@@ -73,7 +73,6 @@ __all__ = [
     "MeasuredPoses",
     "Metrics",
     "Noise",
-    "Options",
     "PairwiseDistance",
     "Parameter",
     "ParameterSet",
@@ -81,6 +80,7 @@ __all__ = [
     "Samples",
     "Selection",
     "Solution",
+    "SolverOptions",
     "SutaCalibError",
     "Term",
     "TrackedPoint",

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from suta_calib.geometry import FloatArray
+from suta_calib.arrays import FloatArray
 
 
 class Batched:

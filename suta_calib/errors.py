@@ -79,6 +79,10 @@ class ParameterError(InputError):
     """A parameter name, bound or prior that the arm and the terms do not support."""
 
 
+class NotUsableError(InputError):
+    """An answer that was written with the word that it must not be used is read back."""
+
+
 class DeviceFileError(InputError):
     """A key of ``device.yaml`` is missing, unknown or has a value no device can have."""
 

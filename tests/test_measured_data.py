@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from suta_calib.job import CalibrationJob, CalibrationResult
+from suta_calib.job.calibration import CalibrationJob, CalibrationResult
 from suta_calib.model.arm import ArmModel
 
 

@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from suta_calib.geometry import FloatArray, rotation_from_rpy
+from suta_calib.arrays import FloatArray
+from suta_calib.geometry.numbers import rotation_from_rpy
 from suta_calib.measurements import Artefact, Samples, read_artefact, write_samples, write_text
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import Selection

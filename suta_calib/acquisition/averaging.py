@@ -12,8 +12,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
+from suta_calib.arrays import FloatArray
 from suta_calib.errors import SamplesError
-from suta_calib.geometry import FloatArray
 
 # Median absolute deviation to standard deviation of a normal distribution.
 NORMAL: Final = 1.4826

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from suta_calib.acquisition.averaging import unwrapped_about_median, wrap
-from suta_calib.acquisition.plan import Plan
 from suta_calib.acquisition.run import Say
 from suta_calib.acquisition.samples_file import SamplesFile
 from suta_calib.acquisition.session import STALL
 from suta_calib.acquisition.stops import Event
-from suta_calib.geometry import FloatArray
+from suta_calib.acquisition.touch_sequence import TouchSequence
+from suta_calib.arrays import FloatArray
 
 if TYPE_CHECKING:
     from suta_calib.device.reading import Reading
@@ -39,7 +39,7 @@ class Continuous:
     """
 
     def __init__(
-        self, plan: Plan, file: SamplesFile, say: Say, seconds: float, every: float
+        self, plan: TouchSequence, file: SamplesFile, say: Say, seconds: float, every: float
     ) -> None:
         self._plan, self._file, self._say = plan, file, say
         self._seconds, self._every = seconds, every

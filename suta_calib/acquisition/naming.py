@@ -8,8 +8,8 @@ from typing import Final
 
 import numpy as np
 
-from suta_calib.acquisition.seating import ANOTHER, Seating
-from suta_calib.geometry import FloatArray
+from suta_calib.acquisition.seating_check import ANOTHER, SeatingCheck
+from suta_calib.arrays import FloatArray
 
 # As many landmarks can be told from others.
 CERTAIN: Final = 4
@@ -19,7 +19,7 @@ _MOST_MISSED: Final = 3
 
 
 def likelier(
-    seating: Seating, names: Sequence[str], taken: Sequence[int], tips: Sequence[FloatArray]
+    seating: SeatingCheck, names: Sequence[str], taken: Sequence[int], tips: Sequence[FloatArray]
 ) -> tuple[int, ...] | None:
     """Places in the sequence that samples belong to rather than to those they were taken for.
 

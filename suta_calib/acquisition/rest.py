@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from suta_calib.acquisition.averaging import spread, steps, unwrapped_about_median, wrap
-from suta_calib.geometry import FloatArray
+from suta_calib.arrays import FloatArray
 
 if TYPE_CHECKING:
     from suta_calib.device.reading import Reading

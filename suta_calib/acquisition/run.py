@@ -8,10 +8,10 @@ from typing import Final
 import numpy as np
 
 from suta_calib.acquisition.averaging import Average
-from suta_calib.acquisition.plan import Plan, Station
 from suta_calib.acquisition.samples_file import SamplesFile
-from suta_calib.acquisition.seating import DistanceError, Seating
-from suta_calib.geometry import FloatArray
+from suta_calib.acquisition.seating_check import DistanceError, SeatingCheck
+from suta_calib.acquisition.touch_sequence import Station, TouchSequence
+from suta_calib.arrays import FloatArray
 
 Say = Callable[[str], None]
 _MOST_DISTANCES: Final = 4
@@ -32,9 +32,9 @@ class Run:
         last: (n,) readings of the sample confirmed last, rad, or None.
     """
 
-    def __init__(self, plan: Plan, file: SamplesFile, say: Say) -> None:
+    def __init__(self, plan: TouchSequence, file: SamplesFile, say: Say) -> None:
         self.plan, self.file, self.say = plan, file, say
-        self.seating = None if plan.artefact is None else Seating(plan.arm, plan.artefact)
+        self.seating = None if plan.artefact is None else SeatingCheck(plan.arm, plan.artefact)
         self.skipped: list[str] = []
         self.notes: dict[str, str] = {}
         self._rows: dict[int, int] = {}

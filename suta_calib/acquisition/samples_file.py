@@ -13,8 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
+from suta_calib.arrays import FloatArray
 from suta_calib.errors import OutputError, SamplesError
-from suta_calib.geometry import FloatArray
 from suta_calib.measurements import read_csv_table, read_text, write_text
 
 

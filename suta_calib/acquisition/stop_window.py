@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from suta_calib.acquisition.averaging import Average, average
-from suta_calib.geometry import FloatArray
+from suta_calib.arrays import FloatArray
 
 if TYPE_CHECKING:
     from suta_calib.device.reading import Reading

@@ -21,7 +21,7 @@ from suta_calib.acquisition.averaging import (
 )
 from suta_calib.acquisition.rest import DEFAULT_REST, Look, RestDetector, RestSettings
 from suta_calib.acquisition.stop_window import StopWindow
-from suta_calib.geometry import FloatArray
+from suta_calib.arrays import FloatArray
 
 if TYPE_CHECKING:
     from suta_calib.device.reading import Reading

@@ -14,7 +14,7 @@ import numpy as np
 from suta_calib.acquisition.averaging import Average, wrap
 from suta_calib.acquisition.naming import CERTAIN, likelier
 from suta_calib.acquisition.run import Run
-from suta_calib.acquisition.seating import ANOTHER
+from suta_calib.acquisition.seating_check import ANOTHER
 from suta_calib.acquisition.stops import (
     Began,
     Complete,
@@ -24,7 +24,7 @@ from suta_calib.acquisition.stops import (
     Rejected,
     StopFinder,
 )
-from suta_calib.geometry import FloatArray
+from suta_calib.arrays import FloatArray
 
 # A joint must have turned this far for it to be a motion and no bump, rad.
 MOTION: Final = np.radians(0.25)

@@ -9,9 +9,10 @@ from typing import Final
 
 import numpy as np
 
-from suta_calib.analysis.accuracy import Accuracy, BlockErrors, TermAccuracy, fit_own
+from suta_calib.arrays import FloatArray
+from suta_calib.diagnostics.accuracy import Accuracy, BlockErrors, TermAccuracy, fit_own
 from suta_calib.errors import UrdfError
-from suta_calib.geometry import FloatArray, rotation_from_rpy
+from suta_calib.geometry.numbers import rotation_from_rpy
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import ParameterSet
 from suta_calib.solver.problem import Problem

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import sparse
 
-from suta_calib.geometry import FloatArray
+from suta_calib.arrays import FloatArray
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import ParameterSet
 from suta_calib.solver.problem import Problem

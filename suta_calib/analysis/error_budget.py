@@ -23,16 +23,17 @@ from typing import Final, Literal
 
 import numpy as np
 
-from suta_calib.analysis.accuracy import fit_own
 from suta_calib.analysis.encoder_noise import EncoderNoise, Linear, linear
-from suta_calib.analysis.repeats import gross_rows, repeat_variance
+from suta_calib.arrays import FloatArray, IntArray
+from suta_calib.diagnostics.accuracy import fit_own
+from suta_calib.diagnostics.repeats import gross_rows, repeat_variance
 from suta_calib.errors import ParameterError
-from suta_calib.geometry import FloatArray
-from suta_calib.model.parameters import ParameterSet, Unit
+from suta_calib.model.parameters import ParameterSet
 from suta_calib.solver.solution import Solution
 from suta_calib.terms import KINDS, Term
-from suta_calib.terms.term import Block, IntArray
+from suta_calib.terms.term import Block
 from suta_calib.threads import single_threaded
+from suta_calib.units import Unit
 
 Source = Literal["gross", "encoders", "seating", "instrument", "artefact", "parameters", "model"]
 # Stated encoder noise over the scatter of repeats, as variances, from which it cannot be so large.

@@ -15,8 +15,8 @@ from suta_calib.analysis.planning.links import link_points
 from suta_calib.analysis.planning.region import Region
 from suta_calib.analysis.tip_sections import Knowledge, Slice, Walker, slices
 from suta_calib.analysis.tip_uncertainty import sensitivity
+from suta_calib.arrays import FloatArray
 from suta_calib.errors import JobError
-from suta_calib.geometry import FloatArray
 from suta_calib.threads import single_threaded
 
 # 3-D RMS that laboratories ask of a navigation system, m.

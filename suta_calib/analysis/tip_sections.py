@@ -14,7 +14,7 @@ from scipy.spatial import KDTree
 from suta_calib.analysis.planning.calibrated import calibrated_kinematics
 from suta_calib.analysis.planning.region import Region, turning_z_to
 from suta_calib.analysis.tip_uncertainty import Sensitivity, sensitivity
-from suta_calib.geometry import FloatArray
+from suta_calib.arrays import FloatArray
 from suta_calib.model.arm import ArmModel
 from suta_calib.simulation.inverse_kinematics import InverseKinematics, Targets
 from suta_calib.solver.solution import Solution

@@ -14,8 +14,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from suta_calib.arrays import FloatArray
 from suta_calib.batched import Batched
-from suta_calib.geometry import FloatArray, skew
+from suta_calib.geometry.numbers import skew
 from suta_calib.model.arm import ArmModel
 
 # Relative singular value below which registration points leave a rotation open.

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.certification.comparison import compare
 from suta_calib.certification.damage import faults
 from suta_calib.certification.frame import (
@@ -22,8 +23,8 @@ from suta_calib.certification.frame import (
     wrapped,
 )
 from suta_calib.certification.heading import Heading
-from suta_calib.certification.measuring import Measured, measure, noise_of
-from suta_calib.certification.options import PLAIN, Options
+from suta_calib.certification.measuring import MeasuredArtefact, measure, noise_of
+from suta_calib.certification.options import PLAIN, CertificationOptions
 from suta_calib.certification.pillar import (
     DIAGONAL_02,
     DIAGONAL_13,
@@ -34,8 +35,7 @@ from suta_calib.certification.pillar import (
     WIDTH,
 )
 from suta_calib.certification.placing import heading_of, origin_of, placed_in_frame, sources_of
-from suta_calib.certification.plane import BoolArray
-from suta_calib.certification.points import RawPoints, Touches
+from suta_calib.certification.points import ProbedPoints, RawPoints
 from suta_calib.certification.quantities import judged, uneven_tops
 from suta_calib.certification.result import (
     Certification,
@@ -44,11 +44,10 @@ from suta_calib.certification.result import (
     SpacerLength,
 )
 from suta_calib.errors import SamplesError
-from suta_calib.geometry import FloatArray
 from suta_calib.measurements.suggestion import did_you_mean
 
 
-def certify(raw: RawPoints, options: Options = PLAIN) -> Certification:
+def certify(raw: RawPoints, options: CertificationOptions = PLAIN) -> Certification:
     """Landmarks with their uncertainty from raw points.
 
     First-order propagation from every touch in use through planes, crossings and the frame; the
@@ -101,12 +100,12 @@ def certify(raw: RawPoints, options: Options = PLAIN) -> Certification:
 
 
 def _landmarks(
-    measured: Measured,
+    measured: MeasuredArtefact,
     jacobians: Sequence[FloatArray],
     where: Placed,
     yaw: FloatArray,
     by: Sources,
-    options: Options,
+    options: CertificationOptions,
 ) -> tuple[tuple[CertifiedLandmark, ...], FloatArray]:
     n = len(measured.pillars)
     rows = where.by.reshape(3 * n, -1) * by.sigma
@@ -141,7 +140,7 @@ def _landmarks(
     return tuple(found), covariance
 
 
-def _ground_quality(raw: RawPoints, measured: Measured, by: Sources) -> PlaneQuality:
+def _ground_quality(raw: RawPoints, measured: MeasuredArtefact, by: Sources) -> PlaneQuality:
     ground = measured.ground
     used = ground.residuals[ground.inliers]
     tilt = max(_std(row, by) for row in by.ground[:2])
@@ -158,11 +157,13 @@ def _side_quality(raw: RawPoints, heading: Heading | None, by: Sources) -> Plane
     return PlaneQuality(len(used), heading.rms, float(np.ptp(used)), turn, wrong)
 
 
-def _unused(touches: Touches, inliers: BoolArray) -> tuple[int, ...]:
+def _unused(touches: ProbedPoints, inliers: BoolArray) -> tuple[int, ...]:
     return tuple(line for line, used in zip(touches.lines, inliers, strict=True) if not used)
 
 
-def _spacers(raw: RawPoints, options: Options, noise: float) -> tuple[SpacerLength, ...]:
+def _spacers(
+    raw: RawPoints, options: CertificationOptions, noise: float
+) -> tuple[SpacerLength, ...]:
     names = [spacer.name for spacer in raw.spacers]
     for name in options.spacers:
         if name not in names:

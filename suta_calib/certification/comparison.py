@@ -8,12 +8,13 @@ from typing import Final
 
 import numpy as np
 
+from suta_calib.arrays import FloatArray
 from suta_calib.certification.frame import wrapped
 from suta_calib.errors import ArtefactError, SamplesError
-from suta_calib.geometry import FloatArray, register_points, rpy_from_rotation
+from suta_calib.geometry.numbers import register_points, rpy_from_rotation
 from suta_calib.measurements import Artefact
 from suta_calib.measurements.suggestion import did_you_mean
-from suta_calib.navigation.registration import Registration, register
+from suta_calib.pose_calibration.registration import Registration, register
 
 QUARTER: Final = np.pi / 2
 # What a rigid registration takes.
@@ -21,7 +22,7 @@ LEAST_POINTS: Final = 3
 
 
 @dataclass(frozen=True, eq=False)
-class Comparison:
+class DrawingComparison:
     """Best superposition of the certified landmarks onto the drawing.
 
     Attributes:
@@ -65,7 +66,7 @@ def quarter_turns(names: Sequence[str], position: FloatArray, drawing: Artefact)
 
 def compare(
     names: Sequence[str], position: FloatArray, yaw: FloatArray, drawing: Artefact
-) -> Comparison:
+) -> DrawingComparison:
     """Register and subtract.
 
     Args:
@@ -98,7 +99,7 @@ def compare(
             turn[k] = yaw[k] + turned - rpy_from_rotation(seated)[2]
     lacking = tuple(name for name in names if name not in drawing.landmarks)
     untouched = tuple(name for name in drawing.landmarks if name not in names)
-    return Comparison(drawing, found, deviation, wrapped(turn), lacking, untouched)
+    return DrawingComparison(drawing, found, deviation, wrapped(turn), lacking, untouched)
 
 
 def _shared(names: Sequence[str], drawing: Artefact) -> list[int]:

@@ -18,8 +18,8 @@ from typing import Final
 import numpy as np
 from scipy.stats import norm, t
 
+from suta_calib.arrays import FloatArray
 from suta_calib.certification.plane import MAD
-from suta_calib.geometry import FloatArray
 
 # Chance that a pillar is named of an artefact with nothing wrong.
 FALSE_ALARM: Final = 0.001

@@ -13,10 +13,11 @@ from itertools import pairwise
 
 import numpy as np
 
+from suta_calib.arrays import FloatArray
 from suta_calib.certification.heading import Heading
 from suta_calib.certification.pillar import GROUND, YAW, PillarGeometry, X, Y, Z
 from suta_calib.certification.plane import Plane
-from suta_calib.geometry import FloatArray, skew
+from suta_calib.geometry.numbers import skew
 
 
 @dataclass(frozen=True, eq=False)

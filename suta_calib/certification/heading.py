@@ -9,9 +9,10 @@ from typing import Any, Final, Literal
 import casadi as ca
 import numpy as np
 
+from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.certification.pillar import GROUND, levelled
-from suta_calib.certification.plane import BoolArray, agreeing
-from suta_calib.geometry import FloatArray, Symbol
+from suta_calib.certification.plane import agreeing
+from suta_calib.geometry.symbols import Symbol
 
 Source = Literal["side plane", "farthest landmark"]
 # Heights of the side's touches that differ less say nothing of how upright it is (m).

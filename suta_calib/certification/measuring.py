@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 from scipy.stats import chi2, f
 
+from suta_calib.arrays import FloatArray
 from suta_calib.certification.pillar import (
     PillarGeometry,
     diagonals_cross,
@@ -18,7 +19,6 @@ from suta_calib.certification.plane import FINEST, Plane, fit_plane, on_a_line
 from suta_calib.certification.points import Pillar, RawPoints
 from suta_calib.certification.tops import Top, judge_tops
 from suta_calib.errors import SamplesError
-from suta_calib.geometry import FloatArray
 
 # Share of a diagonal on either side of the crossing below which holes cannot be in order.
 LEAST_SHARE: Final = 0.2
@@ -29,7 +29,7 @@ DOUBT: Final = 0.001
 
 
 @dataclass(frozen=True, eq=False)
-class Measured:
+class MeasuredArtefact:
     """Everything before a frame is chosen.
 
     Attributes:
@@ -47,7 +47,7 @@ class Measured:
     geometry: tuple[PillarGeometry, ...]
 
 
-def measure(raw: RawPoints, sigma: float | None) -> Measured:
+def measure(raw: RawPoints, sigma: float | None) -> MeasuredArtefact:
     """Fit the ground, judge the tops and work out every pillar.
 
     Args:
@@ -74,7 +74,7 @@ def measure(raw: RawPoints, sigma: float | None) -> Measured:
             flats = local(pillar.front), local(pillar.back)
         geometry.append(pillar_geometry(points[verdict.inliers], hole, flats))
     inside = local(raw.ground.position[ground.inliers])
-    return Measured(ground, inside, raw.pillars, judged, tuple(geometry))
+    return MeasuredArtefact(ground, inside, raw.pillars, judged, tuple(geometry))
 
 
 def _ground(raw: RawPoints, sigma: float | None) -> Plane:
@@ -131,7 +131,7 @@ def _check_pillar(raw: RawPoints, pillar: Pillar, top: FloatArray, holes: FloatA
 
 
 @dataclass(frozen=True)
-class Noise:
+class ProbingNoise:
     """What a touch is worth.
 
     Attributes:
@@ -145,7 +145,7 @@ class Noise:
     freedom: float
 
 
-def noise_of(measured: Measured, stated: float | None, raw: RawPoints) -> Noise:
+def noise_of(measured: MeasuredArtefact, stated: float | None, raw: RawPoints) -> ProbingNoise:
     """The stated noise where the residuals bear it out; else theirs.
 
     Raises:
@@ -159,7 +159,7 @@ def noise_of(measured: Measured, stated: float | None, raw: RawPoints) -> Noise:
         doubted = freedom > 0 and squared > stated**2 * chi2.isf(DOUBT, freedom)
         touch, known = (scatter, float(freedom)) if doubted else (stated, np.inf)
         rough = own > 0 and own * ground.rms**2 > touch**2 * chi2.isf(DOUBT, own)
-        return Noise(touch, max(ground.rms, touch) if rough else touch, known)
+        return ProbingNoise(touch, max(ground.rms, touch) if rough else touch, known)
     if freedom + own < ENOUGH_FREEDOM:
         raise SamplesError(
             f"{freedom + own} touches more than planes need, too few to learn their noise from",
@@ -176,4 +176,4 @@ def noise_of(measured: Measured, stated: float | None, raw: RawPoints) -> Noise:
     if alike:
         squared, freedom = squared + own * ground.rms**2, freedom + own
     touch = max(float(np.sqrt(squared / freedom)), FINEST)
-    return Noise(touch, touch if alike else ground.rms, float(freedom))
+    return ProbingNoise(touch, touch if alike else ground.rms, float(freedom))

@@ -10,7 +10,7 @@ from suta_calib.measurements import Artefact
 
 
 @dataclass(frozen=True, eq=False)
-class Options:
+class CertificationOptions:
     """How to certify.
 
     Attributes:
@@ -35,4 +35,4 @@ class Options:
 
 
 # Everything learnt from the touches.
-PLAIN: Final = Options()
+PLAIN: Final = CertificationOptions()

@@ -14,7 +14,8 @@ from typing import Any, Final
 import casadi as ca
 import numpy as np
 
-from suta_calib.geometry import FloatArray, Symbol, symbolic_rotation
+from suta_calib.arrays import FloatArray
+from suta_calib.geometry.symbols import Symbol, symbolic_rotation
 
 # Rows of a pillar's answer.
 X, Y, Z, SLOPE_X, SLOPE_Y, UNEVEN_X, UNEVEN_Y, DIAGONAL_02, DIAGONAL_13, YAW, WIDTH = range(11)

@@ -7,21 +7,21 @@ from typing import Final
 
 import numpy as np
 
+from suta_calib.arrays import FloatArray
 from suta_calib.certification.comparison import QUARTER, quarter_turns
 from suta_calib.certification.frame import Placed, Sources, heading_jacobian, placed, sources
 from suta_calib.certification.heading import Heading, side_heading
-from suta_calib.certification.measuring import Measured, Noise
-from suta_calib.certification.options import Options
+from suta_calib.certification.measuring import MeasuredArtefact, ProbingNoise
+from suta_calib.certification.options import CertificationOptions
 from suta_calib.certification.points import RawPoints
 from suta_calib.errors import ArtefactError, SamplesError
-from suta_calib.geometry import FloatArray
 from suta_calib.measurements import Artefact
 from suta_calib.measurements.suggestion import did_you_mean
 
 ORIGIN: Final = "O"
 
 
-def origin_of(names: Sequence[str], options: Options) -> int:
+def origin_of(names: Sequence[str], options: CertificationOptions) -> int:
     """Which landmark has x = y = 0: the one asked for, ``O``, or the first.
 
     Raises:
@@ -38,7 +38,7 @@ def origin_of(names: Sequence[str], options: Options) -> int:
     return names.index(wanted)
 
 
-def heading_of(raw: RawPoints, measured: Measured, noise: float) -> Heading | None:
+def heading_of(raw: RawPoints, measured: MeasuredArtefact, noise: float) -> Heading | None:
     """The side's direction in the ground's frame; None where no side was touched.
 
     Raises:
@@ -60,7 +60,7 @@ def heading_of(raw: RawPoints, measured: Measured, noise: float) -> Heading | No
     return side_heading(side, middle, noise)
 
 
-def sources_of(measured: Measured, heading: Heading | None, noise: Noise) -> Sources:
+def sources_of(measured: MeasuredArtefact, heading: Heading | None, noise: ProbingNoise) -> Sources:
     """What was touched and is used, with the noise of every coordinate."""
     side = 0 if heading is None else int(heading.inliers.sum())
     sigmas = []
@@ -74,12 +74,12 @@ def sources_of(measured: Measured, heading: Heading | None, noise: Noise) -> Sou
 
 
 def placed_in_frame(
-    measured: Measured,
+    measured: MeasuredArtefact,
     jacobians: Sequence[FloatArray],
     heading: Heading | None,
     by: Sources,
     origin: int,
-    options: Options,
+    options: CertificationOptions,
 ) -> tuple[Placed, int, FloatArray]:
     """Landmarks in the artefact's frame, quarter turns taken, derivative of the heading (c,)."""
     names = [pillar.name for pillar in measured.pillars]
@@ -96,7 +96,10 @@ def placed_in_frame(
 
 
 def _towards_farthest(
-    measured: Measured, jacobians: Sequence[FloatArray], origin: int, drawing: Artefact | None
+    measured: MeasuredArtefact,
+    jacobians: Sequence[FloatArray],
+    origin: int,
+    drawing: Artefact | None,
 ) -> tuple[float, FloatArray]:
     """Without a side: x from the origin to the landmark farthest from it, or as it is drawn."""
     centres = np.array([g.values[:2] for g in measured.geometry])

@@ -7,12 +7,10 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import norm, t
 
-from suta_calib.geometry import FloatArray
+from suta_calib.arrays import BoolArray, FloatArray
 
-BoolArray = NDArray[np.bool_]
 # Chance that any touch of a feature without a wrong one is called wrong.
 FALSE_ALARM: Final = 0.001
 # No more of a feature's touches than this can be wrong.

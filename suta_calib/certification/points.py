@@ -13,8 +13,8 @@ from typing import Final
 
 import numpy as np
 
+from suta_calib.arrays import FloatArray
 from suta_calib.errors import SamplesError
-from suta_calib.geometry import FloatArray
 from suta_calib.measurements import CsvTable, positions, read_csv_table
 from suta_calib.measurements.suggestion import did_you_mean
 
@@ -31,7 +31,7 @@ COINCIDENT: Final = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class Touches:
+class ProbedPoints:
     """Points of one feature.
 
     Attributes:
@@ -59,8 +59,8 @@ class Pillar:
     """
 
     name: str
-    top: Touches
-    holes: Touches
+    top: ProbedPoints
+    holes: ProbedPoints
     front: FloatArray | None
     back: FloatArray | None
     flat_counts: tuple[int, int] = (1, 1)
@@ -88,9 +88,9 @@ class RawPoints:
     """
 
     path: Path
-    ground: Touches
+    ground: ProbedPoints
     pillars: tuple[Pillar, ...]
-    side: Touches | None
+    side: ProbedPoints | None
     spacers: tuple[SpacerEnds, ...]
     count: int
 
@@ -151,9 +151,9 @@ class _Rows:
             if feature in features and landmark in (None, self.landmark[row])
         ]
 
-    def touches(self, rows: Iterable[int]) -> Touches:
+    def touches(self, rows: Iterable[int]) -> ProbedPoints:
         listed = list(rows)
-        return Touches(self.position[listed], tuple(self.table.lines[row] for row in listed))
+        return ProbedPoints(self.position[listed], tuple(self.table.lines[row] for row in listed))
 
     def index(self, row: int, most: int) -> int:
         """The cell ``index`` as a whole number from 0 to ``most``."""

@@ -6,10 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from suta_calib.certification.comparison import Comparison
+from suta_calib.arrays import FloatArray
+from suta_calib.certification.comparison import DrawingComparison
 from suta_calib.certification.damage import Fault, Quantity
 from suta_calib.certification.frame import Sources
-from suta_calib.certification.measuring import Measured
+from suta_calib.certification.measuring import MeasuredArtefact
 from suta_calib.certification.pillar import (
     DIAGONAL_02,
     DIAGONAL_13,
@@ -20,18 +21,17 @@ from suta_calib.certification.pillar import (
     WIDTH,
 )
 from suta_calib.certification.result import CertifiedLandmark
-from suta_calib.geometry import FloatArray
 
 # An uneven top is one whose touches no plane explains; what a reader is given to compare with.
 SIGMAS = 3.0
 
 
 def judged(
-    measured: Measured,
+    measured: MeasuredArtefact,
     jacobians: Sequence[FloatArray],
     by: Sources,
     landmarks: Sequence[CertifiedLandmark],
-    comparison: Comparison | None,
+    comparison: DrawingComparison | None,
 ) -> list[Quantity]:
     """Every quantity of every pillar.
 
@@ -63,13 +63,15 @@ def judged(
     return found if comparison is None else [*found, *_against(comparison, landmarks)]
 
 
-def _radius(measured: Measured, k: int) -> float:
+def _radius(measured: MeasuredArtefact, k: int) -> float:
     """From the middle of a top to its outermost touch, m: over it a lean becomes a length."""
     top = measured.pillars[k].top.position
     return float(np.linalg.norm(top - top.mean(axis=0), axis=1).max())
 
 
-def _against(comparison: Comparison, landmarks: Sequence[CertifiedLandmark]) -> list[Quantity]:
+def _against(
+    comparison: DrawingComparison, landmarks: Sequence[CertifiedLandmark]
+) -> list[Quantity]:
     std = np.array([mark.shape_std for mark in landmarks])
     # Deviations are in the drawing's axes, which may be turned about z.
     across = np.tile(std[:, :2].max(axis=1)[:, None], 2)
@@ -88,7 +90,7 @@ def _against(comparison: Comparison, landmarks: Sequence[CertifiedLandmark]) -> 
     ]
 
 
-def uneven_tops(measured: Measured, noise: float, tolerance: float | None) -> list[Fault]:
+def uneven_tops(measured: MeasuredArtefact, noise: float, tolerance: float | None) -> list[Fault]:
     """Tops that are no plane, whichever touch is left out."""
     found = []
     limit = SIGMAS * noise if tolerance is None else tolerance

@@ -10,10 +10,11 @@ from typing import Final
 import numpy as np
 from scipy.stats import norm, t
 
-from suta_calib.certification.comparison import Comparison
+from suta_calib.arrays import FloatArray
+from suta_calib.certification.comparison import DrawingComparison
 from suta_calib.certification.damage import Fault
 from suta_calib.certification.heading import Source
-from suta_calib.geometry import FloatArray, rotation_from_rpy
+from suta_calib.geometry.numbers import rotation_from_rpy
 from suta_calib.measurements import Artefact, Landmark
 
 # The tip points down when seated.
@@ -141,7 +142,7 @@ class Certification:
     freedom: float
     spacers: tuple[SpacerLength, ...]
     faults: tuple[Fault, ...]
-    comparison: Comparison | None
+    comparison: DrawingComparison | None
     tolerance: float | None
 
     @property

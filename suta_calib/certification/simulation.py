@@ -12,7 +12,8 @@ from typing import Final
 
 import numpy as np
 
-from suta_calib.geometry import FloatArray, rotation_from_vector, rpy_from_rotation
+from suta_calib.arrays import FloatArray
+from suta_calib.geometry.numbers import rotation_from_vector, rpy_from_rotation
 from suta_calib.measurements import Artefact, Landmark
 
 HEADER: Final = "feature,landmark,index,x,y,z"
@@ -20,7 +21,7 @@ Row = tuple[str, str, int, FloatArray]
 
 
 @dataclass(frozen=True, eq=False)
-class Design:
+class ProbingPattern:
     """Where the instrument touches, m.
 
     Attributes:
@@ -44,7 +45,7 @@ class Design:
     spacers: Mapping[str, float] = field(default_factory=lambda: {"A": 0.04, "B": 0.1})
 
 
-def exact_rows(truth: Artefact, design: Design = Design()) -> list[Row]:
+def exact_rows(truth: Artefact, design: ProbingPattern = ProbingPattern()) -> list[Row]:
     """Touches without noise in the artefact's own frame: feature, landmark, index, (3,) in m."""
     grid = np.linspace(-0.95, 0.95, design.ground) * design.half
     rows: list[Row] = [
@@ -63,7 +64,7 @@ def exact_rows(truth: Artefact, design: Design = Design()) -> list[Row]:
     return rows
 
 
-def _pillar_rows(name: str, mark: Landmark, design: Design) -> list[Row]:
+def _pillar_rows(name: str, mark: Landmark, design: ProbingPattern) -> list[Row]:
     x, y, z = mark.position
     yaw = 0.0 if mark.rotation is None else float(rpy_from_rotation(mark.rotation)[2])
     around = np.array([[1, 0], [0, 1], [-1, 0], [0, -1]], dtype=float)

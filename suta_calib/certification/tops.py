@@ -14,8 +14,8 @@ from typing import Final
 import numpy as np
 from scipy.stats import chi2, f
 
-from suta_calib.certification.plane import FINEST, BoolArray
-from suta_calib.geometry import FloatArray
+from suta_calib.arrays import BoolArray, FloatArray
+from suta_calib.certification.plane import FINEST
 
 # Chance that any top of an artefact with nothing wrong is called uneven.
 FALSE_ALARM: Final = 0.01

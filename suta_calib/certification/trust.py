@@ -7,8 +7,8 @@ from typing import Final
 
 import numpy as np
 
+from suta_calib.assessment import Assessment
 from suta_calib.certification.result import Certification
-from suta_calib.verdict import Verdict, verdict_of
 
 # What FORMATS of the field expects on every top.
 TOUCHES: Final = 5
@@ -19,7 +19,7 @@ OTHER_FRONT: Final = float(np.radians(1.0))
 MOST_LINES: Final = 6
 
 
-def verdict_on(found: Certification) -> Verdict:
+def verdict_on(found: Certification) -> Assessment:
     """Bad where a landmark is damaged; care where something must be known."""
     largest = max(mark.sigma for mark in found.landmarks)
     sentence = (
@@ -29,7 +29,7 @@ def verdict_on(found: Certification) -> Verdict:
     if found.damaged:
         sentence = f"{', '.join(found.damaged)} damaged, or touched wrongly"
     caution = [*_touches(found), *_noise(found), *_frame(found), *_drawing(found), *_spacers(found)]
-    return verdict_of(tuple(_faults(found)), caution, sentence)
+    return Assessment.of(sentence, bad=tuple(_faults(found)), care=caution)
 
 
 def _faults(found: Certification) -> Iterator[str]:
@@ -105,7 +105,7 @@ def _drawing(found: Certification) -> Iterator[str]:
             "front flat another one there? --front-deg says where it is in the tip's frame."
         )
     # What else a registration has to say is about too few points to use it for.
-    yield from (note for note in comparison.registration.verdict.notes if "times as far" in note)
+    yield from (note for note in comparison.registration.assessment.notes if "times as far" in note)
 
 
 def _spacers(found: Certification) -> Iterator[str]:

@@ -37,14 +37,20 @@ COMMANDS: Final = {
     "monitor": ("suta_calib.cli.monitor", "What a device sends, live, and what is wrong with it."),
     "emulate": ("suta_calib.cli.emulate", "An arm without the arm: frames on a virtual port."),
     "track": ("suta_calib.cli.track", "The calibrated tip live: console, files, OpenIGTLink, UDP."),
-    "dynamics": ("suta_calib.cli.dynamics", "How well a recorded motion follows a reference."),
+    "path-accuracy": (
+        "suta_calib.cli.path_accuracy",
+        "How well a recorded motion follows a reference.",
+    ),
     "measure": ("suta_calib.cli.measure", "From an arm on a cable to a samples file."),
     "plan": ("suta_calib.cli.plan", "Where to measure next, and when to stop."),
     "tip-map": ("suta_calib.cli.tip_map", "How sure the tip is, over the whole workspace."),
-    "baseline": ("suta_calib.cli.baseline", "Encoder offsets from known poses of the tip."),
+    "zero-offsets": ("suta_calib.cli.zero_offsets", "Encoder offsets from known poses of the tip."),
     "repeatability": ("suta_calib.cli.repeatability", "How well an arm comes back; its encoders."),
     "iso10360": ("suta_calib.cli.iso10360", "Acceptance test of a measuring arm, ISO 10360-12."),
 }
+
+# Earlier names of commands, which scripts still use.
+ALIASES: Final = {"dynamics": "path-accuracy", "baseline": "zero-offsets"}
 
 
 class LazyGroup(click.Group):
@@ -56,6 +62,7 @@ class LazyGroup(click.Group):
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         del ctx
+        cmd_name = ALIASES.get(cmd_name, cmd_name)
         if cmd_name not in COMMANDS:
             return None
         module = importlib.import_module(COMMANDS[cmd_name][0])

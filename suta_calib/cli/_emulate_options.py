@@ -22,7 +22,7 @@ FAULTS_HELP: Final = _EPILOG + "\n".join(f"  {k:<20} {v}" for k, v in WORDS.item
 
 
 @dataclass(frozen=True)
-class Options:
+class EmulationOptions:
     """The options as typed: mm, degrees, s and Hz; what each means is in its help below."""
 
     urdf: Path

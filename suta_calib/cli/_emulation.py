@@ -9,7 +9,8 @@ from typing import Final
 
 import numpy as np
 
-from suta_calib.cli._emulate_options import Options
+from suta_calib.arrays import FloatArray
+from suta_calib.cli._emulate_options import EmulationOptions
 from suta_calib.device.description import DeviceSpec
 from suta_calib.emulation.device import device_of
 from suta_calib.emulation.faults import Faults
@@ -27,7 +28,6 @@ from suta_calib.emulation.trajectories import (
 from suta_calib.emulation.truth import drawn_truth, nominal_values, read_truth
 from suta_calib.emulation.within_reach import placement_within_reach
 from suta_calib.errors import InputError
-from suta_calib.geometry import FloatArray
 from suta_calib.measurements.suggestion import did_you_mean
 from suta_calib.model.arm import ArmModel
 from suta_calib.simulation import NoiseLevels, PoseSpec, SetSpec
@@ -54,7 +54,7 @@ class Emulated:
     emulation: Emulation
 
 
-def build(options: Options) -> Emulated:
+def build(options: EmulationOptions) -> Emulated:
     """The emulated arm that the options describe.
 
     Raises:
@@ -81,7 +81,7 @@ def build(options: Options) -> Emulated:
     return Emulated(arm, values, plan, emulation)
 
 
-def _check(options: Options) -> None:
+def _check(options: EmulationOptions) -> None:
     """Refuse options that the others leave without meaning."""
     if options.script is not None and (options.motion or options.csv):
         raise InputError("--script beside --motion or --csv", "one of them")
@@ -93,7 +93,7 @@ def _check(options: Options) -> None:
         raise InputError("--point without --script", "--script, or --motion pivot")
 
 
-def _arm(options: Options, script: ScriptFile | None) -> ArmModel:
+def _arm(options: EmulationOptions, script: ScriptFile | None) -> ArmModel:
     if options.tip is not None:
         return ArmModel.from_urdf(options.urdf, options.tip, options.base)
     if script is None:
@@ -101,7 +101,9 @@ def _arm(options: Options, script: ScriptFile | None) -> ArmModel:
     return ArmModel.from_urdf(options.urdf, script.tip, options.base or script.base)
 
 
-def _values(options: Options, script: ScriptFile | None, arm: ArmModel) -> dict[str, float]:
+def _values(
+    options: EmulationOptions, script: ScriptFile | None, arm: ArmModel
+) -> dict[str, float]:
     seed = options.errors_seed
     if options.truth is not None:
         return read_truth(options.truth, arm, seed)
@@ -112,7 +114,7 @@ def _values(options: Options, script: ScriptFile | None, arm: ArmModel) -> dict[
     return drawn_truth(arm, seed, () if script is None else script.unknowns)
 
 
-def _device(options: Options, arm: ArmModel) -> DeviceSpec:
+def _device(options: EmulationOptions, arm: ArmModel) -> DeviceSpec:
     words = [word.strip() for word in options.signs.split(",") if word.strip()]
     if not all(word in _SIGNS for word in words):
         raise InputError(repr(options.signs), "1 or -1 for each joint", where="--signs")
@@ -126,7 +128,7 @@ def _device(options: Options, arm: ArmModel) -> DeviceSpec:
     )
 
 
-def _set(options: Options, script: ScriptFile) -> SetSpec:
+def _set(options: EmulationOptions, script: ScriptFile) -> SetSpec:
     """A set of a simulation, with what the options change of it."""
     plan = script.set(options.set_name)
     if options.seating_mm is not None:
@@ -139,7 +141,7 @@ def _set(options: Options, script: ScriptFile) -> SetSpec:
 
 
 def _job_plan(
-    options: Options, script: ScriptFile, arm: ArmModel, values: dict[str, float]
+    options: EmulationOptions, script: ScriptFile, arm: ArmModel, values: dict[str, float]
 ) -> SetSpec:
     """What a job's arm shall touch: the job itself does not say where anything stands."""
     seating = options.seating_mm
@@ -192,7 +194,11 @@ def _places(
 
 
 def _script_motion(
-    options: Options, script: ScriptFile, arm: ArmModel, values: dict[str, float], plan: SetSpec
+    options: EmulationOptions,
+    script: ScriptFile,
+    arm: ArmModel,
+    values: dict[str, float],
+    plan: SetSpec,
 ) -> Motion:
     posture = () if script.simulation is None else script.simulation.posture
     units = {name: arm.parameters[f"{name}.offset"].unit for name in arm.joints}
@@ -213,7 +219,7 @@ def _script_motion(
     )
 
 
-def _free_motion(options: Options, arm: ArmModel, values: dict[str, float]) -> Motion:
+def _free_motion(options: EmulationOptions, arm: ArmModel, values: dict[str, float]) -> Motion:
     if options.csv is not None:
         return recorded(options.csv, arm)
     posture = posture_of(arm, parse_posture(arm, options.posture))
@@ -233,7 +239,7 @@ def _free_motion(options: Options, arm: ArmModel, values: dict[str, float]) -> M
 
 
 def _pivot(
-    options: Options, arm: ArmModel, values: dict[str, float], posture: FloatArray | None
+    options: EmulationOptions, arm: ArmModel, values: dict[str, float], posture: FloatArray | None
 ) -> Motion:
     if len(options.points) > 1:
         raise InputError(f"{len(options.points)} points", "one to pivot on", where="--point")

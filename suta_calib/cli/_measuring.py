@@ -13,7 +13,6 @@ import numpy as np
 from suta_calib.acquisition.continuous import Continuous
 from suta_calib.acquisition.guided import Guided
 from suta_calib.acquisition.keyboard import Keyboard
-from suta_calib.acquisition.plan import Plan
 from suta_calib.acquisition.raw import RawRecorder
 from suta_calib.acquisition.run import Run
 from suta_calib.acquisition.samples_file import SamplesFile
@@ -26,9 +25,10 @@ from suta_calib.acquisition.session import (
     told,
 )
 from suta_calib.acquisition.stops import StopFinder
+from suta_calib.acquisition.touch_sequence import TouchSequence
 from suta_calib.acquisition.unattended import Unattended
 from suta_calib.cli._output import console
-from suta_calib.cli.measure import INTERRUPTED, PATIENCE_S, Options
+from suta_calib.cli.measure import INTERRUPTED, PATIENCE_S, MeasureOptions
 
 if TYPE_CHECKING:
     from rich.status import Status
@@ -51,8 +51,8 @@ class Measuring:
 
     def __init__(
         self,
-        options: Options,
-        plan: Plan,
+        options: MeasureOptions,
+        plan: TouchSequence,
         spec: DeviceSpec,
         source: ReadAhead,
         choose: ArmReadings,

@@ -15,14 +15,14 @@ from rich.text import Text
 from suta_calib.cli._output import console
 from suta_calib.device.diagnosis import remarks
 from suta_calib.device.words import ERROR_MEANING, WARNING_MEANING
-from suta_calib.geometry import rpy_from_rotation
+from suta_calib.geometry.numbers import rpy_from_rotation
 from suta_calib.model.arm import ArmModel
 from suta_calib.tracking.tracker import matched_joints
 
 if TYPE_CHECKING:
+    from suta_calib.arrays import FloatArray
     from suta_calib.device import DeviceSpec, Statistics
     from suta_calib.device.monitoring import Monitor
-    from suta_calib.geometry import FloatArray
 
 _LIVE_S: Final = 0.25
 _LINE_S: Final = 1.0

@@ -8,6 +8,7 @@ import os
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final, Self
 
 import click
@@ -17,6 +18,8 @@ from suta_calib.errors import OutputError
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
     from rich.progress import Progress
+
+    from suta_calib.report.document import Document
 
 # Shorter runs are over before anybody wonders.
 PATIENCE_S: Final = 2.0
@@ -91,6 +94,40 @@ def present(
             to.print(f"Written to {folder}: {', '.join(answer['files'])}", soft_wrap=True)
     if not usable:
         context.exit(NOT_USABLE)
+
+
+def finish(
+    context: click.Context,
+    answer: Document,
+    folder: Path | None,
+    *,
+    as_json: bool,
+    texts: Mapping[str, str] = MappingProxyType({}),
+) -> None:
+    """Write an answer's files, print it, exit with 1 where it must not be used.
+
+    Args:
+        context: of the command.
+        answer: what was found.
+        folder: to write into; nothing is written without one.
+        as_json: print JSON instead of what a console shows.
+        texts: further whole files by name.
+    """
+    written: Mapping[str, Any] | None = None
+    if folder is not None:
+        from suta_calib.report.files import write_document
+
+        written = write_document(answer, folder, texts)
+    if as_json:
+        print_json(answer.json() if written is None else written)
+    else:
+        from suta_calib.report.console import rendered
+
+        to = console()
+        to.print(rendered(answer))
+        if folder is not None and written is not None:
+            to.print(f"Written to {folder}: {', '.join(written['files'])}", soft_wrap=True)
+    context.exit(answer.assessment.exit_code)
 
 
 class LateProgress:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
     from rich.status import Status
 
-    from suta_calib.verdict import Verdict
+    from suta_calib.assessment import Assessment
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
@@ -76,7 +76,7 @@ class LateStatus(AbstractContextManager["LateStatus"]):
 def finish(
     context: click.Context,
     answer: dict[str, Any],
-    verdict: Verdict,
+    assessment: Assessment,
     shown: Callable[[], RenderableType],
     texts: Callable[[], Mapping[str, str]],
     out: Path | None,
@@ -88,7 +88,7 @@ def finish(
     Args:
         context: of the command.
         answer: as JSON data.
-        verdict: on it.
+        assessment: on it.
         shown: makes what a console shows.
         texts: makes the files beside result.json, by name.
         out: folder; nothing is written without one.
@@ -98,4 +98,4 @@ def finish(
         from suta_calib.report.files import write_texts
 
         answer = write_texts(answer, texts(), out)
-    present(context, answer, shown, out, as_json=as_json, usable=verdict.usable)
+    present(context, answer, shown, out, as_json=as_json, usable=assessment.usable)

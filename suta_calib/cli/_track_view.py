@@ -143,8 +143,8 @@ def latency_table(session: TrackingSession) -> RenderableType:
 def _pose_table(session: TrackingSession) -> RenderableType:
     from rich.text import Text
 
-    from suta_calib.geometry import rpy_from_rotation
-    from suta_calib.report.units import PER_SI
+    from suta_calib.geometry.numbers import rpy_from_rotation
+    from suta_calib.units import SHOWN
 
     pose = session.last
     if pose is None:
@@ -158,7 +158,7 @@ def _pose_table(session: TrackingSession) -> RenderableType:
     table.add_row("position, mm", *(f"{1e3 * v:.3f}" for v in pose.position), style="bold")
     if pose.std is not None:
         table.add_row("± std, mm", *(f"{1e3 * v:.3f}" for v in pose.std))
-    angles = PER_SI["rad"] * rpy_from_rotation(pose.rotation)
+    angles = SHOWN["rad"].per_si * rpy_from_rotation(pose.rotation)
     table.add_row("roll pitch yaw, deg", *(f"{v:.3f}" for v in angles))
     return table
 

@@ -13,7 +13,7 @@ from suta_calib.errors import SamplesError
 
 if TYPE_CHECKING:
     from suta_calib.analysis.encoder_noise import EncoderNoise
-    from suta_calib.job import CalibrationJob
+    from suta_calib.job.calibration import CalibrationJob
 
 
 @click.command()
@@ -29,7 +29,7 @@ def budget(context: click.Context, job: Path, out: Path | None, as_json: bool) -
     What the data cannot tell apart stands together, without numbers of its own.
     """
     from suta_calib.analysis.error_budget import error_budget
-    from suta_calib.job import CalibrationJob
+    from suta_calib.job.calibration import CalibrationJob
     from suta_calib.report.error_budget import budget_dict, budget_section, budget_tables
 
     loaded = CalibrationJob.load(job)
@@ -38,7 +38,7 @@ def budget(context: click.Context, job: Path, out: Path | None, as_json: bool) -
         result = loaded.run(progress)
     if not result.solution.converged:
         raise SamplesError(
-            f"a calibration that may not be used ({result.solution.verdict})",
+            f"a calibration that may not be used ({result.solution.sentence})",
             "one that converged",
             file=job,
             hint="run suta-calib calibrate, and mend what it names",

@@ -18,7 +18,7 @@ from suta_calib.cli._output import (
 )
 
 if TYPE_CHECKING:
-    from suta_calib.job import CalibrationResult
+    from suta_calib.job.calibration import CalibrationResult
 
 
 @click.command()
@@ -38,7 +38,7 @@ def calibrate(
     answer must not be used: not converged, residuals that drown the data, or worse than nominal on
     validation data.
     """
-    from suta_calib.job import CalibrationJob
+    from suta_calib.job.calibration import CalibrationJob
     from suta_calib.report.verdict import judge
     from suta_calib.report.write import write_results
 

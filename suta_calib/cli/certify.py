@@ -89,17 +89,17 @@ def certify(
     """
     from suta_calib.certification.artefact_file import write_certified
     from suta_calib.certification.certify import certify as certified
-    from suta_calib.certification.options import Options
+    from suta_calib.certification.options import CertificationOptions
     from suta_calib.certification.points import read_raw_points
     from suta_calib.certification.trust import verdict_on
     from suta_calib.measurements import read_artefact
-    from suta_calib.navigation.blame import blame
+    from suta_calib.pose_calibration.error_context import error_context
     from suta_calib.report.certification.json import certification_dict
     from suta_calib.report.certification.report import certification_section, certification_tables
 
     _check_outputs(out, report, [points, nominal])
     raw = read_raw_points(points)
-    options = Options(
+    options = CertificationOptions(
         name=" ".join(name.split()),
         sigma=None if sigma_um is None else 1e-6 * sigma_um,
         origin=origin,
@@ -109,7 +109,7 @@ def certify(
         tolerance=None if tolerance_mm is None else 1e-3 * tolerance_mm,
         spacers=_lengths(spacers),
     )
-    with blame(points):
+    with error_context(points):
         found = certified(raw, options)
     answer = certification_dict(found)
     if out is not None:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from suta_calib.cli._emulate_options import FAULTS_HELP, FILE, POSITIVE, Options, described
+from suta_calib.cli._emulate_options import FAULTS_HELP, FILE, POSITIVE, EmulationOptions, described
 from suta_calib.cli._output import check_folder
 from suta_calib.errors import InputError
 
@@ -57,7 +57,7 @@ def emulate(
 
     for file in filter(None, (device_out, truth_out, trajectory_out)):
         check_folder(file.parent)
-    made = build(Options(**options))
+    made = build(EmulationOptions(**options))
     if made.emulation.faults.absences and link is None:
         raise InputError(
             "a port that vanishes and comes back under another name",

@@ -11,9 +11,9 @@ from suta_calib.cli._analysis import finish_analysis, folder_of, out_option
 from suta_calib.cli._output import LateProgress, json_option
 
 if TYPE_CHECKING:
-    from suta_calib.analysis.model_choice import ModelChoice
-    from suta_calib.job import CalibrationJob
-    from suta_calib.report.model_choice.json import Validated
+    from suta_calib.analysis.model_selection import ModelSelection
+    from suta_calib.job.calibration import CalibrationJob
+    from suta_calib.report.model_selection.json import Validated
 
 
 @click.command()
@@ -38,10 +38,10 @@ def extend(
     placement left out after the other. What predicts the left-out data better is worth having; that
     it fits better is not enough. Says which rows to add to the job, or that nothing is worth it.
     """
-    from suta_calib.analysis.model_choice import choose_model
-    from suta_calib.job import CalibrationJob
-    from suta_calib.report.model_choice.json import extend_dict
-    from suta_calib.report.model_choice.report import extend_section, extend_tables
+    from suta_calib.analysis.model_selection import choose_model
+    from suta_calib.job.calibration import CalibrationJob
+    from suta_calib.report.model_selection.json import extend_dict
+    from suta_calib.report.model_selection.report import extend_section, extend_tables
 
     loaded = CalibrationJob.load(job)
     folder = folder_of(job, out)
@@ -65,9 +65,9 @@ def extend(
     )
 
 
-def _validated(job: CalibrationJob, choice: ModelChoice) -> Validated | None:
+def _validated(job: CalibrationJob, choice: ModelSelection) -> Validated | None:
     """Errors on validation data, which took no part in the choice."""
-    from suta_calib.analysis.accuracy import assess
+    from suta_calib.diagnostics.accuracy import assess
 
     if not job.validation:
         return None

@@ -11,7 +11,7 @@ from suta_calib.cli._output import check_folder
 from suta_calib.cli._poses import LateStatus, finish, pose_options
 
 if TYPE_CHECKING:
-    from suta_calib.navigation.hand_eye import Model, Setup
+    from suta_calib.pose_calibration.hand_eye import Model, Setup
 
 
 @click.command("hand-eye")
@@ -50,8 +50,8 @@ def hand_eye(
     Exits with 1 where X must not be used.
     """
     from suta_calib.measurements.pose_files import read_pose_pairs
-    from suta_calib.navigation.blame import blame
-    from suta_calib.navigation.hand_eye import calibrate_hand_eye
+    from suta_calib.pose_calibration.error_context import error_context
+    from suta_calib.pose_calibration.hand_eye import calibrate_hand_eye
     from suta_calib.report.poses.files import hand_eye_texts
     from suta_calib.report.poses.json import hand_eye_dict
     from suta_calib.report.poses.tables import hand_eye_tables
@@ -59,14 +59,14 @@ def hand_eye(
     if out is not None:
         check_folder(out)
     data = read_pose_pairs(poses)
-    with blame(poses), LateStatus("calibrating"):
+    with error_context(poses), LateStatus("calibrating"):
         found = calibrate_hand_eye(
             data.hand, data.seen, setup=setup, model=model, robust=not plain, seed=seed
         )
     finish(
         context,
         hand_eye_dict(found, data) | {"robust": not plain, "seed": seed},
-        found.verdict,
+        found.assessment,
         lambda: hand_eye_tables(found, data),
         lambda: hand_eye_texts(found, data),
         out,

@@ -24,7 +24,7 @@ from suta_calib.cli._output import check_folder
 )
 def init(urdf: Path, tip: str, base: str | None, out: Path, kinds: tuple[str, ...]) -> None:
     """Start a job for the arm in URDF: commented files to fill in. Overwrites nothing."""
-    from suta_calib.init_job import DEFAULT_KINDS, new_job, write_job
+    from suta_calib.job.new_job import DEFAULT_KINDS, new_job, write_job
 
     files = new_job(urdf, tip, out, base=base, kinds=kinds or DEFAULT_KINDS)
     check_folder(out)

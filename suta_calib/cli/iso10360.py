@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import click
 
-from suta_calib.cli._analysis import finish_analysis
-from suta_calib.cli._output import check_folder, json_option
+from suta_calib.cli._output import check_folder, finish, json_option
 
 _PATH = click.Path(path_type=Path)
 
@@ -30,21 +28,11 @@ def iso10360(
     and there is no pass or fail. Exits with 1 where a limit is broken, or where the uncertainty
     leaves it open.
     """
-    from suta_calib.acceptance_job import AcceptanceJob
-    from suta_calib.report.iso10360.json import acceptance_dict
-    from suta_calib.report.iso10360.report import acceptance_tables, section
+    from suta_calib.job.acceptance import AcceptanceJob
+    from suta_calib.report.iso10360 import acceptance_document
 
     if out is not None:
         check_folder(out)
     loaded = AcceptanceJob.load(job, urdf)
-    found = loaded.run()
-    answer: dict[str, Any] = {**acceptance_dict(found), "urdf": str(loaded.urdf), "job": str(job)}
-    finish_analysis(
-        context,
-        answer,
-        lambda: acceptance_tables(found),
-        lambda: section(found),
-        out,
-        as_json=as_json,
-        usable=found.verdict.usable,
-    )
+    answer = acceptance_document(loaded.run()).with_data(urdf=str(loaded.urdf), job=str(job))
+    finish(context, answer, out, as_json=as_json)

@@ -14,8 +14,8 @@ from suta_calib.cli._signals import ended_by_sigterm
 from suta_calib.errors import InputError
 
 if TYPE_CHECKING:
-    from suta_calib.acquisition.plan import Plan
     from suta_calib.acquisition.rest import RestSettings
+    from suta_calib.acquisition.touch_sequence import TouchSequence
 
 INCOMPLETE: Final = 1
 INTERRUPTED: Final = "interrupted"
@@ -24,7 +24,7 @@ _RESTS: Final = 20
 
 
 @dataclass(frozen=True)
-class Options:
+class MeasureOptions:
     """What the command line asks for; see `measure`."""
 
     job: Path
@@ -138,7 +138,7 @@ def measure(context: click.Context, /, **options: Any) -> None:
     that was measured is ever overwritten. Exits with 1 where --patience ended it. Until it ends,
     the file of --raw is called FILE.part.
     """
-    chosen = Options(**options)
+    chosen = MeasureOptions(**options)
     measured = _measure(chosen)
     if chosen.as_json:
         print_json(measured)
@@ -148,7 +148,7 @@ def measure(context: click.Context, /, **options: Any) -> None:
         context.exit(INCOMPLETE)
 
 
-def _measure(options: Options) -> dict[str, Any]:
+def _measure(options: MeasureOptions) -> dict[str, Any]:
     from suta_calib.device.description import glance, read_device
     from suta_calib.device.remote_port import RemotePort
 
@@ -176,10 +176,17 @@ def _measure(options: Options) -> dict[str, Any]:
         return Measuring(options, plan, spec, source, choose, file).run()
 
 
-def _plan(options: Options) -> tuple[Plan, Path]:
+def _plan(options: MeasureOptions) -> tuple[TouchSequence, Path]:
     """What to measure, and where it goes."""
-    from suta_calib.acquisition.plan import FREE, POINT, TOUCHED, read_arm, read_row, repeated
-    from suta_calib.acquisition.plan import touched as artefact_plan
+    from suta_calib.acquisition.touch_sequence import (
+        FREE,
+        POINT,
+        TOUCHED,
+        read_arm,
+        read_row,
+        repeated,
+    )
+    from suta_calib.acquisition.touch_sequence import touched as artefact_plan
 
     arm = read_arm(options.job, options.urdf)
     if options.free:
@@ -198,9 +205,9 @@ def _plan(options: Options) -> tuple[Plan, Path]:
     return plan, options.out or row.file(label, options.repeat)
 
 
-def _check(options: Options) -> None:
+def _check(options: MeasureOptions) -> None:
     """Options that contradict each other."""
-    from suta_calib.acquisition.plan import checked_label
+    from suta_calib.acquisition.touch_sequence import checked_label
 
     given = [options.placement is not None, options.point is not None, options.free]
     if sum(given) != 1:
@@ -212,7 +219,7 @@ def _check(options: Options) -> None:
     checked_label(options.repeat, "--repeat")
 
 
-def _unfitting(options: Options, kind: str) -> InputError:
+def _unfitting(options: MeasureOptions, kind: str) -> InputError:
     suits = {
         "pairwise_distance": "--placement",
         "landmark": "--placement",

@@ -10,7 +10,7 @@ import click
 from suta_calib.cli._output import console, json_option, print_json, verbose_option
 
 if TYPE_CHECKING:
-    from suta_calib.analysis.observability import Observability, Prospect
+    from suta_calib.diagnostics.observability import Observability, Prospect
 
 
 @click.command()
@@ -23,8 +23,8 @@ def observe(job: Path, as_json: bool, verbose: bool) -> None:
     Nothing is solved: the answer follows from the readings, the nominal arm and the assumed
     noise. For each parameter the data cannot tell it says why, and what to measure instead.
     """
-    from suta_calib.analysis.observability import observe as look
-    from suta_calib.job import CalibrationJob
+    from suta_calib.diagnostics.observability import observe as look
+    from suta_calib.job.calibration import CalibrationJob
 
     found = look(CalibrationJob.load(job).problem())
     if as_json:
@@ -36,7 +36,7 @@ def observe(job: Path, as_json: bool, verbose: bool) -> None:
 def observability_dict(found: Observability) -> dict[str, Any]:
     """The answer as data, SI units."""
     return {
-        "verdict": found.verdict,
+        "verdict": found.sentence,
         "samples": found.samples,
         "equations": found.equations,
         "unknowns": found.unknowns,

@@ -37,7 +37,7 @@ def outliers(
     report.html.
     """
     from suta_calib.analysis.outliers import Thresholds, find_outliers
-    from suta_calib.job import CalibrationJob
+    from suta_calib.job.calibration import CalibrationJob
     from suta_calib.report.outliers.json import outliers_dict
     from suta_calib.report.outliers.tables import outlier_section, outlier_tables
 
@@ -58,5 +58,5 @@ def outliers(
         lambda: outlier_section(found),
         folder,
         as_json=as_json,
-        usable=found.verdict.usable,
+        usable=found.assessment.usable,
     )

@@ -26,8 +26,8 @@ def pivot(
     written.
     """
     from suta_calib.measurements.pose_files import read_tool_poses
-    from suta_calib.navigation.blame import blame
-    from suta_calib.navigation.pivot import calibrate_pivot
+    from suta_calib.pose_calibration.error_context import error_context
+    from suta_calib.pose_calibration.pivot import calibrate_pivot
     from suta_calib.report.poses.files import pivot_texts
     from suta_calib.report.poses.json import pivot_dict
     from suta_calib.report.poses.tables import pivot_tables
@@ -35,14 +35,14 @@ def pivot(
     if out is not None:
         check_folder(out)
     data = read_tool_poses(poses)
-    with blame(poses), LateStatus("calibrating"):
+    with error_context(poses), LateStatus("calibrating"):
         found = calibrate_pivot(
             data.rotation, data.position, data.point, robust=not plain, seed=seed
         )
     finish(
         context,
         pivot_dict(found, data) | {"robust": not plain, "seed": seed},
-        found.verdict,
+        found.assessment,
         lambda: pivot_tables(found, data),
         lambda: pivot_texts(found, data),
         out,

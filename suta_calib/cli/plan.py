@@ -113,7 +113,7 @@ def _situation(job: Path) -> Situation:
     """The job at its solution, or at nominal where its data cannot be fitted yet."""
     from suta_calib.analysis.planning import Situation
     from suta_calib.errors import SamplesError
-    from suta_calib.job import CalibrationJob
+    from suta_calib.job.calibration import CalibrationJob
     from suta_calib.solver.solve import solve
 
     loaded = CalibrationJob.load(job)

@@ -37,8 +37,8 @@ def register(
     writes result.json, residuals.csv and register.svg. Exits with 1 where T_b_a must not be used.
     """
     from suta_calib.measurements.pose_files import read_corresponding_points, read_points
-    from suta_calib.navigation.blame import blame
-    from suta_calib.navigation.registration import register as register_points
+    from suta_calib.pose_calibration.error_context import error_context
+    from suta_calib.pose_calibration.registration import register as register_points
     from suta_calib.report.poses.files import register_texts
     from suta_calib.report.poses.json import register_dict
     from suta_calib.report.poses.tables import register_tables
@@ -47,12 +47,12 @@ def register(
         check_folder(out)
     points = read_corresponding_points(a, b)
     targets = None if target is None else read_points(target)
-    with blame(a, f"registered to {b}"), LateStatus("registering"):
+    with error_context(a, f"registered to {b}"), LateStatus("registering"):
         found = register_points(points[0].position, points[1].position, robust=not plain, seed=seed)
     finish(
         context,
         register_dict(found, *points, targets) | {"robust": not plain, "seed": seed},
-        found.verdict,
+        found.assessment,
         lambda: register_tables(found, points[0], targets, b=points[1]),
         lambda: register_texts(found, *points),
         out,

@@ -99,7 +99,7 @@ def _arm(
 
 def _visits(arm: ArmModel, path: Path, confidence: float, seed: int) -> Repeatability:
     from suta_calib.analysis.repeatability import DIRECTION, PROTOCOL, repeatability
-    from suta_calib.job import joint_ranges
+    from suta_calib.job.calibration import joint_ranges
     from suta_calib.measurements import SampleColumns, read_csv_table, read_samples
 
     columns = read_csv_table(path).columns
@@ -110,7 +110,7 @@ def _visits(arm: ArmModel, path: Path, confidence: float, seed: int) -> Repeatab
 
 def _rest(arm: ArmModel | None, path: Path) -> Stationary:
     from suta_calib.analysis.repeatability import read_stream, stationary, tip_levers
-    from suta_calib.job import joint_ranges
+    from suta_calib.job.calibration import joint_ranges
 
     if arm is None:
         return stationary(read_stream(path))

@@ -31,28 +31,28 @@ def stereotactic(
     and navigation frames are there. NAME is the last part of PREFIX. Output files that stand beside
     the inputs are compared with. Exits with 1 where the answer must not be used.
     """
-    from suta_calib.navigation.stereotactic import solve_stereotactic
-    from suta_calib.navigation.stereotactic_comparison import compare, read_given
-    from suta_calib.navigation.stereotactic_data import StereotacticData
-    from suta_calib.navigation.stereotactic_verdict import judge_stereotactic
     from suta_calib.report.stereotactic.report import (
         stereotactic_dict,
         stereotactic_tables,
         write_stereotactic,
     )
+    from suta_calib.stereotactic.assessment import judge_stereotactic
+    from suta_calib.stereotactic.comparison import compare, read_given
+    from suta_calib.stereotactic.data import StereotacticData
+    from suta_calib.stereotactic.solve import solve_stereotactic
 
     data = StereotacticData.read(prefix, navigation=dewarp)
     check_folder(out)
     with LateStatus("solving"):
         result = solve_stereotactic(data, dewarp=dewarp, robust=robust)
-    comparison, verdict = compare(result, read_given(result)), judge_stereotactic(result)
-    files = write_stereotactic(result, verdict, out)
+    comparison, assessment = compare(result, read_given(result)), judge_stereotactic(result)
+    files = write_stereotactic(result, assessment, out)
     if as_json:
-        answer = stereotactic_dict(result, verdict, comparison)
+        answer = stereotactic_dict(result, assessment, comparison)
         print_json(answer | {"files": {name: str(path) for name, path in files.items()}})
     else:
         to = console()
-        to.print(stereotactic_tables(result, verdict, comparison))
+        to.print(stereotactic_tables(result, assessment, comparison))
         to.print(f"Written to {out}: {', '.join(files)}", soft_wrap=True)
-    if not verdict.usable:
+    if not assessment.usable:
         context.exit(NOT_USABLE)

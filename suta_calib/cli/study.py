@@ -15,10 +15,10 @@ from suta_calib.cli._numbers import FiniteRange
 from suta_calib.cli._output import LateProgress, json_option
 
 if TYPE_CHECKING:
-    from suta_calib.analysis.study.plan import Plan
-    from suta_calib.analysis.study.sets import Unit
+    from suta_calib.analysis.study.plan import StudyPlan
+    from suta_calib.analysis.study.sets import ResampledUnit
     from suta_calib.analysis.study.trial import Kind
-    from suta_calib.job import CalibrationJob
+    from suta_calib.job.calibration import CalibrationJob
     from suta_calib.report.study.report import Study
 
 # Each is kept in memory and written down; no question needs more.
@@ -121,13 +121,13 @@ def study(
     if sizes is not None and kind != "size":
         raise click.UsageError(f"--sizes is for --kind size; {kind} takes as many as there are")
     from suta_calib.analysis.study.plan import Request, plan_study
-    from suta_calib.job import CalibrationJob
+    from suta_calib.job.calibration import CalibrationJob
     from suta_calib.report.study.json import study_dict
     from suta_calib.report.study.report import study_section, study_tables
 
     folder = folder_of(job, out)
     loaded = CalibrationJob.load(job)
-    request = Request(cast("Kind", kind), trials, sizes, cast("Unit | None", unit), seed)
+    request = Request(cast("Kind", kind), trials, sizes, cast("ResampledUnit | None", unit), seed)
     plan = plan_study(
         loaded.parameters, loaded.observations, loaded.validation, loaded.options(), request
     )
@@ -139,13 +139,13 @@ def study(
         lambda: study_section(found),
         folder,
         as_json=as_json,
-        usable=found.verdict.usable,
+        usable=found.assessment.usable,
     )
 
 
 def _run(
     job: CalibrationJob,
-    plan: Plan,
+    plan: StudyPlan,
     folder: Path,
     tolerance: float,
     *,
@@ -182,7 +182,7 @@ def _workers(jobs: int | None) -> int:
     return int(cpu_count()) if jobs is None else jobs
 
 
-def _identity(job: CalibrationJob, plan: Plan) -> dict[str, str]:
+def _identity(job: CalibrationJob, plan: StudyPlan) -> dict[str, str]:
     """What makes two studies the same: trials of one may stand in the other."""
     data = plan.data
     return {

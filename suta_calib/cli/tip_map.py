@@ -18,7 +18,7 @@ from suta_calib.errors import SamplesError
 if TYPE_CHECKING:
     from suta_calib.analysis.planning import Region
     from suta_calib.analysis.tip_sections import Knowledge
-    from suta_calib.geometry import FloatArray
+    from suta_calib.arrays import FloatArray
 
 _PATH = click.Path(path_type=Path)
 # Points to register where there is no artefact: the corners of a box as large as one, m.
@@ -102,7 +102,7 @@ def _from_job(job: Path, tip: str | None, box: FloatArray | None) -> Start:
     """What the job's calibration knows, a region, and where and what one registers."""
     from suta_calib.analysis.planning import Region, Situation
     from suta_calib.analysis.tip_sections import Knowledge
-    from suta_calib.job import CalibrationJob
+    from suta_calib.job.calibration import CalibrationJob
     from suta_calib.solver.solve import solve
 
     if tip is not None or job.suffix.lower() == ".json":
@@ -112,7 +112,7 @@ def _from_job(job: Path, tip: str | None, box: FloatArray | None) -> Start:
         solution = solve(loaded.problem(), loaded.options(), progress)
     if not solution.converged:
         raise SamplesError(
-            f"a calibration that may not be used ({solution.verdict})",
+            f"a calibration that may not be used ({solution.sentence})",
             "one that converged",
             file=job,
             hint="run suta-calib calibrate, and mend what it names",

@@ -11,7 +11,7 @@ from suta_calib.cli._output import console, json_option, print_json
 from suta_calib.errors import JobError
 
 if TYPE_CHECKING:
-    from suta_calib.analysis.accuracy import Accuracy
+    from suta_calib.diagnostics.accuracy import Accuracy
 
 
 @click.command()
@@ -29,7 +29,7 @@ def validate(urdf: Path, job: Path, result: Path | None, as_json: bool) -> None:
     The arm is held as the URDF has it. "before" is the job's own URDF, "after" the given one.
     """
     from suta_calib.analysis.comparison import check_calibrated, compare_arms
-    from suta_calib.job import CalibrationJob
+    from suta_calib.job.calibration import CalibrationJob
     from suta_calib.model.arm import ArmModel
     from suta_calib.tracking.uncertainty import read_uncertainty
 

@@ -6,9 +6,9 @@ import struct
 from collections.abc import Sequence
 from typing import Final
 
+from suta_calib.arrays import BoolArray
 from suta_calib.device.crc import frame_crc
 from suta_calib.device.description import MOST_JOINTS
-from suta_calib.device.reading import BoolArray
 from suta_calib.device.words import pack_words
 
 HEADER: Final = b"\xaa\x55"

@@ -10,12 +10,13 @@ from typing import Final
 
 import numpy as np
 
+from suta_calib.arrays import BoolArray
 from suta_calib.device.clock import DeviceClock
 from suta_calib.device.crc import WordArray, frame_crc
 from suta_calib.device.description import FRAME_COUNTS_PER_TURN, DeviceSpec
 from suta_calib.device.frame_layout import CRC, FIELDS, FIELDS_AT, HEADER, WORDS_AT, frame_size
 from suta_calib.device.other_count import OtherCount
-from suta_calib.device.reading import BoolArray, Reading, Statistics
+from suta_calib.device.reading import Reading, Statistics
 from suta_calib.device.units import angles_from_counts, signs
 from suta_calib.device.words import Words, unpack_words
 

@@ -14,7 +14,7 @@ from suta_calib.device.units import ONE_TURN, angles_from_values, signs, turn
 from suta_calib.errors import WrongFormatError
 
 if TYPE_CHECKING:
-    from suta_calib.geometry import FloatArray
+    from suta_calib.arrays import FloatArray
 
 _NUMBER: Final = rb"[ \t]*[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]{1,3})?[ \t]*"
 _VALUES: Final = re.compile(_NUMBER + rb"(?:," + _NUMBER + rb")*")

@@ -10,11 +10,12 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from suta_calib.arrays import BoolArray
 from suta_calib.device.description import DeviceSpec
-from suta_calib.device.reading import BoolArray, Reading
+from suta_calib.device.reading import Reading
 
 if TYPE_CHECKING:
-    from suta_calib.geometry import FloatArray
+    from suta_calib.arrays import FloatArray
 
 # Before that, late reading by this computer is larger than any clock's error.
 _CLOCK_AFTER_S: Final = 5.0

@@ -7,13 +7,10 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from suta_calib.geometry import FloatArray
-
-BoolArray = NDArray[np.bool_]
-IntArray = NDArray[np.int64]
+    from suta_calib.arrays import BoolArray, IntArray
+from suta_calib.arrays import FloatArray
 
 
 @dataclass(frozen=True, eq=False, slots=True)

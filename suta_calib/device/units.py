@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from suta_calib.arrays import IntArray
 from suta_calib.device.description import DeviceSpec
-from suta_calib.device.reading import IntArray
 
 if TYPE_CHECKING:
-    from suta_calib.geometry import FloatArray
+    from suta_calib.arrays import FloatArray
 
 
 def turn(spec: DeviceSpec) -> float:

@@ -12,8 +12,8 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from suta_calib.arrays import BoolArray
 from suta_calib.device.crc import WordArray, word_crc
-from suta_calib.device.reading import BoolArray
 
 POSITIONS: Final = 1 << 22
 _NO_ERROR: Final = np.uint32(1 << 7)

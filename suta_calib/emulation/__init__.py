@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from suta_calib.emulation.motion import Curve, Motion, Still, Stops, Sweep, ThereAndBack
     from suta_calib.emulation.pivot import pivoting
     from suta_calib.emulation.player import Played, Player
-    from suta_calib.emulation.recorder import Trajectory
+    from suta_calib.emulation.recorder import TrueTrajectory
     from suta_calib.emulation.script import Timing, artefact_set, point_set, stops
     from suta_calib.emulation.script_file import read_script
     from suta_calib.emulation.stream import Emulation, frames
@@ -36,7 +36,7 @@ _HOMES = {
     "motion": ("Curve", "Motion", "Still", "Stops", "Sweep", "ThereAndBack"),
     "pivot": ("pivoting",),
     "player": ("Played", "Player"),
-    "recorder": ("Trajectory",),
+    "recorder": ("TrueTrajectory",),
     "script": ("Timing", "artefact_set", "point_set", "stops"),
     "script_file": ("read_script",),
     "stream": ("Emulation", "frames"),
@@ -62,7 +62,7 @@ __all__ = [
     "Sweep",
     "ThereAndBack",
     "Timing",
-    "Trajectory",
+    "TrueTrajectory",
     "Window",
     "artefact_set",
     "device_of",

@@ -19,7 +19,7 @@ from suta_calib.device.description import DeviceSpec
 from suta_calib.emulation.child import Orders
 from suta_calib.emulation.output import device_text
 from suta_calib.emulation.player import Played
-from suta_calib.emulation.recorder import Trajectory
+from suta_calib.emulation.recorder import TrueTrajectory
 from suta_calib.emulation.stream import Emulation
 from suta_calib.errors import SutaCalibError
 from suta_calib.measurements import write_text
@@ -65,7 +65,7 @@ class EmulatedArm:
         self._messages: Queue[dict[str, Any]] = Queue()
         self._process: subprocess.Popen[bytes] | None = None
         self._played: Played | None = None
-        self._trajectory: Trajectory | None = None
+        self._trajectory: TrueTrajectory | None = None
 
     def __enter__(self) -> Self:
         self._folder = tempfile.TemporaryDirectory(prefix="suta_calib-emulated-")
@@ -96,7 +96,7 @@ class EmulatedArm:
         return self._played
 
     @property
-    def trajectory(self) -> Trajectory:
+    def trajectory(self) -> TrueTrajectory:
         """What the arm truly did; known when it has stopped."""
         assert self._trajectory is not None, "the emulated arm has not stopped"
         return self._trajectory
@@ -158,4 +158,6 @@ class EmulatedArm:
     def _collect(self, file: Path) -> None:
         if file.exists():
             with np.load(file) as arrays:
-                self._trajectory = Trajectory(arrays["time"], arrays["motion_time"], arrays["q"])
+                self._trajectory = TrueTrajectory(
+                    arrays["time"], arrays["motion_time"], arrays["q"]
+                )

@@ -7,6 +7,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.device.description import DeviceSpec
 from suta_calib.device.protocol import (
     counts_from_angles,
@@ -14,9 +15,6 @@ from suta_calib.device.protocol import (
     encode_line,
     values_from_angles,
 )
-from suta_calib.geometry import FloatArray
-
-BoolArray = NDArray[np.bool_]
 
 
 class Encoder(Protocol):

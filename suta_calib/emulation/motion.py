@@ -13,8 +13,8 @@ from typing import Final, Protocol
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from suta_calib.arrays import FloatArray
 from suta_calib.errors import InputError
-from suta_calib.geometry import FloatArray
 
 _TURN: Final = 2 * np.pi
 

@@ -16,8 +16,8 @@ from scipy.spatial.transform import Rotation
 
 from suta_calib.device.description import DeviceSpec
 from suta_calib.emulation.motion import Motion, Stops
-from suta_calib.emulation.recorder import Trajectory
-from suta_calib.geometry import rpy_from_rotation
+from suta_calib.emulation.recorder import TrueTrajectory
+from suta_calib.geometry.numbers import rpy_from_rotation
 from suta_calib.measurements import write_text
 from suta_calib.model.arm import ArmModel
 from suta_calib.simulation import SetSpec
@@ -88,7 +88,7 @@ def write_trajectory(
     path: Path,
     arm: ArmModel,
     values: Mapping[str, float],
-    trajectory: Trajectory,
+    trajectory: TrueTrajectory,
     motion: Motion | None = None,
 ) -> None:
     """Write a CSV file: ``time`` (s), true tip pose (m, quaternion x y z w), true readings (rad).
@@ -112,7 +112,7 @@ def write_trajectory(
     write_text(path, text.getvalue())
 
 
-def _resting(motion: Motion | None, trajectory: Trajectory) -> dict[str, list[str]]:
+def _resting(motion: Motion | None, trajectory: TrueTrajectory) -> dict[str, list[str]]:
     """Label columns of a script."""
     if not isinstance(motion, Stops):
         return {}

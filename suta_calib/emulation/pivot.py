@@ -8,9 +8,10 @@ from typing import Final
 
 import numpy as np
 
+from suta_calib.arrays import FloatArray
 from suta_calib.emulation.motion import Curve, ThereAndBack, continuous
 from suta_calib.errors import JobError
-from suta_calib.geometry import FloatArray, rotation_from_vector
+from suta_calib.geometry.numbers import rotation_from_vector
 from suta_calib.model.arm import ArmModel
 from suta_calib.simulation import InverseKinematics, Targets
 from suta_calib.simulation.inverse_kinematics import Matching

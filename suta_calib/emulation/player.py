@@ -9,7 +9,7 @@ from functools import partial
 from heapq import merge
 from typing import Final
 
-from suta_calib.emulation.recorder import Recorder, Trajectory
+from suta_calib.emulation.recorder import Recorder, TrueTrajectory
 from suta_calib.emulation.rounds import RoundClock
 from suta_calib.emulation.stream import Emulation, MotionTime, forget, packets, unchanged
 from suta_calib.emulation.terminal import PseudoTerminal
@@ -71,7 +71,7 @@ class Player:
         self._recorder = Recorder(emulation)
 
     @property
-    def trajectory(self) -> Trajectory:
+    def trajectory(self) -> TrueTrajectory:
         """What the arm truly did since the port was first opened."""
         return self._recorder.trajectory(self.played.periods)
 

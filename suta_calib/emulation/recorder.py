@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from suta_calib.arrays import FloatArray
 from suta_calib.emulation.stream import Emulation
-from suta_calib.geometry import FloatArray
 
 
 @dataclass(frozen=True, eq=False)
-class Trajectory:
+class TrueTrajectory:
     """True readings at the time stamps of the frames, sent or not.
 
     Attributes:
@@ -50,7 +50,7 @@ class Recorder:
         """Take the next block: number of its first frame, times and readings."""
         self._blocks.append((number, motion_time, q))
 
-    def trajectory(self, count: int) -> Trajectory:
+    def trajectory(self, count: int) -> TrueTrajectory:
         """The first ``count`` frames: what is computed ahead has not happened."""
         joints = len(self._emulation.device.joints)
         first = self._first
@@ -58,4 +58,4 @@ class Recorder:
         time = np.array([self._emulation.time_us(int(number)) for number in numbers]) / 1e6
         at = np.concatenate([np.empty(0), *(block[1] for block in self._blocks)])
         q = np.concatenate([np.empty((0, joints)), *(block[2] for block in self._blocks)])
-        return Trajectory(time, at[:count], q[:count])
+        return TrueTrajectory(time, at[:count], q[:count])

@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 
+from suta_calib.arrays import FloatArray
 from suta_calib.emulation.motion import Motion, Stops
-from suta_calib.geometry import FloatArray
 
 
 class RoundClock:

@@ -10,13 +10,13 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.device.description import DeviceSpec
 from suta_calib.emulation.damage import Damage
-from suta_calib.emulation.encoders import BoolArray, encoder_for
+from suta_calib.emulation.encoders import encoder_for
 from suta_calib.emulation.faults import Faults, Flag
 from suta_calib.emulation.motion import Motion
 from suta_calib.errors import InputError
-from suta_calib.geometry import FloatArray
 
 # Readings are computed this many frames ahead: 40 ms at 768 Hz.
 _BLOCK: Final = 32

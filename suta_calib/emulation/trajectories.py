@@ -9,9 +9,9 @@ from typing import Final
 
 import numpy as np
 
+from suta_calib.arrays import FloatArray
 from suta_calib.emulation.motion import Curve, Sweep, continuous
 from suta_calib.errors import InputError
-from suta_calib.geometry import FloatArray
 from suta_calib.measurements.csv_table import read_csv_table
 from suta_calib.measurements.suggestion import did_you_mean
 from suta_calib.model.arm import ArmModel

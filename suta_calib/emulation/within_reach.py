@@ -8,9 +8,10 @@ from typing import Final
 
 import numpy as np
 
+from suta_calib.arrays import FloatArray
 from suta_calib.emulation.trajectories import posture_of
 from suta_calib.errors import JobError
-from suta_calib.geometry import FloatArray, rotation_from_rpy
+from suta_calib.geometry.numbers import rotation_from_rpy
 from suta_calib.measurements import Artefact, Landmark, read_artefact
 from suta_calib.model.arm import ArmModel
 from suta_calib.simulation import InverseKinematics, PoseSpec, Targets

@@ -14,8 +14,9 @@ from ruamel.yaml.comments import CommentedMap
 from ruamel.yaml.scalarstring import DoubleQuotedScalarString
 from scipy.spatial import KDTree
 
+from suta_calib.arrays import FloatArray
 from suta_calib.errors import ArtefactError, SamplesError
-from suta_calib.geometry import FloatArray, rotation_from_rpy, rpy_from_rotation
+from suta_calib.geometry.numbers import rotation_from_rpy, rpy_from_rotation
 from suta_calib.measurements.files import write_text
 from suta_calib.measurements.samples import Samples
 from suta_calib.measurements.suggestion import did_you_mean

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from suta_calib.arrays import FloatArray
 from suta_calib.errors import SamplesError
-from suta_calib.geometry import FloatArray
 from suta_calib.measurements.files import read_text
 from suta_calib.measurements.suggestion import did_you_mean
 

@@ -10,8 +10,9 @@ import warnings
 
 import numpy as np
 
+from suta_calib.arrays import FloatArray
 from suta_calib.errors import SamplesError
-from suta_calib.geometry import FloatArray, rotation_from_quaternion
+from suta_calib.geometry.numbers import rotation_from_quaternion
 from suta_calib.measurements.csv_table import CsvTable
 
 _QUATERNION = ("qx", "qy", "qz", "qw")

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from suta_calib.arrays import FloatArray
 from suta_calib.errors import SamplesError
-from suta_calib.geometry import FloatArray
 from suta_calib.measurements.csv_table import CsvTable, read_csv_table
 from suta_calib.measurements.files import write_text
 from suta_calib.measurements.pose_columns import (

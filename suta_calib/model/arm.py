@@ -10,21 +10,17 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
+from suta_calib.arrays import FloatArray
 from suta_calib.batched import Batched
 from suta_calib.errors import ParameterError, UrdfError
-from suta_calib.geometry import FloatArray, Symbol
+from suta_calib.geometry.symbols import Symbol
 from suta_calib.model.chain import Chain, ChainJoint, read_chain
 from suta_calib.model.gravity import Load, check_masses, gravity_in_base, loads
 from suta_calib.model.kinematics import Motion, Segment, forward_kinematics
 from suta_calib.model.nongeometric import COMPLIANCE, nongeometric_parameters
-from suta_calib.model.parameters import (
-    Parameter,
-    ParameterSet,
-    Selection,
-    Unit,
-    select_parameters,
-)
+from suta_calib.model.parameters import Parameter, ParameterSet, Selection, select_parameters
 from suta_calib.model.urdf import folded_origin, write_urdf
+from suta_calib.units import Unit
 
 
 class ArmModel:

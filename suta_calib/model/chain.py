@@ -15,8 +15,8 @@ from typing import Final
 
 import numpy as np
 
+from suta_calib.arrays import FloatArray
 from suta_calib.errors import UrdfError
-from suta_calib.geometry import FloatArray
 from suta_calib.model.urdf_tree import TreeJoint, UrdfTree, read_tree
 from suta_calib.model.urdf_xml import Element, attribute, children, quoted, suggestion
 

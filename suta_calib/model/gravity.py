@@ -18,8 +18,9 @@ from dataclasses import dataclass
 import casadi as ca
 import pinocchio as pin
 
+from suta_calib.arrays import FloatArray
 from suta_calib.errors import UrdfError
-from suta_calib.geometry import FloatArray, Symbol
+from suta_calib.geometry.symbols import Symbol
 from suta_calib.model.chain import Chain
 
 

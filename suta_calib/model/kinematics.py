@@ -19,7 +19,8 @@ from typing import Final, Literal
 import casadi as ca
 import numpy as np
 
-from suta_calib.geometry import FloatArray, Symbol, symbolic_rotation
+from suta_calib.arrays import FloatArray
+from suta_calib.geometry.symbols import Symbol, symbolic_rotation
 from suta_calib.model.gravity import Load, MovingFrame, gravity_torques
 from suta_calib.model.nongeometric import COMPLIANCE
 

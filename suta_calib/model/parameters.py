@@ -7,15 +7,14 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from fnmatch import fnmatchcase
-from typing import Final, Literal
+from typing import Final
 
 import numpy as np
 
+from suta_calib.arrays import FloatArray
 from suta_calib.errors import ParameterError
-from suta_calib.geometry import FloatArray
+from suta_calib.units import Unit
 
-# The last is that of a joint's compliance, a turn per torque.
-Unit = Literal["m", "rad", "rad/Nm"]
 GEOMETRIC: Final = "geometric"
 # Lengths and angles of the size that moves the tip of a metre-long arm by a centimetre, and what
 # yields as much to the torque of a few kilograms.

@@ -18,14 +18,10 @@ from xml.parsers import expat
 import numpy as np
 from numpy.typing import ArrayLike
 
+from suta_calib.arrays import FloatArray
 from suta_calib.atomic import write_bytes_atomically
 from suta_calib.errors import OutputError, UrdfError
-from suta_calib.geometry import (
-    FloatArray,
-    rotation_from_rpy,
-    rotation_from_vector,
-    rpy_from_rotation,
-)
+from suta_calib.geometry.numbers import rotation_from_rpy, rotation_from_vector, rpy_from_rotation
 from suta_calib.model.chain import ChainJoint
 from suta_calib.model.urdf_xml import quoted, read_urdf_bytes, suggestion
 

@@ -1,29 +1,53 @@
-"""What every command's answer on a terminal is made of; readable without colour."""
+"""The terminal's sink: documents as rich shows them, readable without colour."""
 
 from __future__ import annotations
 
 from typing import Final
 
 from rich import box
-from rich.console import RenderableType
+from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from suta_calib.verdict import Level, Verdict
+from suta_calib.assessment import Assessment, Level
+from suta_calib.report import document, listing
 
 COLOUR: Final[dict[Level, str]] = {
     "good": "bold green",
-    "caution": "bold yellow",
+    "care": "bold yellow",
     "bad": "bold red",
 }
 
 
-def verdict_lines(verdict: Verdict) -> list[RenderableType]:
+def rendered(answer: document.Document) -> RenderableType:
+    """A document for a terminal of 80 columns: its parts, and how far to trust it last."""
+    parts: list[RenderableType] = []
+    for part in answer.shown("console"):
+        if isinstance(part, document.Text):
+            parts.append(bullet(part.text) if part.bullet else Text(part.text))
+        elif isinstance(part, listing.Table):
+            parts += [table(part), ""]
+    return Group(*parts, *verdict_lines(answer.assessment))
+
+
+def table(listed: listing.Table) -> Table:
+    """Rows of a document; names wrap, numbers never do."""
+    drawn = plain_table(listed.title)
+    drawn.show_header = any(listed.heads)
+    for k, head in enumerate(listed.heads):
+        right = k in listed.numeric
+        drawn.add_column(head, justify="right" if right else "left", no_wrap=right, overflow="fold")
+    for row in listed.cells:
+        drawn.add_row(*(Text(cell) for cell in row))
+    return drawn
+
+
+def verdict_lines(assessment: Assessment) -> list[RenderableType]:
     """The verdict's word and sentence, and its notes as bullets."""
-    line = Text(f"{verdict.word}.", style=COLOUR[verdict.level])
-    if verdict.sentence:
-        line = Text.assemble(line, " ", verdict.sentence[:1].upper() + verdict.sentence[1:])
-    return [line, *(bullet(note) for note in verdict.notes)]
+    line = Text(f"{assessment.word}.", style=COLOUR[assessment.level])
+    if assessment.sentence:
+        line = Text.assemble(line, " ", assessment.sentence[:1].upper() + assessment.sentence[1:])
+    return [line, *(bullet(note) for note in assessment.notes)]
 
 
 def bullet(note: str) -> Table:

@@ -11,11 +11,11 @@ from rich.console import Group, RenderableType
 from rich.text import Text as Line
 
 from suta_calib.analysis.error_budget import BlockBudget, ErrorBudget, Share, Source
+from suta_calib.assessment import Assessment
 from suta_calib.report.console import number_table, verdict_lines
 from suta_calib.report.sections import Plot, Section, Table, Text
 from suta_calib.report.svg import BLUE, GREY, ORANGE, WIDTH, style, svg_text
-from suta_calib.report.units import NOTHING, SHOWN_UNIT, shown, text
-from suta_calib.verdict import Verdict, verdict_of
+from suta_calib.units import NOTHING, shown, text, unit_name
 
 NAME: Final = "budget"
 TITLE: Final = "Error budget"
@@ -52,7 +52,7 @@ CAPTION: Final = (
 )
 
 
-def budget_verdict(budget: ErrorBudget) -> Verdict:
+def budget_verdict(budget: ErrorBudget) -> Assessment:
     """What dominates, and what the data do not tell."""
     first = _most_telling(budget)
     inside = [s for s in first.shares if s.sources != ("gross",)]
@@ -61,12 +61,14 @@ def budget_verdict(budget: ErrorBudget) -> Verdict:
     notes = (*budget.missing, *_on_gross(budget))
     rms = text(first.rms, first.unit, with_unit=True)
     if not total > 0:
-        return verdict_of((), notes, f"The {first.data} errors ({rms} RMS) leave nothing to split")
+        return Assessment.of(
+            f"The {first.data} errors ({rms} RMS) leave nothing to split", care=notes
+        )
     sentence = (
         f"Of the {first.data} errors ({rms} RMS), gross ones aside, "
         f"{100 * largest.variance / total:.0f} % is {share_words(largest)}"
     )
-    return verdict_of((), notes, sentence)
+    return Assessment.of(sentence, care=notes)
 
 
 def _on_gross(budget: ErrorBudget) -> list[str]:
@@ -86,9 +88,13 @@ def _gross(block: BlockBudget) -> float:
 
 def budget_dict(budget: ErrorBudget) -> dict[str, Any]:
     """The budget as data, mm² and deg² as roots; a share that has no number is null."""
-    verdict = budget_verdict(budget)
+    assessment = budget_verdict(budget)
     return {
-        "verdict": {"level": verdict.level, "sentence": verdict.sentence, "notes": verdict.notes},
+        "verdict": {
+            "level": assessment.level,
+            "sentence": assessment.sentence,
+            "notes": assessment.notes,
+        },
         "blocks": [_block_dict(b) for b in budget.blocks],
         "tip": {f"{key}_rms_mm": _root_mm(value) for key, value in _tip_rows(budget).items()}
         | {"total_rms_mm": shown(budget.tip.rms, "m")},
@@ -184,7 +190,7 @@ def _name(block: BlockBudget) -> str:
 
 
 def _rows(block: BlockBudget) -> list[tuple[str, ...]]:
-    unit = SHOWN_UNIT[block.unit]
+    unit = unit_name(block.unit)
     rows = [
         (share_words(s), text(float(np.sqrt(s.variance)), block.unit), unit, _percent(s, block))
         for s in block.shares
@@ -197,7 +203,7 @@ def _percent(share: Share, block: BlockBudget) -> str:
 
 
 def _block_dict(block: BlockBudget) -> dict[str, Any]:
-    suffix = SHOWN_UNIT[block.unit]
+    suffix = unit_name(block.unit)
     shares = [
         {
             "sources": list(s.sources),

@@ -10,9 +10,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from suta_calib.analysis.accuracy import BlockErrors, Metrics, TermAccuracy
-from suta_calib.geometry import FloatArray
-from suta_calib.model.parameters import Unit
+from suta_calib.arrays import FloatArray
+from suta_calib.diagnostics.accuracy import BlockErrors, Metrics, TermAccuracy
+from suta_calib.units import Unit
 
 # Label columns of samples that errors are looked at by.
 GROUPINGS: Final = ("landmark", "placement", "point")

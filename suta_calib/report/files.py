@@ -5,10 +5,15 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from types import MappingProxyType
+from typing import Any, Final
 
 from suta_calib.atomic import write_bytes_atomically
 from suta_calib.errors import OutputError
+from suta_calib.report.document import Document, Figure
+from suta_calib.report.page import page_with
+
+REPORT: Final = "report.html"
 
 
 def make_folder(folder: Path) -> None:
@@ -54,6 +59,36 @@ def write_texts(
     for each, path in paths.items():
         write_bytes_atomically(path, contents[each].encode())
     return complete
+
+
+def write_document(
+    answer: Document, folder: Path, texts: Mapping[str, str] = MappingProxyType({})
+) -> dict[str, Any]:
+    """Write a document: ``NAME.json``, its pictures, its section in ``report.html``.
+
+    Args:
+        answer: NAME is its name. Figures are written as ``NAME.svg``, or ``NAME_1.svg``,
+            ``NAME_2.svg``, … where there are several.
+        folder: created if it is not there.
+        texts: further whole files by name.
+
+    Returns:
+        The answer's JSON with ``files``, the paths written by name; what ``NAME.json`` holds.
+
+    Raises:
+        OutputError: the folder or a file in it cannot be written.
+    """
+    report = folder / REPORT
+    page = report.read_text(encoding="utf-8", errors="replace") if report.is_file() else None
+    contents = {**texts, **_pictures(answer), REPORT: page_with(answer, page)}
+    return write_texts(answer.json(), contents, folder, f"{answer.name}.json")
+
+
+def _pictures(answer: Document) -> dict[str, str]:
+    figures = [part.svg for part in answer.shown("page") if isinstance(part, Figure)]
+    if len(figures) == 1:
+        return {f"{answer.name}.svg": figures[0]}
+    return {f"{answer.name}_{k}.svg": svg for k, svg in enumerate(figures, start=1)}
 
 
 def json_text(data: Mapping[str, Any]) -> str:

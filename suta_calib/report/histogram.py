@@ -8,11 +8,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from suta_calib.analysis.accuracy import Metrics
-from suta_calib.geometry import FloatArray
+from suta_calib.arrays import FloatArray
+from suta_calib.diagnostics.accuracy import Metrics
 from suta_calib.report.errors_by import KindErrors
 from suta_calib.report.svg import BLUE, ORANGE, WIDTH, plain_log, shown_array, style, svg_text
-from suta_calib.report.units import SHOWN_UNIT
+from suta_calib.units import unit_name
 
 # Two histograms whose medians differ by more than this are both visible only on a log axis.
 FAR_APART: Final = 4.0
@@ -27,7 +27,7 @@ def error_histogram(errors: KindErrors, name: str) -> str:
     """
     before = np.abs(shown_array(errors.before, errors.unit))
     after = np.abs(shown_array(errors.after, errors.unit))
-    unit = SHOWN_UNIT[errors.unit]
+    unit = unit_name(errors.unit)
     with style(name):
         figure = Figure(figsize=(WIDTH, 3.0), layout="constrained")
         axes = figure.subplots()

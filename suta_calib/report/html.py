@@ -8,8 +8,8 @@ from typing import Any
 
 from markupsafe import Markup
 
-from suta_calib.analysis.accuracy import TermAccuracy
 from suta_calib.atomic import write_bytes_atomically
+from suta_calib.diagnostics.accuracy import TermAccuracy
 from suta_calib.report import plots
 from suta_calib.report.errors_by import GROUPINGS, by_kind, groups
 from suta_calib.report.histogram import error_histogram
@@ -17,9 +17,10 @@ from suta_calib.report.result import Result, arm_estimates, labelled_terms
 from suta_calib.report.result_json import arm_correlations, versions
 from suta_calib.report.sections import environment
 from suta_calib.report.tables import by_remedy, explanations, quantity
-from suta_calib.report.units import NOTHING, SHOWN_UNIT, combination, percent, text
 from suta_calib.report.verdict import judge
+from suta_calib.report.words import combination
 from suta_calib.solver.solution import Estimate, Solution
+from suta_calib.units import NOTHING, percent, text, unit_name
 
 Rows = list[dict[str, Any]]
 
@@ -85,7 +86,7 @@ def _error_rows(result: Result) -> Rows:
                         "what": quantity(errors),
                         "state": state,
                         "values": [text(v, errors.unit) for v in values],
-                        "unit": SHOWN_UNIT[errors.unit],
+                        "unit": unit_name(errors.unit),
                         "count": m.count,
                         "improvement": percent(before.rms, after.rms) if state == "after" else "",
                     }
@@ -97,7 +98,7 @@ def _parameter_row(e: Estimate) -> dict[str, Any]:
     unmoved = e.state in ("unidentified", "fixed")
     return {
         "name": e.name,
-        "unit": SHOWN_UNIT[e.unit],
+        "unit": unit_name(e.unit),
         "nominal": text(e.nominal, e.unit),
         "value": text(e.value, e.unit),
         "std": text(e.std, e.unit),

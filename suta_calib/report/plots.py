@@ -12,8 +12,7 @@ from matplotlib.colors import BoundaryNorm
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from suta_calib.geometry import FloatArray
-from suta_calib.model.parameters import Unit
+from suta_calib.arrays import FloatArray
 from suta_calib.report.svg import (
     BLUE,
     GREY,
@@ -24,9 +23,9 @@ from suta_calib.report.svg import (
     style,
     svg_text,
 )
-from suta_calib.report.units import SHOWN_UNIT
 from suta_calib.solver.identifiability import WEAK
 from suta_calib.solver.solution import Estimate
+from suta_calib.units import Unit, unit_name
 
 MOST_GROUPS: Final = 30
 MOST_CORRELATED: Final = 30
@@ -179,7 +178,7 @@ def _changes(axes: Axes, found: Sequence[Estimate], unit: Unit) -> None:
     axes.set_yticks(k, [_short(e.name, 26) for e in found], fontsize=7)
     axes.set_ylim(len(found) - 0.4, -0.6)
     axes.grid(axis="x")
-    axes.set_xlabel(f"change ± std, {SHOWN_UNIT[unit]}")
+    axes.set_xlabel(f"change ± std, {unit_name(unit)}")
     axes.legend(ncols=2, fontsize=8, loc="lower left", bbox_to_anchor=(0, 1))
 
 

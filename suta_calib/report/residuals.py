@@ -7,10 +7,10 @@ import io
 from collections.abc import Iterator
 from typing import Final
 
-from suta_calib.analysis.accuracy import BlockErrors, TermAccuracy
-from suta_calib.geometry import FloatArray
+from suta_calib.arrays import FloatArray
+from suta_calib.diagnostics.accuracy import BlockErrors, TermAccuracy
 from suta_calib.report.result import Result, labelled_terms
-from suta_calib.report.units import SHOWN_UNIT, shown
+from suta_calib.units import shown, unit_name
 
 COLUMNS: Final = (
     *("set", "kind", "label", "quantity", "what", "samples", "unit"),
@@ -47,7 +47,7 @@ def _numbers(block: BlockErrors, k: int) -> list[str]:
     unit = block.unit
     norms = [f"{shown(float(e[k]), unit):.6g}" for e in (block.before, block.after)]
     before, after = block.residual_before[k], block.residual_after[k]
-    return [SHOWN_UNIT[unit], *norms, *_components(before, block), *_components(after, block)]
+    return [unit_name(unit), *norms, *_components(before, block), *_components(after, block)]
 
 
 def _components(residual: FloatArray, block: BlockErrors) -> list[str]:

@@ -1,4 +1,4 @@
-"""What a report needs of a calibration: `suta_calib.job.CalibrationResult` is one.
+"""What a report needs of a calibration: `suta_calib.job.calibration.CalibrationResult` is one.
 
 Reports stand below jobs in the package, so they describe what they read instead of importing it.
 """
@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Protocol
 
-from suta_calib.analysis.accuracy import Accuracy, TermAccuracy
+from suta_calib.diagnostics.accuracy import Accuracy, TermAccuracy
 from suta_calib.measurements.exclusion import Exclusion
 from suta_calib.model.arm import ArmModel
 from suta_calib.solver.solution import Estimate, Solution

@@ -10,12 +10,12 @@ from typing import Any, Final
 
 import numpy as np
 
-from suta_calib.analysis.accuracy import Metrics, TermAccuracy
-from suta_calib.model.parameters import Parameter, Unit
+from suta_calib.diagnostics.accuracy import Metrics, TermAccuracy
+from suta_calib.model.parameters import Parameter
 from suta_calib.report.errors_by import KindErrors, by_kind
 from suta_calib.report.result import Result, labelled_terms
-from suta_calib.report.units import SHOWN_UNIT, shown
 from suta_calib.solver.solution import Estimate, Solution
+from suta_calib.units import Unit, shown, unit_name
 
 DISTRIBUTIONS: Final = ("suta_calib", "pin", "casadi", "numpy")
 Json = dict[str, Any]
@@ -36,7 +36,7 @@ def result_dict(result: Result) -> Json:
     solution = result.solution
     content = {
         "status": "converged" if solution.converged else "not_converged",
-        "verdict": solution.verdict,
+        "verdict": solution.sentence,
         "job": result.job.spec.path.name,
         "parameters": {name: _parameter(solution, name) for name in solution.problem.names},
         "unidentified": list(solution.unidentified),
@@ -55,7 +55,7 @@ def result_dict(result: Result) -> Json:
 
 def metrics_dict(metrics: Metrics, unit: Unit = "m") -> Json:
     """RMS, mean, standard deviation and maximum in mm (or deg), and the count."""
-    suffix = SHOWN_UNIT[unit]
+    suffix = unit_name(unit)
     values = {
         "rms": metrics.rms,
         "mean": metrics.mean,

@@ -15,8 +15,8 @@ from typing import Any, Final
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
+from suta_calib.assessment import Assessment
 from suta_calib.report.files import write_texts
-from suta_calib.verdict import Verdict
 
 REPORT: Final = "report.html"
 _END: Final = "<!-- analyses -->"
@@ -54,13 +54,13 @@ class Section:
     Attributes:
         name: identifies it: a section replaces an earlier one of its name.
         title: its heading.
-        verdict: the first thing a reader needs.
+        assessment: the first thing a reader needs.
         parts: what follows, in order.
     """
 
     name: str
     title: str
-    verdict: Verdict
+    assessment: Assessment
     parts: Sequence[Text | Plot | Table] = field(default_factory=tuple)
 
 

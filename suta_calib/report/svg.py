@@ -14,9 +14,8 @@ from lxml import etree
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, NullFormatter
 
-from suta_calib.geometry import FloatArray
-from suta_calib.model.parameters import Unit
-from suta_calib.report.units import shown
+from suta_calib.arrays import FloatArray
+from suta_calib.units import Unit, shown
 
 # Okabe, Ito (2008), https://jfly.uni-koeln.de/color/: told apart by colour-blind people, and these
 # three also by their grey.

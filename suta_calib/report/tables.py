@@ -10,16 +10,15 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
-from suta_calib.analysis.accuracy import Accuracy, Metrics, TermAccuracy
-from suta_calib.analysis.observability import Explanation, Observability, Prospect, explain
-from suta_calib.model.parameters import Unit
+from suta_calib.assessment import Assessment, Level
+from suta_calib.diagnostics.accuracy import Accuracy, Metrics, TermAccuracy
+from suta_calib.diagnostics.observability import Explanation, Observability, Prospect, explain
 from suta_calib.report.console import bullet, plain_table, verdict_lines
 from suta_calib.report.errors_by import KindErrors, by_kind
 from suta_calib.report.result import Result
-from suta_calib.report.units import NOTHING, SHOWN_UNIT, percent, text
 from suta_calib.report.verdict import judge, listed
 from suta_calib.solver.solution import Estimate, Solution, State
-from suta_calib.verdict import Level, Verdict
+from suta_calib.units import NOTHING, Unit, percent, text, unit_name
 
 MOST_SENTENCES: Final = 3
 MOST_ROWS: Final = 20
@@ -147,9 +146,9 @@ def observability_table(observability: Observability, *, verbose: bool = False) 
 
 def observability_words(observability: Observability) -> RenderableType:
     """The verdict in one sentence, then why parameters would be held and what to do about it."""
-    level: Level = "caution" if observability.unidentified else "good"
-    verdict = Verdict(level, (), observability.verdict)
-    return Group(*verdict_lines(verdict), *_explained(observability.explanations))
+    level: Level = "care" if observability.unidentified else "good"
+    assessment = Assessment(level, observability.sentence)
+    return Group(*verdict_lines(assessment), *_explained(observability.explanations))
 
 
 def _parameter_cells(e: Estimate) -> list[RenderableType]:
@@ -160,7 +159,7 @@ def _parameter_cells(e: Estimate) -> list[RenderableType]:
         text(e.value, e.unit),
         change,
         text(e.std, e.unit),
-        SHOWN_UNIT[e.unit],
+        unit_name(e.unit),
         _state(e.state),
         Text(listed(list(e.given), 3)),
     ]
@@ -175,7 +174,7 @@ def _prospect_cells(p: Prospect) -> list[RenderableType]:
         Text(p.name),
         f"± {text(p.plausible, p.unit)}",
         text(p.std, p.unit),
-        SHOWN_UNIT[p.unit],
+        unit_name(p.unit),
         _state(p.state),
         Text(listed(list(p.given), 3)),
     ]
@@ -212,7 +211,7 @@ def _add_errors(table: Table, name: str, terms: Sequence[TermAccuracy]) -> None:
         before, after = errors.metrics
         better = percent(before.rms, after.rms)
         what = quantity(errors) if len({e.kind for e in found}) > 1 else errors.name
-        what = f"{what}, {SHOWN_UNIT[errors.unit]}"
+        what = f"{what}, {unit_name(errors.unit)}"
         table.add_row(name, what, "before", *_metric_cells(before, errors.unit), "")
         after_cells = [Text(cell, style="bold") for cell in _metric_cells(after, errors.unit)]
         table.add_row("", "", "after", *after_cells, Text(better, style="bold"), end_section=True)

@@ -6,14 +6,14 @@ from typing import Final
 
 import numpy as np
 
-from suta_calib.analysis.accuracy import Accuracy
-from suta_calib.analysis.lack_of_fit import LackOfFit, lack_of_fit
-from suta_calib.analysis.model_choice.residual_tests import score_tests
+from suta_calib.assessment import Assessment, Level
+from suta_calib.diagnostics.accuracy import Accuracy
+from suta_calib.diagnostics.lack_of_fit import LackOfFit, lack_of_fit
+from suta_calib.diagnostics.score_tests import score_tests
 from suta_calib.model.nongeometric import is_nongeometric
 from suta_calib.report.result import Result, arm_estimates
-from suta_calib.report.units import text
 from suta_calib.solver.solution import Solution, State
-from suta_calib.verdict import Level, Verdict
+from suta_calib.units import text
 
 # Noise that differs from what the job states by more than this factor deserves a word.
 SURPRISING: Final = 2.0
@@ -24,11 +24,11 @@ MOST_NAMES: Final = 6
 REDUNDANT: Final = 6
 
 
-def judge(result: Result) -> Verdict:
+def judge(result: Result) -> Assessment:
     """Weigh convergence, held-out errors, bounds and what could not be told."""
     solution = result.solution
     if not solution.converged:
-        return Verdict("bad", ("No calibrated URDF is written.",), solution.verdict)
+        return Assessment("bad", solution.sentence, ("No calibrated URDF is written.",))
     notes = (
         *_on_validation(result.accuracy),
         *_on_parameters(solution),
@@ -39,8 +39,8 @@ def judge(result: Result) -> Verdict:
         *_on_seating(result),
     )
     worse = _validation_change(result.accuracy) > 0
-    level: Level = "bad" if worse else "caution" if notes else "good"
-    return Verdict(level, notes, solution.verdict)
+    level: Level = "bad" if worse else "care" if notes else "good"
+    return Assessment(level, solution.sentence, notes)
 
 
 def _validation_change(accuracy: Accuracy) -> float:

@@ -14,8 +14,9 @@ from typing import Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from suta_calib.arrays import FloatArray
 from suta_calib.batched import Batched
-from suta_calib.geometry import FloatArray, vector_from_rotation
+from suta_calib.geometry.numbers import vector_from_rotation
 from suta_calib.model.arm import ArmModel
 from suta_calib.simulation.noise import full_circle, wrapped
 

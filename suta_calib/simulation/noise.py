@@ -12,7 +12,8 @@ from zlib import crc32
 import numpy as np
 from numpy.typing import NDArray
 
-from suta_calib.geometry import FloatArray, rotation_from_vector
+from suta_calib.arrays import FloatArray
+from suta_calib.geometry.numbers import rotation_from_vector
 from suta_calib.model.arm import ArmModel
 
 

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.errors import JobError
-from suta_calib.geometry import FloatArray, rotation_from_vector
+from suta_calib.geometry.numbers import rotation_from_vector
 from suta_calib.measurements import Artefact, Landmark
 from suta_calib.simulation.inverse_kinematics import (
     InverseKinematics,
@@ -21,7 +21,6 @@ from suta_calib.simulation.inverse_kinematics import (
 from suta_calib.simulation.noise import stream
 from suta_calib.simulation.schema import PoseSpec, SetSpec, SimulationSpec
 
-BoolArray = NDArray[np.bool_]
 # A direction that few starts reach is not worth more: another one is drawn.
 _STARTS_PER_DIRECTION: Final = 6
 _MOST_BATCHES: Final = 20

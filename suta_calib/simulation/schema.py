@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
-from suta_calib.geometry import FloatArray
-from suta_calib.model.parameters import Unit
+from suta_calib.arrays import FloatArray
 from suta_calib.simulation.noise import NoiseLevels, OutlierSpec
+from suta_calib.units import Unit
 
 TOUCHED_ARTEFACT: Final = ("pairwise_distance", "landmark")
 SEEN_FROM_AFAR: Final = ("tracked_point", "hand_eye")

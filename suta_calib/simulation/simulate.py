@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from suta_calib.arrays import FloatArray
 from suta_calib.errors import JobError
-from suta_calib.geometry import FloatArray, rotation_from_vector
+from suta_calib.geometry.numbers import rotation_from_vector
 from suta_calib.measurements import Artefact, Samples, read_artefact
 from suta_calib.model.arm import ArmModel
 from suta_calib.simulation.inverse_kinematics import InverseKinematics, Targets

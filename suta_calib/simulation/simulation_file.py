@@ -10,10 +10,10 @@ from typing import Final, TypeVar
 
 import numpy as np
 
+from suta_calib.arrays import FloatArray
 from suta_calib.errors import JobError
-from suta_calib.geometry import FloatArray, rotation_from_rpy
+from suta_calib.geometry.numbers import rotation_from_rpy
 from suta_calib.measurements import YamlSection, read_yaml
-from suta_calib.model.parameters import Unit
 from suta_calib.simulation.noise import NoiseLevels, OutlierSpec
 from suta_calib.simulation.schema import (
     KINDS,
@@ -25,6 +25,7 @@ from suta_calib.simulation.schema import (
     SetSpec,
     SimulationSpec,
 )
+from suta_calib.units import Unit
 
 _COMMON_KEYS: Final = ("kind", "noise", "outliers")
 _KEYS_OF_KIND: Final = {

@@ -19,10 +19,10 @@ from typing import Final
 
 import numpy as np
 
-from suta_calib.geometry import FloatArray
+from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.solver.information import Rows, robust_jacobian
 from suta_calib.solver.problem import Problem
-from suta_calib.terms.term import Block, IntArray, Term
+from suta_calib.terms.term import Block, Term
 
 # The noise that weighs the landmarks' prior settles in so many rounds.
 ROUNDS: Final = 4

@@ -16,7 +16,7 @@ from typing import Final
 
 import numpy as np
 
-from suta_calib.geometry import FloatArray
+from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.solver.artefact_covariance import (
     artefact_covariance,
     artefact_rows,
@@ -24,7 +24,6 @@ from suta_calib.solver.artefact_covariance import (
 )
 from suta_calib.solver.information import Information, Rows, robust_jacobian, whitened_rows
 from suta_calib.solver.problem import Problem
-from suta_calib.terms.term import IntArray
 
 # Touches from which on none has leverage worth freeing residuals of.
 MANY_TOUCHES: Final = 2000

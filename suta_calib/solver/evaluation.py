@@ -9,12 +9,13 @@ from typing import Any
 
 import numpy as np
 
+from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.batched import Batched
-from suta_calib.geometry import FloatArray, rotation_from_vector
+from suta_calib.geometry.numbers import rotation_from_vector
 from suta_calib.solver.kernel import Kernel, RowPattern
 from suta_calib.solver.losses import huber, huber_weight, kept_curvature
 from suta_calib.terms.poses import ArmPoses, PoseSource
-from suta_calib.terms.term import Block, IntArray
+from suta_calib.terms.term import Block
 
 
 @dataclass(frozen=True, eq=False)

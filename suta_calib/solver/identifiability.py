@@ -14,12 +14,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.errors import ParameterError
-from suta_calib.geometry import FloatArray
 from suta_calib.model.nongeometric import is_nongeometric
 from suta_calib.model.parameters import ParameterSet
 from suta_calib.solver.information import Information
-from suta_calib.terms.term import IntArray
 
 # Standard deviation over plausible range beyond which a number is not worth reporting: a value
 # anywhere within ± the bound has one of 0.58 before any measurement.
@@ -92,7 +91,7 @@ def identify(
     scaled = [m * np.outer(unit, unit) for m in _matrices(information)]
     prior = precision * unit**2
     arm, own = np.flatnonzero(free[:arm_count]), np.arange(arm_count, len(unit))
-    reduced = eliminate(scaled, prior, arm, own)
+    reduced = schur_complement(scaled, prior, arm, own)
     spectrum = np.sqrt(np.maximum(np.linalg.eigvalsh(reduced[0])[::-1], 0.0))
     held, combinations = list[int](), list[Combination]()
     rank = _preference(parameters)
@@ -110,10 +109,10 @@ def identify(
 
 
 def _matrices(information: Information) -> list[FloatArray]:
-    return [information.curvature, information.variance, information.feigned]
+    return [information.curvature, information.variance, information.noise_induced]
 
 
-def eliminate(
+def schur_complement(
     matrices: list[FloatArray], prior: FloatArray, arm: IntArray, own: IntArray
 ) -> list[FloatArray]:
     """Information on some parameters alone, once the others have followed wherever they move them.
@@ -151,14 +150,14 @@ def _hold(
 
 def _weak_directions(matrices: list[FloatArray], prior: FloatArray) -> FloatArray:
     """Orthonormal basis (n, k) of what the data leave open, in plausible units."""
-    curvature, variance, feigned = matrices
+    curvature, variance, noise_induced = matrices
     if not np.isfinite(curvature).all():
         raise ParameterError(
             "a Jacobian that is not finite", "finite readings and parameter values at the start"
         )
     values, vectors = np.linalg.eigh(curvature + np.diag(prior))
     floor = ROUNDING * max(float(values[-1]), 1e-300)
-    along = [np.einsum("ik,ij,jk->k", vectors, m, vectors) for m in (variance, feigned)]
+    along = [np.einsum("ik,ij,jk->k", vectors, m, vectors) for m in (variance, noise_induced)]
     known = np.einsum("ik,i->k", vectors**2, prior)
     spread = np.sqrt(np.maximum(np.maximum(along[0] + known, values), 0.0)) / np.maximum(
         values, floor
@@ -169,7 +168,7 @@ def _weak_directions(matrices: list[FloatArray], prior: FloatArray) -> FloatArra
 
 
 def _echelon(
-    weak: FloatArray, chosen: list[int], curvature: FloatArray, feigned: FloatArray
+    weak: FloatArray, chosen: list[int], curvature: FloatArray, noise_induced: FloatArray
 ) -> FloatArray:
     """The weak directions with one held parameter each, and nothing in them that noise put there.
 
@@ -186,7 +185,7 @@ def _echelon(
         still_weak = max(4.0 * known, 1e-3 * floor if exact else 0.25 / WEAK**2)
         for i in np.argsort(np.abs(column)):
             kept, column[i] = column[i], 0.0
-            by_noise = 0.0 if exact else float(column @ feigned @ column) / FEIGNED
+            by_noise = 0.0 if exact else float(column @ noise_induced @ column) / FEIGNED
             if column @ curvature @ column > max(still_weak, by_noise) or not column.any():
                 column[i] = kept
                 break

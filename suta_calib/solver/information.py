@@ -19,11 +19,11 @@ from typing import Final
 
 import numpy as np
 
-from suta_calib.geometry import FloatArray
-from suta_calib.model.parameters import Unit
+from suta_calib.arrays import FloatArray
 from suta_calib.solver.evaluation import Linearised
 from suta_calib.solver.problem import Problem
 from suta_calib.terms.poses import ArmPoses, MeasuredPoses
+from suta_calib.units import Unit
 
 # Readings that are looked at to learn how far the tip reaches: an average needs no more.
 REACH_SAMPLES: Final = 50
@@ -40,7 +40,7 @@ class Information:
 
     curvature: FloatArray
     variance: FloatArray
-    feigned: FloatArray
+    noise_induced: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,8 +91,8 @@ def predicted_information(
     curvature = sum(r.jacobian.T @ r.jacobian for r in rows)
     variance = sum(_predicted_variance(r) for r in rows)
     beliefs = [r.belief for r in rows]
-    feigned = _feigned_information(problem, x, sigmas, plain, beliefs)
-    return Information(np.asarray(curvature), np.asarray(variance), feigned)
+    noise_induced = _feigned_information(problem, x, sigmas, plain, beliefs)
+    return Information(np.asarray(curvature), np.asarray(variance), noise_induced)
 
 
 def noise_levels(problem: Problem, x: FloatArray, sigmas: Sequence[float]) -> list[float]:

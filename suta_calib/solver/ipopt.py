@@ -13,10 +13,9 @@ from typing import Any, Final
 import casadi as ca
 import numpy as np
 
-from suta_calib.geometry import FloatArray
+from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.symbolic import symbolic_cost
-from suta_calib.terms.term import IntArray
 
 MAX_POLISH: Final = 10
 # Residuals up to which the cost is minimised as it is.
@@ -27,7 +26,7 @@ Evaluate = Callable[[FloatArray], tuple[float, FloatArray, FloatArray]]
 
 
 @dataclass(frozen=True)
-class Options:
+class SolverOptions:
     """How to minimise.
 
     Attributes:
@@ -76,7 +75,7 @@ class RobustNlp:
     """
 
     def __init__(
-        self, problem: Problem, free: IntArray, sigmas: Sequence[float], options: Options
+        self, problem: Problem, free: IntArray, sigmas: Sequence[float], options: SolverOptions
     ) -> None:
         self._problem, self._free, self._sigmas = problem, free, list(sigmas)
         self._scale = problem.parameters.array("scale")[free]

@@ -14,9 +14,9 @@ import casadi as ca
 import numpy as np
 from scipy import sparse
 
+from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.batched import Batched
-from suta_calib.geometry import FloatArray
-from suta_calib.terms.term import Block, IntArray, Pose, Residual
+from suta_calib.terms.term import Block, Pose, Residual
 
 
 class RowPattern:

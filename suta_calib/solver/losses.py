@@ -15,7 +15,8 @@ import casadi as ca
 import numpy as np
 from scipy.special import chdtr, gammaincinv
 
-from suta_calib.geometry import FloatArray, Symbol
+from suta_calib.arrays import FloatArray
+from suta_calib.geometry.symbols import Symbol
 
 # 95 % efficiency for Gaussian noise in one dimension (Huber); the same quantile in more.
 HUBER_1D: Final = 1.345

@@ -12,8 +12,8 @@ from typing import Final
 
 import numpy as np
 
+from suta_calib.arrays import FloatArray
 from suta_calib.errors import ParameterError
-from suta_calib.geometry import FloatArray
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import Parameter, ParameterSet
 from suta_calib.solver.evaluation import BlockView, Evaluation, Linearised

@@ -9,12 +9,12 @@ from typing import Literal
 
 import numpy as np
 
-from suta_calib.geometry import FloatArray
-from suta_calib.model.parameters import Parameter, Unit
+from suta_calib.arrays import FloatArray, IntArray
+from suta_calib.model.parameters import Parameter
 from suta_calib.solver.identifiability import Identification
 from suta_calib.solver.ipopt import Minimum
 from suta_calib.solver.problem import Problem
-from suta_calib.terms.term import IntArray
+from suta_calib.units import Unit
 
 State = Literal["identified", "unidentified", "prior", "at_bound", "fixed"]
 # Of the variance that a prior leaves, the part the data must take away to call it identified.
@@ -79,10 +79,10 @@ class Solution:
     @property
     def converged(self) -> bool:
         """Whether IPOPT calls the best start solved, and the answer fits well enough to use."""
-        return self.minimum.converged and not self.drowned
+        return self.minimum.converged and not self.swamped
 
     @property
-    def drowned(self) -> bool:
+    def swamped(self) -> bool:
         """Whether the residuals are so large that most of what could be told is lost in them."""
         arm = self.problem.arm_count
         wanted = sum(p.free for p in list(self.problem.parameters.values())[:arm])
@@ -91,9 +91,9 @@ class Solution:
         return kept < promised / 2
 
     @property
-    def verdict(self) -> str:
+    def sentence(self) -> str:
         """One sentence on whether the values may be used."""
-        if self.minimum.converged and self.drowned:
+        if self.minimum.converged and self.swamped:
             return (
                 "not usable: the residuals are so large that most of what these data could "
                 "determine is lost in them; look for a wrong unit, a wrong artefact, or a joint "

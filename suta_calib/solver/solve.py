@@ -10,16 +10,15 @@ from typing import Final
 
 import numpy as np
 
+from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.errors import ParameterError, SamplesError
-from suta_calib.geometry import FloatArray
 from suta_calib.model.parameters import Parameter
 from suta_calib.solver.covariance import observed_parts
 from suta_calib.solver.identifiability import Identification, identify
 from suta_calib.solver.information import noise_levels, predicted_information
-from suta_calib.solver.ipopt import Minimum, Options, RobustNlp
+from suta_calib.solver.ipopt import Minimum, RobustNlp, SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution, near_bound
-from suta_calib.terms.term import IntArray
 from suta_calib.threads import single_threaded
 
 MAX_REVISIONS = 4
@@ -29,7 +28,7 @@ Progress = Callable[[int, int], None]
 
 @single_threaded
 def solve(
-    problem: Problem, options: Options = Options(), progress: Progress | None = None
+    problem: Problem, options: SolverOptions = SolverOptions(), progress: Progress | None = None
 ) -> Solution:
     """Minimise the problem over what its data can determine.
 
@@ -110,7 +109,7 @@ def _check_redundant(problem: Problem, free: IntArray) -> None:
 
 
 @dataclass(frozen=True, eq=False)
-class _Fit:
+class _BestFit:
     minimum: Minimum
     attempts: tuple[Minimum, ...]
     identification: Identification
@@ -122,9 +121,9 @@ def _fit(
     nominal: FloatArray,
     identification: Identification,
     sigmas: Sequence[float],
-    options: Options,
+    options: SolverOptions,
     progress: Progress | None,
-) -> _Fit:
+) -> _BestFit:
     """Minimise from all starts, then again from the best for as long as the verdict changes."""
     held = set(identification.held.tolist())
     starts = start_points(problem, nominal, held, options)
@@ -150,7 +149,7 @@ def _fit(
         again = minimum.x.copy()
         again[list(held)] = nominal[list(held)]
         starts = [again]
-    return _Fit(minimum, attempts, identification, free)
+    return _BestFit(minimum, attempts, identification, free)
 
 
 def identify_at(
@@ -162,7 +161,7 @@ def identify_at(
 
 
 def start_points(
-    problem: Problem, nominal: FloatArray, held: set[int], options: Options
+    problem: Problem, nominal: FloatArray, held: set[int], options: SolverOptions
 ) -> list[FloatArray]:
     """Nominal first, then seeded uniform draws of the arm's parameters within their bounds."""
     random = np.random.default_rng(options.seed)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import casadi as ca
 import numpy as np
 
-from suta_calib.geometry import Symbol
+from suta_calib.geometry.symbols import Symbol
 from suta_calib.solver.evaluation import BlockView
 from suta_calib.solver.losses import symbolic_huber
 from suta_calib.solver.problem import Problem

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from suta_calib.terms.fixed_point import FixedPoint
 from suta_calib.terms.hand_eye import HandEye
-from suta_calib.terms.landmark import Landmark
+from suta_calib.terms.landmark import TouchedLandmark
 from suta_calib.terms.pairwise_distance import PairwiseDistance
 from suta_calib.terms.poses import ArmPoses, MeasuredPoses, PoseSource
 from suta_calib.terms.seating import Seating
@@ -12,7 +12,7 @@ from suta_calib.terms.term import Block, Noise, Setup, Term
 from suta_calib.terms.tracked_point import TrackedPoint
 
 KINDS: dict[str, type[Term]] = {
-    cls.kind: cls for cls in (PairwiseDistance, Landmark, FixedPoint, TrackedPoint, HandEye)
+    cls.kind: cls for cls in (PairwiseDistance, TouchedLandmark, FixedPoint, TrackedPoint, HandEye)
 }
 
 __all__ = [
@@ -21,7 +21,6 @@ __all__ = [
     "Block",
     "FixedPoint",
     "HandEye",
-    "Landmark",
     "MeasuredPoses",
     "Noise",
     "PairwiseDistance",
@@ -29,5 +28,6 @@ __all__ = [
     "Seating",
     "Setup",
     "Term",
+    "TouchedLandmark",
     "TrackedPoint",
 ]

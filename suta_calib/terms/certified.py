@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from suta_calib.geometry import FloatArray
+from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.measurements import Artefact
-from suta_calib.terms.term import IntArray, grouped
+from suta_calib.terms.term import grouped
 
 
 @dataclass(frozen=True, eq=False)

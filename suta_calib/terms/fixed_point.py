@@ -8,31 +8,23 @@ from typing import ClassVar, Final, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
+from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.errors import SamplesError
-from suta_calib.geometry import FloatArray, Symbol
+from suta_calib.geometry.symbols import Symbol
 from suta_calib.measurements import SampleColumns, Samples
 from suta_calib.terms.poses import MeasuredPoses, PoseSource
-from suta_calib.terms.rehearsal import Rehearsal
+from suta_calib.terms.resimulation import Resimulation
 from suta_calib.terms.synthetic import (
     EXACT,
-    NOTHING_GROSS,
-    Gross,
+    NO_OUTLIERS,
+    OutlierModel,
+    PoseNoise,
     Simulated,
-    Spread,
+    contaminated,
     random_turns,
     simulated,
-    spoiled,
 )
-from suta_calib.terms.term import (
-    Block,
-    IntArray,
-    Noise,
-    Pose,
-    Setup,
-    Term,
-    grouped,
-    point_parameters,
-)
+from suta_calib.terms.term import Block, Noise, Pose, Setup, Term, grouped, point_parameters
 
 # Relative eigenvalue of the normal matrix below which a direction is not determined at all.
 _ROUNDING: Final = 1e-12
@@ -103,13 +95,13 @@ class FixedPoint(Term):
         cls,
         count: int,
         *,
-        spread: Spread = EXACT,
+        spread: PoseNoise = EXACT,
         seed: int = 0,
         tip: ArrayLike = (0.02, -0.01, 0.15),
         posts: ArrayLike = ((0.1, 0.2, -1.0),),
         turn: float = np.pi / 4,
         axes: ArrayLike | None = None,
-        gross: Gross = NOTHING_GROSS,
+        gross: OutlierModel = NO_OUTLIERS,
     ) -> Simulated[FixedPoint]:
         """Poses of a tracked tool that pivots on one post after the other.
 
@@ -127,7 +119,7 @@ class FixedPoint(Term):
         t, c = np.asarray(tip, dtype=float), np.atleast_2d(np.asarray(posts, dtype=float))
         R = random_turns(random, count * len(c), turn, axes)
         poses = spread.scattered(noise, (R, np.repeat(c, count, axis=0) - R @ t))
-        poses, outliers = spoiled(errors, poses, gross, swap_orientation=False)
+        poses, outliers = contaminated(errors, poses, gross, swap_orientation=False)
         labels = {"point": [f"post_{k + 1}" for k in range(len(c)) for _ in range(count)]}
         samples = Samples.from_arrays([], np.zeros((len(R), 0)), labels=labels)
         return simulated(cls(MeasuredPoses(*poses, samples)), (t, *c), outliers)
@@ -136,8 +128,8 @@ class FixedPoint(Term):
         """The same over other poses."""
         return type(self)(poses, self.noise)
 
-    def simulated_again(
-        self, values: Mapping[str, float], noise: Sequence[float], again: Rehearsal
+    def resimulated(
+        self, values: Mapping[str, float], noise: Sequence[float], again: Resimulation
     ) -> Self:
         """Every touch at its point."""
         points = [[values[f"fixed_point[{n}].{key}"] for key in "xyz"] for n in self._points]

@@ -9,21 +9,23 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from suta_calib.arrays import FloatArray
 from suta_calib.errors import SamplesError
-from suta_calib.geometry import FloatArray, Symbol, rotation_from_vector, symbolic_rotation_log
+from suta_calib.geometry.numbers import rotation_from_vector
+from suta_calib.geometry.symbols import Symbol, symbolic_chordal_log
 from suta_calib.measurements import SampleColumns, Samples
 from suta_calib.terms.hand_eye_start import Poses, close_the_loop, quaternion_hand_eye
 from suta_calib.terms.poses import MeasuredPoses, PoseSource
-from suta_calib.terms.rehearsal import Rehearsal, pose_named
+from suta_calib.terms.resimulation import Resimulation, pose_named
 from suta_calib.terms.synthetic import (
     EXACT,
-    NOTHING_GROSS,
-    Gross,
+    NO_OUTLIERS,
+    OutlierModel,
+    PoseNoise,
     Simulated,
-    Spread,
+    contaminated,
     random_turns,
     simulated,
-    spoiled,
 )
 from suta_calib.terms.term import (
     Block,
@@ -54,15 +56,15 @@ def _target_in_eye(poses: Sequence[Pose], own: Symbol) -> Pose:
 
 def _position(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
     """In the eye's frame, which moves with the arm: the base gauge stays unobservable."""
-    seen, hand_share = Pose(ca.reshape(data[3:12], 3, 3), data[0:3]), data[12]
+    seen, robot_noise_fraction = Pose(ca.reshape(data[3:12], 3, 3), data[0:3]), data[12]
     expected, hand_in_eye = _target_in_eye(poses, own), pose_of(own[0:6]).inverse_act([0, 0, 0])
-    turn = symbolic_rotation_log(expected.R @ seen.R.T)
-    return expected.p - seen.p - hand_share * ca.cross(turn, seen.p - hand_in_eye)
+    turn = symbolic_chordal_log(expected.R @ seen.R.T)
+    return expected.p - seen.p - robot_noise_fraction * ca.cross(turn, seen.p - hand_in_eye)
 
 
 def _rotation(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
     seen = ca.reshape(data, 3, 3)
-    return symbolic_rotation_log(seen.T @ _target_in_eye(poses, own).R)
+    return symbolic_chordal_log(seen.T @ _target_in_eye(poses, own).R)
 
 
 class HandEye(Term):
@@ -81,7 +83,8 @@ class HandEye(Term):
         noise: scatter and robustness of a position, m per axis.
         angular_noise: the same for the orientation, rad per axis.
         label: terms with the same label share the eye and the target.
-        hand_share: part of the rotational noise (of its variance) that is the hand's, 0 to 1.
+        robot_noise_fraction: part of the rotational noise (of its variance) that is the hand's,
+            0 to 1.
 
     Raises:
         SamplesError: the samples hold no positions or no orientations.
@@ -96,10 +99,10 @@ class HandEye(Term):
         noise: Noise = Noise(),
         angular_noise: Noise = Noise(),
         label: str = "default",
-        hand_share: float = 0.0,
+        robot_noise_fraction: float = 0.0,
     ) -> None:
         super().__init__(poses, noise, angular_noise)
-        self.label, self.hand_share = label, hand_share
+        self.label, self.robot_noise_fraction = label, robot_noise_fraction
         samples = poses.samples
         if samples.position is None or samples.rotation is None:
             raise SamplesError(
@@ -112,7 +115,7 @@ class HandEye(Term):
         rows, own = np.arange(n)[:, None], np.tile(np.arange(12), (n, 1))
         zero, labels = np.zeros(n), samples.origin
         turned = np.swapaxes(samples.rotation, 1, 2).reshape(n, 9)
-        both = np.column_stack([samples.position, turned, np.full(n, hand_share)])
+        both = np.column_stack([samples.position, turned, np.full(n, robot_noise_fraction)])
         self.blocks = (
             Block("position", "m", 3, _position, rows, own, both, noise, zero, labels),
             Block("rotation", "rad", 3, _rotation, rows, own, turned, angular_noise, zero, labels),
@@ -128,15 +131,15 @@ class HandEye(Term):
         cls,
         count: int,
         *,
-        hand: Spread = EXACT,
-        eye: Spread = EXACT,
+        hand: PoseNoise = EXACT,
+        eye: PoseNoise = EXACT,
         seed: int = 0,
         X: Poses = _X,
         Z: Poses = _Z,
         turn: float = np.pi / 4,
         axes: ArrayLike | None = None,
-        gross: Gross = NOTHING_GROSS,
-        hand_share: float = 0.0,
+        gross: OutlierModel = NO_OUTLIERS,
+        robot_noise_fraction: float = 0.0,
     ) -> Simulated[HandEye]:
         """A hand moves its eye about a target, half a metre away.
 
@@ -150,7 +153,7 @@ class HandEye(Term):
             turn: largest turn of the hand from the middle orientation, rad.
             axes: (k, 3) the only axes, in the hand, to turn about; any axis by default.
             gross: pairs in which what the eye saw is grossly wrong.
-            hand_share: of the term.
+            robot_noise_fraction: of the term.
         """
         random, noise, errors = np.random.default_rng(seed).spawn(3)
         R = random_turns(random, count, turn, axes)
@@ -159,10 +162,10 @@ class HandEye(Term):
         p = Z[1] - R @ X[1] - np.einsum("nij,nj->ni", R_base_eye, seen)
         moved = hand.scattered(noise, (R, p))
         exact = np.swapaxes(R_base_eye, 1, 2) @ Z[0], seen
-        (R_seen, p_seen), outliers = spoiled(errors, eye.scattered(noise, exact), gross)
+        (R_seen, p_seen), outliers = contaminated(errors, eye.scattered(noise, exact), gross)
         nothing = np.zeros((count, 0))
         samples = Samples.from_arrays([], nothing, position=p_seen, rotation=R_seen)
-        term = cls(MeasuredPoses(*moved, samples), hand_share=hand_share)
+        term = cls(MeasuredPoses(*moved, samples), robot_noise_fraction=robot_noise_fraction)
         return simulated(term, (pose_values(*X), pose_values(*Z)), outliers)
 
     def check_enough(self) -> None:
@@ -176,10 +179,12 @@ class HandEye(Term):
 
     def over_poses(self, poses: PoseSource) -> Self:
         """The same over other poses."""
-        return type(self)(poses, self.noise, self.angular_noise, self.label, self.hand_share)
+        return type(self)(
+            poses, self.noise, self.angular_noise, self.label, self.robot_noise_fraction
+        )
 
-    def simulated_again(
-        self, values: Mapping[str, float], noise: Sequence[float], again: Rehearsal
+    def resimulated(
+        self, values: Mapping[str, float], noise: Sequence[float], again: Resimulation
     ) -> Self:
         """The target as the eye sees it."""
         X, Z = (pose_named(values, self.own[k].name.removesuffix(".x")) for k in (0, 6))

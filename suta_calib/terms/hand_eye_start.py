@@ -12,7 +12,8 @@ from typing import Final
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from suta_calib.geometry import FloatArray, skew
+from suta_calib.arrays import FloatArray
+from suta_calib.geometry.numbers import skew
 
 Poses = tuple[FloatArray, FloatArray]  # rotations (..., n, 3, 3) and positions (..., n, 3), m
 # Relative singular value below which a translation is not determined at all.

@@ -10,23 +10,18 @@ import casadi as ca
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.errors import SamplesError
-from suta_calib.geometry import (
-    FloatArray,
-    Symbol,
-    register_points,
-    rotation_from_vector,
-    symbolic_rotation_log,
-)
+from suta_calib.geometry.numbers import register_points, rotation_from_vector
+from suta_calib.geometry.symbols import Symbol, symbolic_chordal_log
 from suta_calib.measurements import Artefact, SampleColumns
 from suta_calib.terms.certified import certified_rows
 from suta_calib.terms.pairwise_distance import check_landmarks
 from suta_calib.terms.poses import PoseSource
-from suta_calib.terms.rehearsal import Rehearsal, pose_named
+from suta_calib.terms.resimulation import Resimulation, pose_named
 from suta_calib.terms.seating import Seating, flat, seat_axes, seated_at, turned_about_z
 from suta_calib.terms.term import (
     Block,
-    IntArray,
     Noise,
     Pose,
     Setup,
@@ -45,7 +40,7 @@ def _position(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
 
 def _rotation(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
     seated = ca.reshape(data, 3, 3)
-    return symbolic_rotation_log(seated.T @ pose_of(own).R.T @ poses[0].R)
+    return symbolic_chordal_log(seated.T @ pose_of(own).R.T @ poses[0].R)
 
 
 def _position_shifted(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
@@ -57,10 +52,10 @@ def _position_shifted(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbo
 def _rotation_turned(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
     """The same where the tip is turned in its seat."""
     seated = ca.reshape(data, 3, 3) @ turned_about_z(own[6])
-    return symbolic_rotation_log(seated.T @ pose_of(own).R.T @ poses[0].R)
+    return symbolic_chordal_log(seated.T @ pose_of(own).R.T @ poses[0].R)
 
 
-class Landmark(Term):
+class TouchedLandmark(Term):
     """``T_base_artefact⁻¹ p_i - l_i`` for every touched landmark; each placement's pose is unknown.
 
     Where the artefact gives the seated orientation, the tip's rotation is compared as well.
@@ -107,7 +102,7 @@ class Landmark(Term):
             self.blocks += (self._rotation_block(self._oriented),)
 
     @classmethod
-    def over(cls, poses: PoseSource, setup: Setup) -> Landmark:
+    def over(cls, poses: PoseSource, setup: Setup) -> TouchedLandmark:
         """Build it from a row of a job file."""
         certified = setup.certified(cls.kind)
         return cls(poses, certified, setup.noise, setup.angular_noise, setup.seating, setup.label)
@@ -117,8 +112,8 @@ class Landmark(Term):
         given = (self.artefact, self.noise, self.angular_noise, self.seating, self.label)
         return type(self)(poses, *given)
 
-    def simulated_again(
-        self, values: Mapping[str, float], noise: Sequence[float], again: Rehearsal
+    def resimulated(
+        self, values: Mapping[str, float], noise: Sequence[float], again: Resimulation
     ) -> Self:
         """Every landmark where its placement's pose has it.
 

@@ -9,27 +9,19 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.errors import SamplesError
-from suta_calib.geometry import FloatArray, Symbol, register_points
+from suta_calib.geometry.numbers import register_points
+from suta_calib.geometry.symbols import Symbol
 from suta_calib.measurements import Artefact, SampleColumns
 from suta_calib.terms.certified import certified_rows
 from suta_calib.terms.poses import PoseSource
-from suta_calib.terms.rehearsal import Rehearsal
+from suta_calib.terms.resimulation import Resimulation
 from suta_calib.terms.seating import Seating, flat, seat_axes, seated_at
-from suta_calib.terms.term import (
-    Block,
-    IntArray,
-    Noise,
-    Pose,
-    Setup,
-    Term,
-    grouped,
-    no_own,
-    norm,
-)
+from suta_calib.terms.term import Block, Noise, Pose, Setup, Term, grouped, no_own, norm
 
 # A distance scatters by the noise of both its ends.
-ENDS: Final = float(np.sqrt(2.0))
+DISTANCE_NOISE_FACTOR: Final = float(np.sqrt(2.0))
 
 
 def _residual(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
@@ -134,8 +126,8 @@ class PairwiseDistance(Term):
         """The same over other poses."""
         return type(self)(poses, self.artefact, self.noise, self.seating, self.label)
 
-    def simulated_again(
-        self, values: Mapping[str, float], noise: Sequence[float], again: Rehearsal
+    def resimulated(
+        self, values: Mapping[str, float], noise: Sequence[float], again: Resimulation
     ) -> Self:
         """Every set's landmarks where they fit best to what was touched."""
         names = self.poses.samples.labels["landmark"]
@@ -148,7 +140,7 @@ class PairwiseDistance(Term):
             rows = sets == name
             R, p = register_points(marks[rows], position[rows])
             target[rows] = marks[rows] @ R.T + p
-        return self.over_poses(again.touched(self.poses, target, noise[0] / ENDS))
+        return self.over_poses(again.touched(self.poses, target, noise[0] / DISTANCE_NOISE_FACTOR))
 
     def _sets(self) -> NDArray[np.str_]:
         """(n,) what tells apart the rows between which distances are formed."""

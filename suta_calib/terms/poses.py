@@ -12,7 +12,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import ArrayLike
 
-from suta_calib.geometry import FloatArray
+from suta_calib.arrays import FloatArray
 from suta_calib.measurements.samples import Samples
 from suta_calib.model.arm import ArmModel
 

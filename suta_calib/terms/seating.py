@@ -23,8 +23,9 @@ from typing import Final
 import casadi as ca
 import numpy as np
 
+from suta_calib.arrays import FloatArray
 from suta_calib.errors import ArtefactError, ParameterError
-from suta_calib.geometry import FloatArray, Symbol, symbolic_rotation
+from suta_calib.geometry.symbols import Symbol, symbolic_rotation
 from suta_calib.measurements import Artefact
 from suta_calib.model.parameters import Parameter
 

@@ -14,21 +14,22 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
+from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.errors import SamplesError
-from suta_calib.geometry import FloatArray, rotation_from_vector
+from suta_calib.geometry.numbers import rotation_from_vector
 from suta_calib.terms.hand_eye_start import Poses
-from suta_calib.terms.term import POSE_KEYS, IntArray, Term
+from suta_calib.terms.term import POSE_KEYS, Term
 
 # How a row is grossly wrong: its pose is anything; it is displaced, as where a tip slipped off its
 # point; it is another row's, as where two streams are out of step.
-Nature = Literal["wrong", "slipped", "swapped"]
+OutlierKind = Literal["wrong", "slipped", "swapped"]
 # Shortest and longest slip, m: far outside the noise of a tracker, and small enough to be missed.
 SLIP: Final = (5e-3, 30e-3)
 SimulatedTerm = TypeVar("SimulatedTerm", bound=Term)
 
 
 @dataclass(frozen=True)
-class Spread:
+class PoseNoise:
     """How measured poses scatter: standard deviations per axis, normal.
 
     Attributes:
@@ -47,7 +48,7 @@ class Spread:
 
 
 @dataclass(frozen=True)
-class Gross:
+class OutlierModel:
     """Gross errors.
 
     Attributes:
@@ -60,7 +61,7 @@ class Gross:
     """
 
     share: float = 0.0
-    nature: Nature = "wrong"
+    nature: OutlierKind = "wrong"
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.share <= 1.0:
@@ -76,8 +77,8 @@ class Gross:
         return tuple(int(row) for row in rows)
 
 
-EXACT: Final = Spread()
-NOTHING_GROSS: Final = Gross()
+EXACT: Final = PoseNoise()
+NO_OUTLIERS: Final = OutlierModel()
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,8 +155,8 @@ def random_turns(
     )
 
 
-def spoiled(
-    random: np.random.Generator, poses: Poses, gross: Gross, *, swap_orientation: bool = True
+def contaminated(
+    random: np.random.Generator, poses: Poses, gross: OutlierModel, *, swap_orientation: bool = True
 ) -> tuple[Poses, tuple[int, ...]]:
     """Copies of poses (n, 3, 3), (n, 3) of which some are grossly wrong, and which.
 

@@ -19,18 +19,20 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.errors import ArtefactError, SamplesError
-from suta_calib.geometry import FloatArray, Symbol, symbolic_rotation, vector_from_rotation
+from suta_calib.geometry.numbers import vector_from_rotation
+from suta_calib.geometry.symbols import Symbol, symbolic_rotation
 from suta_calib.measurements import Artefact, SampleColumns
-from suta_calib.model.parameters import Parameter, Unit
+from suta_calib.model.parameters import Parameter
 from suta_calib.terms.poses import PoseSource
 from suta_calib.terms.seating import Seating
+from suta_calib.units import Unit
 
 if TYPE_CHECKING:
     from suta_calib.terms.certified import Certified
-    from suta_calib.terms.rehearsal import Rehearsal
+    from suta_calib.terms.resimulation import Resimulation
 
-IntArray = NDArray[np.intp]
 POSE_KEYS: Final = ("x", "y", "z", "rx", "ry", "rz")
 # An external frame can be anywhere: these only say when a pose counts as not determined at all.
 PLAUSIBLE_POSITION: Final = 0.5
@@ -182,8 +184,8 @@ class Term(ABC):
         """
         return self.over_poses(self.poses.take(rows))
 
-    def simulated_again(
-        self, values: Mapping[str, float], noise: Sequence[float], again: Rehearsal
+    def resimulated(
+        self, values: Mapping[str, float], noise: Sequence[float], again: Resimulation
     ) -> Self:
         """The term over an arm's samples simulated anew, in nearly the same postures.
 

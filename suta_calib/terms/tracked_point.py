@@ -9,26 +9,22 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from suta_calib.arrays import FloatArray
 from suta_calib.errors import SamplesError
-from suta_calib.geometry import (
-    FloatArray,
-    Symbol,
-    register_points,
-    rotation_from_vector,
-    symbolic_rotation_log,
-)
+from suta_calib.geometry.numbers import register_points, rotation_from_vector
+from suta_calib.geometry.symbols import Symbol, symbolic_chordal_log
 from suta_calib.measurements import SampleColumns, Samples
 from suta_calib.terms.hand_eye_start import Poses
 from suta_calib.terms.poses import MeasuredPoses, PoseSource
-from suta_calib.terms.rehearsal import Rehearsal, pose_named
+from suta_calib.terms.resimulation import Resimulation, pose_named
 from suta_calib.terms.synthetic import (
     EXACT,
-    NOTHING_GROSS,
-    Gross,
+    NO_OUTLIERS,
+    OutlierModel,
+    PoseNoise,
     Simulated,
-    Spread,
+    contaminated,
     simulated,
-    spoiled,
 )
 from suta_calib.terms.term import (
     Block,
@@ -51,7 +47,7 @@ def _position(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
 
 
 def _rotation(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
-    return symbolic_rotation_log(ca.reshape(data, 3, 3).T @ pose_of(own).R @ poses[0].R)
+    return symbolic_chordal_log(ca.reshape(data, 3, 3).T @ pose_of(own).R @ poses[0].R)
 
 
 class TrackedPoint(Term):
@@ -113,11 +109,11 @@ class TrackedPoint(Term):
         cls,
         count: int,
         *,
-        spread: Spread = EXACT,
+        spread: PoseNoise = EXACT,
         seed: int = 0,
         T: Poses = _T,
         size: ArrayLike = (0.2, 0.2, 0.2),
-        gross: Gross = NOTHING_GROSS,
+        gross: OutlierModel = NO_OUTLIERS,
     ) -> Simulated[TrackedPoint]:
         """Corresponding points, as for a registration: exact ones, and what an instrument saw.
 
@@ -134,7 +130,7 @@ class TrackedPoint(Term):
         points = (random.random((count, 3)) - 0.5) * np.asarray(size, dtype=float)
         upright = np.tile(np.eye(3), (count, 1, 1))
         seen = spread.scattered(noise, (upright, points @ T[0].T + T[1]))
-        (_, position), outliers = spoiled(errors, seen, gross)
+        (_, position), outliers = contaminated(errors, seen, gross)
         samples = Samples.from_arrays([], np.zeros((count, 0)), position=position)
         term = cls(MeasuredPoses(upright, points, samples))
         return simulated(term, (pose_values(*T),), outliers)
@@ -148,8 +144,8 @@ class TrackedPoint(Term):
         """The same over other poses."""
         return type(self)(poses, self.noise, self.angular_noise, self.label)
 
-    def simulated_again(
-        self, values: Mapping[str, float], noise: Sequence[float], again: Rehearsal
+    def resimulated(
+        self, values: Mapping[str, float], noise: Sequence[float], again: Resimulation
     ) -> Self:
         """The tip as the instrument sees it."""
         R, p = pose_named(values, self.own[0].name.removesuffix(".x"))

@@ -15,8 +15,9 @@ from typing import Any, Final
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from suta_calib.arrays import FloatArray
 from suta_calib.errors import SamplesError
-from suta_calib.geometry import FloatArray, register_points, rotation_from_vector, skew
+from suta_calib.geometry.numbers import register_points, rotation_from_vector, skew
 from suta_calib.tracking.trajectory import LEAST_ROWS, Trajectory
 
 # (source, target) → rotation (3, 3) and position (3,) of the transform from source to target.
@@ -121,7 +122,9 @@ def align(
     rms = np.array(
         [_misfit(points[few], path.position(time[few] - s), register is not None) for s in shifts]
     )
-    fit = _Fit(path, time, points, np.zeros((len(rows), 3, 0)) if errors is None else errors[rows])
+    fit = _AlignmentFit(
+        path, time, points, np.zeros((len(rows), 3, 0)) if errors is None else errors[rows]
+    )
     fit.latency = float(shifts[int(np.argmin(rms))])
     if register is not None:
         fit.registered = True
@@ -179,7 +182,7 @@ def _misfit(points: FloatArray, target: FloatArray, registered: bool) -> float:
     return float(np.sqrt(np.mean(np.sum((points - target) ** 2, axis=1))))
 
 
-class _Fit:
+class _AlignmentFit:
     """Gauss-Newton over everything at once: apart, latency and transform chase each other."""
 
     def __init__(

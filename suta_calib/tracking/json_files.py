@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from suta_calib.arrays import FloatArray
 from suta_calib.errors import InputError
-from suta_calib.geometry import FloatArray
 from suta_calib.measurements.files import read_text
 
 

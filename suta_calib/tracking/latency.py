@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from suta_calib.geometry import FloatArray
+from suta_calib.arrays import FloatArray
 
 # s; shorter and longer ones share the outermost bins.
 SHORTEST: Final = 1e-6

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from suta_calib.geometry import FloatArray
+from suta_calib.arrays import FloatArray
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -13,11 +13,12 @@ from typing import Final
 
 import numpy as np
 
+from suta_calib.arrays import FloatArray
 from suta_calib.batched import Batched
-from suta_calib.geometry import FloatArray, rms_length
+from suta_calib.geometry.numbers import rms_length
 from suta_calib.model.arm import ArmModel
-from suta_calib.model.parameters import Unit
 from suta_calib.tracking.trajectory import Trajectory
+from suta_calib.units import Unit
 
 # Way that counts as having turned back, and from which on the play is taken up.
 TRAVEL: Final[dict[Unit, float]] = {"rad": math.radians(0.25), "m": 0.5e-3}

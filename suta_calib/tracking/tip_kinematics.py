@@ -8,8 +8,9 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 
+from suta_calib.arrays import FloatArray
 from suta_calib.batched import Batched
-from suta_calib.geometry import FloatArray, Symbol, symbolic_skew
+from suta_calib.geometry.symbols import Symbol, symbolic_skew
 from suta_calib.model.arm import ArmModel
 from suta_calib.tracking.tool import Tool
 from suta_calib.tracking.uncertainty import CalibrationUncertainty

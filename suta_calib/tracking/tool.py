@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
+from suta_calib.arrays import FloatArray
 from suta_calib.errors import InputError
-from suta_calib.geometry import FloatArray
 from suta_calib.tracking.json_files import numbers, read_json_object
 
 _MM = 1e-3

@@ -8,8 +8,8 @@ from typing import Final
 
 import numpy as np
 
+from suta_calib.arrays import FloatArray
 from suta_calib.errors import SamplesError
-from suta_calib.geometry import FloatArray
 from suta_calib.measurements.csv_table import CsvTable, read_csv_table
 from suta_calib.measurements.pose_columns import (
     has_rotations,

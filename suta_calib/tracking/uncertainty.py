@@ -14,9 +14,9 @@ from typing import Any, Final, Literal
 
 import numpy as np
 
+from suta_calib.arrays import FloatArray
 from suta_calib.errors import InputError
-from suta_calib.geometry import (
-    FloatArray,
+from suta_calib.geometry.numbers import (
     rotation_from_rpy,
     rotation_from_vector,
     rpy_from_rotation,

@@ -1,9 +1,9 @@
 """Acceptance test of an articulated arm after ISO 10360-12: errors, limits, decisions."""
 
 from suta_calib.analysis.iso10360.acceptance import (
+    AcceptanceMeasurements,
     AcceptanceTest,
     Characteristic,
-    Measured,
     accept,
 )
 from suta_calib.analysis.iso10360.lengths import LengthErrors
@@ -26,6 +26,7 @@ from suta_calib.analysis.iso10360.places import (
 from suta_calib.analysis.iso10360.spheres import Sphere, best_sphere, smallest_sphere
 
 __all__ = [
+    "AcceptanceMeasurements",
     "AcceptanceTest",
     "Articulation",
     "Characteristic",
@@ -34,7 +35,6 @@ __all__ = [
     "LengthErrors",
     "LengthLimit",
     "Limits",
-    "Measured",
     "Repeats",
     "Rule",
     "Sphere",

@@ -23,8 +23,8 @@ from suta_calib.analysis.iso10360.limits import (
     worst,
 )
 from suta_calib.analysis.iso10360.places import Articulation, Repeats, SphereProbing
-from suta_calib.geometry import FloatArray
-from suta_calib.verdict import Verdict, verdict_of
+from suta_calib.arrays import FloatArray
+from suta_calib.assessment import Assessment
 
 TOUCHES: Final = 25
 ARTICULATIONS: Final = 5
@@ -36,7 +36,7 @@ GUARDED: Final = DecisionRule()
 
 
 @dataclass(frozen=True, eq=False)
-class Measured:
+class AcceptanceMeasurements:
     """What was measured; empty or None where a test was not made.
 
     Attributes:
@@ -92,7 +92,7 @@ class AcceptanceTest:
         characteristics: the worst of each kind.
     """
 
-    measured: Measured
+    measured: AcceptanceMeasurements
     limits: Limits
     uncertainty: StatedUncertainty
     rule: DecisionRule
@@ -110,10 +110,10 @@ class AcceptanceTest:
         return length_uncertainty(self.measured.lengths, self.uncertainty)
 
     @property
-    def verdict(self) -> Verdict:
+    def assessment(self) -> Assessment:
         """Passed, failed, or neither proved."""
         bad = [_failure(each) for each in self.characteristics if _failure(each)]
-        return verdict_of(bad, self._cautions(), self._sentence())
+        return Assessment.of(self._sentence(), bad=bad, care=self._cautions())
 
     def _sentence(self) -> str:
         judged = [each for each in self.characteristics if each.limit is not None]
@@ -185,7 +185,7 @@ def _failure(each: Characteristic) -> str:
 
 
 def accept(
-    measured: Measured,
+    measured: AcceptanceMeasurements,
     limits: Limits = NO_LIMITS,
     uncertainty: StatedUncertainty = NOTHING_STATED,
     rule: DecisionRule = GUARDED,

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from suta_calib.geometry import FloatArray
+from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.terms import PairwiseDistance
-from suta_calib.terms.term import IntArray
 
 
 @dataclass(frozen=True, eq=False)

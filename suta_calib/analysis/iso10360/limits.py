@@ -8,7 +8,7 @@ from typing import Final, Literal
 
 import numpy as np
 
-from suta_calib.geometry import FloatArray
+from suta_calib.arrays import FloatArray
 
 Decision = Literal["pass", "undecided", "fail", "no limit"]
 Rule = Literal["guarded", "simple"]

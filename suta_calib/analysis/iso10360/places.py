@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from suta_calib.analysis.iso10360.spheres import best_sphere, smallest_sphere
 from suta_calib.analysis.repeatability import PositionScatter
+from suta_calib.arrays import FloatArray
 from suta_calib.errors import SamplesError
-from suta_calib.geometry import FloatArray
 from suta_calib.terms.term import grouped
 
 

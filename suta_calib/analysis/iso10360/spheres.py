@@ -9,8 +9,8 @@ from typing import Final
 import numpy as np
 from scipy.optimize import least_squares
 
+from suta_calib.arrays import FloatArray
 from suta_calib.errors import SamplesError
-from suta_calib.geometry import FloatArray
 
 LEAST_POINTS: Final = 4
 _ROUNDING: Final = 1e-9

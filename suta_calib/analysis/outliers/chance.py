@@ -18,14 +18,13 @@ import numpy as np
 from suta_calib.analysis.outliers.groups import Grouping
 from suta_calib.analysis.outliers.influence import inverse
 from suta_calib.analysis.outliers.metrics import Scene, shares
-from suta_calib.analysis.outliers.reference import BoolArray, Refit
+from suta_calib.analysis.outliers.reference import Refit
 from suta_calib.analysis.outliers.registration import Registered, systematic
 from suta_calib.analysis.outliers.result import METRICS, Measures
 from suta_calib.analysis.outliers.touches import Touches
-from suta_calib.geometry import FloatArray
+from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.solver.information import Rows, whitened_rows
 from suta_calib.terms import PairwiseDistance
-from suta_calib.terms.term import IntArray
 
 DRAWS: Final = 1000
 # Information, relative to the whole, that is a difference of equal numbers.

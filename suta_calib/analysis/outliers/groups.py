@@ -10,7 +10,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from suta_calib.terms.term import IntArray, Term, grouped
+from suta_calib.arrays import IntArray
+from suta_calib.terms.term import Term, grouped
 
 # With fewer, "unlike the others" means nothing.
 FEWEST: Final = 3

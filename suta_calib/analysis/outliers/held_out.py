@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from suta_calib.analysis.accuracy import fit_own
 from suta_calib.analysis.outliers.groups import Grouping, groupings
-from suta_calib.analysis.outliers.reference import BoolArray, Reference
+from suta_calib.analysis.outliers.reference import ReferenceFit
 from suta_calib.analysis.outliers.result import HeldOut
+from suta_calib.arrays import BoolArray, FloatArray
+from suta_calib.diagnostics.accuracy import fit_own
 from suta_calib.errors import InputError
-from suta_calib.geometry import FloatArray
 from suta_calib.model.parameters import ParameterSet
 from suta_calib.solver.problem import Problem
 from suta_calib.terms.term import Term
@@ -30,7 +30,7 @@ class Judge:
         validation: terms that are never fitted; the samples' own, in turn, where there are none.
     """
 
-    reference: Reference
+    reference: ReferenceFit
     validation: tuple[Term, ...]
 
     @property

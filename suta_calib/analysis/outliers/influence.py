@@ -12,7 +12,7 @@ from typing import Final
 
 import numpy as np
 
-from suta_calib.geometry import FloatArray
+from suta_calib.arrays import FloatArray
 
 # Share of a combination's information that must come from the data.
 IDENTIFIED: Final = 0.9

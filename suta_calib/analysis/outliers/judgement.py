@@ -8,10 +8,10 @@ from typing import Final
 import numpy as np
 
 from suta_calib.analysis.outliers.result import METRICS, Group, Level, TermOutliers
+from suta_calib.assessment import Assessment
 from suta_calib.solver.solution import Solution
-from suta_calib.verdict import Verdict, verdict_of
 
-ONE: Final = {
+GROUPING_NOUN: Final = {
     "landmarks": "landmark",
     "placements": "placement",
     "sets": "set",
@@ -26,28 +26,28 @@ WORDS: Final = {
 }
 
 
-def verdict_on(solution: Solution, terms: Sequence[TermOutliers]) -> Verdict:
+def verdict_on(solution: Solution, terms: Sequence[TermOutliers]) -> Assessment:
     """What a reader must know: outliers first, then what is suspect or was set aside."""
-    bad = [] if solution.converged else [f"The calibration itself: {solution.verdict}."]
+    bad = [] if solution.converged else [f"The calibration itself: {solution.sentence}."]
     bad += [_exact(t) for t in terms if t.exact]
     outliers = [s for t in terms for level in t.levels for s in _outliers(level)]
     suspects = [s for t in terms for level in t.levels for s in _suspects(level)]
     gross = [_gross(t) for t in terms if t.touches]
-    return verdict_of(bad, [*outliers, *suspects, *gross], _sentence(terms))
+    return Assessment.of(_sentence(terms), bad=bad, care=[*outliers, *suspects, *gross])
 
 
 def _sentence(terms: Sequence[TermOutliers]) -> str:
     if not any(t.levels for t in terms):
         return "nothing was looked at"
     named = [
-        f"{ONE[level.name]} {', '.join(g.label for g in level.outliers)}"
+        f"{GROUPING_NOUN[level.name]} {', '.join(g.label for g in level.outliers)}"
         for t in terms
         for level in t.levels
         if level.outliers
     ]
     if named:
         return f"unlike the others: {'; '.join(named)}"
-    looked = dict.fromkeys(ONE[level.name] for t in terms for level in t.levels)
+    looked = dict.fromkeys(GROUPING_NOUN[level.name] for t in terms for level in t.levels)
     return f"no {' and no '.join(looked)} is unlike the others"
 
 
@@ -60,7 +60,7 @@ def _suspects(level: Level) -> list[str]:
 
 
 def _named(level: Level, group: Group) -> str:
-    return f"{ONE[level.name].capitalize()} {group.label}"
+    return f"{GROUPING_NOUN[level.name].capitalize()} {group.label}"
 
 
 def _told(group: Group) -> str:

@@ -25,12 +25,11 @@ import numpy as np
 
 from suta_calib.analysis.outliers.groups import Grouping
 from suta_calib.analysis.outliers.influence import Influence
-from suta_calib.analysis.outliers.reference import BoolArray, Reference, Refit
+from suta_calib.analysis.outliers.reference import ReferenceFit, Refit
 from suta_calib.analysis.outliers.registration import Registered, systematic
 from suta_calib.analysis.outliers.result import Measures
-from suta_calib.geometry import FloatArray
+from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.solver.information import predicted_information
-from suta_calib.terms.term import IntArray
 
 
 @dataclass(eq=False)
@@ -43,7 +42,7 @@ class Scene:
         displaced: (samples,) touches of what was found displaced.
     """
 
-    reference: Reference
+    reference: ReferenceFit
     believed: BoolArray
     displaced: BoolArray
 

@@ -11,18 +11,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.errors import InputError
-from suta_calib.geometry import FloatArray
 from suta_calib.model.parameters import ParameterSet
 from suta_calib.solver.information import noise_levels
-from suta_calib.solver.ipopt import Options, RobustNlp
+from suta_calib.solver.ipopt import RobustNlp, SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
-from suta_calib.terms.term import IntArray, Term
-
-BoolArray = NDArray[np.bool_]
+from suta_calib.terms.term import Term
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +58,7 @@ class Refit:
 
 
 @dataclass(eq=False)
-class Reference:
+class ReferenceFit:
     """Terms, of which one is looked at, and the fit of all of them.
 
     Attributes:
@@ -82,7 +79,7 @@ class Reference:
     _known: dict[bytes, Refit | None] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, solution: Solution, parameters: ParameterSet, index: int) -> Reference:
+    def of(cls, solution: Solution, parameters: ParameterSet, index: int) -> ReferenceFit:
         """The fit as it is."""
         held = {solution.problem.names[k] for k in solution.identification.held}
         wanted = {n for n, p in solution.problem.parameters.items() if p.free}
@@ -95,7 +92,7 @@ class Reference:
             _by_block(solution.problem.terms, solution.sigmas),
         )
 
-    def freed(self, arm: ParameterSet, kept: BoolArray) -> Reference:
+    def freed(self, arm: ParameterSet, kept: BoolArray) -> ReferenceFit:
         """The same with further parameters, and with the noise that is left then.
 
         Args:
@@ -104,14 +101,16 @@ class Reference:
         """
         more = {n for n, p in arm.items() if p.free and n not in self.parameters}
         values = {n: p.nominal for n, p in arm.items()} | dict(self.values)
-        found = Reference(self.terms, self.index, arm, self.estimated | more, values, self.sigmas)
+        found = ReferenceFit(
+            self.terms, self.index, arm, self.estimated | more, values, self.sigmas
+        )
         fit = found.over(kept)
         if fit is None:
             return found
         sigmas = found.block_sigmas(fit.problem.terms)
         noise = noise_levels(fit.problem, fit.x, sigmas)
         known = dict(self.sigmas) | _by_block(fit.problem.terms, noise)
-        return Reference(
+        return ReferenceFit(
             self.terms, self.index, arm, found.estimated, values | dict(fit.values), known
         )
 
@@ -151,7 +150,7 @@ class Reference:
         start = np.array([self.values.get(n, float(s)) for n, s in zip(names, start, strict=True)])
         free = np.array([k for k, n in enumerate(names) if n in self.estimated], dtype=np.intp)
         sigmas = self.block_sigmas(terms)
-        nlp = RobustNlp(problem, free, sigmas, Options())
+        nlp = RobustNlp(problem, free, sigmas, SolverOptions())
         minimum = nlp.polish(nlp.minimise(start))
         first = sum(len(t.blocks) for t in terms[: self.index])
         line = problem.linearise(minimum.x, sigmas)[first]

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import orth
 
-from suta_calib.analysis.outliers.reference import BoolArray
-from suta_calib.geometry import FloatArray, register_points
-from suta_calib.terms import Landmark, PairwiseDistance
+from suta_calib.arrays import BoolArray, FloatArray, IntArray
+from suta_calib.geometry.numbers import register_points
+from suta_calib.terms import PairwiseDistance, TouchedLandmark
 from suta_calib.terms.pairwise_distance import check_landmarks
-from suta_calib.terms.term import IntArray, Term, grouped
+from suta_calib.terms.term import Term, grouped
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +36,7 @@ class Registered:
     @classmethod
     def of(cls, term: Term, used: BoolArray) -> Registered | None:
         """None where the term knows no artefact."""
-        if not isinstance(term, PairwiseDistance | Landmark):
+        if not isinstance(term, PairwiseDistance | TouchedLandmark):
             return None
         certified = check_landmarks(term.poses, term.artefact)
         labels = term.poses.samples.labels

@@ -8,9 +8,9 @@ from typing import Final, Literal
 
 import numpy as np
 
-from suta_calib.geometry import FloatArray
+from suta_calib.arrays import FloatArray
+from suta_calib.assessment import Assessment
 from suta_calib.solver.solution import Solution
-from suta_calib.verdict import Verdict
 
 Metric = Literal["contribution", "cooks_distance", "leave_one_out", "bias"]
 METRICS: Final[tuple[Metric, ...]] = ("contribution", "cooks_distance", "leave_one_out", "bias")
@@ -216,11 +216,11 @@ class Outliers:
         terms: one entry for each observation.
         thresholds: that were used.
         explaining: names of the arm's parameters that explain systematic errors.
-        verdict: the first thing a reader needs.
+        assessment: the first thing a reader needs.
     """
 
     solution: Solution
     terms: Sequence[TermOutliers]
     thresholds: Thresholds
     explaining: tuple[str, ...]
-    verdict: Verdict
+    assessment: Assessment

@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 from scipy.stats import chi2
 
-from suta_calib.geometry import FloatArray
+from suta_calib.arrays import FloatArray
 
 # Residual, in standard deviations of a component, from which on a touch loses weight: Huber's for
 # three components while the fit settles, then Tukey's, which ignores gross touches altogether.
@@ -24,7 +24,7 @@ LEAST_LEFT: Final = 0.3
 _MEDIAN_LENGTH: Final = float(np.sqrt(chi2.ppf(0.5, 3)))
 
 
-class RobustFit:
+class RobustLinearFit:
     """Robust linear least squares of residual vectors, with priors.
 
     Args:

@@ -21,7 +21,7 @@ from suta_calib.analysis.outliers.term_search import TermSearch, arm_of, chosen_
 from suta_calib.analysis.outliers.whole_arm import whole_arm
 from suta_calib.errors import SamplesError
 from suta_calib.model.parameters import ParameterSet
-from suta_calib.solver.ipopt import Options
+from suta_calib.solver.ipopt import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.solver.solve import solve
@@ -35,7 +35,7 @@ Progress = Callable[[int, int], None]
 def find_outliers(
     problem: Problem,
     validation: Sequence[Term] = (),
-    options: Options = Options(),
+    options: SolverOptions = SolverOptions(),
     thresholds: Thresholds | None = None,
     progress: Progress | None = None,
     solution: Solution | None = None,

@@ -12,7 +12,7 @@ from suta_calib.analysis.outliers.chance import Simulator
 from suta_calib.analysis.outliers.groups import Grouping, groupings, row_names, touch_name
 from suta_calib.analysis.outliers.held_out import Judge
 from suta_calib.analysis.outliers.metrics import Scene, measures
-from suta_calib.analysis.outliers.reference import BoolArray, Reference
+from suta_calib.analysis.outliers.reference import ReferenceFit
 from suta_calib.analysis.outliers.result import (
     AGREEMENT,
     METRICS,
@@ -25,11 +25,11 @@ from suta_calib.analysis.outliers.result import (
     Thresholds,
 )
 from suta_calib.analysis.outliers.touches import SMALLEST, Touches, explained_touches
-from suta_calib.geometry import FloatArray
+from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.model.parameters import ParameterSet
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
-from suta_calib.terms import Landmark, PairwiseDistance
+from suta_calib.terms import PairwiseDistance, TouchedLandmark
 from suta_calib.terms.term import Term
 
 # Rows beyond which only those with the largest errors are refitted one by one.
@@ -63,7 +63,7 @@ class TermSearch:
     ) -> None:
         self._solution, self._arm, self._seed = solution, arm, seed
         self._thresholds, self._count = thresholds, count
-        self._own = Reference.of(solution, arm_of(solution.problem), index)
+        self._own = ReferenceFit.of(solution, arm_of(solution.problem), index)
         self._term = self._own.term
         self._judge = Judge(self._own, tuple(t for t in validation if t.kind == self._term.kind))
 
@@ -98,7 +98,7 @@ class TermSearch:
 
     def _level(
         self,
-        judged: Reference,
+        judged: ReferenceFit,
         grouping: Grouping,
         landmarks: Grouping | None,
         touches: Touches,
@@ -212,7 +212,7 @@ def _placed(group: Group, number: int, touches: Touches) -> Group:
 
 
 def _positions(term: Term, landmarks: Grouping | None) -> FloatArray | None:
-    if landmarks is None or not isinstance(term, PairwiseDistance | Landmark):
+    if landmarks is None or not isinstance(term, PairwiseDistance | TouchedLandmark):
         return None
     return term.artefact.position_of(landmarks.labels)
 

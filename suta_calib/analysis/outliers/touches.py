@@ -18,17 +18,17 @@ from scipy.stats import chi2
 from scipy.stats import f as f_distribution
 
 from suta_calib.analysis.outliers.groups import Grouping
-from suta_calib.analysis.outliers.reference import BoolArray, Reference
+from suta_calib.analysis.outliers.reference import ReferenceFit
 from suta_calib.analysis.outliers.result import Displacement
-from suta_calib.analysis.outliers.robust import RobustFit, scatter
-from suta_calib.geometry import FloatArray
+from suta_calib.analysis.outliers.robust import RobustLinearFit, scatter
+from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.measurements import Artefact, Samples
 from suta_calib.model.parameters import ParameterSet
 from suta_calib.solver.information import whitened_rows
 from suta_calib.solver.problem import Problem
-from suta_calib.terms import ArmPoses, Landmark, PairwiseDistance
+from suta_calib.terms import ArmPoses, PairwiseDistance, TouchedLandmark
 from suta_calib.terms.poses import MeasuredPoses, PoseSource
-from suta_calib.terms.term import IntArray, Term
+from suta_calib.terms.term import Term
 
 # Probability that data without gross touches lose one, and without displaced landmarks gain one.
 FALSE_ALARM: Final = 0.01
@@ -58,7 +58,7 @@ class Touches:
 
 
 def explained_touches(
-    reference: Reference, arm: ParameterSet, landmarks: Grouping | None
+    reference: ReferenceFit, arm: ParameterSet, landmarks: Grouping | None
 ) -> Touches:
     """Split every touch of a term into explained, displaced and gross.
 
@@ -76,7 +76,7 @@ def explained_touches(
     rows = whitened_rows(problem, x, problem.assumed_sigmas())[0]
     jacobian = rows.jacobian * np.repeat(rows.line.sigma, 3)[:, None]
     deviation = x - problem.parameters.array("nominal")
-    fit = RobustFit(jacobian, rows.line.residual.copy(), problem.prior_precision(), deviation)
+    fit = RobustLinearFit(jacobian, rows.line.residual.copy(), problem.prior_precision(), deviation)
     return _with_displacements(fit, reference.term.repeats(), landmarks)
 
 
@@ -89,9 +89,9 @@ def single_touches(term: Term) -> Term:
     if isinstance(term, PairwiseDistance):
         labels = dict(term.poses.samples.labels)
         labels["placement"] = np.char.add(np.char.add(labels["placement"], "/"), labels["repeat"])
-        return Landmark(_relabelled(term.poses, labels), _positions_only(term.artefact))
-    if isinstance(term, Landmark):
-        return Landmark(term.poses, _positions_only(term.artefact))
+        return TouchedLandmark(_relabelled(term.poses, labels), _positions_only(term.artefact))
+    if isinstance(term, TouchedLandmark):
+        return TouchedLandmark(term.poses, _positions_only(term.artefact))
     return term
 
 
@@ -109,7 +109,9 @@ def _positions_only(artefact: Artefact) -> Artefact:
     return Artefact(artefact.name, marks)
 
 
-def _with_displacements(fit: RobustFit, cells: IntArray, landmarks: Grouping | None) -> Touches:
+def _with_displacements(
+    fit: RobustLinearFit, cells: IntArray, landmarks: Grouping | None
+) -> Touches:
     """Free one landmark after the other for as long as one is significantly displaced."""
     if landmarks is None:
         rest, sigma, _ = fit.solve(np.zeros((3 * len(cells), 0)))
@@ -132,7 +134,7 @@ def _with_displacements(fit: RobustFit, cells: IntArray, landmarks: Grouping | N
     return Touches(rest, sigma, _shared(rest, cells, sigma), _gross(fit, rest, sigma), displaced)
 
 
-def _gross(fit: RobustFit, rest: FloatArray, sigma: float) -> BoolArray:
+def _gross(fit: RobustLinearFit, rest: FloatArray, sigma: float) -> BoolArray:
     if fit.saturated:
         return np.zeros(len(rest), dtype=bool)
     limit = max(sigma, SMALLEST) * np.sqrt(chi2.ppf(1.0 - FALSE_ALARM / len(rest), 3))

@@ -10,7 +10,7 @@ from suta_calib.analysis.planning.generate import Pool
 from suta_calib.analysis.planning.region import Region
 from suta_calib.analysis.planning.remedies import Remedy
 from suta_calib.analysis.planning.situation import Situation
-from suta_calib.geometry import FloatArray
+from suta_calib.arrays import FloatArray
 
 
 @dataclass(frozen=True)

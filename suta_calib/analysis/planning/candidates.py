@@ -8,7 +8,7 @@ from typing import Final, Literal
 
 import numpy as np
 
-from suta_calib.geometry import FloatArray
+from suta_calib.arrays import FloatArray
 
 CandidateKind = Literal["placement", "point", "pose"]
 # Angle between the artefact's z axis and the vertical below which it stands flat, rad.

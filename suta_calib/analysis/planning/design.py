@@ -19,7 +19,7 @@ from typing import Final
 import numpy as np
 
 from suta_calib.analysis.planning.information import Space, Told
-from suta_calib.geometry import FloatArray
+from suta_calib.arrays import FloatArray
 
 CRITERIA: Final = ("tip", "d")
 # An exchange must gain this much to count, in units of the criterion's value.

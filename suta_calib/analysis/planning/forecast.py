@@ -8,8 +8,8 @@ import numpy as np
 
 from suta_calib.analysis.planning.information import Space, Told
 from suta_calib.analysis.tip_uncertainty import Sensitivity
-from suta_calib.geometry import FloatArray
-from suta_calib.model.parameters import Unit
+from suta_calib.arrays import FloatArray
+from suta_calib.units import Unit
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from suta_calib.analysis.planning.candidates import Place, Placement, Point, Pos
 from suta_calib.analysis.planning.candidates_file import DEFAULT_CONE, tilted
 from suta_calib.analysis.planning.region import Region
 from suta_calib.analysis.planning.situation import Situation
-from suta_calib.geometry import FloatArray
+from suta_calib.arrays import FloatArray
 
 # What a person sets with a ruler and a protractor.
 _LENGTH_STEP: Final = 0.01

@@ -16,12 +16,11 @@ import numpy as np
 
 from suta_calib.analysis.planning.candidates import Candidate
 from suta_calib.analysis.planning.situation import Situation
-from suta_calib.geometry import FloatArray
+from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.model.parameters import Parameter, ParameterSet
-from suta_calib.solver.identifiability import Identification, eliminate, identify
+from suta_calib.solver.identifiability import Identification, identify, schur_complement
 from suta_calib.solver.information import Information, predicted_information
 from suta_calib.solver.problem import Problem
-from suta_calib.terms.term import IntArray
 
 # Unknowns that belong to one place: another place has its own.
 _PRIVATE: Final = ("placement[", "fixed_point[")
@@ -82,7 +81,7 @@ class Space:
             )
             for p in self.parameters.values()
         )
-        information = Information(told.curvature, told.variance, told.feigned)
+        information = Information(told.curvature, told.variance, told.noise_induced)
         return identify(parameters, self.arm_count, information, self.precision)
 
     def covariance(self, told: Told, estimated: IntArray) -> FloatArray:
@@ -108,18 +107,18 @@ class Told:
 
     curvature: FloatArray
     variance: FloatArray
-    feigned: FloatArray
+    noise_induced: FloatArray
 
     def __add__(self, other: Told) -> Told:
         return Told(
             self.curvature + other.curvature,
             self.variance + other.variance,
-            self.feigned + other.feigned,
+            self.noise_induced + other.noise_induced,
         )
 
     def times(self, repeats: float) -> Told:
         """As many independent repeats."""
-        return Told(repeats * self.curvature, repeats * self.variance, repeats * self.feigned)
+        return Told(repeats * self.curvature, repeats * self.variance, repeats * self.noise_induced)
 
 
 def nothing(space: Space) -> Told:
@@ -151,12 +150,12 @@ def _told(problem: Problem, x: FloatArray, sigmas: Sequence[float], space: Space
     information = predicted_information(problem, x, sigmas)
     unit = problem.parameters.array("plausible")
     scale = np.outer(unit, unit)
-    matrices = [information.curvature, information.variance, information.feigned]
+    matrices = [information.curvature, information.variance, information.noise_induced]
     index = {name: k for k, name in enumerate(space.names)}
     fixed = {p.name for p in problem.parameters.values() if not p.free}
     kept = [k for k, name in enumerate(problem.names) if name in index]
     private = [k for k, n in enumerate(problem.names) if n not in index and n not in fixed]
-    reduced = eliminate(
+    reduced = schur_complement(
         [m * scale for m in matrices],
         np.zeros(len(unit)),
         np.array(kept, dtype=np.intp),

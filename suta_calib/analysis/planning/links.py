@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from suta_calib.geometry import FloatArray
+from suta_calib.arrays import FloatArray
 from suta_calib.model.arm import ArmModel
 
 # Measured postures that are looked at to learn which shapes overlap by construction.

@@ -20,8 +20,8 @@ from suta_calib.analysis.planning.region import Region
 from suta_calib.analysis.planning.remedies import remedies
 from suta_calib.analysis.planning.situation import Situation
 from suta_calib.analysis.tip_uncertainty import Sensitivity
+from suta_calib.arrays import FloatArray
 from suta_calib.errors import JobError
-from suta_calib.geometry import FloatArray
 from suta_calib.threads import single_threaded
 
 Progress = Callable[[int, int], None]

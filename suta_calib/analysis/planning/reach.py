@@ -21,8 +21,8 @@ from suta_calib.analysis.planning.candidates import (
 from suta_calib.analysis.planning.links import Collisions
 from suta_calib.analysis.planning.region import directions, nearest
 from suta_calib.analysis.planning.situation import Situation
+from suta_calib.arrays import FloatArray
 from suta_calib.errors import JobError
-from suta_calib.geometry import FloatArray
 from suta_calib.measurements import Landmark
 from suta_calib.simulation.inverse_kinematics import Matching, Targets
 

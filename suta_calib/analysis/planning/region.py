@@ -12,8 +12,9 @@ from scipy.stats import qmc
 
 from suta_calib.analysis.planning.situation import Situation
 from suta_calib.analysis.tip_uncertainty import Sensitivity, sensitivity
+from suta_calib.arrays import FloatArray
 from suta_calib.errors import JobError
-from suta_calib.geometry import FloatArray, rotation_from_vector
+from suta_calib.geometry.numbers import rotation_from_vector
 from suta_calib.simulation.inverse_kinematics import InverseKinematics, Targets
 
 # Beyond what was touched: a hand's breadth and a half, and as much above as an artefact is wide.

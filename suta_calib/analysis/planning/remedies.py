@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from suta_calib.analysis.explanation import Explanation, explain
 from suta_calib.analysis.planning.candidates import Candidate
 from suta_calib.analysis.planning.information import Space, Told
 from suta_calib.analysis.planning.situation import Situation
+from suta_calib.diagnostics.explanation import Explanation, explain
 from suta_calib.solver.solve import identify_at
 
 

@@ -11,15 +11,16 @@ import numpy as np
 
 from suta_calib.analysis.planning.calibrated import calibrated_kinematics
 from suta_calib.analysis.planning.candidates import Candidate, Placement
+from suta_calib.arrays import FloatArray
 from suta_calib.errors import JobError
-from suta_calib.geometry import FloatArray, register_points, rotation_from_vector
+from suta_calib.geometry.numbers import register_points, rotation_from_vector
 from suta_calib.measurements import Artefact, Samples
 from suta_calib.model.arm import ArmModel
 from suta_calib.simulation.inverse_kinematics import InverseKinematics
 from suta_calib.solver.problem import DEFAULT_SIGMA, Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.terms import KINDS, ArmPoses, Setup, Term
-from suta_calib.terms.landmark import Landmark
+from suta_calib.terms.landmark import TouchedLandmark
 from suta_calib.terms.pairwise_distance import PairwiseDistance
 
 # Kinds whose unknowns all samples share, wherever they are taken.
@@ -54,7 +55,7 @@ class Situation:
         if problem.arm is None:
             raise JobError("observations without an arm", "samples with joint readings")
         if solution is None or not solution.converged:
-            trouble = "" if solution is None else str(solution.verdict)
+            trouble = "" if solution is None else str(solution.sentence)
             return cls(problem, problem.start(), tuple(problem.assumed_sigmas()), False, trouble)
         return cls(problem, solution.x, solution.noise, True)
 
@@ -90,9 +91,9 @@ class Situation:
         return self.arm.forward(self.readings, self.values)
 
     @property
-    def touching(self) -> PairwiseDistance | Landmark | None:
+    def touching(self) -> PairwiseDistance | TouchedLandmark | None:
         """The first term that touches an artefact."""
-        found = [t for t in self.problem.terms if isinstance(t, PairwiseDistance | Landmark)]
+        found = [t for t in self.problem.terms if isinstance(t, PairwiseDistance | TouchedLandmark)]
         return found[0] if found else None
 
     @property

@@ -2,8 +2,12 @@
 
 from suta_calib.analysis.repeatability.allan import AllanDeviation, allan_deviation
 from suta_calib.analysis.repeatability.directions import DirectionalForce, JointPush
-from suta_calib.analysis.repeatability.intervals import Interval, Spread
-from suta_calib.analysis.repeatability.protocols import Change, Comparison, compare_protocols
+from suta_calib.analysis.repeatability.intervals import Interval, ScatterEstimate
+from suta_calib.analysis.repeatability.protocols import (
+    Change,
+    ProtocolComparison,
+    compare_protocols,
+)
 from suta_calib.analysis.repeatability.scatter import (
     JointScatter,
     OrientationScatter,
@@ -24,7 +28,6 @@ __all__ = [
     "PROTOCOL",
     "AllanDeviation",
     "Change",
-    "Comparison",
     "DirectionalForce",
     "Interval",
     "JointNoise",
@@ -32,8 +35,9 @@ __all__ = [
     "JointScatter",
     "OrientationScatter",
     "PositionScatter",
+    "ProtocolComparison",
     "Repeatability",
-    "Spread",
+    "ScatterEstimate",
     "Stationary",
     "Stream",
     "allan_deviation",

@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 from scipy.stats import chi2
 
-from suta_calib.geometry import FloatArray
+from suta_calib.arrays import FloatArray
 
 _PER_DECADE: Final = 8
 # Of a record shorter than this many averages little is known.

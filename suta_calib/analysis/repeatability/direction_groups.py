@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from suta_calib.geometry import FloatArray
-from suta_calib.terms.term import IntArray, grouped
+from suta_calib.arrays import FloatArray, IntArray
+from suta_calib.terms.term import grouped
 
 
 @dataclass(frozen=True, eq=False)

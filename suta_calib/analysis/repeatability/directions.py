@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from suta_calib.analysis.repeatability.backlash_search import PERMUTATIONS, PlaySearch, search_play
 from suta_calib.analysis.repeatability.direction_groups import DirectionGroups
-from suta_calib.analysis.repeatability.play_search import PERMUTATIONS, PlaySearch, search_play
 from suta_calib.analysis.repeatability.scatter import PositionScatter
-from suta_calib.geometry import FloatArray
-from suta_calib.model.parameters import Unit
+from suta_calib.arrays import FloatArray
+from suta_calib.units import Unit
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from typing import Final
 import numpy as np
 from scipy.stats import t
 
-from suta_calib.geometry import FloatArray
+from suta_calib.arrays import FloatArray
 
 CONFIDENCE: Final = 0.95
 # More rows than this are left out in blocks of neighbours: the error is known well enough.
@@ -36,7 +36,7 @@ class Interval:
 
 
 @dataclass(frozen=True)
-class Spread:
+class ScatterEstimate:
     """A positive number that describes a scatter, and how well it is known.
 
     Attributes:
@@ -59,17 +59,17 @@ class Spread:
         return Interval(math.exp(self.log_centre - half), math.exp(self.log_centre + half))
 
 
-def spread(statistic: Callable[[FloatArray], float], rows: FloatArray) -> Spread:
+def spread(statistic: Callable[[FloatArray], float], rows: FloatArray) -> ScatterEstimate:
     """A statistic of rows (n, …), n at least three, with its uncertainty by the jackknife."""
     value = statistic(rows)
     parts = np.array_split(np.arange(len(rows)), min(len(rows), _MOST_PARTS))
     left = np.array([statistic(np.delete(rows, part, axis=0)) for part in parts])
     if value <= 0 or (left <= 0).any():
-        return Spread(value, -math.inf, 0.0, _LEAST_FREEDOM)
+        return ScatterEstimate(value, -math.inf, 0.0, _LEAST_FREEDOM)
     n, logs = len(parts), np.log(left)
     influence = logs - logs.mean()
     power = float(np.sum(influence**2))
-    return Spread(
+    return ScatterEstimate(
         value,
         n * math.log(value) - (n - 1) * float(logs.mean()),
         math.sqrt((n - 1) / n * power),
@@ -86,7 +86,9 @@ def _freedom(influence: FloatArray, power: float) -> float:
     return min(n - 1.0, max(_LEAST_FREEDOM, 2.0 * n / max(excess, 1e-12)))
 
 
-def ratio(first: Spread, second: Spread, confidence: float = CONFIDENCE) -> Interval:
+def ratio(
+    first: ScatterEstimate, second: ScatterEstimate, confidence: float = CONFIDENCE
+) -> Interval:
     """Interval of ``second / first`` for independent visits: Welch's t on the logarithms."""
     if not (math.isfinite(first.log_centre) and math.isfinite(second.log_centre)):
         return Interval(math.nan, math.nan)
@@ -98,7 +100,9 @@ def ratio(first: Spread, second: Spread, confidence: float = CONFIDENCE) -> Inte
     return Interval(math.exp(centre - half), math.exp(centre + half))
 
 
-def difference(first: Spread, second: Spread, confidence: float = CONFIDENCE) -> Interval:
+def difference(
+    first: ScatterEstimate, second: ScatterEstimate, confidence: float = CONFIDENCE
+) -> Interval:
     """Interval of ``second - first`` from both their intervals.
 
     Zou, Donner (2008), doi:10.1002/sim.3095: each end is as far off as the ends that cause it.
@@ -110,7 +114,7 @@ def difference(first: Spread, second: Spread, confidence: float = CONFIDENCE) ->
     return Interval(middle - below, middle + above)
 
 
-def _centre(each: Spread) -> float:
+def _centre(each: ScatterEstimate) -> float:
     return math.exp(each.log_centre) if math.isfinite(each.log_centre) else each.value
 
 

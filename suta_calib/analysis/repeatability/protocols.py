@@ -30,7 +30,7 @@ class Change:
 
 
 @dataclass(frozen=True)
-class Comparison:
+class ProtocolComparison:
     """Two protocols, visits of each about their own barycentre.
 
     Attributes:
@@ -47,10 +47,10 @@ class Comparison:
 
 def compare_protocols(
     first: str, one: PositionScatter, second: str, two: PositionScatter, confidence: float
-) -> Comparison:
+) -> ProtocolComparison:
     """Compare two independent sets of visits."""
     changes = [
         Change(a.value, b.value, ratio(a, b, confidence), difference(a, b, confidence))
         for a, b in ((one.rp, two.rp), (one.rms, two.rms))
     ]
-    return Comparison(first, second, *changes)
+    return ProtocolComparison(first, second, *changes)

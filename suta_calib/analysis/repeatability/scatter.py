@@ -8,9 +8,9 @@ from typing import Final
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from suta_calib.analysis.repeatability.intervals import Spread, spread
-from suta_calib.geometry import FloatArray
-from suta_calib.model.parameters import Unit
+from suta_calib.analysis.repeatability.intervals import ScatterEstimate, spread
+from suta_calib.arrays import FloatArray
+from suta_calib.units import Unit
 
 # ISO 9283: thirty cycles; and how many standard deviations make a repeatability.
 CYCLES: Final = 30
@@ -37,8 +37,8 @@ class PositionScatter:
     barycentre: tuple[float, float, float]
     mean: float
     std: float
-    rp: Spread
-    rms: Spread
+    rp: ScatterEstimate
+    rms: ScatterEstimate
     maximum: float
     axis_std: tuple[float, float, float]
 
@@ -114,7 +114,7 @@ class JointScatter:
     joint: str
     unit: Unit
     mean: float
-    std: Spread
+    std: ScatterEstimate
     peak_to_peak: float
     tip: float
 

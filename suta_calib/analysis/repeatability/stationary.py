@@ -14,9 +14,9 @@ from scipy.stats import t
 from suta_calib.analysis.repeatability.allan import AllanDeviation, allan_deviation
 from suta_calib.analysis.repeatability.scatter import deviations, median_angle
 from suta_calib.analysis.repeatability.stream import Stream
-from suta_calib.geometry import FloatArray
-from suta_calib.model.parameters import Unit
-from suta_calib.verdict import Verdict, verdict_of
+from suta_calib.arrays import FloatArray
+from suta_calib.assessment import Assessment
+from suta_calib.units import Unit
 
 # Of the drift: few batches, so that each is longer than what correlates within it.
 _BATCHES: Final = 20
@@ -107,7 +107,7 @@ class Stationary:
         return float(self.stream.time[-1] - self.stream.time[0])
 
     @property
-    def verdict(self) -> Verdict:
+    def assessment(self) -> Assessment:
         """Whether the arm was at rest, and what the encoders do meanwhile."""
         moved = [each.joint for each in self.joints if each.moved]
         bad = [f"{', '.join(moved)} moved: the figures are no noise. Let the arm rest."]
@@ -116,7 +116,9 @@ class Stationary:
             f"{len(self.stream.time)} readings in {self.seconds:.1f} s at "
             f"{1 / self.stream.period:.4g} Hz; most noise: {worst.joint}"
         )
-        return verdict_of(bad if moved else [], [] if moved else self._cautions(), sentence)
+        return Assessment.of(
+            sentence, bad=bad if moved else [], care=[] if moved else self._cautions()
+        )
 
     def _cautions(self) -> list[str]:
         notes = []

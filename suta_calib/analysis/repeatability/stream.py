@@ -13,9 +13,9 @@ from typing import Any, Final
 
 import numpy as np
 
+from suta_calib.arrays import FloatArray
 from suta_calib.errors import SamplesError
 from suta_calib.extras import load
-from suta_calib.geometry import FloatArray
 from suta_calib.measurements.csv_table import CsvTable, read_csv_table
 from suta_calib.measurements.suggestion import did_you_mean
 

@@ -9,8 +9,8 @@ from typing import Final
 import numpy as np
 
 from suta_calib.analysis.repeatability.scatter import median_angle
-from suta_calib.geometry import FloatArray
-from suta_calib.model.parameters import Unit
+from suta_calib.arrays import FloatArray
+from suta_calib.units import Unit
 
 # A joint this far from its median (rad) and this many times as far as most: another posture.
 _POSTURE: Final = math.radians(5.0)

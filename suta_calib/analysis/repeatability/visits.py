@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from suta_calib.analysis.repeatability.directions import DirectionalForce, directional_force
 from suta_calib.analysis.repeatability.intervals import CONFIDENCE
-from suta_calib.analysis.repeatability.protocols import Comparison, compare_protocols
+from suta_calib.analysis.repeatability.protocols import ProtocolComparison, compare_protocols
 from suta_calib.analysis.repeatability.scatter import (
     CYCLES,
     LEAST_VISITS,
@@ -22,16 +22,16 @@ from suta_calib.analysis.repeatability.scatter import (
     joint_scatter,
 )
 from suta_calib.analysis.repeatability.unusual import elsewhere, other_posture, white
+from suta_calib.arrays import FloatArray
+from suta_calib.assessment import Assessment
 from suta_calib.batched import Batched
 from suta_calib.errors import SamplesError
-from suta_calib.geometry import FloatArray
 from suta_calib.measurements import Samples
 from suta_calib.model.arm import ArmModel
-from suta_calib.model.parameters import Unit
-from suta_calib.navigation.serial_correlation import correlation_length
+from suta_calib.pose_calibration.serial_correlation import correlation_length
 from suta_calib.terms.term import grouped
 from suta_calib.threads import single_threaded
-from suta_calib.verdict import Verdict, verdict_of
+from suta_calib.units import Unit
 
 DIRECTION: Final = "direction"
 PROTOCOL: Final = "protocol"
@@ -63,7 +63,7 @@ class Repeatability:
     orientation: OrientationScatter
     joints: tuple[JointScatter, ...]
     protocols: Mapping[str, PositionScatter]
-    comparisons: tuple[Comparison, ...]
+    comparisons: tuple[ProtocolComparison, ...]
     directions: DirectionalForce | None
     elsewhere: tuple[int, ...]
     other_posture: tuple[int, ...]
@@ -71,9 +71,9 @@ class Repeatability:
     confidence: float
 
     @property
-    def verdict(self) -> Verdict:
+    def assessment(self) -> Assessment:
         """What the visits say, and what must be known before the figures are used."""
-        return verdict_of([], self._cautions(), self._sentence())
+        return Assessment.of(self._sentence(), care=self._cautions())
 
     def _sentence(self) -> str:
         rp, inside = self.position.rp, self.position.rp.interval(self.confidence)
@@ -192,7 +192,7 @@ def _correlation(away: FloatArray) -> float:
 
 def _comparisons(
     protocols: Mapping[str, PositionScatter], confidence: float
-) -> tuple[Comparison, ...]:
+) -> tuple[ProtocolComparison, ...]:
     """The first protocol with each of the others."""
     first, *others = protocols or [""]
     return tuple(

@@ -15,11 +15,11 @@ from typing import Final
 
 from suta_calib.analysis.study.log import StudyLog
 from suta_calib.analysis.study.runner import Task, run_trials
-from suta_calib.analysis.study.sets import Sets, Unit, sets_of
-from suta_calib.analysis.study.trial import Kind, Reference, StudyData, Trial, held_out_rms
+from suta_calib.analysis.study.sets import ResampledUnit, Sets, sets_of
+from suta_calib.analysis.study.trial import FullDataFit, Kind, StudyData, Trial, held_out_rms
 from suta_calib.errors import JobError, SamplesError
 from suta_calib.model.parameters import ParameterSet
-from suta_calib.solver.ipopt import Options
+from suta_calib.solver.ipopt import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.solver.solve import solve
@@ -31,7 +31,7 @@ Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True, eq=False)
-class Plan:
+class StudyPlan:
     """Which trials to run.
 
     Attributes:
@@ -82,7 +82,7 @@ class Request:
     kind: Kind = "size"
     trials: int = 100
     sizes: tuple[int, ...] | None = None
-    unit: Unit | None = None
+    unit: ResampledUnit | None = None
     seed: int = 0
 
 
@@ -90,9 +90,9 @@ def plan_study(
     parameters: ParameterSet,
     terms: Sequence[Term],
     validation: Sequence[Term],
-    options: Options,
+    options: SolverOptions,
     request: Request,
-) -> Plan:
+) -> StudyPlan:
     """Decide what to draw, and solve with all data where the study compares with that.
 
     Args:
@@ -109,7 +109,7 @@ def plan_study(
             compare trials with.
     """
     sets = sets_of(terms, request.unit)
-    once = Options(1, 0, options.hessian, options.max_iterations)
+    once = SolverOptions(1, 0, options.hessian, options.max_iterations)
     data = StudyData(
         request.kind,
         request.seed,
@@ -121,20 +121,20 @@ def plan_study(
     )
     if request.kind == "size":
         sizes, left_out = _sizes(request.sizes, sets, whole=bool(validation))
-        return Plan(data, sizes, request.trials, left_out)
+        return StudyPlan(data, sizes, request.trials, left_out)
     solution = solve(Problem(terms, parameters), options)
     if not solution.converged:
         raise JobError(
-            f"a calibration with all data that is {solution.verdict}",
+            f"a calibration with all data that is {solution.sentence}",
             f"one to compare {request.kind} trials with",
             hint="see what 'calibrate' and 'observe' say of this job",
         )
-    known = replace(data, reference=Reference.of(solution))
-    return Plan(known, (len(sets),), request.trials, (), solution)
+    known = replace(data, reference=FullDataFit.of(solution))
+    return StudyPlan(known, (len(sets),), request.trials, (), solution)
 
 
 def run_study(
-    plan: Plan,
+    plan: StudyPlan,
     log: StudyLog | None = None,
     *,
     resume: bool = False,
@@ -198,7 +198,7 @@ def _sizes(
     return possible, tuple(size for size in wanted if size > largest)
 
 
-def _suitable(largest: int, unit: Unit) -> tuple[int, ...]:
+def _suitable(largest: int, unit: ResampledUnit) -> tuple[int, ...]:
     """One to ten sets; of single samples ten sizes over the whole range."""
     if unit != "sample":
         return tuple(range(1, min(largest, 10) + 1))

@@ -14,15 +14,16 @@ from typing import Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from suta_calib.arrays import IntArray
 from suta_calib.errors import SamplesError
 from suta_calib.measurements import Samples
 from suta_calib.terms.poses import ArmPoses
-from suta_calib.terms.term import IntArray, Term
+from suta_calib.terms.term import Term
 
-Unit = Literal["set", "placement", "point", "sample"]
-UNITS: Final[tuple[Unit, ...]] = ("set", "placement", "point", "sample")
+ResampledUnit = Literal["set", "placement", "point", "sample"]
+UNITS: Final[tuple[ResampledUnit, ...]] = ("set", "placement", "point", "sample")
 # Which label columns make two samples belong together.
-LABELS: Final[dict[Unit, tuple[str, ...]]] = {
+LABELS: Final[dict[ResampledUnit, tuple[str, ...]]] = {
     "set": ("placement", "repeat"),
     "placement": ("placement",),
     "point": ("point",),
@@ -46,7 +47,7 @@ class Sets:
             term without such sets, which is kept whole.
     """
 
-    unit: Unit
+    unit: ResampledUnit
     names: tuple[str, ...]
     members: tuple[IntArray | None, ...]
 
@@ -105,7 +106,7 @@ class Sets:
         return term.over_poses(ArmPoses(term.poses.arm, samples))
 
 
-def sets_of(terms: Sequence[Term], unit: Unit | None = None) -> Sets:
+def sets_of(terms: Sequence[Term], unit: ResampledUnit | None = None) -> Sets:
     """The sets that samples of these terms form.
 
     Args:
@@ -141,7 +142,7 @@ def sets_of(terms: Sequence[Term], unit: Unit | None = None) -> Sets:
     return Sets(unit, names, members)
 
 
-def _natural(terms: Sequence[Term]) -> Unit:
+def _natural(terms: Sequence[Term]) -> ResampledUnit:
     columns = [term.poses.samples.labels for term in terms]
     if any("placement" in labels for labels in columns):
         return "set"
@@ -149,7 +150,7 @@ def _natural(terms: Sequence[Term]) -> Unit:
     return "point" if len(points) >= ENOUGH_POINTS else "sample"
 
 
-def _labels(term: Term, unit: Unit, number: int) -> list[str] | None:
+def _labels(term: Term, unit: ResampledUnit, number: int) -> list[str] | None:
     """Which set each sample belongs to, by name; None for a term without such labels."""
     samples = term.poses.samples
     if unit == "sample":

@@ -10,10 +10,10 @@ from typing import Final
 
 import numpy as np
 
-from suta_calib.analysis.study.plan import Plan
+from suta_calib.analysis.study.plan import StudyPlan
 from suta_calib.analysis.study.trial import Trial, nominal_rms
-from suta_calib.geometry import FloatArray
-from suta_calib.verdict import Verdict, verdict_of
+from suta_calib.arrays import FloatArray
+from suta_calib.assessment import Assessment
 
 # Share of trials without a result from which the mean of the others says little.
 MANY_FAILED: Final = 0.05
@@ -77,7 +77,7 @@ class SizeStudy:
         uncalibrated: RMS, m, of the nominal arm on the validation data; NaN without them.
     """
 
-    plan: Plan
+    plan: StudyPlan
     sizes: tuple[SizeResult, ...]
     tolerance: float
     failures: dict[str, int]
@@ -106,11 +106,13 @@ class SizeStudy:
         return self.recommended is not None and self.recommended != largest
 
     @property
-    def verdict(self) -> Verdict:
+    def assessment(self) -> Assessment:
         """Whether the recommendation may be relied on."""
         if self.baseline is None:
-            return verdict_of(self._reasons(), [], "no size can be judged: no trial has a result")
-        return verdict_of([], self._cautions(), self._sentence())
+            return Assessment.of(
+                "no size can be judged: no trial has a result", bad=self._reasons()
+            )
+        return Assessment.of(self._sentence(), care=self._cautions())
 
     def _sentence(self) -> str:
         largest = [s for s in self.sizes if len(s.rms)][-1].size
@@ -159,7 +161,7 @@ class SizeStudy:
         return found
 
 
-def judge_sizes(plan: Plan, trials: Sequence[Trial], tolerance: float) -> SizeStudy:
+def judge_sizes(plan: StudyPlan, trials: Sequence[Trial], tolerance: float) -> SizeStudy:
     """Summarise the trials of a study of sizes.
 
     Args:
@@ -177,7 +179,7 @@ def judge_sizes(plan: Plan, trials: Sequence[Trial], tolerance: float) -> SizeSt
     return SizeStudy(plan, with_gain, tolerance, dict(failures.most_common()), uncalibrated)
 
 
-def _result(plan: Plan, size: int, trials: Sequence[Trial]) -> SizeResult:
+def _result(plan: StudyPlan, size: int, trials: Sequence[Trial]) -> SizeResult:
     mine = [trial for trial in trials if trial.size == size]
     drawn = {plan.data.chosen(size, trial.number) for trial in mine}
     rms = np.array([trial.rms for trial in mine if not trial.problem])

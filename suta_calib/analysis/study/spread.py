@@ -10,12 +10,12 @@ from typing import Final
 
 import numpy as np
 
-from suta_calib.analysis.study.plan import Plan
+from suta_calib.analysis.study.plan import StudyPlan
 from suta_calib.analysis.study.sizes import MANY_FAILED
 from suta_calib.analysis.study.trial import TOLD, Trial
-from suta_calib.geometry import FloatArray
+from suta_calib.arrays import FloatArray
+from suta_calib.assessment import Assessment
 from suta_calib.solver.solution import Estimate
-from suta_calib.verdict import Verdict, verdict_of
 
 # Percentiles that enclose 95 %.
 INTERVAL: Final = (2.5, 97.5)
@@ -27,7 +27,7 @@ MOST_NAMES: Final = 6
 
 
 @dataclass(frozen=True, eq=False)
-class Spread:
+class TrialScatter:
     """One quantity over the trials that told it.
 
     Attributes:
@@ -75,7 +75,7 @@ class ParameterSpread:
     """
 
     estimate: Estimate
-    spread: Spread
+    spread: TrialScatter
     predicted: float
     sets: int = 0
     priors: bool = False
@@ -114,26 +114,26 @@ class SpreadStudy:
         failures: reasons trials had none, with how often.
     """
 
-    plan: Plan
+    plan: StudyPlan
     parameters: dict[str, ParameterSpread]
-    validation: Spread
+    validation: TrialScatter
     full_rms: float
     solved: int
     failures: dict[str, int]
 
     @property
-    def verdict(self) -> Verdict:
+    def assessment(self) -> Assessment:
         """Whether standard deviations may be believed."""
         told = [p for p in self.parameters.values() if math.isfinite(p.ratio)]
         if not told:
             reasons = "; ".join(self.failures) or "too few trials"
-            return verdict_of([f"No spread can be told: {reasons}"], [], "no parameter was told")
+            return Assessment.of("no parameter was told", bad=[f"No spread can be told: {reasons}"])
         ratios = [p.ratio for p in told]
         sentence = (
             f"{len(told)} parameters told in {self.solved} trials; their spread is "
             f"{min(ratios):.2f} to {max(ratios):.2f} times the predicted standard deviation"
         )
-        return verdict_of([], self._cautions(), sentence)
+        return Assessment.of(sentence, care=self._cautions())
 
     def _cautions(self) -> list[str]:
         found = []
@@ -161,7 +161,7 @@ class SpreadStudy:
         return parameter.estimate.state in TOLD and told < (1 - MANY_FAILED) * self.solved
 
 
-def judge_spread(plan: Plan, trials: Sequence[Trial]) -> SpreadStudy:
+def judge_spread(plan: StudyPlan, trials: Sequence[Trial]) -> SpreadStudy:
     """Summarise the trials of a bootstrap or a Monte-Carlo study.
 
     Args:
@@ -175,19 +175,26 @@ def judge_spread(plan: Plan, trials: Sequence[Trial]) -> SpreadStudy:
     solved = [trial for trial in trials if not trial.problem]
     rms = np.array([trial.rms for trial in solved if math.isfinite(trial.rms)])
     return SpreadStudy(
-        plan, parameters, Spread(rms), plan.full_rms, len(solved), dict(failures.most_common())
+        plan,
+        parameters,
+        TrialScatter(rms),
+        plan.full_rms,
+        len(solved),
+        dict(failures.most_common()),
     )
 
 
-def _of(plan: Plan, estimate: Estimate, trials: Sequence[Trial]) -> ParameterSpread:
+def _of(plan: StudyPlan, estimate: Estimate, trials: Sequence[Trial]) -> ParameterSpread:
     told = [t.estimates[estimate.name] for t in trials if estimate.name in t.estimates]
     values, stds = np.array(told).reshape(-1, 2).T
     priors = any(p.prior is not None for p in plan.data.parameters.values())
     if plan.data.kind == "bootstrap":
         predicted = math.nan if estimate.std is None else estimate.std
-        return ParameterSpread(estimate, Spread(values), predicted, len(plan.data.sets), priors)
+        return ParameterSpread(
+            estimate, TrialScatter(values), predicted, len(plan.data.sets), priors
+        )
     predicted = float(np.sqrt(np.mean(stds**2))) if len(stds) else math.nan
-    return ParameterSpread(estimate, Spread(values), predicted, 0, priors)
+    return ParameterSpread(estimate, TrialScatter(values), predicted, 0, priors)
 
 
 def _off(parameter: ParameterSpread) -> bool:

@@ -13,13 +13,13 @@ from typing import Final, Literal
 
 import numpy as np
 
-from suta_calib.analysis.accuracy import fit_own
+from suta_calib.analysis.study.resimulation import resimulated
 from suta_calib.analysis.study.sets import Sets
-from suta_calib.analysis.study.simulated_again import simulated_again
+from suta_calib.diagnostics.accuracy import fit_own
 from suta_calib.errors import InputError
 from suta_calib.model.parameters import ParameterSet
 from suta_calib.simulation.noise import stream
-from suta_calib.solver.ipopt import Options
+from suta_calib.solver.ipopt import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution, State
 from suta_calib.solver.solve import solve
@@ -33,7 +33,7 @@ TOLD: Final[tuple[State, ...]] = ("identified", "prior")
 
 
 @dataclass(frozen=True)
-class Reference:
+class FullDataFit:
     """The calibration with all data, as far as trials need it.
 
     Attributes:
@@ -47,7 +47,7 @@ class Reference:
     given: Mapping[str, tuple[str, ...]]
 
     @classmethod
-    def of(cls, solution: Solution) -> Reference:
+    def of(cls, solution: Solution) -> FullDataFit:
         """What a solution says."""
         arm = solution.problem.names[: solution.problem.arm_count]
         estimates = {name: solution.estimates[name] for name in arm}
@@ -76,8 +76,8 @@ class StudyData:
     terms: tuple[Term, ...]
     validation: tuple[Term, ...]
     sets: Sets
-    options: Options = Options()
-    reference: Reference | None = None
+    options: SolverOptions = SolverOptions()
+    reference: FullDataFit | None = None
 
     @property
     def judged_by(self) -> Term:
@@ -123,7 +123,7 @@ def run_trial(data: StudyData, size: int, number: int) -> Trial:
         terms, held_out = _drawn(data, size, number)
         solution = solve(Problem(terms, data.parameters), data.options)
         if not solution.converged:
-            return Trial(size, number, solution.verdict)
+            return Trial(size, number, solution.sentence)
         rms = held_out_rms(solution, held_out)
         if data.kind == "size" and math.isnan(rms):
             return Trial(size, number, f"no {data.judged_by.kind} among the sets not drawn")
@@ -176,7 +176,7 @@ def _drawn(data: StudyData, size: int, number: int) -> tuple[Sequence[Term], Seq
         assert data.reference is not None
         random = stream(data.seed, data.kind, str(number))
         known = data.reference
-        return simulated_again(data.terms, known.values, known.noise, random), data.validation
+        return resimulated(data.terms, known.values, known.noise, random), data.validation
     chosen = data.chosen(size, number)
     terms = data.sets.take(data.terms, chosen)
     if data.validation:
@@ -185,7 +185,7 @@ def _drawn(data: StudyData, size: int, number: int) -> tuple[Sequence[Term], Seq
     return terms, [t for t in data.sets.rest(data.terms, chosen) if t.kind == kind]
 
 
-def _estimates(solution: Solution, reference: Reference | None) -> dict[str, tuple[float, float]]:
+def _estimates(solution: Solution, reference: FullDataFit | None) -> dict[str, tuple[float, float]]:
     """Values that mean the same as with all data: told, and relative to the same held ones."""
     if reference is None:
         return {}

@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from suta_calib.arrays import FloatArray
 from suta_calib.certification.artefact_file import frame_sentence
-from suta_calib.certification.comparison import Comparison
+from suta_calib.certification.comparison import DrawingComparison
 from suta_calib.certification.result import (
     Certification,
     CertifiedLandmark,
@@ -15,7 +16,6 @@ from suta_calib.certification.result import (
     SpacerLength,
 )
 from suta_calib.certification.trust import verdict_on
-from suta_calib.geometry import FloatArray
 
 Json = dict[str, Any]
 
@@ -26,7 +26,7 @@ def certification_dict(found: Certification) -> Json:
     ``std_mm`` is of each coordinate in the artefact's frame; ``shape_std_mm`` after best
     superposition, as distances see it; ``covariance`` is complete, in the landmarks' order.
     """
-    verdict = verdict_on(found)
+    assessment = verdict_on(found)
     comparison = found.comparison
     return {
         "name": found.name,
@@ -60,10 +60,10 @@ def certification_dict(found: Certification) -> Json:
         "damaged": list(found.damaged),
         "wrong_touches": list(found.wrong_touches),
         "verdict": {
-            "level": verdict.level,
-            "usable": verdict.usable,
-            "sentence": verdict.sentence,
-            "notes": list(verdict.notes),
+            "level": assessment.level,
+            "usable": assessment.usable,
+            "sentence": assessment.sentence,
+            "notes": list(assessment.notes),
         },
     }
 
@@ -97,7 +97,7 @@ def _landmark(found: Certification, k: int, mark: CertifiedLandmark) -> Json:
     }
 
 
-def _drawn(comparison: Comparison, k: int, name: str) -> Json | None:
+def _drawn(comparison: DrawingComparison, k: int, name: str) -> Json | None:
     if name not in comparison.drawing.landmarks:
         return None
     deviation, turn = comparison.deviation[k], float(comparison.turn[k])
@@ -131,7 +131,7 @@ def _spacer(found: Certification, spacer: SpacerLength) -> Json:
     }
 
 
-def _comparison(comparison: Comparison) -> Json:
+def _comparison(comparison: DrawingComparison) -> Json:
     return {
         "drawing": comparison.drawing.name,
         "T_drawing_artefact": comparison.registration.matrix.tolist(),

@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
 from matplotlib.patheffects import withStroke
 
+from suta_calib.arrays import FloatArray
 from suta_calib.certification.result import Certification
-from suta_calib.geometry import FloatArray
 from suta_calib.report.svg import BLUE, GREY, ORANGE, WIDTH, style, svg_text
 
 MM: Final = 1e3

@@ -15,7 +15,7 @@ from suta_calib.certification.trust import verdict_on
 from suta_calib.report.certification.plots import certification_figure
 from suta_calib.report.console import number_table, verdict_lines
 from suta_calib.report.sections import Plot, Section, Table, Text
-from suta_calib.report.units import NOTHING
+from suta_calib.units import NOTHING
 
 NAME: Final = "certify"
 POSITION_HEADS: Final = ("landmark", "x, mm", "y, mm", "z, mm", "σ, µm", "turn, deg", "tilt, deg")

@@ -17,7 +17,6 @@ from suta_calib.analysis.outliers import (
     TermOutliers,
     Thresholds,
 )
-from suta_calib.report.poses.json import verdict_dict
 
 Json = dict[str, Any]
 # Metric → its key, and what turns it from SI into the key's unit.
@@ -40,7 +39,7 @@ def outliers_dict(found: Outliers) -> Json:
                 top[key] = term[key]
     first = terms[0]
     return {
-        "verdict": {**verdict_dict(found.verdict), "sentence": found.verdict.sentence},
+        "verdict": {**found.assessment.as_dict(), "sentence": found.assessment.sentence},
         **top,
         "touches": [touch for term in terms for touch in term["touches"]],
         "held_out": first["held_out"],

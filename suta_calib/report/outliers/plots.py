@@ -9,8 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from suta_calib.analysis.outliers import METRICS, Level, Metric, Outliers, TermOutliers
-from suta_calib.analysis.outliers.judgement import ONE
-from suta_calib.geometry import FloatArray
+from suta_calib.analysis.outliers.judgement import GROUPING_NOUN
+from suta_calib.arrays import FloatArray
 from suta_calib.report.outliers.json import KEYS
 from suta_calib.report.svg import BLUE, GREY, ORANGE, WIDTH, style, svg_text
 
@@ -39,7 +39,7 @@ def outlier_plots(found: Outliers) -> list[tuple[str, str]]:
         else:
             level = term.levels[-1]
             svg = _by_group(level, name)
-            plots.append((f"{term.kind}: the metrics by {ONE[level.name]}", svg))
+            plots.append((f"{term.kind}: the metrics by {GROUPING_NOUN[level.name]}", svg))
     return plots
 
 
@@ -136,7 +136,7 @@ def _stems(axes: Axes, level: Level, metric: Metric) -> None:
     )
     title = TITLES[metric] if metric != "bias" else "RMS residual, mm"
     axes.set_title(title)
-    axes.set_xlabel(f"{ONE[level.name]}, in the order of the files")
+    axes.set_xlabel(f"{GROUPING_NOUN[level.name]}, in the order of the files")
     axes.margins(y=0.15)
     if not np.any(values < 0):
         axes.set_ylim(bottom=0)

@@ -20,12 +20,12 @@ from suta_calib.analysis.outliers import (
     Outliers,
     TermOutliers,
 )
-from suta_calib.analysis.outliers.judgement import ONE
+from suta_calib.analysis.outliers.judgement import GROUPING_NOUN
 from suta_calib.report.console import bullet, number_table, verdict_lines
 from suta_calib.report.outliers.json import KEYS, exclusion, threshold_text
 from suta_calib.report.outliers.plots import outlier_plots
 from suta_calib.report.sections import Plot, Section, Table, Text
-from suta_calib.report.units import NOTHING
+from suta_calib.units import NOTHING
 
 HEADS: Final = ("error share, %", "Cook", "leave one out, %", "bias, mm")
 SHORT: Final = ("share %", "Cook", "l.o.o. %", "bias mm")
@@ -38,7 +38,7 @@ DECIMALS: Final[dict[Metric, int]] = {
 # Larger figures have no place in a column.
 WIDEST: Final = 1e5
 # Of long levels only the groups with the largest shares are shown.
-MOST: Final = 20
+MOST_GROUPS_SHOWN: Final = 20
 EXPLAINED: Final = (
     "Figures are of a fit in which the whole geometry of the arm is free, so that what the arm "
     "itself gets wrong is blamed on nothing that was touched; those of the job's own fit stand "
@@ -54,7 +54,7 @@ def outlier_tables(found: Outliers) -> RenderableType:
     for term in found.terms:
         for level in term.levels:
             parts += [_console_table(term, level), ""]
-    return Lines(*parts, *verdict_lines(found.verdict), *map(bullet, advice(found)))
+    return Lines(*parts, *verdict_lines(found.assessment), *map(bullet, advice(found)))
 
 
 def outlier_section(found: Outliers) -> Section:
@@ -67,7 +67,7 @@ def outlier_section(found: Outliers) -> Section:
     parts += [_as_calibrated(term, term.levels[0]) for term in found.terms if term.levels]
     parts += [_touches(term) for term in found.terms if term.touches]
     parts += [Text(sentence) for sentence in advice(found)]
-    return Section("outliers", "Outliers", found.verdict, parts)
+    return Section("outliers", "Outliers", found.assessment, parts)
 
 
 def advice(found: Outliers) -> list[str]:
@@ -83,7 +83,9 @@ def advice(found: Outliers) -> list[str]:
             f"To leave it out, write into the {term.kind} row of the job: exclude: {{{names}}}"
         )
         said += [
-            _effect(ONE[level.name], g.label, term.held_out[level.name][g.label], term.method)
+            _effect(
+                GROUPING_NOUN[level.name], g.label, term.held_out[level.name][g.label], term.method
+            )
             for level in term.levels
             for g in level.outliers
             if g.label in term.held_out.get(level.name, {})
@@ -101,8 +103,8 @@ def _effect(what: str, label: str, effect: HeldOut, method: str) -> str:
 
 def _console_table(term: TermOutliers, level: Level) -> ConsoleTable:
     heads = (*SHORT, "held-out %", "")
-    title = f"{term.kind}, by {ONE[level.name]}"
-    table = number_table(title, ONE[level.name], *heads)
+    title = f"{term.kind}, by {GROUPING_NOUN[level.name]}"
+    table = number_table(title, GROUPING_NOUN[level.name], *heads)
     groups = _shown(level)
     for group in groups:
         cells = [_value(group, metric) for metric in METRICS]
@@ -121,7 +123,7 @@ def _console_table(term: TermOutliers, level: Level) -> ConsoleTable:
 
 
 def _table(term: TermOutliers, level: Level) -> Table:
-    heads = (ONE[level.name], *HEADS, "held-out RMS, %", "verdict")
+    heads = (GROUPING_NOUN[level.name], *HEADS, "held-out RMS, %", "verdict")
     rows = [
         (
             group.label,
@@ -133,7 +135,9 @@ def _table(term: TermOutliers, level: Level) -> Table:
     ]
     limits = [threshold_text(level, metric) for metric in METRICS]
     rows.append(("threshold", *limits, "", ""))
-    return Table(heads, rows, frozenset(range(1, 6)), f"{term.kind}, by {ONE[level.name]}")
+    return Table(
+        heads, rows, frozenset(range(1, 6)), f"{term.kind}, by {GROUPING_NOUN[level.name]}"
+    )
 
 
 def _as_calibrated(term: TermOutliers, level: Level) -> Table:
@@ -141,8 +145,9 @@ def _as_calibrated(term: TermOutliers, level: Level) -> Table:
         (g.label, *(_number(g.as_calibrated[metric], metric) for metric in METRICS))
         for g in _shown(level)
     ]
-    title = f"{term.kind}, by {ONE[level.name]}, in the job's own fit: every touch counts, no flags"
-    return Table((ONE[level.name], *HEADS), rows, frozenset(range(1, 5)), title)
+    grouping = GROUPING_NOUN[level.name]
+    title = f"{term.kind}, by {grouping}, in the job's own fit: every touch counts, no flags"
+    return Table((GROUPING_NOUN[level.name], *HEADS), rows, frozenset(range(1, 5)), title)
 
 
 def _touches(term: TermOutliers) -> Table:
@@ -152,10 +157,10 @@ def _touches(term: TermOutliers) -> Table:
 
 
 def _shown(level: Level) -> Sequence[Group]:
-    if len(level.groups) <= MOST:
+    if len(level.groups) <= MOST_GROUPS_SHOWN:
         return level.groups
     ranked = sorted(level.groups, key=lambda g: (not g.flags, -g.values["contribution"]))
-    kept = {g.label for g in ranked[:MOST]}
+    kept = {g.label for g in ranked[:MOST_GROUPS_SHOWN]}
     return [g for g in level.groups if g.label in kept]
 
 

@@ -8,10 +8,10 @@ import numpy as np
 
 from suta_calib.analysis.planning import Candidate, Choice, Place, Placement, Plan, Point
 from suta_calib.analysis.planning.forecast import Forecast
-from suta_calib.geometry import FloatArray, rpy_from_rotation
-from suta_calib.report.poses.json import verdict_dict
-from suta_calib.report.units import SHOWN_UNIT, shown
-from suta_calib.verdict import Verdict, verdict_of
+from suta_calib.arrays import FloatArray
+from suta_calib.assessment import Assessment
+from suta_calib.geometry.numbers import rpy_from_rotation
+from suta_calib.units import shown, unit_name
 
 MM: Final = 1e3
 Json = dict[str, Any]
@@ -49,11 +49,11 @@ def plan_dict(found: Plan) -> Json:
         "collisions": found.collisions,
         "noise": _noise(found),
         "repeats": found.options.repeats,
-        "verdict": verdict_dict(plan_verdict(found)),
+        "verdict": plan_verdict(found).as_dict(),
     }
 
 
-def plan_verdict(found: Plan) -> Verdict:
+def plan_verdict(found: Plan) -> Assessment:
     """What the plan brings, and what must be known to believe it."""
     names = ", ".join(choice.candidate.name for choice in found.chosen)
     sentence = (
@@ -61,7 +61,7 @@ def plan_verdict(found: Plan) -> Verdict:
         f"{MM * found.after.tip:.3f} mm (3-D RMS in the region, after registration)"
     )
     bad = [_on_trouble(found)] if found.situation.trouble else []
-    return verdict_of(bad, [*_on_start(found), *_on_rest(found)], sentence)
+    return Assessment.of(sentence, bad=bad, care=[*_on_start(found), *_on_rest(found)])
 
 
 def _on_trouble(found: Plan) -> str:
@@ -142,7 +142,7 @@ def _choice(choice: Choice) -> Json:
 def _forecast(forecast: Forecast) -> Json:
     parameters = {}
     for each in forecast.parameters:
-        unit = SHOWN_UNIT[each.unit]
+        unit = unit_name(each.unit)
         std = None if each.std is None else shown(each.std, each.unit)
         parameters[each.name] = {
             f"std_{unit}": std,
@@ -186,7 +186,7 @@ def _noise(found: Plan) -> list[Json]:
     return [
         {
             "block": block.name,
-            f"sigma_{SHOWN_UNIT[block.unit]}": shown(sigma, block.unit),
+            f"sigma_{unit_name(block.unit)}": shown(sigma, block.unit),
             "from": "residuals" if situation.solved else "assumed",
         }
         for block, sigma in zip(situation.problem.blocks, situation.sigmas, strict=True)

@@ -12,7 +12,7 @@ from scipy.spatial import ConvexHull
 
 from suta_calib.analysis.planning import Candidate, Placement, Plan, Point
 from suta_calib.analysis.planning.links import link_points
-from suta_calib.geometry import FloatArray
+from suta_calib.arrays import FloatArray
 from suta_calib.report.planning.json import MM
 from suta_calib.report.svg import BLUE, GREY, ORANGE, WIDTH, plain_log, style, svg_text
 

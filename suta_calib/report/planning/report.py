@@ -30,7 +30,7 @@ def plan_section(found: Plan) -> Section:
     return Section(
         name="plan",
         title="Where to measure next",
-        verdict=plan_verdict(found),
+        assessment=plan_verdict(found),
         parts=[
             Table(CHOSEN_HEADS, chosen_rows(found), frozenset({2, 3, 4, 5}), "Best first"),
             Plot(bench_drawing(found), "On the bench"),

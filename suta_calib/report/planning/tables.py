@@ -16,7 +16,7 @@ from suta_calib.analysis.planning import Choice, Placement, Plan, Point, Posture
 from suta_calib.report.console import bullet, number_table, plain_table, verdict_lines
 from suta_calib.report.planning.json import MM, place_dict, plan_verdict, rounded
 from suta_calib.report.planning.words import plan_sentences, remedy_sentences
-from suta_calib.report.units import NOTHING, SHOWN_UNIT, text
+from suta_calib.units import NOTHING, text, unit_name
 
 CHOSEN_HEADS: Final = ("", "what", "position, mm", "roll pitch yaw, deg", "tip, mm", "gain")
 PARAMETER_HEADS: Final = ("parameter", "now ±", "then ±", "unit")
@@ -53,7 +53,7 @@ def parameter_rows(found: Plan) -> list[list[str]]:
     rows = []
     for before, after in zip(found.before.parameters, found.after.parameters, strict=True):
         cells = [NOTHING if e.std is None else text(e.std, e.unit) for e in (before, after)]
-        rows.append([before.name, *cells, SHOWN_UNIT[before.unit]])
+        rows.append([before.name, *cells, unit_name(before.unit)])
     tips = [f"{MM * forecast.tip:.3f}" for forecast in (found.before, found.after)]
     told = [f"{MM * forecast.tip_told:.3f}" for forecast in (found.before, found.after)]
     return [*rows, ["tip in the region", *tips, "mm"], ["… if what is held is exact", *told, "mm"]]

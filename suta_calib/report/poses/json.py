@@ -9,17 +9,17 @@ from typing import Any, Final
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from suta_calib.geometry import FloatArray, rpy_from_rotation
+from suta_calib.arrays import BoolArray, FloatArray
+from suta_calib.assessment import Assessment, Level
+from suta_calib.geometry.numbers import rpy_from_rotation
 from suta_calib.measurements.pose_files import Points, PosePairs, ToolPoses
-from suta_calib.navigation.consensus import BoolArray
-from suta_calib.navigation.hand_eye import HandEyeCalibration
-from suta_calib.navigation.pivot import PivotCalibration
-from suta_calib.navigation.registration import Registration
-from suta_calib.report.units import PER_SI
-from suta_calib.verdict import Level, Verdict
+from suta_calib.pose_calibration.hand_eye import HandEyeCalibration
+from suta_calib.pose_calibration.pivot import PivotCalibration
+from suta_calib.pose_calibration.registration import Registration
+from suta_calib.units import SHOWN
 
-MM: Final = PER_SI["m"]
-DEG: Final = PER_SI["rad"]
+MM: Final = SHOWN["m"].per_si
+DEG: Final = SHOWN["rad"].per_si
 POSE_STD_KEYS: Final = ("x_mm", "y_mm", "z_mm", "rx_deg", "ry_deg", "rz_deg")
 POSE_KEYS: Final = ("x", "y", "z", "rx", "ry", "rz")
 # What X and Z are, by where the eye is.
@@ -52,7 +52,7 @@ def pivot_dict(found: PivotCalibration, data: ToolPoses) -> Json:
         "turn_deg": DEG * found.turn,
         **_rows(found.inliers, data.lines),
         "covariance": _covariance(found.covariance, order, "m²"),
-        "verdict": verdict_dict(verdict_on(found, data)),
+        "verdict": verdict_on(found, data).as_dict(),
         "input": str(data.path),
     }
 
@@ -79,10 +79,10 @@ def hand_eye_dict(found: HandEyeCalibration, data: PosePairs) -> Json:
     return answer | {
         "rms_mm": MM * found.rms,
         "rms_deg": DEG * found.rms_angle,
-        "hand_share": found.hand_share,
+        "hand_share": found.robot_noise_fraction,
         **_rows(found.inliers, data.lines),
         "covariance": _covariance(found.covariance[:size, :size], order, "m, rad"),
-        "verdict": verdict_dict(verdict_on(found, data)),
+        "verdict": verdict_on(found, data).as_dict(),
         "input": str(data.path),
     }
 
@@ -109,7 +109,7 @@ def register_dict(found: Registration, a: Points, b: Points, targets: Points | N
     if targets is not None:
         answer["targets"] = _targets(found, targets)
     return answer | {
-        "verdict": verdict_dict(verdict_on(found, a, b, targets)),
+        "verdict": verdict_on(found, a, b, targets).as_dict(),
         "input": {"a": str(a.path), "b": str(b.path)},
     }
 
@@ -138,17 +138,12 @@ def quaternion(pose: FloatArray) -> list[float]:
 def verdict_on(
     found: PivotCalibration | HandEyeCalibration | Registration,
     *files: ToolPoses | PosePairs | Points | None,
-) -> Verdict:
+) -> Assessment:
     """How far to trust an answer, and what its files themselves give to think about."""
-    verdict = found.verdict
+    assessment = found.assessment
     notes = [note for file in files if file is not None for note in file.unit_notes]
-    level: Level = "caution" if notes and verdict.level == "good" else verdict.level
-    return replace(verdict, level=level, notes=(*verdict.notes, *notes))
-
-
-def verdict_dict(verdict: Verdict) -> Json:
-    """Level, notes, and whether the answer may be used."""
-    return {"level": verdict.level, "usable": verdict.usable, "notes": list(verdict.notes)}
+    level: Level = "care" if notes and assessment.level == "good" else assessment.level
+    return replace(assessment, level=level, notes=(*assessment.notes, *notes))
 
 
 def _targets(found: Registration, targets: Points) -> list[Json]:

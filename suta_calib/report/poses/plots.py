@@ -9,16 +9,14 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from suta_calib.geometry import FloatArray
+from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.measurements.pose_files import Points, ToolPoses
-from suta_calib.model.parameters import Unit
-from suta_calib.navigation.consensus import BoolArray
-from suta_calib.navigation.hand_eye import HandEyeCalibration
-from suta_calib.navigation.pivot import PivotCalibration
-from suta_calib.navigation.registration import Registration
+from suta_calib.pose_calibration.hand_eye import HandEyeCalibration
+from suta_calib.pose_calibration.pivot import PivotCalibration
+from suta_calib.pose_calibration.registration import Registration
 from suta_calib.report.poses.sphere import MANY_MARKERS, draw_axes, draw_directions
 from suta_calib.report.svg import BLUE, GREY, ORANGE, WIDTH, plain_log, shown_array, style, svg_text
-from suta_calib.report.units import SHOWN_UNIT
+from suta_calib.units import Unit, unit_name
 
 MM: Final = 1e3
 LARGE: Final = 1.3 * WIDTH
@@ -113,7 +111,7 @@ def _residuals(
 
 
 def _level_text(level: float, unit: Unit) -> str:
-    return f"RMS of the fitted {level:.3g} {SHOWN_UNIT[unit]}"
+    return f"RMS of the fitted {level:.3g} {unit_name(unit)}"
 
 
 def _shown(value: float, unit: Unit) -> float:

@@ -9,14 +9,12 @@ from typing import Final
 
 import numpy as np
 
-from suta_calib.geometry import FloatArray
+from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.measurements.pose_files import Points, PosePairs, ToolPoses
-from suta_calib.model.parameters import Unit
-from suta_calib.navigation.consensus import BoolArray
-from suta_calib.navigation.hand_eye import HandEyeCalibration
-from suta_calib.navigation.pivot import PivotCalibration
-from suta_calib.navigation.registration import Registration
-from suta_calib.report.units import PER_SI
+from suta_calib.pose_calibration.hand_eye import HandEyeCalibration
+from suta_calib.pose_calibration.pivot import PivotCalibration
+from suta_calib.pose_calibration.registration import Registration
+from suta_calib.units import SHOWN, Unit
 
 LENGTH: Final = ("x_mm", "y_mm", "z_mm", "norm_mm")
 TURN: Final = ("rx_deg", "ry_deg", "rz_deg", "norm_deg")
@@ -47,7 +45,7 @@ def _lengths(vectors: FloatArray) -> dict[str, list[str]]:
 
 def _with_norm(vectors: FloatArray, unit: Unit, names: Sequence[str]) -> dict[str, list[str]]:
     norms = np.linalg.norm(vectors, axis=1)
-    columns = PER_SI[unit] * np.column_stack([vectors, norms]).T
+    columns = SHOWN[unit].per_si * np.column_stack([vectors, norms]).T
     return {
         name: [f"{value:.6g}" for value in column]
         for name, column in zip(names, columns, strict=True)

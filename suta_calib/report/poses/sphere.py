@@ -12,8 +12,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Circle
 
-from suta_calib.geometry import FloatArray
-from suta_calib.navigation.consensus import BoolArray
+from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.report.svg import BLUE, ORANGE
 
 RINGS: Final = (5, 10, 15, 30, 45, 60, 90, 120, 150, 180)  # deg

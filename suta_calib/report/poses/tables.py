@@ -10,12 +10,11 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from suta_calib.geometry import FloatArray
+from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.measurements.pose_files import Points, PosePairs, ToolPoses
-from suta_calib.navigation.consensus import BoolArray
-from suta_calib.navigation.hand_eye import HandEyeCalibration
-from suta_calib.navigation.pivot import PivotCalibration
-from suta_calib.navigation.registration import Registration
+from suta_calib.pose_calibration.hand_eye import HandEyeCalibration
+from suta_calib.pose_calibration.pivot import PivotCalibration
+from suta_calib.pose_calibration.registration import Registration
 from suta_calib.report.console import number_table, verdict_lines
 from suta_calib.report.poses.json import (
     FRAMES,
@@ -25,8 +24,8 @@ from suta_calib.report.poses.json import (
     rpy_deg,
     verdict_on,
 )
-from suta_calib.report.units import text
 from suta_calib.report.verdict import listed
+from suta_calib.units import text
 
 MOST_OUTLIERS: Final = 10
 MOST_POSTS: Final = 12

@@ -6,19 +6,17 @@ from typing import Any
 
 from suta_calib.analysis.repeatability import (
     Change,
-    Comparison,
     DirectionalForce,
     Interval,
     JointNoise,
     JointPush,
     JointScatter,
     PositionScatter,
+    ProtocolComparison,
     Repeatability,
     Stationary,
 )
-from suta_calib.model.parameters import Unit
-from suta_calib.report.poses.json import verdict_dict
-from suta_calib.report.units import SHOWN_UNIT, shown
+from suta_calib.units import Unit, shown, unit_name
 
 Json = dict[str, Any]
 SECONDS_PER_HOUR = 3600.0
@@ -48,7 +46,7 @@ def repeatability_dict(found: Repeatability) -> Json:
         "other_posture": [found.samples.origin[row] for row in found.other_posture],
         "correlation": found.correlation,
     }
-    return answer | {"verdict": verdict_dict(found.verdict)}
+    return answer | {"verdict": found.assessment.as_dict()}
 
 
 def position_dict(each: PositionScatter, confidence: float) -> Json:
@@ -75,14 +73,14 @@ def _joint(each: JointScatter, confidence: float) -> Json:
         "peak_to_peak": each.peak_to_peak,
     }
     inside = each.std.interval(confidence)
-    unit = SHOWN_UNIT[each.unit]
+    unit = unit_name(each.unit)
     return _with_unit(figures, each.unit) | {
         f"std_interval_{unit}": [shown(inside.low, each.unit), shown(inside.high, each.unit)],
         "tip_mm": _mm(each.tip),
     }
 
 
-def _comparison(each: Comparison) -> Json:
+def _comparison(each: ProtocolComparison) -> Json:
     return {
         "first": each.first,
         "second": each.second,
@@ -121,7 +119,7 @@ def _push(each: JointPush) -> Json:
         "play": each.play,
         "play_by_chance": each.chance,
     }
-    unit = SHOWN_UNIT[each.unit]
+    unit = unit_name(each.unit)
     return _with_unit(figures, each.unit) | {
         "tip_mm": _mm(each.tip),
         "p_value": each.p_value,
@@ -142,7 +140,7 @@ def stationary_dict(found: Stationary) -> Json:
         "dropped": stream.dropped,
         "tip_noise_mm": None if found.tip_std is None else _mm(found.tip_std),
         "joints": {each.joint: _noise(each) for each in found.joints},
-        "verdict": verdict_dict(found.verdict),
+        "verdict": found.assessment.as_dict(),
         "input": str(stream.path),
     }
 
@@ -157,7 +155,7 @@ def _noise(each: JointNoise) -> Json:
         "step": each.step,
     }
     hourly = {"drift": each.drift, "drift_half_interval": each.drift_half}
-    unit = SHOWN_UNIT[each.unit]
+    unit = unit_name(each.unit)
     slopes = {
         f"{key}_{unit}_per_h": SECONDS_PER_HOUR * shown(value, each.unit)
         for key, value in hourly.items()
@@ -168,7 +166,7 @@ def _noise(each: JointNoise) -> Json:
 
 
 def _allan(each: JointNoise) -> Json:
-    allan, unit = each.allan, SHOWN_UNIT[each.unit]
+    allan, unit = each.allan, unit_name(each.unit)
 
     def listed(values: Any) -> list[float]:
         return [shown(float(value), each.unit) for value in values]
@@ -186,7 +184,7 @@ def _allan(each: JointNoise) -> Json:
 
 def _with_unit(figures: dict[str, float | None] | dict[str, float], unit: Unit) -> Json:
     return {
-        f"{key}_{SHOWN_UNIT[unit]}": None if value is None else shown(value, unit)
+        f"{key}_{unit_name(unit)}": None if value is None else shown(value, unit)
         for key, value in figures.items()
     }
 

@@ -16,8 +16,8 @@ from suta_calib.analysis.repeatability import (
     Stationary,
 )
 from suta_calib.report.svg import BLUE, GREY, ORANGE, WIDTH, plain_log, style, svg_text
-from suta_calib.report.units import SHOWN_UNIT, shown
 from suta_calib.terms.term import grouped
+from suta_calib.units import shown, unit_name
 
 MM: Final = 1e3
 LARGE: Final = 1.3 * WIDTH
@@ -176,5 +176,5 @@ def _allan(axes: Axes, found: Stationary) -> None:
 
 
 def _unit(found: Stationary) -> str:
-    units = {f"0.001 {SHOWN_UNIT[each.unit]}" for each in found.joints}
+    units = {f"0.001 {unit_name(each.unit)}" for each in found.joints}
     return " or ".join(sorted(units))

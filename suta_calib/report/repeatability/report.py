@@ -8,12 +8,12 @@ from rich.console import Group, RenderableType
 from rich.text import Text as Line
 
 from suta_calib.analysis.repeatability import Repeatability, Stationary
+from suta_calib.assessment import Assessment
 from suta_calib.report.console import number_table, verdict_lines
 from suta_calib.report.repeatability.json import repeatability_dict, stationary_dict
 from suta_calib.report.repeatability.plots import stationary_plot, visits_plot
 from suta_calib.report.repeatability.rows import repeatability_tables, stationary_tables
 from suta_calib.report.sections import Plot, Section, Table, Text
-from suta_calib.verdict import Verdict, verdict_of
 
 NAME: Final = "repeatability"
 _HOW: Final = (
@@ -42,12 +42,12 @@ def answer_of(visits: Repeatability | None, rest: Stationary | None) -> dict[str
     return answer
 
 
-def whole_verdict(visits: Repeatability | None, rest: Stationary | None) -> Verdict:
+def whole_verdict(visits: Repeatability | None, rest: Stationary | None) -> Assessment:
     """The worse of both, with the notes of both."""
-    given = [each.verdict for each in (visits, rest) if each is not None]
+    given = [each.assessment for each in (visits, rest) if each is not None]
     bad = [note for each in given if each.level == "bad" for note in each.notes]
     notes = [note for each in given if each.level != "bad" for note in each.notes]
-    return verdict_of(bad, notes, "; ".join(each.sentence for each in given))
+    return Assessment.of("; ".join(each.sentence for each in given), bad=bad, care=notes)
 
 
 def shown_tables(visits: Repeatability | None, rest: Stationary | None) -> RenderableType:

@@ -13,10 +13,9 @@ from suta_calib.analysis.repeatability import (
     Repeatability,
     Stationary,
 )
-from suta_calib.model.parameters import Unit
 from suta_calib.report.repeatability.json import SECONDS_PER_HOUR
 from suta_calib.report.sections import Table
-from suta_calib.report.units import NOTHING, SHOWN_UNIT, shown, text
+from suta_calib.units import NOTHING, Unit, shown, text, unit_name
 
 # Encoders are finer than the decimals of a pose.
 _DIGITS: Final = 3
@@ -62,7 +61,7 @@ def _joints(found: Repeatability) -> Table:
 
 
 def _unit(found: Repeatability) -> str:
-    return " or ".join(sorted({SHOWN_UNIT[each.unit] for each in found.joints}))
+    return " or ".join(sorted({unit_name(each.unit) for each in found.joints}))
 
 
 def _comparisons(found: Repeatability) -> Table:

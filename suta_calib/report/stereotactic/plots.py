@@ -8,10 +8,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from suta_calib.geometry import FloatArray
-from suta_calib.navigation.distortion import DistortionCorrection
-from suta_calib.navigation.stereotactic import StereotacticResult
+from suta_calib.arrays import FloatArray
 from suta_calib.report.svg import BLUE, GREY, ORANGE, WIDTH, plain_log, style, svg_text
+from suta_calib.stereotactic.distortion import DistortionCorrection
+from suta_calib.stereotactic.solve import StereotacticResult
 
 MM: Final = 1e3
 CELLS: Final = 8  # of the map, in each direction

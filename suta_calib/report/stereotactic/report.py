@@ -11,31 +11,31 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from suta_calib.arrays import FloatArray
+from suta_calib.assessment import Assessment
 from suta_calib.atomic import write_bytes_atomically
 from suta_calib.errors import OutputError
-from suta_calib.geometry import FloatArray, homogeneous
-from suta_calib.navigation.cis_files import output1_text, output2_text
-from suta_calib.navigation.pivot import PivotCalibration
-from suta_calib.navigation.stereotactic import Navigation, StereotacticResult
-from suta_calib.navigation.stereotactic_comparison import Comparison
+from suta_calib.geometry.numbers import homogeneous
+from suta_calib.pose_calibration.pivot import PivotCalibration
 from suta_calib.report.console import number_table, verdict_lines
 from suta_calib.report.files import make_folder
-from suta_calib.report.poses.json import verdict_dict
 from suta_calib.report.stereotactic.plots import stereotactic_figure
-from suta_calib.report.units import NOTHING, text
-from suta_calib.verdict import Verdict
+from suta_calib.stereotactic.cis_files import output1_text, output2_text
+from suta_calib.stereotactic.comparison import StereotacticErrors
+from suta_calib.stereotactic.solve import Navigation, StereotacticResult
+from suta_calib.units import NOTHING, text
 
 MM: Final = 1e3
 
 
 # ── data ─────────────────────────────────────────────────────────────────────────────────────
 def stereotactic_dict(
-    result: StereotacticResult, verdict: Verdict, comparison: Comparison
+    result: StereotacticResult, assessment: Assessment, comparison: StereotacticErrors
 ) -> dict[str, Any]:
     """The answer as JSON data, lengths in mm."""
     found: dict[str, Any] = {
         "name": result.data.name,
-        "verdict": verdict_dict(verdict),
+        "verdict": assessment.as_dict(),
         **_pivot_dict("em", result.em_pivot),
         **_pivot_dict("optical", result.optical_pivot),
         "em_readings": {"before": _errors(result.em_error)},
@@ -76,7 +76,7 @@ def _navigation_dict(found: Navigation | None) -> dict[str, Any]:
     }
 
 
-def _comparison_dict(comparison: Comparison) -> dict[str, float]:
+def _comparison_dict(comparison: StereotacticErrors) -> dict[str, float]:
     found = {}
     for key, value in (("em_post", comparison.em_post), ("optical_post", comparison.optical_post)):
         if value is not None:
@@ -101,7 +101,7 @@ def _mm(values: FloatArray) -> list[float]:
 
 # ── files ────────────────────────────────────────────────────────────────────────────────────
 def write_stereotactic(
-    result: StereotacticResult, verdict: Verdict, folder: str | Path
+    result: StereotacticResult, assessment: Assessment, folder: str | Path
 ) -> dict[str, Path]:
     """Write ``NAME-output1.txt``, ``NAME-output2.txt`` and ``NAME-stereotactic.svg``.
 
@@ -109,7 +109,7 @@ def write_stereotactic(
 
     Args:
         result: the answer.
-        verdict: on it.
+        assessment: on it.
         folder: created if it is not there.
 
     Returns:
@@ -121,7 +121,7 @@ def write_stereotactic(
     """
     folder, name = Path(folder), result.data.name
     texts = {f"{name}-stereotactic.svg": stereotactic_figure(result)}
-    if verdict.usable:
+    if assessment.usable:
         if result.navigation is not None:
             file = f"{name}-output2.txt"
             texts[file] = output2_text(result.navigation.ct, file)
@@ -149,7 +149,7 @@ def _keep_given(texts: Mapping[str, str], folder: Path, inputs: Path) -> None:
 
 # ── tables ───────────────────────────────────────────────────────────────────────────────────
 def stereotactic_tables(
-    result: StereotacticResult, verdict: Verdict, comparison: Comparison
+    result: StereotacticResult, assessment: Assessment, comparison: StereotacticErrors
 ) -> RenderableType:
     """What a console shows: posts, EM readings, navigation, comparison, verdict; mm."""
     parts: list[RenderableType] = [_posts(result), _readings(result)]
@@ -160,7 +160,7 @@ def stereotactic_tables(
     if lost := {kind: count for kind, count in result.outliers.items() if count}:
         counts = ", ".join(f"{count} in {kind}" for kind, count in lost.items())
         parts.append(Text(f"Markers left out: {counts}"))
-    return Group(*parts, "", *verdict_lines(verdict))
+    return Group(*parts, "", *verdict_lines(assessment))
 
 
 def _posts(result: StereotacticResult) -> Table:
@@ -205,7 +205,7 @@ def _navigation(found: Navigation) -> Table:
     return table
 
 
-def _comparison(comparison: Comparison) -> Table:
+def _comparison(comparison: StereotacticErrors) -> Table:
     table = number_table("Against the output files given, mm", "distance of", "mean", "max")
     for name, many in (
         ("expected EM markers", comparison.expected),

@@ -5,16 +5,16 @@ from __future__ import annotations
 import math
 from typing import Any, Final
 
-from suta_calib.analysis.study.plan import Plan
-from suta_calib.analysis.study.sets import Unit
+from suta_calib.analysis.study.plan import StudyPlan
+from suta_calib.analysis.study.sets import ResampledUnit
 from suta_calib.analysis.study.sizes import SizeResult, SizeStudy
 from suta_calib.analysis.study.spread import ParameterSpread, SpreadStudy
 from suta_calib.analysis.study.trial import TOLD
-from suta_calib.report.units import SHOWN_UNIT, shown
-from suta_calib.verdict import Verdict
+from suta_calib.assessment import Assessment
+from suta_calib.units import shown, unit_name
 
 PERCENT: Final = 100.0
-SET_IS: Final[dict[Unit, str]] = {
+SET_IS: Final[dict[ResampledUnit, str]] = {
     "set": "one placement and repeat",
     "placement": "one placement with all its repeats",
     "point": "all touches of one fixed point",
@@ -30,18 +30,18 @@ def study_dict(study: SizeStudy | SpreadStudy) -> Json:
     else:
         found = _spreads(study)
     failures = [{"problem": p, "count": n} for p, n in study.failures.items()]
-    rest = {"failures": failures, "verdict": _verdict(study.verdict)}
+    rest = {"failures": failures, "verdict": _verdict(study.assessment)}
     return _asked(study.plan) | found | rest
 
 
-def held_out(plan: Plan) -> str:
+def held_out(plan: StudyPlan) -> str:
     """What the errors are of."""
     if plan.data.validation:
         return "validation data"
     return "nothing" if plan.data.kind == "monte-carlo" else "sets not drawn"
 
 
-def _asked(plan: Plan) -> Json:
+def _asked(plan: StudyPlan) -> Json:
     data = plan.data
     return {
         "kind": data.kind,
@@ -106,7 +106,7 @@ def _parameter(parameter: ParameterSpread) -> Json:
     if e.state not in TOLD:
         return told
     low, high = parameter.spread.interval
-    suffix = SHOWN_UNIT[e.unit]
+    suffix = unit_name(e.unit)
     spread, predicted = parameter.spread.std, parameter.predicted
     return told | {
         "value": e.value,
@@ -122,10 +122,10 @@ def _parameter(parameter: ParameterSpread) -> Json:
     }
 
 
-def _verdict(verdict: Verdict) -> Json:
+def _verdict(assessment: Assessment) -> Json:
     return {
-        "level": verdict.level,
-        "usable": verdict.usable,
-        "sentence": verdict.sentence,
-        "notes": list(verdict.notes),
+        "level": assessment.level,
+        "usable": assessment.usable,
+        "sentence": assessment.sentence,
+        "notes": list(assessment.notes),
     }

@@ -11,7 +11,7 @@ from matplotlib.ticker import MaxNLocator
 
 from suta_calib.analysis.study.sizes import SizeStudy
 from suta_calib.analysis.study.spread import ParameterSpread, SpreadStudy
-from suta_calib.geometry import FloatArray
+from suta_calib.arrays import FloatArray
 from suta_calib.report.svg import BLUE, GREY, ORANGE, WIDTH, style, svg_text
 
 MM: Final = 1e3

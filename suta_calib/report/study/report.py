@@ -14,8 +14,8 @@ from suta_calib.report.console import number_table, verdict_lines
 from suta_calib.report.sections import Plot, Section, Table, Text
 from suta_calib.report.study.json import SET_IS, held_out
 from suta_calib.report.study.plots import size_figure, spread_figure
-from suta_calib.report.units import NOTHING, SHOWN_UNIT, text
 from suta_calib.report.verdict import listed
+from suta_calib.units import NOTHING, text, unit_name
 
 # What a study's files and its section are called.
 NAMES: Final[dict[Kind, str]] = {
@@ -48,7 +48,7 @@ def study_tables(study: Study) -> RenderableType:
     for row in rows:
         table.add_row(*row)
     told = [Line(sentence) for sentence in _words(study)]
-    return Group(table, *told, "", *verdict_lines(study.verdict))
+    return Group(table, *told, "", *verdict_lines(study.assessment))
 
 
 def study_section(study: Study) -> Section:
@@ -56,7 +56,7 @@ def study_section(study: Study) -> Section:
     kind = study.plan.data.kind
     heads, rows = _table(study)
     parts: list[Text | Plot | Table] = [Text(sentence) for sentence in _words(study)]
-    if study.verdict.usable:
+    if study.assessment.usable:
         svg = (
             size_figure(study)
             if isinstance(study, SizeStudy)
@@ -70,7 +70,7 @@ def study_section(study: Study) -> Section:
         parts.append(
             Table(("why a trial had no result", "trials"), reasons, frozenset({1}), "No result")
         )
-    return Section(NAMES[kind], TITLES[kind], study.verdict, parts)
+    return Section(NAMES[kind], TITLES[kind], study.assessment, parts)
 
 
 def _table(study: Study) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
@@ -94,7 +94,7 @@ def _size_rows(study: SizeStudy) -> list[tuple[str, ...]]:
 def _spread_row(name: str, parameter: ParameterSpread) -> tuple[str, ...]:
     e, spread = parameter.estimate, parameter.spread
     told = str(len(spread.values))
-    unit = SHOWN_UNIT[e.unit]
+    unit = unit_name(e.unit)
     ratio = f"{parameter.ratio:.2f}" if parameter.ratio > 0 else NOTHING
     mark = "" if parameter.as_predicted else "!"
     low, high = (text(value, e.unit) for value in spread.interval)

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from suta_calib.analysis.tip_map import THRESHOLDS, TipMap
 from suta_calib.analysis.tip_sections import Slice
-from suta_calib.geometry import FloatArray
+from suta_calib.arrays import FloatArray
 from suta_calib.report.planning.plots import draw_arm
 from suta_calib.report.svg import ORANGE, WIDTH, style, svg_text
 

@@ -9,12 +9,11 @@ from rich.console import Group, RenderableType
 from rich.text import Text as RichText
 
 from suta_calib.analysis.tip_map import THRESHOLDS, Figures, TipMap
+from suta_calib.assessment import Assessment
 from suta_calib.report.console import bullet, number_table, plain_table, verdict_lines
-from suta_calib.report.poses.json import verdict_dict
 from suta_calib.report.sections import Plot, Section, Table, Text
 from suta_calib.report.tip_map.plots import tip_map_figure
-from suta_calib.report.units import PER_SI, SHOWN_UNIT
-from suta_calib.verdict import Verdict, verdict_of
+from suta_calib.units import SHOWN, unit_name
 
 MM: Final = 1e3
 Json = dict[str, Any]
@@ -64,11 +63,11 @@ def tip_map_dict(found: TipMap, tolerance: float | None = None) -> Json:
         },
         "field": [{"what": what, "value_mm": value, "kind": kind} for what, value, kind in FIELD],
         "tolerance_mm": None if tolerance is None else MM * tolerance,
-        "verdict": verdict_dict(tip_map_verdict(found, tolerance)),
+        "verdict": tip_map_verdict(found, tolerance).as_dict(),
     }
 
 
-def tip_map_verdict(found: TipMap, tolerance: float | None = None) -> Verdict:
+def tip_map_verdict(found: TipMap, tolerance: float | None = None) -> Assessment:
     """How sure the tip is, whether that is enough, and what it does not say."""
     rms = found.registered.rms
     sentence = (
@@ -81,7 +80,7 @@ def tip_map_verdict(found: TipMap, tolerance: float | None = None) -> Verdict:
     caution = _open_notes(found)
     if rms > THRESHOLDS[-1]:
         caution.append(f"Laboratories ask for {_limits()} mm of the whole navigation system.")
-    return verdict_of(bad, caution, sentence)
+    return Assessment.of(sentence, bad=bad, care=caution)
 
 
 def tip_map_tables(found: TipMap, tolerance: float | None = None) -> RenderableType:
@@ -103,7 +102,7 @@ def tip_map_section(found: TipMap, tolerance: float | None = None) -> Section:
     return Section(
         name="tip_map",
         title="How sure the tip is",
-        verdict=tip_map_verdict(found, tolerance),
+        assessment=tip_map_verdict(found, tolerance),
         parts=[
             Plot(tip_map_figure(found), "Uncertainty of the tip after registration, mm"),
             Text(_where(found)),
@@ -153,7 +152,7 @@ def _held(found: TipMap, k: int) -> Json:
     unit = found.knowledge.arm.offered[each.held].unit
     return {
         "parameter": each.held,
-        f"plausible_{SHOWN_UNIT[unit]}": PER_SI[unit] * each.plausible,
+        f"plausible_{unit_name(unit)}": SHOWN[unit].per_si * each.plausible,
         "tip_mm": MM * each.effect,
     }
 
@@ -164,7 +163,7 @@ def _open_notes(found: TipMap) -> list[str]:
         if each.effect <= _NOTHING * found.registered.rms:
             continue
         unit = found.knowledge.arm.offered[each.held].unit
-        size = f"{PER_SI[unit] * each.plausible:.3g} {SHOWN_UNIT[unit]}"
+        size = f"{SHOWN[unit].per_si * each.plausible:.3g} {unit_name(unit)}"
         notes.append(
             f"{each.held} is held, not measured, and not in these figures: if it is off by "
             f"{size}, the tip is off by {MM * each.effect:.3g} mm ('plan' says what measures it)."

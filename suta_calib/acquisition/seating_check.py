@@ -1,0 +1,142 @@
+"""Whether a landmark is where the artefact says: what tells a mis-seated plug at once.
+
+The arm is not yet calibrated, so a few millimetres are nothing to worry about; what stands out
+among the distances of the same placement is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from suta_calib.arrays import FloatArray
+from suta_calib.geometry.numbers import register_points
+from suta_calib.measurements import Artefact
+from suta_calib.model.arm import ArmModel
+
+# An arm before its calibration may be off by this much without anything being wrong, m.
+_NOMINAL_ERROR: Final = 10e-3
+_OUTSTANDING: Final = 4.0
+# And among so many landmarks never by so much, however bad the other distances are, m.
+_MANY: Final = 4
+_NEVER_USUAL: Final = 30e-3
+# From here on a landmark is another one rather than badly measured, m and as a ratio.
+ANOTHER: Final = 15e-3
+_BETTER: Final = 3.0
+# Landmarks closer than this part of the artefact's shortest distance are one and the same.
+_SAME: Final = 0.25
+_COLLINEAR: Final = 0.1
+
+
+@dataclass(frozen=True)
+class DistanceError:
+    """How much longer the arm measures a distance than the artefact is certified.
+
+    Attributes:
+        other: name of the landmark at the other end.
+        error: measured minus certified, m.
+    """
+
+    other: str
+    error: float
+
+
+class SeatingCheck:
+    """The landmarks measured so far at one placement, through the job's own URDF.
+
+    Args:
+        arm: at nominal.
+        artefact: certified landmarks.
+
+    Attributes:
+        tips: (3,) position of the tip on each landmark measured, base frame, m.
+    """
+
+    def __init__(self, arm: ArmModel, artefact: Artefact) -> None:
+        self._arm, self._artefact = arm, artefact
+        self.tips: dict[str, FloatArray] = {}
+
+    def tip(self, angles: FloatArray) -> FloatArray:
+        """(3,) where the tip is for these readings, m."""
+        return self._arm.forward(angles)[1]
+
+    def put(self, landmark: str, angles: FloatArray) -> None:
+        """Remember that the landmark was measured here."""
+        self.tips[landmark] = self.tip(angles)
+
+    def distances(self, landmark: str, angles: FloatArray) -> list[DistanceError]:
+        """Errors of the distances to every other landmark measured."""
+        tip = self.tip(angles)
+        return [
+            DistanceError(other, self._error(landmark, tip, other))
+            for other in self.tips
+            if other != landmark
+        ]
+
+    def _error(self, landmark: str, tip: FloatArray, other: str) -> float:
+        certified = self._artefact.position_of([landmark, other])
+        measured = np.linalg.norm(tip - self.tips[other])
+        return float(measured - np.linalg.norm(certified[0] - certified[1]))
+
+    def suspicious(self, landmark: str, angles: FloatArray) -> bool:
+        """Whether these distances stand out from those between the others."""
+        errors = [abs(each.error) for each in self.distances(landmark, angles)]
+        if not errors:
+            return False
+        others = [name for name in self.tips if name != landmark]
+        usual = [
+            abs(self._error(a, self.tips[a], b)) for k, a in enumerate(others) for b in others[:k]
+        ]
+        usual_error = float(np.median(usual)) if usual else 0.0
+        limit = max(_NOMINAL_ERROR, _OUTSTANDING * usual_error)
+        if len(others) >= _MANY:
+            limit = min(limit, _NEVER_USUAL)
+        return float(np.median(errors)) > limit
+
+    def same_place(self, angles: FloatArray, other: FloatArray) -> bool:
+        """Whether two readings can only belong to one landmark."""
+        positions = np.array([mark.position for mark in self._artefact.landmarks.values()])
+        if len(positions) < 2:
+            return False
+        apart = np.linalg.norm(positions[:, None] - positions[None], axis=2)
+        shortest = float(np.min(apart[np.triu_indices(len(positions), 1)]))
+        return bool(np.linalg.norm(self.tip(angles) - self.tip(other)) < _SAME * shortest)
+
+    def misfit(self, landmark: str, angles: FloatArray) -> float:
+        """How badly a landmark of this name would fit here, m; zero while nothing can be said."""
+        known = [name for name in self.tips if name != landmark]
+        source = self._artefact.position_of(known)
+        if self._spans_a_plane(source):
+            R, p = register_points(source, np.array([self.tips[name] for name in known]))
+            predicted = R @ self._artefact.landmark(landmark).position + p
+            return float(np.linalg.norm(self.tip(angles) - predicted))
+        errors = [each.error for each in self.distances(landmark, angles)]
+        return float(np.sqrt(np.mean(np.square(errors)))) if errors else 0.0
+
+    @staticmethod
+    def _spans_a_plane(points: FloatArray) -> bool:
+        if len(points) < 3:
+            return False
+        values = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+        return bool(values[1] > _COLLINEAR * values[0])
+
+    def disagreement(self, names: Sequence[str], tips: Sequence[FloatArray]) -> float:
+        """RMS distance of tips from landmarks of these names, laid over each other, m."""
+        source, target = self._artefact.position_of(list(names)), np.array(tips)
+        R, p = register_points(source, target)
+        return float(np.sqrt(np.mean(np.sum((source @ R.T + p - target) ** 2, axis=1))))
+
+    def which(self, expected: str, candidates: Iterable[str], angles: FloatArray) -> str:
+        """The landmark the arm rests on, where it may not be the expected one.
+
+        Returns:
+            ``expected``, unless it is impossible and a candidate fits far better.
+        """
+        misfits: Mapping[str, float] = {name: self.misfit(name, angles) for name in candidates}
+        if not misfits or self.misfit(expected, angles) < ANOTHER:
+            return expected
+        best = min(misfits, key=lambda name: misfits[name])
+        return best if _BETTER * misfits[best] < self.misfit(expected, angles) else expected

@@ -1,0 +1,202 @@
+"""What is to be measured: the stations of one placement or point, as a job asks for them.
+
+The job is read for its arm and one of its observations only: the samples it names need not exist
+yet, for they are what is measured here.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from suta_calib.errors import InputError, JobError
+from suta_calib.measurements import Artefact, YamlSection, read_artefact, read_yaml
+from suta_calib.measurements.suggestion import did_you_mean
+from suta_calib.model.arm import ArmModel
+
+TOUCHED: Final = ("pairwise_distance", "landmark")
+POINT: Final = "fixed_point"
+FREE: Final = "free"
+_GROUPS: Final = ("observations", "validation")
+_WHICH: Final = re.compile(r"(?:(observations|validation)(?:\[(\d+)\])?|(\d+))")
+_WILD: Final = re.compile(r"[*?\[]")
+
+
+@dataclass(frozen=True)
+class Station:
+    """One sample to be taken.
+
+    Attributes:
+        name: what the user is told to go to.
+        labels: cells of the label columns.
+    """
+
+    name: str
+    labels: Mapping[str, str]
+
+
+@dataclass(frozen=True, eq=False)
+class Row:
+    """One observation of a job.
+
+    Attributes:
+        job: the job's file.
+        where: the row, such as ``observations[0]``.
+        kind: of observation.
+        artefact: for the kinds that need one.
+        pattern: the first glob of its samples.
+    """
+
+    job: Path
+    where: str
+    kind: str
+    artefact: Artefact | None
+    pattern: str
+
+    def file(self, label: str, repeat: str) -> Path:
+        """Where samples of this label go by default: the folder and the look of the glob."""
+        named = Path(self.pattern)
+        parts = named.parts
+        fixed = next((k for k, part in enumerate(parts) if _WILD.search(part)), len(parts))
+        if fixed == len(parts):
+            return self.job.parent / named
+        stem = f"{label}_{repeat}"
+        last = named.name
+        plain = last.count("*") == 1 and not re.search(r"[?\[]", last)
+        name = last.replace("*", stem) if plain else f"{stem}.csv"
+        return self.job.parent.joinpath(*parts[:fixed]) / name
+
+
+@dataclass(frozen=True, eq=False)
+class TouchSequence:
+    """What to measure with which arm.
+
+    Attributes:
+        arm: at nominal.
+        kind: of observation, or ``free``.
+        artefact: certified landmarks, or None.
+        stations: in order.
+        key: labels that all stations share: they tell one run's rows from another's.
+    """
+
+    arm: ArmModel
+    kind: str
+    artefact: Artefact | None
+    stations: tuple[Station, ...]
+    key: Mapping[str, str]
+
+    @property
+    def label_columns(self) -> tuple[str, ...]:
+        """Columns beside the joints'."""
+        return (*self.key, "landmark") if self.kind in TOUCHED else tuple(self.key)
+
+
+def read_arm(job: Path, urdf: Path | None = None) -> ArmModel:
+    """The arm of a job, or the same chain of another URDF.
+
+    Raises:
+        JobError, UrdfError: as `CalibrationJob.load` does.
+    """
+    arm = YamlSection(read_yaml(job, JobError), JobError).section("arm")
+    file = arm.existing_file("urdf") if urdf is None else urdf
+    base = arm.text("base") if "base" in arm else None
+    return ArmModel.from_urdf(file, arm.text("tip"), base)
+
+
+def read_row(job: Path, which: str | None, wanted: Sequence[str]) -> Row:
+    """The observation that samples are taken for.
+
+    Args:
+        job: the job's file.
+        which: ``1``, ``observations[1]``, ``validation``, ``validation[0]`` or a kind; None for
+            the first of a kind that is wanted.
+        wanted: kinds.
+
+    Raises:
+        JobError: there is no such row, or a key of it cannot be used.
+        ArtefactError: the artefact cannot be used.
+    """
+    top = YamlSection(read_yaml(job, JobError), JobError)
+    rows = {
+        f"{group}[{k}]": section
+        for group in _GROUPS
+        if group in top
+        for k, section in enumerate(top.sections(group))
+    }
+    kinds = {name: section.text("kind") for name, section in rows.items()}
+    name = _chosen(job, kinds, which, wanted)
+    section = rows[name]
+    artefact = read_artefact(section.existing_file("artefact")) if "artefact" in section else None
+    if artefact is None and kinds[name] in TOUCHED:
+        raise section.refuse("no such key", "the artefact's file", at=("artefact",))
+    return Row(job, name, kinds[name], artefact, section.texts("samples")[0])
+
+
+def _chosen(job: Path, kinds: Mapping[str, str], which: str | None, wanted: Sequence[str]) -> str:
+    if which is None:
+        found = next((name for name, kind in kinds.items() if kind in wanted), None)
+        expected = f"an observation of kind {' or '.join(wanted)}"
+    else:
+        found = _named(kinds, which)
+        expected = f"one of {', '.join(f'{name} ({kind})' for name, kind in kinds.items())}"
+    if found is None:
+        listed = ", ".join(dict.fromkeys(kinds.values())) or "none"
+        raise JobError(
+            f"observations of kind {listed}" if which is None else repr(which),
+            expected,
+            file=job,
+            where="observations" if which is None else "--observation",
+            hint="" if which is None else did_you_mean(which, kinds.values()),
+        )
+    return found
+
+
+def _named(kinds: Mapping[str, str], which: str) -> str | None:
+    matched = _WHICH.fullmatch(which)
+    if matched is None:
+        return next((name for name, kind in kinds.items() if kind == which), None)
+    name = f"{matched[1] or 'observations'}[{matched[3] or matched[2] or 0}]"
+    return name if name in kinds else None
+
+
+def touched(
+    arm: ArmModel, row: Row, placement: str, repeat: str, sequence: Sequence[str] | None
+) -> TouchSequence:
+    """The landmarks of one placement, in the artefact's order or another one.
+
+    Raises:
+        ArtefactError: the sequence names a landmark that there is not.
+        InputError: the sequence is empty.
+    """
+    assert row.artefact is not None
+    names = list(row.artefact.landmarks) if sequence is None else list(sequence)
+    if not names:
+        raise InputError("no landmarks", "landmarks such as O,M1,M2", where="--sequence")
+    for name in names:
+        row.artefact.landmark(name)
+    key = {"placement": checked_label(placement, "--placement"), "repeat": repeat}
+    stations = tuple(Station(name, key | {"landmark": name}) for name in names)
+    return TouchSequence(arm, row.kind, row.artefact, stations, key)
+
+
+def repeated(arm: ArmModel, kind: str, point: str | None, repeat: str, count: int) -> TouchSequence:
+    """A number of rests: all on one fixed point, or anywhere (``point`` None)."""
+    key = {} if point is None else {"point": checked_label(point, "--point")}
+    key |= {"repeat": repeat}
+    where = "anywhere" if point is None else point
+    stations = tuple(Station(f"{where}, rest {k + 1}", key) for k in range(count))
+    return TouchSequence(arm, kind, None, stations, key)
+
+
+def checked_label(label: str, option: str) -> str:
+    """A label that can stand in a cell and in a file's name.
+
+    Raises:
+        InputError: it cannot.
+    """
+    if not label.strip() or not label.isprintable() or "/" in label or label.strip() != label:
+        raise InputError(repr(label), "a label without slashes or blanks around it", where=option)
+    return label

@@ -1,0 +1,235 @@
+"""Encoder offsets from known poses of the tip: an arm's first configuration, before calibration.
+
+The true joint angles of a known pose come from inverse kinematics; what the encoders read there is
+known, and the difference is the offset. A pose can be reached in several ways, so there may be
+several answers (branches); over several poses least squares leave those that fit all of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from suta_calib.arrays import FloatArray, IntArray
+from suta_calib.batched import Batched
+from suta_calib.errors import InputError
+from suta_calib.geometry.numbers import vector_from_rotation
+from suta_calib.measurements import Samples
+from suta_calib.model.arm import ArmModel
+from suta_calib.simulation import InverseKinematics, Targets
+from suta_calib.solver.identifiability import Combination, identify
+from suta_calib.solver.information import Information
+from suta_calib.solver.problem import DEFAULT_SIGMA
+
+# Starts of the inverse kinematics, and how many of what they find are tried on all poses.
+_STARTS: Final = 240
+_TRIED: Final = 80
+# Offsets closer than this are the same answer, rad or m.
+_SAME: Final = 1e-3
+# A branch fits if its residuals are within the assumed noise, or not much worse than the best.
+_NOT_MUCH_WORSE: Final = 3.0
+
+
+@dataclass(frozen=True, eq=False)
+class Branch:
+    """One set of offsets that explains the poses.
+
+    Attributes:
+        offsets: (n,) added to the readings, rad in (-π, π] (m for prismatic joints).
+        distances: (k,) how far the tip stays from each known position, m.
+        angles: (k,) and from each known orientation, rad; None where none is known.
+    """
+
+    offsets: FloatArray
+    distances: FloatArray
+    angles: FloatArray | None
+
+    @property
+    def rms(self) -> float:
+        """Root mean square of the distances, m."""
+        return float(np.sqrt(np.mean(self.distances**2)))
+
+
+@dataclass(frozen=True, eq=False)
+class ZeroOffsets:
+    """What the poses say about the offsets.
+
+    Attributes:
+        arm: whose offsets these are.
+        names: of the offsets.
+        branches: those that fit, the smallest offsets first; at least one.
+        undetermined: offsets that these poses cannot tell, which are held at zero; or
+            combinations of several, and then the only branch is one answer of infinitely many.
+    """
+
+    arm: ArmModel
+    names: tuple[str, ...]
+    branches: tuple[Branch, ...]
+    undetermined: tuple[Combination, ...]
+
+    @property
+    def unique(self) -> bool:
+        """Whether what is undetermined concerns no offset that is given a value."""
+        return all(combination.alone for combination in self.undetermined)
+
+    def values(self, branch: Branch) -> dict[str, float]:
+        """Offsets by name."""
+        return dict(zip(self.names, branch.offsets.tolist(), strict=True))
+
+
+def find_baseline(arm: ArmModel, samples: Samples, seed: int = 0) -> ZeroOffsets:
+    """Offsets with which the arm's URDF agrees with known poses.
+
+    Args:
+        arm: as its URDF has it.
+        samples: raw readings, with the position of the tip in the arm's base frame for each row,
+            and its orientation if that is known.
+        seed: of the postures from which inverse kinematics searches.
+
+    Raises:
+        InputError: no positions.
+    """
+    if samples.position is None:
+        raise InputError("no positions of the tip", "x, y, z for each row, or --pose")
+    fit = _OffsetFit(arm, samples)
+    every: IntArray = np.arange(len(arm.joints), dtype=np.intp)
+    starts = _starts(arm, samples, np.random.default_rng(seed))
+    answers = fit.refined(starts, every)
+    best = min(answers, key=fit.cost)
+    undetermined = fit.undetermined(best)
+    branches = _distinct(fit, answers)
+    if not all(combination.alone for combination in undetermined):
+        # A continuum of answers has no branches worth listing: the smallest stands for them.
+        branches = branches[:1]
+    elif undetermined:
+        held = {combination.held for combination in undetermined}
+        free = np.array([name not in held for name in fit.names])
+        starts = [np.where(free, start, 0.0) for start in answers]
+        branches = _distinct(fit, fit.refined(starts, every[free]))
+    return ZeroOffsets(arm, fit.names, branches, undetermined)
+
+
+def _starts(arm: ArmModel, samples: Samples, rng: np.random.Generator) -> list[FloatArray]:
+    """Offsets to begin from: those that explain the first row, in whichever posture."""
+    assert samples.position is not None
+    inverse = InverseKinematics(arm, {})
+    postures = np.vstack([samples.q[0], inverse.random_readings(rng, _STARTS - 1)])
+    rotation = np.eye(3) if samples.rotation is None else samples.rotation[0]
+    targets = Targets(
+        np.tile(samples.position[0], (_STARTS, 1)),
+        np.tile(rotation, (_STARTS, 1, 1)),
+        "position" if samples.rotation is None else "pose",
+    )
+    found = inverse.solve(targets, postures, rng, starts=1)
+    order = np.argsort(~found.reached, kind="stable")
+    offsets = [wrapped_offsets(arm, found.q[k] - samples.q[0]) for k in order]
+    return [np.zeros(len(arm.joints)), *_apart(arm, offsets)][:_TRIED]
+
+
+def _apart(arm: ArmModel, offsets: Sequence[FloatArray]) -> list[FloatArray]:
+    """Each of them once, in the order given."""
+    kept: list[FloatArray] = []
+    for each in offsets:
+        others = np.array(kept).reshape(-1, len(each))
+        if not np.any(np.all(np.abs(wrapped_offsets(arm, others - each)) < _SAME, axis=1)):
+            kept.append(each)
+    return kept
+
+
+def _distinct(fit: _OffsetFit, answers: Sequence[FloatArray]) -> tuple[Branch, ...]:
+    """The answers that fit, each once, the smallest offsets first."""
+    costs = np.array([fit.cost(answer) for answer in answers])
+    limit = max(fit.noise_cost, _NOT_MUCH_WORSE**2 * float(costs.min()))
+    good = [answers[k] for k in np.argsort(costs, kind="stable") if costs[k] <= limit]
+    apart = _apart(fit.arm, good)
+    return tuple(fit.branch(o) for o in sorted(apart, key=lambda o: float(np.linalg.norm(o))))
+
+
+class _OffsetFit:
+    """Least squares of the offsets over all poses, in units of the assumed noise."""
+
+    def __init__(self, arm: ArmModel, samples: Samples) -> None:
+        assert samples.position is not None
+        self.arm = arm
+        self.names = tuple(f"{joint}.offset" for joint in arm.joints)
+        self._position, self._rotation = samples.position, samples.rotation
+        self._batch = Batched(arm.function(list(self.names)), len(samples), shared=[0])
+        self._batch.inputs[1][:] = samples.q
+
+    @property
+    def noise_cost(self) -> float:
+        """Cost at which every residual is as large as the noise assumed."""
+        return float(self._position.size * (1 if self._rotation is None else 2))
+
+    def _poses(self, offsets: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        self._batch.inputs[0][:] = offsets
+        flat, position, jacobian = self._batch()
+        rotation = np.swapaxes(flat.reshape(-1, 3, 3), 1, 2)
+        return rotation, position.copy(), jacobian.reshape(len(position), 6, -1).copy()
+
+    def rows(self, offsets: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Residuals and their derivative, both divided by the noise assumed."""
+        rotation, position, jacobian = self._poses(offsets)
+        count = jacobian.shape[2]
+        residual = [((position - self._position) / DEFAULT_SIGMA["m"]).ravel()]
+        slope = [jacobian[:, :3].reshape(-1, count) / DEFAULT_SIGMA["m"]]
+        if self._rotation is not None:
+            turn = vector_from_rotation(rotation @ np.swapaxes(self._rotation, 1, 2))
+            residual.append((turn / DEFAULT_SIGMA["rad"]).ravel())
+            slope.append(jacobian[:, 3:].reshape(-1, count) / DEFAULT_SIGMA["rad"])
+        return np.concatenate(residual), np.concatenate(slope)
+
+    def cost(self, offsets: FloatArray) -> float:
+        """Sum of squares."""
+        residual, _ = self.rows(offsets)
+        return float(residual @ residual)
+
+    def refined(self, starts: Sequence[FloatArray], free: IntArray) -> list[FloatArray]:
+        """The nearest minimum of each start over the free offsets; the others stay."""
+        return [self._refined(start, free) for start in starts]
+
+    def _refined(self, start: FloatArray, free: IntArray) -> FloatArray:
+        def whole(x: FloatArray) -> FloatArray:
+            offsets = start.copy()
+            offsets[free] = x
+            return offsets
+
+        found = least_squares(
+            lambda x: self.rows(whole(x))[0],
+            start[free],
+            lambda x: self.rows(whole(x))[1][:, free],
+            xtol=1e-12,
+            ftol=1e-12,
+            gtol=1e-12,
+            max_nfev=60,
+        )
+        return wrapped_offsets(self.arm, whole(found.x))
+
+    def undetermined(self, offsets: FloatArray) -> tuple[Combination, ...]:
+        """What changes nothing that is known."""
+        _, slope = self.rows(offsets)
+        curvature = slope.T @ slope
+        unknown = self.arm.select(*self.names)
+        information = Information(curvature, curvature, np.zeros_like(curvature))
+        verdict = identify(unknown, len(unknown), information, np.zeros(len(unknown)))
+        return verdict.combinations
+
+    def branch(self, offsets: FloatArray) -> Branch:
+        """Offsets with their residuals."""
+        rotation, position, _ = self._poses(offsets)
+        distances = np.linalg.norm(position - self._position, axis=1)
+        if self._rotation is None:
+            return Branch(offsets, distances, None)
+        turn = vector_from_rotation(np.swapaxes(self._rotation, 1, 2) @ rotation)
+        return Branch(offsets, distances, np.linalg.norm(turn, axis=1))
+
+
+def wrapped_offsets(arm: ArmModel, offsets: FloatArray) -> FloatArray:
+    """Offsets of joints that turn, wrapped to (-π, π]; (n,) or (k, n)."""
+    turning = np.array([joint.type != "prismatic" for joint in arm.chain.moving])
+    turns = np.where(turning, np.ceil((offsets - np.pi) / (2 * np.pi)), 0.0)
+    return np.asarray(offsets - 2 * np.pi * turns, dtype=float)

@@ -1,0 +1,228 @@
+"""How well a set of unknowns predicts what it was not fitted to, placement by placement.
+
+Whole placements are left out, because the postures at one placement resemble each other: what was
+learnt at some of them would seem to hold at the rest (leave-one-group-out; Hastie, Tibshirani,
+Friedman, The Elements of Statistical Learning, section 7.10). Where there are fewer than three
+placements, or none, whole touches are left out, repeats together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+
+from suta_calib.arrays import FloatArray, IntArray
+from suta_calib.diagnostics.accuracy import BlockErrors, TermAccuracy, assess
+from suta_calib.errors import SamplesError
+from suta_calib.model.parameters import ParameterSet
+from suta_calib.solver.ipopt import SolverOptions
+from suta_calib.solver.problem import Problem
+from suta_calib.solver.solution import Solution
+from suta_calib.solver.solve import solve
+from suta_calib.terms import Term
+from suta_calib.terms.term import grouped
+from suta_calib.threads import single_threaded
+
+MOST_FOLDS: Final = 10
+FEWEST_PLACEMENTS: Final = 3
+FOLDS_OF_TOUCHES: Final = 5
+
+
+@dataclass(frozen=True, eq=False)
+class Fold:
+    """What is fitted, and what is held out; a term may be missing from what is held out."""
+
+    label: str
+    training: tuple[Term, ...]
+    held_out: tuple[Term, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Held:
+    """Errors of one fold's held-out rows.
+
+    Attributes:
+        squares: sum of the squared errors in units of the noise, none counted beyond its Huber
+            threshold.
+        count: numbers in them.
+        lengths: (n,) error norms of the first kind's first block, m, limited likewise.
+    """
+
+    squares: float
+    count: int
+    lengths: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class CrossValidation:
+    """The held-out errors of one set of unknowns.
+
+    Attributes:
+        folds: one entry a fold, in the order of the folds.
+    """
+
+    folds: tuple[Held, ...]
+
+    @cached_property
+    def losses(self) -> FloatArray:
+        """(folds,) mean squared error of each fold in units of the noise."""
+        return np.array([fold.squares / fold.count for fold in self.folds])
+
+    @property
+    def loss(self) -> float:
+        """Mean of `losses`, all folds alike."""
+        return float(self.losses.mean())
+
+    @property
+    def rms(self) -> float:
+        """Of all held-out errors of the first kind, m; none counted beyond its Huber threshold."""
+        return float(np.sqrt(np.mean(np.concatenate([f.lengths for f in self.folds]) ** 2)))
+
+
+def folds_of(terms: Sequence[Term], seed: int = 0) -> tuple[Fold, ...]:
+    """Split the samples of all terms.
+
+    Args:
+        terms: the observations.
+        seed: of the random split of what has no placements.
+
+    Raises:
+        SamplesError: too few placements and touches to leave any out.
+    """
+    placements = list(dict.fromkeys(p for t in terms for p in _placements(t)))
+    whole = len(placements) >= FEWEST_PLACEMENTS
+    count = min(len(placements), MOST_FOLDS) if whole else FOLDS_OF_TOUCHES
+    rng = np.random.default_rng(seed)
+    number = [_fold_numbers(t, placements if whole else [], count, rng) for t in terms]
+    found = []
+    for k in range(count):
+        label = ", ".join(placements[k::count]) if whole else f"part {k + 1}"
+        training = tuple(t.take(n != k) for t, n in zip(terms, number, strict=True))
+        held_out = [_taken(t, n == k) for t, n in zip(terms, number, strict=True)]
+        kept = tuple(t for t in held_out if t is not None)
+        if kept:
+            found.append(Fold(label, training, kept))
+    if len(found) < 2:
+        raise SamplesError(
+            "too few touches to leave any out",
+            "at least two placements, better five",
+            where="folds",
+        )
+    return tuple(found)
+
+
+def _placements(term: Term) -> list[str]:
+    labels = term.poses.samples.labels
+    return grouped(labels["placement"])[0] if "placement" in labels else []
+
+
+def _fold_numbers(
+    term: Term, placements: Sequence[str], count: int, rng: np.random.Generator
+) -> IntArray:
+    labels = term.poses.samples.labels
+    if placements and "placement" in labels:
+        order = {name: k % count for k, name in enumerate(placements)}
+        return np.array([order[str(p)] for p in labels["placement"]], dtype=np.intp)
+    touch = term.repeats()
+    numbers = np.arange(int(touch.max()) + 1) % count
+    return np.asarray(rng.permutation(numbers)[touch], dtype=np.intp)
+
+
+def _taken(term: Term, rows: np.typing.NDArray[np.bool_]) -> Term | None:
+    """The held-out part, or nothing where it is empty or too small for its kind."""
+    if not rows.any():
+        return None
+    try:
+        return term.take(rows)
+    except SamplesError:
+        return None
+
+
+@single_threaded
+def cross_validate(
+    folds: Sequence[Fold],
+    parameters: ParameterSet,
+    noise: Sequence[float],
+    options: SolverOptions = SolverOptions(starts=1),
+) -> CrossValidation | None:
+    """Fit each fold's training part, and look at what it makes of the rest.
+
+    Args:
+        folds: of `folds_of`.
+        parameters: the arm's unknowns.
+        noise: standard deviation of each block of all terms together, in order: what errors are
+            measured in. The same for every candidate that is compared.
+        options: of the solver.
+
+    Returns:
+        None where a fold could not be fitted.
+    """
+    held = []
+    for fold in folds:
+        try:
+            solution = solve(Problem(fold.training, parameters), options)
+        except SamplesError:
+            return None
+        if not solution.converged:
+            return None
+        accuracy = assess(solution, fold.held_out)
+        held.append(_held(accuracy.validation, _levels(fold, noise)))
+    return CrossValidation(tuple(held))
+
+
+def _levels(fold: Fold, noise: Sequence[float]) -> list[float]:
+    """The levels of the held-out blocks: a term whose part is missing is passed over."""
+    levels, found = iter(noise), dict[int, list[float]]()
+    for k, term in enumerate(fold.training):
+        found[k] = [next(levels) for _ in term.blocks]
+    return [v for k, t in _matched(fold) for v in found[k][: len(t.blocks)]]
+
+
+def _matched(fold: Fold) -> list[tuple[int, Term]]:
+    """Which training term each held-out one belongs to: both keep their order."""
+    matched, k = [], 0
+    for term in fold.held_out:
+        while not _same(fold.training[k], term):
+            k += 1
+        matched.append((k, term))
+        k += 1
+    return matched
+
+
+def _same(training: Term, held_out: Term) -> bool:
+    mine, other = training.poses.samples, held_out.poses.samples
+    return training.kind == held_out.kind and mine.labels.keys() == other.labels.keys()
+
+
+def _held(terms: Sequence[TermAccuracy], levels: Sequence[float]) -> Held:
+    squares, count, each = 0.0, 0, iter(levels)
+    lengths = []
+    for term in terms:
+        for found, block in zip(term.blocks, term.term.blocks, strict=True):
+            limited = limited_errors(found, block.noise.huber)
+            squares += float(np.sum((limited / next(each)) ** 2))
+            count += found.residual_after.size
+            if found is term.blocks[0] and term.term.kind == terms[0].term.kind:
+                lengths.append(limited)
+    return Held(squares, count, np.concatenate(lengths))
+
+
+def fitted_rms(solution: Solution) -> float:
+    """RMS of the errors that were fitted, as `CrossValidation.rms` has it of those held out, m."""
+    return limited_rms(assess(solution).calibration)
+
+
+def limited_rms(terms: Sequence[TermAccuracy]) -> float:
+    """RMS of the errors of the first term's kind, m, none counted beyond its Huber threshold."""
+    same = [t for t in terms if t.term.kind == terms[0].term.kind]
+    errors = [limited_errors(t.blocks[0], t.term.blocks[0].noise.huber) for t in same]
+    return float(np.sqrt(np.mean(np.concatenate(errors) ** 2)))
+
+
+def limited_errors(found: BlockErrors, threshold: float) -> FloatArray:
+    """Error norms (n,), none beyond the threshold of the robust loss."""
+    return np.minimum(found.after, threshold)

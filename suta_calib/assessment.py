@@ -1,0 +1,113 @@
+"""How far an answer may be trusted: in one word, a sentence, and what must be known to use it.
+
+Every answer of this package has an ``assessment``, made where the answer is made. The exit code,
+the JSON, the report and whoever reads an answer back ask it; nobody judges twice.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Final, Literal, Protocol
+
+from suta_calib.errors import NotUsableError
+
+Level = Literal["good", "care", "bad"]
+WORD: Final[dict[Level, str]] = {"good": "Good", "care": "Take care", "bad": "Do not use"}
+# Exit code of a command that ran, but whose answer must not be used.
+NOT_USABLE: Final = 1
+
+
+@dataclass(frozen=True)
+class Assessment:
+    """The first thing a reader needs.
+
+    Attributes:
+        level: ``good``; ``care`` (usable, but something must be known); ``bad`` (not usable).
+        sentence: what was found; empty where the level says it all.
+        notes: what must be known, one sentence each; none where all is well.
+    """
+
+    level: Level
+    sentence: str = ""
+    notes: tuple[str, ...] = ()
+
+    @classmethod
+    def of(
+        cls, sentence: str = "", *, bad: Sequence[str] = (), care: Sequence[str] = ()
+    ) -> Assessment:
+        """The worst of what was found.
+
+        Args:
+            sentence: what was found.
+            bad: reasons not to use the answer.
+            care: what must be known to use it.
+        """
+        level: Level = "bad" if bad else "care" if care else "good"
+        return cls(level, sentence, (*bad, *care))
+
+    def with_care(self, notes: Sequence[str]) -> Assessment:
+        """The same, with more that must be known."""
+        level: Level = "care" if notes and self.level == "good" else self.level
+        return replace(self, level=level, notes=(*self.notes, *notes))
+
+    @property
+    def usable(self) -> bool:
+        """Whether the answer may be used at all."""
+        return self.level != "bad"
+
+    @property
+    def exit_code(self) -> int:
+        """Of a command that gave this answer: 0, or 1 where it must not be used."""
+        return 0 if self.usable else NOT_USABLE
+
+    @property
+    def word(self) -> str:
+        """The level for a reader."""
+        return WORD[self.level]
+
+    def as_dict(self) -> dict[str, Any]:
+        """The one shape of a judgement in JSON: the key ``verdict`` of every answer."""
+        return {
+            "level": self.level,
+            "usable": self.usable,
+            "sentence": self.sentence,
+            "notes": list(self.notes),
+        }
+
+
+class Assessed(Protocol):
+    """An answer that says how far it may be trusted."""
+
+    @property
+    def assessment(self) -> Assessment:
+        """How far."""
+
+
+def refuse_unusable(answer: Mapping[str, Any], file: Path, *, anyway: bool = False) -> None:
+    """Refuse an answer that was written with the word that it must not be used.
+
+    Args:
+        answer: as read back from JSON.
+        file: it came from.
+        anyway: use it all the same (``--anyway``).
+
+    Raises:
+        NotUsableError: its ``verdict`` says that it is not usable.
+    """
+    verdict = answer.get("verdict")
+    said = verdict if isinstance(verdict, Mapping) else {}
+    # Written before answers carried their judgement: whether it converged is all there is.
+    usable = said.get("usable", answer.get("status", "converged") == "converged")
+    if usable or anyway:
+        return
+    notes = [str(note) for note in said.get("notes", ())]
+    why = next(iter(notes), str(said.get("sentence", "")) or "it did not converge")
+    raise NotUsableError(
+        f"an answer that must not be used ({why.rstrip('.')})",
+        "one that may be",
+        file=file,
+        where="verdict",
+        hint="mend what it names and run it again, or insist with --anyway",
+    )

@@ -1,0 +1,89 @@
+"""``suta-calib path-accuracy``: how well a recorded motion follows a reference."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from suta_calib.cli._arm import optional_arm
+from suta_calib.cli._numbers import FiniteRange
+from suta_calib.cli._output import check_folder, json_option
+from suta_calib.cli._poses import LateStatus, finish
+
+if TYPE_CHECKING:
+    from suta_calib.tracking.alignment import Register
+
+_PATH = click.Path(path_type=Path)
+
+
+@click.command()
+@click.argument("recorded", type=_PATH, metavar="RECORDED.csv")
+@click.argument("reference", type=_PATH, metavar="REFERENCE.csv")
+@click.option("--urdf", type=_PATH, help="The arm, for hysteresis per joint.")
+@click.option("--tip", help="Link or frame of the arm that was recorded.")
+@click.option("--base", help="Link the recording is relative to; default: the root link.")
+@click.option("--register", "registered", is_flag=True, help="The files are in different frames.")
+@click.option(
+    "--max-latency",
+    type=FiniteRange(min=1e-3),
+    default=0.5,
+    show_default=True,
+    help="Largest latency looked at, either way, s.",
+)
+@json_option
+@click.option("--out", type=_PATH, help="Folder to write result.json and dynamics.svg into.")
+@click.pass_context
+def path_accuracy(
+    context: click.Context,
+    recorded: Path,
+    reference: Path,
+    urdf: Path | None,
+    tip: str | None,
+    base: str | None,
+    registered: bool,
+    max_latency: float,
+    as_json: bool,
+    out: Path | None,
+) -> None:
+    """Compare a recorded motion with a reference: errors, latency, and direction reversals.
+
+    Both files have the columns time (s, one clock) and x,y,z (m; x_mm,y_mm,z_mm: mm), and
+    qx,qy,qz,qw where orientations are to be compared. RECORDED.csv may come from track --csv:
+    with --urdf and its joint columns the hysteresis of every joint is found, and taken out of the
+    latency. Exits with 1 where the latency found is the largest looked at.
+    """
+    from suta_calib.report.path_accuracy.json import dynamics_dict, dynamics_verdict
+    from suta_calib.report.path_accuracy.plots import dynamics_figure
+    from suta_calib.report.path_accuracy.tables import dynamics_tables
+    from suta_calib.tracking.path_accuracy import compare
+    from suta_calib.tracking.trajectory import read_trajectory
+
+    if out is not None:
+        check_folder(out)
+    arm = optional_arm(urdf, tip, base, "was recorded")
+    motions = read_trajectory(recorded, arm), read_trajectory(reference)
+    register = _register() if registered else None
+    with LateStatus("comparing"):
+        found = compare(*motions, arm, register=register, largest_latency=max_latency)
+    finish(
+        context,
+        dynamics_dict(found),
+        dynamics_verdict(found),
+        lambda: dynamics_tables(found),
+        lambda: {"dynamics.svg": dynamics_figure(found)},
+        out,
+        as_json=as_json,
+    )
+
+
+def _register() -> Register:
+    from suta_calib.arrays import FloatArray
+    from suta_calib.pose_calibration.registration import register
+
+    def robustly(source: FloatArray, target: FloatArray) -> tuple[FloatArray, FloatArray]:
+        found = register(source, target)
+        return found.rotation, found.position
+
+    return robustly

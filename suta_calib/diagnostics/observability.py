@@ -1,0 +1,187 @@
+"""What a data set can and cannot determine, before anything is solved.
+
+Everything here follows from the Jacobian at the nominal arm and the assumed noise: readings are
+needed, measured values are not believed yet.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from suta_calib.arrays import FloatArray, IntArray
+from suta_calib.diagnostics.explanation import Explanation, explain
+from suta_calib.diagnostics.indices import Indices
+from suta_calib.model.parameters import Parameter
+from suta_calib.solver.covariance import predicted_covariance
+from suta_calib.solver.identifiability import Identification, schur_complement
+from suta_calib.solver.information import Information, predicted_information
+from suta_calib.solver.problem import Problem
+from suta_calib.solver.solution import INFORMED, State
+from suta_calib.solver.solve import identify_at
+from suta_calib.units import Unit
+
+__all__ = ["Explanation", "Observability", "Prospect", "explain", "observe"]
+
+
+@dataclass(frozen=True)
+class Prospect:
+    """One parameter before the fit.
+
+    Attributes:
+        name, unit, nominal: as in the problem.
+        plausible: how far off it might be, m or rad: the yardstick for ``std``.
+        bound: half-width of its bounds, or None without bounds.
+        prior: standard deviation of its prior, or None.
+        std: predicted standard deviation, m or rad; None where it would not be estimated.
+        state: what it would come out as: ``identified``, ``unidentified``, ``prior``, ``fixed``.
+        given: held parameters relative to which its value would have its meaning.
+    """
+
+    name: str
+    unit: Unit
+    nominal: float
+    plausible: float
+    bound: float | None
+    prior: float | None
+    std: float | None
+    state: State
+    given: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Observability:
+    """What the data of a problem can tell.
+
+    Attributes:
+        problem: what was asked about.
+        identification: which parameters would be held, and their combinations.
+        prospects: every parameter, in the problem's order.
+        explanations: one for each held parameter: why, and what to do.
+        samples: number of measured poses.
+        equations: number of residual components.
+        unknowns: number of free parameters, the terms' own included.
+        asked: number of free parameters of the arm (of the terms, where there is no arm).
+        rank: how many of those are determined by the data (and priors).
+        singular_values: (L,) of the identified parameters' Jacobian, descending; the terms' own
+            unknowns are free to follow. Parameters in plausible ranges, residuals in sigmas.
+        indices: O1 to O5 of these singular values.
+    """
+
+    problem: Problem
+    identification: Identification
+    prospects: dict[str, Prospect]
+    explanations: tuple[Explanation, ...]
+    samples: int
+    equations: int
+    unknowns: int
+    asked: int
+    rank: int
+    singular_values: FloatArray
+    indices: Indices
+
+    @property
+    def unidentified(self) -> tuple[str, ...]:
+        """Names of the parameters that would be held."""
+        return tuple(p.name for p in self.prospects.values() if p.state == "unidentified")
+
+    @property
+    def condition(self) -> float:
+        """Largest over smallest singular value; inf where nothing is identified."""
+        s = self.singular_values
+        return float(s[0] / s[-1]) if len(s) and s[-1] > 0 else float("inf")
+
+    @property
+    def sentence(self) -> str:
+        """One sentence on what to expect."""
+        told = f"{self.rank} of {self.asked} unknowns can be determined"
+        by_prior = sum(p.state == "prior" for p in self.prospects.values())
+        prior = f", {by_prior} of them mostly by their priors" if by_prior else ""
+        return f"{told} from {self.samples} samples ({self.equations} equations){prior}"
+
+
+def observe(problem: Problem, x: FloatArray | None = None) -> Observability:
+    """Predict what a calibration with these readings would and would not find.
+
+    Args:
+        problem: terms and parameters.
+        x: (n,) where to linearise; nominal with closed-form own unknowns by default.
+
+    Returns:
+        States, predicted standard deviations and indices at the assumed noise levels.
+    """
+    x = problem.start() if x is None else x
+    sigmas = problem.assumed_sigmas()
+    information = predicted_information(problem, x, sigmas)
+    identification = identify_at(problem, x, sigmas)
+    free = np.array([p.free for p in problem.parameters.values()], dtype=bool)
+    estimated = np.setdiff1d(np.flatnonzero(free), identification.held).astype(np.intp)
+    prospects = _prospects(problem, information, identification, estimated)
+    judged = np.arange(problem.arm_count or len(free))
+    asked, held = judged[free[judged]], np.intersect1d(judged, identification.held)
+    singular = _singular_values(problem, information, prospects)
+    samples = sum(len(term.poses) for term in problem.terms)
+    return Observability(
+        problem=problem,
+        identification=identification,
+        prospects=prospects,
+        explanations=explain(problem, x, identification),
+        samples=samples,
+        equations=sum(len(block) * block.size for block in problem.blocks),
+        unknowns=int(free.sum()),
+        asked=len(asked),
+        rank=len(asked) - len(held),
+        singular_values=singular,
+        indices=Indices.of(singular, samples),
+    )
+
+
+def _prospects(
+    problem: Problem,
+    information: Information,
+    identification: Identification,
+    estimated: IntArray,
+) -> dict[str, Prospect]:
+    covariance = predicted_covariance(problem, information, estimated)
+    std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    will_be = set(estimated.tolist())
+    found = {}
+    for k, p in enumerate(problem.parameters.values()):
+        known = float(std[k]) if k in will_be else None
+        given = identification.given(p.name) if k in will_be else ()
+        found[p.name] = Prospect(
+            p.name,
+            p.unit,
+            p.nominal,
+            p.plausible,
+            p.upper - p.nominal if np.isfinite(p.upper) else None,
+            p.prior,
+            known,
+            _state(p, known),
+            given,
+        )
+    return found
+
+
+def _state(p: Parameter, std: float | None) -> State:
+    if not p.free:
+        return "fixed"
+    if std is None:
+        return "unidentified"
+    if p.prior is not None and std**2 > INFORMED * p.prior**2:
+        return "prior"
+    return "identified"
+
+
+def _singular_values(
+    problem: Problem, information: Information, prospects: dict[str, Prospect]
+) -> FloatArray:
+    """Of the identified parameters' Jacobian, after the own unknowns have followed."""
+    identified = np.array([p.state == "identified" for p in prospects.values()])
+    unit = problem.parameters.array("plausible")
+    scaled = information.curvature * np.outer(unit, unit)
+    arm = np.arange(len(unit)) < (problem.arm_count or len(unit))
+    kept, own = np.flatnonzero(identified & arm), np.flatnonzero(identified & ~arm)
+    (reduced,) = schur_complement([scaled], np.zeros(len(unit)), kept, own)
+    return np.asarray(np.sqrt(np.maximum(np.linalg.eigvalsh(reduced)[::-1], 0.0)))

@@ -1,0 +1,196 @@
+"""Do the residuals look like an eccentric encoder, or like a joint that yields to gravity?
+
+A score (Lagrange multiplier) test of each joint and each family of `nongeometric` parameters, at
+the fit without them: nothing is fitted anew. With Z the columns of the family, X those of what else
+is unknown, and ψ the robust residuals,
+
+    S = Z̃ᵀψ,   Z̃ = Z - X (XᵀX)⁻¹ XᵀZ,   F = Sᵀ V⁻¹ S / k
+
+where V sums the products of scores by touch, because rows that share a touch err together (Rao
+1948, doi:10.1017/S0305004100023987; robust form: White 1982, doi:10.2307/1912526). Once X is what
+the job frees, and once all of the geometry: a bent link must not be taken for an eccentric encoder.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Final
+
+import numpy as np
+from scipy.special import fdtrc
+
+from suta_calib.arrays import FloatArray, IntArray
+from suta_calib.diagnostics.score_statistics import Scores, scores_of
+from suta_calib.errors import UrdfError
+from suta_calib.model.arm import ArmModel
+from suta_calib.model.nongeometric import COMPLIANCE, FAMILIES, Family
+from suta_calib.model.parameters import ParameterSet
+from suta_calib.solver.identifiability import WEAK
+from suta_calib.solver.information import Rows, whitened_rows
+from suta_calib.solver.problem import Problem
+from suta_calib.solver.solution import Solution
+from suta_calib.threads import single_threaded
+
+# Chance that one of all tests calls clean residuals suspicious.
+LEVEL: Final = 0.03
+# Chance by touches that what the variance alone says must have.
+SUPPORTED: Final = 0.05
+
+
+@dataclass(frozen=True)
+class ScoreTest:
+    """One joint and one family of parameters.
+
+    Attributes:
+        joint: its name.
+        family: ``ecc_1``, ``ecc_2`` or ``compliance``.
+        names: its parameters that the data could tell, one or two.
+        estimate: what one step towards them would make of each, rad or rad/(N·m).
+        p_single: chance of residuals so suspicious if the job's unknowns are all there is to know.
+        p: the same, allowing for the number of tests (Bonferroni).
+        p_beside_geometry: that if any of the geometry may be off too.
+        p_variance: the same as ``p`` for so much of the residuals' variance explained, which tells
+            more where touches are few and takes them to scatter alike.
+        beats_geometry: whether it explains more, for its few parameters, than the geometry that the
+            job does not free would (Schwarz 1978, doi:10.1214/aos/1176344136).
+    """
+
+    joint: str
+    family: Family
+    names: tuple[str, ...]
+    estimate: tuple[float, ...]
+    p_single: float
+    p: float
+    p_beside_geometry: float
+    p_variance: float
+    beats_geometry: bool
+
+    @property
+    def suspicious(self) -> bool:
+        """Whether so much is neither chance nor geometry."""
+        by_variance = self.p_variance < LEVEL and self.p_single < SUPPORTED
+        by_chance = self.p < LEVEL or by_variance
+        return self.p_beside_geometry < LEVEL or (by_chance and self.beats_geometry)
+
+
+def offered_names(arm: ArmModel) -> dict[tuple[str, Family], tuple[str, ...]]:
+    """Names by joint and family that this arm can be given; no compliance without masses."""
+    found: dict[tuple[str, Family], tuple[str, ...]] = {}
+    for joint in dict.fromkeys(name.rpartition(".")[0] for name in arm.nongeometric):
+        for family, keys in FAMILIES.items():
+            if family == COMPLIANCE and not _has_load(arm, joint):
+                continue
+            found[joint, family] = tuple(f"{joint}.{key}" for key in keys)
+    return found
+
+
+def _has_load(arm: ArmModel, joint: str) -> bool:
+    try:
+        arm.select(f"{joint}.{COMPLIANCE}")
+    except UrdfError:
+        return False
+    return True
+
+
+@lru_cache(maxsize=4)
+@single_threaded
+def score_tests(solution: Solution) -> tuple[ScoreTest, ...]:
+    """Every joint and family that the solution does not estimate, most suspicious first.
+
+    Args:
+        solution: a converged one.
+
+    Returns:
+        Nothing for a problem without an arm, or with too few touches to judge.
+    """
+    problem = solution.problem
+    if problem.arm is None:
+        return ()
+    groups = {
+        key: tuple(n for n in names if n not in problem.parameters)
+        for key, names in offered_names(problem.arm).items()
+    }
+    order = {name: k for k, name in enumerate(n for names in groups.values() for n in names)}
+    extended, x = _extended(solution, list(order))
+    rows = whitened_rows(extended, x, solution.sigmas)
+    columns = np.array([extended.names.index(n) for n in order], dtype=np.intp)
+    more = np.array([k for k, n in enumerate(extended.names) if _unfreed(n, solution, order)])
+    beside = scores_of(extended, rows, columns, np.zeros(0, dtype=np.intp))
+    alone = scores_of(extended, rows, columns, more.astype(np.intp))
+    geometry = _geometry_gain(extended, rows, more.astype(np.intp), columns, solution)
+    freedom = alone.touches - len(solution.free)
+    if freedom < 1:
+        return ()
+    told = {
+        key: np.array([order[n] for n in names if alone.telling[order[n]]], dtype=np.intp)
+        for key, names in groups.items()
+    }
+    kept = {key: index for key, index in told.items() if len(index)}
+    names = list(order)
+    found = []
+    for (joint, family), index in kept.items():
+        p = _p(alone, index, freedom)
+        gain = alone.gain(index, solution) - len(index) * float(np.log(alone.touches))
+        found.append(
+            ScoreTest(
+                joint,
+                family,
+                tuple(names[i] for i in index),
+                tuple(float(v) for v in alone.step(index)),
+                p,
+                min(1.0, len(kept) * p),
+                min(1.0, len(kept) * _p(beside, index, freedom)),
+                min(1.0, len(kept) * alone.p_variance(index, solution)),
+                gain > geometry,
+            )
+        )
+    return tuple(sorted(found, key=lambda test: test.p_single))
+
+
+def _unfreed(name: str, solution: Solution, candidates: Collection[str]) -> bool:
+    return name not in candidates and name not in solution.problem.parameters
+
+
+def _p(scores: Scores, index: IntArray, freedom: int) -> float:
+    """Chance of so large a score."""
+    kept = index[scores.telling[index]]
+    if not len(kept):
+        return 1.0
+    return float(fdtrc(len(kept), freedom, scores.statistic(kept)))
+
+
+def _geometry_gain(
+    problem: Problem,
+    rows: Sequence[Rows],
+    more: IntArray,
+    candidates: IntArray,
+    solution: Solution,
+) -> float:
+    """What the geometry that is not freed would explain, less Schwarz's penalty; 0 for nothing."""
+    if not len(more):
+        return 0.0
+    scores = scores_of(problem, rows, more, candidates)
+    plausible = problem.parameters.array("plausible")[more]
+    values = np.linalg.eigvalsh(scores.curvature * np.outer(plausible, plausible))
+    told = int(np.sum(values > WEAK**-2))
+    gain = scores.gain(np.arange(len(more)), solution)
+    return max(0.0, gain - told * float(np.log(scores.touches)))
+
+
+def _extended(solution: Solution, candidates: Sequence[str]) -> tuple[Problem, FloatArray]:
+    """The problem with all of the geometry and the candidates unknown, at the same point."""
+    problem, arm = solution.problem, solution.problem.arm
+    assert arm is not None
+    fitted = list(problem.parameters.values())[: problem.arm_count]
+    known = {p.name for p in fitted}
+    more = [
+        arm.offered[n]
+        for n in (*arm.parameters, *candidates)
+        if n not in known and (n in arm.geometric or n.endswith(".offset") or n in candidates)
+    ]
+    extended = Problem(problem.terms, ParameterSet([*fitted, *more]))
+    values = solution.values
+    start = [values.get(p.name, p.nominal) for p in extended.parameters.values()]
+    return extended, np.array(start)

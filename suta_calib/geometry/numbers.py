@@ -1,0 +1,112 @@
+"""Rotations and rigid transforms in NumPy; conventions as in `suta_calib.geometry`."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
+
+from suta_calib.arrays import FloatArray
+
+
+def skew(v: ArrayLike) -> FloatArray:
+    """Cross-product matrices of vectors: (..., 3) → (..., 3, 3), ``skew(a) @ b = a x b``."""
+    v = np.asarray(v, dtype=float)
+    matrix = np.zeros((*v.shape[:-1], 3, 3))
+    matrix[..., 0, 1], matrix[..., 0, 2], matrix[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
+    return matrix - np.swapaxes(matrix, -1, -2)
+
+
+def rotation_from_vector(vector: ArrayLike) -> FloatArray:
+    """Rotation matrices of rotation vectors, rad: (..., 3) → (..., 3, 3)."""
+    vector = np.asarray(vector, dtype=float)
+    flat = Rotation.from_rotvec(vector.reshape(-1, 3)).as_matrix()
+    return np.asarray(flat.reshape(*vector.shape[:-1], 3, 3), dtype=float)
+
+
+def vector_from_rotation(rotation: ArrayLike) -> FloatArray:
+    """Rotation vectors of rotation matrices, rad, length at most π: (..., 3, 3) → (..., 3)."""
+    rotation = np.asarray(rotation, dtype=float)
+    flat = Rotation.from_matrix(rotation.reshape(-1, 3, 3)).as_rotvec()
+    return np.asarray(flat.reshape(*rotation.shape[:-2], 3), dtype=float)
+
+
+def rotation_from_quaternion(quaternion: ArrayLike) -> FloatArray:
+    """Rotation matrices of quaternions x y z w, which need not be normalised: (..., 4)."""
+    quaternion = np.asarray(quaternion, dtype=float)
+    flat = Rotation.from_quat(quaternion.reshape(-1, 4)).as_matrix()
+    return np.asarray(flat.reshape(*quaternion.shape[:-1], 3, 3), dtype=float)
+
+
+def rotation_from_rpy(rpy: ArrayLike) -> FloatArray:
+    """URDF's fixed-axis roll, pitch, yaw in rad: ``R = Rz(yaw) Ry(pitch) Rx(roll)``."""
+    rpy = np.asarray(rpy, dtype=float)
+    cosine, sine = np.cos(rpy), np.sin(rpy)
+    (cr, cp, cy), (sr, sp, sy) = cosine, sine
+    return np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )
+
+
+def rpy_from_rotation(rotation: ArrayLike) -> FloatArray:
+    """Roll, pitch, yaw (rad) that give back ``rotation`` to rounding, at any pitch.
+
+    Roll is read after the yaw has been taken out, so that the three angles stay consistent with
+    each other even where roll and yaw are no longer determined one by one (pitch = ±90°).
+    """
+    r = np.asarray(rotation, dtype=float)
+    yaw = np.arctan2(r[1, 0], r[0, 0])
+    unyawed = rotation_from_rpy([0.0, 0.0, yaw]).T @ r
+    pitch = np.arctan2(-unyawed[2, 0], unyawed[0, 0])
+    roll = np.arctan2(-unyawed[1, 2], unyawed[1, 1])
+    return np.array([roll, pitch, yaw])
+
+
+def homogeneous(rotation: ArrayLike, position: ArrayLike) -> FloatArray:
+    """Stack a rotation (3x3) and a position (3,) into a 4x4 matrix."""
+    matrix = np.eye(4)
+    matrix[:3, :3] = rotation
+    matrix[:3, 3] = np.asarray(position, dtype=float)
+    return matrix
+
+
+def rms_length(vectors: ArrayLike) -> float:
+    """Root mean square length of vectors (..., 3), in their unit."""
+    return float(np.sqrt(np.mean(np.sum(np.asarray(vectors, dtype=float) ** 2, axis=-1))))
+
+
+def extent(points: ArrayLike) -> float:
+    """Root mean square distance of points (n, 3) from their middle, in their unit."""
+    points = np.asarray(points, dtype=float)
+    return rms_length(points - points.mean(axis=0))
+
+
+def register_points(source: ArrayLike, target: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    """Least-squares rigid transform between corresponding points.
+
+    Arun, Huang, Blostein (1987), doi:10.1109/TPAMI.1987.4767965, through SciPy's solution of
+    Wahba's problem, which never answers with a reflection.
+
+    Args:
+        source: (n, 3) points in frame b, m.
+        target: (n, 3) the same points in frame a, m.
+
+    Returns:
+        ``R`` (3x3) and ``p`` (3,) of ``T_a_b``: ``target ≈ source @ R.T + p``. Where the points
+        leave a rotation undetermined (fewer than three, or all on a line) it is one of the
+        equally good ones.
+    """
+    a, b = np.asarray(target, dtype=float), np.asarray(source, dtype=float)
+    centre_a, centre_b = a.mean(axis=0), b.mean(axis=0)
+    if len(a) == 1:
+        return np.eye(3), centre_a - centre_b  # SciPy takes one vector for one to be met exactly
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="Optimal rotation is not uniquely")
+        rotation = Rotation.align_vectors(a - centre_a, b - centre_b)[0].as_matrix()
+    return rotation, centre_a - rotation @ centre_b

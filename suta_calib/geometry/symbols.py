@@ -1,0 +1,52 @@
+"""Rotations in CasADi symbols; conventions as in `suta_calib.geometry`."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import casadi as ca
+
+# CasADi ships without type information: SX, MX and DM are one thing to the type checker.
+Symbol = Any
+
+# Below this squared angle (rad²) the Taylor series of sin(t)/t is exact to rounding.
+_SMALL_ANGLE_SQUARED: Final = 1e-4
+
+
+def symbolic_skew(v: Symbol) -> Symbol:
+    """Cross-product matrix of a CasADi 3-vector."""
+    return ca.skew(v)
+
+
+def symbolic_rotation(vector: Symbol) -> Symbol:
+    """Rotation matrix of a CasADi rotation vector (rad), differentiable to any order at zero.
+
+    Rodrigues' formula with the series of sin(t)/t near zero: the square root of the squared
+    angle has no derivative there, so both branches are kept away from it.
+    """
+    squared = ca.dot(vector, vector)
+    half_sinc = _symbolic_sinc(squared / 4)
+    k = ca.skew(vector)
+    return ca.DM.eye(3) + _symbolic_sinc(squared) * k + half_sinc**2 / 2 * (k @ k)
+
+
+def _symbolic_sinc(squared: Symbol) -> Symbol:
+    """sin(t)/t as a function of t²."""
+    series = 1 - squared / 6 * (1 - squared / 20 * (1 - squared / 42))
+    angle = ca.sqrt(ca.fmax(squared, _SMALL_ANGLE_SQUARED))
+    return ca.if_else(squared < _SMALL_ANGLE_SQUARED, series, ca.sin(angle) / angle)
+
+
+def symbolic_chordal_log(rotation: Symbol) -> Symbol:
+    """Rotation vector error ``vee(R - Rᵀ)/2 · c`` of a CasADi rotation near identity.
+
+    Uses the quaternion-like scaling 2/√(1+trace), so that the length is 2·sin(angle/2): equal to
+    the angle to third order, and monotone and smooth up to 180°, where the logarithm is not.
+    """
+    vee = ca.vertcat(
+        rotation[2, 1] - rotation[1, 2],
+        rotation[0, 2] - rotation[2, 0],
+        rotation[1, 0] - rotation[0, 1],
+    )
+    trace = rotation[0, 0] + rotation[1, 1] + rotation[2, 2]
+    return vee / ca.sqrt(ca.fmax(1 + trace, 1e-9))

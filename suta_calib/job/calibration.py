@@ -1,0 +1,147 @@
+"""A job file brought to life: the arm, its unknowns, the terms, and the run."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from time import perf_counter
+
+from suta_calib.diagnostics.accuracy import Accuracy, assess
+from suta_calib.errors import InputError, JobError, ParameterError
+from suta_calib.job.schema import JobSpec, ObservationSpec, read_job
+from suta_calib.measurements import JointRange, Samples, read_artefact, read_samples
+from suta_calib.model.arm import ArmModel
+from suta_calib.model.parameters import ParameterSet
+from suta_calib.solver.ipopt import SolverOptions
+from suta_calib.solver.problem import Problem
+from suta_calib.solver.solution import Solution
+from suta_calib.solver.solve import Progress, solve
+from suta_calib.terms import KINDS, ArmPoses, Noise, Seating, Setup, Term
+
+
+@dataclass(frozen=True, eq=False)
+class CalibrationJob:
+    """What a ``calibration.yaml`` asks for, read and checked.
+
+    Attributes:
+        spec: the file, typed.
+        arm: the arm at nominal.
+        parameters: its unknowns.
+        observations: terms to fit.
+        validation: terms that are never fitted.
+    """
+
+    spec: JobSpec
+    arm: ArmModel
+    parameters: ParameterSet
+    observations: tuple[Term, ...]
+    validation: tuple[Term, ...]
+
+    @classmethod
+    def load(cls, path: str | Path) -> CalibrationJob:
+        """Read a job and everything it names.
+
+        Raises:
+            InputError: the first thing that cannot be used: file, line or key, what was found,
+                what was expected.
+        """
+        spec = read_job(Path(path))
+        arm = ArmModel.from_urdf(spec.arm.urdf, spec.arm.tip, spec.arm.base)
+        try:
+            parameters = arm.select(*spec.parameters)
+        except ParameterError as error:
+            raise _placed(error, spec.path, error.line) from None
+        return cls(
+            spec,
+            arm,
+            parameters,
+            tuple(_term(arm, row, spec.path, fitted=True) for row in spec.observations),
+            tuple(_term(arm, row, spec.path) for row in spec.validation),
+        )
+
+    def problem(self) -> Problem:
+        """The observations as a problem."""
+        return Problem(self.observations, self.parameters)
+
+    def options(self) -> SolverOptions:
+        """The solver section."""
+        s = self.spec.solver
+        return SolverOptions(s.starts, s.seed, s.hessian, s.max_iterations)
+
+    def run(self, progress: Progress | None = None) -> CalibrationResult:
+        """Solve and validate."""
+        began = perf_counter()
+        problem = self.problem()
+        build = perf_counter() - began
+        solution = solve(problem, self.options(), progress)
+        solution = replace(solution, timing={"build": build} | solution.timing)
+        return CalibrationResult(self, solution, assess(solution, self.validation))
+
+
+@dataclass(frozen=True, eq=False)
+class CalibrationResult:
+    """A job, its solution, and how far off the arm is before and after."""
+
+    job: CalibrationJob
+    solution: Solution
+    accuracy: Accuracy
+
+
+def joint_ranges(arm: ArmModel) -> tuple[JointRange, ...]:
+    """What the columns of a samples file must hold for this arm."""
+    return tuple(
+        JointRange(j.name, "m" if j.type == "prismatic" else "rad", j.lower, j.upper)
+        for j in arm.chain.moving
+    )
+
+
+def read_arm_samples(arm: ArmModel, files: Sequence[Path], kind: str) -> Samples:
+    """Samples of an arm for one kind of observation."""
+    return read_samples(files, joint_ranges(arm), KINDS[kind].columns)
+
+
+def _term(arm: ArmModel, row: ObservationSpec, job: Path, *, fitted: bool = False) -> Term:
+    if row.kind not in KINDS:
+        raise JobError(
+            f"kind '{row.kind}'",
+            f"one of {', '.join(KINDS)}",
+            file=job,
+            line=row.line,
+            where="kind",
+        )
+    samples = read_arm_samples(arm, row.sample_files, row.kind)
+    setup = Setup(
+        None if row.artefact is None else read_artefact(row.artefact),
+        _noise(row.sigma_m, row.huber_m),
+        _noise(row.sigma_rad, row.huber_rad),
+        row.label,
+        _seating(row),
+    )
+    try:
+        if row.exclude is not None:
+            samples = row.exclude.kept(samples)
+        term = KINDS[row.kind].over(ArmPoses(arm, samples), setup)
+        if fitted:
+            term.check_enough()
+    except InputError as error:
+        raise _placed(error, job, row.line) from None
+    return term
+
+
+def _placed(error: InputError, job: Path, line: int | None) -> InputError:
+    """The same error with a place in the job, for what was found without knowing of files."""
+    if error.file is not None:
+        return error
+    return JobError(
+        error.found, error.expected, file=job, line=line, where=error.where, hint=error.hint
+    )
+
+
+def _seating(row: ObservationSpec) -> Seating | None:
+    return Seating(row.clearance_m, row.clearance_rad) if row.seated else None
+
+
+def _noise(sigma: float | None, huber: float | None) -> Noise:
+    return Noise(sigma, math.inf if huber is None else huber)

@@ -1,1 +1,0 @@
-"""Closed problems on poses: registration, pivot, hand-eye, stereotactic navigation."""

@@ -1,0 +1,1 @@
+"""Pivot, hand-eye and registration: the same terms over measured poses, robust."""

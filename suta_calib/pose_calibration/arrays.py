@@ -1,0 +1,54 @@
+"""Arrays from outside, checked once."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from suta_calib.arrays import FloatArray
+from suta_calib.errors import SamplesError
+
+_ORTHONORMAL: float = 1e-6
+
+
+def checked_points(points: ArrayLike, where: str) -> FloatArray:
+    """(n, 3) finite numbers.
+
+    Raises:
+        SamplesError: another shape, or something that is not a finite number.
+    """
+    return _checked(points, (3,), where)
+
+
+def checked_poses(
+    rotation: ArrayLike, position: ArrayLike, where: str
+) -> tuple[FloatArray, FloatArray]:
+    """Rotations (n, 3, 3) and positions (n, 3) of the same n.
+
+    Raises:
+        SamplesError: another shape, numbers that are not finite, or matrices that are no rotations.
+    """
+    R, p = _checked(rotation, (3, 3), where), _checked(position, (3,), where)
+    if len(R) != len(p):
+        raise SamplesError(
+            f"{len(R)} rotations and {len(p)} positions", "as many of each", where=where
+        )
+    skewed = np.abs(R @ np.swapaxes(R, 1, 2) - np.eye(3)).max(axis=(1, 2), initial=0.0)
+    for row in np.flatnonzero((skewed > _ORTHONORMAL) | (np.linalg.det(R) < 0)):
+        raise SamplesError(
+            "a matrix that is not a rotation", "orthonormal, right-handed", where=f"{where}[{row}]"
+        )
+    return R, p
+
+
+def _checked(values: ArrayLike, shape: tuple[int, ...], where: str) -> FloatArray:
+    try:
+        array = np.array(values, dtype=float)
+    except (TypeError, ValueError) as problem:
+        raise SamplesError(f"no array of numbers ({problem})", where=where) from None
+    if array.ndim != 1 + len(shape) or array.shape[1:] != shape:
+        expected = ", ".join(map(str, ("n", *shape)))
+        raise SamplesError(f"shape {array.shape}", f"({expected})", where=where)
+    for index in np.argwhere(~np.isfinite(array)):
+        raise SamplesError("a number that is not finite", "finite numbers", where=f"{where}{index}")
+    return array

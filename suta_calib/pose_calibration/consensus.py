@@ -1,0 +1,120 @@
+"""A robust start: what most rows agree on, whatever the others say.
+
+Least median of squares over seeded minimal samples (Rousseeuw 1984, doi:10.2307/2288718), the best
+of them concentrated on their better half (Rousseeuw and Van Driessen 1999, doi:10.2307/1270566).
+No scale of the noise is needed, nor a unit of length: several kinds of residuals are weighed by
+their own spread. Nearly half of the rows may be anything.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from scipy.stats import chi2
+
+from suta_calib.arrays import BoolArray, FloatArray, IntArray
+
+TRIES: Final = 300
+REFINED: Final = 8
+CONCENTRATIONS: Final = 20
+# Probability that a set without outliers loses a row.
+FALSE_ALARM: Final = 0.01
+# A residual is three components, each normal.
+DIMENSION: Final = 3
+
+# Models from rows: (m, k) rows → whatever `Residuals` takes, with a leading dimension m.
+Propose = Callable[[IntArray], Any]
+# Norms of the residuals (m, n, kinds) of all n rows under m models.
+Residuals = Callable[[Any], FloatArray]
+
+
+@dataclass(frozen=True, eq=False)
+class Consensus:
+    """What most rows agree on.
+
+    Attributes:
+        inliers: (n,) rows that agree.
+        sigmas: (kinds,) scatter of one component of each kind of residual.
+    """
+
+    inliers: BoolArray
+    sigmas: FloatArray
+
+
+def find_consensus(
+    samples: IntArray, propose: Propose, residuals: Residuals, needed: int
+) -> Consensus:
+    """The rows that agree, from minimal samples.
+
+    Args:
+        samples: (m, k) rows of each minimal sample, from `minimal_samples`.
+        propose: closed-form solutions of rows.
+        residuals: norms of all rows' residuals under them.
+        needed: rows that determine a solution.
+    """
+    norms = residuals(propose(samples))
+    half = _half(norms.shape[1], needed)
+    best = np.argsort(_score(norms, half), kind="stable")[:REFINED]
+    norms = norms[best]
+    for _ in range(CONCENTRATIONS):
+        scale = _scale(norms, half)
+        distance = np.sum((norms / scale[:, None, :]) ** 2, axis=-1)
+        closest = np.sort(np.argsort(distance, axis=-1, kind="stable")[:, :half], axis=-1)
+        again = residuals(propose(closest))
+        better = _score(again, half) < _score(norms, half)
+        if not better.any():
+            break
+        norms = np.where(better[:, None, None], again, norms)
+    found = norms[np.argmin(_score(norms, half))]
+    return _agreeing(found, half)
+
+
+def minimal_samples(group: IntArray, size: int, seed: int) -> IntArray:
+    """``size`` distinct rows of one group each, (TRIES, size), sorted; the same for a seed."""
+    random = np.random.default_rng(seed)
+    members = [np.flatnonzero(group == g) for g in np.unique(group)]
+    members = [m for m in members if len(m) >= size]
+    weight = np.array([len(m) for m in members]) / sum(len(m) for m in members)
+    chosen = random.choice(len(members), TRIES, p=weight)
+    drawn = [random.choice(members[g], size, replace=False) for g in chosen]
+    return np.sort(np.array(drawn, dtype=np.intp), axis=1)
+
+
+def outlier_limit(count: int, kinds: int) -> float:
+    """Squared distance, in units of the scatter, beyond which a row is an outlier.
+
+    Such that a set of ``count`` rows without outliers loses none with probability 1 - FALSE_ALARM.
+    """
+    return float(chi2.isf(FALSE_ALARM / count, DIMENSION * kinds))
+
+
+def _half(count: int, needed: int) -> int:
+    """The number of rows that a solution must fit, for the highest breakdown."""
+    return min(count, (count + needed + 1) // 2)
+
+
+def _scale(norms: FloatArray, half: int) -> FloatArray:
+    """The half-th smallest residual of each kind, (m, kinds); never zero."""
+    ordered = np.partition(norms, half - 1, axis=-2)[..., half - 1, :]
+    floor = 1e-12 * np.max(norms, axis=(-3, -2))
+    return np.asarray(np.maximum(ordered, np.maximum(floor, 1e-300)))
+
+
+def _score(norms: FloatArray, half: int) -> FloatArray:
+    """Sum of logarithms: no kind of residual has a unit that counts."""
+    return np.asarray(np.log(_scale(norms, half)).sum(axis=-1))
+
+
+def _agreeing(norms: FloatArray, half: int) -> Consensus:
+    """Rows within the limit, at the scatter that the better half shows and then all that agree."""
+    count, kinds = norms.shape
+    quantile = chi2.ppf(half / (count + 1), DIMENSION)
+    sigmas = _scale(norms[None], half)[0] / np.sqrt(quantile)
+    # A minimal fit to few rows is too close to them (Rousseeuw and Leroy 1987, p. 202).
+    sigmas *= 1.0 + 5.0 / max(count - half, 1)
+    limit = outlier_limit(count, kinds)
+    inliers = np.sum((norms / sigmas) ** 2, axis=-1) <= limit
+    return Consensus(inliers, sigmas)

@@ -1,0 +1,241 @@
+"""Hand-eye calibration, AX = XB and AX = ZB, with the eye in the hand or beside it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final, Literal, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from suta_calib.arrays import BoolArray, FloatArray
+from suta_calib.assessment import Assessment
+from suta_calib.errors import ParameterError, SamplesError
+from suta_calib.geometry.numbers import (
+    extent,
+    homogeneous,
+    rms_length,
+    rotation_from_vector,
+    vector_from_rotation,
+)
+from suta_calib.pose_calibration.arrays import checked_poses
+from suta_calib.pose_calibration.consensus import Consensus
+from suta_calib.pose_calibration.hand_eye_causes import refuse_misread, refuse_strangers
+from suta_calib.pose_calibration.hand_eye_consensus import plain_start, robust_start
+from suta_calib.pose_calibration.robot_noise import HandShare
+from suta_calib.pose_calibration.robust_fit import RobustFit, objections, outlier_rows, robust_fit
+from suta_calib.pose_calibration.rotation_covariance import tangent_of_vector
+from suta_calib.pose_calibration.undetermined import axis_of_all_turns, refuse_undetermined
+from suta_calib.solver.solution import Solution
+from suta_calib.terms.hand_eye_start import (
+    Poses,
+    inverse,
+    loops,
+)
+
+Setup = Literal["eye-in-hand", "eye-to-hand"]
+Model = Literal["AX=XB", "AX=ZB"]
+LEAST_POSES: Final = 3
+# No hand and no eye is believed to turn more exactly than this when turns are weighed against
+# displacements: what is smaller repeats well, but is an error of the instruments all the same.
+FINEST_TURN: Final = float(np.radians(0.1))
+UNSURE: Final = 2e-3
+# Pairs below which positions can be fitted so well that they would seem exact; then this, in units
+# of the extent, is the least that they are taken to scatter, and no pair can be judged by others.
+FEW_PAIRS: Final = 8
+FINEST_POSITION: Final = 5e-4
+# Pairs below which a standard deviation is hardly more than a guess.
+ENOUGH: Final = 12
+UNSURE_TURN: Final = float(np.radians(0.5))
+
+
+@dataclass(frozen=True, eq=False)
+class HandEyeCalibration:
+    """Where the eye is, and where the target.
+
+    Attributes:
+        setup: ``eye-in-hand`` or ``eye-to-hand``.
+        model: ``AX=XB`` or ``AX=ZB``.
+        X: (4, 4), ``T_hand_eye``, or ``T_base_eye`` for eye-to-hand; m.
+        Z: (4, 4), ``T_base_target``, or ``T_hand_target`` for eye-to-hand; m.
+        covariance: (12, 12) of X and Z: displacement (m, outer frame's axes) and small turn (rad,
+            axes of the eye and of the target) of each.
+        position_residuals: (n, 3), ``A_i X B_i - Z`` in the outer frame of Z, m.
+        rotation_residuals: (n, 3), the turn between ``A_i X B_i`` and Z, rad.
+        inliers: (n,) pairs that were fitted.
+        axes: (n - 1, 3) rotation vectors of the hand's consecutive motions, rad.
+        robot_noise_fraction: part of the rotational noise that seems to be the hand's, 0 to 1.
+        solution: of the solver, in units of `length`.
+        length: m per unit of `solution`.
+    """
+
+    setup: Setup
+    model: Model
+    X: FloatArray
+    Z: FloatArray
+    covariance: FloatArray
+    position_residuals: FloatArray
+    rotation_residuals: FloatArray
+    inliers: BoolArray
+    axes: FloatArray
+    robot_noise_fraction: float
+    solution: Solution
+    length: float
+
+    @property
+    def std(self) -> dict[str, FloatArray]:
+        """Standard deviations (6,) of X and of Z: displacement, m, and turn, rad."""
+        std = np.sqrt(np.diag(self.covariance))
+        return {"X": std[:6], "Z": std[6:]}
+
+    @property
+    def rms(self) -> float:
+        """Root mean square distance of the inliers' ``A_i X B_i`` from Z, m."""
+        return rms_length(self.position_residuals[self.inliers])
+
+    @property
+    def rms_angle(self) -> float:
+        """Root mean square turn of the inliers' ``A_i X B_i`` against Z, rad."""
+        return rms_length(self.rotation_residuals[self.inliers])
+
+    @property
+    def outliers(self) -> tuple[int, ...]:
+        """Pairs judged outliers, from 0."""
+        return outlier_rows(self.inliers)
+
+    @property
+    def assessment(self) -> Assessment:
+        """How far to trust X."""
+        caution = list[str]()
+        if self.inliers.sum() < ENOUGH:
+            caution.append(
+                f"Only {int(self.inliers.sum())} pairs: the standard deviations are guesses "
+                "themselves, and a wrong pair may not show; take a dozen or more."
+            )
+        displaced, turned = (float(np.linalg.norm(self.std["X"][k])) for k in (_SLIDE, _TURN))
+        if displaced > UNSURE or turned > UNSURE_TURN:
+            caution.append(
+                f"X is known to ± {1e3 * displaced:.1f} mm and ± {np.degrees(turned):.2f}° only "
+                "(one sigma): add poses, turned by 30° or more about different axes."
+            )
+        return Assessment.of(bad=objections(self.solution, self.inliers, "pairs"), care=caution)
+
+
+_SLIDE: Final = slice(0, 3)
+_TURN: Final = slice(3, 6)
+
+
+def calibrate_hand_eye(
+    hand: tuple[ArrayLike, ArrayLike],
+    seen: tuple[ArrayLike, ArrayLike],
+    *,
+    setup: Setup = "eye-in-hand",
+    model: Model = "AX=XB",
+    robust: bool = True,
+    seed: int = 0,
+) -> HandEyeCalibration:
+    """X (and Z) of ``A_i X B_i = Z`` from pairs of poses.
+
+    Closed form by quaternions of motions, from a consensus of the pairs, then robustly on SE(3)
+    with displacements and turns weighted by the noise that they show: no unit of length matters.
+    AX = XB is the same with Z eliminated: both models estimate both from all poses at once, because
+    motions between consecutive poses share their noise.
+
+    Args:
+        hand: ``T_base_hand``: rotations (n, 3, 3) and positions (n, 3), m.
+        seen: ``T_eye_target``: the same.
+        setup: where the eye is; the target is on the other.
+        model: which of the two is asked for.
+        robust: False for least squares over all pairs.
+        seed: of the minimal samples.
+
+    Raises:
+        SamplesError: too few pairs; pairs that do not agree with any X, with what would make them
+            agree; or motions that do not determine X: pure translation, or turns about parallel
+            axes; names the undetermined directions.
+    """
+    A, B = checked_poses(*hand, "hand"), checked_poses(*seen, "seen")
+    if setup not in get_args(Setup) or model not in get_args(Model):
+        raise ParameterError(
+            f"setup {setup!r} and model {model!r}",
+            f"one of {', '.join(get_args(Setup))} and one of {', '.join(get_args(Model))}",
+        )
+    _check_counts(A, B)
+    if setup == "eye-to-hand":
+        A = inverse(A)
+    length = _extent(A, B)
+    centre = A[1].mean(axis=0)
+    scaled, target = (A[0], (A[1] - centre) / length), (B[0], B[1] / length)
+    few = len(A[1]) < FEW_PAIRS
+    judge = robust and not few
+
+    def start_from(hand: Poses, seen: Poses) -> Consensus:
+        return robust_start(hand, seen, seed) if judge else plain_start(hand, seen)
+
+    start = start_from(scaled, target)
+    other = next(name for name in get_args(Setup) if name != setup)
+    refuse_misread(start, scaled, target, length, other, start_from)
+    share = HandShare(scaled, target, FINEST_TURN)
+    floors = (FINEST_POSITION if few else 0.0, FINEST_TURN)
+    fit = robust_fit(share.make, start, floors, robust=robust, revise=share.revise)
+    if share.value and not share.explains(fit):
+        share.value = 0.0
+        fit = robust_fit(share.make, start, floors, robust=robust)
+    refuse_strangers(fit, start, length)
+    refuse_undetermined(
+        fit.solution,
+        "hand_eye",
+        "X",
+        "turn the hand about at least two axes that are not parallel",
+        axis_of_all_turns(A[0][fit.inliers], fit.sigmas[1]),
+    )
+    return _result(fit, A, B, centre, length, setup, model, share.value)
+
+
+def _result(
+    fit: RobustFit,
+    A: Poses,
+    B: Poses,
+    centre: FloatArray,
+    length: float,
+    setup: Setup,
+    model: Model,
+    robot_noise_fraction: float,
+) -> HandEyeCalibration:
+    x = fit.solution.x
+    X = rotation_from_vector(x[3:6]), x[:3] * length
+    Z = rotation_from_vector(x[9:12]), x[6:9] * length + centre
+    found = loops(A, X, B)
+    jacobian = np.diag(np.tile(np.repeat([length, 1.0], 3), 2))
+    jacobian[3:6, 3:6], jacobian[9:, 9:] = tangent_of_vector(x[3:6]), tangent_of_vector(x[9:12])
+    motions = np.swapaxes(A[0][1:], 1, 2) @ A[0][:-1]
+    return HandEyeCalibration(
+        setup=setup,
+        model=model,
+        X=homogeneous(*X),
+        Z=homogeneous(*Z),
+        covariance=jacobian @ fit.covariance @ jacobian.T,
+        position_residuals=found[1] - Z[1],
+        rotation_residuals=vector_from_rotation(Z[0].T @ found[0]),
+        inliers=fit.inliers,
+        axes=vector_from_rotation(motions),
+        robot_noise_fraction=robot_noise_fraction,
+        solution=fit.solution,
+        length=length,
+    )
+
+
+def _check_counts(A: Poses, B: Poses) -> None:
+    if len(A[1]) != len(B[1]):
+        raise SamplesError(
+            f"{len(A[1])} poses of the hand and {len(B[1])} of the target", "as many of each"
+        )
+    if len(A[1]) < LEAST_POSES:
+        raise SamplesError(
+            f"{len(A[1])} pairs of poses", f"at least {LEAST_POSES}, turned about different axes"
+        )
+
+
+def _extent(A: Poses, B: Poses) -> float:
+    """How large all this is: lengths are solved in units of it, so that none counts, m."""
+    return extent(A[1]) + rms_length(B[1]) or 1.0

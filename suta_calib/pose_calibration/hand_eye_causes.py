@@ -1,0 +1,146 @@
+"""Why pairs of poses agree with no X: another order of a quaternion, poses the wrong way round.
+
+The angle by which hand and eye turn between two pairs is the same whatever X is, but it tells none
+of these: a pose and its inverse turn by the same angle, and so do quaternions whose numbers are
+exchanged in the same way everywhere. What tells them is whether an X closes all loops ``A X B``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from suta_calib.errors import SamplesError
+from suta_calib.pose_calibration.consensus import Consensus
+from suta_calib.pose_calibration.robust_fit import RobustFit
+from suta_calib.pose_calibration.undetermined import undetermined_directions
+from suta_calib.terms.hand_eye_start import Poses, inverse
+
+# Scatter of the loops' ends, in units of the extent, of which instruments of use show less; and
+# that, with turns (rad) of some degrees, or turns alone, of pairs that do not belong together.
+SUSPICIOUS: Final = 0.01
+STRANGERS: Final = 0.1
+TURNED: Final = float(np.radians(1.0))
+NO_AGREEMENT: Final = float(np.radians(10.0))
+# Another reading of the poses is what they are if its loops close so many times better, and turns
+# (rad) no worse than this.
+FAR_BETTER: Final = 5.0
+TURNS_AGREE: Final = float(np.radians(5.0))
+# Pairs that are enough to tell one reading from another.
+MOST_PAIRS: Final = 200
+
+# The consensus of pairs of poses, hand and target.
+Start = Callable[[Poses, Poses], Consensus]
+
+
+@dataclass(frozen=True, eq=False)
+class PoseConvention:
+    """The poses read in another way.
+
+    Attributes:
+        change: what would have to be changed for it.
+        A: poses of the hand in base, or of the base in the hand for an eye beside the robot.
+        B: of the target in the eye.
+    """
+
+    change: str
+    A: Poses
+    B: Poses
+
+
+def refuse_misread(
+    found: Consensus, A: Poses, B: Poses, length: float, other_setup: str, start: Start
+) -> None:
+    """Refuse poses that fit together as soon as they are read in another way.
+
+    Args:
+        found: what `start` says of the poses as they are.
+        A: rotations (n, 3, 3) and positions (n, 3), in units of the extent.
+        B: the same of the target.
+        length: the extent, m.
+        other_setup: the one that was not asked for.
+        start: how the loops of poses scatter, in units of the extent and rad.
+
+    Raises:
+        SamplesError: names the reading under which they agree.
+    """
+    if found.sigmas[0] < SUSPICIOUS:
+        return
+    rows = np.unique(np.linspace(0, len(A[1]) - 1, MOST_PAIRS).astype(np.intp))
+    A, B = (A[0][rows], A[1][rows]), (B[0][rows], B[1][rows])
+    tried = [(start(r.A, r.B), r.change) for r in _readings(A, B, other_setup)]
+    best, change = min(tried, key=lambda pair: float(pair[0].sigmas[0]))
+    if FAR_BETTER * best.sigmas[0] < found.sigmas[0] and best.sigmas[1] < TURNS_AGREE:
+        close = f"{1e3 * length * best.sigmas[0]:.1f} mm and {np.degrees(best.sigmas[1]):.2f}°"
+        raise disagreement(found, length, f"they agree with one to {close} {change}")
+
+
+def refuse_strangers(fit: RobustFit, start: Consensus, length: float) -> None:
+    """Refuse pairs of which nothing fits: what they leave open is not the trouble.
+
+    Args:
+        fit: of the pairs.
+        start: how the loops scattered before it, in units of the extent and rad.
+        length: the extent, m.
+
+    Raises:
+        SamplesError: says how far they are apart.
+    """
+    if fit.sigmas[1] > NO_AGREEMENT:
+        raise SamplesError(
+            f"loops A X B that differ by {np.degrees(fit.sigmas[1]):.0f}° about every axis",
+            "poses of a hand and of what its eye saw, pair by pair",
+            hint=CAUSES,
+        )
+    slid, turned = start.sigmas
+    apart = (slid > STRANGERS and turned > TURNED) or turned > NO_AGREEMENT
+    if apart and undetermined_directions(fit.solution, "hand_eye"):
+        raise disagreement(start, length)
+
+
+def disagreement(found: Consensus, length: float, hint: str = "") -> SamplesError:
+    """What is said of pairs that do not belong together.
+
+    Args:
+        found: how the loops scatter, in units of the extent and rad.
+        length: the extent, m.
+        hint: what would make them agree; the usual causes by default.
+    """
+    return SamplesError(
+        "pairs of poses that do not agree with any X: the ends of the loops A X B scatter by "
+        f"{1e3 * length * found.sigmas[0]:.0f} mm and {np.degrees(found.sigmas[1]):.1f}° per axis",
+        "poses of a hand and of what its eye saw, pair by pair",
+        hint=hint or CAUSES,
+    )
+
+
+CAUSES: Final = (
+    "do the rows belong together, is the quaternion's order x y z w, is it the right setup, and do "
+    "both poses map in the direction asked for?"
+)
+
+
+def _readings(A: Poses, B: Poses, other_setup: str) -> Iterator[PoseConvention]:
+    """Every other one; with both poses the other way round X and Z only change places."""
+    turned = f"if setup is {other_setup}, or else if the hand's or the eye's poses are inverted"
+    orders = {
+        "": (A, B),
+        "the hand's quaternions": (_reordered(A), B),
+        "the eye's quaternions": (A, _reordered(B)),
+        "all quaternions": (_reordered(A), _reordered(B)),
+    }
+    for whose, (hand, eye) in orders.items():
+        order = f"if {whose} are in the order w x y z" if whose else ""
+        if order:
+            yield PoseConvention(order, hand, eye)
+        yield PoseConvention(" and ".join(filter(None, (order, turned))), inverse(hand), eye)
+
+
+def _reordered(poses: Poses) -> Poses:
+    """Poses whose quaternions were read x y z w from w x y z."""
+    quaternion = Rotation.from_matrix(poses[0]).as_quat()
+    return Rotation.from_quat(np.roll(quaternion, -1, axis=1)).as_matrix(), poses[1]

@@ -1,0 +1,263 @@
+"""Pivot calibration: the tip of a tracked tool from poses while it rests on one or more points."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from suta_calib.arrays import BoolArray, FloatArray, IntArray
+from suta_calib.assessment import Assessment
+from suta_calib.errors import SamplesError
+from suta_calib.geometry.numbers import rms_length
+from suta_calib.measurements.samples import Samples
+from suta_calib.pose_calibration.arrays import checked_poses
+from suta_calib.pose_calibration.consensus import Consensus, find_consensus, minimal_samples
+from suta_calib.pose_calibration.robust_fit import RobustFit, objections, outlier_rows, robust_fit
+from suta_calib.pose_calibration.undetermined import refuse_undetermined
+from suta_calib.solver.solution import Solution
+from suta_calib.terms.fixed_point import FixedPoint, stacked_pivot
+from suta_calib.terms.poses import MeasuredPoses
+from suta_calib.terms.term import Noise, grouped
+
+LEAST_POSES: Final = 3
+# Rows of a minimal sample: one more than needed, so that small turns do not decide by chance.
+SAMPLE: Final = 4
+# Turns below which a tip is badly determined whatever the residuals are: what is left of a cone of
+# 24°. And the standard deviation of a tip that no navigation can afford (optical systems: 0.3 mm).
+SMALL_TURN: Final = np.radians(12.0)
+UNSURE: Final = 0.5e-3
+# Scatter, in units of the extent, of poses that have no point in common, and turns (rad) that are
+# hardly any.
+NO_POINT: Final = 0.1
+HARDLY_TURNED: Final = float(np.radians(2.0))
+
+
+@dataclass(frozen=True, eq=False)
+class PivotCalibration:
+    """The tip of a tool, and the points it rested on.
+
+    Attributes:
+        tip: (3,) in the tool, m.
+        posts: (3,) each, in the tracker, m, by label.
+        covariance: (3 + 3k, 3 + 3k), m², of the tip and then of the posts in order.
+        residuals: (n, 3), ``R_iᵀ (c - p_i) - t`` of every pose, in the tool, m.
+        inliers: (n,) poses that were fitted.
+        sigma: scatter of one component of an inlier's residual, m.
+        turn: root mean square turn of the inliers' orientations about their mean, as far as it
+            tells the tip along the direction of the tool that they tell least about, rad.
+        solution: of the solver, in units of `length`.
+        length: m per unit of `solution`.
+    """
+
+    tip: FloatArray
+    posts: dict[str, FloatArray]
+    covariance: FloatArray
+    residuals: FloatArray
+    inliers: BoolArray
+    sigma: float
+    turn: float
+    solution: Solution
+    length: float
+
+    @property
+    def post(self) -> FloatArray:
+        """The first post, which is the only one where all poses touched the same."""
+        return next(iter(self.posts.values()))
+
+    @property
+    def tip_std(self) -> FloatArray:
+        """Standard deviation of the tip's coordinates (3,), m."""
+        return np.asarray(np.sqrt(np.diag(self.covariance)[:3]))
+
+    def post_std(self, label: str | None = None) -> FloatArray:
+        """Standard deviation of a post's coordinates (3,), m; of the first one by default."""
+        first = 3 + 3 * (0 if label is None else list(self.posts).index(label))
+        return np.asarray(np.sqrt(np.diag(self.covariance)[first : first + 3]))
+
+    @property
+    def rms(self) -> float:
+        """Root mean square length of the inliers' residuals, m."""
+        return rms_length(self.residuals[self.inliers])
+
+    @property
+    def outliers(self) -> tuple[int, ...]:
+        """Poses judged outliers, from 0."""
+        return outlier_rows(self.inliers)
+
+    @property
+    def assessment(self) -> Assessment:
+        """How far to trust the tip."""
+        caution = list[str]()
+        if self.turn < SMALL_TURN:
+            caution.append(
+                f"The tool was turned too little ({np.degrees(self.turn):.0f}° RMS where it "
+                "matters most): the tip is badly determined; turn it by 30° or more to every side."
+            )
+        unsure = float(np.linalg.norm(self.tip_std))
+        if unsure > UNSURE:
+            caution.append(f"The tip is known to ± {1e3 * unsure:.2f} mm only (one sigma, 3-D).")
+        return Assessment.of(bad=objections(self.solution, self.inliers, "poses"), care=caution)
+
+
+def calibrate_pivot(
+    rotation: ArrayLike,
+    position: ArrayLike,
+    point: Sequence[str] | NDArray[np.str_] | None = None,
+    *,
+    robust: bool = True,
+    seed: int = 0,
+) -> PivotCalibration:
+    """Tip and posts from poses ``T_tracker_tool`` of a tool that pivots on them.
+
+    ``R_i t + p_i = c`` by linear least squares (Yaniv 2015, doi:10.1117/12.2081348, "algebraic one
+    step"), from a consensus of the poses, then with Huber's loss on what agrees.
+
+    Args:
+        rotation: (n, 3, 3).
+        position: (n, 3), m.
+        point: (n,) label of the post each pose touched; one post by default.
+        robust: False for plain least squares over all poses.
+        seed: of the minimal samples.
+
+    Raises:
+        SamplesError: too few poses, or turns so small or about so few axes that the tip is not
+            determined; names the undetermined directions.
+    """
+    R, p = checked_poses(rotation, position, "poses")
+    labels = np.full(len(p), "post") if point is None else np.asarray(point, dtype=np.str_)
+    if len(labels) != len(p):
+        raise SamplesError(f"{len(labels)} labels", f"{len(p)}, one per pose", where="point")
+    _check_counts(labels)
+    names, index = grouped(labels)
+    centre, length = p.mean(axis=0), _extent(R, p, index)
+    scaled = (p - centre) / length
+    start = _start(R, scaled, index, seed) if robust else _everything(R, scaled, index)
+
+    def make(rows: IntArray, noises: Sequence[Noise]) -> FixedPoint:
+        _check_posts(names, index, rows)
+        return _term(R[rows], scaled[rows], labels[rows], noises[0])
+
+    fit = robust_fit(make, start, robust=robust)
+    _check_agreement(fit, R[fit.inliers], length)
+    _refuse(fit.solution)
+    return _result(fit, names, R, centre, length)
+
+
+def _term(R: FloatArray, p: FloatArray, labels: NDArray[np.str_], noise: Noise) -> FixedPoint:
+    samples = Samples.from_arrays([], np.zeros((len(p), 0)), labels={"point": labels})
+    return FixedPoint(MeasuredPoses(R, p, samples), noise)
+
+
+def _result(
+    fit: RobustFit, names: Sequence[str], R: FloatArray, centre: FloatArray, length: float
+) -> PivotCalibration:
+    x = np.array([fit.solution.values[n] for n in _parameters(names)]) * length
+    order = [fit.solution.problem.names.index(n) for n in _parameters(names)]
+    return PivotCalibration(
+        tip=x[:3],
+        posts={n: x[3 + 3 * k : 6 + 3 * k] + centre for k, n in enumerate(names)},
+        covariance=fit.covariance[np.ix_(order, order)] * length**2,
+        residuals=fit.residuals[0] * length,
+        inliers=fit.inliers,
+        sigma=fit.sigmas[0] * length,
+        turn=float(_turns(R[fit.inliers])[0]),
+        solution=fit.solution,
+        length=length,
+    )
+
+
+def _turns(R: FloatArray) -> FloatArray:
+    """Root mean square turns (3,), rad, as far as they tell a tip, from least to most."""
+    mean = R.mean(axis=0)
+    told = np.linalg.eigvalsh(np.eye(3) - mean.T @ mean)
+    return np.asarray(np.sqrt(np.maximum(told, 0.0)))
+
+
+def _parameters(names: Sequence[str]) -> list[str]:
+    labels = ["tip", *(f"fixed_point[{n}]" for n in names)]
+    return [f"{label}.{axis}" for label in labels for axis in "xyz"]
+
+
+def _extent(R: FloatArray, p: FloatArray, index: IntArray) -> float:
+    """How large all this is: lengths are solved in units of it, so that none counts, m."""
+    spread = float(np.linalg.norm(p - p.mean(axis=0), axis=1).max())
+    tool = float(np.linalg.norm(stacked_pivot(R, p, index))) + spread
+    # A tool whose tip is its own origin has no extent; then the way to the tracker tells.
+    return max(tool, 0.1 * float(np.linalg.norm(p, axis=1).max())) or 1.0
+
+
+def _norms(R: FloatArray, p: FloatArray, index: IntArray, tips: FloatArray) -> FloatArray:
+    """Distance of every touch from the middle of its post's touches, (m, n, 1)."""
+    touched = p + np.einsum("nij,mj->mni", R, tips)
+    norms = np.zeros(touched.shape[:2])
+    for k in np.unique(index):
+        rows = index == k
+        middle = np.median(touched[:, rows], axis=1, keepdims=True)
+        norms[:, rows] = np.linalg.norm(touched[:, rows] - middle, axis=2)
+    return norms[..., None]
+
+
+def _start(R: FloatArray, p: FloatArray, index: IntArray, seed: int) -> Consensus:
+    if np.bincount(index).max() < SAMPLE + 1:
+        return _everything(R, p, index)
+    one_hot = np.eye(len(p))
+
+    def propose(rows: IntArray) -> FloatArray:
+        return stacked_pivot(R, p, index, one_hot[rows].sum(axis=1))
+
+    samples = minimal_samples(index, SAMPLE, seed)
+    posts = int(index.max()) + 1
+    return find_consensus(samples, propose, lambda t: _norms(R, p, index, t), 2 + posts)
+
+
+def _everything(R: FloatArray, p: FloatArray, index: IntArray) -> Consensus:
+    norms = _norms(R, p, index, stacked_pivot(R, p, index)[None])[0, :, 0]
+    sigma = np.sqrt(np.mean(norms**2) / 3.0)
+    return Consensus(np.ones(len(p), dtype=np.bool_), np.array([sigma]))
+
+
+def _check_counts(labels: NDArray[np.str_]) -> None:
+    if len(labels) < LEAST_POSES:
+        raise SamplesError(
+            f"{len(labels)} poses", f"at least {LEAST_POSES}, turned about different axes"
+        )
+    for name, count in zip(*np.unique(labels, return_counts=True), strict=True):
+        if count < 2:
+            raise SamplesError(
+                f"one pose for point {name}", "at least 2 poses for every point", where="point"
+            )
+
+
+def _check_posts(names: Sequence[str], index: IntArray, rows: IntArray) -> None:
+    for k, name in enumerate(names):
+        if np.sum(index[rows] == k) < 2:
+            raise SamplesError(
+                f"{int(np.sum(index == k))} poses for point {name} that do not agree",
+                "at least 2 that do",
+                where="point",
+                hint="did the tool slip off it?",
+            )
+
+
+def _check_agreement(fit: RobustFit, R: FloatArray, length: float) -> None:
+    """Where nothing fits though the tool turned, what the data leave open is not the trouble."""
+    if fit.sigmas[0] > NO_POINT and _turns(R)[-1] > HARDLY_TURNED:
+        raise SamplesError(
+            f"poses whose tips scatter by {1e3 * length * fit.sigmas[0]:.0f} mm per axis",
+            "a tool whose tip rests on a point",
+            hint="is it the right file, unit, and order of the quaternion (x y z w)? Are single "
+            "poses grossly wrong, then solve robustly (without --no-robust)",
+        )
+
+
+def _refuse(solution: Solution) -> None:
+    refuse_undetermined(
+        solution,
+        "tip",
+        "the tip in the tool",
+        "turn the tool more while its tip rests on the point",
+    )

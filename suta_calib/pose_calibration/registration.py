@@ -1,0 +1,256 @@
+"""Rigid registration of corresponding points: fiducials, markers, landmarks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from suta_calib.arrays import BoolArray, FloatArray, IntArray
+from suta_calib.assessment import Assessment
+from suta_calib.geometry.numbers import (
+    extent,
+    homogeneous,
+    register_points,
+    rms_length,
+    rotation_from_vector,
+    skew,
+)
+from suta_calib.measurements.samples import Samples
+from suta_calib.pose_calibration.arrays import checked_points
+from suta_calib.pose_calibration.consensus import Consensus, find_consensus, minimal_samples
+from suta_calib.pose_calibration.distinct_points import determining_rows, distinct_rows
+from suta_calib.pose_calibration.registration_checks import (
+    LEAST_POINTS,
+    check_correspondence,
+    check_handedness,
+    check_line,
+    check_points,
+)
+from suta_calib.pose_calibration.robust_fit import RobustFit, objections, outlier_rows, robust_fit
+from suta_calib.pose_calibration.rotation_covariance import tangent_of_vector
+from suta_calib.solver.solution import Solution
+from suta_calib.terms.poses import MeasuredPoses
+from suta_calib.terms.term import Noise
+from suta_calib.terms.tracked_point import TrackedPoint
+
+# Points from which on one that does not fit can be told from the others.
+ENOUGH_TO_JUDGE: Final = 5
+# Standard deviations, m and rad, that deserve a word.
+UNSURE: Final = 1e-3
+UNSURE_TURN: Final = float(np.radians(1.0))
+# Difference in scale that is worth a word where the scatter does not explain it.
+OTHER_SCALE: Final = 0.02
+
+
+@dataclass(frozen=True, eq=False)
+class Registration:
+    """``T_b_a``, which takes points in frame a (the source) to frame b (the target).
+
+    Attributes:
+        rotation: (3, 3).
+        position: (3,), m.
+        covariance: (6, 6) of a small displacement (m) and turn (rad) of the moved points about
+            `centre`, in the axes of frame b.
+        centre: (3,) middle of the fitted points in frame b, m.
+        residuals: (n, 3), ``R a_i + p - b_i``, in frame b, m.
+        inliers: (n,) points that were fitted.
+        distinct: (n,) points that are not copies of one before. Copies count once, except where all
+            points are believed.
+        sigma: scatter of one component of an inlier's residual, m.
+        scale: how many times larger the fitted points are in the target than in the source, which
+            a rigid transform cannot make up for.
+        scale_std: standard deviation of that, as far as the scatter makes it.
+        solution: of the solver.
+    """
+
+    rotation: FloatArray
+    position: FloatArray
+    covariance: FloatArray
+    centre: FloatArray
+    residuals: FloatArray
+    inliers: BoolArray
+    distinct: BoolArray
+    sigma: float
+    scale: float
+    scale_std: float
+    solution: Solution
+
+    @property
+    def matrix(self) -> FloatArray:
+        """``T_b_a`` as a 4x4 matrix, m."""
+        return homogeneous(self.rotation, self.position)
+
+    def act(self, points: ArrayLike) -> FloatArray:
+        """Points (..., 3) of frame a in frame b, m."""
+        return np.asarray(np.asarray(points, dtype=float) @ self.rotation.T + self.position)
+
+    def target_covariance(self, points: ArrayLike) -> FloatArray:
+        """Covariance (n, 3, 3), m², of where points (n, 3) of frame a come to lie in frame b.
+
+        The target registration error of Fitzpatrick, West, Maurer (1998, doi:10.1109/42.736021),
+        with the scatter that the residuals show instead of one that is given.
+        """
+        lever = self.act(np.atleast_2d(np.asarray(points, dtype=float))) - self.centre
+        by_motion = np.concatenate([np.tile(np.eye(3), (len(lever), 1, 1)), -skew(lever)], axis=2)
+        return np.asarray(by_motion @ self.covariance @ np.swapaxes(by_motion, 1, 2))
+
+    def target_error(self, points: ArrayLike) -> FloatArray:
+        """Expected root mean square target registration error (n,), m, at points of frame a."""
+        return np.asarray(np.sqrt(np.trace(self.target_covariance(points), axis1=1, axis2=2)))
+
+    @property
+    def rms(self) -> float:
+        """Fiducial registration error: root mean square length of the inliers' residuals, m."""
+        return rms_length(self.residuals[self.inliers])
+
+    @property
+    def outliers(self) -> tuple[int, ...]:
+        """Points judged outliers, from 0."""
+        return outlier_rows(self.inliers)
+
+    @property
+    def assessment(self) -> Assessment:
+        """How far to trust it."""
+        caution, inliers = list[str](), self.inliers[self.distinct]
+        if abs(self.scale - 1.0) > max(OTHER_SCALE, 3.0 * self.scale_std):
+            caution.append(
+                f"The points are {self.scale:.3f} times as far apart in the second set as in the "
+                "first: look for a scale or a unit."
+            )
+        if copies := int(np.sum(~self.distinct)):
+            rows = "1 row repeats" if copies == 1 else f"{copies} rows repeat"
+            caution.append(f"{rows} another exactly in both sets: no measurement, counted once.")
+        if np.sum(inliers) <= LEAST_POINTS + 1:
+            count = int(np.sum(inliers))
+            caution.append(f"{count} points leave few residuals: an error in one may not show.")
+        unsure = float(np.sqrt(np.trace(self.covariance[:3, :3])))
+        turned = float(np.sqrt(np.trace(self.covariance[3:, 3:])))
+        if unsure > UNSURE or turned > UNSURE_TURN:
+            caution.append(
+                f"The points' middle is known to ± {1e3 * unsure:.2f} mm and the turn to "
+                f"± {np.degrees(turned):.2f}° only (one sigma)."
+            )
+        return Assessment.of(bad=objections(self.solution, inliers, "points"), care=caution)
+
+
+def register(
+    source: ArrayLike, target: ArrayLike, *, robust: bool = True, seed: int = 0
+) -> Registration:
+    """Least-squares rigid transform between corresponding points, robustly.
+
+    Arun, Huang, Blostein (1987, doi:10.1109/TPAMI.1987.4767965) from a consensus of the points,
+    then with Huber's loss on those that agree. Rows that are the same in both frames are one
+    measurement; a fiducial that was touched more than once is not several fiducials. Coplanar
+    points have one proper rotation and are fine; where a reflection is what fits, the data are
+    refused, as that paper says.
+
+    Args:
+        source: (n, 3) points in frame a, m.
+        target: (n, 3) the same points in frame b, m.
+        robust: False for plain least squares over all points.
+        seed: of the minimal samples.
+
+    Raises:
+        SamplesError: numbers of points that differ, fewer than three, points on a line, points
+            that coincide, or the mirror image of each other.
+    """
+    a, b = checked_points(source, "source"), checked_points(target, "target")
+    check_points(a, b)
+    first, copies = distinct_rows(a, b)
+    if robust:
+        a, b = a[first], b[first]
+    judge = robust and len(a) >= ENOUGH_TO_JUDGE
+    start, mirrored = (
+        _start(points, b, seed) if judge else _everything(points, b) for points in (a, -a)
+    )
+    check_handedness(start, mirrored, float(np.ptp(b)))
+    from_centre, to_centre = a[start.inliers].mean(axis=0), b[start.inliers].mean(axis=0)
+    length = extent(b) or 1.0
+    moved, fixed = (a - from_centre) / length, (b - to_centre) / length
+
+    def make(rows: IntArray, noises: Sequence[Noise]) -> TrackedPoint:
+        return _term(moved[rows], fixed[rows], noises[0])
+
+    scaled = Consensus(start.inliers, start.sigmas / length)
+    fit = robust_fit(make, scaled, robust=robust)
+    check_correspondence(fit, length)
+    check_line(moved[fit.inliers], fit)
+    found = _result(fit, a, b, (from_centre, to_centre), length)
+    distinct = np.isin(np.arange(len(copies)), first)
+    if not robust:
+        return replace(found, distinct=distinct)
+    return replace(
+        found,
+        residuals=found.residuals[copies],
+        inliers=found.inliers[copies],
+        distinct=distinct,
+    )
+
+
+def _result(
+    fit: RobustFit,
+    a: FloatArray,
+    b: FloatArray,
+    centres: tuple[FloatArray, FloatArray],
+    length: float,
+) -> Registration:
+    x = fit.solution.x
+    R, middle = rotation_from_vector(x[3:6]), centres[1] + length * x[:3]
+    position = middle - R @ centres[0]
+    unit = np.repeat([length, 1.0], 3)
+    to_tangent = np.eye(6)
+    to_tangent[3:, 3:] = R @ tangent_of_vector(x[3:6])
+    jacobian = np.diag(unit) @ to_tangent
+    return Registration(
+        rotation=R,
+        position=position,
+        covariance=jacobian @ fit.covariance @ jacobian.T,
+        centre=middle,
+        residuals=a @ R.T + position - b,
+        inliers=fit.inliers,
+        distinct=np.ones(len(a), dtype=np.bool_),
+        sigma=fit.sigmas[0] * length,
+        scale=extent(b[fit.inliers]) / extent(a[fit.inliers]),
+        scale_std=fit.sigmas[0] * length / extent(b[fit.inliers]) / np.sqrt(fit.inliers.sum()),
+        solution=fit.solution,
+    )
+
+
+def _term(a: FloatArray, b: FloatArray, noise: Noise) -> TrackedPoint:
+    samples = Samples.from_arrays([], np.zeros((len(a), 0)), position=b)
+    upright = np.tile(np.eye(3), (len(a), 1, 1))
+    return TrackedPoint(MeasuredPoses(upright, a, samples, exact=True), noise)
+
+
+def _start(a: FloatArray, b: FloatArray, seed: int) -> Consensus:
+    def propose(rows: IntArray) -> tuple[FloatArray, FloatArray]:
+        return kabsch(a[rows], b[rows])
+
+    def residuals(model: tuple[FloatArray, FloatArray]) -> FloatArray:
+        R, p = model
+        error = np.einsum("mij,nj->mni", R, a) + p[:, None, :] - b
+        return np.asarray(np.linalg.norm(error, axis=2)[..., None])
+
+    everyone = np.zeros(len(a), dtype=np.intp)
+    samples = minimal_samples(everyone, LEAST_POINTS, seed)
+    return find_consensus(samples, propose, residuals, determining_rows(a, b))
+
+
+def kabsch(source: FloatArray, target: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """`geometry.register_points` for many small sets at once: (m, k, 3) → (m, 3, 3), (m, 3)."""
+    from_centre, to_centre = source.mean(axis=1), target.mean(axis=1)
+    moment = np.einsum("mki,mkj->mij", target - to_centre[:, None], source - from_centre[:, None])
+    u, _, v = np.linalg.svd(moment)
+    u[..., 2] *= np.linalg.det(u @ v)[:, None]
+    R = u @ v
+    return R, to_centre - np.einsum("mij,mj->mi", R, from_centre)
+
+
+def _everything(a: FloatArray, b: FloatArray) -> Consensus:
+    R, p = register_points(a, b)
+    sigma = np.sqrt(np.mean((a @ R.T + p - b) ** 2))
+    return Consensus(np.ones(len(a), dtype=np.bool_), np.array([sigma]))

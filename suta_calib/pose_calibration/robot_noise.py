@@ -1,0 +1,98 @@
+"""Whose noise turns the residuals of a hand-eye calibration: the hand's or the eye's."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Final
+
+import numpy as np
+
+from suta_calib.arrays import BoolArray, FloatArray, IntArray
+from suta_calib.geometry.numbers import rotation_from_vector
+from suta_calib.measurements.samples import Samples
+from suta_calib.pose_calibration.consensus import Consensus
+from suta_calib.pose_calibration.robust_fit import RobustFit, evaluate, robust_fit
+from suta_calib.terms.hand_eye import HandEye
+from suta_calib.terms.hand_eye_start import Poses
+from suta_calib.terms.poses import MeasuredPoses
+from suta_calib.terms.term import Noise
+
+# Before the data are asked: anything from none to all.
+EXPECTED: Final = 0.5
+SPREAD: Final = 0.29
+UNKNOWNS: Final = 12
+
+
+def estimate_robot_noise_fraction(position: FloatArray, swept: FloatArray) -> float:
+    """Part of the rotational noise, as a variance, that is the hand's; between 0 and 1.
+
+    A turn of the hand moves the target by turn x lever, seen from the eye; a turn of what the eye
+    sees does not. The regression of one on the other is the share, shrunk towards one half where
+    few poses tell little.
+
+    Args:
+        position: (n, 3) residuals of the target's position in the eye.
+        swept: (n, 3) turn in each residual times the lever from hand to target, the same unit.
+    """
+    told, against = float(np.sum(swept**2)), float(np.sum(swept * position))
+    if told == 0.0:
+        return EXPECTED
+    share = against / told
+    numbers = position.size
+    freedom = max(numbers - UNKNOWNS / 2, 1.0)
+    noise = float(np.sum((position - share * swept) ** 2)) / freedom
+    prior = noise / SPREAD**2
+    return float(np.clip((against + EXPECTED * prior) / (told + prior), 0.0, 1.0))
+
+
+class HandShare:
+    """How much of the rotational noise is the hand's, revised with the solution.
+
+    Args:
+        hand, seen: rotations (n, 3, 3) and positions (n, 3) of both, in units of the problem.
+        finest_turn: noise of a turn, rad, that is assumed at least.
+
+    Attributes:
+        value: the share that `make` uses.
+    """
+
+    def __init__(self, hand: Poses, seen: Poses, finest_turn: float) -> None:
+        self._hand, self._seen, self._finest = hand, seen, finest_turn
+        self.value = EXPECTED
+
+    def make(self, rows: IntArray, noises: Sequence[Noise]) -> HandEye:
+        """The term over some rows."""
+        return self._term(rows, noises, self.value)
+
+    def revise(self, values: Mapping[str, float], inliers: BoolArray) -> None:
+        """Estimate the share from the inliers' residuals at the values found."""
+        rows = np.flatnonzero(inliers)
+        at_target = evaluate(self._term(rows, (Noise(), Noise()), 0.0), values)
+        x = np.array([values[f"hand_eye.{key}"] for key in ("x", "y", "z", "rx", "ry", "rz")])
+        R_seen, p_seen = self._seen[0][rows], self._seen[1][rows]
+        in_eye = np.einsum("nij,nj->ni", R_seen, at_target[1])
+        lever = p_seen + rotation_from_vector(x[3:]).T @ x[:3]
+        self.value = estimate_robot_noise_fraction(at_target[0], np.cross(in_eye, lever))
+
+    def explains(self, fit: RobustFit) -> bool:
+        """Whether the residuals at the target grew no more by it than by chance."""
+        rows = np.flatnonzero(fit.inliers)
+        plain = robust_fit(
+            lambda r, n: self._term(rows[r], n, 0.0),
+            Consensus(np.ones(len(rows), dtype=np.bool_), np.array(fit.sigmas)),
+            (0.0, self._finest),
+            robust=False,
+        )
+        term = self._term(rows, (Noise(), Noise()), 0.0)
+        with_share = [float(np.sum(r**2)) for r in evaluate(term, fit.solution.values)]
+        without = [float(np.sum(r**2)) for r in plain.residuals]
+        unknowns, numbers = 12, 6 * len(rows)
+        allowed = 1.0 + 2.5 * unknowns / max(numbers - unknowns, 1)
+        return all(w <= allowed * p for w, p in zip(with_share, without, strict=True))
+
+    def _term(self, rows: IntArray, noises: Sequence[Noise], share: float) -> HandEye:
+        (RA, pA), (RB, pB) = self._hand, self._seen
+        nothing = np.zeros((len(rows), 0))
+        samples = Samples.from_arrays([], nothing, position=pB[rows], rotation=RB[rows])
+        poses = MeasuredPoses(RA[rows], pA[rows], samples)
+        return HandEye(poses, noises[0], noises[1], robot_noise_fraction=share)

@@ -1,0 +1,196 @@
+"""The robust solve that pivot, hand-eye and registration share.
+
+From the rows of a consensus: solve with Huber's loss at the noise found so far, judge every row
+against the solution, solve again without the outliers, until nothing changes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from scipy.stats import chi2
+
+from suta_calib.arrays import BoolArray, FloatArray, IntArray
+from suta_calib.pose_calibration.consensus import DIMENSION, Consensus, outlier_limit
+from suta_calib.pose_calibration.serial_correlation import blocks
+from suta_calib.solver.covariance import observed_covariance, predicted_covariance
+from suta_calib.solver.information import Information, whitened_rows
+from suta_calib.solver.losses import huber_threshold
+from suta_calib.solver.problem import Problem
+from suta_calib.solver.solution import Solution
+from suta_calib.solver.solve import solve
+from suta_calib.terms.term import Noise, Term
+
+MAX_ROUNDS: Final = 12
+# Rows from which on each may speak for its own scatter.
+MANY_ROWS: Final = 30
+# Rows below which the scatter they show is too small by chance: then no less than is assumed.
+FEW_ROWS: Final = 12
+# Part of the rows that, where they disagree, leave open who is right.
+MANY_OUTLIERS: Final = 0.4
+# Relative change of a noise level that is none.
+SAME_NOISE: Final = 0.01
+THRESHOLD: Final = huber_threshold(DIMENSION)
+# Residual, in units of the problem's extent or rad, that is rounding: exact data have no other.
+ROUNDING: Final = 1e-9
+# Noise in the same units below which the solver's arithmetic would be what is fitted.
+FINEST: Final = 1e-6
+
+# A term over some of the rows, with the noise of each of its blocks.
+Make = Callable[[IntArray, Sequence[Noise]], Term]
+
+
+@dataclass(frozen=True, eq=False)
+class RobustFit:
+    """A solution, and what every row has to do with it.
+
+    Attributes:
+        solution: over the inliers.
+        residuals: of all rows by block, each (n, 3), m or rad.
+        inliers: (n,) rows that were fitted.
+        sigmas: scatter of one component of each block.
+        covariance: of the solution's parameters, in its order: from the residuals row by row (block
+            by block where neighbours are alike) where these are many, else from their common
+            scatter.
+    """
+
+    solution: Solution
+    residuals: tuple[FloatArray, ...]
+    inliers: BoolArray
+    sigmas: tuple[float, ...]
+    covariance: FloatArray
+
+
+def outlier_rows(inliers: BoolArray) -> tuple[int, ...]:
+    """Rows judged outliers, from 0."""
+    return tuple(int(row) for row in np.flatnonzero(~inliers))
+
+
+def objections(solution: Solution, inliers: BoolArray, what: str) -> list[str]:
+    """Why an answer must not be used, one sentence each; none where nothing speaks against it.
+
+    Args:
+        solution: of the solver.
+        inliers: (n,) rows that were fitted.
+        what: the rows are, such as ``poses``.
+    """
+    found = list[str]()
+    if not solution.converged:
+        found.append(f"The solver did not converge: {solution.sentence}.")
+    share = 1.0 - float(inliers.mean())
+    if share > MANY_OUTLIERS:
+        found.append(f"{share:.0%} of the {what} do not agree with the rest.")
+    return found
+
+
+def robust_fit(
+    make: Make,
+    start: Consensus,
+    floors: Sequence[float] | None = None,
+    *,
+    robust: bool = True,
+    revise: Callable[[Mapping[str, float], BoolArray], None] | None = None,
+) -> RobustFit:
+    """Solve, judge the rows, solve again.
+
+    Args:
+        make: the term over given rows.
+        start: first guess at the inliers and at the noise.
+        floors: noise of each block that is assumed at least when blocks are weighed, m or rad.
+        robust: False for least squares over the rows of the start, all of them believed.
+        revise: called with the values found and the inliers after every solve; may change what
+            `make` makes.
+    """
+    everything = np.arange(len(start.inliers))
+    inliers, sigmas = start.inliers, np.maximum(start.sigmas, ROUNDING)
+    least = np.full(len(sigmas), FINEST) if floors is None else np.maximum(floors, FINEST)
+    for round_ in range(MAX_ROUNDS):
+        noises = [_noise(float(s), robust) for s in np.maximum(sigmas, least)]
+        solution = solve(Problem([make(np.flatnonzero(inliers), noises)]))
+        if revise is not None:
+            revise(solution.values, inliers)
+        residuals = evaluate(make(everything, noises), solution.values)
+        used = _degrees_of_freedom_used(solution, int(inliers.sum()) * len(residuals))
+        levels = np.array([used * _scatter(r[inliers], robust) for r in residuals])
+        levels = np.maximum(levels, ROUNDING)
+        agreeing = _agreeing(residuals, levels) if robust else inliers
+        settled = np.array_equal(agreeing, inliers) and np.allclose(levels, sigmas, SAME_NOISE, 0)
+        if settled or not _enough(agreeing) or (round_ + 1 == MAX_ROUNDS):
+            break
+        inliers, sigmas = agreeing, levels
+    few = int(inliers.sum()) < FEW_ROWS
+    truly = np.maximum(levels, least) if few else levels
+    covariance = _covariance(solution, [r[inliers] for r in residuals], truly)
+    return RobustFit(solution, residuals, inliers, tuple(float(s) for s in levels), covariance)
+
+
+def evaluate(term: Term, values: Mapping[str, float]) -> tuple[FloatArray, ...]:
+    """Residuals (n, d) of every block of a term at parameter values by name."""
+    problem = Problem([term])
+    x = np.array([values[name] for name in problem.names])
+    return tuple(line.residual.copy() for line in problem.linearise(x, problem.assumed_sigmas()))
+
+
+def _covariance(
+    solution: Solution, residuals: Sequence[FloatArray], levels: FloatArray
+) -> FloatArray:
+    """The sandwich needs many rows: the scatter of few says nothing of most directions."""
+    problem = solution.problem
+    if len(residuals[0]) >= MANY_ROWS:
+        white = np.hstack([r / level for r, level in zip(residuals, levels, strict=True)])
+        witnesses = blocks(white)
+        if np.array_equal(witnesses, problem.terms[0].repeats()):
+            return solution.covariance
+        return observed_covariance(problem, solution.x, solution.sigmas, solution.free, [witnesses])
+    return _from_common_scatter(solution, levels)
+
+
+def _from_common_scatter(solution: Solution, levels: FloatArray) -> FloatArray:
+    """A⁻¹ M A⁻¹ with the weights of the fit in A, and in M what the blocks scatter in truth."""
+    rows = whitened_rows(solution.problem, solution.x, solution.sigmas)
+    parts = [r.jacobian.T @ r.jacobian for r in rows]
+    truly = [
+        (level / sigma) ** 2 * part
+        for level, sigma, part in zip(levels, solution.sigmas, parts, strict=True)
+    ]
+    nothing = np.zeros_like(parts[0])
+    information = Information(sum(parts, nothing), sum(truly, nothing), nothing)
+    return predicted_covariance(solution.problem, information, solution.free)
+
+
+def _noise(sigma: float, robust: bool) -> Noise:
+    return Noise(sigma, THRESHOLD * sigma) if robust else Noise(sigma)
+
+
+def _scatter(residual: FloatArray, robust: bool) -> float:
+    """Standard deviation of one component; winsorised as Huber's proposal 2 does, but unbiased."""
+    squared = np.einsum("nd,nd->n", residual, residual)
+    level = float(np.sqrt(squared.mean() / DIMENSION))
+    if not robust:
+        return level
+    inside, tail = chi2.cdf(THRESHOLD**2, DIMENSION + 2), chi2.sf(THRESHOLD**2, DIMENSION)
+    expected = inside * DIMENSION + THRESHOLD**2 * tail
+    for _ in range(20):
+        clipped = np.minimum(squared, (THRESHOLD * level) ** 2)
+        level = float(np.sqrt(clipped.mean() / expected))
+    return level
+
+
+def _degrees_of_freedom_used(solution: Solution, residuals: int) -> float:
+    """Factor by which residuals are smaller than the noise because the unknowns followed it."""
+    numbers = DIMENSION * residuals
+    return float(np.sqrt(numbers / max(numbers - len(solution.free), 1)))
+
+
+def _agreeing(residuals: Sequence[FloatArray], levels: FloatArray) -> BoolArray:
+    distance = sum(
+        np.einsum("nd,nd->n", r, r) / level**2 for r, level in zip(residuals, levels, strict=True)
+    )
+    return np.asarray(distance <= outlier_limit(len(residuals[0]), len(residuals)))
+
+
+def _enough(inliers: BoolArray) -> bool:
+    return int(inliers.sum()) >= DIMENSION

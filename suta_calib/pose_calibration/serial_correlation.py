@@ -1,0 +1,45 @@
+"""Poses of a stream that repeat each other's errors count as fewer than they are."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from suta_calib.arrays import FloatArray, IntArray
+
+# Correlations of white noise beyond which one is believed, in units of their standard deviation.
+SIGNIFICANT: Final = 3.0
+# Blocks as long as this many correlation lengths keep most of what neighbours share.
+LENGTHS: Final = 3.0
+# Blocks that are needed to tell a variance.
+LEAST_BLOCKS: Final = 12
+
+
+def correlation_length(residuals: FloatArray) -> float:
+    """Integrated autocorrelation 1 + 2 Σ ρ_k of rows in their order; 1 where they are white.
+
+    Summed up to the first lag that white noise could have (Geyer 1992, doi:10.1214/ss/1177011137,
+    with a plainer rule for where to stop).
+
+    Args:
+        residuals: (n, d), the rows that were fitted, in the order they were measured.
+    """
+    n = len(residuals)
+    power = float(np.sum(residuals**2))
+    chance = SIGNIFICANT / np.sqrt(residuals.size)
+    total = 1.0
+    for lag in range(1, n // 4):
+        rho = float(np.sum(residuals[lag:] * residuals[:-lag])) / power if power > 0 else 0.0
+        if rho < chance:
+            break
+        total += 2.0 * rho
+    return total
+
+
+def blocks(residuals: FloatArray) -> IntArray:
+    """(n,) number of the block of neighbours each row is in; its own where rows are white."""
+    n = len(residuals)
+    length = correlation_length(residuals)
+    size = 1 if length == 1.0 else int(np.ceil(LENGTHS * length))
+    return np.arange(n, dtype=np.intp) // max(1, min(size, n // LEAST_BLOCKS))

@@ -1,0 +1,94 @@
+"""Directions that poses leave open, in words: an answer along them would be noise."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from suta_calib.arrays import FloatArray
+from suta_calib.errors import SamplesError
+from suta_calib.solver.identifiability import FEIGNED
+from suta_calib.solver.solution import Solution
+from suta_calib.terms.term import POSE_KEYS
+
+# Part of a direction that is worth a word.
+NOTICEABLE: Final = 0.02
+
+
+def refuse_undetermined(
+    solution: Solution, unknown: str, what: str, advice: str, slides: FloatArray | None = None
+) -> None:
+    """Refuse a solution whose data leave directions of an unknown open.
+
+    Args:
+        solution: what was solved.
+        unknown: prefix of the parameters, such as ``tip``.
+        what: what a reader calls it, with its frame, such as ``the tip in the tool``.
+        advice: what to do.
+        slides: (k, 3) directions to name instead of those found at the solution, which says nothing
+            true where the start was as undetermined as the solution.
+
+    Raises:
+        SamplesError: names the directions.
+    """
+    directions = undetermined_directions(solution, unknown)
+    if directions and slides is not None and len(slides):
+        directions = [f"slide along {_vector(v)}" for v in slides]
+    if directions:
+        raise SamplesError(
+            f"poses that do not determine {what}: it may {' and '.join(directions)}",
+            "poses turned by tens of degrees about at least two different axes",
+            hint=advice,
+        )
+
+
+def undetermined_directions(solution: Solution, unknown: str) -> list[str]:
+    """What may change unnoticed, each in words such as ``slide along (0.00, 0.00, 1.00)``."""
+    keys = {f"{unknown}.{key}": k for k, key in enumerate(POSE_KEYS)}
+    weak = []
+    for combination in solution.identification.combinations:
+        vector = np.zeros(6)
+        for name, part in combination.direction.items():
+            if name in keys:
+                vector[keys[name]] = part
+        if vector.any():
+            weak.append(vector / np.linalg.norm(vector))
+    if not weak:
+        return []
+    slide, turn = np.split(np.array(weak).T, 2)
+    turns, without_turn = _span(turn)
+    slides, _ = _span(slide @ without_turn)
+    return [f"turn about {_vector(v)}" for v in turns] + [
+        f"slide along {_vector(v)}" for v in slides
+    ]
+
+
+def axis_of_all_turns(rotation: FloatArray, noise: float) -> FloatArray:
+    """The axis that all orientations are turned about, if there is just one.
+
+    Args:
+        rotation: (n, 3, 3) of the body.
+        noise: of a component of their rotation vectors, rad.
+
+    Returns:
+        (1, 3) in the body, or (0, 3).
+    """
+    mean = rotation.mean(axis=0)
+    # Noise may be as small a part of what an axis turns by, as a variance, as of any direction.
+    moved, axes = np.linalg.eigh(np.eye(3) - mean.T @ mean)
+    still = moved < max(2.0 * noise**2 / FEIGNED, 1e-12)
+    return np.asarray(axes.T[still]) if still.sum() == 1 else np.zeros((0, 3))
+
+
+def _span(columns: FloatArray) -> tuple[list[FloatArray], FloatArray]:
+    """Orthonormal vectors that span what columns (3, k) do, and the (k, r) that give nothing."""
+    u, s, v = np.linalg.svd(columns)
+    rank = int(np.sum(s > NOTICEABLE))
+    return [np.asarray(u[:, k]) for k in range(rank)], np.asarray(v[rank:].T)
+
+
+def _vector(vector: FloatArray) -> str:
+    unit = vector / np.linalg.norm(vector)
+    unit = unit * np.sign(unit[np.argmax(np.abs(unit))])
+    return "(" + ", ".join(f"{0.0 if abs(v) < 5e-3 else v:.2f}" for v in unit) + ")"

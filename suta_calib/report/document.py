@@ -1,0 +1,101 @@
+"""An answer as it is told: what it is, how far to trust it, and its parts in order.
+
+A document knows nothing of rich, jinja2, csv or files. Four sinks do: `report.console`,
+`report.page` (HTML), and `report.files` (JSON, CSV).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any, Literal
+
+from suta_calib.assessment import Assessment
+from suta_calib.report.listing import Json, Table, plain
+
+Place = Literal["everywhere", "console", "page"]
+
+
+@dataclass(frozen=True)
+class Text:
+    """A paragraph.
+
+    Attributes:
+        text: what it says.
+        bullet: whether it stands behind a bullet.
+        place: where it is shown.
+    """
+
+    text: str
+    bullet: bool = False
+    place: Place = "everywhere"
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A picture on a page, drawn only when the page is.
+
+    Attributes:
+        draw: makes an SVG element as `report.svg.svg_text` does, ids unique on the page.
+        title: above it.
+    """
+
+    draw: Callable[[], str]
+    title: str = ""
+
+    @cached_property
+    def svg(self) -> str:
+        """The SVG element, drawn once."""
+        return self.draw()
+
+
+@dataclass(frozen=True)
+class ShownOnly:
+    """A table that is shown in one place only; JSON has it all the same."""
+
+    table: Table
+    place: Place
+
+
+Part = Text | Figure | Table | ShownOnly
+
+
+@dataclass(frozen=True)
+class Document:
+    """An answer, ready to be shown.
+
+    Attributes:
+        name: identifies it: file names begin with it, and a section of a report replaces an
+            earlier one of its name.
+        title: its heading.
+        assessment: the first thing a reader needs.
+        parts: what is shown, in order; tables that have a key are written to JSON too.
+        data: what else JSON has, SI values already in the reader's unit.
+    """
+
+    name: str
+    title: str
+    assessment: Assessment
+    parts: Sequence[Part] = ()
+    data: Mapping[str, Any] = field(default_factory=dict)
+
+    def shown(self, place: Place) -> list[Text | Figure | Table]:
+        """The parts for the console or for a page, in order; tables without rows are not."""
+        found: list[Text | Figure | Table] = []
+        for part in self.parts:
+            where = part.place if isinstance(part, ShownOnly | Text) else "everywhere"
+            told = part.table if isinstance(part, ShownOnly) else part
+            if where in ("everywhere", place) and (not isinstance(told, Table) or told.cells):
+                found.append(told)
+        return found
+
+    def with_data(self, **data: Any) -> Document:
+        """The same with more for JSON, such as the files it was made from."""
+        return replace(self, data={**self.data, **data})
+
+    def json(self) -> Json:
+        """Everything as one JSON object, ``verdict`` last."""
+        tables = [part.table if isinstance(part, ShownOnly) else part for part in self.parts]
+        listed = {t.key: t.json() for t in tables if isinstance(t, Table) and t.key}
+        return {**plain(self.data), **listed, "verdict": self.assessment.as_dict()}

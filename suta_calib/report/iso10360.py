@@ -1,0 +1,338 @@
+"""The acceptance test, told: errors against their limits, in tables, JSON and a picture."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any, Final
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure as Picture
+
+from suta_calib.analysis.iso10360 import (
+    AcceptanceTest,
+    Articulation,
+    Characteristic,
+    LengthErrors,
+    LengthLimit,
+    Limits,
+    Repeats,
+    SphereProbing,
+)
+from suta_calib.arrays import FloatArray
+from suta_calib.diagnostics.accuracy import Metrics
+from suta_calib.report.document import Document, Figure, Part, Text
+from suta_calib.report.listing import Column, Json, Listing, plain
+from suta_calib.report.svg import BLUE, GREY, ORANGE, WIDTH, style, svg_text
+from suta_calib.units import mm, text
+
+NAME: Final = "iso10360"
+STANDARD: Final = "ISO 10360-12:2016"
+SYMBOL: Final = {
+    "E_Uni": "E_Uni, length",
+    "E_Bi": "E_Bi, length",
+    "L_Dia": "L_Dia, articulated location",
+    "P_Size": "P_Size, sphere",
+    "P_Form": "P_Form, sphere",
+    "repeatability": "repeatability",
+}
+# Symbols whose values have a sign.
+_SIGNED: Final = ("E_Uni", "E_Bi", "P_Size")
+_TITLE: Final = f"Acceptance test after {STANDARD}"
+
+
+def _value_text(each: Characteristic) -> str:
+    return text(each.value, "m", sign=each.symbol in _SIGNED)
+
+
+CHARACTERISTICS: Final = Listing[Characteristic](
+    _TITLE,
+    (
+        Column("symbol", "worst of each, mm", cell=lambda each: SYMBOL[each.symbol]),
+        Column("value", "value", unit="m", cell=_value_text),
+        Column("limit", "limit", unit="m"),
+        Column("expanded_uncertainty", "U", lambda each: each.expanded, "m"),
+        Column("decision"),
+        Column("where"),
+        Column("count", "of", form="d"),
+        Column("", "", lambda each: each.decision),
+    ),
+    key="characteristics",
+)
+# Errors of lengths, (n,): of all, and of each placement.
+ERRORS: Final = (
+    Column[FloatArray]("count", "lengths", len, form="d"),
+    Column[FloatArray]("min", "smallest", lambda error: error.min(), "m", sign=True),
+    Column[FloatArray]("max", "largest", lambda error: error.max(), "m", sign=True),
+    Column[FloatArray]("mean", "mean", lambda error: error.mean(), "m", sign=True),
+    Column[FloatArray]("rms", "RMS", lambda error: Metrics.of(np.abs(error)).rms, "m"),
+)
+PLACEMENTS: Final = Listing[tuple[str, FloatArray]](
+    "Errors of length, mm",
+    (
+        Column("placement", "placement", lambda row: row[0]),
+        *(c.over(lambda row: row[1]) for c in ERRORS),
+    ),
+    named=True,
+)
+ARTICULATIONS: Final = Listing[Articulation](
+    "One point from several articulations, mm",
+    (
+        Column("point", "point"),
+        Column("articulations", "from", lambda each: len(each.names), form="d"),
+        Column("touches", "touches", form="d"),
+        Column("location", "L_Dia", lambda each: each.diameter, "m"),
+        Column("max_deviation", "max", lambda each: each.maximum, "m"),
+        Column("two_sigma", "2 sigma", unit="m"),
+        Column("axis_range", unit="m"),
+        Column("amplification"),
+        Column("centre", None, lambda each: each.centres.mean(axis=0), "m"),
+    ),
+    key="articulations",
+    named=True,
+)
+SPHERES: Final = Listing[SphereProbing](
+    "Probing, mm",
+    (
+        Column("sphere", "sphere"),
+        Column("touches", "touches", lambda each: len(each.radial), form="d"),
+        Column("size", "P_Size", unit="m", sign=True),
+        Column("form", "P_Form", unit="m"),
+        Column("radial", unit="m"),
+    ),
+    key="spheres",
+    named=True,
+)
+REPEATS: Final = Listing[Repeats](
+    "Repeatability of one point, mm",
+    (
+        Column("point", "point"),
+        Column("visits", "visits", lambda each: each.scatter.count, form="d"),
+        Column("diameter", "diameter", unit="m"),
+        Column("rp", "RP", lambda each: each.scatter.rp.value, "m"),
+        Column("rms", "RMS", lambda each: each.scatter.rms.value, "m"),
+    ),
+    key="repeatability",
+    named=True,
+)
+LIMITS: Final = Listing[Limits](
+    "Limits",
+    (
+        Column("length", None, lambda given: given.length and length_limit_text(given.length)),
+        *(Column(key, unit="m") for key in ("location", "size", "form", "repeatability")),
+    ),
+)
+
+
+def acceptance_document(found: AcceptanceTest) -> Document:
+    """Every figure with its limit, its uncertainty and the decision, and what it was found on."""
+    m = found.measured
+    given = found.limits.length
+    stated = "" if given is None else f"; length {length_limit_text(given)}"
+    parts: list[Part] = [Figure(partial(acceptance_plot, found))]
+    parts.append(CHARACTERISTICS.of(found.characteristics, f"{_TITLE}{stated}"))
+    if m.lengths is not None:
+        parts.append(PLACEMENTS.of(*_by_placement(m.lengths)))
+    parts += [ARTICULATIONS.of(m.articulations), SPHERES.of(m.spheres), REPEATS.of(m.repeats)]
+    parts += [Text(rule_text(found)), *(Text(each, bullet=True) for each in found.simplified)]
+    data: Json = {
+        "standard": STANDARD,
+        "decision": found.decision,
+        "passed": None if found.decision == "no limit" else found.decision == "pass",
+        "decision_rule": {"kind": found.rule.kind, "factor": found.rule.factor},
+        "lengths": None if m.lengths is None else _lengths_dict(found, m.lengths),
+        "mpe": LIMITS.record(found.limits) if found.limits.given else None,
+        "simplified": list(found.simplified),
+    }
+    return Document(NAME, _TITLE, found.assessment, parts, data)
+
+
+def rule_text(found: AcceptanceTest) -> str:
+    """How it was decided, in a sentence."""
+    if not found.limits.given:
+        return "No limits are given: add mpe to the job to have a decision."
+    if found.rule.kind == "simple":
+        return "Decision rule: simple; a value up to its limit passes, whatever the uncertainty."
+    return (
+        f"Decision rule: guarded (ISO 14253-1), guard band {found.rule.factor:g} standard "
+        "uncertainties: pass below the limit less the guard band, fail above the limit and the "
+        "guard band, undecided between them. U is the test's expanded uncertainty (k = 2): the "
+        "artefact's, and what the job states."
+    )
+
+
+def length_limit_text(limit: LengthLimit) -> str:
+    """As a maker states it: ``(60 + L/10) µm, at most 150 µm``, L in mm."""
+    parts = []
+    if limit.constant is not None:
+        slope = f" + L/{1e-3 / limit.slope:g}" if limit.slope else ""
+        parts.append(
+            f"({1e6 * limit.constant:g}{slope}) µm" if slope else f"{1e6 * limit.constant:g} µm"
+        )
+    if limit.largest is not None:
+        parts.append(f"at most {1e6 * limit.largest:g} µm")
+    return ", ".join(parts)
+
+
+def _by_placement(lengths: LengthErrors) -> tuple[list[tuple[str, FloatArray]], str]:
+    rows = [(name, lengths.error[index]) for name, index in lengths.by_placement()]
+    varied = lengths.repeat_range
+    repeated = "" if varied is None else f"; repeats differ by up to {text(varied, 'm')}"
+    return rows, f"{PLACEMENTS.title}{repeated}"
+
+
+def _lengths_dict(found: AcceptanceTest, lengths: LengthErrors) -> Json:
+    """The lengths one by one: columns, because there are many."""
+    limit = None if found.limits.length is None else found.limits.length.at(lengths.length)
+    return {
+        **Listing("", ERRORS).record(lengths.error),
+        "repeat_range_mm": plain(lengths.repeat_range, "m"),
+        "placements": PLACEMENTS.records(_by_placement(lengths)[0]),
+        "rows": {
+            "pair": list(lengths.label),
+            "placement": list(lengths.placement),
+            "repeat": list(lengths.repeat),
+            "length_mm": plain(lengths.length, "m"),
+            "error_mm": plain(lengths.error, "m"),
+            "limit_mm": plain(limit, "m"),
+            "expanded_uncertainty_mm": plain(found.length_expanded, "m"),
+        },
+    }
+
+
+LARGE: Final = 1.3 * WIDTH
+# Room for a legend of two rows between a title and its axes, pt.
+_ABOVE: Final = 30
+_LOOKS: Final = ((BLUE, "o"), (ORANGE, "s"), ("black", "D"), (GREY, "^"), (BLUE, "P"))
+
+
+def acceptance_plot(found: AcceptanceTest) -> str:
+    """An SVG: errors of lengths by length, deviations of places below."""
+    name = f"{NAME}_errors"
+    measured = found.measured
+    below = [
+        key
+        for key, given in (("articulations", measured.articulations), ("spheres", measured.spheres))
+        if given
+    ]
+    rows: Any = [["lengths"] * max(1, len(below))] if measured.lengths is not None else []
+    rows += [below] if below else []
+    rows = rows or [["repeats"]]
+    with style(name):
+        figure = Picture(figsize=(LARGE, 3.1 * len(rows)), layout="constrained")
+        panels = figure.subplot_mosaic(rows)
+        if measured.lengths is not None:
+            _lengths(panels["lengths"], found, measured.lengths)
+        if measured.articulations:
+            _articulations(panels["articulations"], found)
+        if measured.spheres:
+            _spheres(panels["spheres"], found)
+        if "repeats" in panels:
+            _repeats(panels["repeats"], found)
+        return svg_text(figure, name, "Errors of the acceptance test against their limits, mm")
+
+
+def _lengths(axes: Axes, found: AcceptanceTest, lengths: LengthErrors) -> None:
+    for k, (placement, rows) in enumerate(lengths.by_placement()):
+        colour, marker = _LOOKS[k % len(_LOOKS)]
+        places = mm(lengths.length[rows]), mm(lengths.error[rows])
+        axes.plot(*places, marker, color=colour, ms=3, mew=0.7, mfc="none", label=placement)
+    _length_limits(axes, found, lengths)
+    axes.axhline(0, color=GREY, lw=0.8)
+    axes.set_title("Errors of length, one mark for every pair of landmarks")
+    axes.set_xlabel("calibrated length, mm")
+    axes.set_ylabel("measured − calibrated, mm")
+    axes.grid(axis="y")
+    axes.legend(fontsize=7, loc="center left", bbox_to_anchor=(1, 0.5), borderaxespad=0.3)
+
+
+def _length_limits(axes: Axes, found: AcceptanceTest, lengths: LengthErrors) -> None:
+    """The limit, and on either side of it the band in which nothing is proved."""
+    if found.limits.length is None:
+        return
+    order = np.argsort(lengths.length)
+    length = lengths.length[order]
+    limit = found.limits.length.at(length)
+    guard = found.rule.guard(found.length_expanded[order])
+    for sign in (1, -1):
+        axes.plot(mm(length), sign * mm(limit), "k--", lw=1.2, label="limit" if sign > 0 else None)
+        if guard.any():
+            axes.fill_between(
+                mm(length),
+                sign * mm(limit - guard),
+                sign * mm(limit + guard),
+                color=GREY,
+                alpha=0.35,
+                lw=0,
+                label="undecided" if sign > 0 else None,
+            )
+
+
+def _articulations(axes: Axes, found: AcceptanceTest) -> None:
+    start = 1
+    ticks: list[str] = []
+    for k, each in enumerate(found.measured.articulations):
+        colour, marker = _LOOKS[k % len(_LOOKS)]
+        places = np.arange(start, start + len(each.names))
+        label = f"{each.point} (L_Dia {text(each.diameter, 'm')})"
+        axes.plot(places, mm(each.deviations), marker, color=colour, ms=5, mfc="none", label=label)
+        start += len(each.names)
+        ticks += each.names
+    _limit_line(axes, found.limits.location, 0.5, "half the limit")
+    if len(ticks) <= 12:
+        axes.set_xticks(range(1, start), ticks, rotation=45, ha="right")
+    else:
+        axes.set_xlabel("articulation, in order")
+    axes.set_title("Distance to the mean place", pad=_ABOVE)
+    axes.set_ylabel("mm")
+    _finish(axes)
+
+
+def _spheres(axes: Axes, found: AcceptanceTest) -> None:
+    for k, each in enumerate(found.measured.spheres):
+        colour, marker = _LOOKS[k % len(_LOOKS)]
+        touches = np.arange(1, len(each.radial) + 1)
+        label = f"{each.sphere} (size {mm(each.size):+.3f}, form {mm(each.form):.3f})"
+        axes.plot(touches, mm(each.radial), marker, color=colour, ms=4, mfc="none", label=label)
+    axes.axhline(0, color=GREY, lw=0.8)
+    axes.set_title("Distance to the fitted sphere", pad=_ABOVE)
+    axes.set_xlabel("touch, in order")
+    axes.set_ylabel("mm")
+    axes.grid(axis="y")
+    _legend_above(axes)
+
+
+def _repeats(axes: Axes, found: AcceptanceTest) -> None:
+    sizes: FloatArray = np.array([each.diameter for each in found.measured.repeats])
+    names = [each.point for each in found.measured.repeats]
+    axes.bar(names, mm(sizes), color=BLUE, hatch="//", edgecolor="white")
+    _limit_line(axes, found.limits.repeatability, 1.0, "limit")
+    axes.set_title("Smallest sphere that holds the visits", pad=_ABOVE)
+    axes.set_ylabel("diameter, mm")
+    _finish(axes)
+
+
+def _limit_line(axes: Axes, limit: float | None, share: float, label: str) -> None:
+    if limit is not None:
+        axes.axhline(share * mm(limit), color="black", ls="--", lw=1.2, label=label)
+
+
+def _finish(axes: Axes) -> None:
+    axes.margins(y=0.1)
+    axes.set_ylim(bottom=0)
+    axes.grid(axis="y")
+    if axes.get_legend_handles_labels()[0]:
+        _legend_above(axes)
+
+
+def _legend_above(axes: Axes) -> None:
+    """Between the title and the axes, where nothing is drawn."""
+    axes.legend(
+        fontsize=7,
+        ncols=2,
+        loc="lower left",
+        bbox_to_anchor=(0, 1),
+        borderaxespad=0.2,
+        handletextpad=0.2,
+        columnspacing=1.0,
+    )

@@ -1,1 +1,0 @@
-"""An acceptance test, shown."""

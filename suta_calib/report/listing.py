@@ -1,0 +1,214 @@
+"""A row declared once: key, heading, value, unit and sign of each column.
+
+JSON, console table, HTML and CSV follow from the declaration. Values are SI inside; what is shown
+and written is in the reader's unit, and then the key and the CSV column say so (``rms_mm``).
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import KW_ONLY, dataclass
+from typing import Any, Generic, TypeVar
+
+import numpy as np
+
+from suta_calib import units
+from suta_calib.units import NOTHING, Unit
+
+Row = TypeVar("Row")
+Outer = TypeVar("Outer")
+Json = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Column(Generic[Row]):
+    """One quantity of a row.
+
+    Attributes:
+        key: in JSON and CSV, without the unit's suffix; empty for what is only shown.
+        heading: above the column; None for what is only written.
+        value: of a row, in SI: a number, a text, None, or an array (written only); the attribute
+            of the key's name by default.
+        unit: of the value; None for counts, texts and ratios.
+        sign: whether a plus is shown.
+        form: format of a number that has no unit, or decimals that differ from the unit's usual
+            ones, as ``.2f``.
+        cell: what is shown of a row where it is not the value alone.
+        numeric: whether it stands flush right; by default where ``unit``, ``sign`` or ``form`` is
+            given.
+    """
+
+    key: str
+    heading: str | None = None
+    value: Callable[[Row], Any] | None = None
+    unit: Unit | None = None
+    _: KW_ONLY
+    sign: bool = False
+    form: str = ""
+    cell: Callable[[Row], str] | None = None
+    numeric: bool | None = None
+
+    def over(self, part: Callable[[Outer], Row]) -> Column[Outer]:
+        """The column of rows of which ``part`` is the one it is declared for."""
+        cell = self.cell
+        return Column(
+            self.key,
+            self.heading,
+            lambda row: self.of(part(row)),
+            self.unit,
+            sign=self.sign,
+            form=self.form,
+            cell=None if cell is None else lambda row: cell(part(row)),
+            numeric=self.numeric,
+        )
+
+    @property
+    def written_key(self) -> str:
+        """The key with its unit: ``rms_mm``."""
+        return units.key(self.key, self.unit)
+
+    @property
+    def flush_right(self) -> bool:
+        """Whether it is a column of numbers."""
+        if self.numeric is not None:
+            return self.numeric
+        return self.unit is not None or self.sign or bool(self.form)
+
+    def of(self, row: Row) -> Any:
+        """The value of a row, in SI."""
+        return getattr(row, self.key) if self.value is None else self.value(row)
+
+    def plain(self, row: Row) -> Any:
+        """The value as JSON has it: the reader's unit, lists for arrays, null for no number."""
+        return plain(self.of(row), self.unit)
+
+    def text(self, row: Row) -> str:
+        """The value as it is shown."""
+        if self.cell is not None:
+            return self.cell(row)
+        value = self.of(row)
+        if value is None or (isinstance(value, float) and not math.isfinite(value)):
+            return NOTHING
+        if isinstance(value, (str, bool)):
+            return str(value)
+        if self.unit is not None and not self.form:
+            return units.text(float(value), self.unit, sign=self.sign)
+        number = value if self.unit is None else units.shown(float(value), self.unit)
+        return format(number, ("+" if self.sign else "") + self.form)
+
+
+@dataclass(frozen=True)
+class Listing(Generic[Row]):
+    """Rows of one kind.
+
+    Attributes:
+        title: above the table.
+        columns: in order.
+        key: under which JSON holds the rows; empty for what is only shown.
+        named: whether JSON has the rows by the value of the first column, instead of as a list.
+    """
+
+    title: str
+    columns: tuple[Column[Row], ...]
+    key: str = ""
+    named: bool = False
+
+    def of(self, rows: Iterable[Row], title: str | None = None) -> Table:
+        """These rows as a part of a document."""
+        return _RowTable(self.title if title is None else title, self, tuple(rows))
+
+    def facts(self, row: Row, heads: tuple[str, str, str] = ("", "", "")) -> Table:
+        """One row, upright: what it is, its value, its unit."""
+        return _FactTable(self.title, self, row, heads)
+
+    def record(self, row: Row) -> Json:
+        """One row as JSON has it."""
+        return {c.written_key: c.plain(row) for c in self.columns if c.key}
+
+    def records(self, rows: Iterable[Row]) -> Json | list[Json]:
+        """Rows as JSON has them: a list, or by the first column's value."""
+        if not self.named:
+            return [self.record(row) for row in rows]
+        first, rest = self.columns[0], Listing("", self.columns[1:])
+        return {str(first.of(row)): rest.record(row) for row in rows}
+
+
+class Table:
+    """A listing with its rows: what a sink shows or writes.
+
+    Attributes:
+        title: above it.
+        key: under which JSON holds it; empty for what is only shown.
+        heads: of the columns that are shown.
+        numeric: columns that stand flush right.
+        cells: texts, row by row.
+    """
+
+    title: str
+    key: str
+    heads: Sequence[str]
+    numeric: frozenset[int]
+    cells: Sequence[Sequence[str]]
+
+    def json(self) -> Any:
+        """As JSON has it."""
+        raise NotImplementedError
+
+
+class _RowTable(Table, Generic[Row]):
+    def __init__(self, title: str, listing: Listing[Row], rows: tuple[Row, ...]) -> None:
+        shown = [c for c in listing.columns if c.heading is not None]
+        self.title, self.key = title, listing.key
+        self.heads = [c.heading or "" for c in shown]
+        self.numeric = frozenset(k for k, c in enumerate(shown) if c.flush_right)
+        self.cells = [[c.text(row) for c in shown] for row in rows]
+        self._listing, self._rows = listing, rows
+
+    def json(self) -> Json | list[Json]:
+        return self._listing.records(self._rows)
+
+
+class _FactTable(Table, Generic[Row]):
+    def __init__(
+        self, title: str, listing: Listing[Row], row: Row, heads: tuple[str, str, str]
+    ) -> None:
+        shown = [c for c in listing.columns if c.heading is not None]
+        self.title, self.key, self.heads, self.numeric = title, listing.key, heads, frozenset({1})
+        names = ["" if c.unit is None else units.unit_name(c.unit) for c in shown]
+        self.cells = [
+            [c.heading or "", c.text(row), unit] for c, unit in zip(shown, names, strict=True)
+        ]
+        self._listing, self._row = listing, row
+
+    def json(self) -> Json:
+        return self._listing.record(self._row)
+
+
+def csv_text(listing: Listing[Row], rows: Iterable[Row]) -> str:
+    """Rows as a CSV file; columns that hold lists are left out."""
+    columns = [c for c in listing.columns if c.key]
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(c.written_key for c in columns)
+    writer.writerows([c.plain(row) for c in columns] for row in rows)
+    return text.getvalue()
+
+
+def plain(value: Any, unit: Unit | None = None) -> Any:
+    """A value as JSON has it: the reader's unit, lists for arrays, null for what is no number."""
+    if isinstance(value, np.ndarray):
+        value = value.tolist()
+    if isinstance(value, Mapping):
+        return {str(name): plain(part, unit) for name, part in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain(part, unit) for part in value]
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        return value
+    if unit is not None:
+        value = units.shown(float(value), unit)
+    return value if math.isfinite(value) else None

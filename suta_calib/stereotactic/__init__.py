@@ -1,0 +1,1 @@
+"""Stereotactic navigation: two trackers, distortion and CT, in JHU's CIS files."""

@@ -1,0 +1,239 @@
+"""Files of the JHU CIS stereotactic navigation problem.
+
+Johns Hopkins University, 600.455/655 Computer Integrated Surgery, programming assignments 1 and 2.
+A file is a header of counts and the file's own name, separated by commas, then one point a row,
+``x, y, z`` in mm with two decimals. Points are in m inside this package.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final, TypeVar
+
+import numpy as np
+
+from suta_calib.arrays import FloatArray
+from suta_calib.errors import SamplesError
+from suta_calib.measurements.files import read_text
+
+MM: Final = 1e-3
+# mm; beyond this it is no position of a marker, and its square must stay a number.
+LARGEST: Final = 1e9
+_COUNT: Final = re.compile(r"[0-9]{1,9}")
+Counts = tuple[int, ...]
+Block = TypeVar("Block")
+
+
+@dataclass(frozen=True, eq=False)
+class CalibrationBody:
+    """Where the markers are on the calibration object and on the EM tracker's base.
+
+    Attributes:
+        base: (N_D, 3) optical markers on the EM tracker's base, in the EM tracker, m.
+        optical: (N_A, 3) optical markers on the calibration object, in it, m.
+        em: (N_C, 3) EM markers on the calibration object, in it, m.
+    """
+
+    base: FloatArray
+    optical: FloatArray
+    em: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class CalibrationReadings:
+    """The markers of `CalibrationBody` as seen in N_frames placements of the object.
+
+    Attributes:
+        base: (N_frames, N_D, 3) in the optical tracker, m.
+        optical: (N_frames, N_A, 3) in the optical tracker, m.
+        em: (N_frames, N_C, 3) in the EM tracker, m.
+    """
+
+    base: FloatArray
+    optical: FloatArray
+    em: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class OpticalPivot:
+    """An optical probe turned about its tip.
+
+    Attributes:
+        base: (N_frames, N_D, 3) markers on the EM tracker's base, in the optical tracker, m.
+        probe: (N_frames, N_H, 3) markers on the probe, in the optical tracker, m.
+    """
+
+    base: FloatArray
+    probe: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Output1:
+    """What the first assignment asks for.
+
+    Attributes:
+        em_post: (3,) post by the EM probe, in the EM tracker, m.
+        optical_post: (3,) post by the optical probe, in the EM tracker, m.
+        expected: (N_frames, N_C, 3) where the EM markers should have been seen, m.
+    """
+
+    em_post: FloatArray
+    optical_post: FloatArray
+    expected: FloatArray
+
+
+def read_calibration_body(path: Path) -> CalibrationBody:
+    """``-calbody.txt``: header ``N_D, N_A, N_C, name``, then the points in that order."""
+    counts, points = _read(path, ("N_D", "N_A", "N_C"), sum)
+    return CalibrationBody(*_split(points, counts))
+
+
+def read_calibration_readings(path: Path) -> CalibrationReadings:
+    """``-calreadings.txt``: header ``N_D, N_A, N_C, N_frames, name``, then frame by frame."""
+    (*counts, frames), points = _read(path, ("N_D", "N_A", "N_C", "N_frames"), _by_frame)
+    return CalibrationReadings(*_split(points.reshape(frames, -1, 3), counts))
+
+
+def read_optical_pivot(path: Path) -> OpticalPivot:
+    """``-optpivot.txt``: header ``N_D, N_H, N_frames, name``, then frame by frame."""
+    (*counts, frames), points = _read(path, ("N_D", "N_H", "N_frames"), _by_frame)
+    return OpticalPivot(*_split(points.reshape(frames, -1, 3), counts))
+
+
+def read_em_frames(path: Path) -> FloatArray:
+    """``-empivot.txt``, ``-em-fiducials.txt``, ``-EM-nav.txt``: header ``N_G, N_frames, name``.
+
+    Returns:
+        (N_frames, N_G, 3) markers of the EM probe in the EM tracker, m.
+    """
+    (_, frames), points = _read(path, ("N_G", "N_frames"), math.prod)
+    return points.reshape(frames, -1, 3)
+
+
+def read_points(path: Path) -> FloatArray:
+    """``-ct-fiducials.txt``, ``-output2.txt``: header ``N, name``; (N, 3) points in CT, m."""
+    return _read(path, ("N",), sum)[1]
+
+
+def read_output1(path: Path) -> Output1:
+    """``-output1.txt``: header ``N_C, N_frames, name``; the posts, then frame by frame."""
+    (_, frames), points = _read(path, ("N_C", "N_frames"), lambda n: math.prod(n) + 2)
+    return Output1(points[0], points[1], points[2:].reshape(frames, -1, 3))
+
+
+def output1_text(output: Output1, name: str) -> str:
+    """``-output1.txt``; ``name`` is the file's own name, which its header ends with."""
+    frames, markers = output.expected.shape[:2]
+    posts = np.stack([output.em_post, output.optical_post])
+    return points_text((markers, frames), name, posts, output.expected)
+
+
+def output2_text(tips: FloatArray, name: str) -> str:
+    """``-output2.txt``: (N_frames, 3) positions of the probe's tip in CT, m."""
+    return points_text((len(tips),), name, tips)
+
+
+def points_text(counts: Counts, name: str, *points: FloatArray) -> str:
+    """A header and one row for every point, mm with two decimals.
+
+    Args:
+        counts: what the header begins with.
+        name: of the file, what the header ends with.
+        points: (..., 3), m.
+    """
+    rows = np.concatenate([p.reshape(-1, 3) for p in points]) / MM
+    # Adding zero takes the sign off what was rounded to −0.00.
+    rounded = np.round(rows, 2) + 0.0
+    lines = [", ".join(f"{value:8.2f}" for value in row) for row in rounded]
+    return "\n".join([", ".join([*map(str, counts), name]), *lines]) + "\n"
+
+
+def _by_frame(counts: Counts) -> int:
+    return sum(counts[:-1]) * counts[-1]
+
+
+def _split(points: FloatArray, counts: Counts | list[int]) -> list[FloatArray]:
+    """Points of one frame, or of all, by the cloud they belong to."""
+    return np.split(points, np.cumsum(counts)[:-1], axis=-2)
+
+
+def _read(
+    path: Path, names: tuple[str, ...], expected: Callable[[Counts], int]
+) -> tuple[Counts, FloatArray]:
+    """Counts of the header, and the rows below it.
+
+    Args:
+        path: the file.
+        names: of the counts, for messages.
+        expected: number of rows that follow from the counts.
+
+    Returns:
+        the counts; (rows, 3) points, m.
+
+    Raises:
+        SamplesError: the file cannot be read, or is not as its header says.
+    """
+    # Not splitlines(): it also breaks at form feeds, and line numbers must be an editor's.
+    lines = re.split(r"\r\n|\r|\n", read_text(path, SamplesError).rstrip())
+    if lines == [""]:
+        raise SamplesError("an empty file", f"a header {_layout(names)} and points", file=path)
+    counts = _header(path, lines[0], names)
+    rows = lines[1:]
+    for number, row in enumerate(rows[: expected(counts)], 2):
+        _check_row(path, number, row, last=number == len(lines))
+    if len(rows) != expected(counts):
+        raise _wrong_length(path, len(rows), expected(counts), names, counts)
+    return counts, MM * np.array([_numbers(row) for row in rows])
+
+
+def _layout(names: tuple[str, ...]) -> str:
+    return f"'{', '.join((*names, 'name'))}'"
+
+
+def _header(path: Path, line: str, names: tuple[str, ...]) -> Counts:
+    cells = [cell.strip() for cell in line.split(",", len(names))]
+    if len(cells) <= len(names):
+        raise SamplesError(
+            f"the header {line[:60]!r}", f"{_layout(names)}, separated by commas", file=path, line=1
+        )
+    for name, cell in zip(names, cells[:-1], strict=True):
+        if not _COUNT.fullmatch(cell) or int(cell) == 0:
+            raise SamplesError(
+                repr(cell[:40]), "a whole number from 1", file=path, line=1, where=name
+            )
+    return tuple(map(int, cells[:-1]))
+
+
+def _check_row(path: Path, line: int, row: str, *, last: bool) -> None:
+    values = _numbers(row)
+    if len(values) == 3 and all(abs(value) <= LARGEST for value in values):
+        return
+    hint = "the file ends in the middle of a row" if last and len(values) < 3 else ""
+    raise SamplesError(
+        repr(row[:60]), "three numbers x, y, z in mm", file=path, line=line, hint=hint
+    )
+
+
+def _numbers(row: str) -> list[float]:
+    """Cells as numbers, NaN where there is none; Python's ``1_000`` is not a number here."""
+    try:
+        return [float("nan" if "_" in cell else cell) for cell in row.split(",")]
+    except ValueError:
+        return [math.nan] * (row.count(",") + 1)
+
+
+def _wrong_length(
+    path: Path, found: int, expected: int, names: tuple[str, ...], counts: Counts
+) -> SamplesError:
+    said = ", ".join(f"{name} = {count}" for name, count in zip(names, counts, strict=True))
+    return SamplesError(
+        f"{found} rows of points",
+        f"{expected}, for the header says {said}",
+        file=path,
+        line=min(found, expected) + 2,
+        hint="the file was cut off" if found < expected else "delete the surplus rows",
+    )

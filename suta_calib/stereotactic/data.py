@@ -1,0 +1,185 @@
+"""Everything a stereotactic navigation problem consists of, read by the files' common prefix."""
+
+from __future__ import annotations
+
+import os
+import warnings
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Final, Self
+
+from suta_calib.arrays import FloatArray
+from suta_calib.errors import SamplesError
+from suta_calib.stereotactic.cis_files import (
+    CalibrationBody,
+    CalibrationReadings,
+    OpticalPivot,
+    Output1,
+    read_calibration_body,
+    read_calibration_readings,
+    read_em_frames,
+    read_optical_pivot,
+    read_output1,
+    read_points,
+)
+
+# Both spellings are in circulation.
+EM_FIDUCIALS: Final = ("em-fiducials", "em-fiducialss")
+
+
+@dataclass(frozen=True, eq=False)
+class NavigationData:
+    """The second assignment: fiducials in CT and by the EM probe, and where the probe went.
+
+    Attributes:
+        ct_fiducials: (N_B, 3) in CT, m.
+        em_fiducials: (N_B, N_G, 3) EM probe's markers while its tip is in each fiducial, m.
+        em_nav: (N_frames, N_G, 3) EM probe's markers while navigating, m.
+    """
+
+    ct_fiducials: FloatArray
+    em_fiducials: FloatArray
+    em_nav: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class StereotacticData:
+    """The given files.
+
+    Attributes:
+        prefix: what the paths of all files begin with.
+        body: markers on the calibration object and on the EM tracker's base.
+        readings: the same as seen by both trackers.
+        em_pivot: (N_frames, N_G, 3) EM probe turned about its tip, in the EM tracker, m.
+        optical_pivot: the optical probe turned about its tip.
+        navigation: of the second assignment, if asked for and there.
+    """
+
+    prefix: Path
+    body: CalibrationBody
+    readings: CalibrationReadings
+    em_pivot: FloatArray
+    optical_pivot: OpticalPivot
+    navigation: NavigationData | None = None
+
+    @property
+    def name(self) -> str:
+        """What the names of all files begin with."""
+        return self.prefix.name
+
+    @classmethod
+    def read(cls, prefix: str | Path, *, navigation: bool = False) -> Self:
+        """Read the files whose names begin with ``prefix``, and check that they fit together.
+
+        Args:
+            prefix: such as ``data/pa1-debug-a`` for ``data/pa1-debug-a-calbody.txt``.
+            navigation: also the second assignment's three files, if all of them are there.
+
+        Raises:
+            SamplesError: a file is missing, malformed, or its counts differ from another file's.
+
+        Warns:
+            UserWarning: only some of the second assignment's files are there: they are not read.
+        """
+        calbody = path_of(prefix, "calbody")
+        if not calbody.is_file():
+            raise SamplesError(
+                "no such file",
+                "a file that exists",
+                file=calbody,
+                hint="PREFIX is what stands before -calbody.txt",
+            )
+        body = read_calibration_body(calbody)
+        data = cls(
+            Path(prefix),
+            body,
+            _readings(prefix, body),
+            read_em_frames(path_of(prefix, "empivot")),
+            _optical_pivot(prefix, body),
+        )
+        return data if not navigation else data._with_navigation(prefix)
+
+    def _with_navigation(self, prefix: str | Path) -> Self:
+        paths = {"ct-fiducials": path_of(prefix, "ct-fiducials")}
+        paths["em-fiducials"] = _first_there([path_of(prefix, kind) for kind in EM_FIDUCIALS])
+        paths["EM-nav"] = path_of(prefix, "EM-nav")
+        if missing := [str(path) for path in paths.values() if not os.path.lexists(path)]:
+            if len(missing) < len(paths):
+                warnings.warn(f"no navigation: there is no {', no '.join(missing)}", stacklevel=2)
+            return self
+        ct = read_points(paths["ct-fiducials"])
+        fiducials, nav = (read_em_frames(paths[kind]) for kind in ("em-fiducials", "EM-nav"))
+        path = paths["em-fiducials"]
+        _agree(path, "N_frames", len(fiducials), "fiducials", len(ct), paths["ct-fiducials"])
+        markers, pivot = self.em_pivot.shape[1], path_of(prefix, "empivot")
+        _agree(path, "N_G", fiducials.shape[1], "markers", markers, pivot)
+        _agree(paths["EM-nav"], "N_G", nav.shape[1], "markers", markers, pivot)
+        return replace(self, navigation=NavigationData(ct, fiducials, nav))
+
+
+def path_of(prefix: str | Path, kind: str) -> Path:
+    """The file of one kind, such as ``calbody``."""
+    return Path(f"{prefix}-{kind}.txt")
+
+
+def read_given_output1(prefix: str | Path, data: StereotacticData) -> Output1 | None:
+    """The ``-output1.txt`` that came with the inputs; None where there is none.
+
+    Raises:
+        SamplesError: malformed, or its counts are not those of the readings.
+    """
+    path = path_of(prefix, "output1")
+    if not os.path.lexists(path):
+        return None
+    given, em = read_output1(path), data.readings.em
+    other = path_of(prefix, "calreadings")
+    _agree(path, "N_C", given.expected.shape[1], "EM markers", em.shape[1], other)
+    _agree(path, "N_frames", len(given.expected), "frames", len(em), other)
+    return given
+
+
+def read_given_output2(prefix: str | Path, data: StereotacticData) -> FloatArray | None:
+    """(N_frames, 3) tips in CT, m, of the ``-output2.txt`` given; None where there is none.
+
+    Raises:
+        SamplesError: malformed, or its count is not that of the navigation frames.
+    """
+    path = path_of(prefix, "output2")
+    if data.navigation is None or not os.path.lexists(path):
+        return None
+    given = read_points(path)
+    frames = len(data.navigation.em_nav)
+    _agree(path, "N_frames", len(given), "frames", frames, path_of(prefix, "EM-nav"))
+    return given
+
+
+def _readings(prefix: str | Path, body: CalibrationBody) -> CalibrationReadings:
+    path, calbody = path_of(prefix, "calreadings"), path_of(prefix, "calbody")
+    readings = read_calibration_readings(path)
+    for name, part in (("N_D", "base"), ("N_A", "optical"), ("N_C", "em")):
+        found, expected = getattr(readings, part).shape[1], len(getattr(body, part))
+        _agree(path, name, found, "markers", expected, calbody)
+    return readings
+
+
+def _optical_pivot(prefix: str | Path, body: CalibrationBody) -> OpticalPivot:
+    path = path_of(prefix, "optpivot")
+    pivot = read_optical_pivot(path)
+    found, expected = pivot.base.shape[1], len(body.base)
+    _agree(path, "N_D", found, "markers", expected, path_of(prefix, "calbody"))
+    return pivot
+
+
+def _first_there(paths: list[Path]) -> Path:
+    return next((path for path in paths if os.path.lexists(path)), paths[0])
+
+
+def _agree(path: Path, name: str, found: int, what: str, expected: int, other: Path) -> None:
+    if found != expected:
+        raise SamplesError(
+            str(found),
+            f"{expected}: {other.name} has {expected} {what}",
+            file=path,
+            line=1,
+            where=name,
+        )

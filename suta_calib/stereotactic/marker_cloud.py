@@ -1,0 +1,186 @@
+"""Poses of a rigid body from the markers on it, in many frames at once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final, Self
+
+import numpy as np
+from scipy.stats import chi2
+
+from suta_calib.arrays import BoolArray, FloatArray
+from suta_calib.errors import SamplesError
+from suta_calib.pose_calibration.consensus import (
+    DIMENSION,
+    find_consensus,
+    minimal_samples,
+    outlier_limit,
+)
+from suta_calib.pose_calibration.registration import ENOUGH_TO_JUDGE, kabsch
+from suta_calib.pose_calibration.registration_checks import LEAST_POINTS, MIRRORED, ON_A_LINE
+
+MAX_ROUNDS: Final = 10
+# Residual relative to the size of the body that is rounding.
+ROUNDING: Final = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class BodyPoses:
+    """``T_tracker_body`` of every frame.
+
+    Attributes:
+        rotation: (N_frames, 3, 3).
+        position: (N_frames, 3), m.
+        used: (N_frames, n) markers that were not held for outliers; None where all are believed.
+    """
+
+    rotation: FloatArray
+    position: FloatArray
+    used: BoolArray | None = None
+
+    @property
+    def outliers(self) -> int:
+        """How many markers were left out."""
+        return 0 if self.used is None else int(np.sum(~self.used))
+
+    def to_body(self, points: FloatArray) -> FloatArray:
+        """Points of each frame from the tracker to the body: (N_frames, n, 3), m."""
+        return np.asarray((points - self.position[:, None]) @ self.rotation)
+
+    def to_tracker(self, points: FloatArray) -> FloatArray:
+        """Points of the body, (n, 3) or of each frame, to the tracker: (N_frames, n, 3), m."""
+        turned = points @ np.swapaxes(self.rotation, -1, -2)
+        return np.asarray(turned + self.position[:, None])
+
+
+@dataclass(frozen=True, eq=False)
+class MarkerCloud:
+    """Markers that are fixed to one body.
+
+    Attributes:
+        markers: (n, 3) in the body, m.
+    """
+
+    markers: FloatArray
+
+    @classmethod
+    def from_frame(cls, frame: FloatArray) -> Self:
+        """A body defined by one frame: axes of the tracker, origin at the markers' centroid.
+
+        Args:
+            frame: (n, 3) markers in the tracker, m.
+        """
+        return cls(frame - frame.mean(axis=0))
+
+    def poses(self, frames: FloatArray, *, robust: bool = False) -> BodyPoses:
+        """Pose of the body in every frame, by least squares over the markers.
+
+        Closed form, because there are many frames and no unknown that they share: Arun, Huang,
+        Blostein (1987), doi:10.1109/TPAMI.1987.4767965.
+
+        Args:
+            frames: (N_frames, n, 3) the markers in the tracker, m.
+            robust: leave markers out that do not fit the others, where there are five or more.
+
+        Raises:
+            SamplesError: fewer than three markers, markers on a line, or a frame that shows the
+                mirror image of the body; says which frame.
+        """
+        _check_body(self.markers)
+        used = np.ones(frames.shape[:2], dtype=bool)
+        _check_handedness(self.markers, frames)
+        if robust and len(self.markers) >= ENOUGH_TO_JUDGE:
+            used = _agreeing(self.markers, frames)
+        _check_spread(frames, used)
+        return BodyPoses(*_register(self.markers, frames, used), used)
+
+
+def _register(
+    markers: FloatArray, frames: FloatArray, used: BoolArray
+) -> tuple[FloatArray, FloatArray]:
+    """Least squares over the markers used: (N_frames, 3, 3), (N_frames, 3)."""
+    # Markers left out come to lie on both centroids, where they pull at nothing.
+    bodies, weight = np.broadcast_to(markers, frames.shape), used[..., None]
+    return kabsch(
+        np.where(weight, bodies, _centres(bodies, used)),
+        np.where(weight, frames, _centres(frames, used)),
+    )
+
+
+def _centres(frames: FloatArray, used: BoolArray) -> FloatArray:
+    """Centroid of the markers used in each frame, (N_frames, 1, 3)."""
+    weight = used[..., None]
+    return np.asarray((weight * frames).sum(axis=1, keepdims=True) / weight.sum(axis=1)[:, None])
+
+
+def _norms(markers: FloatArray, frames: FloatArray, used: BoolArray) -> FloatArray:
+    """Distance of every marker from where the pose has it, (N_frames, n), m."""
+    poses = BodyPoses(*_register(markers, frames, used))
+    return np.asarray(np.linalg.norm(poses.to_tracker(markers) - frames, axis=-1))
+
+
+def _agreeing(markers: FloatArray, frames: FloatArray) -> BoolArray:
+    """Markers that fit: a start in each frame alone, then one scatter for all frames."""
+    used = np.stack([_start(markers, frame) for frame in frames])
+    floor = ROUNDING * float(np.ptp(markers))
+    limit = np.sqrt(outlier_limit(used.size, 1))
+    for _ in range(MAX_ROUNDS):
+        norms = _norms(markers, frames, used)
+        sigma = np.median(norms[used]) / np.sqrt(chi2.ppf(0.5, DIMENSION))
+        agreeing = norms <= limit * sigma + floor
+        # A frame that shows nothing certain keeps what it began with.
+        agreeing = np.where(agreeing.sum(axis=1, keepdims=True) >= LEAST_POINTS, agreeing, used)
+        if np.array_equal(agreeing, used):
+            break
+        used = agreeing
+    return used
+
+
+def _start(markers: FloatArray, frame: FloatArray) -> BoolArray:
+    """Markers that most of one frame agrees on, (n,)."""
+
+    def residuals(poses: tuple[FloatArray, FloatArray]) -> FloatArray:
+        moved = np.einsum("mij,nj->mni", poses[0], markers) + poses[1][:, None]
+        return np.asarray(np.linalg.norm(moved - frame, axis=-1)[..., None])
+
+    samples = minimal_samples(np.zeros(len(markers), dtype=np.intp), LEAST_POINTS, seed=0)
+    found = find_consensus(
+        samples, lambda rows: kabsch(markers[rows], frame[rows]), residuals, LEAST_POINTS
+    )
+    return found.inliers
+
+
+def _check_body(markers: FloatArray) -> None:
+    if len(markers) < LEAST_POINTS:
+        raise SamplesError(f"{len(markers)} markers on a body", "three or more, not on a line")
+    if _on_a_line(markers[None])[0]:
+        raise SamplesError("all markers of a body on one line", "three or more that are not")
+
+
+def _check_handedness(markers: FloatArray, frames: FloatArray) -> None:
+    everything = np.ones(frames.shape[:2], dtype=bool)
+    rotated, reflected = (
+        np.sum(_norms(points, frames, everything) ** 2, axis=1) for points in (markers, -markers)
+    )
+    noticeable = 1e-20 * np.sum((frames - frames.mean(axis=1, keepdims=True)) ** 2, axis=(1, 2))
+    for frame in np.flatnonzero((rotated > MIRRORED**2 * reflected) & (rotated > noticeable)):
+        raise SamplesError(
+            "markers that are the mirror image of the body's",
+            "two right-handed frames",
+            where=f"frame {frame + 1}",
+            hint="swap two axes or turn the sign of one, or put the markers in the same order",
+        )
+
+
+def _check_spread(frames: FloatArray, used: BoolArray) -> None:
+    shown = np.where(used[..., None], frames, _centres(frames, used))
+    for frame in np.flatnonzero(_on_a_line(shown)):
+        raise SamplesError(
+            "all markers on one line", "markers as on the body", where=f"frame {frame + 1}"
+        )
+
+
+def _on_a_line(sets: FloatArray) -> BoolArray:
+    """Whether each set of points (m, n, 3) lies on a line, or in one point."""
+    spread = np.linalg.svd(sets - sets.mean(axis=1, keepdims=True), compute_uv=False)
+    return np.asarray(spread[:, 1] <= ON_A_LINE * spread[:, 0])

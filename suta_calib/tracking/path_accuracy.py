@@ -1,0 +1,216 @@
+"""How well a recorded motion follows a reference: distance, lateness, and turning back."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final, Literal
+
+import numpy as np
+from scipy.spatial.transform import Rotation, Slerp
+
+from suta_calib.arrays import FloatArray
+from suta_calib.model.arm import ArmModel
+from suta_calib.tracking.alignment import Alignment, ReferencePath, Register, align
+from suta_calib.tracking.reversals import (
+    ChannelReversals,
+    axis_channels,
+    find_reversals,
+    joint_channels,
+    placement_errors,
+)
+from suta_calib.tracking.trajectory import Trajectory
+
+# Reversals from which on a joint's hysteresis can be told from an offset.
+_LEAST_REVERSALS: Final = 2
+# Uncertainty of the latency, of the largest looked at, that says nothing is known.
+_UNSURE: Final = 0.2
+# Of the fastest, below which a direction of motion means nothing.
+_SLOW: Final = 0.02
+
+
+@dataclass(frozen=True)
+class ErrorFigures:
+    """Of a row of distances or angles, m or rad."""
+
+    rms: float
+    mean: float
+    p95: float
+    maximum: float
+    count: int
+
+    @classmethod
+    def of(cls, sizes: FloatArray) -> ErrorFigures:
+        """Figures of sizes (n,), at least one."""
+        return cls(
+            float(np.sqrt(np.mean(sizes**2))),
+            float(sizes.mean()),
+            float(np.percentile(sizes, 95)),
+            float(sizes.max()),
+            len(sizes),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class PathAccuracy:
+    """The answer of `compare`, over the rows of `Alignment.rows`.
+
+    Attributes:
+        recorded, reference: what was compared.
+        alignment: latency and transform, with what hysteresis explains taken out of the latency.
+        reversals: per joint, or per axis of the recording where nothing is known of joints.
+        per: which of the two.
+        hysteresis: by joint, and its standard uncertainty, rad or m; only those that turn back.
+    """
+
+    recorded: Trajectory
+    reference: Trajectory
+    alignment: Alignment
+    reversals: tuple[ChannelReversals, ...]
+    per: Literal["joint", "axis"]
+    hysteresis: dict[str, tuple[float, float]]
+
+    @property
+    def time(self) -> FloatArray:
+        """(m,) s."""
+        return self.recorded.time[self.alignment.rows]
+
+    @cached_property
+    def error_same_time(self) -> FloatArray:
+        """(m, 3) recorded minus reference at one and the same time, in the reference's frame."""
+        return self._error(0.0)
+
+    @cached_property
+    def error(self) -> FloatArray:
+        """(m, 3) the same with the latency taken out."""
+        return self._error(self.alignment.latency)
+
+    @cached_property
+    def path_error(self) -> FloatArray:
+        """(m,) distance across the direction of motion; from the point where it stands still."""
+        velocity = self._path.velocity(self.time - self.alignment.latency)
+        speed = np.linalg.norm(velocity, axis=1)
+        moving = speed > _SLOW * speed.max()
+        direction = velocity / np.where(moving, speed, np.inf)[:, None]
+        along = np.einsum("nk,nk->n", self.error, direction)
+        return np.asarray(np.linalg.norm(self.error - along[:, None] * direction, axis=1))
+
+    @cached_property
+    def angle_error(self) -> FloatArray | None:
+        """(m,) rad, latency taken out; None where not both files have orientations."""
+        if self.recorded.rotation is None or self.reference.rotation is None:
+            return None
+        truth = Slerp(self.reference.time, Rotation.from_matrix(self.reference.rotation))
+        seen = self.alignment.rotation @ self.recorded.rotation[self.alignment.rows]
+        turned = truth(self.time - self.alignment.latency).inv() * Rotation.from_matrix(seen)
+        return np.asarray(turned.magnitude())
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What must be known before the figures are used, one sentence each."""
+        said = []
+        if self.alignment.at_the_end:
+            said.append(
+                f"The latency is at the end of what was looked at (± {self.alignment.shifts[-1]:g} "
+                "s): the true one may be larger; raise --max-latency."
+            )
+        elif self.undetermined:
+            said.append(
+                "The motion does not tell the latency: it is too slow for the distance that is "
+                "left, or the files are in different frames (--register)."
+            )
+        if not any(each.reversals for each in self.reversals):
+            said.append(f"No {self.per} turns back: nothing can be said of hysteresis.")
+        elif self.per == "axis":
+            said.append(
+                "Without joints (--urdf, and their columns in the recording) hysteresis cannot be "
+                "told from latency: the latency contains it."
+            )
+        return tuple(said)
+
+    @property
+    def usable(self) -> bool:
+        """Whether the latency lies inside what was looked at, and is told by the motion."""
+        return not (self.alignment.at_the_end or self.undetermined)
+
+    @property
+    def undetermined(self) -> bool:
+        """Whether the latency's uncertainty is as large as what was looked at."""
+        return bool(self.alignment.latency_std > _UNSURE * abs(self.alignment.shifts[-1]))
+
+    @cached_property
+    def _path(self) -> ReferencePath:
+        return ReferencePath(self.reference)
+
+    def _error(self, latency: float) -> FloatArray:
+        moved = self.alignment.act(self.recorded.position[self.alignment.rows])
+        return np.asarray(moved - self._path.position(self.time - latency))
+
+
+def compare(
+    recorded: Trajectory,
+    reference: Trajectory,
+    arm: ArmModel | None = None,
+    *,
+    register: Register | None = None,
+    largest_latency: float = 0.5,
+) -> PathAccuracy:
+    """Compare a recorded motion with a reference.
+
+    Hysteresis looks like latency while a joint moves, and what the arm's geometry still gets wrong
+    looks like hysteresis where few reversals are: latency, hysteresis, geometry and the transform
+    are estimated together.
+
+    Args:
+        recorded: what is judged.
+        reference: what is held to be true.
+        arm: for hysteresis per joint; its joints must be in the recording, which is in the frame
+            of its base.
+        register: for frames that differ, `suta_calib.tracking.alignment.Register`.
+        largest_latency: of either sign, s.
+
+    Raises:
+        SamplesError: no common time, a reference that does not move, frames that the points do
+            not determine.
+    """
+    by_joint = arm is not None and recorded.angles is not None
+    channels = joint_channels(arm, recorded) if arm and by_joint else axis_channels(recorded)
+    turning = [find_reversals(c, recorded.time, recorded.position) for c in channels]
+    judged = [t for t in turning if len(t.reversals) >= _LEAST_REVERSALS] if by_joint else []
+    alignment = align(
+        recorded,
+        reference,
+        register=register,
+        largest=largest_latency,
+        errors=_joint_errors(judged, arm, recorded) if arm and by_joint else None,
+    )
+    error = _error_in_recording(recorded, reference, alignment)
+    sizes = zip(alignment.sizes.tolist(), alignment.sizes_std.tolist(), strict=True)
+    return PathAccuracy(
+        recorded,
+        reference,
+        alignment,
+        tuple(find_reversals(c, recorded.time, error) for c in channels),
+        "joint" if by_joint else "axis",
+        dict(zip([t.channel.name for t in judged], sizes, strict=False)),
+    )
+
+
+def _joint_errors(
+    turning: list[ChannelReversals], arm: ArmModel, recorded: Trajectory
+) -> FloatArray:
+    """(n, 3, k) the tip's error for unit hysteresis of each judged joint, then of the geometry."""
+    lags = [-0.5 * t.sense[:, None] * t.channel.lever for t in turning]
+    geometry = placement_errors(arm, recorded)
+    return np.concatenate([np.stack(lags, axis=2), geometry] if lags else [geometry], axis=2)
+
+
+def _error_in_recording(
+    recorded: Trajectory, reference: Trajectory, alignment: Alignment
+) -> FloatArray:
+    """(n, 3) latency taken out, along the recording's axes; NaN where there is no reference."""
+    error = np.full((len(recorded.time), 3), np.nan)
+    rows = alignment.rows
+    truth = ReferencePath(reference).position(recorded.time[rows] - alignment.latency)
+    error[rows] = (alignment.act(recorded.position[rows]) - truth) @ alignment.rotation
+    return error

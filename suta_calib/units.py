@@ -1,0 +1,110 @@
+"""SI inside; millimetres and degrees at files and on screen. Every conversion is made here.
+
+A quantity's `Unit` is its SI unit. What a reader sees has another unit, a suffix for keys and
+columns (``rms_mm``), and as many decimals as mean something.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final, Literal, TypeVar
+
+from suta_calib.arrays import FloatArray
+
+# rad/Nm is the unit of a joint's compliance, a turn per torque.
+Unit = Literal["m", "rad", "rad/Nm", "s", "1"]
+Quantity = TypeVar("Quantity", float, FloatArray)
+NOTHING: Final = "–"
+
+
+@dataclass(frozen=True)
+class Shown:
+    """How a quantity looks outside.
+
+    Attributes:
+        unit: as written behind a number.
+        suffix: of a key or column that holds it; empty for none.
+        per_si: numbers shown per SI unit.
+        decimals: of a number shown.
+    """
+
+    unit: str
+    suffix: str
+    per_si: float
+    decimals: int
+
+
+SHOWN: Final[dict[Unit, Shown]] = {
+    "m": Shown("mm", "_mm", 1e3, 3),
+    "rad": Shown("deg", "_deg", 180.0 / math.pi, 4),
+    "rad/Nm": Shown("deg/Nm", "_deg_per_nm", 180.0 / math.pi, 5),
+    "s": Shown("s", "_s", 1.0, 3),
+    "1": Shown("", "", 1.0, 3),
+}
+
+
+def mm(length: Quantity) -> Quantity:
+    """Metres as millimetres."""
+    return length * SHOWN["m"].per_si
+
+
+def from_mm(length: Quantity) -> Quantity:
+    """Millimetres as metres."""
+    return length / SHOWN["m"].per_si
+
+
+def deg(angle: Quantity) -> Quantity:
+    """Radians as degrees."""
+    return angle * SHOWN["rad"].per_si
+
+
+def from_deg(angle: Quantity) -> Quantity:
+    """Degrees as radians."""
+    return angle / SHOWN["rad"].per_si
+
+
+def shown(value: Quantity, unit: Unit) -> Quantity:
+    """An SI value in the unit that a reader sees."""
+    return value * SHOWN[unit].per_si
+
+
+def stored(value: Quantity, unit: Unit) -> Quantity:
+    """A value that a reader wrote, in SI."""
+    return value / SHOWN[unit].per_si
+
+
+def unit_name(unit: Unit) -> str:
+    """The unit that a reader sees, such as mm or deg."""
+    return SHOWN[unit].unit
+
+
+def key(name: str, unit: Unit | None) -> str:
+    """A key or column that holds the quantity as a reader sees it: ``rms_mm``."""
+    return name if unit is None else name + SHOWN[unit].suffix
+
+
+def text(
+    value: float | None,
+    unit: Unit,
+    *,
+    sign: bool = False,
+    with_unit: bool = False,
+    decimals: int | None = None,
+) -> str:
+    """An SI value as text in mm or degrees; a dash for None and for what is not a number."""
+    if value is None or not math.isfinite(value):
+        return NOTHING
+    places = SHOWN[unit].decimals if decimals is None else decimals
+    number = f"{shown(value, unit):{'+' if sign else ''}.{places}f}"
+    # A rounded −0.000 would suggest a direction that is not there.
+    if float(number) == 0:
+        number = number.replace("-", "+" if sign else "").replace("+", "")
+    return f"{number} {unit_name(unit)}".rstrip() if with_unit else number
+
+
+def percent(before: float, after: float) -> str:
+    """How much smaller ``after`` is than ``before``."""
+    if not (math.isfinite(before) and math.isfinite(after)) or before <= 0:
+        return NOTHING
+    return f"{100 * (1 - after / before):.1f} %"

@@ -1,0 +1,167 @@
+"""What is to be measured: plans from jobs, files that grow, landmarks told apart."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from acquisition_scenes import Attempt, check_against, device, file_of, plan_of, visit
+from device_stand_in import postures_on, reading
+
+from suta_calib.acquisition.samples_file import SamplesFile
+from suta_calib.acquisition.seating_check import SeatingCheck
+from suta_calib.acquisition.session import ArmReadings
+from suta_calib.acquisition.touch_sequence import read_arm, read_row, repeated, touched
+from suta_calib.arrays import FloatArray
+from suta_calib.errors import ArtefactError, InputError, JobError, SamplesError, UrdfError
+from suta_calib.model.arm import ArmModel
+
+
+@pytest.fixture(scope="module")
+def job(repository: Path) -> Path:
+    return repository / "data" / "suta" / "calibration.yaml"
+
+
+@pytest.fixture(scope="module")
+def arm(job: Path) -> ArmModel:
+    return read_arm(job)
+
+
+@pytest.fixture(scope="module")
+def postures(arm: ArmModel, job: Path) -> dict[str, FloatArray]:
+    artefact = read_row(job, None, ["pairwise_distance"]).artefact
+    assert artefact is not None
+    return postures_on(arm, artefact)
+
+
+# ── Files ──────────────────────────────────────────────────────────────────────────────────────
+def test_a_file_keeps_what_is_not_its_own(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text(
+        '# by hand\nrepeat,a,note,placement,landmark,b\n1,0.5,"x, y",P2,O,0.25\n', encoding="utf-8"
+    )
+    file = SamplesFile(path, ["a", "b"], ["placement", "repeat", "landmark"], {"placement": "P1"})
+    file.put({"placement": "P1", "repeat": "1", "landmark": "O"}, np.array([0.1, -0.2]))
+    text = path.read_text()
+    assert text == (
+        '# by hand\nrepeat,a,note,placement,landmark,b\n1,0.5,"x, y",P2,O,0.25\n1,0.1,,P1,O,-0.2\n'
+    )
+    with pytest.raises(SamplesError, match=r"a.csv:4: .*already there.*--resume"):
+        SamplesFile(path, ["a", "b"], ["placement", "repeat", "landmark"], {"placement": "P1"})
+    resumed = SamplesFile(
+        path, ["a", "b"], ["placement", "repeat", "landmark"], {"placement": "P1"}, resume=True
+    )
+    resumed.put({"placement": "P1", "repeat": "1", "landmark": "O"}, np.array([0.3, 0.4]), at=0)
+    assert path.read_text() == text.replace("1,0.1,,P1,O,-0.2", "1,0.3,,P1,O,0.4")
+
+
+def test_a_file_of_another_arm_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text("x,placement\n1,P1\n")
+    with pytest.raises(SamplesError, match="column 'a'"):
+        SamplesFile(path, ["a"], ["placement"], {"placement": "P2"})
+
+
+# ── Plans ──────────────────────────────────────────────────────────────────────────────────────
+def job_with(folder: Path, observations: str, urdf: Path, artefact: Path) -> Path:
+    job = folder / "calibration.yaml"
+    text = f"arm: {{urdf: {urdf}, tip: tip}}\nobservations:\n{observations}\n"
+    job.write_text(text.replace("ARTEFACT", str(artefact)), encoding="utf-8")
+    return job
+
+
+OBSERVATIONS = """\
+  - {kind: fixed_point, samples: 'fixed/run_*.csv'}
+  - {kind: landmark, artefact: ARTEFACT, samples: ['deep/**/*.csv', 'x.csv']}
+  - {kind: pairwise_distance, artefact: ARTEFACT, samples: 'all.csv'}
+validation:
+  - {kind: pairwise_distance, artefact: ARTEFACT, samples: 'validation/*.csv'}"""
+
+
+@pytest.mark.parametrize(
+    ("which", "found", "file"),
+    [
+        (None, "observations[1]", "deep/P1_2.csv"),
+        ("2", "observations[2]", "all.csv"),
+        ("observations[0]", "observations[0]", "fixed/run_P1_2.csv"),
+        ("pairwise_distance", "observations[2]", "all.csv"),
+        ("validation", "validation[0]", "validation/P1_2.csv"),
+        ("validation[0]", "validation[0]", "validation/P1_2.csv"),
+    ],
+)
+def test_a_row_is_chosen_and_names_its_file(
+    tmp_path: Path, suta_urdf: Path, repository: Path, which: str, found: str, file: str
+) -> None:
+    artefact = repository / "data/suta/artefact.yaml"
+    job = job_with(tmp_path, OBSERVATIONS, suta_urdf, artefact)
+    row = read_row(job, which, ["pairwise_distance", "landmark"])
+    assert row.where == found
+    assert row.file("P1", "2") == tmp_path / file
+
+
+@pytest.mark.parametrize("which", ["3", "validation[1]", "landmarks", "observations[x]"])
+def test_a_row_that_is_not_there_is_refused(
+    tmp_path: Path, suta_urdf: Path, repository: Path, which: str
+) -> None:
+    job = job_with(tmp_path, OBSERVATIONS, suta_urdf, repository / "data/suta/artefact.yaml")
+    with pytest.raises(JobError, match=r"--observation: found .*observations\[1\] \(landmark\)"):
+        read_row(job, which, ["landmark"])
+
+
+def test_bad_jobs_are_refused(tmp_path: Path, suta_urdf: Path, job: Path, arm: ArmModel) -> None:
+    bad = job_with(tmp_path, "  - {kind: landmark, samples: 'a.csv'}", suta_urdf, suta_urdf)
+    with pytest.raises(JobError, match="artefact"):
+        read_row(bad, None, ["landmark"])
+    with pytest.raises(JobError, match="observations of kind landmark"):
+        read_row(bad, None, ["fixed_point"])
+    with pytest.raises(UrdfError):
+        read_arm(job, tmp_path / "none.urdf")
+    with pytest.raises(ArtefactError, match="did you mean 'M1'"):
+        plan_of(job, arm, "O,m1")
+    with pytest.raises(InputError, match="--sequence"):
+        touched(arm, read_row(job, None, ["pairwise_distance"]), "P1", "1", [])
+    for label in ("", "a/b", " P1", "P\n1"):
+        with pytest.raises(InputError, match="--point"):
+            repeated(arm, "fixed_point", label, "1", 3)
+
+
+def test_the_device_may_have_more_joints_in_another_order() -> None:
+    choose = ArmReadings(device(("c", "a", "b")), ("a", "b"))
+    (found,) = choose([reading([3.0, 1.0, 2.0], 0.0, flags=[0])])
+    assert found.angles.tolist() == [1.0, 2.0]
+    assert not found.error.any()
+    with pytest.raises(InputError, match=r"device.yaml: joints: found joints c, a, b; .*a, d"):
+        ArmReadings(device(("c", "a", "b")), ("a", "d"))
+
+
+def test_seating_knows_another_landmark_by_its_distances(
+    job: Path, arm: ArmModel, postures: dict[str, FloatArray]
+) -> None:
+    artefact = read_row(job, None, ["pairwise_distance"]).artefact
+    assert artefact is not None
+    seating = SeatingCheck(arm, artefact)
+    for name in ("O", "M1", "M2"):
+        seating.put(name, postures[name])
+    for name in ("L1", "S4", "M3"):
+        assert seating.which("L2", ["L1", "L2", "M3", "S4"], postures[name]) == name
+        assert seating.misfit(name, postures[name]) < 5e-3
+    assert seating.same_place(postures["O"], postures["O"] + 1e-4)
+    assert not seating.same_place(postures["O"], postures["M1"])
+
+
+@pytest.mark.parametrize("missed", [1, 2])
+def test_landmarks_missed_at_the_start_are_noticed_by_the_distances(
+    job: Path, arm: ArmModel, postures: dict[str, FloatArray], tmp_path: Path, missed: int
+) -> None:
+    """Whoever starts late takes the second landmark for the first, until the distances object."""
+    names = ["O", "M1", "M2", "L1", "M3", "L2"]
+    plan = plan_of(job, arm, ",".join(names))
+    readings = visit(postures, ",".join(names[missed:])).readings()
+    attempt = Attempt(plan, file_of(plan, tmp_path / "a.csv"), readings)
+    assert attempt.done
+    assert attempt.landmarks == names[missed:]
+    check_against(attempt, postures)
+    assert attempt.run.missing == tuple(names[:missed])
+    assert any("missed O" in line and "at the start" in line for line in attempt.said)
+    assert not attempt.run.notes

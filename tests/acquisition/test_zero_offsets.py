@@ -1,0 +1,102 @@
+"""Offsets from known poses: recovered, all branches listed, and honest about what is missing."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from suta_calib.acquisition.averaging import wrap
+from suta_calib.acquisition.zero_offsets import find_baseline
+from suta_calib.arrays import FloatArray
+from suta_calib.errors import InputError
+from suta_calib.measurements import Samples
+from suta_calib.model.arm import ArmModel
+
+OFFSETS = np.array([0.4, -1.1, 0.02, 2.9, -0.3, 0.7])
+
+
+@pytest.fixture(scope="module")
+def arm(suta_urdf: Path) -> ArmModel:
+    return ArmModel.from_urdf(suta_urdf, "tip")
+
+
+def known(
+    arm: ArmModel, count: int, *, oriented: bool, noise: float = 0.0, seed: int = 3
+) -> Samples:
+    random = np.random.default_rng(seed)
+    q = random.uniform(-2, 2, (count, 6))
+    values = dict(zip((f"{j}.offset" for j in arm.joints), OFFSETS, strict=True))
+    rotation, position = arm.forward(q, values)
+    position = position + noise * random.standard_normal(position.shape)
+    return Samples.from_arrays(
+        arm.joints, q, position=position, rotation=rotation if oriented else None
+    )
+
+
+def away(offsets: FloatArray) -> float:
+    return float(np.abs(wrap(offsets - OFFSETS)).max())
+
+
+def test_one_pose_lists_every_branch_and_the_true_one_among_them(arm: ArmModel) -> None:
+    samples = known(arm, 1, oriented=True)
+    found = find_baseline(arm, samples)
+    assert found.undetermined == ()
+    assert len(found.branches) >= 4
+    assert min(away(branch.offsets) for branch in found.branches) < 1e-6
+    for branch in found.branches:
+        assert branch.rms < 1e-8
+        assert branch.angles is not None
+        assert branch.angles.max() < 1e-8
+        _, position = arm.forward(samples.q, found.values(branch))
+        assert np.allclose(position, samples.position, atol=1e-8)
+    sizes = [float(np.linalg.norm(branch.offsets)) for branch in found.branches]
+    assert sizes == sorted(sizes)
+    every = np.array([branch.offsets for branch in found.branches])
+    apart = np.abs(wrap(every[:, None] - every[None])).max(axis=2)
+    assert apart[np.triu_indices(len(every), 1)].min() > 1e-3
+
+
+@pytest.mark.parametrize("oriented", [True, False])
+def test_several_poses_leave_the_truth(arm: ArmModel, oriented: bool) -> None:
+    found = find_baseline(arm, known(arm, 6, oriented=oriented))
+    assert found.undetermined == ()
+    assert len(found.branches) == 1
+    assert away(found.branches[0].offsets) < 1e-6
+
+
+def test_what_no_position_can_tell_is_held_and_named(suta_urdf: Path) -> None:
+    wrist = ArmModel.from_urdf(suta_urdf, "link_6")
+    found = find_baseline(wrist, known(wrist, 6, oriented=False))
+    # The axes of the last two joints meet in this point, so it does not move with them.
+    alone = [{"joint_5.offset": 1.0}, {"joint_6.offset": 1.0}]
+    assert [c.direction for c in found.undetermined] == alone
+    assert found.unique
+    errors = [np.abs(wrap(branch.offsets - OFFSETS)[:4]).max() for branch in found.branches]
+    assert min(errors) < 1e-6
+    assert not any(branch.offsets[4:].any() for branch in found.branches)
+
+
+def test_noise_is_averaged_over_the_poses(arm: ArmModel) -> None:
+    found = find_baseline(arm, known(arm, 20, oriented=True, noise=0.5e-3))
+    assert len(found.branches) == 1
+    assert away(found.branches[0].offsets) < 1e-3
+    assert found.branches[0].rms == pytest.approx(0.5e-3 * 3**0.5, rel=0.3)
+
+
+def test_one_position_leaves_a_choice(arm: ArmModel) -> None:
+    found = find_baseline(arm, known(arm, 1, oriented=False))
+    assert not found.unique
+    assert len(found.undetermined) == 3
+    assert found.branches[0].rms < 1e-3
+
+
+def test_a_pose_out_of_reach_stays_far(arm: ArmModel) -> None:
+    samples = Samples.from_arrays(arm.joints, np.zeros((1, 6)), position=[[5.0, 0.0, 0.0]])
+    assert find_baseline(arm, samples).branches[0].rms > 1.0
+
+
+def test_positions_are_needed(arm: ArmModel) -> None:
+    with pytest.raises(InputError, match="no positions"):
+        find_baseline(arm, Samples.from_arrays(arm.joints, np.zeros((1, 6))))

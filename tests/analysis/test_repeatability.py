@@ -1,0 +1,220 @@
+"""Repeatability of visits: definitions, known truth, coverage of the intervals, invariance."""
+
+from __future__ import annotations
+
+import math
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from simulated import arm_named, readings_for
+from visits import DOWN, POINT, visits
+
+from suta_calib.analysis.repeatability import (
+    PositionScatter,
+    Repeatability,
+    compare_protocols,
+    repeatability,
+    tip_levers,
+)
+from suta_calib.analysis.repeatability.intervals import difference, ratio, spread
+from suta_calib.analysis.repeatability.scatter import OrientationScatter, deviations
+from suta_calib.arrays import FloatArray
+from suta_calib.errors import SamplesError
+from suta_calib.geometry.numbers import rotation_from_vector
+from suta_calib.measurements import Samples
+from suta_calib.model.arm import ArmModel
+
+
+def test_position_repeatability_is_the_standards_definition() -> None:
+    # Six visits on the axes of a cross: five figures that can be worked out by hand.
+    points = 1e-3 * np.array(
+        [[1, 0, 0], [-1, 0, 0], [0, 2, 0], [0, -2, 0], [0, 0, 3.0], [0, 0, -3]]
+    )
+    found = PositionScatter.of(points + np.array([0.3, -0.2, 0.7]))
+    std = math.sqrt((2 * 1 + 0 + 2 * 1) / 5)
+    assert found.barycentre == pytest.approx((0.3, -0.2, 0.7))
+    assert found.mean == pytest.approx(2e-3)
+    assert found.std == pytest.approx(1e-3 * std)
+    assert found.rp.value == pytest.approx(1e-3 * (2 + 3 * std))
+    assert found.rms.value == pytest.approx(1e-3 * math.sqrt(28 / 6))
+    assert found.maximum == pytest.approx(3e-3)
+
+
+def test_orientation_repeatability_is_three_standard_deviations_about_each_axis() -> None:
+    rng = np.random.default_rng(3)
+    turns = rng.standard_normal((4000, 3)) * np.radians([0.1, 0.2, 0.4])
+    found = OrientationScatter.of(DOWN @ rotation_from_vector(turns))
+    shown = np.degrees([found.rpa, found.rpb, found.rpc])
+    assert shown == pytest.approx([0.3, 0.6, 1.2], rel=0.04)
+    assert np.degrees(found.rms) == pytest.approx(math.sqrt(0.01 + 0.04 + 0.16), rel=0.04)
+
+
+def test_joints_scatter_on_the_circle() -> None:
+    angles = np.array([math.pi - 0.01, -math.pi + 0.01, math.pi - 0.02, -math.pi + 0.02, math.pi])
+    mean, away = deviations(angles, "rad")
+    assert abs(mean) == pytest.approx(math.pi)
+    assert np.sort(away) == pytest.approx([-0.02, -0.01, 0, 0.01, 0.02])
+    assert deviations(np.array([3.0, 4.0]), "m")[1] == pytest.approx([-0.5, 0.5])
+
+
+def test_levers_are_what_a_small_turn_moves_the_tip() -> None:
+    arm, samples = arm_named("suta"), visits(5, 1e-4)
+    _, here = arm.forward(samples.q)
+    for k, lever in enumerate(tip_levers(arm, samples.q)):
+        turned = samples.q.copy()
+        turned[:, k] += 1e-6
+        moved = np.linalg.norm(arm.forward(turned)[1] - here, axis=1).mean() / 1e-6
+        assert lever == pytest.approx(moved, rel=1e-5)
+
+
+def coverage(size: FloatArray, n: int, seeds: int) -> tuple[float, float]:
+    """Shares of 95 % intervals of RP and RMS that hold the truth; three axes of scatter."""
+    many = np.linalg.norm(size * np.random.default_rng(10**6).standard_normal((10**6, 3)), axis=1)
+    true = many.mean() + 3 * many.std(), math.sqrt(np.mean(many**2))
+    held = np.zeros(2)
+    for seed in range(seeds):
+        found = PositionScatter.of(size * np.random.default_rng(seed).standard_normal((n, 3)))
+        held += [true[0] in found.rp.interval(), true[1] in found.rms.interval()]
+    return float(held[0] / seeds), float(held[1] / seeds)
+
+
+@pytest.mark.parametrize("axes", [(1.0, 1.0, 1.0), (1.0, 0.3, 0.1)], ids=["ball", "flat"])
+def test_intervals_hold_the_truth_as_often_as_they_say(axes: tuple[float, ...]) -> None:
+    rp, rms = coverage(1e-3 * np.array(axes), 30, 300)
+    assert 0.90 <= rp <= 0.99
+    assert 0.91 <= rms <= 0.99
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("n", [15, 30, 60])
+def test_intervals_hold_the_truth_in_a_large_study(n: int) -> None:
+    rp, rms = coverage(np.full(3, 1e-3), n, 2000)
+    assert 0.92 <= rp <= 0.98
+    assert 0.93 <= rms <= 0.98
+
+
+def scatter(size: float, seed: int, n: int = 30) -> PositionScatter:
+    return PositionScatter.of(size * np.random.default_rng(seed).standard_normal((n, 3)))
+
+
+def test_ratio_and_difference_of_protocols_hold_the_truth() -> None:
+    # The thesis' case: 0.95 mm RMS, with a protocol 0.45 mm.
+    one, two = 0.95e-3 / math.sqrt(3), 0.45e-3 / math.sqrt(3)
+    in_ratio = in_difference = 0
+    for seed in range(300):
+        found = compare_protocols("a", scatter(one, seed), "b", scatter(two, seed + 999), 0.95)
+        in_ratio += 0.45 / 0.95 in found.rms.ratio
+        in_difference += -0.5e-3 in found.rms.difference
+    assert 0.91 <= in_ratio / 300 <= 0.99
+    assert 0.91 <= in_difference / 300 <= 0.99
+    assert found.rms.proved
+
+
+def test_equal_protocols_are_seldom_told_apart() -> None:
+    pairs = (
+        compare_protocols("a", scatter(1e-3, seed), "b", scatter(1e-3, seed + 999), 0.95)
+        for seed in range(200)
+    )
+    assert sum(each.rms.proved for each in pairs) <= 20
+
+
+def test_intervals_scale_with_the_unit_and_widen_with_confidence() -> None:
+    rows = np.random.default_rng(0).standard_normal((30, 3))
+    rms = spread(lambda r: float(np.sqrt(np.mean(r**2))), rows)
+    small = spread(lambda r: float(np.sqrt(np.mean(r**2))), 1e-3 * rows)
+    assert small.interval().low == pytest.approx(1e-3 * rms.interval().low)
+    assert rms.interval(0.99).low < rms.interval(0.9).low < rms.interval(0.9).high
+    assert 1.0 in ratio(rms, rms)
+    assert 0.0 in difference(rms, rms)
+
+
+def test_no_scatter_has_no_interval() -> None:
+    found = PositionScatter.of(np.ones((5, 3)))
+    assert found.rp.value == 0
+    assert found.rp.interval().high == 0
+    assert math.isnan(ratio(found.rp, scatter(1e-3, 0).rp).low)
+
+
+def run(samples: Samples) -> Repeatability:
+    return repeatability(arm_named("suta"), samples)
+
+
+def test_simulated_visits_give_back_what_was_put_in() -> None:
+    found = run(visits(200, 0.2e-3, tilt=math.radians(0.05)))
+    assert found.position.rms.value == pytest.approx(0.2e-3 * math.sqrt(3), rel=0.1)
+    assert math.degrees(found.orientation.rpa) == pytest.approx(0.15, rel=0.2)
+    assert found.assessment.level == "good"
+    assert found.correlation == 1.0
+    assert not found.protocols
+    assert found.directions is None
+
+
+def test_another_base_pose_changes_no_figure(tmp_path: Path, suta_urdf: Path) -> None:
+    text, count = re.subn(
+        r'(<joint name="joint_1".*?<origin )[^/]*/>',
+        r'\1xyz="0.5 -0.3 1.1" rpy="0.4 -0.7 1.9"/>',
+        suta_urdf.read_text(),
+        count=1,
+        flags=re.DOTALL,
+    )
+    assert count == 1
+    (tmp_path / "moved.urdf").write_text(text)
+    moved_arm = ArmModel.from_urdf(tmp_path / "moved.urdf", "tip")
+    samples = visits(30, 0.3e-3)
+    here, there = run(samples), repeatability(moved_arm, samples)
+    assert not np.allclose(here.position.barycentre, there.position.barycentre)
+    assert there.position.rp.value == pytest.approx(here.position.rp.value, rel=1e-9)
+    assert there.position.rms.interval().high == pytest.approx(here.position.rms.interval().high)
+    assert there.orientation.rpa == pytest.approx(here.orientation.rpa, rel=1e-6)
+    tips = [[each.tip for each in found.joints] for found in (here, there)]
+    assert tips[0] == pytest.approx(tips[1], rel=1e-9)
+
+
+def test_protocols_are_taken_apart_and_compared() -> None:
+    loose, tight = visits(30, 0.5e-3, 1), visits(30, 0.2e-3, 2)
+    labels = {"protocol": ["free"] * 30 + ["guided"] * 30}
+    q = np.vstack([loose.q, tight.q])
+    found = run(Samples.from_arrays(loose.joints, q, labels=labels))
+    assert list(found.protocols) == ["free", "guided"]
+    (comparison,) = found.comparisons
+    assert comparison.rms.ratio.low < 0.4 < comparison.rms.ratio.high
+    assert comparison.rms.difference.high < 0
+
+
+def test_few_visits_other_points_and_postures_and_drift_are_said() -> None:
+    few = visits(12, 0.2e-3)
+    assert any("ISO 9283 asks for 30" in note for note in run(few).assessment.notes)
+
+    q = visits(40, 0.2e-3).q.copy()
+    arm = arm_named("suta")
+    far = POINT + np.array([0.01, 0, 0])
+    q[7] = readings_for(arm, {}, far[None], DOWN[None], q[7:8])[0]
+    found = run(Samples.from_arrays(arm.joints, q))
+    assert found.elsewhere == (7,)
+
+    q = visits(40, 0.2e-3).q.copy()
+    q[3, 5] += math.radians(40)
+    assert 3 in run(Samples.from_arrays(arm.joints, q)).other_posture
+
+    q = visits(40, 0.2e-3).q.copy()
+    q[:, 0] += np.radians(np.linspace(0, 0.3, 40))
+    found = run(Samples.from_arrays(arm.joints, q))
+    assert found.correlation > 1
+    assert any("drifts or warms up" in note for note in found.assessment.notes)
+
+
+def test_one_reading_written_down_again_is_told() -> None:
+    q = visits(1, 0.0).q
+    notes = run(Samples.from_arrays(arm_named("suta").joints, np.repeat(q, 30, axis=0))).assessment
+    assert any("29 of 30 visits repeat" in note for note in notes.notes)
+    assert not any("repeat the readings" in note for note in run(visits(30, 1e-4)).assessment.notes)
+
+
+def test_too_few_visits_are_refused() -> None:
+    with pytest.raises(SamplesError, match="2 visits"):
+        run(visits(2, 1e-4))
+    labels = ["a"] * 10 + ["b"] * 2
+    with pytest.raises(SamplesError, match="2 visits with protocol 'b'"):
+        run(visits(12, 1e-4, protocol=labels))

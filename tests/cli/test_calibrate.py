@@ -1,0 +1,294 @@
+"""Every command end to end on good input: files, figures, exit codes, streams."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+from cli_job import NOISE, TRUTH, cli, write_simulated_job
+
+from suta_calib.cli._output import check_folder
+from suta_calib.errors import OutputError
+from suta_calib.job.calibration import CalibrationJob
+from suta_calib.model.arm import ArmModel
+
+RESULTS = {"calibrated.urdf", "result.json", "residuals.csv", "report.html"}
+
+
+@pytest.fixture
+def job(tmp_path: Path, suta_urdf: Path) -> Path:
+    return write_simulated_job(tmp_path / "job", suta_urdf)
+
+
+def printed_json(capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
+    """What was printed, which must be one JSON object and nothing else, also not on stderr."""
+    out, err = capsys.readouterr()
+    assert err == ""
+    found = json.loads(out)
+    assert isinstance(found, dict)
+    return found
+
+
+def files_below(folder: Path) -> set[str]:
+    return {str(p.relative_to(folder)) for p in folder.rglob("*") if p.is_file()}
+
+
+def test_calibrate_writes_beside_the_job(job: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli("calibrate", job) == 0
+    folder = job.parent / "results"
+    assert files_below(folder) == RESULTS
+    out, err = capsys.readouterr()
+    assert err == ""
+    assert "joint_1.offset" in out
+    assert str(folder / "report.html") in "".join(out.splitlines()[-2:])
+
+
+def test_calibrate_finds_the_truth(job: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli("calibrate", job, "--out", job.parent / "new" / "folder", "--json") == 0
+    found = printed_json(capsys)
+    assert found["status"] == "converged"
+    assert found["unidentified"] == ["joint_1.offset"]
+    for name, true in TRUTH.items():
+        estimate = found["parameters"][name]
+        assert abs(estimate["value"] - true) < 5 * estimate["std"]
+    after = found["metrics"]["validation"]["after"]
+    assert after["count"] == 15
+    assert after["rms_mm"] < 2 * 3**0.5 * 1e3 * NOISE
+    assert files_below(job.parent / "new" / "folder") == RESULTS
+    written = json.loads((job.parent / "new" / "folder" / "result.json").read_text())
+    assert written.items() <= found.items()
+
+
+def test_calibrate_that_does_not_converge_exits_with_1(
+    job: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    job.write_text(job.read_text().replace("starts: 2", "starts: 1, max_iterations: 1"))
+    assert cli("calibrate", job, "--json") == 1
+    assert printed_json(capsys)["status"] == "not_converged"
+    assert not (job.parent / "results" / "calibrated.urdf").exists()
+    assert cli("calibrate", job) == 1
+    assert "not converged" in capsys.readouterr().out
+
+
+def test_observe_tells_what_the_data_can_determine(
+    job: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = files_below(job.parent)
+    assert cli("observe", job, "--json") == 0
+    found = printed_json(capsys)
+    assert (found["rank"], found["asked"], found["samples"]) == (7, 8, 40)
+    assert found["unidentified"] == ["joint_1.offset"]
+    assert found["parameters"]["joint_1.offset"]["std"] is None
+    assert [e["held"] for e in found["explanations"]] == ["joint_1.offset"]
+    assert set(found["indices"]) == {"O1", "O2", "O3", "O4", "O5"}
+    assert cli("observe", job) == 0
+    out, err = capsys.readouterr()
+    assert err == ""
+    assert "7 of 8 unknowns" in out
+    assert "turns the whole arm about the base's z axis" in out
+    assert files_below(job.parent) == before
+
+
+def test_predicted_deviations_are_those_of_the_fit(
+    job: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli("observe", job, "--json") == 0
+    predicted = printed_json(capsys)["parameters"]
+    assert cli("calibrate", job, "--json") == 0
+    for name, fitted in printed_json(capsys)["parameters"].items():
+        if fitted["state"] == "identified" and name in predicted:
+            assert 0.5 < predicted[name]["std"] / fitted["std"] < 2.0, name
+
+
+def test_validate_tells_the_calibrated_arm_from_the_nominal(
+    job: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli("calibrate", job, "--json") == 0
+    calibrated = printed_json(capsys)["metrics"]["validation"]
+    assert cli("validate", job.parent / "results" / "calibrated.urdf", job, "--json") == 0
+    found = printed_json(capsys)["metrics"]["validation"]
+    for key in ("before", "after"):
+        assert found[key] == pytest.approx(calibrated[key], rel=1e-4), key
+    assert found["after"]["rms_mm"] < 0.1 < found["before"]["rms_mm"]
+    assert cli("validate", job.parent / "arm.urdf", job) == 0
+    assert "0.0 %" in capsys.readouterr().out.replace("\n", "")
+
+
+def test_validate_needs_no_unknowns(repository: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Distances have no unknowns of their own, and in validation the arm is held."""
+    job = repository / "data" / "suta" / "calibration.yaml"
+    assert cli("validate", repository / "urdf" / "suta.urdf", job, "--json") == 0
+    found = printed_json(capsys)["metrics"]["validation"]
+    assert found["before"] == found["after"]
+
+
+def test_validate_registers_what_the_observations_do_not_have(
+    job: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """An instrument with another label stands elsewhere: its pose is fitted where it was used."""
+    text = job.read_text()
+    held_out = "samples: 'validation/*.csv'"
+    job.write_text(text.replace(held_out, f"label: second, {held_out}"))
+    assert cli("validate", job.parent / "arm.urdf", job, "--json") == 0
+    own = printed_json(capsys)["metrics"]["validation"]["after"]
+    job.write_text(text)
+    assert cli("validate", job.parent / "arm.urdf", job, "--json") == 0
+    shared = printed_json(capsys)["metrics"]["validation"]["after"]
+    assert own["rms_mm"] < shared["rms_mm"]
+
+
+@pytest.mark.parametrize(
+    ("kinds", "expected"),
+    [
+        (
+            (),
+            {
+                "artefact.yaml",
+                "calibration/samples.csv",
+                "validation/samples.csv",
+                "fixed_point/samples.csv",
+            },
+        ),
+        (("tracked_point",), {"calibration/samples.csv", "validation/samples.csv"}),
+        (
+            ("landmark", "tracked_point"),
+            {
+                "artefact.yaml",
+                "calibration/samples.csv",
+                "validation/samples.csv",
+                "tracked_point/samples.csv",
+            },
+        ),
+    ],
+)
+def test_init_writes_a_job_that_lacks_nothing_but_samples(
+    tmp_path: Path,
+    suta_urdf: Path,
+    capsys: pytest.CaptureFixture[str],
+    kinds: tuple[str, ...],
+    expected: set[str],
+) -> None:
+    folder = tmp_path / "job"
+    options = [option for kind in kinds for option in ("--kind", kind)]
+    assert cli("init", suta_urdf, "--tip", "tip", "--out", folder, *options) == 0
+    assert files_below(folder) == {"calibration.yaml"} | expected
+    assert cli("observe", folder / "calibration.yaml") == 2
+    assert "calibration/samples.csv:1: found a header and no data" in capsys.readouterr().err
+
+
+def test_init_job_runs_once_samples_are_filled_in(
+    tmp_path: Path, job: Path, suta_urdf: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "new"
+    assert cli("init", suta_urdf, "--tip", "tip", "--out", folder, "--kind", "tracked_point") == 0
+    joints = ArmModel.from_urdf(suta_urdf, "tip").joints
+    for name in ("calibration", "validation"):
+        file = folder / name / "samples.csv"
+        assert file.read_text() == ",".join(("x", "y", "z", *joints)) + "\n"
+        file.write_bytes((job.parent / name / "a.csv").read_bytes())
+    capsys.readouterr()
+    assert cli("observe", folder / "calibration.yaml", "--json") == 0
+    assert printed_json(capsys)["rank"] > 10
+    assert CalibrationJob.load(folder / "calibration.yaml").spec.solver.starts == 8
+
+
+def test_init_overwrites_nothing(
+    tmp_path: Path, suta_urdf: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "artefact.yaml").write_text("mine")
+    assert cli("init", suta_urdf, "--tip", "tip", "--out", tmp_path) == 2
+    assert str(tmp_path / "artefact.yaml") in capsys.readouterr().err
+    assert files_below(tmp_path) == {"artefact.yaml"}
+    assert (tmp_path / "artefact.yaml").read_text() == "mine"
+
+
+def test_help_and_version(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli("--help") == 0
+    assert "calibrate" in capsys.readouterr().out
+    assert cli("--version") == 0
+    assert capsys.readouterr().out.startswith("suta-calib")
+    for command in ("calibrate", "observe", "validate", "init", "simulate"):
+        assert cli(command, "--help") == 0
+        assert "Usage: suta-calib " + command in capsys.readouterr().out
+
+
+def test_help_does_not_load_the_heavy_libraries(repository: Path) -> None:
+    script = (
+        "import sys; from suta_calib.cli import run; code = run(['--help']);"
+        "heavy = {'numpy', 'casadi', 'pinocchio', 'rich'} & set(sys.modules);"
+        "sys.exit(code or (f'loaded {heavy}' if heavy else 0))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script], cwd=repository, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+
+
+def test_warnings_are_one_line_on_stderr(job: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    samples = job.parent / "calibration" / "a.csv"
+    header, *rows = samples.read_text().splitlines()
+    samples.write_text("\n".join([f"{header},qx,qy,qz,qw", *(f"{r},0,0,0,1.5" for r in rows)]))
+    held_out = job.parent / "validation" / "a.csv"
+    header, *rows = held_out.read_text().splitlines()
+    held_out.write_text("\n".join([f"{header},qx,qy,qz,qw", *(f"{r},0,0,0,1" for r in rows)]))
+    done = subprocess.run(
+        [sys.executable, "-m", "suta_calib", "observe", job, "--json"],
+        cwd=Path(__file__).parents[2],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    json.loads(done.stdout)
+    lines = done.stderr.splitlines()
+    assert len(lines) == 1, done.stderr
+    assert lines[0].startswith("suta-calib: warning: ")
+
+
+def test_an_interrupt_leaves_nothing_half_written(job: Path) -> None:
+    job.write_text(job.read_text().replace("starts: 2", "starts: 100000"))
+    running = subprocess.Popen(
+        [sys.executable, "-m", "suta_calib", "calibrate", job],
+        cwd=Path(__file__).parents[2],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    time.sleep(3)
+    assert running.poll() is None, running.communicate()
+    os.kill(running.pid, signal.SIGINT)
+    out, err = running.communicate(timeout=30)
+    assert running.returncode == 130, err
+    assert (out, err.strip().count("\n")) == ("", 0)
+    assert err.strip() == "suta-calib: interrupted; nothing half-written was left"
+    assert not (job.parent / "results").exists()
+
+
+def test_a_closed_pipe_is_no_traceback(job: Path) -> None:
+    done = subprocess.run(
+        f"{sys.executable} -m suta_calib observe {job} | true",
+        shell=True,
+        cwd=Path(__file__).parents[2],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert "Traceback" not in done.stderr
+
+
+@pytest.mark.skipif(os.name != "posix", reason="permissions of POSIX")
+def test_a_write_protected_folder_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    check_folder(tmp_path / "new" / "deep")
+    # Root may write anywhere: what the system would say to anybody else.
+    monkeypatch.setattr(os, "access", lambda *_: False)
+    with pytest.raises(OutputError, match="write-protected"):
+        check_folder(tmp_path / "new" / "deep")

@@ -1,0 +1,257 @@
+"""Eccentric encoders and yielding joints against Pinocchio, differences, and known truth."""
+
+from __future__ import annotations
+
+import math
+import re
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from simulated import ARMS, arm_named, dh_parameters, perturbed, random_readings, tracked_scene
+
+from suta_calib.diagnostics.explanation import explain
+from suta_calib.errors import JobError, ParameterError, UrdfError
+from suta_calib.job.schema import read_job
+from suta_calib.model.arm import ArmModel
+from suta_calib.model.nongeometric import is_nongeometric
+from suta_calib.model.parameters import ParameterSet, Selection
+from suta_calib.simulation import read_simulation, simulate, write_simulation
+from suta_calib.solver.ipopt import SolverOptions
+from suta_calib.solver.problem import Problem
+from suta_calib.solver.solve import solve
+from suta_calib.terms import Noise
+
+ECC = ("ecc_c1", "ecc_s1", "ecc_c2", "ecc_s2")
+
+
+def gravity_torque(arm: ArmModel, q: np.ndarray) -> np.ndarray:
+    """What gravity does to each joint of the chain, by Pinocchio, (n, joints)."""
+    data = arm.model.createData()
+    found = []
+    for row in q:
+        configuration = pin.neutral(arm.model)
+        for name, reading in zip(arm.joints, row, strict=True):
+            joint = arm.model.joints[arm.model.getJointId(name)]
+            state = [reading] if joint.nq == 1 else [math.cos(reading), math.sin(reading)]
+            configuration[joint.idx_q : joint.idx_q + joint.nq] = state
+        held = pin.computeGeneralizedGravity(arm.model, data, configuration)
+        order = [arm.model.joints[arm.model.getJointId(name)].idx_v for name in arm.joints]
+        found.append(-held[order])
+    return np.array(found)
+
+
+def yielding(arm: ArmModel) -> list[str]:
+    """Joints whose compliance can be asked for: revolute, with a mass beyond."""
+    found = []
+    for name in arm.nongeometric:
+        if name.endswith(".compliance"):
+            try:
+                arm.select(name)
+            except UrdfError:
+                continue
+            found.append(name.rpartition(".")[0])
+    return found
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_they_turn_the_joint_by_what_the_equation_says(name: str) -> None:
+    arm = arm_named(name)
+    rng = np.random.default_rng(4)
+    q = random_readings(arm, rng, 12)
+    values = {n: 0.01 * rng.standard_normal() for n in arm.nongeometric if ".ecc_" in n}
+    values |= {f"{joint}.compliance": 2e-3 * rng.standard_normal() for joint in yielding(arm)}
+    torque = gravity_torque(arm, q)
+    moved = q.copy()
+    for k, joint in enumerate(arm.joints):
+        ecc = [values.get(f"{joint}.{key}", 0.0) for key in ECC]
+        angle = q[:, k]
+        waves = (np.cos(angle), np.sin(angle), np.cos(2 * angle), np.sin(2 * angle))
+        moved[:, k] += sum(c * w for c, w in zip(ecc, waves, strict=True))
+        moved[:, k] += values.get(f"{joint}.compliance", 0.0) * torque[:, k]
+    R, p = arm.forward(q, values)
+    R_expected, p_expected = arm.forward(moved)
+    np.testing.assert_allclose(R, R_expected, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(p, p_expected, rtol=0, atol=1e-12)
+
+
+def test_gravity_is_that_of_the_root_link_also_where_the_chain_begins_higher() -> None:
+    arm = arm_named("tiago")
+    assert len(yielding(arm)) == 7  # the lifting torso slides, and has none
+    q = random_readings(arm, np.random.default_rng(1), 4)
+    assert np.abs(gravity_torque(arm, q)[:, 1:]).max() > 1.0
+
+
+@pytest.mark.parametrize("name", ["suta", "panda"])
+def test_derivatives_are_central_differences(name: str) -> None:
+    arm = arm_named(name)
+    rng = np.random.default_rng(0)
+    names = [n for n in arm.nongeometric if not n.endswith("compliance")]
+    names += [f"{joint}.compliance" for joint in yielding(arm)] + ["tip.x"] * (name == "suta")
+    names += [f"{arm.joints[1]}.offset", f"{arm.joints[2]}.rx"]
+    function = arm.function(names)
+    theta = np.array([arm.offered[n].nominal for n in names]) + 0.02 * rng.standard_normal(
+        len(names)
+    )
+    q = random_readings(arm, rng, 1)[0]
+    R, _, jacobian = (np.array(a) for a in function(theta, q))
+    R = R.reshape(3, 3, order="F")
+    for k, h in enumerate(1e-6 * np.eye(len(names))):
+        (Ra, pa, _), (Rb, pb, _) = (map(np.array, function(theta + s * h, q)) for s in (-1, 1))
+        np.testing.assert_allclose(jacobian[k, :3], ((pb - pa) / 2e-6).ravel(), atol=1e-7)
+        spin = (Rb - Ra).reshape(3, 3, order="F") / 2e-6 @ R.T
+        np.testing.assert_allclose(jacobian[k, 3:], [spin[2, 1], spin[0, 2], spin[1, 0]], atol=1e-7)
+
+
+def test_they_are_off_unless_a_pattern_names_them() -> None:
+    arm = arm_named("suta")
+    for pattern in ("geometric", "*", "joint_*", "*.offset", "joint_3.*", "*[xyz]"):
+        assert not any(map(is_nongeometric, arm.select(pattern)))
+    assert len(arm.select("*.ecc_*")) == 24
+    assert arm.select("joint_?.ecc_?1").names[:2] == ("joint_1.ecc_c1", "joint_1.ecc_s1")
+    assert len(arm.select("*.compliance")) == 6
+    assert arm.select("joint_3.ecc_s2", "joint_2.z").names == ("joint_2.z", "joint_3.ecc_s2")
+    assert not any(map(is_nongeometric, arm.parameters))
+
+
+def test_the_kinematics_without_them_are_as_they_were() -> None:
+    arm = arm_named("suta")
+    plain = arm.function(["joint_3.offset"])
+    assert (
+        plain.n_instructions() < arm.function(["joint_3.offset", "joint_3.ecc_c1"]).n_instructions()
+    )
+    zero = dict.fromkeys(arm.nongeometric, 0.0)
+    q = random_readings(arm, np.random.default_rng(0), 3)
+    for with_zero, without in zip(arm.forward(q, zero), arm.forward(q), strict=True):
+        np.testing.assert_array_equal(with_zero, without)
+
+
+def test_an_arm_without_masses_says_so(tmp_path: Path, suta_urdf: Path) -> None:
+    text = re.sub(r"<inertial>.*?</inertial>", "", suta_urdf.read_text(), flags=re.DOTALL)
+    (tmp_path / "light.urdf").write_text(text)
+    arm = ArmModel.from_urdf(tmp_path / "light.urdf", "tip")
+    with pytest.raises(
+        UrdfError, match=r"light\.urdf: joint_1\.compliance: found no mass .*joint_1"
+    ):
+        arm.select("*.compliance")
+    assert len(arm.select("*.ecc_*")) == 24
+
+
+@pytest.mark.parametrize("key", ["ecc_c1", "compliance", "ecc_*"])
+def test_a_joint_that_slides_has_none_and_it_is_said(key: str) -> None:
+    arm = arm_named("tiago")
+    (sliding,) = [j.name for j in arm.chain.moving if j.type == "prismatic"]
+    with pytest.raises(ParameterError, match=f"'{sliding}.{re.escape(key)}', and {sliding} slides"):
+        arm.select(f"{sliding}.{key}")
+
+
+def test_what_shows_nothing_is_explained() -> None:
+    arm = arm_named("suta")
+    scene = tracked_scene(arm, {}, 60)
+    scene.q[:, 2] = 0.4
+    scene.position[:] = arm.forward(scene.q)[1]
+    unknown = arm.select("joint_1.compliance", "joint_3.offset", "joint_3.ecc_c1")
+    problem = Problem([scene.exact(Noise(1e-4))], unknown)
+    solution = solve(problem, SolverOptions(starts=1))
+    told = {e.held: e for e in explain(problem, solution.x, solution.identification)}
+    assert "gravity has no torque" in told["joint_1.compliance"].sentence
+    assert "does the same as joint_3.offset" in told["joint_3.ecc_c1"].sentence
+    assert told["joint_3.ecc_c1"].remedy == "turn joint_3 farther"
+
+
+def test_bounds_and_priors_have_their_own_unit() -> None:
+    arm = arm_named("suta")
+    row = Selection(("joint_2.compliance",), bound_rad_per_nm=1e-3, prior_rad_per_nm=2e-4)
+    parameter = arm.select(row)["joint_2.compliance"]
+    assert (parameter.unit, parameter.upper, parameter.prior) == ("rad/Nm", 1e-3, 2e-4)
+    ecc = arm.select(Selection(("joint_2.ecc_c1",), bound_rad=0.01))["joint_2.ecc_c1"]
+    assert (ecc.unit, ecc.upper) == ("rad", 0.01)
+    with pytest.raises(ParameterError, match=r"bound_deg or prior_deg for .*all compliances"):
+        arm.select(Selection(("*.compliance",), bound_rad=0.01))
+
+
+def test_a_job_gives_them_in_degrees(tmp_path: Path) -> None:
+    (tmp_path / "arm.urdf").write_text("<robot/>")
+    (tmp_path / "a.csv").write_text("x\n")
+    (tmp_path / "calibration.yaml").write_text(
+        "arm: {urdf: arm.urdf, tip: tip}\n"
+        "parameters:\n"
+        "  - {select: ['*.ecc_*'], bound_deg: 1}\n"
+        "  - {select: ['*.compliance'], bound_deg_per_nm: 0.1, prior_deg_per_nm: 0.02}\n"
+        "observations:\n  - {kind: fixed_point, samples: a.csv}\n"
+    )
+    ecc, compliance = read_job(tmp_path / "calibration.yaml").parameters
+    assert ecc.bound_rad == pytest.approx(math.radians(1))
+    assert compliance.bound_rad_per_nm == pytest.approx(math.radians(0.1))
+    assert compliance.prior_rad_per_nm == pytest.approx(math.radians(0.02))
+
+
+def extended(arm: ArmModel, *patterns: str) -> ParameterSet:
+    return ParameterSet([*dh_parameters(arm).values(), *arm.select(*patterns).values()])
+
+
+def test_a_solve_recovers_them_from_exact_data() -> None:
+    arm = arm_named("suta")
+    unknown = extended(arm, "*.ecc_?1", "joint_2.compliance", "joint_4.compliance")
+    truth = perturbed(dh_parameters(arm), 1)
+    truth |= {"joint_3.ecc_c1": 3.5e-3, "joint_5.ecc_s1": -2e-3, "joint_2.compliance": 4e-4}
+    term = tracked_scene(arm, truth, 60).exact(Noise(1e-4))
+    solution = solve(Problem([term], unknown), SolverOptions(starts=1))
+    assert solution.converged
+    told = {n: e for n, e in solution.estimates.items() if e.state == "identified"}
+    for name in ("joint_3.ecc_c1", "joint_3.ecc_s1", "joint_5.ecc_s1", "joint_2.compliance"):
+        assert told[name].value == pytest.approx(truth.get(name, 0.0), abs=1e-7)
+
+
+def test_what_cannot_be_told_apart_from_an_offset_is_held_and_named() -> None:
+    """A joint that hardly moves: its eccentricity is an offset."""
+    arm = arm_named("suta")
+    truth = {"joint_3.offset": 0.01}
+    scene = tracked_scene(arm, truth, 60)
+    scene.q[:, 2] = 0.4
+    scene.position[:] = arm.forward(scene.q, truth)[1]
+    unknown = arm.select("joint_3.offset", "joint_3.ecc_c1")
+    solution = solve(Problem([scene.exact(Noise(1e-4))], unknown), SolverOptions(starts=1))
+    assert solution.unidentified == ("joint_3.ecc_c1",)
+    assert solution.estimates["joint_3.offset"].given == ("joint_3.ecc_c1",)
+
+
+SIMULATION = """\
+arm: {urdf: URDF, tip: tip}
+errors:
+  - {select: ["*.offset"], value_deg: 1}
+  - {select: [joint_3.ecc_c1], value_deg: 0.2}
+  - {select: ["joint_[24].compliance"], ROW}
+sets:
+  seen: {kind: tracked_point, samples: 12}
+"""
+
+
+def simulation(folder: Path, urdf: Path, row: str = "value_deg_per_nm: 0.03") -> Path:
+    text = SIMULATION.replace("URDF", str(urdf)).replace("ROW", row)
+    (folder / "simulation.yaml").write_text(text)
+    return folder / "simulation.yaml"
+
+
+def test_a_simulation_can_have_them_as_truth(tmp_path: Path, suta_urdf: Path) -> None:
+    made = simulate(read_simulation(simulation(tmp_path, suta_urdf)))
+    assert made.values["joint_3.ecc_c1"] == pytest.approx(math.radians(0.2))
+    assert made.values["joint_4.compliance"] == pytest.approx(math.radians(0.03))
+    assert "joint_1.ecc_c1" not in made.values
+    samples = made.files[0].samples
+    position = made.arm.forward(samples.q, made.values)[1]
+    np.testing.assert_allclose(samples.position, position, atol=1e-12)
+    geometry = {n: v for n, v in made.values.items() if not is_nongeometric(n)}
+    assert np.abs(made.arm.forward(samples.q, geometry)[1] - position).max() > 1e-3
+    write_simulation(made, tmp_path / "out")
+    truth = (tmp_path / "out" / "truth.yaml").read_text()
+    assert "joint_4.compliance: {value_deg_per_nm: 0.03, error_deg_per_nm: 0.03}" in truth
+
+
+def test_a_simulation_says_which_size_is_missing(tmp_path: Path, suta_urdf: Path) -> None:
+    file = simulation(tmp_path, suta_urdf, "value_mm: 1")
+    text = file.read_text().replace('"joint_[24].compliance"', "joint_2.compliance")
+    file.write_text(text)
+    with pytest.raises(JobError, match="value_deg_per_nm or std_deg_per_nm"):
+        simulate(read_simulation(file))

@@ -1,0 +1,159 @@
+"""Hand-eye calibration: every set-up, what does not count, whose noise it is."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hand_eye_scenes import (
+    NOISE,
+    WHOSE,
+    angle,
+    assert_pose,
+    calibrate,
+    errors,
+    noisy,
+    rows_of,
+    simulate,
+)
+
+from suta_calib.arrays import FloatArray
+from suta_calib.geometry.numbers import rotation_from_vector, vector_from_rotation
+from suta_calib.pose_calibration.hand_eye import calibrate_hand_eye
+from suta_calib.pose_calibration.robot_noise import estimate_robot_noise_fraction
+from suta_calib.solver.problem import Problem
+from suta_calib.solver.solve import solve
+from suta_calib.terms import HandEye, MeasuredPoses, Noise
+from suta_calib.terms.hand_eye_start import (
+    inverse,
+    loops,
+)
+from suta_calib.terms.synthetic import OutlierModel, Simulated
+
+
+# ── Every set-up ─────────────────────────────────────────────────────────────────────────────
+@pytest.mark.parametrize("robust", [True, False])
+@pytest.mark.parametrize("model", ["AX=XB", "AX=ZB"])
+@pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
+def test_exact_poses_give_back_x_and_z(setup: Any, model: Any, robust: bool) -> None:
+    """With the hand's poses the other way round, the same loop is an eye beside the robot."""
+    data = simulate(12, turn=1.2)
+    hand = data.poses if setup == "eye-in-hand" else inverse(data.poses)
+    found = calibrate_hand_eye(hand, data.seen, setup=setup, model=model, robust=robust)
+    assert (found.setup, found.model) == (setup, model)
+    assert_pose(found.X, data.true_pose("hand_eye"))
+    assert_pose(found.Z, data.true_pose("target"))
+    assert found.outliers == ()
+    assert found.rms < 1e-8
+    assert found.rms_angle < 1e-7
+    assert found.assessment.level == "good"
+
+
+@pytest.mark.parametrize("vector", [(0.0, 0.0, 0.0), (np.pi, 0.0, 0.0), (0.0, 2.2, -2.2)])
+def test_the_eye_may_look_anywhere(vector: tuple[float, ...]) -> None:
+    X = rotation_from_vector(vector), np.array([0.5, -0.2, 0.1])
+    Z = rotation_from_vector([0.0, np.pi, 0.0]), np.array([-0.4, 0.9, 3.0])
+    found = calibrate(simulate(12, X=X, Z=Z))
+    assert_pose(found.X, X)
+    assert_pose(found.Z, Z)
+
+
+def test_an_eye_beside_the_robot_with_noise_is_as_well_found() -> None:
+    data = noisy(100)
+    found = calibrate_hand_eye(inverse(data.poses), data.seen, setup="eye-to-hand")
+    expected = calibrate(data)
+    np.testing.assert_allclose(found.X, expected.X, atol=1e-7)
+    np.testing.assert_allclose(found.std["X"], expected.std["X"], rtol=1e-3)
+
+
+def test_the_residuals_are_those_of_the_loop() -> None:
+    data = noisy(40)
+    found = calibrate(data)
+    R, p = loops(data.poses, (found.X[:3, :3], found.X[:3, 3]), data.seen)
+    np.testing.assert_allclose(found.position_residuals, p - found.Z[:3, 3], atol=1e-12)
+    turned = vector_from_rotation(found.Z[:3, :3].T @ R)
+    np.testing.assert_allclose(found.rotation_residuals, turned, atol=1e-12)
+    assert found.rms == pytest.approx(
+        np.sqrt(np.mean(np.sum((p - found.Z[:3, 3])[found.inliers] ** 2, axis=1)))
+    )
+
+
+@pytest.mark.parametrize("scale", [1e-3, 1e3])
+@pytest.mark.parametrize("share", [0.0, 0.2])
+def test_the_unit_of_length_does_not_count(share: float, scale: float) -> None:
+    """Metres, millimetres or kilometres: X changes by less than a millionth."""
+    data = noisy(40, gross=OutlierModel(share))
+    (RA, pA), (RB, pB) = data.poses, data.seen
+    found, scaled = calibrate(data), calibrate_hand_eye((RA, scale * pA), (RB, scale * pB))
+    assert scaled.outliers == found.outliers
+    np.testing.assert_allclose(scaled.X[:3, :3], found.X[:3, :3], atol=1e-6)
+    np.testing.assert_allclose(scaled.X[:3, 3] / scale, found.X[:3, 3], atol=1e-6)
+    assert scaled.robot_noise_fraction == pytest.approx(found.robot_noise_fraction, abs=1e-3)
+    unit = np.repeat([scale, 1.0], 3)
+    np.testing.assert_allclose(scaled.std["X"] / unit, found.std["X"], rtol=1e-2)
+
+
+def test_the_base_does_not_count() -> None:
+    """A robot that stands elsewhere has its target elsewhere, and its eye where it was."""
+    data = noisy(40, seed=1, gross=OutlierModel(0.2, "slipped"))
+    Q, q = rotation_from_vector([0.4, 2.0, -1.0]), np.array([5.0, -3.0, 2.0])
+    (R, p), found = data.poses, calibrate(data)
+    moved = calibrate_hand_eye((Q @ R, p @ Q.T + q), data.seen)
+    np.testing.assert_allclose(moved.X, found.X, atol=5e-5)
+    np.testing.assert_allclose(moved.Z[:3, 3], Q @ found.Z[:3, 3] + q, atol=5e-5)
+    assert moved.outliers == found.outliers
+
+
+def test_the_order_of_the_pairs_does_not_count() -> None:
+    data = noisy(40, seed=1, gross=OutlierModel(0.2, "slipped"))
+    order = np.random.default_rng(0).permutation(40)
+    found = calibrate(data)
+    again = calibrate_hand_eye(rows_of(data.poses, order), rows_of(data.seen, order))
+    assert sorted(order[list(again.outliers)].tolist()) == list(found.outliers)
+    np.testing.assert_allclose(again.X, found.X, atol=5e-5)
+
+
+@pytest.mark.parametrize("whose", WHOSE)
+@pytest.mark.parametrize("seed", range(3))
+def test_the_residuals_tell_whose_noise_it_is(whose: str, seed: int) -> None:
+    make, least, most = WHOSE[whose]
+    assert least <= calibrate(make(100, seed=seed)).robot_noise_fraction <= most
+
+
+def with_robot_noise_fraction(data: Simulated[HandEye], share: float) -> FloatArray:
+    """Error of X (m) and of its orientation (rad) for a share that is decreed."""
+    samples = data.term.poses.samples
+    noises = [Noise(NOISE.position), Noise(NOISE.rotation)]
+    values = solve(
+        Problem([HandEye(MeasuredPoses(*data.poses, samples), *noises, robot_noise_fraction=share)])
+    ).values
+    vector = np.array([values[f"hand_eye.{key}"] for key in ("x", "y", "z", "rx", "ry", "rz")])
+    R, p = data.true_pose("hand_eye")
+    return np.array([np.linalg.norm(vector[:3] - p), angle(rotation_from_vector(vector[3:]), R)])
+
+
+@pytest.mark.parametrize(("whose", "gain"), [("hand", 0.5), ("both", 0.85)])
+def test_knowing_whose_noise_it_is_makes_x_better(whose: str, gain: float) -> None:
+    """Against all noise taken for the eye's: root mean square errors over eight sets."""
+    make, ours, plain = WHOSE[whose][0], [], []
+    for seed in range(8):
+        data = make(100, seed=seed)
+        ours.append(errors(calibrate(data), data)[::-1])
+        plain.append(with_robot_noise_fraction(data, 0.0))
+    ratio = np.sqrt(np.mean(np.square(ours), axis=0) / np.mean(np.square(plain), axis=0))
+    assert (ratio < gain).all(), ratio
+
+
+def test_the_share_is_a_regression() -> None:
+    """Displacements that are a known part of what the turns swept, and nothing else."""
+    swept = np.random.default_rng(0).standard_normal((200, 3))
+    for share in (0.0, 0.3, 1.0):
+        assert estimate_robot_noise_fraction(share * swept, swept) == pytest.approx(
+            share, abs=1e-12
+        )
+    assert estimate_robot_noise_fraction(-swept, swept) == pytest.approx(0.0)
+    assert estimate_robot_noise_fraction(2.0 * swept, swept) == pytest.approx(1.0)
+    assert estimate_robot_noise_fraction(swept, np.zeros((200, 3))) == 0.5
+    swamped = 1e3 * np.random.default_rng(1).standard_normal((200, 3))
+    assert estimate_robot_noise_fraction(swamped, swept) == pytest.approx(0.5, abs=0.05)

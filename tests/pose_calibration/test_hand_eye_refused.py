@@ -1,0 +1,193 @@
+"""Pairs of poses that hand-eye calibration refuses, and what it says of them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from hand_eye_scenes import NATURES, NOISE, SKEW_AXIS, calibrate, errors, noisy, rows_of, simulate
+from scipy.spatial.transform import Rotation
+
+from suta_calib.arrays import FloatArray
+from suta_calib.errors import SamplesError
+from suta_calib.geometry.numbers import rotation_from_vector
+from suta_calib.pose_calibration.hand_eye import calibrate_hand_eye
+from suta_calib.terms import HandEye
+from suta_calib.terms.hand_eye_start import Poses, inverse
+from suta_calib.terms.synthetic import EXACT, OutlierModel, PoseNoise, Simulated
+
+
+def slides(problem: SamplesError) -> FloatArray:
+    """The directions (k, 3) along which the message says that X may slide."""
+    found = re.findall(r"slide along \(([^)]*)\)", str(problem))
+    return np.array([[float(v) for v in numbers.split(",")] for numbers in found])
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3])
+@pytest.mark.parametrize("spread", [EXACT, NOISE], ids=["exact", "noisy"])
+@pytest.mark.parametrize("axis", [np.eye(3)[2], SKEW_AXIS], ids=["z", "skew"])
+@pytest.mark.parametrize("turn", [np.pi / 4, np.pi / 2])
+def test_parallel_axes_are_refused_and_the_axis_is_named_in_the_hand(
+    turn: float, axis: FloatArray, spread: PoseNoise, share: float
+) -> None:
+    more: dict[str, Any] = {"turn": turn, "axes": axis, "gross": OutlierModel(share)}
+    with pytest.raises(SamplesError, match="do not determine X") as problem:
+        calibrate(simulate(30, hand=spread, eye=spread, **more))
+    named = slides(problem.value)
+    assert len(named) == 1
+    assert abs(named[0] @ axis) == pytest.approx(1.0, abs=0.01)
+    assert "turn about" not in str(problem.value)
+    assert "two axes that are not parallel" in str(problem.value)
+
+
+@pytest.mark.parametrize("spread", [EXACT, NOISE], ids=["exact", "noisy"])
+@pytest.mark.parametrize("share", [0.0, 0.2])
+def test_pure_translation_is_refused_in_every_direction(spread: PoseNoise, share: float) -> None:
+    with pytest.raises(SamplesError, match="do not determine X") as problem:
+        calibrate(simulate(30, hand=spread, eye=spread, turn=0.0, gross=OutlierModel(share)))
+    assert np.linalg.matrix_rank(slides(problem.value)) == 3
+
+
+def test_a_hand_that_did_not_move_is_refused() -> None:
+    still = np.tile(np.eye(3), (10, 1, 1)), np.zeros((10, 3))
+    with pytest.raises(SamplesError, match=r"turn about.*slide along"):
+        calibrate_hand_eye(still, still)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_nearly_parallel_axes_are_refused_or_honestly_uncertain(seed: int) -> None:
+    """Axes some degrees apart: what is answered lies within what is claimed."""
+    side = np.array([2.0, 1.0, 2.0]) / 3.0
+    for degrees in (1.0, 6.0, 12.0):
+        other = rotation_from_vector(np.radians(degrees) * side) @ SKEW_AXIS
+        data = noisy(30, seed=seed, axes=np.array([SKEW_AXIS, other]))
+        if degrees < 2.0:
+            with pytest.raises(SamplesError, match="slide along") as problem:
+                calibrate(data)
+            assert abs(slides(problem.value)[0] @ SKEW_AXIS) > 0.98
+            continue
+        found = calibrate(data)
+        claimed = float(np.linalg.norm(found.std["X"][:3]))
+        assert errors(found, data)[1] < 4.0 * claimed
+        assert claimed < 2e-3 or found.assessment.level == "care"
+
+
+def test_too_few_pairs_are_refused() -> None:
+    data = simulate(5)
+    for count in (0, 1, 2):
+        rows = np.arange(count)
+        with pytest.raises(SamplesError, match=f"{count} pairs of poses; expected at least 3"):
+            calibrate_hand_eye(rows_of(data.poses, rows), rows_of(data.seen, rows))
+    with pytest.raises(SamplesError, match="5 poses of the hand and 4 of the target"):
+        calibrate_hand_eye(data.poses, rows_of(data.seen, np.arange(4)))
+
+
+def test_pairs_that_do_not_belong_together_are_called_so() -> None:
+    rng = np.random.default_rng(0)
+    A, B = (
+        (rotation_from_vector(rng.uniform(-2, 2, (20, 3))), rng.uniform(-0.3, 0.3, (20, 3)))
+        for _ in range(2)
+    )
+    with pytest.raises(SamplesError, match="pair by pair"):
+        calibrate_hand_eye(A, B)
+
+
+# ── Poses that are read in the wrong way ─────────────────────────────────────────────────────
+def w_first(poses: Poses) -> Poses:
+    """Poses whose quaternions were written w x y z and are read x y z w."""
+    quaternion = Rotation.from_matrix(poses[0]).as_quat()
+    return Rotation.from_quat(np.roll(quaternion, 1, axis=1)).as_matrix(), poses[1]
+
+
+def same(poses: Poses) -> Poses:
+    return poses
+
+
+OTHER_SETUP = "if setup is eye-to-hand, or else if the hand's or the eye's poses are inverted"
+Change = Callable[[Poses], Poses]
+MISREAD: dict[str, tuple[Change, Change, str]] = {
+    "hand inverted, or the other setup": (inverse, same, OTHER_SETUP),
+    "eye inverted": (same, inverse, OTHER_SETUP),
+    "hand w x y z": (w_first, same, "if the hand's quaternions are in the order w x y z"),
+    "eye w x y z": (same, w_first, "if the eye's quaternions are in the order w x y z"),
+    "both w x y z": (w_first, w_first, "if all quaternions are in the order w x y z"),
+}
+
+
+def misread(which: str, hand: Poses, seen: Poses) -> tuple[Poses, Poses, str]:
+    of_hand, of_eye, says = MISREAD[which]
+    return of_hand(hand), of_eye(seen), says
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3])
+@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("which", MISREAD)
+def test_poses_read_in_the_wrong_way_are_told_so(which: str, seed: int, share: float) -> None:
+    data = noisy(20, seed=seed, gross=OutlierModel(share))
+    hand, seen, says = misread(which, data.poses, data.seen)
+    with pytest.raises(SamplesError, match="do not agree with any X") as problem:
+        calibrate_hand_eye(hand, seen)
+    assert str(problem.value).endswith(says)
+    assert "turn the hand" not in str(problem.value)
+    told = re.search(r"they agree with one to ([\d.]+) mm and ([\d.]+)°", str(problem.value))
+    assert told is not None
+    assert float(told[1]) < 4.0
+    assert float(told[2]) < 0.5
+
+
+@pytest.mark.parametrize("which", MISREAD)
+def test_five_pairs_are_enough_to_tell(which: str) -> None:
+    data = noisy(5, seed=2)
+    hand, seen, says = misread(which, data.poses, data.seen)
+    with pytest.raises(SamplesError, match=says):
+        calibrate_hand_eye(hand, seen)
+
+
+def test_an_eye_beside_the_robot_is_told_the_other_setup() -> None:
+    data = noisy(20)
+    with pytest.raises(SamplesError, match="if setup is eye-in-hand"):
+        calibrate_hand_eye(data.poses, data.seen, setup="eye-to-hand")
+
+
+@pytest.mark.parametrize("which", MISREAD)
+def test_the_angles_between_poses_tell_none_of_it(which: str) -> None:
+    """Why the loops are asked: hand and eye turn by the same angles however they are read."""
+    data = simulate(12)
+    hand, seen, _ = misread(which, data.poses, data.seen)
+    of_hand, of_eye = (
+        Rotation.from_matrix(np.swapaxes(R[1:], 1, 2) @ R[:-1]).magnitude()
+        for R in (hand[0], seen[0])
+    )
+    np.testing.assert_allclose(of_hand, of_eye, atol=1e-7)
+
+
+@pytest.mark.parametrize("noise", [NOISE, PoseNoise(5e-3, 0.02)], ids=["fine", "coarse"])
+@pytest.mark.parametrize("count", [4, 6, 15])
+@pytest.mark.parametrize("share", [0.0, 0.3])
+def test_poses_read_rightly_are_never_told_another_way(
+    count: int, share: float, noise: PoseNoise
+) -> None:
+    for seed in range(4):
+        gross = OutlierModel(share, NATURES[seed % 2])  # type: ignore[arg-type]
+        data = simulate(count, hand=noise, eye=noise, seed=seed, gross=gross)
+        assert "they agree with one" not in said_of(data)
+
+
+def said_of(data: Simulated[HandEye]) -> str:
+    """What is said against the pairs; nothing where they are calibrated with."""
+    try:
+        calibrate(data)
+    except SamplesError as problem:
+        return str(problem)
+    return ""
+
+
+@pytest.mark.parametrize(("count", "seed"), [(5, 3), (8, 2), (12, 0), (30, 1)])
+def test_shuffled_pairs_are_not_blamed_on_how_the_hand_turned(count: int, seed: int) -> None:
+    data = noisy(count, seed=seed)
+    with pytest.raises(SamplesError, match="do the rows belong together") as problem:
+        calibrate_hand_eye(data.poses, rows_of(data.seen, np.roll(np.arange(count), 1)))
+    assert "turn the hand" not in str(problem.value)

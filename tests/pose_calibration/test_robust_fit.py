@@ -1,0 +1,54 @@
+"""What the robust fits share: their covariance, and what speaks against an answer."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from registration_scenes import NOISE, simulate
+
+from suta_calib.pose_calibration import robust_fit as module
+from suta_calib.pose_calibration.registration import Registration, register
+from suta_calib.pose_calibration.robust_fit import objections, outlier_rows
+from suta_calib.solver.covariance import observed_covariance
+
+
+def registered(correlated: bool) -> Registration:
+    _, a, b = simulate(60, spread=NOISE, seed=3)
+    drift = 1e-3 * np.sin(np.arange(60) / 8.0)[:, None] * np.ones(3)
+    return register(a, b + drift * correlated, robust=False)
+
+
+def test_white_rows_have_the_covariance_of_the_solver(monkeypatch: pytest.MonkeyPatch) -> None:
+    expected = registered(correlated=False)
+    solution = expected.solution
+    each = [np.arange(60, dtype=np.intp)]
+    again = observed_covariance(solution.problem, solution.x, solution.sigmas, solution.free, each)
+    np.testing.assert_array_equal(solution.covariance, again)
+
+    def never(*_: Any) -> Any:
+        raise AssertionError("computed twice")
+
+    monkeypatch.setattr(module, "observed_covariance", never)
+    np.testing.assert_array_equal(registered(correlated=False).covariance, expected.covariance)
+    with pytest.raises(AssertionError, match="computed twice"):
+        registered(correlated=True)
+
+
+def test_outliers_are_the_rows_that_were_not_fitted() -> None:
+    assert outlier_rows(np.array([True, False, True, False])) == (1, 3)
+    assert outlier_rows(np.ones(3, dtype=np.bool_)) == ()
+
+
+def test_what_speaks_against_an_answer() -> None:
+    converged: Any = SimpleNamespace(converged=True, sentence="")
+    stuck: Any = SimpleNamespace(converged=False, sentence="Iteration limit")
+    inliers = np.arange(10) < 6
+    assert objections(converged, inliers, "poses") == []
+    inliers[0] = False
+    assert objections(stuck, inliers, "poses") == [
+        "The solver did not converge: Iteration limit.",
+        "50% of the poses do not agree with the rest.",
+    ]

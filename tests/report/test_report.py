@@ -1,0 +1,262 @@
+"""None"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from lxml import etree
+from report_scenes import AWKWARD, console_text, make_job
+
+from suta_calib import units
+from suta_calib.diagnostics.observability import observe
+from suta_calib.errors import OutputError
+from suta_calib.job.calibration import CalibrationResult
+from suta_calib.model.arm import ArmModel
+from suta_calib.report import plots, tables, words
+from suta_calib.report.errors_by import by_kind, groups
+from suta_calib.report.histogram import error_histogram
+from suta_calib.report.html import render_report, write_report
+from suta_calib.report.verdict import judge
+from suta_calib.report.write import write_results
+
+
+@pytest.fixture(scope="module")
+def result(tmp_path_factory: pytest.TempPathFactory, suta_urdf: Path) -> CalibrationResult:
+    return make_job(tmp_path_factory.mktemp("job"), suta_urdf).run()
+
+
+@pytest.fixture(scope="module")
+def unconverged(tmp_path_factory: pytest.TempPathFactory, suta_urdf: Path) -> CalibrationResult:
+    found = make_job(tmp_path_factory.mktemp("job"), suta_urdf, iterations=1).run()
+    assert not found.solution.converged
+    return found
+
+
+@pytest.fixture(scope="module")
+def page(result: CalibrationResult) -> str:
+    return render_report(result)
+
+
+class References(HTMLParser):
+    """Collects everything a browser would fetch, run or jump to."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.found: list[str] = []
+        self.tags: list[str] = []
+        self.ids: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+        for key, value in attrs:
+            if key in ("src", "href", "xlink:href", "data", "action"):
+                self.found.append(value or "")
+            if key == "id":
+                self.ids.append(value or "")
+
+
+def references(page: str) -> References:
+    parser = References()
+    parser.feed(page)
+    return parser
+
+
+def test_verdict_names_what_must_be_known(
+    result: CalibrationResult, unconverged: CalibrationResult
+) -> None:
+    careful = judge(result)
+    assert careful.level == "care"
+    assert "joint_1.offset" in " ".join(careful.notes)
+    assert judge(unconverged).level == "bad"
+
+
+def test_verdict_warns_of_a_calibration_that_made_it_worse(result: CalibrationResult) -> None:
+    term = result.accuracy.validation[0]
+    swapped = [
+        replace(b, residual_before=b.residual_after, residual_after=b.residual_before)
+        for b in term.blocks
+    ]
+    worse = replace(result.accuracy, validation=(replace(term, blocks=tuple(swapped)),))
+    assert "worse" in " ".join(judge(replace(result, accuracy=worse)).notes)
+    assert "worse" not in " ".join(judge(result).notes)
+
+
+@pytest.mark.parametrize(
+    ("value", "unit", "sign", "wanted"),
+    [
+        (0.0012345, "m", False, "1.234"),
+        (-1e-9, "m", True, "0.000"),
+        (1e-9, "rad", True, "0.0000"),
+        (math.radians(-1.5), "rad", True, "-1.5000"),
+        (0.001, "m", True, "+1.000"),
+        (math.nan, "m", False, units.NOTHING),
+        (None, "rad", False, units.NOTHING),
+    ],
+)
+def test_numbers_are_shown_in_mm_and_degrees(
+    value: float | None, unit: units.Unit, sign: bool, wanted: str
+) -> None:
+    assert units.text(value, unit, sign=sign) == wanted
+
+
+def test_combinations_read_as_sums() -> None:
+    assert words.combination({"a.z": 1.0, "b.z": -1.0}) == "a.z − b.z"
+    assert words.combination({"a.z": -2.5, "b.z": 1.0}, "b.z") == "b.z − 2.5·a.z"
+    assert units.percent(4.0, 1.0) == "75.0 %"
+    assert units.percent(0.0, 1.0) == units.NOTHING
+
+
+# console
+
+
+def test_console_fits_100_columns_and_shows_names_as_they_are(result: CalibrationResult) -> None:
+    short = console_text(tables.summary(result))
+    full = console_text(tables.summary(result, verbose=True))
+    for text in (short, full):
+        assert max(len(line.rstrip()) for line in text.splitlines()) <= 100
+        assert "joint_4.z" in text
+        assert "improvement" in text
+    assert "base[rig].x" in full
+    assert "base[rig].x" not in short
+    assert "--verbose" in short
+    assert "--verbose" not in full
+    row = next(line for line in short.splitlines() if "joint_4.z" in line)
+    assert "571.000" in row
+    assert "identified" in row
+
+
+def test_console_of_an_unconverged_run_shows_no_values(unconverged: CalibrationResult) -> None:
+    text = console_text(tables.summary(unconverged))
+    assert "Do not use" in text
+    assert "not converged" in text
+    assert "joint_4.z" not in text
+
+
+def test_console_shows_what_can_be_determined(result: CalibrationResult) -> None:
+    observability = observe(result.solution.problem)
+    text = console_text(tables.observability_table(observability))
+    assert max(len(line.rstrip()) for line in text.splitlines()) <= 100
+    row = next(line for line in text.splitlines() if "joint_1.offset" in line)
+    assert "unidentified" in row
+    said = " ".join(console_text(tables.observability_words(observability)).split())
+    assert observability.sentence in said
+
+
+# plots and page
+
+
+def test_plots_are_svg_with_units(result: CalibrationResult) -> None:
+    errors = by_kind(result.accuracy.validation)[0]
+    estimated = [e for e in result.solution.estimates.values() if e.std]
+    found = [
+        error_histogram(errors, "h"),
+        plots.grouped_errors(groups(result.accuracy.calibration, "point"), "point", "g"),
+        plots.parameter_changes(estimated, "c"),
+        plots.singular_values(np.array([1e3, 1.0, 0.0]), ["a.z − b.z"], "s"),
+        plots.correlation_map(["a", AWKWARD], np.array([[1.0, -0.9], [-0.9, 1.0]]), "m"),
+    ]
+    units_shown = ["mm", "mm", "deg", "dimensionless", "dimensionless"]
+    for svg, unit in zip(found, units_shown, strict=True):
+        root = etree.fromstring(svg)
+        assert root.tag == "{http://www.w3.org/2000/svg}svg"
+        assert unit in "".join(root.itertext())
+    assert AWKWARD in "".join(etree.fromstring(found[1]).itertext())
+
+
+@pytest.mark.parametrize("after", [[0.0], [0.0, 0.0, 0.0], [1e-12, 5e-3], [1e-3] * 5])
+def test_histogram_of_extreme_errors(result: CalibrationResult, after: list[float]) -> None:
+    errors = by_kind(result.accuracy.validation)[0]
+    extreme = replace(errors, before=np.array(after) * 3, after=np.array(after))
+    etree.fromstring(error_histogram(extreme, "extreme"))
+
+
+def test_plots_leave_matplotlib_as_it_was(page: str) -> None:
+    assert mpl.rcParams["svg.fonttype"] != "none"
+
+
+def test_page_stands_alone(page: str) -> None:
+    seen = references(page)
+    assert seen.found
+    assert [r for r in seen.found if not r.startswith("#")] == []
+    assert not {"script", "link", "img", "iframe", "object"} & set(seen.tags)
+    assert not re.search(r"url\((?!['\"]?#)", page)
+    assert "@import" not in page
+    assert len(seen.ids) == len(set(seen.ids))
+    assert {r[1:] for r in seen.found} <= set(seen.ids)
+
+
+def test_page_says_what_matters_and_escapes_the_rest(page: str, result: CalibrationResult) -> None:
+    assert "joint_1.offset" in page
+    assert result.solution.sentence[1:] in page
+    assert "<script" not in page
+    assert "&lt;script&gt;alert(1)" in page
+    assert AWKWARD not in page
+    assert "&lt;b&gt;" in page
+
+
+def test_page_of_an_unconverged_run_shows_no_values(unconverged: CalibrationResult) -> None:
+    page = render_report(unconverged)
+    assert "Do not use" in page
+    assert "Change from nominal" not in page
+
+
+# files
+
+
+def test_results_are_written_and_the_urdf_is_the_solution(
+    result: CalibrationResult, tmp_path: Path
+) -> None:
+    files = write_results(result, tmp_path / "a" / "results")
+    assert set(files) == {"calibrated.urdf", "result.json", "residuals.csv", "report.html"}
+    assert {p.name for p in (tmp_path / "a" / "results").iterdir()} == set(files)
+    calibrated = ArmModel.from_urdf(files["calibrated.urdf"], "tip")
+    q = np.random.default_rng(4).uniform(-1, 1, (5, 6))
+    wanted = result.job.arm.forward(q, result.solution.values)
+    for one, other in zip(calibrated.forward(q), wanted, strict=True):
+        np.testing.assert_allclose(one, other, atol=1e-12)
+    assert json.loads(files["result.json"].read_text("utf-8"))["status"] == "converged"
+
+
+def test_an_unconverged_run_writes_no_urdf_and_removes_nothing(
+    unconverged: CalibrationResult, tmp_path: Path
+) -> None:
+    (tmp_path / "mine.txt").write_text("keep")
+    files = write_results(unconverged, tmp_path)
+    assert set(files) == {"result.json", "report.html"}
+    assert {p.name for p in tmp_path.iterdir()} == {*files, "mine.txt"}
+
+
+def test_a_folder_that_cannot_be_used_is_one_clear_error(
+    result: CalibrationResult, tmp_path: Path
+) -> None:
+    taken = tmp_path / "results"
+    taken.write_text("a file")
+    with pytest.raises(OutputError, match="results"):
+        write_results(result, taken)
+    with pytest.raises(OutputError, match="results"):
+        write_results(result, taken / "deeper")
+    assert taken.read_text() == "a file"
+
+
+def test_a_failing_write_leaves_the_old_file(
+    result: CalibrationResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    target = tmp_path / "report.html"
+    target.write_text("old")
+
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("os.fsync", full)
+    with pytest.raises(OutputError, match="No space left"):
+        write_report(result, target)
+    assert target.read_text() == "old"
+    assert [p.name for p in tmp_path.iterdir()] == ["report.html"]

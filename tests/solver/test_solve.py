@@ -1,0 +1,271 @@
+"""The minimiser: against references, within bounds, and honest when it fails."""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+from simulated import (
+    Scene,
+    Spread,
+    arm_named,
+    artefact,
+    artefact_scene,
+    dh_parameters,
+    fixed_point_scene,
+    perturbed,
+    placements,
+    tracked_scene,
+)
+
+from suta_calib.errors import ParameterError, SamplesError
+from suta_calib.measurements import Artefact, Samples
+from suta_calib.measurements import Landmark as Mark
+from suta_calib.model.parameters import Selection
+from suta_calib.solver.ipopt import SolverOptions
+from suta_calib.solver.problem import Problem
+from suta_calib.solver.solution import Estimate
+from suta_calib.solver.solve import solve
+from suta_calib.terms import ArmPoses, MeasuredPoses, Noise, TouchedLandmark
+
+SIGMA = 1e-4
+DIRTY = Spread(position=SIGMA, outliers=0.1, gross=0.01)
+HUBER = Noise(SIGMA, 1.35 * SIGMA)
+
+
+@cache
+def distances() -> Scene:
+    arm = arm_named("suta")
+    truth = perturbed(dh_parameters(arm), seed=1)
+    return artefact_scene("pairwise_distance", arm, truth, artefact(8), placements(4))
+
+
+def dirty_problem() -> Problem:
+    scene = distances()
+    return Problem([scene.term(scene.samples(DIRTY)[0], HUBER)], dh_parameters(scene.arm))
+
+
+def test_the_minimum_is_scipys_or_lower() -> None:
+    """SciPy's trust region on the same residuals, the same loss, the same free parameters."""
+    problem = dirty_problem()
+    solution = solve(problem)
+    free = solution.free
+    assert len(free) == 10
+
+    def residual(z: np.ndarray) -> np.ndarray:
+        x = solution.x.copy()
+        x[free] = z
+        (line,) = problem.linearise(x, solution.sigmas)
+        return np.asarray(line.residual[:, 0] / line.sigma)
+
+    start = problem.start()[free]
+    reference = least_squares(
+        residual,
+        start,
+        loss="huber",
+        f_scale=1.35,
+        x_scale=0.01,
+        xtol=1e-15,
+        ftol=1e-15,
+        gtol=1e-12,
+    )
+    assert solution.minimum.cost <= reference.cost * (1 + 1e-8)
+    assert solution.minimum.cost == pytest.approx(reference.cost, rel=1e-6)
+    np.testing.assert_allclose(solution.x[free], reference.x, atol=1e-6)
+
+
+def test_the_exact_hessian_leads_to_the_same_minimum() -> None:
+    problem = dirty_problem()
+    fast, exact = (solve(problem, SolverOptions(hessian=h)) for h in ("gauss-newton", "exact"))
+    assert fast.converged
+    assert exact.converged
+    assert fast.minimum.cost == pytest.approx(exact.minimum.cost, rel=1e-10)
+    np.testing.assert_allclose(fast.x, exact.x, atol=1e-8)
+
+
+def test_the_gradient_vanishes_at_the_solution() -> None:
+    problem = dirty_problem()
+    solution = solve(problem)
+    _, gradient, hessian = problem.evaluation.cost_gradient_hessian(solution.x, solution.sigmas)
+    free = solution.free
+    step = np.linalg.solve(hessian[np.ix_(free, free)], gradient[free])
+    assert np.all(np.abs(step) < 1e-3 * np.sqrt(np.diag(solution.covariance)[free]))
+
+
+def far_problem() -> Problem:
+    """Offsets up to 2.25 rad from nominal: one start is not enough."""
+    arm = arm_named("suta")
+    parameters = arm.select(Selection(("joint_[2-6].offset",), bound_rad=2.5))
+    far = dict(zip(parameters.names, (1.5, -1.5, 1.5, 2.1, -2.25), strict=True))
+    return Problem([tracked_scene(arm, far, 25).exact(Noise(1e-3))], parameters)
+
+
+def test_other_starts_find_what_the_first_one_misses() -> None:
+    problem = far_problem()
+    alone, several = (solve(problem, SolverOptions(starts=n, seed=0)) for n in (1, 12))
+    assert alone.minimum.cost > 1e3
+    assert several.minimum.cost < 1e-6
+    assert len(several.attempts) == 12
+    assert several.attempts[0].cost == pytest.approx(alone.attempts[0].cost)
+    assert "of 12 starts reached the same minimum" in several.sentence
+
+
+def test_starts_depend_on_the_seed_alone() -> None:
+    problem = far_problem()
+    first, again, other = (solve(problem, SolverOptions(starts=3, seed=s)) for s in (4, 4, 5))
+    assert [a.cost for a in first.attempts] == [a.cost for a in again.attempts]
+    np.testing.assert_array_equal(first.x, again.x)
+    assert [a.cost for a in first.attempts[1:]] != [a.cost for a in other.attempts[1:]]
+    assert first.attempts[0].cost == other.attempts[0].cost
+
+
+def test_progress_is_told_start_by_start() -> None:
+    told: list[tuple[int, int]] = []
+    solve(far_problem(), SolverOptions(starts=3), lambda done, of: told.append((done, of)))
+    assert told[:3] == [(1, 3), (2, 3), (3, 3)]
+
+
+def bounded(bound: float) -> Problem:
+    arm = arm_named("suta")
+    rows = [Selection(("joint_*.offset",), bound_rad=0.2), Selection(("joint_6.z",), bound_m=0.03)]
+    parameters = arm.select(*rows, Selection(("joint_4.z",), bound_m=bound))
+    truth = {"joint_4.z": arm.parameters["joint_4.z"].nominal + 5e-3}
+    return Problem([tracked_scene(arm, truth).exact(Noise(SIGMA))], parameters)
+
+
+def test_a_bound_is_kept_and_said() -> None:
+    solution = solve(bounded(4e-3))
+    estimate = solution.estimates["joint_4.z"]
+    assert estimate.value == pytest.approx(0.571 + 4e-3, abs=1e-7)
+    assert estimate.value <= 0.571 + 4e-3
+    assert (estimate.state, estimate.std) == ("at_bound", None)
+    assert solution.estimates["joint_6.z"].state == "identified"
+    free = solve(bounded(2e-2)).estimates["joint_4.z"]
+    assert free.state == "identified"
+    assert free.value == pytest.approx(0.576, abs=1e-9)
+
+
+def test_every_value_is_within_its_bounds() -> None:
+    solution = solve(bounded(4e-3), SolverOptions(starts=4))
+    parameters = solution.problem.parameters
+    assert np.all(solution.x >= parameters.array("lower"))
+    assert np.all(solution.x <= parameters.array("upper"))
+
+
+@pytest.mark.parametrize("hessian", ["gauss-newton", "exact"])
+def test_not_converging_is_an_answer_and_no_exception(hessian: str) -> None:
+    scene = distances()
+    problem = Problem([scene.exact(HUBER)], dh_parameters(scene.arm))
+    solution = solve(problem, SolverOptions(max_iterations=1, hessian=hessian))
+    assert not solution.converged
+    assert solution.sentence.startswith("not converged: IPOPT said Maximum_Iterations_Exceeded")
+    assert np.isfinite(solution.x).all()
+    assert set(solution.estimates) == set(problem.names)
+
+
+def with_prior(prior: float, name: str = "joint_4.z") -> Problem:
+    scene = distances()
+    told = ("joint_3.z", "joint_5.z", "joint_6.z", "tip.z")
+    rows = [Selection(("joint_[2-6].offset", *told)), Selection((name,), prior_m=prior)]
+    samples = scene.samples(Spread(position=SIGMA), seed=2)[0]
+    return Problem([scene.term(samples, Noise(math.sqrt(2) * SIGMA))], scene.arm.select(*rows))
+
+
+def test_a_loose_prior_changes_nothing() -> None:
+    free = solve(with_prior(10.0)).estimates["joint_4.z"]
+    loose = solve(with_prior(0.05)).estimates["joint_4.z"]
+    assert free.state == loose.state == "identified"
+    assert free.std is not None
+    assert abs(free.value - loose.value) < 0.05 * free.std
+    assert loose.std == pytest.approx(free.std, rel=0.01)
+
+
+def test_a_tight_prior_is_said_to_be_one() -> None:
+    estimate = solve(with_prior(1e-6)).estimates["joint_4.z"]
+    assert estimate.state == "prior"
+    assert estimate.std == pytest.approx(1e-6, rel=0.02)
+    assert estimate.value == pytest.approx(estimate.nominal, abs=1e-5)
+
+
+def test_a_prior_on_what_nothing_tells_stays_what_it_was() -> None:
+    solution = solve(with_prior(2e-3, "joint_2.z"))
+    estimate = solution.estimates["joint_2.z"]
+    assert estimate.state == "prior"
+    assert estimate.std == pytest.approx(2e-3, rel=1e-6)
+    assert estimate.value == pytest.approx(estimate.nominal, abs=1e-12)
+    assert "joint_2.z" not in solution.unidentified
+
+
+def test_prior_and_data_are_weighed_by_their_precisions() -> None:
+    """One unknown, told twice: the data pull it from nominal as far as their share allows."""
+    scene = tracked_scene(arm_named("suta"), {"joint_6.z": 0.371 + 2e-5}, 40)
+    samples = scene.samples(Spread(position=SIGMA), seed=2)[0]
+
+    def estimate(prior: float | None) -> Estimate:
+        parameters = scene.arm.select(Selection(("joint_6.z",), prior_m=prior))
+        problem = Problem([scene.term(samples, Noise(SIGMA))], parameters)
+        return solve(problem).estimates["joint_6.z"]
+
+    alone = estimate(None)
+    assert alone.std is not None
+    both = estimate(alone.std)
+    share = (both.value - both.nominal) / (alone.value - alone.nominal)
+    assert share == pytest.approx(0.5, abs=0.1)
+    assert both.std == pytest.approx(alone.std / math.sqrt(2), rel=0.1)
+
+
+def test_a_whole_problem_without_an_arm() -> None:
+    """Pivoting: the poses are measured, the tip in the tool and the point are sought."""
+    arm = arm_named("suta")
+    scene = fixed_point_scene(arm, {}, points=[(0.45, 0.1, 0.05)])
+    samples = scene.samples(Spread(position=SIGMA), seed=1)[0]
+    rotation, position = arm.forward(samples.q)
+    term = type(scene.term(samples))(MeasuredPoses(rotation, position, samples), Noise(SIGMA))
+    solution = solve(Problem([term]))
+    assert solution.problem.arm is None
+    stacked = np.hstack([rotation.reshape(-1, 3), np.tile(-np.eye(3), (len(samples), 1))])
+    expected = np.linalg.lstsq(stacked, -position.reshape(-1))[0]
+    np.testing.assert_allclose(solution.x, expected, atol=1e-12)
+    error = solution.x - [0.0, 0.0, 0.0, 0.45, 0.1, 0.05]
+    assert np.all(np.abs(error) < 4 * np.sqrt(np.diag(solution.covariance)))
+
+
+def test_problems_without_sense_are_refused() -> None:
+    scene = distances()
+    with pytest.raises(ParameterError, match="no observations"):
+        Problem([])
+    with pytest.raises(ParameterError, match="no unknowns"):
+        solve(Problem([scene.exact()]))
+    other = tracked_scene(arm_named("ur5"), {}, 5)
+    with pytest.raises(ParameterError, match="different arms"):
+        Problem([scene.exact(), other.exact()], dh_parameters(scene.arm))
+
+
+def test_two_artefacts_cannot_stand_at_one_placement() -> None:
+    """Their poses would be taken for one unknown, and both be wrong."""
+    arm = arm_named("suta")
+    labels = {"placement": ["P1"] * 3, "repeat": ["1"] * 3, "landmark": ["A", "B", "C"]}
+    samples = Samples.from_arrays(arm.joints, np.zeros((3, 6)), labels=labels)
+    marks = {n: Mark(n, p) for n, p in zip("ABC", np.eye(3), strict=True)}
+    terms = [
+        TouchedLandmark(ArmPoses(arm, samples), Artefact(name, marks)) for name in ("one", "two")
+    ]
+    with pytest.raises(ParameterError, match="'one' and of artefact 'two'"):
+        Problem(terms)
+
+
+def test_unknowns_that_vanishing_residuals_set_free_are_not_called_determined() -> None:
+    arm = arm_named("suta")
+    unknowns = arm.select(
+        Selection(("*.x", "*.y", "*.z"), bound_m=0.03),
+        Selection(("*.offset",), bound_rad=math.radians(15)),
+    )
+    truth = perturbed(dh_parameters(arm), 3, 3e-3, 1e-2)
+    where = [placements(6)[3], placements(8)[3]]
+    scene = artefact_scene("pairwise_distance", arm, truth, artefact(4), where)
+    term = scene.term(scene.samples(Spread(position=2e-4), 0)[0], Noise(huber=1.35e-3), Noise())
+    with pytest.raises(SamplesError, match=r"12 independent equations for \d+ unknowns"):
+        solve(Problem([term], unknowns), SolverOptions(starts=4))

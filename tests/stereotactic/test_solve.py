@@ -1,0 +1,233 @@
+"""The stereotactic navigation problem against known truth, simulated and of the course."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from stereotactic_scenes import distance, spoilt
+
+from suta_calib.geometry.numbers import rms_length
+from suta_calib.stereotactic.assessment import judge_stereotactic
+from suta_calib.stereotactic.cis_simulation import SimulatedSet, simulate_stereotactic
+from suta_calib.stereotactic.comparison import compare, read_given
+from suta_calib.stereotactic.data import StereotacticData
+from suta_calib.stereotactic.robust_distortion import fit_distortion_robustly
+from suta_calib.stereotactic.solve import StereotacticResult, solve_stereotactic
+
+
+def solve(
+    data: StereotacticData, *, dewarp: bool = False, robust: bool = False
+) -> StereotacticResult:
+    """Where it is not what is tested, extrapolation is no surprise."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message=".*calibrated volume")
+        return solve_stereotactic(data, dewarp=dewarp, robust=robust)
+
+
+def assert_solved(made: SimulatedSet, result: StereotacticResult, tolerance: float) -> None:
+    truth = made.truth
+    assert distance(result.expected, truth.expected) < tolerance
+    assert distance(result.em_pivot.post, truth.em_post) < tolerance
+    assert distance(result.optical_pivot.post, truth.optical_post) < tolerance
+    assert result.navigation is not None
+    assert distance(result.navigation.ct, truth.navigation) < tolerance
+
+
+# ── simulated ────────────────────────────────────────────────────────────────────────────────
+@pytest.mark.parametrize("robust", [False, True])
+def test_exact_data_give_the_truth(robust: bool) -> None:
+    made = simulate_stereotactic(grid=3, jiggle=0.01)
+    assert_solved(made, solve(made.data, dewarp=True, robust=robust), 1e-6)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_distortion_is_taken_out(seed: int) -> None:
+    made = simulate_stereotactic(seed=seed, distortion=4e-3)
+    crooked, straight = solve(made.data), solve(made.data, dewarp=True)
+    assert distance(crooked.em_pivot.post, made.truth.em_post) > 1.0
+    assert_solved(made, straight, 0.01)
+    assert straight.correction is not None
+    assert straight.correction.degree >= 4
+
+
+def test_distortion_is_taken_out_of_noisy_data() -> None:
+    made = simulate_stereotactic(seed=1, distortion=5e-3, em_noise=0.2e-3, jiggle=1e-3)
+    assert_solved(made, solve(made.data, dewarp=True), 0.5)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_where_nothing_is_distorted_nothing_gets_worse(seed: int) -> None:
+    made = simulate_stereotactic(seed=seed, em_noise=0.5e-3)
+    plain, corrected = solve(made.data), solve(made.data, dewarp=True)
+    assert distance(corrected.em_pivot.post, plain.em_pivot.post) < 0.05
+    assert plain.navigation is not None
+    assert corrected.navigation is not None
+    assert distance(corrected.navigation.ct, plain.navigation.ct) < 0.1
+
+
+def test_through_files_only_their_two_decimals_are_lost(tmp_path: Path) -> None:
+    made = simulate_stereotactic(seed=3, grid=3, jiggle=2e-3)
+    data = StereotacticData.read(made.write(tmp_path), navigation=True)
+    assert_solved(made, solve(data, dewarp=True), 0.03)
+    given = read_given(solve(data))
+    assert given.output1 is not None
+    assert distance(given.output1.expected, made.truth.expected) < 0.01
+
+
+def test_posts_scatter_as_their_standard_deviations_say() -> None:
+    """EM noise, simulated again and again; correlated by the probe's first frame, hence roughly."""
+    ratios = []
+    for seed in range(40):
+        made = simulate_stereotactic(seed=seed, grid=2, em_noise=0.3e-3)
+        pivot = solve(made.data).em_pivot
+        ratios.append((pivot.post - made.truth.em_post) / pivot.post_std())
+    assert 0.7 < np.sqrt(np.mean(np.square(ratios))) < 1.5
+
+
+def test_outliers_are_left_out_where_asked_for() -> None:
+    made = simulate_stereotactic(seed=4, distortion=3e-3, em_noise=0.05e-3)
+    given = made.data
+    data = replace(
+        given,
+        em_pivot=spoilt(given.em_pivot, 4, 0.1),
+        readings=replace(
+            given.readings,
+            em=spoilt(given.readings.em, 60, 0.5),
+            optical=spoilt(given.readings.optical, 30, 0.05),
+            base=spoilt(given.readings.base, 30, 0.05),
+        ),
+        optical_pivot=replace(
+            given.optical_pivot, probe=spoilt(given.optical_pivot.probe, 4, 0.05)
+        ),
+    )
+    result = solve(data, dewarp=True, robust=True)
+    assert_solved(made, result, 0.2)
+    assert 118 <= result.outliers["calreadings"] <= 125
+    assert result.outliers["optpivot"] == 4
+    pivots = {"em_pivot": given.em_pivot, "optical_pivot": given.optical_pivot}
+    plain = solve(replace(data, **pivots), dewarp=True)
+    assert distance(plain.em_pivot.post, made.truth.em_post) > 0.5
+
+
+@pytest.mark.parametrize("distortion", [0.0, 3e-3])
+def test_a_robust_correction_of_clean_data_is_the_plain_one(distortion: float) -> None:
+    made = simulate_stereotactic(distortion=distortion, em_noise=0.1e-3, grid=4)
+    plain = solve(made.data, dewarp=True).correction
+    assert plain is not None
+    found, wrong = fit_distortion_robustly(made.data.readings.em, made.truth.expected)
+    assert found.degree == plain.degree
+    assert not wrong.any()
+    middle = np.full((1, 3), 0.4)
+    assert distance(found.correct(middle), plain.correct(middle)) < 1e-6
+
+
+def test_extrapolation_is_counted_and_told() -> None:
+    made = simulate_stereotactic(distortion=2e-3, grid=3)
+    far = replace(made.data, em_pivot=made.data.em_pivot - np.array([0.25, 0, 0]))
+    with pytest.warns(UserWarning, match="of 72 markers of em_pivot lie outside"):
+        result = solve_stereotactic(far, dewarp=True)
+    assert 0 < result.extrapolated["em_pivot"] <= 72
+    assert result.extrapolated["em_nav"] == 0
+    assessment = judge_stereotactic(result)
+    assert assessment.level == "care"
+    assert any("calibrated volume" in note for note in assessment.notes)
+
+
+def test_verdict_says_when_correction_is_needed() -> None:
+    clean = simulate_stereotactic(em_noise=0.2e-3, grid=3)
+    bent = simulate_stereotactic(em_noise=0.2e-3, grid=3, distortion=3e-3)
+    assert judge_stereotactic(solve(clean.data)).level == "good"
+    assert any("--dewarp" in note for note in judge_stereotactic(solve(bent.data)).notes)
+    notes = judge_stereotactic(solve(bent.data, dewarp=True)).notes
+    assert not any("--dewarp" in note for note in notes)
+
+
+def test_same_seed_same_set() -> None:
+    first, second = (simulate_stereotactic(seed=5, em_noise=1e-3).texts() for _ in range(2))
+    assert first == second
+    assert first != simulate_stereotactic(seed=6, em_noise=1e-3).texts()
+
+
+def test_simulation_needs_two_places() -> None:
+    with pytest.raises(ValueError, match="2 or more"):
+        simulate_stereotactic(grid=1)
+
+
+# ── of the course ────────────────────────────────────────────────────────────────────────────
+FIRST_REPORT = {  # mean |C_expected - C_output1|, |EM post - output1's|, optical likewise, mm
+    "a": (0.0049, 0.0024, 0.0070),
+    "b": (0.4709, 0.0041, 0.0060),
+    "c": (0.3841, 0.0028, 0.0013),
+    "d": (0.0115, 0.0027, 0.0055),
+}
+SECOND = {  # EM post to the true one, navigation to output2 on average, mm
+    "a": (0.02, 0.01),
+    "b": (0.25, 0.1),
+    "c": (0.05, 0.03),
+}
+
+
+def of_course(shared: Path, name: str) -> Path:
+    prefix = shared / f"cis_{name[:3]}" / name
+    if not prefix.with_name(f"{name}-calbody.txt").is_file():
+        pytest.skip(f"{name} is not among the measured data")
+    return prefix
+
+
+@pytest.mark.parametrize("letter", FIRST_REPORT)
+def test_first_assignment(shared: Path, letter: str) -> None:
+    data = StereotacticData.read(of_course(shared, f"pa1-debug-{letter}"))
+    result = solve(data)
+    found = compare(result, read_given(result))
+    assert found.expected is not None
+    assert found.em_post is not None
+    assert found.optical_post is not None
+    mean, em, optical = FIRST_REPORT[letter]
+    assert 1e3 * found.expected.mean() == pytest.approx(mean, abs=6e-5)
+    assert 1e3 * found.em_post == pytest.approx(em, abs=6e-5)
+    assert 1e3 * found.optical_post == pytest.approx(optical, abs=6e-5)
+
+
+@pytest.mark.parametrize("robust", [False, True])
+@pytest.mark.parametrize("letter", SECOND)
+def test_second_assignment(shared: Path, letter: str, robust: bool) -> None:
+    prefix = of_course(shared, f"pa2-debug-{letter}")
+    result = solve(StereotacticData.read(prefix, navigation=True), dewarp=True, robust=robust)
+    found = compare(result, read_given(result))
+    post, navigation = SECOND[letter]
+    assert distance(result.em_pivot.post, true_post(prefix)) < post
+    assert found.navigation is not None
+    assert 1e3 * found.navigation.mean() < navigation
+
+
+def true_post(prefix: Path) -> np.ndarray:
+    """EM post, m, as ``-auxilliary1.txt`` gives it away."""
+    for line in Path(f"{prefix}-auxilliary1.txt").read_text().splitlines():
+        if line.startswith("EM pivot post actual position"):
+            return 1e-3 * np.array([float(cell) for cell in line.partition("=")[2].split(",")])
+    raise AssertionError("no true post")
+
+
+def test_correction_brings_the_first_assignments_distorted_post_back(shared: Path) -> None:
+    """Its eight frames hardly reach to the pivot, and yet: 3.4 mm off before."""
+    prefix = of_course(shared, "pa1-debug-c")
+    data = StereotacticData.read(prefix)
+    before, after = solve(data), solve(data, dewarp=True)
+    assert distance(before.em_pivot.post, true_post(prefix)) > 3
+    assert distance(after.em_pivot.post, true_post(prefix)) < 1
+    assert after.correction is not None
+    assert rms_length(after.correction.residuals) < 0.25 * rms_length(after.em_error)
+
+
+@pytest.mark.parametrize("part", ["base", "optical", "em"])
+@pytest.mark.parametrize("scale", [1e-3, 1.1])
+def test_markers_of_another_size_are_no_answer(part: str, scale: float) -> None:
+    data = simulate_stereotactic("sim", seed=0).data
+    body = replace(data.body, **{part: scale * getattr(data.body, part)})
+    assessment = judge_stereotactic(solve_stereotactic(replace(data, body=body)))
+    assert assessment.level == "bad"
+    assert "another unit" in assessment.notes[0]

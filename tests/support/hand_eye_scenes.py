@@ -1,0 +1,61 @@
+"""Simulated pairs of poses of a hand and of what its eye sees."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from suta_calib.arrays import FloatArray
+from suta_calib.geometry.numbers import vector_from_rotation
+from suta_calib.pose_calibration.hand_eye import HandEyeCalibration, calibrate_hand_eye
+from suta_calib.terms import HandEye
+from suta_calib.terms.hand_eye_start import Poses
+from suta_calib.terms.synthetic import PoseNoise, Simulated
+
+NOISE = PoseNoise(3e-4, float(np.radians(0.1)))
+NATURES = ("wrong", "slipped", "swapped")
+SKEW_AXIS = np.array([1.0, 2.0, -2.0]) / 3.0
+
+
+def simulate(count: int, **more: Any) -> Simulated[HandEye]:
+    return HandEye.simulate(count, **more)
+
+
+def noisy(count: int, **more: Any) -> Simulated[HandEye]:
+    """Noise of a good robot and of a good camera."""
+    return simulate(count, hand=NOISE, eye=NOISE, **more)
+
+
+def calibrate(data: Simulated[HandEye], **more: Any) -> HandEyeCalibration:
+    return calibrate_hand_eye(data.poses, data.seen, **more)
+
+
+def angle(first: FloatArray, second: FloatArray) -> float:
+    """Angle between two rotations, rad."""
+    return float(np.linalg.norm(vector_from_rotation(first.T @ second)))
+
+
+def errors(found: HandEyeCalibration, data: Simulated[HandEye]) -> FloatArray:
+    """Of X: angle (rad) and distance (m)."""
+    R, p = data.true_pose("hand_eye")
+    return np.array([angle(found.X[:3, :3], R), np.linalg.norm(found.X[:3, 3] - p)])
+
+
+def rows_of(poses: Poses, rows: FloatArray) -> Poses:
+    return poses[0][rows], poses[1][rows]
+
+
+def assert_pose(matrix: FloatArray, pose: Poses, tolerance: float = 1e-8) -> None:
+    np.testing.assert_allclose(matrix[:3, :3], pose[0], atol=tolerance)
+    np.testing.assert_allclose(matrix[:3, 3], pose[1], atol=tolerance)
+    np.testing.assert_array_equal(matrix[3], [0.0, 0.0, 0.0, 1.0])
+
+
+# ── Whose noise it is ────────────────────────────────────────────────────────────────────────
+WHOSE: dict[str, tuple[Callable[..., Simulated[HandEye]], float, float]] = {
+    "hand": (lambda n, **k: simulate(n, hand=NOISE, **k), 0.9, 1.0),
+    "eye": (lambda n, **k: simulate(n, eye=NOISE, **k), 0.0, 0.1),
+    "both": (noisy, 0.35, 0.65),
+}

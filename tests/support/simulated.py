@@ -1,0 +1,253 @@
+"""Small simulated problems with known truth, made in milliseconds, for the tests.
+
+Everything the terms see is simulated here: an arm whose true geometry departs from nominal touches
+an artefact, touches fixed points, or is watched by an instrument.
+"""
+
+from __future__ import annotations
+
+import math
+import sysconfig
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from suta_calib.arrays import FloatArray
+from suta_calib.geometry.numbers import rotation_from_rpy, rotation_from_vector
+from suta_calib.measurements import Artefact, Landmark, Samples
+from suta_calib.model.arm import ArmModel
+from suta_calib.model.parameters import ParameterSet, Selection
+from suta_calib.simulation.inverse_kinematics import InverseKinematics, Targets
+from suta_calib.terms import KINDS, ArmPoses, Noise, Setup, Term
+
+SUTA_URDF = Path(__file__).resolve().parents[2] / "urdf" / "suta.urdf"
+ROBOTS = Path(sysconfig.get_paths()["purelib"]) / "cmeel.prefix/share/example-robot-data/robots"
+ROBOT_FILES = {
+    "ur5": ("ur_description/urdf/ur5_robot.urdf", "tool0"),
+    "panda": ("panda_description/urdf/panda.urdf", "panda_hand"),
+    "z1": ("z1_description/urdf/z1.urdf", "link06"),
+    "tiago": ("tiago_description/robots/tiago.urdf", "arm_tool_link"),
+    "kinova": ("kinova_description/robots/kinova.urdf", "j2s6s200_end_effector"),
+}
+ARMS = ("suta", *ROBOT_FILES)
+# Least squares with a scatter that is learnt.
+PLAIN = Noise()
+# The lengths of a Denavit-Hartenberg table: d of every joint, and the tool.
+DH_LENGTHS = ("joint_2.z", "joint_3.z", "joint_4.z", "joint_5.z", "joint_6.z", "tip.y", "tip.z")
+
+
+@cache
+def arm_named(name: str) -> ArmModel:
+    """The SUTA, or somebody else's arm; the test is skipped where that is not installed."""
+    if name == "suta":
+        return ArmModel.from_urdf(SUTA_URDF, "tip")
+    file, tip = ROBOT_FILES[name]
+    if not (ROBOTS / file).is_file():
+        pytest.skip("example-robot-data is not installed")
+    return ArmModel.from_urdf(ROBOTS / file, tip)
+
+
+def dh_parameters(arm: ArmModel) -> ParameterSet:
+    """The SUTA's thirteen: six offsets and seven lengths."""
+    offsets = Selection(("joint_*.offset",), bound_rad=math.radians(15))
+    return arm.select(offsets, Selection(DH_LENGTHS, bound_m=0.03))
+
+
+def perturbed(
+    parameters: ParameterSet, seed: int, length: float = 2e-3, angle: float = 1e-2
+) -> dict[str, float]:
+    """True values: nominal plus normal errors of the given standard deviations, m and rad."""
+    rng = np.random.default_rng(seed)
+    size = {"m": length, "rad": angle}
+    return {p.name: p.nominal + size[p.unit] * rng.standard_normal() for p in parameters.values()}
+
+
+def random_readings(arm: ArmModel, rng: np.random.Generator, n: int) -> FloatArray:
+    """(n, joints) anywhere within the limits."""
+    return InverseKinematics(arm, {}).random_readings(rng, n)
+
+
+def artefact(count: int = 8, *, tilt: float = 0.0, oriented: bool = False) -> Artefact:
+    """Landmarks spread over 180 mm, met from above; ``tilt`` (rad) makes the pillars differ."""
+    rng = np.random.default_rng(count)
+    marks = {}
+    for k in range(count):
+        position = [*rng.uniform(-0.09, 0.09, 2), rng.choice([0.02, 0.04, 0.06])]
+        down = rotation_from_rpy([math.pi, 0.0, rng.uniform(-0.5, 0.5)])
+        lean = rotation_from_vector(tilt * rng.uniform(-1, 1, 3))
+        name = f"L{k + 1}"
+        marks[name] = Landmark(name, np.array(position), lean @ down if oriented else None)
+    return Artefact("simulated", marks)
+
+
+@dataclass(frozen=True, eq=False)
+class Spread:
+    """How the simulated measurements scatter: per axis, m and rad, and the gross errors."""
+
+    position: float = 0.0
+    rotation: float = 0.0
+    outliers: float = 0.0
+    gross: float = 0.03
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """What would be measured without noise, and how to measure it with noise.
+
+    Attributes:
+        kind: of the term.
+        q: (n, joints) true readings.
+        touched: whether noise moves the arm (touching) rather than the instrument's answer.
+        position, rotation: (n, 3), (n, 3, 3) of the tip when touching, or of what was seen.
+    """
+
+    kind: str
+    arm: ArmModel
+    truth: dict[str, float]
+    q: FloatArray
+    touched: bool
+    position: FloatArray
+    rotation: FloatArray
+    labels: dict[str, list[str]] = field(default_factory=dict)
+    seen: tuple[str, ...] = ()
+    artefact: Artefact | None = None
+
+    def samples(self, spread: Spread = Spread(), seed: int = 0, trials: int = 1) -> list[Samples]:
+        """Independent repetitions of the measurement."""
+        rng = np.random.default_rng(seed)
+        n = len(self.q)
+        turn = rotation_from_vector(spread.rotation * rng.standard_normal((trials, n, 3)))
+        position = self.position + spread.position * rng.standard_normal((trials, n, 3))
+        for rows in position:
+            bad = rng.permutation(n)[: round(spread.outliers * n)]
+            direction = rng.standard_normal((len(bad), 3))
+            rows[bad] += spread.gross * direction / np.linalg.norm(direction, axis=1)[:, None]
+        rotation = self.rotation @ turn
+        q = np.tile(self.q, (trials, 1, 1))
+        if self.touched and spread != Spread():
+            flat = readings_for(self.arm, self.truth, position, rotation, q)
+            q = flat.reshape(trials, n, -1)
+        return [self._observed(*rows) for rows in zip(q, position, rotation, strict=True)]
+
+    def term(self, samples: Samples, noise: Noise = PLAIN, angular: Noise = PLAIN) -> Term:
+        setup = Setup(self.artefact, noise, angular)
+        return KINDS[self.kind].over(ArmPoses(self.arm, samples), setup)
+
+    def exact(self, noise: Noise = PLAIN, angular: Noise = PLAIN) -> Term:
+        """The term over samples without any noise."""
+        return self.term(self.samples()[0], noise, angular)
+
+    def _observed(self, q: FloatArray, position: FloatArray, rotation: FloatArray) -> Samples:
+        measured: dict[str, Any] = {}
+        if "position" in self.seen:
+            measured["position"] = position
+        if "rotation" in self.seen:
+            measured["rotation"] = rotation
+        return Samples.from_arrays(self.arm.joints, q, labels=self.labels, **measured)
+
+
+def readings_for(
+    arm: ArmModel,
+    truth: dict[str, float],
+    position: FloatArray,
+    rotation: FloatArray,
+    start: FloatArray | None = None,
+) -> FloatArray:
+    """Readings (n, joints) at which the true arm's tip has the poses asked for."""
+    kinematics = InverseKinematics(arm, truth)
+    targets = Targets(position.reshape(-1, 3), rotation.reshape(-1, 3, 3))
+    begin = kinematics.middle if start is None else start.reshape(len(targets), -1)
+    found = kinematics.solve(targets, begin, np.random.default_rng(0))
+    assert found.reached.all(), "the simulated target is out of reach"
+    return found.q
+
+
+def placements(count: int) -> list[tuple[FloatArray, FloatArray]]:
+    """Upright artefact poses around the SUTA, turned so that its three-joint elbow reaches all."""
+    rng = np.random.default_rng(count)
+    around = np.linspace(0.0, 2 * math.pi, count, endpoint=False)
+    poses = []
+    for angle in around:
+        radius, height = rng.uniform(0.35, 0.5), rng.uniform(-0.1, 0.2)
+        centre = np.array([radius * np.cos(angle), radius * np.sin(angle), height])
+        turn = angle + rng.uniform(-0.4, 0.4)
+        poses.append((rotation_from_rpy([0.0, 0.0, turn]), centre))
+    return poses
+
+
+def artefact_scene(
+    kind: str,
+    arm: ArmModel,
+    truth: dict[str, float],
+    certified: Artefact,
+    where: Sequence[tuple[FloatArray, FloatArray]],
+    repeats: int = 1,
+    *,
+    tilt: float = 0.0,
+) -> Scene:
+    """Every landmark touched at every placement; without seats, from above, leaning by ``tilt``."""
+    rng = np.random.default_rng(7)
+    rows, labels = [], {"placement": [], "repeat": [], "landmark": []}
+    for k, (R, p) in enumerate(where):
+        for repeat in range(repeats):
+            for mark in certified.landmarks.values():
+                seat = mark.rotation
+                if seat is None:
+                    down = rotation_from_rpy([math.pi, 0.0, rng.uniform(-0.5, 0.5)])
+                    seat = rotation_from_vector(tilt * rng.uniform(-1, 1, 3)) @ down
+                rows.append((R @ mark.position + p, R @ seat))
+                for key, value in zip(labels, (f"P{k}", repeat, mark.name), strict=True):
+                    labels[key].append(str(value))
+    position, rotation = (np.array(column) for column in zip(*rows, strict=True))
+    q = readings_for(arm, truth, position, rotation)
+    return Scene(kind, arm, truth, q, True, position, rotation, labels, (), certified)
+
+
+def fixed_point_scene(
+    arm: ArmModel,
+    truth: dict[str, float],
+    directions: int = 20,
+    points: Sequence[Sequence[float]] = ((0.45, 0.1, 0.05), (-0.2, 0.4, 0.2)),
+    cone: float = 1.0,
+) -> Scene:
+    """Each point touched from directions within a cone (rad) about the vertical."""
+    rng = np.random.default_rng(3)
+    n = directions * len(points)
+    position = np.repeat(np.array(points, dtype=float), directions, axis=0)
+    lean = np.zeros((n, 3))
+    lean[:, :2] = rng.uniform(-1, 1, (n, 2)) * cone / math.sqrt(2)
+    down = np.array([rotation_from_rpy([math.pi, 0.0, yaw]) for yaw in rng.uniform(-3, 3, n)])
+    rotation = rotation_from_vector(lean) @ down
+    labels = {"point": [f"F{k}" for k in range(len(points)) for _ in range(directions)]}
+    q = readings_for(arm, truth, position, rotation)
+    return Scene("fixed_point", arm, truth, q, True, position, rotation, labels)
+
+
+def tracked_scene(
+    arm: ArmModel, truth: dict[str, float], n: int = 30, *, oriented: bool = False
+) -> Scene:
+    """An instrument somewhere sees the tip at random postures."""
+    q = random_readings(arm, np.random.default_rng(5), n)
+    rotation, position = arm.forward(q, truth)
+    R, p = rotation_from_vector([0.3, -1.2, 0.7]), np.array([1.1, -0.4, 0.6])
+    seen = ("position", "rotation") if oriented else ("position",)
+    return Scene("tracked_point", arm, truth, q, False, position @ R.T + p, R @ rotation, {}, seen)
+
+
+def hand_eye_scene(arm: ArmModel, truth: dict[str, float], n: int = 25) -> Scene:
+    """A camera on the tip sees a target that stays where it is."""
+    q = random_readings(arm, np.random.default_rng(6), n)
+    R, p = arm.forward(q, truth)
+    Rx, px = rotation_from_vector([0.1, 0.2, -1.5]), np.array([0.02, -0.05, 0.08])
+    Rz, pz = rotation_from_vector([2.0, 0.4, 0.3]), np.array([0.6, 0.2, -0.1])
+    eye_R = R @ Rx
+    eye_p = R @ px + p
+    seen_p = np.einsum("nji,nj->ni", eye_R, pz - eye_p)
+    seen_R = np.swapaxes(eye_R, 1, 2) @ Rz
+    seen = ("position", "rotation")
+    return Scene("hand_eye", arm, truth, q, False, seen_p, seen_R, {}, seen)

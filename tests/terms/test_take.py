@@ -1,0 +1,100 @@
+"""What every kind promises of itself over other samples: some of them, or simulated ones."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from simulated import dh_parameters
+from terms_cases import SIGMA, each_case, noises, problem_of, scene
+
+from suta_calib.analysis.study.resimulation import resimulated
+from suta_calib.errors import SamplesError
+from suta_calib.model.arm import ArmModel
+from suta_calib.solver.problem import Problem
+from suta_calib.solver.solve import solve
+from suta_calib.terms import Term
+
+
+def residuals(term: Term, values: dict[str, float]) -> list[np.ndarray]:
+    problem = Problem([term], dh_parameters(scene_arm(term)))
+    x = np.array([values[name] for name in problem.names])
+    lines = problem.linearise(x, problem.assumed_sigmas())
+    return [line.residual.copy() for line in lines]
+
+
+def scene_arm(term: Term) -> ArmModel:
+    return term.poses.arm  # type: ignore[attr-defined]
+
+
+def somewhere(problem: Problem) -> dict[str, float]:
+    """Values near the start by name, the same for every term that shares them."""
+    x = problem.start()
+    return problem.values(x + 1e-3 * np.random.default_rng(0).standard_normal(len(x)))
+
+
+@each_case
+def test_some_samples_have_the_rows_that_look_only_at_them(name: str) -> None:
+    problem = problem_of(name)
+    (term,), values = problem.terms, somewhere(problem)
+    mask = np.random.default_rng(1).random(len(term.poses)) < 0.6
+    whole = residuals(term, values)
+    for rows in (mask, np.flatnonzero(mask)):
+        part = term.take(rows)
+        assert (part.kind, len(part.poses)) == (term.kind, int(mask.sum()))
+        taken = residuals(part, values)
+        for block, all_rows, some in zip(term.blocks, whole, taken, strict=True):
+            mine = mask[block.samples].all(axis=1)
+            assert 0 < mine.sum() < len(mine)
+            np.testing.assert_array_equal(some, all_rows[mine])
+
+
+@each_case
+def test_a_sample_taken_twice_counts_twice(name: str) -> None:
+    problem = problem_of(name)
+    (term,), values = problem.terms, somewhere(problem)
+    twice = term.take(np.concatenate([np.arange(len(term.poses)), [0]]))
+    assert len(twice.poses) == len(term.poses) + 1
+    for once, more in zip(residuals(term, values), residuals(twice, values), strict=True):
+        assert len(more) > len(once)
+        np.testing.assert_allclose(np.abs(more).max(), np.abs(once).max(), rtol=1e-12)
+
+
+@each_case
+def test_all_samples_are_the_term_itself(name: str) -> None:
+    problem = problem_of(name, robust=True)
+    (term,) = problem.terms
+    same = term.take(np.arange(len(term.poses)))
+    assert same.own == term.own
+    for ours, theirs in zip(same.blocks, term.blocks, strict=True):
+        for field in ("samples", "own", "data", "known_sigma"):
+            np.testing.assert_array_equal(getattr(ours, field), getattr(theirs, field))
+        assert (ours.labels, ours.noise, ours.residual) == (
+            *(theirs.labels, theirs.noise, theirs.residual),
+        )
+    np.testing.assert_array_equal(same.repeats(), term.repeats())
+    again = Problem([same], dh_parameters(scene(name).arm))
+    one, other = solve(problem), solve(again)
+    assert one.unidentified == other.unidentified
+    np.testing.assert_allclose(other.x, one.x, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(other.covariance, one.covariance, rtol=1e-9, atol=1e-18)
+
+
+@each_case
+def test_simulated_again_it_fits_what_was_taken_for_the_truth(name: str) -> None:
+    s = scene(name)
+    term = s.term(s.samples(SIGMA, 0)[0], *noises(SIGMA, False))
+    problem = Problem([term], dh_parameters(s.arm))
+    values = problem.values(problem.start(s.truth))
+    (again,) = resimulated([term], values, [0.0] * len(term.blocks), np.random.default_rng(0))
+    assert [len(b) for b in again.blocks] == [len(b) for b in term.blocks]
+    for residual in residuals(again, values):
+        assert np.abs(residual).max() < 1e-8
+
+
+def test_the_twice_taken_sample_of_pairs_makes_no_pair_with_itself() -> None:
+    problem = problem_of("pairwise_distance")
+    (term,) = problem.terms
+    pairs = term.take([0, 0, 1]).blocks[0].samples
+    assert len(pairs) == 2
+    with pytest.raises(SamplesError, match="two different landmarks"):
+        term.take([0, 0])
