@@ -26,12 +26,12 @@ class Explanation:
     """Why one parameter is held at nominal.
 
     Attributes:
-        held: its name.
+        fixed: its name.
         sentence: what the undetermined direction does, so that no observation sees it.
         remedy: what to measure, or to decide, to get rid of it.
     """
 
-    held: str
+    fixed: str
     sentence: str
     remedy: str
 
@@ -46,13 +46,13 @@ class _Case:
     spread: float
 
     @property
-    def held(self) -> str:
-        return self.combination.held
+    def fixed(self) -> str:
+        return self.combination.fixed
 
     @property
     def others(self) -> str:
-        """The parameters that move with the held one; empty where it is alone."""
-        names = [n for n in self.motion.main if n != self.held]
+        """The parameters that move with the fixed one; empty where it is alone."""
+        names = [n for n in self.motion.main if n != self.fixed]
         more = ", …" if len(names) > _MOST_NAMES else ""
         *most, last = names[:_MOST_NAMES] or [""]
         return (
@@ -62,9 +62,9 @@ class _Case:
         )
 
     def says(self, does: str, remedy: str) -> Explanation:
-        """``does`` follows the held parameter, and whatever changes with it."""
+        """``does`` follows the fixed parameter, and whatever changes with it."""
         together = f" together with {self.others}" if self.others else ""
-        return Explanation(self.held, f"{self.held}{together} {does}", remedy)
+        return Explanation(self.fixed, f"{self.fixed}{together} {does}", remedy)
 
 
 def explain(
@@ -90,7 +90,7 @@ def explain(
 def _explain(
     problem: Problem, x: FloatArray, combination: Combination, information: Information
 ) -> Explanation:
-    if combination.held not in problem.names[: problem.arm_count]:
+    if combination.fixed not in problem.names[: problem.arm_count]:
         return _own(combination)
     motion = tip_motion(problem, x, combination.direction)
     spread = _spread(problem, combination.direction, information)
@@ -104,19 +104,19 @@ def _explain(
 
 def _own(combination: Combination) -> Explanation:
     """An unknown of a term: where the artefact or the instrument stands."""
-    label = combination.held.rsplit(".", 1)[0]
-    others = [name for name in combination.direction if name != combination.held]
+    label = combination.fixed.rsplit(".", 1)[0]
+    others = [name for name in combination.direction if name != combination.fixed]
     together = f" together with {', '.join(others)}" if others else ""
-    subject = f"{combination.held}{together}"
+    subject = f"{combination.fixed}{together}"
     if label.startswith("placement"):
         return Explanation(
-            combination.held,
+            combination.fixed,
             f"{subject} turns the artefact about a line through the landmarks touched at {label}, "
             "which moves none of them",
             "none needed for the arm; to know this pose too, touch a landmark off that line",
         )
     return Explanation(
-        combination.held,
+        combination.fixed,
         f"{subject} changes {label} in a way that its samples hardly show",
         "none needed for the arm; to know it too, spread its samples wider",
     )
@@ -124,17 +124,17 @@ def _own(combination: Combination) -> Explanation:
 
 def _beside_geometry(case: _Case) -> Explanation | None:
     """An eccentricity or a compliance that the visited readings do not show."""
-    if not case.motion.vanishes or not is_nongeometric(case.held):
+    if not case.motion.vanishes or not is_nongeometric(case.fixed):
         return None
-    joint = case.held.rpartition(".")[0]
-    if not case.others and case.held != f"{joint}.{COMPLIANCE}":
+    joint = case.fixed.rpartition(".")[0]
+    if not case.others and case.fixed != f"{joint}.{COMPLIANCE}":
         return None
     if case.others:
         does = f"does the same as {case.others} at the readings visited"
-        return Explanation(case.held, f"{case.held} {does}", f"turn {joint} farther")
+        return Explanation(case.fixed, f"{case.fixed} {does}", f"turn {joint} farther")
     return Explanation(
-        case.held,
-        f"{case.held} does nothing at the postures visited: gravity has no torque about its axis",
+        case.fixed,
+        f"{case.fixed} does nothing at the postures visited: gravity has no torque about its axis",
         "none needed while the arm stands so",
     )
 
@@ -149,8 +149,8 @@ def _same_thing(case: _Case) -> Explanation | None:
         does = "does the same as {others}: together they turn a joint's frame about its own axis"
     else:
         does = "makes up for {others}: together they move a joint's frame, not the tip"
-    sentence = f"{case.held} {does.format(others=case.others or 'another parameter')}"
-    return Explanation(case.held, sentence, _NO_REMEDY)
+    sentence = f"{case.fixed} {does.format(others=case.others or 'another parameter')}"
+    return Explanation(case.fixed, sentence, _NO_REMEDY)
 
 
 def _turns_tip(case: _Case) -> Explanation | None:
@@ -231,7 +231,7 @@ def _per_placement(case: _Case) -> Explanation | None:
 
 
 def _hardly(case: _Case) -> Explanation:
-    parameter = case.problem.parameters[case.held]
+    parameter = case.problem.parameters[case.fixed]
     plausible = _amount(parameter.plausible, parameter.unit)
     would = (
         f"predicted ±{_amount(case.spread, parameter.unit)} against ±{plausible} plausible"
@@ -249,7 +249,7 @@ def _joint(case: _Case) -> str:
     """The moving joint whose excitation would tell: the last one at or before the parameter."""
     assert case.problem.arm is not None
     arm = case.problem.arm
-    owner = case.held.rsplit(".", 1)[0]
+    owner = case.fixed.rsplit(".", 1)[0]
     before: list[str] = []
     for segment in arm.segments:
         if segment.motion != "fixed":
@@ -268,7 +268,7 @@ def _place(case: _Case) -> float:
 
 
 def _spread(problem: Problem, direction: Mapping[str, float], information: Information) -> float:
-    """Predicted standard deviation along a direction, in the held parameter's unit."""
+    """Predicted standard deviation along a direction, in the fixed parameter's unit."""
     a = problem.arm_count
     d = np.array([direction.get(name, 0.0) for name in problem.names])
     curvature = information.curvature

@@ -123,11 +123,11 @@ def score_tests(solution: Solution) -> tuple[ScoreTest, ...]:
     freedom = alone.touches - len(solution.free)
     if freedom < 1:
         return ()
-    told = {
+    estimated = {
         key: np.array([order[n] for n in names if alone.telling[order[n]]], dtype=np.intp)
         for key, names in groups.items()
     }
-    kept = {key: index for key, index in told.items() if len(index)}
+    kept = {key: index for key, index in estimated.items() if len(index)}
     names = list(order)
     found = []
     for (joint, family), index in kept.items():
@@ -174,9 +174,9 @@ def _geometry_gain(
     scores = scores_of(problem, rows, more, candidates)
     plausible = problem.parameters.array("plausible")[more]
     values = np.linalg.eigvalsh(scores.curvature * np.outer(plausible, plausible))
-    told = int(np.sum(values > WEAK**-2))
+    estimated = int(np.sum(values > WEAK**-2))
     gain = scores.gain(np.arange(len(more)), solution)
-    return max(0.0, gain - told * float(np.log(scores.touches)))
+    return max(0.0, gain - estimated * float(np.log(scores.touches)))
 
 
 def _extended(solution: Solution, candidates: Sequence[str]) -> tuple[Problem, FloatArray]:

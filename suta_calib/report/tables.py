@@ -64,7 +64,7 @@ def explanations(solution: Solution) -> tuple[Explanation, ...]:
 
 def _on_the_arm(solution: Solution) -> list[Explanation]:
     arm = set(solution.problem.names[: solution.problem.arm_count])
-    return [e for e in explanations(solution) if e.held in arm or not arm]
+    return [e for e in explanations(solution) if e.fixed in arm or not arm]
 
 
 def parameter_table(solution: Solution, *, verbose: bool = False) -> Table:
@@ -197,9 +197,9 @@ def _at_prior(e: Estimate) -> bool:
 def _left_out(unmoved: int, own: Sequence[Estimate] | Sequence[Prospect]) -> Text | None:
     parts = [f"{unmoved} of the arm that were not moved"] if unmoved else []
     if own:
-        told = sum(item.state in ("identified", "prior") for item in own)
+        estimated = sum(item.state in ("identified", "prior") for item in own)
         frames = listed(sorted({item.name.rpartition(".")[0] for item in own}), 2)
-        parts.append(f"{told} of {len(own)} unknowns of the observations ({frames})")
+        parts.append(f"{estimated} of {len(own)} unknowns of the observations ({frames})")
     return Text(f"and {', '.join(parts)}: --verbose shows them") if parts else None
 
 

@@ -51,7 +51,7 @@ class CalibrationUncertainty:
         values: value of every parameter of the arm that the file names, eccentricities and
             compliances among them: the calibrated URDF lacks these.
         source: what the file offered.
-        held: parameters the data could not tell: what is said holds relative to them.
+        fixed: parameters the data could not tell: what is said holds relative to them.
     """
 
     path: Path
@@ -59,7 +59,7 @@ class CalibrationUncertainty:
     covariance: FloatArray
     values: dict[str, float]
     source: Source
-    held: tuple[str, ...]
+    fixed: tuple[str, ...]
 
     @property
     def beside_geometry(self) -> dict[str, float]:
@@ -149,8 +149,8 @@ def read_uncertainty(path: str | Path, arm: ArmModel) -> CalibrationUncertainty:
         )
     names, covariance, source = _covariance(data, own, estimated, path)
     values = {n: float(numbers(e.get("value"), (), path, n)) for n, e in own.items()}
-    held = tuple(str(n) for n in data.get("unidentified", []) if n in known)
-    return CalibrationUncertainty(path, names, covariance, values, source, held)
+    fixed = tuple(str(n) for n in data.get("unidentified", []) if n in known)
+    return CalibrationUncertainty(path, names, covariance, values, source, fixed)
 
 
 def _parameters(data: dict[str, Any], path: Path) -> dict[str, dict[str, Any]]:

@@ -36,9 +36,9 @@ def gravity_torque(arm: ArmModel, q: np.ndarray) -> np.ndarray:
             joint = arm.model.joints[arm.model.getJointId(name)]
             state = [reading] if joint.nq == 1 else [math.cos(reading), math.sin(reading)]
             configuration[joint.idx_q : joint.idx_q + joint.nq] = state
-        held = pin.computeGeneralizedGravity(arm.model, data, configuration)
+        fixed = pin.computeGeneralizedGravity(arm.model, data, configuration)
         order = [arm.model.joints[arm.model.getJointId(name)].idx_v for name in arm.joints]
-        found.append(-held[order])
+        found.append(-fixed[order])
     return np.array(found)
 
 
@@ -154,7 +154,7 @@ def test_what_shows_nothing_is_explained() -> None:
     unknown = arm.select("joint_1.compliance", "joint_3.offset", "joint_3.ecc_c1")
     problem = Problem([scene.exact(Noise(1e-4))], unknown)
     solution = solve(problem, SolverOptions(starts=1))
-    told = {e.held: e for e in explain(problem, solution.x, solution.identification)}
+    told = {e.fixed: e for e in explain(problem, solution.x, solution.identification)}
     assert "gravity has no torque" in told["joint_1.compliance"].sentence
     assert "does the same as joint_3.offset" in told["joint_3.ecc_c1"].sentence
     assert told["joint_3.ecc_c1"].remedy == "turn joint_3 farther"

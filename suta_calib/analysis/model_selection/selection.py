@@ -192,10 +192,10 @@ class _Search:
         except SamplesError:
             return None
         self._noise = self._noise or solution.noise
-        held = cross_validate(self.folds, unknown, self._noise) if solution.converged else None
-        if held is None:
+        held_out = cross_validate(self.folds, unknown, self._noise) if solution.converged else None
+        if held_out is None:
             return None
-        found = ModelCandidate(name, geometry, added, solution, fitted_rms(solution), held)
+        found = ModelCandidate(name, geometry, added, solution, fitted_rms(solution), held_out)
         self.tried.append(found)
         if self.progress is not None:
             self.progress(len(self.tried), max(len(self.tried) + 1, EXPECTED))
