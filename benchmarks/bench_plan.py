@@ -21,7 +21,6 @@ from pathlib import Path
 import numpy as np
 
 from suta_calib.analysis.planning import Candidate, Placement, Pool, Region, Situation
-from suta_calib.analysis.planning.calibrated import calibrated_kinematics
 from suta_calib.analysis.planning.design import Design, best_set, random_sets
 from suta_calib.analysis.planning.forecast import forecast
 from suta_calib.analysis.planning.generate import generated
@@ -33,7 +32,7 @@ from suta_calib.arrays import FloatArray
 from suta_calib.geometry.numbers import register_points, rotation_from_vector
 from suta_calib.job.calibration import CalibrationJob
 from suta_calib.measurements import Samples
-from suta_calib.simulation import Targets, read_simulation, true_values
+from suta_calib.simulation import InverseKinematics, Targets, read_simulation, true_values
 from suta_calib.solver.ipopt import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solve import solve
@@ -171,7 +170,7 @@ def _simulated(
     seed: int,
 ) -> tuple[FloatArray, ...]:
     """Readings (trials, touches, joints) of each candidate, with seating and encoder noise."""
-    kinematics = calibrated_kinematics(situation.arm, truth)
+    kinematics = InverseKinematics(situation.arm.at(truth), {})
     found = []
     for k, candidate in enumerate(candidates):
         rng = np.random.default_rng([seed, k])

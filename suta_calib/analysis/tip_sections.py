@@ -11,7 +11,6 @@ from typing import Final
 import numpy as np
 from scipy.spatial import KDTree
 
-from suta_calib.analysis.planning.calibrated import calibrated_kinematics
 from suta_calib.analysis.planning.region import Region, turning_z_to
 from suta_calib.analysis.tip_uncertainty import Sensitivity, sensitivity
 from suta_calib.arrays import FloatArray
@@ -74,7 +73,7 @@ class Knowledge:
     @cached_property
     def kinematics(self) -> InverseKinematics:
         """Inverse kinematics of the calibrated arm."""
-        return calibrated_kinematics(self.arm, self.values)
+        return InverseKinematics(self.arm.at(self.values), {})
 
     @cached_property
     def farthest(self) -> float:

@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.errors import ParameterError
-from suta_calib.model.nongeometric import is_nongeometric
-from suta_calib.model.parameters import ParameterSet
+from suta_calib.model.parameters import OFFSET, ROTATION, ParameterSet
 from suta_calib.solver.information import Information
 
 # Standard deviation over plausible range beyond which a number is not worth reporting: a value
@@ -212,9 +211,8 @@ def _preference(parameters: ParameterSet) -> FloatArray:
     """
     rank = []
     for k, p in enumerate(parameters.values()):
-        key = p.name.rsplit(".", 1)[-1]
-        group = 0 if key.startswith("r") else 2 if key == "offset" else 1
-        if is_nongeometric(p.name):
+        group = 0 if p.key in ROTATION else 2 if p.key == OFFSET else 1
+        if not p.geometric:
             group = -1
         rank.append(group + (0.5 if p.nominal else 0.0) + 1e-6 * k)
     return np.array(rank)

@@ -12,8 +12,8 @@ from suta_calib.solver.information import Information
 
 def parameters_named(*names: str, prior: float | None = None) -> ParameterSet:
     return ParameterSet(
-        Parameter(n, "rad" if n.split(".")[1][0] in "ro" else "m", 0.0, prior=prior, plausible=1.0)
-        for n in names
+        Parameter(owner, key, "rad" if key[0] in "ro" else "m", prior=prior, plausible=1.0)
+        for owner, key in (name.split(".") for name in names)
     )
 
 

@@ -9,7 +9,7 @@ candidates share no sample. An instrument's pose is shared by all samples, so it
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -17,7 +17,7 @@ import numpy as np
 from suta_calib.analysis.planning.candidates import Candidate
 from suta_calib.analysis.planning.situation import Situation
 from suta_calib.arrays import FloatArray, IntArray
-from suta_calib.model.parameters import Parameter, ParameterSet
+from suta_calib.model.parameters import ParameterSet
 from suta_calib.solver.identifiability import Identification, identify, schur_complement
 from suta_calib.solver.information import Information, predicted_information
 from suta_calib.solver.problem import Problem
@@ -71,10 +71,8 @@ class Space:
     def identify(self, information: SharedInformation, fixed: Sequence[str] = ()) -> Identification:
         """What such information determines; ``fixed`` parameters are taken as known."""
         parameters = ParameterSet(
-            Parameter(
-                p.name,
-                p.unit,
-                p.nominal,
+            replace(
+                p,
                 prior=None if p.prior is None else p.prior / p.plausible,
                 plausible=1.0,
                 free=p.name not in fixed,
