@@ -21,11 +21,10 @@ from pathlib import Path
 import numpy as np
 
 from suta_calib.analysis.planning import Candidate, Placement, Pool, Region, Situation
-from suta_calib.analysis.planning.calibrated import calibrated_kinematics
 from suta_calib.analysis.planning.design import Design, best_set, random_sets
 from suta_calib.analysis.planning.forecast import forecast
 from suta_calib.analysis.planning.generate import generated
-from suta_calib.analysis.planning.information import Space, Told, nothing, promised
+from suta_calib.analysis.planning.information import SharedInformation, Space, nothing, promised
 from suta_calib.analysis.planning.plan import tip_weight
 from suta_calib.analysis.planning.reach import Reach
 from suta_calib.analysis.tip_uncertainty import Sensitivity
@@ -33,7 +32,7 @@ from suta_calib.arrays import FloatArray
 from suta_calib.geometry.numbers import register_points, rotation_from_vector
 from suta_calib.job.calibration import CalibrationJob
 from suta_calib.measurements import Samples
-from suta_calib.simulation import Targets, read_simulation, true_values
+from suta_calib.simulation import InverseKinematics, Targets, read_simulation, true_values
 from suta_calib.solver.ipopt import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solve import solve
@@ -66,7 +65,7 @@ class Scene:
     truth: dict[str, float]
     candidates: tuple[Candidate, ...]
     grid: int
-    told: tuple[Told, ...]
+    information: tuple[SharedInformation, ...]
     readings: tuple[FloatArray, ...]
 
     @property
@@ -77,8 +76,8 @@ class Scene:
     def design(self, rows: Sequence[int]) -> Design:
         """A choice among some of the candidates."""
         weight = tip_weight(self.space, self.tip)
-        told = [self.told[k] for k in rows]
-        return Design.over(self.space, told, weight, "tip", nothing(self.space))
+        information = [self.information[k] for k in rows]
+        return Design.over(self.space, information, weight, "tip", nothing(self.space))
 
     def planned(self, rows: Sequence[int], size: int = SET_SIZE) -> list[int]:
         """The best set of some of the candidates."""
@@ -86,8 +85,8 @@ class Scene:
 
     def predicted(self, rows: Sequence[int]) -> float:
         """Uncertainty of the tip with held parameters exact, m."""
-        told = sum((self.told[k] for k in rows), nothing(self.space))
-        return forecast(self.space, told, self.tip).tip_told
+        information = sum((self.information[k] for k in rows), nothing(self.space))
+        return forecast(self.space, information, self.tip).tip_estimated
 
     def simulated(self, rows: Sequence[int]) -> FloatArray:
         """(trials,) root mean square error of the tip over the region, m."""
@@ -151,14 +150,14 @@ def scene(trials: int, pool: Pool, seed: int = 0) -> Scene:
     places = [*grid, *generated(situation, region, pool, repeats, seed)]
     reached = Reach(situation, repeats, seed).candidates(places)
     space = Space.of(situation)
-    told = tuple(promised(situation, space, c) for c in reached.candidates)
+    information = tuple(promised(situation, space, c) for c in reached.candidates)
     tip = region.sensitivity(situation, space.names, seed)
     names = [place.name for place in grid]
     found = [c.name for c in reached.candidates[: len(grid)]]
     assert found == names, f"the grid is out of reach: {sorted(set(names) - set(found))}"
     readings = _simulated(situation, reached.candidates, truth, trials, seed)
     return Scene(
-        *(job, situation, region, space, tip, truth, reached.candidates, len(grid), told),
+        *(job, situation, region, space, tip, truth, reached.candidates, len(grid), information),
         readings,
     )
 
@@ -171,7 +170,7 @@ def _simulated(
     seed: int,
 ) -> tuple[FloatArray, ...]:
     """Readings (trials, touches, joints) of each candidate, with seating and encoder noise."""
-    kinematics = calibrated_kinematics(situation.arm, truth)
+    kinematics = InverseKinematics(situation.arm.at(truth), {})
     found = []
     for k, candidate in enumerate(candidates):
         rng = np.random.default_rng([seed, k])

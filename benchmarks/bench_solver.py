@@ -45,8 +45,8 @@ def main() -> None:
     problem = Problem(terms, job.parameters)
     solution = solve(problem, SolverOptions(starts=STARTS))
     identified = [problem.names[k] for k in solution.free]
-    held = set(solution.identification.held.tolist())
-    starts = start_points(problem, problem.start(), held, SolverOptions(starts=STARTS))
+    fixed = set(solution.identification.fixed.tolist())
+    starts = start_points(problem, problem.start(), fixed, SolverOptions(starts=STARTS))
     sigma = solution.sigmas[0]
     huber = problem.blocks[0].noise.huber
 

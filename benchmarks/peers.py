@@ -40,11 +40,11 @@ class NumpyDistances:
         position = np.zeros((len(self.q), 3))
         column = 0
         for s in self.arm.segments:
-            offset = [value.get(f"{s.prefix}.{k}", s.position[i]) for i, k in enumerate("xyz")]
+            offset = [value.get(f"{s.owner}.{k}", s.position[i]) for i, k in enumerate("xyz")]
             position = position + rotation @ np.array(offset)
             rotation = rotation @ s.rotation
             if s.motion == "revolute":
-                angle = self.q[:, column] + value.get(f"{s.prefix}.offset", 0.0)
+                angle = self.q[:, column] + value.get(f"{s.owner}.offset", 0.0)
                 rotation = rotation @ _about(s.axis, angle)
                 column += 1
         return position
@@ -81,12 +81,12 @@ class LoopDistances(NumpyDistances):
                 origin = np.eye(4)
                 origin[:3, :3] = s.rotation
                 origin[:3, 3] = [
-                    value.get(f"{s.prefix}.{k}", s.position[j]) for j, k in enumerate("xyz")
+                    value.get(f"{s.owner}.{k}", s.position[j]) for j, k in enumerate("xyz")
                 ]
                 transform = transform @ origin
                 if s.motion == "revolute":
                     turn = np.eye(4)
-                    angle = q[column] + value.get(f"{s.prefix}.offset", 0.0)
+                    angle = q[column] + value.get(f"{s.owner}.offset", 0.0)
                     turn[:3, :3] = _about(s.axis, np.array([angle]))[0]
                     transform = transform @ turn
                     column += 1

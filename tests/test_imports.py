@@ -13,12 +13,13 @@ ROWS = (
     {"solver"},
     {"diagnostics"},
     {"simulation"},
+    {"job"},
     {"pose_calibration"},
     {"stereotactic", "analysis", "certification"},
     {"device"},
     {"emulation", "acquisition", "tracking"},
     {"report"},
-    {"job", "cli", "__init__", "__main__"},
+    {"cli", "__init__", "__main__"},
 )
 ROW = {part: row for row, parts in enumerate(ROWS) for part in parts}
 # Parts that see less than their row would allow them.

@@ -13,14 +13,14 @@ from pathlib import Path
 from typing import Final
 
 from suta_calib.errors import InputError, JobError
-from suta_calib.measurements import Artefact, YamlSection, read_artefact, read_yaml
+from suta_calib.job.outline import read_outline
+from suta_calib.measurements import Artefact, read_artefact
 from suta_calib.measurements.suggestion import did_you_mean
 from suta_calib.model.arm import ArmModel
 
 TOUCHED: Final = ("pairwise_distance", "landmark")
 POINT: Final = "fixed_point"
 FREE: Final = "free"
-_GROUPS: Final = ("observations", "validation")
 _WHICH: Final = re.compile(r"(?:(observations|validation)(?:\[(\d+)\])?|(\d+))")
 _WILD: Final = re.compile(r"[*?\[]")
 
@@ -100,10 +100,8 @@ def read_arm(job: Path, urdf: Path | None = None) -> ArmModel:
     Raises:
         JobError, UrdfError: as `CalibrationJob.load` does.
     """
-    arm = YamlSection(read_yaml(job, JobError), JobError).section("arm")
-    file = arm.existing_file("urdf") if urdf is None else urdf
-    base = arm.text("base") if "base" in arm else None
-    return ArmModel.from_urdf(file, arm.text("tip"), base)
+    outline = read_outline(job)
+    return ArmModel.from_urdf(outline.urdf() if urdf is None else urdf, outline.tip, outline.base)
 
 
 def read_row(job: Path, which: str | None, wanted: Sequence[str]) -> Row:
@@ -119,20 +117,14 @@ def read_row(job: Path, which: str | None, wanted: Sequence[str]) -> Row:
         JobError: there is no such row, or a key of it cannot be used.
         ArtefactError: the artefact cannot be used.
     """
-    top = YamlSection(read_yaml(job, JobError), JobError)
-    rows = {
-        f"{group}[{k}]": section
-        for group in _GROUPS
-        if group in top
-        for k, section in enumerate(top.sections(group))
-    }
-    kinds = {name: section.text("kind") for name, section in rows.items()}
-    name = _chosen(job, kinds, which, wanted)
-    section = rows[name]
-    artefact = read_artefact(section.existing_file("artefact")) if "artefact" in section else None
-    if artefact is None and kinds[name] in TOUCHED:
-        raise section.refuse("no such key", "the artefact's file", at=("artefact",))
-    return Row(job, name, kinds[name], artefact, section.texts("samples")[0])
+    rows = {row.where: row for row in read_outline(job).rows}
+    name = _chosen(job, {name: row.kind for name, row in rows.items()}, which, wanted)
+    row = rows[name]
+    file = row.artefact()
+    if file is None and row.kind in TOUCHED:
+        raise row.section.refuse("no such key", "the artefact's file", at=("artefact",))
+    artefact = None if file is None else read_artefact(file)
+    return Row(job, name, row.kind, artefact, row.samples[0])
 
 
 def _chosen(job: Path, kinds: Mapping[str, str], which: str | None, wanted: Sequence[str]) -> str:

@@ -106,8 +106,8 @@ def find_baseline(arm: ArmModel, samples: Samples, seed: int = 0) -> ZeroOffsets
         # A continuum of answers has no branches worth listing: the smallest stands for them.
         branches = branches[:1]
     elif undetermined:
-        held = {combination.held for combination in undetermined}
-        free = np.array([name not in held for name in fit.names])
+        fixed = {combination.fixed for combination in undetermined}
+        free = np.array([name not in fixed for name in fit.names])
         starts = [np.where(free, start, 0.0) for start in answers]
         branches = _distinct(fit, fit.refined(starts, every[free]))
     return ZeroOffsets(arm, fit.names, branches, undetermined)

@@ -94,19 +94,19 @@ def check_calibrated(nominal: ArmModel, other: ArmModel, values: Mapping[str, fl
 def _residuals(
     observations: Sequence[Term],
     validation: Sequence[Term],
-    held: ParameterSet | None = None,
+    fixed: ParameterSet | None = None,
     known: Mapping[str, float] = MappingProxyType({}),
 ) -> list[FloatArray]:
     """Residuals of every block of the validation terms, own unknowns fitted, the arm held."""
-    held = held or ParameterSet()
+    fixed = fixed or ParameterSet()
     shared = {p.name for term in validation for p in term.own}
     fitted = fit_own(
         [t for t in observations if any(p.name in shared for p in t.own)] or validation,
-        held,
+        fixed,
         known,
     )
-    values = fit_own(validation, held, fitted)
-    problem = Problem(validation, held)
+    values = fit_own(validation, fixed, fitted)
+    problem = Problem(validation, fixed)
     x = np.array([values[name] for name in problem.names])
     return [line.residual.copy() for line in problem.linearise(x, problem.assumed_sigmas())]
 

@@ -50,7 +50,7 @@ class Figures:
 class OpenDirection:
     """What was held, and what it does to the registered tip if it is as far off as plausible, m."""
 
-    held: str
+    fixed: str
     plausible: float
     effect: float
 
@@ -143,7 +143,7 @@ def _open(
 ) -> tuple[OpenDirection, ...]:
     """Effect of every undetermined direction on the registered tip, largest first."""
     found = []
-    for held, direction, plausible in knowledge.open_directions:
+    for fixed, direction, plausible in knowledge.open_directions:
         names = [name for name in direction if name in knowledge.arm.offered]
         step = np.array([direction[name] for name in names]) * plausible
         at, inside = (
@@ -151,6 +151,6 @@ def _open(
         )
         moved = inside.registered(at) @ step
         found.append(
-            OpenDirection(held, plausible, float(np.sqrt(np.mean(np.sum(moved**2, axis=1)))))
+            OpenDirection(fixed, plausible, float(np.sqrt(np.mean(np.sum(moved**2, axis=1)))))
         )
     return tuple(sorted(found, key=lambda each: -each.effect))

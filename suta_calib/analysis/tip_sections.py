@@ -11,7 +11,6 @@ from typing import Final
 import numpy as np
 from scipy.spatial import KDTree
 
-from suta_calib.analysis.planning.calibrated import calibrated_kinematics
 from suta_calib.analysis.planning.region import Region, turning_z_to
 from suta_calib.analysis.tip_uncertainty import Sensitivity, sensitivity
 from suta_calib.arrays import FloatArray
@@ -35,7 +34,7 @@ class Knowledge:
         values: calibrated values by name, m or rad.
         names: (p,) parameters that were estimated.
         covariance: (p, p) of them.
-        held: parameters that were not: what is said holds relative to them.
+        fixed: parameters that were not: what is said holds relative to them.
         visited: (m, joints) readings of the samples; the middle of the range where none is known.
         open_directions: what the data left open: change of each parameter, and the plausible size.
     """
@@ -44,7 +43,7 @@ class Knowledge:
     values: Mapping[str, float]
     names: tuple[str, ...]
     covariance: FloatArray
-    held: tuple[str, ...]
+    fixed: tuple[str, ...]
     visited: FloatArray
     open_directions: tuple[tuple[str, Mapping[str, float], float], ...] = ()
 
@@ -60,19 +59,21 @@ class Knowledge:
             values=solution.values,
             names=tuple(problem.names[k] for k in rows),
             covariance=solution.covariance[np.ix_(rows, rows)],
-            held=tuple(n for n in solution.unidentified if n in problem.names[: problem.arm_count]),
+            fixed=tuple(
+                n for n in solution.unidentified if n in problem.names[: problem.arm_count]
+            ),
             visited=np.vstack([term.poses.samples.q for term in problem.terms]),
             open_directions=tuple(
-                (c.held, c.direction, parameters[c.held].plausible)
+                (c.fixed, c.direction, parameters[c.fixed].plausible)
                 for c in solution.identification.combinations
-                if c.held in problem.names[: problem.arm_count]
+                if c.fixed in problem.names[: problem.arm_count]
             ),
         )
 
     @cached_property
     def kinematics(self) -> InverseKinematics:
         """Inverse kinematics of the calibrated arm."""
-        return calibrated_kinematics(self.arm, self.values)
+        return InverseKinematics(self.arm.at(self.values), {})
 
     @cached_property
     def farthest(self) -> float:

@@ -28,11 +28,13 @@ def iso10360(
     and there is no pass or fail. Exits with 1 where a limit is broken, or where the uncertainty
     leaves it open.
     """
+    from suta_calib.analysis.iso10360 import acceptance_test
     from suta_calib.job.acceptance import AcceptanceJob
     from suta_calib.report.iso10360 import acceptance_document
 
     if out is not None:
         check_folder(out)
     loaded = AcceptanceJob.load(job, urdf)
-    answer = acceptance_document(loaded.run()).with_data(urdf=str(loaded.urdf), job=str(job))
+    answer = acceptance_document(acceptance_test(loaded))
+    answer = answer.with_data(urdf=str(loaded.arm.chain.path), job=str(job))
     finish(context, answer, out, as_json=as_json)

@@ -49,7 +49,8 @@ def observability_dict(found: Observability) -> dict[str, Any]:
         "unidentified": list(found.unidentified),
         "unobservable": [c.direction for c in found.identification.combinations if not c.alone],
         "explanations": [
-            {"held": e.held, "sentence": e.sentence, "remedy": e.remedy} for e in found.explanations
+            {"held": e.fixed, "sentence": e.sentence, "remedy": e.remedy}
+            for e in found.explanations
         ],
     }
 

@@ -146,7 +146,7 @@ def _from_result(
     read = read_uncertainty(result, arm)
     q = InverseKinematics(arm, {}).random_readings(np.random.default_rng(0), _ANYWHERE)
     where = Region(box[::2], box[1::2], np.array(DOWN))
-    knowledge = Knowledge(arm, read.values, read.names, read.covariance, read.held, q)
+    knowledge = Knowledge(arm, read.values, read.names, read.covariance, read.fixed, q)
     return knowledge, where, (where.lower + where.upper) / 2, _corners()
 
 

@@ -208,7 +208,7 @@ def _about(
     uncertainty = known and {
         "source": SOURCE_WORDS[known.source],
         "parameters": list(known.names),
-        "held": list(known.held),
+        "held": list(known.fixed),
         "tool_included": tool.std is not None,
     }
     return {
@@ -252,9 +252,9 @@ def _print_end(
     to = console()
     to.print(track_table(session, device, session.summary()["rate_hz"], stats=stats))
     if known is not None:
-        were = "was" if len(known.held) == 1 else "were"
-        held = f"; relative to {', '.join(known.held)}, which {were} held" if known.held else ""
-        to.print(f"± is from the {SOURCE_WORDS[known.source]}{held}.", soft_wrap=True)
+        were = "was" if len(known.fixed) == 1 else "were"
+        fixed = f"; relative to {', '.join(known.fixed)}, which {were} held" if known.fixed else ""
+        to.print(f"± is from the {SOURCE_WORDS[known.source]}{fixed}.", soft_wrap=True)
     for publisher in session.publishers:
         path = getattr(publisher, "path", None)
         if path is not None and publisher.published:

@@ -156,7 +156,7 @@ def baseline_dict(
             name: {"unit": units[name], "value": value}
             for name, value in found.values(chosen).items()
         },
-        "undetermined": [c.held for c in found.undetermined],
+        "undetermined": [c.fixed for c in found.undetermined],
         "combinations": [c.direction for c in found.undetermined],
         "residual": _residual(chosen),
         "branch": found.branches.index(chosen) + 1,
@@ -201,7 +201,7 @@ def _table(found: ZeroOffsets, chosen: Branch) -> Table:
 
 
 def _cell(found: ZeroOffsets, name: str, value: float) -> str:
-    if name in (combination.held for combination in found.undetermined):
+    if name in (combination.fixed for combination in found.undetermined):
         return "?"
     length = found.arm.parameters[name].unit == "m"
     return f"{1e3 * value:.3f}" if length else f"{math.degrees(value):.3f}"
@@ -218,9 +218,9 @@ def _sentences(found: ZeroOffsets, chosen: Branch, status: str) -> list[str]:
         which = found.branches.index(chosen) + 1
         lines.append(f"{count} branches fit; this is number {which}: choose with --branch N")
     for combination in found.undetermined:
-        others = ", ".join(name for name in combination.direction if name != combination.held)
+        others = ", ".join(name for name in combination.direction if name != combination.fixed)
         what = f"only together with {others}" if others else "held at 0"
-        lines.append(f"undetermined: {combination.held}, {what}")
+        lines.append(f"undetermined: {combination.fixed}, {what}")
     if status == "undetermined":
         lines.append("Not usable: give more poses, or their orientations. Nothing was written.")
     if status == "no_fit":

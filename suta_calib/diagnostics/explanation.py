@@ -11,7 +11,7 @@ import numpy as np
 
 from suta_calib.arrays import FloatArray
 from suta_calib.diagnostics.tip_motion import LEVER, NOISE, TipMotion, placement_groups, tip_motion
-from suta_calib.model.nongeometric import COMPLIANCE, is_nongeometric
+from suta_calib.model.parameters import COMPLIANCE, POSITION, Parameter
 from suta_calib.solver.identifiability import Combination, Identification
 from suta_calib.solver.information import Information, predicted_information
 from suta_calib.solver.problem import Problem
@@ -26,12 +26,12 @@ class Explanation:
     """Why one parameter is held at nominal.
 
     Attributes:
-        held: its name.
+        fixed: its name.
         sentence: what the undetermined direction does, so that no observation sees it.
         remedy: what to measure, or to decide, to get rid of it.
     """
 
-    held: str
+    fixed: str
     sentence: str
     remedy: str
 
@@ -46,13 +46,17 @@ class _Case:
     spread: float
 
     @property
-    def held(self) -> str:
-        return self.combination.held
+    def fixed(self) -> str:
+        return self.combination.fixed
+
+    @property
+    def parameter(self) -> Parameter:
+        return self.problem.parameters[self.fixed]
 
     @property
     def others(self) -> str:
-        """The parameters that move with the held one; empty where it is alone."""
-        names = [n for n in self.motion.main if n != self.held]
+        """The parameters that move with the fixed one; empty where it is alone."""
+        names = [n for n in self.motion.main if n != self.fixed]
         more = ", …" if len(names) > _MOST_NAMES else ""
         *most, last = names[:_MOST_NAMES] or [""]
         return (
@@ -62,9 +66,9 @@ class _Case:
         )
 
     def says(self, does: str, remedy: str) -> Explanation:
-        """``does`` follows the held parameter, and whatever changes with it."""
+        """``does`` follows the fixed parameter, and whatever changes with it."""
         together = f" together with {self.others}" if self.others else ""
-        return Explanation(self.held, f"{self.held}{together} {does}", remedy)
+        return Explanation(self.fixed, f"{self.fixed}{together} {does}", remedy)
 
 
 def explain(
@@ -90,8 +94,8 @@ def explain(
 def _explain(
     problem: Problem, x: FloatArray, combination: Combination, information: Information
 ) -> Explanation:
-    if combination.held not in problem.names[: problem.arm_count]:
-        return _own(combination)
+    if combination.fixed not in problem.names[: problem.arm_count]:
+        return _own(problem.parameters[combination.fixed], combination)
     motion = tip_motion(problem, x, combination.direction)
     spread = _spread(problem, combination.direction, information)
     case = _Case(problem, combination, motion, spread)
@@ -102,21 +106,21 @@ def _explain(
     return _hardly(case)
 
 
-def _own(combination: Combination) -> Explanation:
+def _own(parameter: Parameter, combination: Combination) -> Explanation:
     """An unknown of a term: where the artefact or the instrument stands."""
-    label = combination.held.rsplit(".", 1)[0]
-    others = [name for name in combination.direction if name != combination.held]
+    label = parameter.owner
+    others = [name for name in combination.direction if name != combination.fixed]
     together = f" together with {', '.join(others)}" if others else ""
-    subject = f"{combination.held}{together}"
+    subject = f"{combination.fixed}{together}"
     if label.startswith("placement"):
         return Explanation(
-            combination.held,
+            combination.fixed,
             f"{subject} turns the artefact about a line through the landmarks touched at {label}, "
             "which moves none of them",
             "none needed for the arm; to know this pose too, touch a landmark off that line",
         )
     return Explanation(
-        combination.held,
+        combination.fixed,
         f"{subject} changes {label} in a way that its samples hardly show",
         "none needed for the arm; to know it too, spread its samples wider",
     )
@@ -124,17 +128,17 @@ def _own(combination: Combination) -> Explanation:
 
 def _beside_geometry(case: _Case) -> Explanation | None:
     """An eccentricity or a compliance that the visited readings do not show."""
-    if not case.motion.vanishes or not is_nongeometric(case.held):
+    parameter = case.parameter
+    if not case.motion.vanishes or parameter.geometric:
         return None
-    joint = case.held.rpartition(".")[0]
-    if not case.others and case.held != f"{joint}.{COMPLIANCE}":
+    if not case.others and parameter.key != COMPLIANCE:
         return None
     if case.others:
         does = f"does the same as {case.others} at the readings visited"
-        return Explanation(case.held, f"{case.held} {does}", f"turn {joint} farther")
+        return Explanation(case.fixed, f"{case.fixed} {does}", f"turn {parameter.owner} farther")
     return Explanation(
-        case.held,
-        f"{case.held} does nothing at the postures visited: gravity has no torque about its axis",
+        case.fixed,
+        f"{case.fixed} does nothing at the postures visited: gravity has no torque about its axis",
         "none needed while the arm stands so",
     )
 
@@ -142,15 +146,15 @@ def _beside_geometry(case: _Case) -> Explanation | None:
 def _same_thing(case: _Case) -> Explanation | None:
     if not case.motion.vanishes:
         return None
-    keys = {name.rsplit(".", 1)[-1] for name in case.motion.main}
-    if keys <= set("xyz"):
+    keys = {case.problem.parameters[name].key for name in case.motion.main}
+    if keys <= set(POSITION):
         does = "does the same as {others}: together they slide a joint's frame along its own axis"
-    elif not keys & set("xyz"):
+    elif not keys & set(POSITION):
         does = "does the same as {others}: together they turn a joint's frame about its own axis"
     else:
         does = "makes up for {others}: together they move a joint's frame, not the tip"
-    sentence = f"{case.held} {does.format(others=case.others or 'another parameter')}"
-    return Explanation(case.held, sentence, _NO_REMEDY)
+    sentence = f"{case.fixed} {does.format(others=case.others or 'another parameter')}"
+    return Explanation(case.fixed, sentence, _NO_REMEDY)
 
 
 def _turns_tip(case: _Case) -> Explanation | None:
@@ -231,7 +235,7 @@ def _per_placement(case: _Case) -> Explanation | None:
 
 
 def _hardly(case: _Case) -> Explanation:
-    parameter = case.problem.parameters[case.held]
+    parameter = case.parameter
     plausible = _amount(parameter.plausible, parameter.unit)
     would = (
         f"predicted ±{_amount(case.spread, parameter.unit)} against ±{plausible} plausible"
@@ -249,12 +253,11 @@ def _joint(case: _Case) -> str:
     """The moving joint whose excitation would tell: the last one at or before the parameter."""
     assert case.problem.arm is not None
     arm = case.problem.arm
-    owner = case.held.rsplit(".", 1)[0]
     before: list[str] = []
     for segment in arm.segments:
         if segment.motion != "fixed":
-            before.append(segment.prefix)
-        if segment.prefix == owner and before:
+            before.append(segment.owner)
+        if segment.owner == case.parameter.owner and before:
             return before[-1]
     return arm.joints[0]
 
@@ -262,13 +265,14 @@ def _joint(case: _Case) -> str:
 def _place(case: _Case) -> float:
     """Where in the chain the strongest parameters sit: 0 at the base, 1 at the tip."""
     assert case.problem.arm is not None
-    order = [segment.prefix for segment in case.problem.arm.segments]
-    owner = case.motion.main[0].rsplit(".", 1)[0] if case.motion.main else order[0]
+    order = [segment.owner for segment in case.problem.arm.segments]
+    main = case.motion.main
+    owner = case.problem.parameters[main[0]].owner if main else order[0]
     return order.index(owner) / max(len(order) - 1, 1)
 
 
 def _spread(problem: Problem, direction: Mapping[str, float], information: Information) -> float:
-    """Predicted standard deviation along a direction, in the held parameter's unit."""
+    """Predicted standard deviation along a direction, in the fixed parameter's unit."""
     a = problem.arm_count
     d = np.array([direction.get(name, 0.0) for name in problem.names])
     curvature = information.curvature

@@ -36,7 +36,7 @@ class Prospect:
         prior: standard deviation of its prior, or None.
         std: predicted standard deviation, m or rad; None where it would not be estimated.
         state: what it would come out as: ``identified``, ``unidentified``, ``prior``, ``fixed``.
-        given: held parameters relative to which its value would have its meaning.
+        given: fixed parameters relative to which its value would have its meaning.
     """
 
     name: str
@@ -95,10 +95,10 @@ class Observability:
     @property
     def sentence(self) -> str:
         """One sentence on what to expect."""
-        told = f"{self.rank} of {self.asked} unknowns can be determined"
+        determined = f"{self.rank} of {self.asked} unknowns can be determined"
         by_prior = sum(p.state == "prior" for p in self.prospects.values())
         prior = f", {by_prior} of them mostly by their priors" if by_prior else ""
-        return f"{told} from {self.samples} samples ({self.equations} equations){prior}"
+        return f"{determined} from {self.samples} samples ({self.equations} equations){prior}"
 
 
 def observe(problem: Problem, x: FloatArray | None = None) -> Observability:
@@ -116,10 +116,10 @@ def observe(problem: Problem, x: FloatArray | None = None) -> Observability:
     information = predicted_information(problem, x, sigmas)
     identification = identify_at(problem, x, sigmas)
     free = np.array([p.free for p in problem.parameters.values()], dtype=bool)
-    estimated = np.setdiff1d(np.flatnonzero(free), identification.held).astype(np.intp)
+    estimated = np.setdiff1d(np.flatnonzero(free), identification.fixed).astype(np.intp)
     prospects = _prospects(problem, information, identification, estimated)
     judged = np.arange(problem.arm_count or len(free))
-    asked, held = judged[free[judged]], np.intersect1d(judged, identification.held)
+    asked, fixed = judged[free[judged]], np.intersect1d(judged, identification.fixed)
     singular = _singular_values(problem, information, prospects)
     samples = sum(len(term.poses) for term in problem.terms)
     return Observability(
@@ -131,7 +131,7 @@ def observe(problem: Problem, x: FloatArray | None = None) -> Observability:
         equations=sum(len(block) * block.size for block in problem.blocks),
         unknowns=int(free.sum()),
         asked=len(asked),
-        rank=len(asked) - len(held),
+        rank=len(asked) - len(fixed),
         singular_values=singular,
         indices=Indices.of(singular, samples),
     )

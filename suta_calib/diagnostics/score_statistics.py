@@ -137,7 +137,7 @@ def _solved(matrix: FloatArray, right: FloatArray) -> FloatArray:
     A diagonal entry that is rounding stands for a column of nothing: scaled up, it would drown all.
     """
     diagonal = np.diag(matrix)
-    told = diagonal > ROUNDING * max(float(diagonal.max(initial=0.0)), 1e-300)
-    scale = np.where(told, 1.0 / np.sqrt(np.where(told, diagonal, 1.0)), 0.0)
+    informed = diagonal > ROUNDING * max(float(diagonal.max(initial=0.0)), 1e-300)
+    scale = np.where(informed, 1.0 / np.sqrt(np.where(informed, diagonal, 1.0)), 0.0)
     inverse = np.linalg.pinv(matrix * np.outer(scale, scale), 1e-10, True)
     return np.asarray(scale[:, None] * (inverse @ (scale[:, None] * right)))

@@ -1,6 +1,6 @@
 """Do the residuals look like an eccentric encoder, or like a joint that yields to gravity?
 
-A score (Lagrange multiplier) test of each joint and each family of `nongeometric` parameters, at
+A score (Lagrange multiplier) test of each joint and each family of non-geometric parameters, at
 the fit without them: nothing is fitted anew. With Z the columns of the family, X those of what else
 is unknown, and ψ the robust residuals,
 
@@ -25,8 +25,7 @@ from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.diagnostics.score_statistics import Scores, scores_of
 from suta_calib.errors import UrdfError
 from suta_calib.model.arm import ArmModel
-from suta_calib.model.nongeometric import COMPLIANCE, FAMILIES, Family
-from suta_calib.model.parameters import ParameterSet
+from suta_calib.model.parameters import COMPLIANCE, FAMILIES, OFFSET, Family, ParameterSet
 from suta_calib.solver.identifiability import WEAK
 from suta_calib.solver.information import Rows, whitened_rows
 from suta_calib.solver.problem import Problem
@@ -78,7 +77,7 @@ class ScoreTest:
 def offered_names(arm: ArmModel) -> dict[tuple[str, Family], tuple[str, ...]]:
     """Names by joint and family that this arm can be given; no compliance without masses."""
     found: dict[tuple[str, Family], tuple[str, ...]] = {}
-    for joint in dict.fromkeys(name.rpartition(".")[0] for name in arm.nongeometric):
+    for joint in dict.fromkeys(p.owner for p in arm.nongeometric.values()):
         for family, keys in FAMILIES.items():
             if family == COMPLIANCE and not _has_load(arm, joint):
                 continue
@@ -123,11 +122,11 @@ def score_tests(solution: Solution) -> tuple[ScoreTest, ...]:
     freedom = alone.touches - len(solution.free)
     if freedom < 1:
         return ()
-    told = {
+    estimated = {
         key: np.array([order[n] for n in names if alone.telling[order[n]]], dtype=np.intp)
         for key, names in groups.items()
     }
-    kept = {key: index for key, index in told.items() if len(index)}
+    kept = {key: index for key, index in estimated.items() if len(index)}
     names = list(order)
     found = []
     for (joint, family), index in kept.items():
@@ -174,9 +173,9 @@ def _geometry_gain(
     scores = scores_of(problem, rows, more, candidates)
     plausible = problem.parameters.array("plausible")[more]
     values = np.linalg.eigvalsh(scores.curvature * np.outer(plausible, plausible))
-    told = int(np.sum(values > WEAK**-2))
+    estimated = int(np.sum(values > WEAK**-2))
     gain = scores.gain(np.arange(len(more)), solution)
-    return max(0.0, gain - told * float(np.log(scores.touches)))
+    return max(0.0, gain - estimated * float(np.log(scores.touches)))
 
 
 def _extended(solution: Solution, candidates: Sequence[str]) -> tuple[Problem, FloatArray]:
@@ -186,9 +185,9 @@ def _extended(solution: Solution, candidates: Sequence[str]) -> tuple[Problem, F
     fitted = list(problem.parameters.values())[: problem.arm_count]
     known = {p.name for p in fitted}
     more = [
-        arm.offered[n]
-        for n in (*arm.parameters, *candidates)
-        if n not in known and (n in arm.geometric or n.endswith(".offset") or n in candidates)
+        p
+        for n, p in arm.offered.items()
+        if n not in known and (n in arm.geometric or p.key == OFFSET or n in candidates)
     ]
     extended = Problem(problem.terms, ParameterSet([*fitted, *more]))
     values = solution.values

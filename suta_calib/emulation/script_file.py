@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from suta_calib.errors import JobError
+from suta_calib.job.outline import JobOutline
 from suta_calib.measurements import YamlSection, read_yaml
 from suta_calib.simulation import SetSpec, SimulationSpec, read_simulation
 from suta_calib.simulation.schema import SEEN_FROM_AFAR
@@ -68,18 +69,7 @@ def read_script(path: Path) -> ScriptFile:
             "neither a job nor a simulation",
             "'observations' as in a calibration.yaml, or 'sets' as in a simulation.yaml",
         )
-    arm = top.section("arm")
-    base = arm.text("base") if "base" in arm else None
-    return ScriptFile(path, arm.text("tip"), base, _artefact(top), _unknowns(top))
-
-
-def _artefact(top: YamlSection) -> Path | None:
-    rows = (row for row in top.sections("observations") if "artefact" in row)
-    return next((row.existing_file("artefact") for row in rows), None)
-
-
-def _unknowns(top: YamlSection) -> tuple[str, ...]:
-    if "parameters" not in top:
-        return ()
-    rows = top.sections("parameters")
-    return tuple(name for row in rows if not row.flag("fixed") for name in row.texts("select"))
+    job = JobOutline.of(top)
+    artefacts = (row.artefact() for row in job.rows if not row.held_out)
+    artefact = next(filter(None, artefacts), None)
+    return ScriptFile(path, job.tip, job.base, artefact, job.unknowns)

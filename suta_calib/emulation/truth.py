@@ -10,7 +10,7 @@ from suta_calib.errors import JobError
 from suta_calib.measurements import YamlSection, read_yaml
 from suta_calib.measurements.suggestion import did_you_mean
 from suta_calib.model.arm import ArmModel
-from suta_calib.model.parameters import Parameter
+from suta_calib.model.parameters import OFFSET, POSITION, Parameter
 from suta_calib.simulation import ErrorRow, SimulationSpec, read_simulation, true_values
 
 # Sizes of drawn errors: those of a well-made arm whose encoders were set by eye.
@@ -108,8 +108,8 @@ def _usual(arm: ArmModel) -> tuple[str, ...]:
     return tuple(
         name
         for name, parameter in arm.parameters.items()
-        if name.endswith(".offset")
-        or (name in arm.geometric and name.endswith((".x", ".y", ".z")) and parameter.nominal)
+        if parameter.key == OFFSET
+        or (name in arm.geometric and parameter.key in POSITION and parameter.nominal)
     )
 
 

@@ -17,44 +17,30 @@ calibration's held-out data; and such a job may be given itself, without limits.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Final
+from typing import Final, TypeVar
 
-from suta_calib.analysis.iso10360 import (
-    AcceptanceMeasurements,
-    AcceptanceTest,
-    Articulation,
+from suta_calib.errors import InputError, JobError, UrdfError
+from suta_calib.job.calibration import CalibrationJob, joint_ranges, read_term
+from suta_calib.job.limits import (
+    JUDGED_KEYS,
     DecisionRule,
-    LengthErrors,
     Limits,
     StatedUncertainty,
-    accept,
-    articulations,
-    probings,
-    repeats,
-)
-from suta_calib.analysis.iso10360.limits_file import (
-    JUDGED_KEYS,
     read_limits,
     read_rule,
     read_uncertainty,
 )
-from suta_calib.errors import InputError, JobError, SamplesError, UrdfError
-from suta_calib.job.calibration import CalibrationJob, joint_ranges
-from suta_calib.measurements import (
-    SampleColumns,
-    Samples,
-    YamlSection,
-    expand,
-    read_artefact,
-    read_csv_table,
-    read_samples,
-    read_yaml,
-)
+from suta_calib.job.schema import ObservationSpec
+from suta_calib.measurements import SampleColumns, Samples, YamlSection, read_samples, read_yaml
 from suta_calib.model.arm import ArmModel
 from suta_calib.terms import ArmPoses, FixedPoint, PairwiseDistance, Term
+from suta_calib.units import from_mm
 
+_AnyTerm = TypeVar("_AnyTerm", bound=Term)
 _MEASURED: Final = ("lengths", "articulation", "probing", "repeatability")
 _KEYS: Final = ("arm", "job", *_MEASURED, *JUDGED_KEYS)
 # Keys that tell a calibration.yaml from an acceptance test.
@@ -66,26 +52,55 @@ _FITTED: Final = (
     "Some of these data are not held out: the arm may have been fitted to them, and errors "
     "elsewhere are larger."
 )
-_M_PER_MM: Final = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class ProbedSpheres:
+    """Touches of calibrated spheres.
+
+    Attributes:
+        samples: with a label ``sphere``.
+        diameter: that the tip's centre is to find: the sphere's and the stylus', m.
+        std: standard uncertainty of the sphere's diameter, m.
+    """
+
+    samples: Samples
+    diameter: float
+    std: float
 
 
 @dataclass(frozen=True, eq=False)
 class AcceptanceJob:
-    """An acceptance test, everything it names read.
+    """An acceptance test, everything it names read; empty or None where a test was not made.
 
     Attributes:
         path: the file.
-        urdf: the arm that was tested.
-        measured: the errors found.
-        limits, uncertainty, rule: what they are judged with.
+        arm: the arm that is tested, as its URDF has it.
+        lengths: a calibrated artefact's, over the arm's poses.
+        bidirectional: whether lengths were probed from both sides.
+        articulation: touches of points, with a label ``point`` and, for several touches in each
+            articulation, ``articulation``.
+        on_spheres: whether the touches of an articulation lie on a sphere whose centre counts.
+        probing: of spheres.
+        repeatability: repeated visits, with a label ``point``.
+        limits, uncertainty, rule: what errors are judged with.
+        notes: what must be known of these data, one sentence each.
+        sections: what the file says of each of them, for messages.
     """
 
     path: Path
-    urdf: Path
-    measured: AcceptanceMeasurements
-    limits: Limits
-    uncertainty: StatedUncertainty
-    rule: DecisionRule
+    arm: ArmModel
+    lengths: tuple[PairwiseDistance, ...] = ()
+    bidirectional: bool = False
+    articulation: tuple[Samples, ...] = ()
+    on_spheres: bool = False
+    probing: ProbedSpheres | None = None
+    repeatability: Samples | None = None
+    limits: Limits = field(default_factory=Limits)
+    uncertainty: StatedUncertainty = field(default_factory=StatedUncertainty)
+    rule: DecisionRule = field(default_factory=DecisionRule)
+    notes: tuple[str, ...] = ()
+    sections: Mapping[str, YamlSection] = field(default_factory=dict)
 
     @classmethod
     def load(cls, path: str | Path, urdf: Path | None = None) -> AcceptanceJob:
@@ -102,19 +117,39 @@ class AcceptanceJob:
         path = Path(path)
         top = YamlSection(read_yaml(path, JobError), JobError)
         if any(key in top for key in _CALIBRATION):
-            tested, measured = _of_calibration(path, urdf)
-            return cls(path, tested, measured, Limits(), StatedUncertainty(), DecisionRule())
+            return _of_calibration(path, urdf)
         top.check_keys(_KEYS)
-        tested, measured = _tested(top, urdf)
-        return cls(path, tested, measured, read_limits(top), read_uncertainty(top), read_rule(top))
+        job = replace(_tested(top, urdf), path=path)
+        return replace(
+            job,
+            limits=read_limits(top),
+            uncertainty=read_uncertainty(top),
+            rule=read_rule(top),
+        )
 
-    def run(self) -> AcceptanceTest:
-        """Judge what was measured."""
-        return accept(self.measured, self.limits, self.uncertainty, self.rule)
+    @contextmanager
+    def error_context(self, key: str) -> Iterator[None]:
+        """Errors of a computation, told as errors of the samples under one key of the file.
+
+        Args:
+            key: ``lengths``, ``articulation``, ``probing`` or ``repeatability``.
+
+        Raises:
+            InputError: was raised within; says the same and, where it named no file, this place.
+        """
+        try:
+            yield
+        except InputError as problem:
+            if problem.file is not None or key not in self.sections:
+                raise
+            found = f"{problem.where}: {problem.found}" if problem.where else problem.found
+            raise self.sections[key].refuse(
+                found, problem.expected, at=("samples",), hint=problem.hint
+            ) from None
 
 
 # ── what was measured ────────────────────────────────────────────────────────────────────────
-def _tested(top: YamlSection, urdf: Path | None) -> tuple[Path, AcceptanceMeasurements]:
+def _tested(top: YamlSection, urdf: Path | None) -> AcceptanceJob:
     if "job" in top:
         for key in ("arm", *_MEASURED):
             if key in top:
@@ -128,96 +163,65 @@ def _tested(top: YamlSection, urdf: Path | None) -> tuple[Path, AcceptanceMeasur
     base = section.text("base") if "base" in section else None
     file = section.existing_file("urdf") if urdf is None else urdf
     arm = ArmModel.from_urdf(file, section.text("tip"), base)
-    return file, _measured(top, arm)
+    sections = {key: top.section(key) for key in _MEASURED if key in top}
+    job = AcceptanceJob(top.document.path, arm, sections=sections)
+    for key, read in zip(_MEASURED, (_lengths, _articulation, _probing, _visits), strict=True):
+        if key in sections:
+            job = read(job, sections[key])
+    return job
 
 
-def _measured(top: YamlSection, arm: ArmModel) -> AcceptanceMeasurements:
-    found = AcceptanceMeasurements()
-    for key, read in zip(_MEASURED, (_lengths, _articulation, _probing, _repeats), strict=True):
-        if key in top:
-            section = top.section(key)
-            try:
-                found = read(found, section, arm)
-            except InputError as problem:
-                raise _placed(problem, section, "samples") from None
-    return found
-
-
-def _lengths(
-    found: AcceptanceMeasurements, section: YamlSection, arm: ArmModel
-) -> AcceptanceMeasurements:
+def _lengths(job: AcceptanceJob, section: YamlSection) -> AcceptanceJob:
     section.check_keys(("artefact", "samples", "bidirectional"), required=("artefact", "samples"))
-    samples = _samples(section, arm, PairwiseDistance.columns.labels)
-    artefact = read_artefact(section.existing_file("artefact"))
-    errors = LengthErrors.of(PairwiseDistance(ArmPoses(arm, samples), artefact))
-    return replace(found, lengths=errors, bidirectional=section.flag("bidirectional"))
+    row = ObservationSpec(
+        PairwiseDistance.kind,
+        section.texts("samples"),
+        section.files("samples"),
+        section.existing_file("artefact"),
+        line=section.line,
+    )
+    term = read_term(job.arm, row, job.path)
+    assert isinstance(term, PairwiseDistance)
+    return replace(job, lengths=(term,), bidirectional=section.flag("bidirectional"))
 
 
-def _articulation(
-    found: AcceptanceMeasurements, section: YamlSection, arm: ArmModel
-) -> AcceptanceMeasurements:
+def _articulation(job: AcceptanceJob, section: YamlSection) -> AcceptanceJob:
     section.check_keys(("samples", "probed"), required=("samples",))
     sphere = section.choice("probed", ("seat", "sphere"), "seat") == "sphere"
-    samples = _samples(section, arm, ("point",), ("articulation",))
-    point, each = samples.labels["point"], samples.labels.get("articulation")
-    if sphere and each is None:
+    samples = _samples(job, section, "point", "articulation")
+    if sphere and "articulation" not in samples.labels:
         raise section.refuse(
             "spheres, but samples without a column articulation",
             "a column articulation that says which touches make a sphere",
             at=("probed",),
         )
-    places = articulations(arm.forward(samples.q)[1], point, each, sphere=sphere)
-    return replace(found, articulations=places)
+    return replace(job, articulation=(samples,), on_spheres=sphere)
 
 
-def _probing(
-    found: AcceptanceMeasurements, section: YamlSection, arm: ArmModel
-) -> AcceptanceMeasurements:
+def _probing(job: AcceptanceJob, section: YamlSection) -> AcceptanceJob:
     keys = ("samples", "diameter_mm", "sigma_mm", "stylus_diameter_mm")
     section.check_keys(keys, required=("samples", "diameter_mm"))
-    diameter = _M_PER_MM * section.number("diameter_mm", "positive")
-    stylus = section.optional_number("stylus_diameter_mm", "non-negative", _M_PER_MM) or 0.0
-    sigma = section.optional_number("sigma_mm", "non-negative", _M_PER_MM) or 0.0
-    samples = _samples(section, arm, ("sphere",))
-    places = arm.forward(samples.q)[1], samples.labels["sphere"]
-    return replace(found, spheres=probings(*places, diameter + stylus), sphere_std=sigma)
+    diameter = from_mm(section.number("diameter_mm", "positive"))
+    stylus = section.optional_number("stylus_diameter_mm", "non-negative", unit="m") or 0.0
+    std = section.optional_number("sigma_mm", "non-negative", unit="m") or 0.0
+    samples = _samples(job, section, "sphere")
+    return replace(job, probing=ProbedSpheres(samples, diameter + stylus, std))
 
 
-def _repeats(
-    found: AcceptanceMeasurements, section: YamlSection, arm: ArmModel
-) -> AcceptanceMeasurements:
+def _visits(job: AcceptanceJob, section: YamlSection) -> AcceptanceJob:
     section.check_keys(("samples",), required=("samples",))
-    samples = _samples(section, arm, ("point",))
-    return replace(found, repeats=repeats(arm.forward(samples.q)[1], samples.labels["point"]))
+    return replace(job, repeatability=_samples(job, section, "point"))
 
 
-def _samples(
-    section: YamlSection, arm: ArmModel, labels: tuple[str, ...], optional: tuple[str, ...] = ()
-) -> Samples:
-    files: dict[Path, None] = {}
-    for pattern in section.texts("samples"):
-        try:
-            files |= dict.fromkeys(expand(pattern, section.document.path.parent))
-        except SamplesError as problem:
-            raise section.refuse(problem.found, problem.expected, at=("samples",)) from None
-    present = [read_csv_table(file).columns for file in files]
-    labels += tuple(name for name in optional if all(name in columns for columns in present))
-    return read_samples(list(files), joint_ranges(arm), SampleColumns(labels=labels))
-
-
-def _placed(problem: InputError, section: YamlSection, key: str) -> InputError:
-    """The same error with a place in the job, for what was found without knowing of files."""
-    if problem.file is not None:
-        return problem
-    found = f"{problem.where}: {problem.found}" if problem.where else problem.found
-    return section.refuse(found, problem.expected, at=(key,), hint=problem.hint)
+def _samples(job: AcceptanceJob, section: YamlSection, label: str, *optional: str) -> Samples:
+    columns = SampleColumns(labels=(label,), optional_labels=optional)
+    return read_samples(section.files("samples"), joint_ranges(job.arm), columns)
 
 
 # ── from a calibration ───────────────────────────────────────────────────────────────────────
-def _of_calibration(path: Path, urdf: Path | None) -> tuple[Path, AcceptanceMeasurements]:
+def _of_calibration(path: Path, urdf: Path | None) -> AcceptanceJob:
     """Lengths and articulations of a calibration: from its held-out data where it has them."""
     job = CalibrationJob.load(path)
-    tested = job.spec.arm.urdf if urdf is None else urdf
     arm = job.arm
     if urdf is not None:
         arm = ArmModel.from_urdf(urdf, job.spec.arm.tip, job.spec.arm.base)
@@ -231,39 +235,23 @@ def _of_calibration(path: Path, urdf: Path | None) -> tuple[Path, AcceptanceMeas
     points = _first(job, FixedPoint)
     if not lengths and not points:
         raise JobError(
-            "neither pairwise_distance nor fixed_point",
+            f"neither {PairwiseDistance.kind} nor {FixedPoint.kind}",
             "one of them among validation or observations: lengths and articulations",
             file=path,
         )
-    notes = [_NOMINAL] if urdf is None else []
-    if any(term in job.observations for term in (*lengths, *points)):
-        notes.append(_FITTED)
-    places = _points(points, arm)
-    return tested, AcceptanceMeasurements(
-        _length_errors(lengths, arm), articulations=places, notes=tuple(notes)
+    fitted = any(term in job.observations for term in (*lengths, *points))
+    return AcceptanceJob(
+        path,
+        arm,
+        tuple(term.over_poses(ArmPoses(arm, term.poses.samples)) for term in lengths),
+        articulation=tuple(term.poses.samples for term in points),
+        notes=(*([_NOMINAL] if urdf is None else ()), *([_FITTED] if fitted else ())),
     )
 
 
-def _first(job: CalibrationJob, kind: type[Term]) -> list[Term]:
+def _first(job: CalibrationJob, kind: type[_AnyTerm]) -> list[_AnyTerm]:
     """The held-out terms of a kind, or the fitted ones where none is held out."""
     for terms in (job.validation, job.observations):
         if some := [term for term in terms if isinstance(term, kind)]:
             return some
     return []
-
-
-def _length_errors(terms: list[Term], arm: ArmModel) -> LengthErrors | None:
-    errors = [
-        LengthErrors.of(term.over_poses(ArmPoses(arm, term.poses.samples)))
-        for term in terms
-        if isinstance(term, PairwiseDistance)
-    ]
-    return LengthErrors.joined(errors) if errors else None
-
-
-def _points(terms: list[Term], arm: ArmModel) -> tuple[Articulation, ...]:
-    found: list[Articulation] = []
-    for term in terms:
-        samples = term.poses.samples
-        found += articulations(arm.forward(samples.q)[1], samples.labels["point"])
-    return tuple(found)

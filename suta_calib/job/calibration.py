@@ -57,8 +57,8 @@ class CalibrationJob:
             spec,
             arm,
             parameters,
-            tuple(_term(arm, row, spec.path, fitted=True) for row in spec.observations),
-            tuple(_term(arm, row, spec.path) for row in spec.validation),
+            tuple(read_term(arm, row, spec.path, fitted=True) for row in spec.observations),
+            tuple(read_term(arm, row, spec.path) for row in spec.validation),
         )
 
     def problem(self) -> Problem:
@@ -102,7 +102,18 @@ def read_arm_samples(arm: ArmModel, files: Sequence[Path], kind: str) -> Samples
     return read_samples(files, joint_ranges(arm), KINDS[kind].columns)
 
 
-def _term(arm: ArmModel, row: ObservationSpec, job: Path, *, fitted: bool = False) -> Term:
+def read_term(arm: ArmModel, row: ObservationSpec, job: Path, *, fitted: bool = False) -> Term:
+    """The term of one row of a job, over the arm at nominal, its samples read.
+
+    Args:
+        arm: whose readings they are.
+        row: the row, checked.
+        job: the file it stands in, for messages.
+        fitted: whether the samples must be enough to be fitted.
+
+    Raises:
+        InputError: samples or artefact that cannot be used.
+    """
     if row.kind not in KINDS:
         raise JobError(
             f"kind '{row.kind}'",

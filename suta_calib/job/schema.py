@@ -12,10 +12,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, Literal, cast
 
-from suta_calib.errors import JobError, SamplesError
+from suta_calib.errors import JobError
 from suta_calib.measurements.encoder_section import EncoderSpec, read_encoders
 from suta_calib.measurements.exclusion import Exclusion, read_exclusion
-from suta_calib.measurements.files import expand
 from suta_calib.measurements.yaml_document import read_yaml
 from suta_calib.measurements.yaml_section import YamlSection
 from suta_calib.model.parameters import Selection
@@ -207,7 +206,7 @@ def _observation(row: YamlSection) -> ObservationSpec:
     return ObservationSpec(
         kind,
         row.texts("samples"),
-        _sample_files(row),
+        row.files("samples"),
         row.existing_file("artefact") if "artefact" in row else None,
         row.text("label", default="default"),
         huber_m=_length(row, "huber_mm"),
@@ -244,16 +243,6 @@ def _check_keys_of_kind(row: YamlSection, kind: str) -> None:
             raise row.refuse(
                 f"a key that {kind} has no use for", at=(key,), hint="remove it, or check the kind"
             )
-
-
-def _sample_files(row: YamlSection) -> tuple[Path, ...]:
-    files: dict[Path, None] = {}
-    for pattern in row.texts("samples"):
-        try:
-            files |= dict.fromkeys(expand(pattern, row.document.path.parent))
-        except SamplesError as problem:
-            raise row.refuse(problem.found, problem.expected, at=("samples",)) from None
-    return tuple(files)
 
 
 def _solver(section: YamlSection) -> SolverSpec:

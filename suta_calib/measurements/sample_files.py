@@ -6,7 +6,7 @@ import csv
 import io
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -61,6 +61,7 @@ class SampleColumns:
 
     Attributes:
         labels: label columns, such as ``("placement", "repeat", "landmark")``.
+        optional_labels: label columns that are read where every file has them.
         position: whether ``x, y, z`` (m), or ``x_mm, y_mm, z_mm``, are required.
         orientation: whether ``qx, qy, qz, qw`` are read.
     """
@@ -68,6 +69,7 @@ class SampleColumns:
     labels: tuple[str, ...] = ()
     position: bool = False
     orientation: Literal["none", "optional", "required"] = "none"
+    optional_labels: tuple[str, ...] = ()
 
 
 def read_samples(
@@ -91,7 +93,10 @@ def read_samples(
     if not paths:
         raise SamplesError("no files", "at least one samples file")
     _check_names(joints, columns)
-    parts = [_read_file(path, joints, columns) for path in paths]
+    tables = [read_csv_table(path) for path in paths]
+    there = [n for n in columns.optional_labels if all(n in table.columns for table in tables)]
+    columns = replace(columns, labels=(*columns.labels, *there))
+    parts = [_samples(table, joints, columns) for table in tables]
     for path, part in zip(paths, parts, strict=True):
         if (part.rotation is None) != (parts[0].rotation is None):
             with_, without = (path, paths[0]) if parts[0].rotation is None else (paths[0], path)
@@ -103,8 +108,7 @@ def read_samples(
     return Samples.concatenate(parts)
 
 
-def _read_file(path: Path, joints: Sequence[JointRange], columns: SampleColumns) -> Samples:
-    table = read_csv_table(path)
+def _samples(table: CsvTable, joints: Sequence[JointRange], columns: SampleColumns) -> Samples:
     oriented = columns.orientation == "required" or (
         columns.orientation == "optional" and has_rotations(table)
     )

@@ -12,9 +12,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, Literal
 
-from suta_calib.errors import InputError
+from suta_calib.errors import InputError, SamplesError
+from suta_calib.measurements.files import expand
 from suta_calib.measurements.suggestion import did_you_mean
 from suta_calib.measurements.yaml_document import KeyPath, YamlDocument
+from suta_calib.units import Unit, stored
 
 Sign = Literal["any", "non-negative", "positive"]
 _LONGEST_QUOTE = 60
@@ -115,9 +117,18 @@ class YamlSection:
         """A finite number."""
         return self._number(self._value(key), (key,), sign)
 
-    def optional_number(self, key: str, sign: Sign = "any", scale: float = 1.0) -> float | None:
-        """``scale`` times a finite number, or None where the key is absent."""
-        return scale * self.number(key, sign) if key in self else None
+    def optional_number(
+        self, key: str, sign: Sign = "any", scale: float = 1.0, unit: Unit = "1"
+    ) -> float | None:
+        """``scale`` times a finite number, or None where the key is absent.
+
+        Args:
+            key: of the number.
+            sign: that it must have.
+            scale: that makes an SI value of it.
+            unit: ``m`` or ``rad`` for a length in mm or an angle in degrees, in place of ``scale``.
+        """
+        return scale * stored(self.number(key, sign), unit) if key in self else None
 
     def numbers(self, key: str, count: int) -> list[float]:
         """A list of ``count`` finite numbers."""
@@ -151,6 +162,19 @@ class YamlSection:
         if not exists:
             raise self.refuse(f"no file {file}", "a file that exists", at=(key,))
         return file
+
+    def files(self, key: str) -> tuple[Path, ...]:
+        """Files that match a glob or a list of globs, at least one of each, every file once.
+
+        Patterns are relative to the document's folder.
+        """
+        found: dict[Path, None] = {}
+        for pattern in self.texts(key):
+            try:
+                found |= dict.fromkeys(expand(pattern, self.document.path.parent))
+            except SamplesError as problem:
+                raise self.refuse(problem.found, problem.expected, at=(key,)) from None
+        return tuple(found)
 
     def _value(self, key: str) -> Any:
         return self._present(self.data, key, (key,))

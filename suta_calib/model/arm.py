@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from copy import copy
+from dataclasses import replace
 from functools import cached_property, lru_cache
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 import pinocchio as pin
@@ -17,35 +20,52 @@ from suta_calib.geometry.symbols import Symbol
 from suta_calib.model.chain import Chain, ChainJoint, read_chain
 from suta_calib.model.gravity import Load, check_masses, gravity_in_base, loads
 from suta_calib.model.kinematics import Motion, Segment, forward_kinematics
-from suta_calib.model.nongeometric import COMPLIANCE, nongeometric_parameters
-from suta_calib.model.parameters import Parameter, ParameterSet, Selection, select_parameters
+from suta_calib.model.parameters import (
+    COMPLIANCE,
+    ECCENTRICITY,
+    OFFSET,
+    PLAUSIBLE_ECCENTRICITY,
+    POSITION,
+    ROTATION,
+    Parameter,
+    ParameterSet,
+    Selection,
+    select_parameters,
+)
 from suta_calib.model.urdf import folded_origin, write_urdf
-from suta_calib.units import Unit
+
+_MOTION: Final[dict[str, Motion]] = {
+    "fixed": "fixed",
+    "prismatic": "prismatic",
+    "revolute": "revolute",
+    "continuous": "revolute",
+}
 
 
 class ArmModel:
     """A serial chain base → tip with a parametric geometry.
 
-    Build one with `from_urdf`. Readings ``q`` are (n, joints) in the order of `joints`, rad for
-    revolute joints and m for prismatic ones, as the encoders report them.
+    Build one with `from_urdf`; `at` gives the same arm at other values. Readings ``q`` are
+    (n, joints) in the order of `joints`, rad for revolute joints and m for prismatic ones, as the
+    encoders report them.
 
     Attributes:
         chain: the joints as the URDF's text gives them, base → tip, fixed ones included.
         model: `pin.Model` with every joint off the chain locked at its neutral position.
         segments: the same chain as Pinocchio understood it.
         parameters: every placement and offset that could be unknown, all at nominal.
-        nongeometric: eccentricity and compliance of its revolute joints, all zero (`nongeometric`).
+        nongeometric: eccentricity and compliance of its revolute joints (`kinematics`), zero unless
+            the arm is held at other values.
     """
 
     def __init__(self, chain: Chain, model: pin.Model) -> None:
         self.chain = chain
         self.model = model
         self.segments = tuple(
-            _segment(model, joint, _prefix(chain, joint)) for joint in chain.joints
+            _segment(model, joint, _owner(chain, joint)) for joint in chain.joints
         )
-        self.parameters = ParameterSet(_parameters(self.segments))
-        turning = [s.prefix for s in self.segments if s.motion == "revolute"]
-        self.nongeometric = ParameterSet(nongeometric_parameters(turning))
+        self.parameters = ParameterSet(p for s in self.segments for p in _geometric(s))
+        self.nongeometric = ParameterSet(p for s in self.segments for p in _nongeometric(s))
 
     @classmethod
     def from_urdf(cls, path: str | Path, tip: str, base: str | None = None) -> ArmModel:
@@ -68,6 +88,28 @@ class ArmModel:
         locked = [i for i in range(1, model.njoints) if model.names[i] not in on_chain]
         return cls(chain, pin.buildReducedModel(model, locked, pin.neutral(model)))
 
+    def at(self, values: Mapping[str, float]) -> ArmModel:
+        """The same arm with these values as its nominal ones, eccentricity and compliance included.
+
+        ``arm.at(values).forward(q)`` is ``arm.forward(q, values)``, and their derivatives agree,
+        but what is nominal costs nothing: with the whole geometry at other values that is six
+        times faster. `chain`, `model` and `segments` stay those of the URDF.
+
+        Args:
+            values: parameter values by name; names of other things than this arm are ignored.
+
+        Raises:
+            UrdfError: a joint that yields, and nothing beyond it has a mass.
+        """
+        arm = copy(self)
+        arm.parameters, arm.nongeometric = (
+            ParameterSet(replace(p, nominal=float(values.get(n, p.nominal))) for n, p in s.items())
+            for s in (self.parameters, self.nongeometric)
+        )
+        arm.__dict__.pop("offered", None)
+        arm._check_masses(n for n, p in arm.nongeometric.items() if p.nominal)
+        return arm
+
     @property
     def joints(self) -> tuple[str, ...]:
         """Names of the moving joints, base → tip: the columns of a samples file."""
@@ -81,13 +123,10 @@ class ArmModel:
     @cached_property
     def geometric(self) -> frozenset[str]:
         """Names the word ``geometric`` stands for: placements of moving joints and of the tip."""
-        last = self.segments[-1].prefix
+        last = self.segments[-1]
+        owners = {s.owner for s in self.segments if s.motion != "fixed" or s is last}
         return frozenset(
-            name
-            for s in self.segments
-            if s.motion != "fixed" or s.prefix == last
-            for name in s.parameter_names
-            if not name.endswith(".offset")
+            p.name for p in self.parameters.values() if p.owner in owners and p.key != OFFSET
         )
 
     @cached_property
@@ -113,8 +152,8 @@ class ArmModel:
         return chosen
 
     def _check_masses(self, names: Iterable[str]) -> None:
-        split = (name.rpartition(".") for name in names)
-        yielding = [joint for joint, _, key in split if key == COMPLIANCE]
+        asked = (self.offered[name] for name in names)
+        yielding = [p.owner for p in asked if p.key == COMPLIANCE]
         check_masses(self.chain, self.loads, yielding)
 
     def function(self, names: Sequence[str]) -> Symbol:
@@ -136,8 +175,10 @@ class ArmModel:
             Rotations (n, 3, 3) and positions (n, 3), m; without n for a single reading.
         """
         readings = np.asarray(q, dtype=float)
-        own = {k: v for k, v in (values or {}).items() if v and k in self.nongeometric}
-        own |= {k: v for k, v in (values or {}).items() if k in self.parameters}
+        own = {k: v for k, v in (values or {}).items() if k in self.offered}
+        # What is no geometry and stays as it is needs no masses, which it may not have.
+        still = [k for k in own if k in self.nongeometric and own[k] == self.offered[k].nominal]
+        own = {k: v for k, v in own.items() if k not in still}
         rows = np.atleast_2d(readings)
         if rows.shape[1] != len(self.joints):
             raise ParameterError(
@@ -172,29 +213,29 @@ class ArmModel:
             values: parameter values by name, as in `write_urdf`; nominal where not given.
         """
         found = {}
-        for joint in self.chain.joints:
-            prefix = _prefix(self.chain, joint)
-            xyz = [values.get(f"{prefix}.{k}", joint.xyz[i]) for i, k in enumerate("xyz")]
-            vector = [values.get(f"{prefix}.r{k}", 0.0) for k in "xyz"]
-            offset = values.get(f"{prefix}.offset", 0.0)
-            found[joint.name] = folded_origin(joint, np.array(xyz), np.array(vector), offset)
+        for joint, segment in zip(self.chain.joints, self.segments, strict=True):
+            own = segment.names(*segment.keys)
+            x = np.array([values.get(n, self.parameters[n].nominal) for n in own])
+            offset = float(x[6]) if joint.moving else 0.0
+            found[joint.name] = folded_origin(joint, x[:3], x[3:6], offset)
         return found
 
 
 @lru_cache(maxsize=16)
 def _kinematics(arm: ArmModel, names: tuple[str, ...]) -> Symbol:
     arm._check_masses(names)
+    nominal = {p.name: p.nominal for p in arm.offered.values()}
     gravity = gravity_in_base(arm.chain, arm.model)
-    return forward_kinematics(arm.segments, names, arm.loads, gravity)
+    return forward_kinematics(arm.segments, names, nominal, arm.loads, gravity)
 
 
-def _prefix(chain: Chain, joint: ChainJoint) -> str:
+def _owner(chain: Chain, joint: ChainJoint) -> str:
     """A fixed joint that carries the tip is known by the tip's name, all others by their own."""
     is_tip = joint is chain.joints[-1] and not joint.moving
     return chain.tip if is_tip else joint.name
 
 
-def _segment(model: pin.Model, joint: ChainJoint, prefix: str) -> Segment:
+def _segment(model: pin.Model, joint: ChainJoint, owner: str) -> Segment:
     """A joint's own origin: its placement relative to its parent link, and its axis."""
     parent = model.frames[model.getFrameId(joint.parent, pin.FrameType.BODY)]
     axis = np.zeros(3)
@@ -207,22 +248,22 @@ def _segment(model: pin.Model, joint: ChainJoint, prefix: str) -> Segment:
         kinds = pin.FrameType.FIXED_JOINT
         placement = model.frames[model.getFrameId(joint.name, kinds)].placement
     origin = parent.placement.actInv(placement)
-    return Segment(prefix, _motion(joint), origin.rotation, joint.xyz, axis)
+    return Segment(owner, _MOTION[joint.type], origin.rotation, joint.xyz, axis)
 
 
-def _motion(joint: ChainJoint) -> Motion:
-    if joint.type == "fixed":
-        return "fixed"
-    return "prismatic" if joint.type == "prismatic" else "revolute"
+def _geometric(segment: Segment) -> Iterator[Parameter]:
+    """Its placement, and its offset if it moves: lengths in m, angles in rad."""
+    for key, nominal in zip(POSITION, segment.position, strict=True):
+        yield Parameter(segment.owner, key, "m", float(nominal))
+    for key in ROTATION:
+        yield Parameter(segment.owner, key, "rad")
+    if segment.motion != "fixed":
+        yield Parameter(segment.owner, OFFSET, "m" if segment.motion == "prismatic" else "rad")
 
 
-def _parameters(segments: Sequence[Segment]) -> list[Parameter]:
-    parameters = []
-    for s in segments:
-        for name in s.parameter_names:
-            key = name.rsplit(".", 1)[1]
-            length = key in ("x", "y", "z") or (key == "offset" and s.motion == "prismatic")
-            unit: Unit = "m" if length else "rad"
-            nominal = float(s.position["xyz".index(key)]) if key in ("x", "y", "z") else 0.0
-            parameters.append(Parameter(name, unit, nominal))
-    return parameters
+def _nongeometric(segment: Segment) -> Iterator[Parameter]:
+    """Eccentricity (rad) and compliance (rad/Nm) of a revolute joint."""
+    if segment.motion == "revolute":
+        for key in ECCENTRICITY:
+            yield Parameter(segment.owner, key, "rad", plausible=PLAUSIBLE_ECCENTRICITY)
+        yield Parameter(segment.owner, COMPLIANCE, "rad/Nm")

@@ -83,12 +83,12 @@ class MovingFrame:
     """One moving joint at a posture: its axis (3,) and origin (3,) in the base, and its load.
 
     Attributes:
-        prefix: name of the joint.
+        joint: its name.
         axis, point: in the base frame; the point in m.
         rotation, position: of the frame behind the joint's motion.
     """
 
-    prefix: str
+    joint: str
     axis: Symbol
     point: Symbol
     rotation: Symbol
@@ -114,5 +114,5 @@ def gravity_torques(
         torque: Symbol = ca.SX(3, 1)
         for centre, load in zip(centres[k:], carried[k:], strict=True):
             torque += ca.cross(centre - frame.point, load.mass * ca.DM(gravity))
-        found[frame.prefix] = ca.dot(frame.axis, torque)
+        found[frame.joint] = ca.dot(frame.axis, torque)
     return found

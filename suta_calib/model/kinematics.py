@@ -4,17 +4,25 @@
 
     Trans(xyz) · R_nominal · exp([rx, ry, rz]) · motion(axis, q + offset)
 
-with the placements and axes of `pin.Model`; what an eccentric encoder or a yielding joint adds to
-the reading is that of `nongeometric`. The Jacobian is written as the geometric Jacobian of every
-parameter (an axis through a point) rather than left to differentiation: a column then costs a cross
-product, not another walk along the chain.
+with the placements and axes of `pin.Model`. Two errors that are no geometry, and that a URDF has no
+place for, change how far a revolute joint turns for what its encoder reads:
+
+    angle = q + offset + c1 cos q + s1 sin q + c2 cos 2q + s2 sin 2q + compliance · τ(q)
+
+with q the reading and τ the torque of gravity about the joint's axis (`gravity`). An encoder disc
+that sits off its axis, or a shaft that is bent, gives the first harmonic; a disc that is tilted or
+oval the second (Mooring, Roth, Driels, Fundamentals of Manipulator Calibration, 1991, chapter 2).
+
+The Jacobian is written as the geometric Jacobian of every parameter (an axis through a point)
+rather than left to differentiation: a column then costs a cross product, not another walk along
+the chain.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final, Literal
+from typing import Literal
 
 import casadi as ca
 import numpy as np
@@ -22,10 +30,9 @@ import numpy as np
 from suta_calib.arrays import FloatArray
 from suta_calib.geometry.symbols import Symbol, symbolic_rotation
 from suta_calib.model.gravity import Load, MovingFrame, gravity_torques
-from suta_calib.model.nongeometric import COMPLIANCE
+from suta_calib.model.parameters import COMPLIANCE, OFFSET, PLACEMENT, POSITION, ROTATION
 
 Motion = Literal["revolute", "prismatic", "fixed"]
-AXES: Final = ("x", "y", "z")
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,40 +40,39 @@ class Segment:
     """One joint of the chain, fixed ones included.
 
     Attributes:
-        prefix: what its parameters are called: the joint's name, or the tip frame's.
+        owner: of its parameters: the joint's name, or the tip frame's.
         motion: how it moves.
         rotation: (3, 3) nominal rotation of its origin in the parent link.
         position: (3,) nominal position of its origin in the parent link, m.
         axis: (3,) unit axis in the joint's frame.
     """
 
-    prefix: str
+    owner: str
     motion: Motion
     rotation: FloatArray
     position: FloatArray
     axis: FloatArray
 
     @property
-    def parameter_names(self) -> tuple[str, ...]:
-        """Its six placement parameters, and its offset if it moves."""
-        placement = tuple(f"{self.prefix}.{k}" for k in ("x", "y", "z", "rx", "ry", "rz"))
-        return placement if self.motion == "fixed" else (*placement, f"{self.prefix}.offset")
+    def keys(self) -> tuple[str, ...]:
+        """Of its six placement parameters, and of its offset if it moves."""
+        return PLACEMENT if self.motion == "fixed" else (*PLACEMENT, OFFSET)
+
+    def names(self, *keys: str) -> list[str]:
+        """Of its parameters with these keys."""
+        return [f"{self.owner}.{key}" for key in keys]
 
 
 class _Walk:
     """The state of one pass along the chain: the current frame and the columns met so far."""
 
-    def __init__(
-        self,
-        names: Sequence[str],
-        theta: Symbol,
-        nominal: Mapping[str, float],
-        torques: Mapping[str, Symbol],
-    ) -> None:
+    def __init__(self, names: Sequence[str], theta: Symbol, nominal: Mapping[str, float]) -> None:
         self.rotation: Symbol = ca.SX.eye(3)
         self.position: Symbol = ca.SX(3, 1)
         self.index = {name: k for k, name in enumerate(names)}
-        self.theta, self.nominal, self.torques = theta, nominal, torques
+        self.theta, self.nominal = theta, nominal
+        # Of gravity about each joint's axis, by the joint's name.
+        self.torques: Mapping[str, Symbol] = {}
         self.frames: list[MovingFrame] = []
         # column index → (linear direction, None) or (axis, point it passes through)
         self.columns: dict[int, tuple[Symbol, Symbol | None]] = {}
@@ -74,6 +80,10 @@ class _Walk:
     def value(self, name: str) -> Symbol:
         k = self.index.get(name)
         return self.theta[k] if k is not None else ca.SX(self.nominal.get(name, 0.0))
+
+    def matters(self, name: str) -> bool:
+        """Whether a parameter that is usually zero is unknown, or not zero."""
+        return name in self.index or bool(self.nominal.get(name))
 
     def note(self, name: str, direction: Symbol, point: Symbol | None = None) -> None:
         if name in self.index:
@@ -86,15 +96,15 @@ class _Walk:
             self._move(segment, reading)
 
     def _place(self, segment: Segment) -> None:
-        names = [f"{segment.prefix}.{k}" for k in AXES]
+        names = segment.names(*POSITION)
         for k, name in enumerate(names):
             self.note(name, self.rotation[:, k])
         self.position = self.position + self.rotation @ ca.vertcat(*map(self.value, names))
         self.rotation = self.rotation @ ca.SX(_snapped(segment.rotation))
 
     def _turn(self, segment: Segment) -> None:
-        names = [f"{segment.prefix}.r{k}" for k in AXES]
-        if not any(name in self.index for name in names):
+        names = segment.names(*ROTATION)
+        if not any(map(self.matters, names)):
             return
         symbol, value = ca.SX.sym("r", 3), ca.vertcat(*map(self.value, names))
         turn = symbolic_rotation(symbol)
@@ -107,7 +117,7 @@ class _Walk:
         self.rotation = self.rotation @ turn
 
     def _move(self, segment: Segment, reading: Symbol) -> None:
-        offset = f"{segment.prefix}.offset"
+        (offset,) = segment.names(OFFSET)
         amount = reading + self.value(offset)
         axis = _snapped(segment.axis)
         direction, point = self.rotation @ ca.SX(axis), self.position
@@ -116,25 +126,27 @@ class _Walk:
             self.position = self.position + direction * amount
         else:
             self.note(offset, direction, point)
-            for name, effect in self._beside_the_reading(segment.prefix, reading):
+            for name, effect in self._beside_the_reading(segment, reading):
                 amount += self.value(name) * effect
                 self.note(name, direction * effect, point)
             self.rotation = self.rotation @ _axis_rotation(axis, amount)
-        frame = MovingFrame(segment.prefix, direction, point, self.rotation, self.position)
+        frame = MovingFrame(segment.owner, direction, point, self.rotation, self.position)
         self.frames.append(frame)
 
-    def _beside_the_reading(self, joint: str, reading: Symbol) -> Iterator[tuple[str, Symbol]]:
-        """Names that are asked for, with the joint's turn per unit of each."""
+    def _beside_the_reading(
+        self, segment: Segment, reading: Symbol
+    ) -> Iterator[tuple[str, Symbol]]:
+        """Names of errors that are no geometry, with the joint's turn per unit of each."""
         turns = {
             "ecc_c1": ca.cos(reading),
             "ecc_s1": ca.sin(reading),
             "ecc_c2": ca.cos(2 * reading),
             "ecc_s2": ca.sin(2 * reading),
-            COMPLIANCE: self.torques.get(joint),
+            COMPLIANCE: self.torques.get(segment.owner),
         }
-        for key, turn in turns.items():
-            if f"{joint}.{key}" in self.index:
-                yield f"{joint}.{key}", turn
+        for name, turn in zip(segment.names(*turns), turns.values(), strict=True):
+            if self.matters(name):
+                yield name, turn
 
     def jacobian(self) -> Symbol:
         """(6, n): linear over angular velocity of the tip in the base frame, per parameter."""
@@ -150,6 +162,7 @@ class _Walk:
 def forward_kinematics(
     segments: Sequence[Segment],
     names: Sequence[str],
+    nominal: Mapping[str, float],
     carried: Sequence[Load] = (),
     gravity: FloatArray | None = None,
 ) -> Symbol:
@@ -157,8 +170,9 @@ def forward_kinematics(
 
     Args:
         segments: base to tip.
-        names: the parameters that become inputs, in this order; all others stay nominal.
-        carried: loads of the moving joints, needed where a name is a compliance.
+        names: the parameters that become inputs, in this order.
+        nominal: what all others stay at, by name; zero where it is not given.
+        carried: loads of the moving joints, needed where a joint yields.
         gravity: (3,) in the base frame, m/s², needed likewise.
 
     Returns:
@@ -169,14 +183,17 @@ def forward_kinematics(
     theta = ca.SX.sym("theta", len(names))
     moving = [s for s in segments if s.motion != "fixed"]
     q = ca.SX.sym("q", len(moving))
-    nominal = {
-        f"{s.prefix}.{k}": float(s.position[i]) for s in segments for i, k in enumerate(AXES)
-    }
-    torques: Mapping[str, Symbol] = {}
-    if gravity is not None and any(name.endswith(f".{COMPLIANCE}") for name in names):
-        still = _walked(segments, _Walk([], theta, nominal, {}), q)
-        torques = gravity_torques(still.frames, carried, gravity)
-    walk = _walked(segments, _Walk(names, theta, nominal, torques), q)
+    walk = _Walk(names, theta, nominal)
+    if gravity is not None and any(walk.matters(n) for s in moving for n in s.names(COMPLIANCE)):
+        # A per cent of a deflection is nothing: the torque is that of the arm as the URDF has it.
+        drawn = {
+            name: float(x)
+            for s in segments
+            for name, x in zip(s.names(*POSITION), s.position, strict=True)
+        }
+        still = _walked(segments, _Walk([], theta, drawn), q)
+        walk.torques = gravity_torques(still.frames, carried, gravity)
+    _walked(segments, walk, q)
     outputs = [ca.vec(walk.rotation), walk.position, walk.jacobian().T]
     return ca.Function(
         "forward_kinematics",

@@ -1,4 +1,8 @@
-"""The unknowns: what each is called, where it starts, how far it may go, what is known of it."""
+"""The unknowns: what each is called, where it starts, how far it may go, what is known of it.
+
+A parameter belongs to an *owner* (a joint, the tip, an observation's frame or point) and has a
+*key* there; its name is both: ``joint_4.z``, ``placement[P1].rx``. Nobody takes names apart again.
+"""
 
 from __future__ import annotations
 
@@ -7,27 +11,44 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from fnmatch import fnmatchcase
-from typing import Final
+from functools import cached_property
+from typing import Final, Literal
 
 import numpy as np
 
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import ParameterError
-from suta_calib.units import Unit
+from suta_calib.units import Unit, from_deg
 
 GEOMETRIC: Final = "geometric"
+# Keys of a placement, in the order of its numbers; of a joint that moves; of what is no geometry.
+POSITION: Final = ("x", "y", "z")
+ROTATION: Final = ("rx", "ry", "rz")
+PLACEMENT: Final = (*POSITION, *ROTATION)
+OFFSET: Final = "offset"
+COMPLIANCE: Final = "compliance"
+# An eccentric encoder disc gives the first harmonic, a tilted or oval one the second.
+Family = Literal["ecc_1", "ecc_2", "compliance"]
+FAMILIES: Final[dict[Family, tuple[str, ...]]] = {
+    "ecc_1": ("ecc_c1", "ecc_s1"),
+    "ecc_2": ("ecc_c2", "ecc_s2"),
+    "compliance": (COMPLIANCE,),
+}
+ECCENTRICITY: Final = (*FAMILIES["ecc_1"], *FAMILIES["ecc_2"])
+# How these keys begin: globs reach them only where they say so.
+_NONGEOMETRIC: Final = ("ecc", COMPLIANCE)
 # Lengths and angles of the size that moves the tip of a metre-long arm by a centimetre, and what
 # yields as much to the torque of a few kilograms.
 SCALE: Final[dict[Unit, float]] = {"m": 0.01, "rad": 0.01, "rad/Nm": 1e-3}
-# How the keys of errors begin that are no geometry (`nongeometric`).
-NONGEOMETRIC: Final = ("ecc", "compliance")
 # How far a geometric parameter without a bound may plausibly be off: only used to judge whether
 # the data tell anything about it, never to limit it.
 PLAUSIBLE: Final[dict[Unit, float]] = {
     "m": 0.05,
-    "rad": math.radians(10.0),
-    "rad/Nm": math.radians(0.2),
+    "rad": from_deg(10.0),
+    "rad/Nm": from_deg(0.2),
 }
+# A degree of eccentricity would be seen with the naked eye.
+PLAUSIBLE_ECCENTRICITY: Final = from_deg(1.0)
 
 
 @dataclass(frozen=True)
@@ -35,7 +56,8 @@ class Parameter:
     """One unknown number.
 
     Attributes:
-        name: as in the file formats, e.g. ``joint_4.z`` or ``placement[P1].rx``.
+        owner: what it belongs to, e.g. ``joint_4`` or ``placement[P1]``.
+        key: which of the owner's numbers it is, e.g. ``z``, ``rx``, ``offset``, ``ecc_c1``.
         unit: ``m``, ``rad`` or ``rad/Nm``.
         nominal: where it starts, and where it stays if nothing can be said of it.
         lower, upper: bounds of the value, infinite where there is none.
@@ -45,9 +67,10 @@ class Parameter:
         free: False for a parameter that is named but not estimated.
     """
 
-    name: str
+    owner: str
+    key: str
     unit: Unit
-    nominal: float
+    nominal: float = 0.0
     lower: float = -math.inf
     upper: float = math.inf
     prior: float | None = None
@@ -68,6 +91,16 @@ class Parameter:
     def _default_plausible(self) -> float:
         reach = max(self.upper - self.nominal, self.nominal - self.lower)
         return reach if math.isfinite(reach) and reach > 0 else PLAUSIBLE[self.unit]
+
+    @cached_property
+    def name(self) -> str:
+        """As in the file formats: ``owner.key``."""
+        return f"{self.owner}.{self.key}"
+
+    @property
+    def geometric(self) -> bool:
+        """Whether it is a placement or an offset, not an eccentricity or a compliance."""
+        return not self.key.startswith(_NONGEOMETRIC)
 
     @property
     def scale(self) -> float:
@@ -211,8 +244,8 @@ def _matches(
 def _refuse_sliding(pattern: str, available: ParameterSet, row: Selection) -> None:
     """Say so where a prismatic joint is asked for what only revolute ones have."""
     joint, _, key = pattern.rpartition(".")
-    offset = f"{joint}.offset"
-    if key.startswith(NONGEOMETRIC) and offset in available and available[offset].unit == "m":
+    offset = f"{joint}.{OFFSET}"
+    if key.startswith(_NONGEOMETRIC) and offset in available and available[offset].unit == "m":
         raise ParameterError(
             f"'{pattern}', and {joint} slides",
             "a revolute joint: only what turns has an eccentric encoder, or yields to a torque",
@@ -223,9 +256,9 @@ def _refuse_sliding(pattern: str, available: ParameterSet, row: Selection) -> No
 
 def _reachable(pattern: str, available: ParameterSet, geometric: frozenset[str]) -> list[str]:
     """What a glob may mean: errors that are no geometry only where it says so itself."""
-    if pattern.rpartition(".")[2].startswith(NONGEOMETRIC):
-        return [n for n in available if n.rpartition(".")[2].startswith(NONGEOMETRIC)]
-    return [n for n in available if n in geometric or n.endswith(".offset")]
+    if pattern.rpartition(".")[2].startswith(_NONGEOMETRIC):
+        return [name for name, p in available.items() if not p.geometric]
+    return [name for name, p in available.items() if name in geometric or p.key == OFFSET]
 
 
 def _check_units(row: Selection, units: set[Unit]) -> None:

@@ -65,7 +65,7 @@ def check_line(moved: FloatArray, fit: RobustFit) -> None:
     """Points off a line by no more than noise do not tell the turn about it."""
     centred = moved - moved.mean(axis=0)
     off_line = np.linalg.svd(centred, compute_uv=False)[1] / np.sqrt(len(moved))
-    if off_line < OFF_LINE * fit.sigmas[0] or len(fit.solution.identification.held):
+    if off_line < OFF_LINE * fit.sigmas[0] or len(fit.solution.identification.fixed):
         raise SamplesError(
             "points that hardly differ from a line, given how they scatter: the turn about it "
             "is not determined",

@@ -8,9 +8,9 @@ import numpy as np
 
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import SamplesError
+from suta_calib.model.parameters import PLACEMENT
 from suta_calib.solver.identifiability import FEIGNED
 from suta_calib.solver.solution import Solution
-from suta_calib.terms.term import POSE_KEYS
 
 # Part of a direction that is worth a word.
 NOTICEABLE: Final = 0.02
@@ -45,7 +45,7 @@ def refuse_undetermined(
 
 def undetermined_directions(solution: Solution, unknown: str) -> list[str]:
     """What may change unnoticed, each in words such as ``slide along (0.00, 0.00, 1.00)``."""
-    keys = {f"{unknown}.{key}": k for k, key in enumerate(POSE_KEYS)}
+    keys = {f"{unknown}.{key}": k for k, key in enumerate(PLACEMENT)}
     weak = []
     for combination in solution.identification.combinations:
         vector = np.zeros(6)

@@ -110,7 +110,7 @@ def _parameter_row(e: Estimate) -> dict[str, Any]:
 
 def _combinations(solution: Solution) -> list[str]:
     found = solution.identification.combinations
-    return [combination(c.direction, c.held) for c in found if not c.alone]
+    return [combination(c.direction, c.fixed) for c in found if not c.alone]
 
 
 def _histograms(result: Result) -> Rows:
@@ -165,7 +165,7 @@ def _noise_rows(result: Result) -> Rows:
 def _solution_plots(solution: Solution) -> dict[str, Any]:
     identification = solution.identification
     values = identification.singular_values
-    weak = [combination(c.direction, c.held) for c in identification.combinations]
+    weak = [combination(c.direction, c.fixed) for c in identification.combinations]
     found: dict[str, Any] = {"changes": "", "singular": "", "correlations": ""}
     if len(values):
         found["singular"] = Markup(plots.singular_values(values, weak, "singular-values"))

@@ -73,15 +73,15 @@ def singular_values(values: FloatArray, weak: Sequence[str], name: str) -> str:
     """
     floor = max(float(values.max(initial=0.0)), 1.0) * 1e-9
     height, threshold = np.maximum(values, floor), 1.0 / WEAK
-    told = height >= threshold
+    estimated = height >= threshold
     with style(name):
         figure = Figure(figsize=(WIDTH, 2.8), layout="constrained")
         axes = figure.subplots()
         k = np.arange(1, len(values) + 1)
         bottom = floor / 2
         kinds = (
-            (told, BLUE, "", "told by the data"),
-            (~told, ORANGE, "////", "not told by the data alone"),
+            (estimated, BLUE, "", "told by the data"),
+            (~estimated, ORANGE, "////", "not told by the data alone"),
         )
         for chosen, colour, hatch, label in kinds:
             axes.bar(

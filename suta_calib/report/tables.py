@@ -17,6 +17,7 @@ from suta_calib.report.console import bullet, plain_table, verdict_lines
 from suta_calib.report.errors_by import KindErrors, by_kind
 from suta_calib.report.result import Result
 from suta_calib.report.verdict import judge, listed
+from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Estimate, Solution, State
 from suta_calib.units import NOTHING, Unit, percent, text, unit_name
 
@@ -64,7 +65,7 @@ def explanations(solution: Solution) -> tuple[Explanation, ...]:
 
 def _on_the_arm(solution: Solution) -> list[Explanation]:
     arm = set(solution.problem.names[: solution.problem.arm_count])
-    return [e for e in explanations(solution) if e.held in arm or not arm]
+    return [e for e in explanations(solution) if e.fixed in arm or not arm]
 
 
 def parameter_table(solution: Solution, *, verbose: bool = False) -> Table:
@@ -91,7 +92,8 @@ def parameter_table(solution: Solution, *, verbose: bool = False) -> Table:
     for estimate in shown:
         table.add_row(*_parameter_cells(estimate)[: len(table.columns)])
     if not verbose:
-        table.caption = _left_out(arm - len(shown), estimates[arm:])
+        own = estimates[arm:]
+        table.caption = _left_out(solution.problem, own, unmoved=arm - len(shown))
     return table
 
 
@@ -140,7 +142,7 @@ def observability_table(observability: Observability, *, verbose: bool = False) 
     for prospect in shown:
         table.add_row(*_prospect_cells(prospect))
     if not verbose:
-        table.caption = _left_out(0, prospects[arm:])
+        table.caption = _left_out(observability.problem, prospects[arm:])
     return table
 
 
@@ -194,12 +196,14 @@ def _at_prior(e: Estimate) -> bool:
     return e.state == "prior" and abs(e.value - e.nominal) < 0.1 * (e.std or 0.0)
 
 
-def _left_out(unmoved: int, own: Sequence[Estimate] | Sequence[Prospect]) -> Text | None:
+def _left_out(
+    problem: Problem, own: Sequence[Estimate] | Sequence[Prospect], unmoved: int = 0
+) -> Text | None:
     parts = [f"{unmoved} of the arm that were not moved"] if unmoved else []
     if own:
-        told = sum(item.state in ("identified", "prior") for item in own)
-        frames = listed(sorted({item.name.rpartition(".")[0] for item in own}), 2)
-        parts.append(f"{told} of {len(own)} unknowns of the observations ({frames})")
+        estimated = sum(item.state in ("identified", "prior") for item in own)
+        frames = listed(sorted({problem.parameters[item.name].owner for item in own}), 2)
+        parts.append(f"{estimated} of {len(own)} unknowns of the observations ({frames})")
     return Text(f"and {', '.join(parts)}: --verbose shows them") if parts else None
 
 

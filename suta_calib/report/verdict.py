@@ -10,7 +10,6 @@ from suta_calib.assessment import Assessment, Level
 from suta_calib.diagnostics.accuracy import Accuracy
 from suta_calib.diagnostics.lack_of_fit import LackOfFit, lack_of_fit
 from suta_calib.diagnostics.score_tests import score_tests
-from suta_calib.model.nongeometric import is_nongeometric
 from suta_calib.report.result import Result, arm_estimates
 from suta_calib.solver.solution import Solution, State
 from suta_calib.units import text
@@ -103,7 +102,9 @@ def _lacking(fit: LackOfFit) -> str:
 def _beside_geometry(solution: Solution) -> list[str]:
     """What a URDF cannot hold, and what the residuals look like beside geometry."""
     notes = []
-    if held := [n for n, e in arm_estimates(solution).items() if e.value and is_nongeometric(n)]:
+    parameters = solution.problem.parameters
+    values = {n: e.value for n, e in arm_estimates(solution).items()}
+    if held := [n for n, value in values.items() if value and not parameters[n].geometric]:
         notes.append(
             f"A URDF cannot hold {listed(held)}: calibrated.urdf is the geometry only, and its tip "
             "is right only with the corrections in result.json (track and validate apply them "

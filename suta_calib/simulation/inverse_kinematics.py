@@ -83,7 +83,8 @@ class InverseKinematics:
         offsets = [f"{joint}.offset" for joint in arm.joints]
         others = [n for n in values if n in arm.offered and n not in offsets]
         self._function = arm.function([*offsets, *others])
-        self._theta = np.array([values.get(n, 0.0) for n in offsets] + [values[n] for n in others])
+        nominal = {n: arm.parameters[n].nominal for n in offsets}
+        self._theta = np.array([(nominal | dict(values))[n] for n in (*offsets, *others)])
         unlimited = full_circle(arm)
         limits = np.array([(joint.lower, joint.upper) for joint in arm.chain.moving]).T
         self._lower, self._upper = np.where(unlimited, [[-np.inf], [np.inf]], limits)

@@ -2,7 +2,7 @@
 
 A direction of the parameters is weak where its predicted standard deviation exceeds a tenth of
 what is plausible (the parameter's bound), or where noise alone would excite it as much. The fewest
-parameters are held at nominal so that no weak direction is left; each held one has a combination
+parameters are fixed at nominal so that no weak direction is left; each fixed one has a combination
 that tells what moves with it. Rank is never asked for: with noise no direction is exactly singular.
 """
 
@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.errors import ParameterError
-from suta_calib.model.nongeometric import is_nongeometric
-from suta_calib.model.parameters import ParameterSet
+from suta_calib.model.parameters import OFFSET, ROTATION, ParameterSet
 from suta_calib.solver.information import Information
 
 # Standard deviation over plausible range beyond which a number is not worth reporting: a value
@@ -34,17 +33,17 @@ class Combination:
     """A direction of the parameters that changes no observation.
 
     Attributes:
-        held: the parameter that stays at nominal because of it.
+        fixed: the parameter that stays at nominal because of it.
         direction: change of each parameter that takes part, in its own unit (m, rad), per unit
-            of the held one.
+            of the fixed one.
     """
 
-    held: str
+    fixed: str
     direction: dict[str, float]
 
     @property
     def alone(self) -> bool:
-        """Whether the held parameter is undetermined by itself."""
+        """Whether the fixed parameter is undetermined by itself."""
         return len(self.direction) == 1
 
 
@@ -53,25 +52,25 @@ class Identification:
     """The verdict on a set of parameters.
 
     Attributes:
-        held: indices of the parameters that must stay at nominal.
+        fixed: indices of the parameters that must stay at nominal.
         combinations: one for each of them, in the same order.
         singular_values: of the arm's information root with parameters in plausible units,
             descending (of the own ones where there is no arm).
     """
 
-    held: IntArray
+    fixed: IntArray
     combinations: tuple[Combination, ...]
     singular_values: FloatArray
 
     def given(self, name: str) -> tuple[str, ...]:
-        """Held parameters relative to which this one's value has its meaning."""
-        return tuple(c.held for c in self.combinations if name in c.direction and name != c.held)
+        """Fixed parameters relative to which this one's value has its meaning."""
+        return tuple(c.fixed for c in self.combinations if name in c.direction and name != c.fixed)
 
 
 def identify(
     parameters: ParameterSet, arm_count: int, information: Information, precision: FloatArray
 ) -> Identification:
-    """Decide what to hold.
+    """Decide what to fix.
 
     Args:
         parameters: the arm's first, then the terms' own.
@@ -80,10 +79,10 @@ def identify(
         precision: (n,) 1/prior² of each parameter, zero without one.
 
     Returns:
-        What to hold and why. The arm is judged with the terms' own unknowns free to follow;
-        among the own ones only what stays weak for a known arm is held.
+        What to fix and why. The arm is judged with the terms' own unknowns free to follow;
+        among the own ones only what stays weak for a known arm is fixed.
     """
-    # What has a prior is known well enough by decree: it is never held.
+    # What has a prior is known well enough by decree: it is never fixed.
     prior_std = np.where(precision > 0, 1.0 / np.sqrt(np.maximum(precision, 1e-300)), np.nan)
     unit = np.where(precision > 0, 2.0 * prior_std / WEAK, parameters.array("plausible"))
     names = np.array(parameters.names)
@@ -93,19 +92,19 @@ def identify(
     arm, own = np.flatnonzero(free[:arm_count]), np.arange(arm_count, len(unit))
     reduced = schur_complement(scaled, prior, arm, own)
     spectrum = np.sqrt(np.maximum(np.linalg.eigvalsh(reduced[0])[::-1], 0.0))
-    held, combinations = list[int](), list[Combination]()
+    fixed, combinations = list[int](), list[Combination]()
     rank = _preference(parameters)
     for members, matrices in ((arm, reduced), (own, [m[np.ix_(own, own)] for m in scaled])):
         if not len(members):
             continue
-        chosen, directions = _hold(matrices, prior[members], rank[members])
-        held += [int(members[i]) for i in chosen]
+        chosen, directions = _choose_fixed(matrices, prior[members], rank[members])
+        fixed += [int(members[i]) for i in chosen]
         known = matrices[0] + np.diag(prior[members])
         sparse = _echelon(directions, chosen, known, matrices[2])
         combinations += _combinations(names[members], unit[members], chosen, sparse)
     if not len(arm):
         spectrum = np.sqrt(np.maximum(np.linalg.eigvalsh(scaled[0])[::-1], 0.0))
-    return Identification(np.array(held, dtype=np.intp), tuple(combinations), spectrum)
+    return Identification(np.array(fixed, dtype=np.intp), tuple(combinations), spectrum)
 
 
 def _matrices(information: Information) -> list[FloatArray]:
@@ -130,10 +129,10 @@ def schur_complement(
     return [follow.T @ m[np.ix_(both, both)] @ follow for m in matrices]
 
 
-def _hold(
+def _choose_fixed(
     matrices: list[FloatArray], prior: FloatArray, rank: FloatArray
 ) -> tuple[list[int], FloatArray]:
-    """Indices to hold, and the weak directions (n, len(held)) they stand for."""
+    """Indices to fix, and the weak directions (n, fixed) they stand for."""
     weak = _weak_directions(matrices, prior)
     chosen = list[int]()
     remaining = weak.copy()
@@ -170,7 +169,7 @@ def _weak_directions(matrices: list[FloatArray], prior: FloatArray) -> FloatArra
 def _echelon(
     weak: FloatArray, chosen: list[int], curvature: FloatArray, noise_induced: FloatArray
 ) -> FloatArray:
-    """The weak directions with one held parameter each, and nothing in them that noise put there.
+    """The weak directions with one fixed parameter each, and nothing in them that noise put there.
 
     Entries are dropped while the direction stays as weak as it was: an exact null direction keeps
     all of its true parts, one that is only weak keeps those that make it so.
@@ -195,7 +194,7 @@ def _echelon(
 def _combinations(
     names: NDArray[np.str_], unit: FloatArray, chosen: list[int], echelon: FloatArray
 ) -> list[Combination]:
-    """The directions by name, in physical units per unit of the held parameter."""
+    """The directions by name, in physical units per unit of the fixed parameter."""
     found = []
     for column, index in enumerate(chosen):
         physical = echelon[:, column] * unit / unit[index]
@@ -206,15 +205,14 @@ def _combinations(
 
 
 def _preference(parameters: ParameterSet) -> FloatArray:
-    """Among equals, hold what is no geometry first, then turns, lengths, offsets.
+    """Among equals, fix what is no geometry first, then turns, lengths, offsets.
 
     Of those zeros before lengths, base first.
     """
     rank = []
     for k, p in enumerate(parameters.values()):
-        key = p.name.rsplit(".", 1)[-1]
-        group = 0 if key.startswith("r") else 2 if key == "offset" else 1
-        if is_nongeometric(p.name):
+        group = 0 if p.key in ROTATION else 2 if p.key == OFFSET else 1
+        if not p.geometric:
             group = -1
         rank.append(group + (0.5 if p.nominal else 0.0) + 1e-6 * k)
     return np.array(rank)

@@ -47,7 +47,7 @@ class Minimum:
     """Where IPOPT stopped.
 
     Attributes:
-        x: the whole parameter vector, held entries included.
+        x: the whole parameter vector, fixed entries included.
         cost: robust cost with priors.
         status: IPOPT's own word.
         iterations: how many it took.
@@ -106,8 +106,8 @@ class RobustNlp:
         if len(z) == 0:
             self._base = start.copy()
             return Minimum(start, self.cost_gradient_hessian(z)[0], GOOD[0], 0)
-        held = np.delete(np.arange(len(start)), self._free)
-        if self._solver is None or not np.array_equal(self._base[held], start[held]):
+        fixed = np.delete(np.arange(len(start)), self._free)
+        if self._solver is None or not np.array_equal(self._base[fixed], start[fixed]):
             self._base = start.copy()
             self._solver = self._build()
         answer = self._solver(x0=z, lbx=self._lower, ubx=self._upper)

@@ -31,9 +31,10 @@ class Estimate:
         name, unit, nominal: as in the problem.
         value: the estimate; nominal where nothing could be said.
         std: its standard deviation, None where the value is not an estimate.
-        state: ``identified``; ``unidentified`` (held, the data cannot tell); ``prior`` (most of
-            what is known of it was known before); ``at_bound``; ``fixed`` (not asked for).
-        given: held parameters relative to which the value has its meaning.
+        state: ``identified``; ``unidentified`` (fixed at nominal, the data cannot tell);
+            ``prior`` (most of what is known of it was known before); ``at_bound``; ``fixed``
+            (not asked for).
+        given: fixed parameters relative to which the value has its meaning.
     """
 
     name: str
@@ -54,7 +55,7 @@ class Solution:
         minimum: the best of all starts.
         attempts: every start's end, in order.
         before: what the data could tell at the start.
-        identification: what they can tell at the solution: this decided what was held.
+        identification: what they can tell at the solution: this decided what was fixed.
         free: indices of the parameters that were estimated.
         covariance: (n, n) of all parameters, m and rad; zero rows where nothing was estimated.
         artefact_covariance: (n, n), the part of it that comes from the artefact's stated
@@ -86,8 +87,8 @@ class Solution:
         """Whether the residuals are so large that most of what could be told is lost in them."""
         arm = self.problem.arm_count
         wanted = sum(p.free for p in list(self.problem.parameters.values())[:arm])
-        promised = wanted - int(np.sum(self.before.held < arm))
-        kept = wanted - int(np.sum(self.identification.held < arm))
+        promised = wanted - int(np.sum(self.before.fixed < arm))
+        kept = wanted - int(np.sum(self.identification.fixed < arm))
         return kept < promised / 2
 
     @property
@@ -107,9 +108,11 @@ class Solution:
             )
         lowest = min(a.cost for a in self.attempts)
         best = sum(a.cost <= lowest * (1 + 1e-6) + SAME_COST for a in self.attempts)
-        held = len(self.identification.held)
-        told = f"{len(self.free)} of {len(self.free) + held} unknowns estimated"
-        return f"converged: {told}; {best} of {len(self.attempts)} starts reached the same minimum"
+        estimated = len(self.free)
+        return (
+            f"converged: {estimated} of {estimated + len(self.identification.fixed)} unknowns "
+            f"estimated; {best} of {len(self.attempts)} starts reached the same minimum"
+        )
 
     @property
     def x(self) -> FloatArray:
@@ -130,10 +133,10 @@ class Solution:
     def estimates(self) -> dict[str, Estimate]:
         """Every parameter with its standard deviation and state, in the problem's order."""
         std = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
-        free, held = set(self.free.tolist()), set(self.identification.held.tolist())
+        free, fixed = set(self.free.tolist()), set(self.identification.fixed.tolist())
         found = {}
         for k, p in enumerate(self.problem.parameters.values()):
-            state = self._state(k, p, float(std[k]), free, held)
+            state = self._state(k, p, float(std[k]), free, fixed)
             given = self.identification.given(p.name) if k in free else ()
             known = self._known(p, float(std[k])) if state in ("identified", "prior") else None
             found[p.name] = Estimate(
@@ -154,8 +157,8 @@ class Solution:
         order = self.problem.names
         return tuple(order[k] for k in names), covariance / np.outer(std, std)
 
-    def _state(self, k: int, p: Parameter, std: float, free: set[int], held: set[int]) -> State:
-        if k in held:
+    def _state(self, k: int, p: Parameter, std: float, free: set[int], fixed: set[int]) -> State:
+        if k in fixed:
             return "unidentified"
         if not p.free:
             return "fixed"

@@ -83,7 +83,7 @@ def _check_determined(problem: Problem, verdict: Identification) -> None:
     wanted = np.flatnonzero([p.free for p in problem.parameters.values()])
     if not len(wanted):
         raise ParameterError("no unknowns", "at least one parameter to estimate")
-    free = np.setdiff1d(wanted, verdict.held)
+    free = np.setdiff1d(wanted, verdict.fixed)
     if np.any(wanted < problem.arm_count) and not np.any(free < problem.arm_count):
         equations = sum(term.equations() for term in problem.terms)
         raise SamplesError(
@@ -125,12 +125,12 @@ def _fit(
     progress: Progress | None,
 ) -> _BestFit:
     """Minimise from all starts, then again from the best for as long as the verdict changes."""
-    held = set(identification.held.tolist())
-    starts = start_points(problem, nominal, held, options)
+    fixed = set(identification.fixed.tolist())
+    starts = start_points(problem, nominal, fixed, options)
     attempts: tuple[Minimum, ...] = ()
     levels = [math.inf] * len(sigmas)
     for revision in range(MAX_REVISIONS):
-        free = _free(problem, held)
+        free = _free(problem, fixed)
         solver = RobustNlp(problem, free, sigmas, options)
         tried = _attempts(solver, starts, progress if revision == 0 else None)
         attempts = attempts or tuple(tried)
@@ -141,13 +141,13 @@ def _fit(
             # Nor is the misfit noise that a bound too tight makes.
             levels = list(np.minimum(levels, sigmas))
         identification = identify_at(problem, minimum.x, levels, robust=True)
-        found = set(identification.held.tolist())
-        if found == held:
+        found = set(identification.fixed.tolist())
+        if found == fixed:
             break
         # The second time round only ever hold more, so that two verdicts cannot alternate.
-        held = found if revision == 0 else held | found
+        fixed = found if revision == 0 else fixed | found
         again = minimum.x.copy()
-        again[list(held)] = nominal[list(held)]
+        again[list(fixed)] = nominal[list(fixed)]
         starts = [again]
     return _BestFit(minimum, attempts, identification, free)
 
@@ -161,7 +161,7 @@ def identify_at(
 
 
 def start_points(
-    problem: Problem, nominal: FloatArray, held: set[int], options: SolverOptions
+    problem: Problem, nominal: FloatArray, fixed: set[int], options: SolverOptions
 ) -> list[FloatArray]:
     """Nominal first, then seeded uniform draws of the arm's parameters within their bounds."""
     random = np.random.default_rng(options.seed)
@@ -170,7 +170,7 @@ def start_points(
     for _ in range(options.starts - 1):
         draw = random.uniform(-1.0, 1.0, len(arm))
         values = {
-            p.name: p.nominal + (0.0 if k in held or not p.free else d * _reach(p))
+            p.name: p.nominal + (0.0 if k in fixed or not p.free else d * _reach(p))
             for k, (p, d) in enumerate(zip(arm, draw, strict=True))
         }
         points.append(problem.start(values))
@@ -192,9 +192,9 @@ def _attempts(
     return found
 
 
-def _free(problem: Problem, held: set[int]) -> IntArray:
+def _free(problem: Problem, fixed: set[int]) -> IntArray:
     wanted = [p.free for p in problem.parameters.values()]
-    return np.array([k for k, w in enumerate(wanted) if w and k not in held], dtype=np.intp)
+    return np.array([k for k, w in enumerate(wanted) if w and k not in fixed], dtype=np.intp)
 
 
 def _inside(problem: Problem, x: FloatArray, free: IntArray) -> IntArray:

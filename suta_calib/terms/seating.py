@@ -30,6 +30,7 @@ from suta_calib.measurements import Artefact
 from suta_calib.model.parameters import Parameter
 
 KEYS: Final = ("x", "y", "rz")
+_OWNER: Final = "seating"
 
 
 @dataclass(frozen=True)
@@ -67,17 +68,13 @@ class Seating:
         Args:
             label: tells several artefacts apart: ``seating[label].x``; ``default`` for none.
         """
-        prefix = "seating" if label == "default" else f"seating[{label}]"
-        shift = [] if not self.clearance else [self._shift(f"{prefix}.{key}") for key in "xy"]
-        return (*shift, *([self._turn(f"{prefix}.rz")] if self.rotation else []))
-
-    def _shift(self, name: str) -> Parameter:
-        c = self.clearance
-        return Parameter(name, "m", 0.0, -c, c, prior=c / math.sqrt(2.0))
-
-    def _turn(self, name: str) -> Parameter:
-        r = self.rotation
-        return Parameter(name, "rad", 0.0, -r, r, prior=r / math.sqrt(3.0))
+        owner = _OWNER if label == "default" else f"{_OWNER}[{label}]"
+        c, r = self.clearance, self.rotation
+        shift = [
+            Parameter(owner, key, "m", 0.0, -c, c, prior=c / math.sqrt(2.0)) for key in KEYS[:2]
+        ]
+        turn = Parameter(owner, KEYS[2], "rad", 0.0, -r, r, prior=r / math.sqrt(3.0))
+        return (*(shift if c else ()), *([turn] if r else ()))
 
 
 def seat_axes(artefact: Artefact, names: Iterable[str]) -> FloatArray:
@@ -102,7 +99,7 @@ def seat_axes(artefact: Artefact, names: Iterable[str]) -> FloatArray:
 
 def seated_at(own: Iterable[Parameter], values: Mapping[str, float]) -> tuple[FloatArray, float]:
     """Shift (2,), m, and turn, rad, of the seating among a term's unknowns; zero without one."""
-    found = {p.name.rpartition(".")[2]: values[p.name] for p in own if p.name.startswith("seating")}
+    found = {p.key: values[p.name] for p in own if p.owner.startswith(_OWNER)}
     x, y, turn = (found.get(key, 0.0) for key in KEYS)
     return np.array([x, y]), turn
 

@@ -17,8 +17,9 @@ from scipy.spatial.transform import Rotation
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import rotation_from_vector
+from suta_calib.model.parameters import POSITION, ROTATION
 from suta_calib.terms.hand_eye_start import Poses
-from suta_calib.terms.term import POSE_KEYS, Term
+from suta_calib.terms.term import Term
 
 # How a row is grossly wrong: its pose is anything; it is displaced, as where a tip slipped off its
 # point; it is another row's, as where two streams are out of step.
@@ -114,11 +115,11 @@ class Simulated(Generic[SimulatedTerm]):
 
     def true_point(self, prefix: str) -> FloatArray:
         """The true position (3,), m, of the own parameters ``prefix.x|y|z``."""
-        return np.array([self.truth[f"{prefix}.{axis}"] for axis in POSE_KEYS[:3]])
+        return np.array([self.truth[f"{prefix}.{axis}"] for axis in POSITION])
 
     def true_pose(self, prefix: str) -> Poses:
         """The true rotation (3, 3) and position (3,), m, of ``prefix.x … prefix.rz``."""
-        vector = np.array([self.truth[f"{prefix}.{axis}"] for axis in POSE_KEYS[3:]])
+        vector = np.array([self.truth[f"{prefix}.{axis}"] for axis in ROTATION])
         return rotation_from_vector(vector), self.true_point(prefix)
 
 

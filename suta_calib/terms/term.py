@@ -24,7 +24,7 @@ from suta_calib.errors import ArtefactError, SamplesError
 from suta_calib.geometry.numbers import vector_from_rotation
 from suta_calib.geometry.symbols import Symbol, symbolic_rotation
 from suta_calib.measurements import Artefact, SampleColumns
-from suta_calib.model.parameters import Parameter
+from suta_calib.model.parameters import PLACEMENT, POSITION, ROTATION, Parameter
 from suta_calib.terms.poses import PoseSource
 from suta_calib.terms.seating import Seating
 from suta_calib.units import Unit
@@ -33,7 +33,6 @@ if TYPE_CHECKING:
     from suta_calib.terms.certified import Certified
     from suta_calib.terms.resimulation import Resimulation
 
-POSE_KEYS: Final = ("x", "y", "z", "rx", "ry", "rz")
 # An external frame can be anywhere: these only say when a pose counts as not determined at all.
 PLAUSIBLE_POSITION: Final = 0.5
 PLAUSIBLE_ROTATION: Final = 1.0
@@ -246,18 +245,16 @@ class Term(ABC):
 def pose_parameters(label: str) -> tuple[Parameter, ...]:
     """The six unknowns of an external frame, ``label.x … label.rz``."""
     return tuple(
-        Parameter(f"{label}.{key}", "rad", 0.0, plausible=PLAUSIBLE_ROTATION)
-        if key.startswith("r")
-        else Parameter(f"{label}.{key}", "m", 0.0, plausible=PLAUSIBLE_POSITION)
-        for key in POSE_KEYS
+        Parameter(label, key, "rad", plausible=PLAUSIBLE_ROTATION)
+        if key in ROTATION
+        else Parameter(label, key, "m", plausible=PLAUSIBLE_POSITION)
+        for key in PLACEMENT
     )
 
 
 def point_parameters(label: str) -> tuple[Parameter, ...]:
     """The three unknowns of a point, ``label.x|y|z``."""
-    return tuple(
-        Parameter(f"{label}.{key}", "m", 0.0, plausible=PLAUSIBLE_POSITION) for key in "xyz"
-    )
+    return tuple(Parameter(label, key, "m", plausible=PLAUSIBLE_POSITION) for key in POSITION)
 
 
 def pose_values(rotation: FloatArray, position: FloatArray) -> FloatArray:

@@ -33,7 +33,7 @@ _HALF_INTERVAL: Final = 5e-3
 # s; latencies that differ by less are the same.
 _SAME: Final = 1e-9
 # Eigenvalue of the scaled normal matrix below which two causes look alike.
-_TOLD_APART: Final = 1e-9
+_RANK_TOLERANCE: Final = 1e-9
 # m; a reference that moves less tells no time.
 _LEAST_MOTION: Final = 1e-4
 
@@ -243,4 +243,4 @@ def _inverse(jacobian: FloatArray) -> FloatArray:
     matrix = np.einsum("nki,nkj->ij", jacobian, jacobian, optimize=True)
     scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
     outer = np.outer(scale, scale)
-    return np.asarray(np.linalg.pinv(matrix / outer, _TOLD_APART, True) / outer)
+    return np.asarray(np.linalg.pinv(matrix / outer, _RANK_TOLERANCE, True) / outer)

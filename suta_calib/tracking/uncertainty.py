@@ -24,7 +24,8 @@ from suta_calib.geometry.numbers import (
 )
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.chain import ChainJoint
-from suta_calib.model.nongeometric import is_nongeometric
+from suta_calib.model.kinematics import Segment
+from suta_calib.model.parameters import OFFSET, PLACEMENT, POSITION
 from suta_calib.model.urdf import folded_origin
 from suta_calib.tracking.json_files import numbers, read_json_object
 
@@ -35,7 +36,6 @@ SOURCE_WORDS: Final[dict[Source, str]] = {
     "correlations": "standard deviations and rounded correlations of the calibration",
     "std": "standard deviations of the calibration only, as if uncorrelated",
 }
-PLACEMENT: Final = ("x", "y", "z", "rx", "ry", "rz")
 _STEP: Final = 1e-5
 _SAME: Final = 1e-9
 
@@ -51,7 +51,8 @@ class CalibrationUncertainty:
         values: value of every parameter of the arm that the file names, eccentricities and
             compliances among them: the calibrated URDF lacks these.
         source: what the file offered.
-        held: parameters the data could not tell: what is said holds relative to them.
+        fixed: parameters the data could not tell: what is said holds relative to them.
+        beside_geometry: eccentricities and compliances that are not zero, which no URDF holds.
     """
 
     path: Path
@@ -59,12 +60,8 @@ class CalibrationUncertainty:
     covariance: FloatArray
     values: dict[str, float]
     source: Source
-    held: tuple[str, ...]
-
-    @property
-    def beside_geometry(self) -> dict[str, float]:
-        """Eccentricities and compliances that are not zero, which no URDF holds."""
-        return {n: v for n, v in self.values.items() if v and is_nongeometric(n)}
+    fixed: tuple[str, ...]
+    beside_geometry: dict[str, float]
 
     def folded(self, arm: ArmModel) -> tuple[tuple[str, ...], FloatArray]:
         """The same errors as parameters of the calibrated URDF.
@@ -81,23 +78,23 @@ class CalibrationUncertainty:
         """
         rows: list[str] = []
         blocks: list[FloatArray] = []
+        estimated = [arm.offered[name] for name in self.names]
         for joint, segment in zip(arm.chain.joints, arm.segments, strict=True):
-            mine = [n for n in self.names if n.rpartition(".")[0] == segment.prefix]
-            if any(not is_nongeometric(n) for n in mine):
-                self._check_same(joint, segment.prefix)
-                rows += [f"{segment.prefix}.{key}" for key in PLACEMENT]
-                blocks.append(self._of_joint(joint, segment.prefix))
+            if any(p.owner == segment.owner and p.geometric for p in estimated):
+                self._check_same(joint, segment)
+                rows += segment.names(*PLACEMENT)
+                blocks.append(self._of_joint(joint, segment))
         for name in self.beside_geometry:
             rows.append(name)
             blocks.append(np.array([[float(n == name) for n in self.names]]))
         derivative = np.vstack([np.zeros((0, len(self.names))), *blocks])
         return tuple(rows), derivative @ _factor(self.covariance)
 
-    def _of_joint(self, joint: ChainJoint, prefix: str) -> FloatArray:
+    def _of_joint(self, joint: ChainJoint, segment: Segment) -> FloatArray:
         """(6, n) change of the calibrated joint's placement per change of each parameter."""
-        vector = np.array([self.values.get(f"{prefix}.{key}", 0.0) for key in PLACEMENT[3:]])
-        offset = self.values.get(f"{prefix}.offset", 0.0)
-        nominal = _unfolded(joint, vector, offset)
+        names = segment.names(*PLACEMENT, OFFSET)
+        *vector, offset = (self.values.get(name, 0.0) for name in names[3:])
+        nominal = _unfolded(joint, np.array(vector), offset)
         start = np.array([*nominal.xyz, *vector, offset])
 
         def calibrated(x: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -105,19 +102,18 @@ class CalibrationUncertainty:
             return xyz, rotation_from_rpy(rpy)
 
         columns = np.zeros((6, len(self.names)))
-        for k, key in enumerate((*PLACEMENT, "offset")):
-            if (name := f"{prefix}.{key}") in self.names:
+        for k, name in enumerate(names):
+            if name in self.names:
                 step = _STEP * np.eye(7)[k]
                 (p0, R0), (p1, R1) = calibrated(start - step), calibrated(start + step)
                 change = np.concatenate([p1 - p0, vector_from_rotation(R0.T @ R1)])
                 columns[:, self.names.index(name)] = change / (2 * _STEP)
         return columns
 
-    def _check_same(self, joint: ChainJoint, prefix: str) -> None:
+    def _check_same(self, joint: ChainJoint, segment: Segment) -> None:
         if joint.type == "prismatic":
             return  # its offset is folded into the position
-        for key, found in zip("xyz", joint.xyz, strict=True):
-            name = f"{prefix}.{key}"
+        for name, found in zip(segment.names(*POSITION), joint.xyz, strict=True):
             if abs(self.values.get(name, found) - found) > _SAME:
                 raise InputError(
                     f"{self.values[name]:.9g} m, and {found:.9g} m in the URDF",
@@ -149,8 +145,9 @@ def read_uncertainty(path: str | Path, arm: ArmModel) -> CalibrationUncertainty:
         )
     names, covariance, source = _covariance(data, own, estimated, path)
     values = {n: float(numbers(e.get("value"), (), path, n)) for n, e in own.items()}
-    held = tuple(str(n) for n in data.get("unidentified", []) if n in known)
-    return CalibrationUncertainty(path, names, covariance, values, source, held)
+    fixed = tuple(str(n) for n in data.get("unidentified", []) if n in known)
+    beside = {n: v for n, v in values.items() if v and not arm.offered[n].geometric}
+    return CalibrationUncertainty(path, names, covariance, values, source, fixed, beside)
 
 
 def _parameters(data: dict[str, Any], path: Path) -> dict[str, dict[str, Any]]:

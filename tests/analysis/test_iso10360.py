@@ -24,8 +24,8 @@ from suta_calib.analysis.iso10360 import (
     repeats,
     smallest_sphere,
 )
-from suta_calib.analysis.iso10360.limits import worst
 from suta_calib.errors import SamplesError
+from suta_calib.job.limits import worst
 from suta_calib.measurements import Artefact, Landmark
 from suta_calib.terms import ArmPoses, PairwiseDistance
 

@@ -64,8 +64,8 @@ def test_nothing_touched_tells_where_the_base_is(found: Plan) -> None:
 
 
 def test_the_plan_identifies_what_can_be_and_beats_random_choices(found: Plan) -> None:
-    assert "tip.y" in found.before.held
-    assert "tip.y" not in found.after.held
+    assert "tip.y" in found.before.fixed
+    assert "tip.y" not in found.after.fixed
     assert found.chosen[0].identifies == ("tip.y",)
     assert found.after.tip == pytest.approx(found.chosen[-1].tip, rel=1e-6)
     assert found.after.tip < np.median(found.random)
@@ -131,7 +131,7 @@ def test_an_instrument_is_planned_with_postures() -> None:
     found = plan(situation, PlanOptions(count=3, pool=SMALL), region=Region.box(*box, situation))
     assert all(isinstance(c.candidate.place, Posture) for c in found.chosen)
     assert found.after.tip < found.before.tip
-    assert not [r for r in found.remedies if r.parameter not in found.before.held]
+    assert not [r for r in found.remedies if r.parameter not in found.before.fixed]
 
 
 def test_what_the_job_cannot_measure_is_no_candidate(thesis: Situation) -> None:

@@ -22,7 +22,13 @@ from simulated import (
 
 from suta_calib.analysis.planning import Candidate, Placement, Point, Situation
 from suta_calib.analysis.planning.design import Design, best_set, greedy, ordered
-from suta_calib.analysis.planning.information import Space, Told, nothing, present, promised
+from suta_calib.analysis.planning.information import (
+    SharedInformation,
+    Space,
+    nothing,
+    present,
+    promised,
+)
 from suta_calib.analysis.planning.links import Collisions, link_points
 from suta_calib.model.arm import ArmModel
 from suta_calib.solver.covariance import predicted_covariance
@@ -76,14 +82,14 @@ def test_information_of_different_places_adds_up(kind: str) -> None:
 def test_covariance_is_the_solvers_with_the_terms_own_unknowns_followed() -> None:
     found = situation(points=True)
     space = Space.of(found)
-    told = present(found, space)
-    held = {int(k) for k in space.identify(told).held}
-    arm = np.array([k for k in range(space.arm_count) if k not in held], dtype=np.intp)
+    information = present(found, space)
+    fixed = {int(k) for k in space.identify(information).fixed}
+    arm = np.array([k for k in range(space.arm_count) if k not in fixed], dtype=np.intp)
     problem = found.problem
     own = np.arange(problem.arm_count, len(problem.names))
-    information = predicted_information(problem, found.x, found.sigmas)
-    whole = predicted_covariance(problem, information, np.concatenate([arm, own]))
-    mine = space.covariance(told, arm)
+    predicted = predicted_information(problem, found.x, found.sigmas)
+    whole = predicted_covariance(problem, predicted, np.concatenate([arm, own]))
+    mine = space.covariance(information, arm)
     unit = np.sqrt(np.diag(whole)[arm])
     scaled = (mine[np.ix_(arm, arm)] - whole[np.ix_(arm, arm)]) / np.outer(unit, unit)
     assert np.abs(scaled).max() < 1e-6
@@ -99,18 +105,18 @@ def test_repeats_are_independent() -> None:
     np.testing.assert_allclose(b.variance, 3 * a.variance)
 
 
-def random_design(criterion: str, count: int = 9) -> tuple[Design, Space, Told]:
+def random_design(criterion: str, count: int = 9) -> tuple[Design, Space, SharedInformation]:
     """Candidates with random information on the thirteen parameters."""
     space = Space.of(situation())
     rng = np.random.default_rng(5)
-    told = []
+    information = []
     for _ in range(count):
         rows = rng.standard_normal((6, 13)) * rng.uniform(1, 60, 13)
         spread = rows.T @ np.diag(rng.uniform(0.5, 2.0, 6)) @ rows
-        told.append(Told(rows.T @ rows, spread, 0 * spread))
+        information.append(SharedInformation(rows.T @ rows, spread, 0 * spread))
     lever = rng.standard_normal((20, 13))
     weight = lever.T @ lever / 20
-    return Design.over(space, told, weight, criterion, nothing(space)), space, nothing(space)
+    return Design.over(space, information, weight, criterion, nothing(space)), space, nothing(space)
 
 
 @pytest.mark.parametrize("criterion", ["tip", "d"])
@@ -131,18 +137,24 @@ def test_values_are_those_of_the_covariance_written_out() -> None:
     curvature, variance, weight = (
         back.T @ m @ back for m in (design.curvature[2], design.variance[2], design.weight)
     )
-    covariance = space.plausible_covariance(start + Told(curvature, variance, 0 * variance))
+    covariance = space.plausible_covariance(
+        start + SharedInformation(curvature, variance, 0 * variance)
+    )
     unit = space.unit
-    expected = np.trace(weight / np.outer(unit, unit) @ covariance) + design.untold
+    expected = np.trace(weight / np.outer(unit, unit) @ covariance) + design.unestimated
     assert design.tip(start, [2]) == pytest.approx(np.sqrt(expected), rel=1e-9)
 
 
 def test_directions_nothing_tells_are_kept_in_the_tips_uncertainty() -> None:
     space = Space.of(situation())
-    told = [Told(np.diag([1e4] * 12 + [0.0]), np.diag([1e4] * 12 + [0.0]), np.zeros((13, 13)))]
+    information = [
+        SharedInformation(
+            np.diag([1e4] * 12 + [0.0]), np.diag([1e4] * 12 + [0.0]), np.zeros((13, 13))
+        )
+    ]
     weight = np.zeros((13, 13))
     weight[12, 12] = 1.0
-    design = Design.over(space, told, weight, "tip", nothing(space))
+    design = Design.over(space, information, weight, "tip", nothing(space))
     assert design.tip(nothing(space), [0]) == pytest.approx(space.unit[12])
 
 

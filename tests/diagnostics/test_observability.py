@@ -101,7 +101,7 @@ def seen(arm: ArmModel, terms: list[Term], *rows: Selection | str) -> Observabil
 
 
 def why(found: Observability) -> dict[str, str]:
-    return {e.held: e.sentence for e in found.explanations}
+    return {e.fixed: e.sentence for e in found.explanations}
 
 
 def test_parallel_pillars_hide_three_of_thirteen(
@@ -114,7 +114,7 @@ def test_parallel_pillars_hide_three_of_thirteen(
     assert "turns the whole arm about the base's z axis" in reasons["joint_1.offset"]
     assert "shifts the whole arm along the base's z axis" in reasons["joint_2.z"]
     assert "tool's length along the tip's z axis" in reasons["tip.y"]
-    remedies = {e.held: e.remedy for e in found.explanations}
+    remedies = {e.fixed: e.remedy for e in found.explanations}
     assert "fixed_point" in remedies["tip.y"]
     assert "tracked_point" in remedies["joint_2.z"]
 

@@ -6,6 +6,7 @@ chain takes part in that.
 
 from __future__ import annotations
 
+import contextlib
 import math
 from pathlib import Path
 
@@ -14,9 +15,10 @@ import pinocchio as pin
 import pytest
 from simulated import ARMS, arm_named, perturbed, random_readings
 
-from suta_calib.errors import ParameterError
+from suta_calib.errors import ParameterError, UrdfError
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.chain import ChainJoint
+from suta_calib.model.parameters import COMPLIANCE, Selection
 
 AXES = ("x", "y", "z")
 GEOMETRIES = {"nominal": 0.0, "perturbed": 0.15}
@@ -38,8 +40,8 @@ def values_of(arm: ArmModel, size: float, names: list[str]) -> dict[str, float]:
 
 def known_names(arm: ArmModel) -> list[str]:
     """Every parameter Pinocchio can be told: those of moving joints and of the tip's own joint."""
-    prefixes = {j.name for j in arm.chain.moving} | {arm.tip}
-    return [name for name in arm.parameters if name.rsplit(".", 1)[0] in prefixes]
+    owners = {j.name for j in arm.chain.moving} | {arm.tip}
+    return [name for name, p in arm.parameters.items() if p.owner in owners]
 
 
 def origin(joint: ChainJoint, prefix: str, values: dict[str, float]) -> pin.SE3:
@@ -212,3 +214,51 @@ def test_parameters_of_other_things_are_ignored() -> None:
     R, p = arm.forward(q, {"placement[P1].x": 5.0})
     np.testing.assert_array_equal(R, arm.forward(q)[0])
     np.testing.assert_array_equal(p, arm.forward(q)[1])
+
+
+def random_values(arm: ArmModel, rng: np.random.Generator) -> dict[str, float]:
+    """Everything off: placements, offsets, eccentricities, compliances where there are masses."""
+    values = {}
+    for name, p in arm.offered.items():
+        size = 1e-3 if p.key == COMPLIANCE else 0.1
+        with contextlib.suppress(UrdfError):
+            arm.select(name)
+            values[name] = p.nominal + size * rng.standard_normal()
+    return values
+
+
+def test_an_arm_at_other_values_is_the_arm_with_these_values(arm: ArmModel) -> None:
+    rng = np.random.default_rng(7)
+    values = random_values(arm, rng)
+    q = random_readings(arm, rng, 10)
+    there = arm.at(values | {"placement[P1].x": 3.0})
+    for found, expected in zip(there.forward(q), arm.forward(q, values), strict=True):
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12)
+    # From there on as from here: other values, and zero where it is not nominal any more.
+    other = random_values(arm, rng) | dict.fromkeys(arm.nongeometric, 0.0)
+    for found, expected in zip(there.forward(q, other), arm.forward(q, other), strict=True):
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12)
+    assert arm.forward(q)[1] != pytest.approx(there.forward(q)[1], abs=1e-3)
+
+
+def test_an_arm_at_other_values_has_the_same_derivatives(arm: ArmModel) -> None:
+    rng = np.random.default_rng(8)
+    values = random_values(arm, rng)
+    asked = [*rng.permutation(list(values))[:12]]
+    x = [values[name] for name in asked]
+    all_there = [values[name] for name in values]
+    rows = [list(values).index(name) for name in asked]
+    for q in random_readings(arm, rng, 3):
+        found = np.array(arm.at(values).function(asked)(x, q)[2])
+        expected = np.array(arm.function(list(values))(all_there, q)[2])[rows]
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12)
+
+
+def test_an_arm_at_other_values_writes_them(tmp_path: Path) -> None:
+    arm = arm_named("suta")
+    values = values_of(arm, 0.05, known_names(arm))
+    arm.write_urdf(tmp_path / "one.urdf", values)
+    arm.at(values).write_urdf(tmp_path / "other.urdf", {})
+    assert (tmp_path / "one.urdf").read_bytes() == (tmp_path / "other.urdf").read_bytes()
+    chosen = arm.at(values).select(Selection(("*.offset",), bound_rad=0.1))
+    assert chosen["joint_2.offset"].upper == pytest.approx(values["joint_2.offset"] + 0.1)

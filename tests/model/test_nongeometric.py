@@ -15,7 +15,6 @@ from suta_calib.diagnostics.explanation import explain
 from suta_calib.errors import JobError, ParameterError, UrdfError
 from suta_calib.job.schema import read_job
 from suta_calib.model.arm import ArmModel
-from suta_calib.model.nongeometric import is_nongeometric
 from suta_calib.model.parameters import ParameterSet, Selection
 from suta_calib.simulation import read_simulation, simulate, write_simulation
 from suta_calib.solver.ipopt import SolverOptions
@@ -36,22 +35,22 @@ def gravity_torque(arm: ArmModel, q: np.ndarray) -> np.ndarray:
             joint = arm.model.joints[arm.model.getJointId(name)]
             state = [reading] if joint.nq == 1 else [math.cos(reading), math.sin(reading)]
             configuration[joint.idx_q : joint.idx_q + joint.nq] = state
-        held = pin.computeGeneralizedGravity(arm.model, data, configuration)
+        fixed = pin.computeGeneralizedGravity(arm.model, data, configuration)
         order = [arm.model.joints[arm.model.getJointId(name)].idx_v for name in arm.joints]
-        found.append(-held[order])
+        found.append(-fixed[order])
     return np.array(found)
 
 
 def yielding(arm: ArmModel) -> list[str]:
     """Joints whose compliance can be asked for: revolute, with a mass beyond."""
     found = []
-    for name in arm.nongeometric:
-        if name.endswith(".compliance"):
+    for name, parameter in arm.nongeometric.items():
+        if parameter.key == "compliance":
             try:
                 arm.select(name)
             except UrdfError:
                 continue
-            found.append(name.rpartition(".")[0])
+            found.append(parameter.owner)
     return found
 
 
@@ -107,12 +106,12 @@ def test_derivatives_are_central_differences(name: str) -> None:
 def test_they_are_off_unless_a_pattern_names_them() -> None:
     arm = arm_named("suta")
     for pattern in ("geometric", "*", "joint_*", "*.offset", "joint_3.*", "*[xyz]"):
-        assert not any(map(is_nongeometric, arm.select(pattern)))
+        assert all(p.geometric for p in arm.select(pattern).values())
     assert len(arm.select("*.ecc_*")) == 24
     assert arm.select("joint_?.ecc_?1").names[:2] == ("joint_1.ecc_c1", "joint_1.ecc_s1")
     assert len(arm.select("*.compliance")) == 6
     assert arm.select("joint_3.ecc_s2", "joint_2.z").names == ("joint_2.z", "joint_3.ecc_s2")
-    assert not any(map(is_nongeometric, arm.parameters))
+    assert all(p.geometric for p in arm.parameters.values())
 
 
 def test_the_kinematics_without_them_are_as_they_were() -> None:
@@ -131,10 +130,11 @@ def test_an_arm_without_masses_says_so(tmp_path: Path, suta_urdf: Path) -> None:
     text = re.sub(r"<inertial>.*?</inertial>", "", suta_urdf.read_text(), flags=re.DOTALL)
     (tmp_path / "light.urdf").write_text(text)
     arm = ArmModel.from_urdf(tmp_path / "light.urdf", "tip")
-    with pytest.raises(
-        UrdfError, match=r"light\.urdf: joint_1\.compliance: found no mass .*joint_1"
-    ):
+    refused = r"light\.urdf: joint_1\.compliance: found no mass .*joint_1"
+    with pytest.raises(UrdfError, match=refused):
         arm.select("*.compliance")
+    with pytest.raises(UrdfError, match=refused):
+        arm.at({"joint_1.compliance": 1e-3})
     assert len(arm.select("*.ecc_*")) == 24
 
 
@@ -154,7 +154,7 @@ def test_what_shows_nothing_is_explained() -> None:
     unknown = arm.select("joint_1.compliance", "joint_3.offset", "joint_3.ecc_c1")
     problem = Problem([scene.exact(Noise(1e-4))], unknown)
     solution = solve(problem, SolverOptions(starts=1))
-    told = {e.held: e for e in explain(problem, solution.x, solution.identification)}
+    told = {e.fixed: e for e in explain(problem, solution.x, solution.identification)}
     assert "gravity has no torque" in told["joint_1.compliance"].sentence
     assert "does the same as joint_3.offset" in told["joint_3.ecc_c1"].sentence
     assert told["joint_3.ecc_c1"].remedy == "turn joint_3 farther"
@@ -242,7 +242,7 @@ def test_a_simulation_can_have_them_as_truth(tmp_path: Path, suta_urdf: Path) ->
     samples = made.files[0].samples
     position = made.arm.forward(samples.q, made.values)[1]
     np.testing.assert_allclose(samples.position, position, atol=1e-12)
-    geometry = {n: v for n, v in made.values.items() if not is_nongeometric(n)}
+    geometry = {n: v for n, v in made.values.items() if made.arm.offered[n].geometric}
     assert np.abs(made.arm.forward(samples.q, geometry)[1] - position).max() > 1e-3
     write_simulation(made, tmp_path / "out")
     truth = (tmp_path / "out" / "truth.yaml").read_text()

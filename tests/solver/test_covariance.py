@@ -184,9 +184,9 @@ def test_correlation_is_of_the_estimated_parameters() -> None:
 
 def test_what_was_not_estimated_has_no_variance() -> None:
     solution = distances_alone().solutions[0]
-    held = np.setdiff1d(np.arange(len(solution.x)), solution.free)
-    np.testing.assert_array_equal(solution.covariance[held], 0.0)
-    np.testing.assert_array_equal(solution.covariance[:, held], 0.0)
+    fixed = np.setdiff1d(np.arange(len(solution.x)), solution.free)
+    np.testing.assert_array_equal(solution.covariance[fixed], 0.0)
+    np.testing.assert_array_equal(solution.covariance[:, fixed], 0.0)
     assert np.linalg.eigvalsh(solution.covariance).min() > -1e-15
 
 

@@ -120,10 +120,10 @@ def test_a_fixed_point_alone_leaves_the_scale_free() -> None:
     lengths = {"joint_3.z", "joint_4.z", "joint_5.z", "joint_6.z", "tip.y", "tip.z"}
     assert set(scale.direction) == lengths
     for name, change in scale.direction.items():
-        expected = solution.values[name] / solution.values[scale.held]
+        expected = solution.values[name] / solution.values[scale.fixed]
         assert change == pytest.approx(expected, abs=1e-6)
         others = solution.estimates[name].given
-        assert (scale.held in others) == (name != scale.held)
+        assert (scale.fixed in others) == (name != scale.fixed)
 
 
 def panda_scene(kind: str, truth: dict[str, float], seed: int) -> Scene:
@@ -169,7 +169,7 @@ def reported(solution_or: Identification, problem: Problem) -> np.ndarray:
     columns = [
         [c.direction.get(name, 0.0) for name in names]
         for c in solution_or.combinations
-        if c.held in names
+        if c.fixed in names
     ]
     return np.array(columns).T / unit[:, None]
 
@@ -210,10 +210,10 @@ def test_sliding_a_frame_along_its_own_axis_is_a_combination() -> None:
     solution = solve(Problem([scene.exact()], parameters))
     together = [set(c.direction) for c in solution.identification.combinations if not c.alone]
     assert {"joint_3.y", "joint_4.z"} in together
-    held = {"joint_3.y", "joint_4.z"} & set(solution.unidentified)
-    assert len(held) == 1
-    (other,) = {"joint_3.y", "joint_4.z"} - held
-    assert solution.estimates[other].given == tuple(held)
+    fixed = {"joint_3.y", "joint_4.z"} & set(solution.unidentified)
+    assert len(fixed) == 1
+    (other,) = {"joint_3.y", "joint_4.z"} - fixed
+    assert solution.estimates[other].given == tuple(fixed)
 
 
 def test_what_has_a_prior_is_never_held() -> None:
@@ -236,7 +236,7 @@ def test_what_has_a_prior_is_never_held() -> None:
 def test_the_verdict_comes_before_any_solving(suta_urdf: object) -> None:
     problem = suta_problem((pillars(), pillars().samples(SEATING)[0]))
     found = identify_at(problem, problem.start(), problem.assumed_sigmas())
-    assert {problem.names[k] for k in found.held} == HIDDEN
+    assert {problem.names[k] for k in found.fixed} == HIDDEN
     assert len(found.singular_values) == 13
     assert np.all(np.diff(found.singular_values) <= 0)
 

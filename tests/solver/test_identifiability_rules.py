@@ -12,8 +12,8 @@ from suta_calib.solver.information import Information
 
 def parameters_named(*names: str, prior: float | None = None) -> ParameterSet:
     return ParameterSet(
-        Parameter(n, "rad" if n.split(".")[1][0] in "ro" else "m", 0.0, prior=prior, plausible=1.0)
-        for n in names
+        Parameter(owner, key, "rad" if key[0] in "ro" else "m", prior=prior, plausible=1.0)
+        for owner, key in (name.split(".") for name in names)
     )
 
 
@@ -32,8 +32,8 @@ def verdict(
 
 def test_a_direction_is_weak_from_a_tenth_of_what_is_plausible() -> None:
     parameters = parameters_named("a.x", "b.x")
-    held = [verdict(parameters, np.diag([1e4, 1 / std**2])).held for std in (0.09, 0.11)]
-    assert [h.tolist() for h in held] == [[], [1]]
+    fixed = [verdict(parameters, np.diag([1e4, 1 / std**2])).fixed for std in (0.09, 0.11)]
+    assert [h.tolist() for h in fixed] == [[], [1]]
 
 
 def test_a_direction_that_noise_excites_is_held() -> None:
@@ -41,14 +41,14 @@ def test_a_direction_that_noise_excites_is_held() -> None:
     known = np.diag([1e6, 1e6])
     real = verdict(parameters, known, noise_induced=np.diag([1.0, 0.009e6]))
     noise_induced = verdict(parameters, known, noise_induced=np.diag([1.0, 0.011e6]))
-    assert real.held.tolist() == []
-    assert noise_induced.held.tolist() == [1]
+    assert real.fixed.tolist() == []
+    assert noise_induced.fixed.tolist() == [1]
     assert noise_induced.combinations[0].direction == {"b.x": 1.0}
 
 
 def test_turns_are_held_before_lengths_and_lengths_before_offsets() -> None:
     difference = 1e6 * np.array([[1.0, -1.0], [-1.0, 1.0]])
-    for names, held in (
+    for names, fixed in (
         (("a.x", "b.rx"), "b.rx"),
         (("a.offset", "b.rz"), "b.rz"),
         (("a.offset", "b.z"), "b.z"),
@@ -56,12 +56,12 @@ def test_turns_are_held_before_lengths_and_lengths_before_offsets() -> None:
     ):
         found = verdict(parameters_named(*names), difference)
         (combination,) = found.combinations
-        assert combination.held == held
+        assert combination.fixed == fixed
         assert combination.direction == pytest.approx(dict.fromkeys(names, 1.0), abs=1e-6)
-        (other,) = set(names) - {held}
-        assert found.given(other) == (held,)
-        assert found.given(held) == ()
+        (other,) = set(names) - {fixed}
+        assert found.given(other) == (fixed,)
+        assert found.given(fixed) == ()
 
 
 def test_a_prior_keeps_even_what_no_data_touch() -> None:
-    assert len(verdict(parameters_named("a.x", "b.x", prior=0.1), np.zeros((2, 2))).held) == 0
+    assert len(verdict(parameters_named("a.x", "b.x", prior=0.1), np.zeros((2, 2))).fixed) == 0

@@ -172,8 +172,8 @@ def test_a_noise_free_solve_recovers_what_is_identified(name: str) -> None:
 def test_what_the_data_cannot_tell_is_held_and_named(name: str, spread: Spread) -> None:
     solution = solve(problem_of(name, spread))
     assert set(solution.unidentified) == CASES[name].unidentified
-    for held in solution.unidentified:
-        estimate = solution.estimates[held]
+    for fixed in solution.unidentified:
+        estimate = solution.estimates[fixed]
         assert (estimate.std, estimate.value) == (None, estimate.nominal)
-    named = {c.held for c in solution.identification.combinations}
+    named = {c.fixed for c in solution.identification.combinations}
     assert named == CASES[name].unidentified

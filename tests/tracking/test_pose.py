@@ -110,7 +110,7 @@ def test_sources_of_uncertainty_in_order_of_worth(scene: Calibrated, tmp_path: P
         file.write_text(json.dumps(data))
         found = read_uncertainty(file, scene.arm)
         assert found.source == source
-        assert found.held == ("joint_1.offset",)
+        assert found.fixed == ("joint_1.offset",)
         wanted = scene.covariance if tolerance is not None else np.diag(np.diag(scene.covariance))
         np.testing.assert_allclose(found.covariance, wanted, rtol=1e-9)
 

@@ -82,8 +82,8 @@ def knowledge() -> Knowledge:
     """An arm with 1 mm of error in each length it knows."""
     lengths = tuple(n for n in NAMES if not n.endswith("offset"))
     visited = np.array([[0.26, 3.05, 2.79, 1.92, -1.57, -2.18]])
-    held = (("tip.y", {"tip.y": 1.0}, 0.01), ("joint_1.offset", {"joint_1.offset": 1.0}, 0.2))
-    return Knowledge(ARM, {}, lengths, 1e-6 * np.eye(len(lengths)), ("tip.y",), visited, held)
+    fixed = (("tip.y", {"tip.y": 1.0}, 0.01), ("joint_1.offset", {"joint_1.offset": 1.0}, 0.2))
+    return Knowledge(ARM, {}, lengths, 1e-6 * np.eye(len(lengths)), ("tip.y",), visited, fixed)
 
 
 def test_the_map_knows_where_the_arm_reaches_and_what_is_open() -> None:
@@ -100,7 +100,7 @@ def test_the_map_knows_where_the_arm_reaches_and_what_is_open() -> None:
         assert 0 < out.mean() < 1
         np.testing.assert_array_equal(out, np.isnan(each.absolute))
         assert out[0, 0]
-    effects = {each.held: each.effect for each in found.open_directions}
+    effects = {each.fixed: each.effect for each in found.open_directions}
     assert effects["joint_1.offset"] < 1e-9 < 1e-3 < effects["tip.y"]
     assert found.registered.rms < found.absolute.rms
     with pytest.raises(JobError, match="registration points within reach"):

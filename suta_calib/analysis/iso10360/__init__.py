@@ -5,16 +5,9 @@ from suta_calib.analysis.iso10360.acceptance import (
     AcceptanceTest,
     Characteristic,
     accept,
+    acceptance_test,
 )
 from suta_calib.analysis.iso10360.lengths import LengthErrors
-from suta_calib.analysis.iso10360.limits import (
-    Decision,
-    DecisionRule,
-    LengthLimit,
-    Limits,
-    Rule,
-    StatedUncertainty,
-)
 from suta_calib.analysis.iso10360.places import (
     Articulation,
     Repeats,
@@ -24,6 +17,14 @@ from suta_calib.analysis.iso10360.places import (
     repeats,
 )
 from suta_calib.analysis.iso10360.spheres import Sphere, best_sphere, smallest_sphere
+from suta_calib.job.limits import (
+    Decision,
+    DecisionRule,
+    LengthLimit,
+    Limits,
+    Rule,
+    StatedUncertainty,
+)
 
 __all__ = [
     "AcceptanceMeasurements",
@@ -41,6 +42,7 @@ __all__ = [
     "SphereProbing",
     "StatedUncertainty",
     "accept",
+    "acceptance_test",
     "articulations",
     "best_sphere",
     "probings",

@@ -8,13 +8,24 @@ P_Form, the errors of size and form on a sphere of 25 touches.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 
 from suta_calib.analysis.iso10360.lengths import LengthErrors
-from suta_calib.analysis.iso10360.limits import (
+from suta_calib.analysis.iso10360.places import (
+    Articulation,
+    Repeats,
+    SphereProbing,
+    articulations,
+    probings,
+    repeats,
+)
+from suta_calib.arrays import FloatArray
+from suta_calib.assessment import Assessment
+from suta_calib.job.acceptance import AcceptanceJob
+from suta_calib.job.limits import (
     EXPANDED,
     Decision,
     DecisionRule,
@@ -22,9 +33,7 @@ from suta_calib.analysis.iso10360.limits import (
     StatedUncertainty,
     worst,
 )
-from suta_calib.analysis.iso10360.places import Articulation, Repeats, SphereProbing
-from suta_calib.arrays import FloatArray
-from suta_calib.assessment import Assessment
+from suta_calib.measurements import Samples
 
 TOUCHES: Final = 25
 ARTICULATIONS: Final = 5
@@ -57,6 +66,40 @@ class AcceptanceMeasurements:
     sphere_std: float = 0.0
     repeats: tuple[Repeats, ...] = ()
     notes: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, job: AcceptanceJob) -> AcceptanceMeasurements:
+        """The errors of a job's arm, held as it is.
+
+        Raises:
+            InputError: samples that do not determine what they are to measure, with their place.
+        """
+        found = cls(bidirectional=job.bidirectional, notes=job.notes)
+        if job.lengths:
+            with job.error_context("lengths"):
+                errors = LengthErrors.joined([LengthErrors.of(term) for term in job.lengths])
+            found = replace(found, lengths=errors)
+        if job.articulation:
+            with job.error_context("articulation"):
+                points = [_articulations(job, samples) for samples in job.articulation]
+            found = replace(found, articulations=tuple(each for some in points for each in some))
+        if job.probing is not None:
+            place = job.arm.forward(job.probing.samples.q)[1]
+            with job.error_context("probing"):
+                label = job.probing.samples.labels["sphere"]
+                spheres = probings(place, label, job.probing.diameter)
+            found = replace(found, spheres=spheres, sphere_std=job.probing.std)
+        if job.repeatability is not None:
+            place = job.arm.forward(job.repeatability.q)[1]
+            with job.error_context("repeatability"):
+                found = replace(found, repeats=repeats(place, job.repeatability.labels["point"]))
+        return found
+
+
+def _articulations(job: AcceptanceJob, samples: Samples) -> tuple[Articulation, ...]:
+    place, labels = job.arm.forward(samples.q)[1], samples.labels
+    each = labels.get("articulation")
+    return articulations(place, labels["point"], each, sphere=job.on_spheres)
 
 
 @dataclass(frozen=True)
@@ -182,6 +225,18 @@ def _failure(each: Characteristic) -> str:
         f"{each.symbol}: {1e3 * each.value:+.4f} mm ({each.where}) is {how} the limit "
         f"±{1e3 * each.limit:.4f} mm{sure}."
     )
+
+
+def acceptance_test(job: AcceptanceJob) -> AcceptanceTest:
+    """Measure and judge what a job names.
+
+    Args:
+        job: read by `AcceptanceJob.load`.
+
+    Raises:
+        InputError: samples that do not determine what they are to measure.
+    """
+    return accept(AcceptanceMeasurements.of(job), job.limits, job.uncertainty, job.rule)
 
 
 def accept(

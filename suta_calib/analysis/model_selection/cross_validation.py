@@ -42,7 +42,7 @@ class Fold:
 
 
 @dataclass(frozen=True, eq=False)
-class Held:
+class FoldErrors:
     """Errors of one fold's held-out rows.
 
     Attributes:
@@ -65,7 +65,7 @@ class CrossValidation:
         folds: one entry a fold, in the order of the folds.
     """
 
-    folds: tuple[Held, ...]
+    folds: tuple[FoldErrors, ...]
 
     @cached_property
     def losses(self) -> FloatArray:
@@ -161,7 +161,7 @@ def cross_validate(
     Returns:
         None where a fold could not be fitted.
     """
-    held = []
+    errors = []
     for fold in folds:
         try:
             solution = solve(Problem(fold.training, parameters), options)
@@ -170,8 +170,8 @@ def cross_validate(
         if not solution.converged:
             return None
         accuracy = assess(solution, fold.held_out)
-        held.append(_held(accuracy.validation, _levels(fold, noise)))
-    return CrossValidation(tuple(held))
+        errors.append(_fold_errors(accuracy.validation, _levels(fold, noise)))
+    return CrossValidation(tuple(errors))
 
 
 def _levels(fold: Fold, noise: Sequence[float]) -> list[float]:
@@ -198,7 +198,7 @@ def _same(training: Term, held_out: Term) -> bool:
     return training.kind == held_out.kind and mine.labels.keys() == other.labels.keys()
 
 
-def _held(terms: Sequence[TermAccuracy], levels: Sequence[float]) -> Held:
+def _fold_errors(terms: Sequence[TermAccuracy], levels: Sequence[float]) -> FoldErrors:
     squares, count, each = 0.0, 0, iter(levels)
     lengths = []
     for term in terms:
@@ -208,7 +208,7 @@ def _held(terms: Sequence[TermAccuracy], levels: Sequence[float]) -> Held:
             count += found.residual_after.size
             if found is term.blocks[0] and term.term.kind == terms[0].term.kind:
                 lengths.append(limited)
-    return Held(squares, count, np.concatenate(lengths))
+    return FoldErrors(squares, count, np.concatenate(lengths))
 
 
 def fitted_rms(solution: Solution) -> float:

@@ -28,8 +28,7 @@ from suta_calib.analysis.model_selection.cross_validation import (
 from suta_calib.diagnostics.score_tests import ScoreTest, offered_names, score_tests
 from suta_calib.errors import ParameterError, SamplesError
 from suta_calib.model.arm import ArmModel
-from suta_calib.model.nongeometric import Family, is_nongeometric
-from suta_calib.model.parameters import PLAUSIBLE, ParameterSet, Selection
+from suta_calib.model.parameters import PLAUSIBLE, Family, ParameterSet, Selection
 from suta_calib.solver.ipopt import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solve import solve
@@ -192,10 +191,10 @@ class _Search:
         except SamplesError:
             return None
         self._noise = self._noise or solution.noise
-        held = cross_validate(self.folds, unknown, self._noise) if solution.converged else None
-        if held is None:
+        held_out = cross_validate(self.folds, unknown, self._noise) if solution.converged else None
+        if held_out is None:
             return None
-        found = ModelCandidate(name, geometry, added, solution, fitted_rms(solution), held)
+        found = ModelCandidate(name, geometry, added, solution, fitted_rms(solution), held_out)
         self.tried.append(found)
         if self.progress is not None:
             self.progress(len(self.tried), max(len(self.tried) + 1, EXPECTED))
@@ -261,7 +260,7 @@ def _suspects(current: ModelCandidate) -> list[ScoreTest]:
 
 
 def _added(parameters: ParameterSet) -> tuple[str, ...]:
-    return tuple(name for name in parameters if is_nongeometric(name))
+    return tuple(name for name, p in parameters.items() if not p.geometric)
 
 
 def _with_geometry(name: str, geometry: bool) -> str:

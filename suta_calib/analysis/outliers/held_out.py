@@ -75,12 +75,12 @@ class Judge:
             if before is None or after is None:
                 continue
             try:
-                held = self.reference.term.take(np.flatnonzero(fold))
+                left_out = self.reference.term.take(np.flatnonzero(fold))
             except InputError:
                 continue
-            error, samples = self._errors(held, before.values)
+            error, samples = self._errors(left_out, before.values)
             first.append(error)
-            second.append(self._errors(held, after.values)[0])
+            second.append(self._errors(left_out, after.values)[0])
             kept.append(~rows[fold][samples].any(axis=1))
         if not first:
             return None

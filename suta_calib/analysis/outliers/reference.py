@@ -81,13 +81,13 @@ class ReferenceFit:
     @classmethod
     def of(cls, solution: Solution, parameters: ParameterSet, index: int) -> ReferenceFit:
         """The fit as it is."""
-        held = {solution.problem.names[k] for k in solution.identification.held}
+        fixed = {solution.problem.names[k] for k in solution.identification.fixed}
         wanted = {n for n, p in solution.problem.parameters.items() if p.free}
         return cls(
             solution.problem.terms,
             index,
             parameters,
-            frozenset(wanted - held),
+            frozenset(wanted - fixed),
             solution.values,
             _by_block(solution.problem.terms, solution.sigmas),
         )

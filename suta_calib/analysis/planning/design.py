@@ -18,7 +18,7 @@ from typing import Final
 
 import numpy as np
 
-from suta_calib.analysis.planning.information import Space, Told
+from suta_calib.analysis.planning.information import SharedInformation, Space
 from suta_calib.arrays import FloatArray
 
 CRITERIA: Final = ("tip", "d")
@@ -26,7 +26,7 @@ CRITERIA: Final = ("tip", "d")
 _WORTH: Final = 1e-9
 _MOST_PASSES: Final = 20
 # Information, of what was plausible before any data, below which a direction is told by nothing.
-_TOLD: Final = 1e-7
+_ESTIMATED: Final = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +49,7 @@ class Design:
     curvature: FloatArray
     variance: FloatArray
     weight: FloatArray
-    untold: float
+    unestimated: float
     arm_count: int
     criterion: str
 
@@ -57,33 +57,33 @@ class Design:
     def over(
         cls,
         space: Space,
-        told: Sequence[Told],
+        information: Sequence[SharedInformation],
         weight: FloatArray,
         criterion: str,
-        present: Told,
+        present: SharedInformation,
     ) -> Design:
         """Stack the candidates' matrices.
 
         Args:
             space: the unknowns.
-            told: information of each candidate.
+            information: information of each candidate.
             weight: (p, p) W with tip variance = trace(W C), C in SI units.
             criterion: ``tip`` or ``d``.
             present: information at hand.
         """
         scale = 1.0 / np.sqrt(space.regulariser)
-        total = present.curvature + sum(t.curvature for t in told)
+        total = present.curvature + sum(t.curvature for t in information)
         values, vectors = np.linalg.eigh(scale[:, None] * total * scale)
-        basis = scale[:, None] * vectors[:, values > _TOLD]
+        basis = scale[:, None] * vectors[:, values > _ESTIMATED]
         tip = weight * np.outer(space.unit, space.unit)
         inner = basis.T @ tip @ basis
-        untold = float(scale @ (np.diag(tip) * scale) - np.trace(inner))
+        unestimated = float(scale @ (np.diag(tip) * scale) - np.trace(inner))
         return cls(
             basis,
-            np.array([basis.T @ t.curvature @ basis for t in told]),
-            np.array([basis.T @ t.variance @ basis for t in told]),
+            np.array([basis.T @ t.curvature @ basis for t in information]),
+            np.array([basis.T @ t.variance @ basis for t in information]),
             inner,
-            max(untold, 0.0),
+            max(unestimated, 0.0),
             space.arm_count,
             criterion,
         )
@@ -94,18 +94,18 @@ class Design:
     def values(self, curvature: FloatArray, variance: FloatArray) -> FloatArray:
         """The criterion, smaller is better, (...) for matrices (..., r, r)."""
         spread = self._spread(curvature, variance)
-        return self._told(spread) if self.criterion == "tip" else self._d(spread)
+        return self._estimated(spread) if self.criterion == "tip" else self._d(spread)
 
-    def tip(self, start: Told, chosen: Sequence[int] = ()) -> float:
+    def tip(self, start: SharedInformation, chosen: Sequence[int] = ()) -> float:
         """Root mean square uncertainty of the tip, m."""
-        told = float(self._told(self._spread(*self.of(start, chosen))))
-        return math.hypot(told, math.sqrt(self.untold))
+        information = float(self._estimated(self._spread(*self.of(start, chosen))))
+        return math.hypot(information, math.sqrt(self.unestimated))
 
-    def d(self, start: Told, chosen: Sequence[int] = ()) -> float:
+    def d(self, start: SharedInformation, chosen: Sequence[int] = ()) -> float:
         """Log uncertainty of all parameters per one of the arm's, up to a constant."""
         return float(self._d(self._spread(*self.of(start, chosen))))
 
-    def of(self, start: Told, chosen: Sequence[int]) -> tuple[FloatArray, FloatArray]:
+    def of(self, start: SharedInformation, chosen: Sequence[int]) -> tuple[FloatArray, FloatArray]:
         """Curvature and variance (r, r) of the start and a choice together."""
         rows = list(chosen)
         return (
@@ -113,11 +113,11 @@ class Design:
             self.basis.T @ start.variance @ self.basis + self.variance[rows].sum(axis=0),
         )
 
-    def value(self, start: Told, chosen: Sequence[int]) -> float:
+    def value(self, start: SharedInformation, chosen: Sequence[int]) -> float:
         """The criterion of one choice."""
         return float(self.values(*self.of(start, chosen)))
 
-    def best_next(self, start: Told, chosen: Sequence[int]) -> tuple[int, float]:
+    def best_next(self, start: SharedInformation, chosen: Sequence[int]) -> tuple[int, float]:
         """The candidate to add to a choice, and the criterion with it."""
         curvature, variance = self.of(start, chosen)
         values = self.values(curvature + self.curvature, variance + self.variance)
@@ -130,17 +130,19 @@ class Design:
         bread = np.linalg.inv(curvature + prior)
         return np.asarray(bread @ (variance + prior) @ bread)
 
-    def _told(self, spread: FloatArray) -> FloatArray:
+    def _estimated(self, spread: FloatArray) -> FloatArray:
         """The tip's uncertainty without what nothing lessens: that would drown small gains."""
-        told = np.einsum("ij,...ji->...", self.weight, spread)
-        return np.asarray(np.sqrt(np.maximum(told, 0.0)))
+        information = np.einsum("ij,...ji->...", self.weight, spread)
+        return np.asarray(np.sqrt(np.maximum(information, 0.0)))
 
     def _d(self, spread: FloatArray) -> FloatArray:
         _, logarithm = np.linalg.slogdet(spread)
         return np.asarray(0.5 * logarithm / self.arm_count)
 
 
-def greedy(design: Design, start: Told, count: int, chosen: Sequence[int] = ()) -> list[int]:
+def greedy(
+    design: Design, start: SharedInformation, count: int, chosen: Sequence[int] = ()
+) -> list[int]:
     """``count`` candidates, each the best after those before it; fewer where there are fewer."""
     found = list(chosen)
     while len(found) < min(count, len(design)):
@@ -148,7 +150,7 @@ def greedy(design: Design, start: Told, count: int, chosen: Sequence[int] = ()) 
     return found
 
 
-def exchange(design: Design, start: Told, chosen: Sequence[int]) -> list[int]:
+def exchange(design: Design, start: SharedInformation, chosen: Sequence[int]) -> list[int]:
     """Exchange single candidates until none is worth it; best first in the end."""
     found = list(chosen)
     value = design.value(start, found)
@@ -164,12 +166,12 @@ def exchange(design: Design, start: Told, chosen: Sequence[int]) -> list[int]:
     return ordered(design, start, found)
 
 
-def best_set(design: Design, start: Told, count: int) -> list[int]:
+def best_set(design: Design, start: SharedInformation, count: int) -> list[int]:
     """Greedy choice, improved by exchange; best first."""
     return exchange(design, start, greedy(design, start, count))
 
 
-def ordered(design: Design, start: Told, chosen: Sequence[int]) -> list[int]:
+def ordered(design: Design, start: SharedInformation, chosen: Sequence[int]) -> list[int]:
     """The same candidates, each the best of those left after those before it."""
     left, found = list(chosen), list[int]()
     while left:

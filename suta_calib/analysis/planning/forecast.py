@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from suta_calib.analysis.planning.information import Space, Told
+from suta_calib.analysis.planning.information import SharedInformation, Space
 from suta_calib.analysis.tip_uncertainty import Sensitivity
 from suta_calib.arrays import FloatArray
 from suta_calib.units import Unit
@@ -34,40 +34,40 @@ class Forecast:
 
     Attributes:
         parameters: the arm's.
-        held: names of those that would be held at nominal.
+        fixed: names of those that would be held at nominal.
         tip: root mean square 3-D uncertainty, m, if held parameters are as far off as plausible.
-        tip_told: the same if held parameters are exact: what the calibration's own ± tell.
+        tip_estimated: the same if held parameters are exact: what the calibration's own ± tell.
     """
 
     parameters: tuple[Expected, ...]
-    held: tuple[str, ...]
+    fixed: tuple[str, ...]
     tip: float
-    tip_told: float
+    tip_estimated: float
 
 
-def forecast(space: Space, told: Told, tip: Sensitivity) -> Forecast:
+def forecast(space: Space, information: SharedInformation, tip: Sensitivity) -> Forecast:
     """Predict what data that tell this much would give.
 
     Args:
         space: the unknowns.
-        told: information on them.
+        information: information on them.
         tip: postures of the region, with derivatives by the arm's parameters in their order.
     """
-    identification = space.identify(told)
-    held = {int(k) for k in identification.held}
-    estimated = np.array([k for k in range(len(space.names)) if k not in held], dtype=np.intp)
-    covariance = space.covariance(told, estimated)
+    identification = space.identify(information)
+    fixed = {int(k) for k in identification.fixed}
+    estimated = np.array([k for k in range(len(space.names)) if k not in fixed], dtype=np.intp)
+    covariance = space.covariance(information, estimated)
     std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     arm = list(space.parameters.values())[: space.arm_count]
     expected = [
-        Expected(p.name, p.unit, p.plausible, None if k in held else float(std[k]))
+        Expected(p.name, p.unit, p.plausible, None if k in fixed else float(std[k]))
         for k, p in enumerate(arm)
     ]
     return Forecast(
         parameters=tuple(expected),
-        held=tuple(e.name for e in expected if e.std is None),
-        tip=_rms(space, space.plausible_covariance(told), tip),
-        tip_told=_rms(space, covariance, tip),
+        fixed=tuple(e.name for e in expected if e.std is None),
+        tip=_rms(space, space.plausible_covariance(information), tip),
+        tip_estimated=_rms(space, covariance, tip),
     )
 
 

@@ -9,7 +9,7 @@ candidates share no sample. An instrument's pose is shared by all samples, so it
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -17,7 +17,7 @@ import numpy as np
 from suta_calib.analysis.planning.candidates import Candidate
 from suta_calib.analysis.planning.situation import Situation
 from suta_calib.arrays import FloatArray, IntArray
-from suta_calib.model.parameters import Parameter, ParameterSet
+from suta_calib.model.parameters import ParameterSet
 from suta_calib.solver.identifiability import Identification, identify, schur_complement
 from suta_calib.solver.information import Information, predicted_information
 from suta_calib.solver.problem import Problem
@@ -68,71 +68,71 @@ class Space:
         """(p,) precision of what is plausible before any data, or of the prior where it is more."""
         return np.maximum(self.precision, 1.0)
 
-    def identify(self, told: Told, fixed: Sequence[str] = ()) -> Identification:
+    def identify(self, information: SharedInformation, fixed: Sequence[str] = ()) -> Identification:
         """What such information determines; ``fixed`` parameters are taken as known."""
         parameters = ParameterSet(
-            Parameter(
-                p.name,
-                p.unit,
-                p.nominal,
+            replace(
+                p,
                 prior=None if p.prior is None else p.prior / p.plausible,
                 plausible=1.0,
                 free=p.name not in fixed,
             )
             for p in self.parameters.values()
         )
-        information = Information(told.curvature, told.variance, told.noise_induced)
-        return identify(parameters, self.arm_count, information, self.precision)
+        whole = Information(information.curvature, information.variance, information.noise_induced)
+        return identify(parameters, self.arm_count, whole, self.precision)
 
-    def covariance(self, told: Told, estimated: IntArray) -> FloatArray:
+    def covariance(self, information: SharedInformation, estimated: IntArray) -> FloatArray:
         """Sandwich (p, p) in SI units, with all but ``estimated`` taken as known."""
         inside = np.ix_(estimated, estimated)
         prior = np.diag(self.precision)
         bread = np.zeros_like(prior)
-        bread[inside] = np.linalg.pinv((told.curvature + prior)[inside], 1e-12, True)
-        spread = bread @ (told.variance + prior) @ bread
+        bread[inside] = np.linalg.pinv((information.curvature + prior)[inside], 1e-12, True)
+        spread = bread @ (information.variance + prior) @ bread
         return np.asarray(spread * np.outer(self.unit, self.unit))
 
-    def plausible_covariance(self, told: Told) -> FloatArray:
+    def plausible_covariance(self, information: SharedInformation) -> FloatArray:
         """The same with everything estimated, and plausible ranges as priors; SI units."""
         prior = np.diag(self.regulariser)
-        bread = np.linalg.inv(told.curvature + prior)
-        spread = bread @ (told.variance + prior) @ bread
+        bread = np.linalg.inv(information.curvature + prior)
+        spread = bread @ (information.variance + prior) @ bread
         return np.asarray(spread * np.outer(self.unit, self.unit))
 
 
 @dataclass(frozen=True, eq=False)
-class Told:
-    """Curvature, variance and feigned information (p, p), in plausible units; they add up."""
+class SharedInformation:
+    """Curvature, variance and noise-induced information (p, p), in plausible units; they add up."""
 
     curvature: FloatArray
     variance: FloatArray
     noise_induced: FloatArray
 
-    def __add__(self, other: Told) -> Told:
-        return Told(
+    def __add__(self, other: SharedInformation) -> SharedInformation:
+        return SharedInformation(
             self.curvature + other.curvature,
             self.variance + other.variance,
             self.noise_induced + other.noise_induced,
         )
 
-    def times(self, repeats: float) -> Told:
+    def times(self, repeats: float) -> SharedInformation:
         """As many independent repeats."""
-        return Told(repeats * self.curvature, repeats * self.variance, repeats * self.noise_induced)
+        return SharedInformation(
+            repeats * self.curvature, repeats * self.variance, repeats * self.noise_induced
+        )
 
 
-def nothing(space: Space) -> Told:
+def nothing(space: Space) -> SharedInformation:
     """No data."""
     zero = np.zeros((len(space.names),) * 2)
-    return Told(zero, zero, zero)
+    return SharedInformation(zero, zero, zero)
 
 
-def present(situation: Situation, space: Space) -> Told:
+def present(situation: Situation, space: Space) -> SharedInformation:
     """What the data at hand tell."""
-    return _told(situation.problem, situation.x, situation.sigmas, space)
+    return _shared_information(situation.problem, situation.x, situation.sigmas, space)
 
 
-def promised(situation: Situation, space: Space, candidate: Candidate) -> Told:
+def promised(situation: Situation, space: Space, candidate: Candidate) -> SharedInformation:
     """What a candidate would tell, all its repeats together."""
     term = situation.term(candidate)
     arm = list(situation.problem.parameters.values())[: situation.problem.arm_count]
@@ -142,10 +142,12 @@ def promised(situation: Situation, space: Space, candidate: Candidate) -> Told:
     if not all(p.name in values for p in term.own):
         values = term.start_values(situation.values) | values
     x = np.array([values[name] for name in problem.names])
-    return _told(problem, x, situation.noise(term), space).times(candidate.repeats)
+    return _shared_information(problem, x, situation.noise(term), space).times(candidate.repeats)
 
 
-def _told(problem: Problem, x: FloatArray, sigmas: Sequence[float], space: Space) -> Told:
+def _shared_information(
+    problem: Problem, x: FloatArray, sigmas: Sequence[float], space: Space
+) -> SharedInformation:
     """Information on the shared unknowns, the private ones having followed."""
     information = predicted_information(problem, x, sigmas)
     unit = problem.parameters.array("plausible")
@@ -165,4 +167,4 @@ def _told(problem: Problem, x: FloatArray, sigmas: Sequence[float], space: Space
     whole = [np.zeros((len(index),) * 2) for _ in reduced]
     for target, part in zip(whole, reduced, strict=True):
         target[places] = part
-    return Told(*whole)
+    return SharedInformation(*whole)

@@ -14,7 +14,13 @@ from suta_calib.analysis.planning.candidates import Candidate, Place, Unreachabl
 from suta_calib.analysis.planning.design import Design, best_set, exchange, greedy, random_sets
 from suta_calib.analysis.planning.forecast import forecast
 from suta_calib.analysis.planning.generate import generated
-from suta_calib.analysis.planning.information import Space, Told, nothing, present, promised
+from suta_calib.analysis.planning.information import (
+    SharedInformation,
+    Space,
+    nothing,
+    present,
+    promised,
+)
 from suta_calib.analysis.planning.reach import Reach
 from suta_calib.analysis.planning.region import Region
 from suta_calib.analysis.planning.remedies import remedies
@@ -57,11 +63,11 @@ def plan(
         raise _none(reached.unreachable)
     space = Space.of(situation)
     tip = region.sensitivity(situation, space.names[: space.arm_count], options.seed)
-    told = _promises(situation, space, reached.candidates, progress)
+    information = _promises(situation, space, reached.candidates, progress)
     now = present(situation, space)
-    design = Design.over(space, told, tip_weight(space, tip), options.criterion, now)
+    design = Design.over(space, information, tip_weight(space, tip), options.criterion, now)
     chosen = best_set(design, now, options.count)
-    after = sum((told[k] for k in chosen), now)
+    after = sum((information[k] for k in chosen), now)
     return Plan(
         situation=situation,
         options=options,
@@ -71,11 +77,15 @@ def plan(
         collisions=reached.collisions,
         before=forecast(space, now, tip),
         after=forecast(space, after, tip),
-        chosen=_choices(space, design, now, [(reached.candidates[k], told[k]) for k in chosen]),
-        best=_best(situation, space, design, now, list(zip(reached.candidates, told, strict=True))),
+        chosen=_choices(
+            space, design, now, [(reached.candidates[k], information[k]) for k in chosen]
+        ),
+        best=_best(
+            situation, space, design, now, list(zip(reached.candidates, information, strict=True))
+        ),
         random=_random(design, now, options),
         stop=_stop(design, now, options),
-        remedies=remedies(situation, space, now, reached.candidates, told),
+        remedies=remedies(situation, space, now, reached.candidates, information),
     )
 
 
@@ -103,7 +113,7 @@ def _promises(
     space: Space,
     candidates: Sequence[Candidate],
     progress: Progress | None,
-) -> list[Told]:
+) -> list[SharedInformation]:
     found = []
     for done, candidate in enumerate(candidates, start=1):
         found.append(promised(situation, space, candidate))
@@ -113,7 +123,10 @@ def _promises(
 
 
 def _choices(
-    space: Space, design: Design, now: Told, chosen: Sequence[tuple[Candidate, Told]]
+    space: Space,
+    design: Design,
+    now: SharedInformation,
+    chosen: Sequence[tuple[Candidate, SharedInformation]],
 ) -> tuple[Choice, ...]:
     found = []
     before = now
@@ -121,14 +134,14 @@ def _choices(
         after = before + more
         tips = [design.tip(t) for t in (before, after)]
         volumes = [design.d(t) for t in (before, after)]
-        still = {c.held for c in space.identify(after).combinations}
+        still = {c.fixed for c in space.identify(after).combinations}
         found.append(
             Choice(
                 candidate,
                 tips[1],
                 1.0 - tips[1] / tips[0] if tips[0] > 0 else 0.0,
                 (volumes[0] - volumes[1]) * space.arm_count / math.log(2.0),
-                tuple(c.held for c in space.identify(before).combinations if c.held not in still),
+                tuple(c.fixed for c in space.identify(before).combinations if c.fixed not in still),
             )
         )
         before = after
@@ -139,8 +152,8 @@ def _best(
     situation: Situation,
     space: Space,
     design: Design,
-    now: Told,
-    candidates: Sequence[tuple[Candidate, Told]],
+    now: SharedInformation,
+    candidates: Sequence[tuple[Candidate, SharedInformation]],
 ) -> Best:
     typical = float(np.median([candidate.samples for candidate, _ in candidates]))
     count = max(1, min(len(design), round(situation.samples / typical)))
@@ -148,9 +161,9 @@ def _best(
     rows = best_set(design, none, count)
     tips = design.tip(now), design.tip(none, rows)
     # What nothing here can tell is the same in both and must not make them alike.
-    held = space.identify(sum((candidates[k][1] for k in rows), none)).held
-    told = max(space.arm_count - int(np.sum(held < space.arm_count)), 1)
-    change = (design.d(none, rows) - design.d(now)) * space.arm_count / told
+    fixed = space.identify(sum((candidates[k][1] for k in rows), none)).fixed
+    estimated = max(space.arm_count - int(np.sum(fixed < space.arm_count)), 1)
+    change = (design.d(none, rows) - design.d(now)) * space.arm_count / estimated
     return Best(
         names=tuple(candidates[k][0].name for k in rows),
         count=count,
@@ -161,12 +174,12 @@ def _best(
     )
 
 
-def _random(design: Design, now: Told, options: PlanOptions) -> FloatArray:
+def _random(design: Design, now: SharedInformation, options: PlanOptions) -> FloatArray:
     sets = random_sets(design, options.count, options.random, options.seed)
     return np.array([design.tip(now, rows) for rows in sets])
 
 
-def _stop(design: Design, now: Told, options: PlanOptions) -> Stop:
+def _stop(design: Design, now: SharedInformation, options: PlanOptions) -> Stop:
     """Look ahead by the tip's uncertainty, whatever the plan is chosen by."""
     by_tip = replace(design, criterion="tip")
     far = exchange(by_tip, now, greedy(by_tip, now, max(options.horizon, options.count)))

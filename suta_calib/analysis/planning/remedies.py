@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from suta_calib.analysis.planning.candidates import Candidate
-from suta_calib.analysis.planning.information import Space, Told
+from suta_calib.analysis.planning.information import SharedInformation, Space
 from suta_calib.analysis.planning.situation import Situation
 from suta_calib.diagnostics.explanation import Explanation, explain
 from suta_calib.solver.solve import identify_at
@@ -36,9 +36,9 @@ class Remedy:
 def remedies(
     situation: Situation,
     space: Space,
-    present: Told,
+    present: SharedInformation,
     candidates: Sequence[Candidate],
-    told: Sequence[Told],
+    information: Sequence[SharedInformation],
 ) -> tuple[Remedy, ...]:
     """One for each parameter of the arm that the present data leave open.
 
@@ -50,21 +50,21 @@ def remedies(
         space: the unknowns.
         present: what the present data tell.
         candidates: what could be added.
-        told: what each would tell.
+        information: what each would tell.
     """
     identification = space.identify(present)
     arm = set(space.names[: space.arm_count])
-    names = [c.held for c in identification.combinations if c.held in arm]
+    names = [c.fixed for c in identification.combinations if c.fixed in arm]
     texts = _explanations(situation)
-    everything = sum(told, present)
+    everything = sum(information, present)
     found = []
-    left = [_held(space, present + more) for more in told]
-    left_by_all = _held(space, everything)
+    left = [_fixed(space, present + more) for more in information]
+    left_by_all = _fixed(space, everything)
     for name in names:
         able = [
             (candidate, _curvature(space, name, more))
-            for candidate, more, held in zip(candidates, told, left, strict=True)
-            if name not in held and len(held) < len(names)
+            for candidate, more, fixed in zip(candidates, information, left, strict=True)
+            if name not in fixed and len(fixed) < len(names)
         ]
         best = [candidate for candidate, _ in sorted(able, key=lambda pair: -pair[1])]
         text = texts.get(name, Explanation(name, "", ""))
@@ -81,19 +81,19 @@ def remedies(
     return tuple(found)
 
 
-def _held(space: Space, told: Told) -> frozenset[str]:
+def _fixed(space: Space, information: SharedInformation) -> frozenset[str]:
     """The arm's parameters that would be held."""
     arm = set(space.names[: space.arm_count])
-    return frozenset(c.held for c in space.identify(told).combinations if c.held in arm)
+    return frozenset(c.fixed for c in space.identify(information).combinations if c.fixed in arm)
 
 
-def _curvature(space: Space, name: str, told: Told) -> float:
+def _curvature(space: Space, name: str, information: SharedInformation) -> float:
     """How much a candidate alone tells of a parameter alone."""
     k = space.names.index(name)
-    return float(told.curvature[k, k])
+    return float(information.curvature[k, k])
 
 
 def _explanations(situation: Situation) -> Mapping[str, Explanation]:
     problem, x = situation.problem, situation.x
     identification = identify_at(problem, x, situation.sigmas)
-    return {e.held: e for e in explain(problem, x, identification)}
+    return {e.fixed: e for e in explain(problem, x, identification)}

@@ -9,7 +9,6 @@ from functools import cached_property
 
 import numpy as np
 
-from suta_calib.analysis.planning.calibrated import calibrated_kinematics
 from suta_calib.analysis.planning.candidates import Candidate, Placement
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import JobError
@@ -73,7 +72,7 @@ class Situation:
     @cached_property
     def kinematics(self) -> InverseKinematics:
         """Inverse kinematics of the arm at x."""
-        return calibrated_kinematics(self.arm, self.values)
+        return InverseKinematics(self.arm.at(self.values), {})
 
     @property
     def samples(self) -> int:

@@ -12,7 +12,7 @@ import numpy as np
 
 from suta_calib.analysis.study.plan import StudyPlan
 from suta_calib.analysis.study.sizes import MANY_FAILED
-from suta_calib.analysis.study.trial import TOLD, Trial
+from suta_calib.analysis.study.trial import ESTIMATED, Trial
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment
 from suta_calib.solver.solution import Estimate
@@ -124,13 +124,13 @@ class SpreadStudy:
     @property
     def assessment(self) -> Assessment:
         """Whether standard deviations may be believed."""
-        told = [p for p in self.parameters.values() if math.isfinite(p.ratio)]
-        if not told:
+        estimated = [p for p in self.parameters.values() if math.isfinite(p.ratio)]
+        if not estimated:
             reasons = "; ".join(self.failures) or "too few trials"
             return Assessment.of("no parameter was told", bad=[f"No spread can be told: {reasons}"])
-        ratios = [p.ratio for p in told]
+        ratios = [p.ratio for p in estimated]
         sentence = (
-            f"{len(told)} parameters told in {self.solved} trials; their spread is "
+            f"{len(estimated)} parameters told in {self.solved} trials; their spread is "
             f"{min(ratios):.2f} to {max(ratios):.2f} times the predicted standard deviation"
         )
         return Assessment.of(sentence, care=self._cautions())
@@ -157,8 +157,8 @@ class SpreadStudy:
         return found
 
     def _rarely(self, parameter: ParameterSpread) -> bool:
-        told = len(parameter.spread.values)
-        return parameter.estimate.state in TOLD and told < (1 - MANY_FAILED) * self.solved
+        estimated = len(parameter.spread.values)
+        return parameter.estimate.state in ESTIMATED and estimated < (1 - MANY_FAILED) * self.solved
 
 
 def judge_spread(plan: StudyPlan, trials: Sequence[Trial]) -> SpreadStudy:
@@ -185,8 +185,8 @@ def judge_spread(plan: StudyPlan, trials: Sequence[Trial]) -> SpreadStudy:
 
 
 def _of(plan: StudyPlan, estimate: Estimate, trials: Sequence[Trial]) -> ParameterSpread:
-    told = [t.estimates[estimate.name] for t in trials if estimate.name in t.estimates]
-    values, stds = np.array(told).reshape(-1, 2).T
+    estimated = [t.estimates[estimate.name] for t in trials if estimate.name in t.estimates]
+    values, stds = np.array(estimated).reshape(-1, 2).T
     priors = any(p.prior is not None for p in plan.data.parameters.values())
     if plan.data.kind == "bootstrap":
         predicted = math.nan if estimate.std is None else estimate.std

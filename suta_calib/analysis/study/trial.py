@@ -29,7 +29,7 @@ from suta_calib.threads import single_threaded
 Kind = Literal["size", "bootstrap", "monte-carlo"]
 KINDS: Final[tuple[Kind, ...]] = ("size", "bootstrap", "monte-carlo")
 # States in which the data say something about a value.
-TOLD: Final[tuple[State, ...]] = ("identified", "prior")
+ESTIMATED: Final[tuple[State, ...]] = ("identified", "prior")
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class FullDataFit:
         """What a solution says."""
         arm = solution.problem.names[: solution.problem.arm_count]
         estimates = {name: solution.estimates[name] for name in arm}
-        given = {name: e.given for name, e in estimates.items() if e.state in TOLD}
+        given = {name: e.given for name, e in estimates.items() if e.state in ESTIMATED}
         return cls(solution.values, solution.noise, given)
 
 
@@ -192,7 +192,7 @@ def _estimates(solution: Solution, reference: FullDataFit | None) -> dict[str, t
     found = {}
     for name, given in reference.given.items():
         estimate = solution.estimates[name]
-        if estimate.state in TOLD and set(estimate.given) == set(given):
+        if estimate.state in ESTIMATED and set(estimate.given) == set(given):
             assert estimate.std is not None
             found[name] = (estimate.value, estimate.std)
     return found

@@ -11,8 +11,7 @@ from suta_calib.analysis.model_selection.cross_validation import limited_rms
 from suta_calib.assessment import Assessment
 from suta_calib.diagnostics.accuracy import TermAccuracy
 from suta_calib.diagnostics.score_tests import ScoreTest
-from suta_calib.model.nongeometric import Family
-from suta_calib.model.parameters import Selection
+from suta_calib.model.parameters import Family, Selection
 from suta_calib.report.verdict import listed
 from suta_calib.units import shown, text, unit_name
 

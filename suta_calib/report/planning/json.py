@@ -83,17 +83,17 @@ def _on_start(found: Plan) -> list[str]:
 def _on_rest(found: Plan) -> list[str]:
     notes = []
     if left := [
-        r.parameter for r in found.remedies if r.by_all and r.parameter in found.after.held
+        r.parameter for r in found.remedies if r.by_all and r.parameter in found.after.fixed
     ]:
         notes.append(f"Still open after this plan: {', '.join(left)}; choose more.")
     if found.after.tip > (1 - _USELESS) * found.before.tip:
         notes.append(
             "Nothing here makes the tip much surer; for the parameters, choose by --criterion d."
         )
-    if found.after.tip > (1 + _NOTHING) * found.after.tip_told:
+    if found.after.tip > (1 + _NOTHING) * found.after.tip_estimated:
         notes.append(
             f"Most of what is left is held, not measured: with held parameters exact the tip "
-            f"would be sure to {MM * found.after.tip_told:.3f} mm."
+            f"would be sure to {MM * found.after.tip_estimated:.3f} mm."
         )
     stop = found.stop
     if stop.target is not None and stop.needed is None:
@@ -151,8 +151,8 @@ def _forecast(forecast: Forecast) -> Json:
         }
     return {
         "tip_mm": MM * forecast.tip,
-        "tip_held_exact_mm": MM * forecast.tip_told,
-        "unidentified": list(forecast.held),
+        "tip_held_exact_mm": MM * forecast.tip_estimated,
+        "unidentified": list(forecast.fixed),
         "parameters": parameters,
     }
 

@@ -55,8 +55,12 @@ def parameter_rows(found: Plan) -> list[list[str]]:
         cells = [NOTHING if e.std is None else text(e.std, e.unit) for e in (before, after)]
         rows.append([before.name, *cells, unit_name(before.unit)])
     tips = [f"{MM * forecast.tip:.3f}" for forecast in (found.before, found.after)]
-    told = [f"{MM * forecast.tip_told:.3f}" for forecast in (found.before, found.after)]
-    return [*rows, ["tip in the region", *tips, "mm"], ["… if what is held is exact", *told, "mm"]]
+    estimated = [f"{MM * forecast.tip_estimated:.3f}" for forecast in (found.before, found.after)]
+    return [
+        *rows,
+        ["tip in the region", *tips, "mm"],
+        ["… if what is held is exact", *estimated, "mm"],
+    ]
 
 
 def plan_csv(found: Plan) -> str:

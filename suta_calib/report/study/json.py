@@ -9,7 +9,7 @@ from suta_calib.analysis.study.plan import StudyPlan
 from suta_calib.analysis.study.sets import ResampledUnit
 from suta_calib.analysis.study.sizes import SizeResult, SizeStudy
 from suta_calib.analysis.study.spread import ParameterSpread, SpreadStudy
-from suta_calib.analysis.study.trial import TOLD
+from suta_calib.analysis.study.trial import ESTIMATED
 from suta_calib.assessment import Assessment
 from suta_calib.units import shown, unit_name
 
@@ -102,13 +102,13 @@ def _spreads(study: SpreadStudy) -> Json:
 def _parameter(parameter: ParameterSpread) -> Json:
     """SI as in ``result.json``, with the same in mm or degrees where people look."""
     e = parameter.estimate
-    told: Json = {"unit": e.unit, "state": e.state, "told": len(parameter.spread.values)}
-    if e.state not in TOLD:
-        return told
+    row: Json = {"unit": e.unit, "state": e.state, "told": len(parameter.spread.values)}
+    if e.state not in ESTIMATED:
+        return row
     low, high = parameter.spread.interval
     suffix = unit_name(e.unit)
     spread, predicted = parameter.spread.std, parameter.predicted
-    return told | {
+    return row | {
         "value": e.value,
         "std": e.std,
         "mean": parameter.spread.mean,

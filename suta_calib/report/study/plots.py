@@ -42,14 +42,14 @@ def spread_figure(study: SpreadStudy, name: str) -> str:
         study: a bootstrap or a Monte-Carlo study.
         name: of the picture, unique on the page.
     """
-    told = {n: p for n, p in study.parameters.items() if np.isfinite(p.ratio)}
+    estimated = {n: p for n, p in study.parameters.items() if np.isfinite(p.ratio)}
     with_errors = study.validation.enough
     with style(name):
-        size = (1.3 * WIDTH if with_errors else WIDTH, 1.8 + 0.28 * len(told))
+        size = (1.3 * WIDTH if with_errors else WIDTH, 1.8 + 0.28 * len(estimated))
         figure = Figure(figsize=size, layout="constrained")
         ratios = (3, 2) if with_errors else (1,)
         first, *others = figure.subplots(1, len(ratios), width_ratios=ratios, squeeze=False)[0]
-        _intervals(first, told)
+        _intervals(first, estimated)
         for axes in others:
             _errors(axes, study)
         return svg_text(figure, name, "Scatter of the estimates between trials")
@@ -84,17 +84,17 @@ def _recommendation(axes: Axes, study: SizeStudy) -> None:
     axes.plot(chosen.size, MM * chosen.mean, "D", mfc="none", mec="black", mew=1.6, ms=11)
 
 
-def _intervals(axes: Axes, told: dict[str, ParameterSpread]) -> None:
+def _intervals(axes: Axes, estimated: dict[str, ParameterSpread]) -> None:
     """95 % of each parameter's trials, in units of the standard deviation predicted."""
     axes.axvspan(
         -TWO_SIDED, TWO_SIDED, facecolor="#e8e8e8", edgecolor=GREY, lw=0.6, label="predicted 95 %"
     )
-    places = np.arange(len(told))
-    rows = [_scaled(p) for p in told.values()]
+    places = np.arange(len(estimated))
+    rows = [_scaled(p) for p in estimated.values()]
     mean, low, high = np.array(rows).reshape(-1, 3).T
     axes.hlines(places, low, high, color=BLUE, lw=2.2, label="95 % of the trials")
     axes.plot(mean, places, "o", color="black", ms=4, label="mean of the trials")
-    off = np.array([not p.as_predicted for p in told.values()], dtype=bool)
+    off = np.array([not p.as_predicted for p in estimated.values()], dtype=bool)
     if off.any():
         mark: dict[str, Any] = {
             "color": ORANGE,
@@ -103,8 +103,8 @@ def _intervals(axes: Axes, told: dict[str, ParameterSpread]) -> None:
             "label": "not as predicted",
         }
         axes.plot(high[off], places[off], ">", **mark)
-    axes.set_yticks(places, [f"{n}  ×{p.ratio:.2f}" for n, p in told.items()])
-    axes.set_ylim(len(told) - 0.4, -0.6)
+    axes.set_yticks(places, [f"{n}  ×{p.ratio:.2f}" for n, p in estimated.items()])
+    axes.set_ylim(len(estimated) - 0.4, -0.6)
     axes.set_title("Estimates, and spread over prediction (×)", pad=38)
     axes.set_xlabel("estimate minus that with all data, in predicted standard deviations")
     axes.grid(axis="x")

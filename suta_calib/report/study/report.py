@@ -9,7 +9,7 @@ from rich.text import Text as Line
 
 from suta_calib.analysis.study.sizes import SizeStudy
 from suta_calib.analysis.study.spread import ParameterSpread, SpreadStudy
-from suta_calib.analysis.study.trial import TOLD, Kind
+from suta_calib.analysis.study.trial import ESTIMATED, Kind
 from suta_calib.report.console import number_table, verdict_lines
 from suta_calib.report.sections import Plot, Section, Table, Text
 from suta_calib.report.study.json import SET_IS, held_out
@@ -47,8 +47,8 @@ def study_tables(study: Study) -> RenderableType:
     table.padding = (0, 0, 0, 1)
     for row in rows:
         table.add_row(*row)
-    told = [Line(sentence) for sentence in _words(study)]
-    return Group(table, *told, "", *verdict_lines(study.assessment))
+    sentences = [Line(sentence) for sentence in _words(study)]
+    return Group(table, *sentences, "", *verdict_lines(study.assessment))
 
 
 def study_section(study: Study) -> Section:
@@ -76,8 +76,8 @@ def study_section(study: Study) -> Section:
 def _table(study: Study) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     if isinstance(study, SizeStudy):
         return SIZE_HEADS, _size_rows(study)
-    told = {n: p for n, p in study.parameters.items() if p.estimate.state in TOLD}
-    return SPREAD_HEADS, [_spread_row(name, p) for name, p in told.items()]
+    estimated = {n: p for n, p in study.parameters.items() if p.estimate.state in ESTIMATED}
+    return SPREAD_HEADS, [_spread_row(name, p) for name, p in estimated.items()]
 
 
 def _size_rows(study: SizeStudy) -> list[tuple[str, ...]]:
@@ -93,14 +93,14 @@ def _size_rows(study: SizeStudy) -> list[tuple[str, ...]]:
 
 def _spread_row(name: str, parameter: ParameterSpread) -> tuple[str, ...]:
     e, spread = parameter.estimate, parameter.spread
-    told = str(len(spread.values))
+    estimated = str(len(spread.values))
     unit = unit_name(e.unit)
     ratio = f"{parameter.ratio:.2f}" if parameter.ratio > 0 else NOTHING
     mark = "" if parameter.as_predicted else "!"
     low, high = (text(value, e.unit) for value in spread.interval)
     interval = f"{low} … {high}" if spread.enough else NOTHING
     numbers = (text(parameter.predicted, e.unit), text(spread.std, e.unit), ratio + mark)
-    return (name, unit, *numbers, interval, told)
+    return (name, unit, *numbers, interval, estimated)
 
 
 def _words(study: Study) -> list[str]:
@@ -152,7 +152,7 @@ def _scatter(study: SpreadStudy) -> list[str]:
         f"Predicted: standard deviation {predicted}. Spread: standard deviation between trials "
         "that told the parameter, relative to the same held ones."
     ]
-    silent = [n for n, p in study.parameters.items() if p.estimate.state not in TOLD]
+    silent = [n for n, p in study.parameters.items() if p.estimate.state not in ESTIMATED]
     if silent:
         found.append(f"Not estimated with all data either: {listed(silent)}.")
     if any(p.priors and p.ratio < 1 for p in study.parameters.values()):
@@ -179,8 +179,8 @@ def _held_out_spread(study: SpreadStudy) -> str:
 
 def _against_own(study: SpreadStudy) -> list[str]:
     """A calibration whose model lacks something is less sure than its noise alone makes it."""
-    told = [p for p in study.parameters.values() if p.estimate.std and p.predicted > 0]
-    larger = max((p.estimate.std / p.predicted for p in told if p.estimate.std), default=0.0)
+    estimated = [p for p in study.parameters.values() if p.estimate.std and p.predicted > 0]
+    larger = max((p.estimate.std / p.predicted for p in estimated if p.estimate.std), default=0.0)
     if larger < NOTEWORTHY:
         return []
     return [

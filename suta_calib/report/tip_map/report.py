@@ -48,7 +48,7 @@ def tip_map_dict(found: TipMap, tolerance: float | None = None) -> Json:
             "cone_deg": math.degrees(found.region.cone),
         },
         "registration": {"place_mm": (MM * found.place).tolist(), "points": found.registration},
-        "held": [_held(found, k) for k in range(len(found.open_directions))],
+        "held": [_fixed(found, k) for k in range(len(found.open_directions))],
         "sections": {
             each.name: {
                 "origin_mm": (MM * each.origin).tolist(),
@@ -147,11 +147,11 @@ def _figures(figures: Figures) -> Json:
     } | shares
 
 
-def _held(found: TipMap, k: int) -> Json:
+def _fixed(found: TipMap, k: int) -> Json:
     each = found.open_directions[k]
-    unit = found.knowledge.arm.offered[each.held].unit
+    unit = found.knowledge.arm.offered[each.fixed].unit
     return {
-        "parameter": each.held,
+        "parameter": each.fixed,
         f"plausible_{unit_name(unit)}": SHOWN[unit].per_si * each.plausible,
         "tip_mm": MM * each.effect,
     }
@@ -162,10 +162,10 @@ def _open_notes(found: TipMap) -> list[str]:
     for each in found.open_directions:
         if each.effect <= _NOTHING * found.registered.rms:
             continue
-        unit = found.knowledge.arm.offered[each.held].unit
+        unit = found.knowledge.arm.offered[each.fixed].unit
         size = f"{SHOWN[unit].per_si * each.plausible:.3g} {unit_name(unit)}"
         notes.append(
-            f"{each.held} is held, not measured, and not in these figures: if it is off by "
+            f"{each.fixed} is held, not measured, and not in these figures: if it is off by "
             f"{size}, the tip is off by {MM * each.effect:.3g} mm ('plan' says what measures it)."
         )
     return notes

@@ -1,0 +1,99 @@
+"""A job before it is measured: its arm and its observations, whose samples need not exist yet."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from suta_calib.errors import JobError
+from suta_calib.measurements import YamlSection, read_yaml
+
+_GROUPS: Final = ("observations", "validation")
+
+
+@dataclass(frozen=True)
+class PlannedObservation:
+    """One row of ``observations`` or ``validation``.
+
+    Attributes:
+        where: the row, such as ``observations[0]``.
+        kind: of observation.
+        samples: glob patterns of the files its samples are to be in.
+        section: the row as it stands in the file.
+    """
+
+    where: str
+    kind: str
+    samples: tuple[str, ...]
+    section: YamlSection
+
+    @property
+    def held_out(self) -> bool:
+        """Whether it is for validation only."""
+        return self.where.startswith("validation")
+
+    def artefact(self) -> Path | None:
+        """The artefact's file, or None where the row names none.
+
+        Raises:
+            JobError: there is no such file.
+        """
+        return self.section.existing_file("artefact") if "artefact" in self.section else None
+
+
+@dataclass(frozen=True)
+class JobOutline:
+    """What a ``calibration.yaml`` says beside its samples.
+
+    Attributes:
+        top: the file.
+        tip, base: ends of its arm's chain; base None for the root link.
+        rows: what is to be observed, then what is to be held out.
+        unknowns: names and globs of the parameters it looks for.
+    """
+
+    top: YamlSection
+    tip: str
+    base: str | None
+    rows: tuple[PlannedObservation, ...]
+    unknowns: tuple[str, ...]
+
+    @classmethod
+    def of(cls, top: YamlSection) -> JobOutline:
+        """What a file that has been read is about.
+
+        Raises:
+            JobError: a key that is read here is missing or unusable.
+        """
+        arm = top.section("arm")
+        rows = [
+            PlannedObservation(f"{group}[{k}]", row.text("kind"), row.texts("samples"), row)
+            for group in _GROUPS
+            if group in top
+            for k, row in enumerate(top.sections(group))
+        ]
+        selected = top.sections("parameters") if "parameters" in top else []
+        unknowns = [n for row in selected if not row.flag("fixed") for n in row.texts("select")]
+        base = arm.text("base") if "base" in arm else None
+        return cls(top, arm.text("tip"), base, tuple(rows), tuple(unknowns))
+
+    def urdf(self) -> Path:
+        """The arm's URDF.
+
+        Raises:
+            JobError: there is no such file.
+        """
+        return self.top.section("arm").existing_file("urdf")
+
+
+def read_outline(path: Path) -> JobOutline:
+    """Read what a job is about.
+
+    Args:
+        path: a ``calibration.yaml``; the artefacts and samples it names need not exist.
+
+    Raises:
+        JobError: the file cannot be read, or a key that is read here is missing or unusable.
+    """
+    return JobOutline.of(YamlSection(read_yaml(Path(path), JobError), JobError))
