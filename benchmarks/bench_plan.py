@@ -22,10 +22,9 @@ import numpy as np
 
 from suta_calib.analysis.planning import Candidate, Placement, Pool, Region, Situation
 from suta_calib.analysis.planning.design import Design, best_set, random_sets
-from suta_calib.analysis.planning.forecast import forecast
 from suta_calib.analysis.planning.generate import generated
 from suta_calib.analysis.planning.information import SharedInformation, Space, nothing, promised
-from suta_calib.analysis.planning.plan import tip_weight
+from suta_calib.analysis.planning.plan import forecast, tip_weight
 from suta_calib.analysis.planning.reach import Reach
 from suta_calib.analysis.tip_uncertainty import Sensitivity
 from suta_calib.arrays import FloatArray

@@ -21,11 +21,10 @@ from peers import NumpyDistances
 from rich.console import Console
 from rich.table import Table
 
-from suta_calib.analysis.study.plan import Request, StudyPlan, plan_study, run_study
-from suta_calib.analysis.study.sizes import judge_sizes
-from suta_calib.analysis.study.trial import Trial
+from suta_calib.analysis.study import Request, StudyPlan, Trial, judge_sizes, plan_study, run_study
 from suta_calib.job.calibration import CalibrationJob
-from suta_calib.report.study.report import study_tables
+from suta_calib.report.console import rendered
+from suta_calib.report.study import study_document
 from suta_calib.solver.problem import Problem
 
 JOB = Path(__file__).parents[1] / "data" / "suta" / "calibration.yaml"
@@ -55,7 +54,7 @@ def main() -> None:
             rows.append((*row, same(far, alone)))
     rows.append(scipy(plan, alone))
     console = Console(width=100)
-    console.print(study_tables(judge_sizes(plan, alone, 0.05)))
+    console.print(rendered(study_document(judge_sizes(plan, alone, 0.05))))
     console.print(table(rows))
     load = os.getloadavg()[0]
     console.print(f"{os.cpu_count()} cores; load of the last minute {load:.1f}")

@@ -12,8 +12,9 @@ from typing import Final, Literal, TypeVar
 
 from suta_calib.arrays import FloatArray
 
-# rad/Nm is the unit of a joint's compliance, a turn per torque.
-Unit = Literal["m", "rad", "rad/Nm", "s", "1"]
+# rad/Nm is the unit of a joint's compliance, a turn per torque; % that of a share, a number from 0
+# to 1 that a reader sees in per cent.
+Unit = Literal["m", "rad", "rad/Nm", "s", "1", "%"]
 Quantity = TypeVar("Quantity", float, FloatArray)
 NOTHING: Final = "–"
 
@@ -41,6 +42,7 @@ SHOWN: Final[dict[Unit, Shown]] = {
     "rad/Nm": Shown("deg/Nm", "_deg_per_nm", 180.0 / math.pi, 5),
     "s": Shown("s", "_s", 1.0, 3),
     "1": Shown("", "", 1.0, 3),
+    "%": Shown("%", "_pct", 100.0, 1),
 }
 
 

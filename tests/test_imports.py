@@ -6,7 +6,7 @@ import ast
 from pathlib import Path
 
 ROWS = (
-    {"errors", "arrays", "units", "assessment", "atomic", "extras", "lazy", "threads"},
+    {"errors", "arrays", "units", "assessment", "atomic", "extras", "lazy", "threads", "words"},
     {"geometry", "batched"},
     {"model", "measurements"},
     {"terms"},
@@ -15,7 +15,7 @@ ROWS = (
     {"simulation"},
     {"job"},
     {"pose_calibration"},
-    {"stereotactic", "analysis", "certification"},
+    {"job", "stereotactic", "analysis", "certification"},
     {"device"},
     {"emulation", "acquisition", "tracking"},
     {"report"},

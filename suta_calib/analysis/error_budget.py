@@ -25,17 +25,31 @@ import numpy as np
 
 from suta_calib.analysis.encoder_noise import EncoderNoise, Linear, linear
 from suta_calib.arrays import FloatArray, IntArray
+from suta_calib.assessment import Assessment
 from suta_calib.diagnostics.accuracy import fit_own
 from suta_calib.diagnostics.repeats import gross_rows, repeat_variance
 from suta_calib.errors import ParameterError
+from suta_calib.job.calibration import CalibrationJob
 from suta_calib.model.parameters import ParameterSet
 from suta_calib.solver.solution import Solution
+from suta_calib.solver.solve import Progress
 from suta_calib.terms import KINDS, Term
 from suta_calib.terms.term import Block
 from suta_calib.threads import single_threaded
-from suta_calib.units import Unit
+from suta_calib.units import Unit, text
 
 Source = Literal["gross", "encoders", "seating", "instrument", "artefact", "parameters", "model"]
+WORDS: Final[dict[Source, str]] = {
+    "encoders": "encoders",
+    "seating": "seating",
+    "instrument": "instrument",
+    "artefact": "artefact",
+    "parameters": "calibration's own uncertainty",
+    "model": "model (what is left)",
+    "gross": "gross errors",
+}
+# Of a mean square: more than that are errors to look for, not to split.
+MOSTLY_GROSS: Final = 0.5
 # Stated encoder noise over the scatter of repeats, as variances, from which it cannot be so large.
 TOO_LARGE: Final = 1.5
 SEEN_FROM_AFAR: Final = ("tracked_point", "hand_eye")
@@ -52,6 +66,19 @@ class Share:
 
     sources: tuple[Source, ...]
     variance: float
+
+    @property
+    def rms(self) -> float:
+        """Root of the part, m or rad."""
+        return float(np.sqrt(self.variance))
+
+    @property
+    def words(self) -> str:
+        """``seating``, or ``encoders and seating together``."""
+        words = [word for source, word in WORDS.items() if source in self.sources]
+        if len(words) == 1:
+            return words[0]
+        return f"{', '.join(words[:-1])} and {words[-1]} together"
 
 
 @dataclass(frozen=True)
@@ -82,6 +109,11 @@ class BlockBudget:
         """Of exactly these sources, or None where they have no number of their own."""
         found = [s.variance for s in self.shares if set(s.sources) == set(sources)]
         return found[0] if found else None
+
+    @property
+    def inside(self) -> list[Share]:
+        """The shares without gross errors."""
+        return [s for s in self.shares if s.sources != ("gross",)]
 
     @property
     def rms(self) -> float:
@@ -122,6 +154,48 @@ class ErrorBudget:
     blocks: tuple[BlockBudget, ...]
     tip: TipBudget
     missing: tuple[str, ...]
+
+    @property
+    def assessment(self) -> Assessment:
+        """What dominates, and what the data do not tell: lengths first, held-out data first."""
+        first = min(self.blocks, key=lambda b: (b.data != "validation", b.unit != "m"))
+        largest = max(first.inside, key=lambda s: s.variance)
+        total = sum(s.variance for s in first.inside)
+        errors = f"{first.data} errors ({text(first.rms, first.unit, with_unit=True)} RMS)"
+        sentence = f"The {errors} leave nothing to split"
+        if total > 0:
+            sentence = (
+                f"Of the {errors}, gross ones aside, {100 * largest.variance / total:.0f} % is "
+                f"{largest.words}"
+            )
+        return Assessment.of(sentence, care=[*self.missing, *self._on_gross()])
+
+    def _on_gross(self) -> list[str]:
+        """Data of which a few touches make most of the mean square."""
+        shares = [(b.variance_of("gross") or 0.0) / b.variance for b in self.blocks if b.variance]
+        if (worst := max(shares, default=0.0)) < MOSTLY_GROSS:
+            return []
+        return [
+            f"Gross errors make {100 * worst:.0f} % of a mean square: suta-calib outliers says "
+            "which touches they are."
+        ]
+
+
+def error_budget_of_job(job: CalibrationJob, progress: Progress | None = None) -> ErrorBudget:
+    """Calibrate a job, and split its errors by where they come from.
+
+    Args:
+        job: its section ``encoders`` states what is known of them.
+        progress: called with (starts done, starts).
+
+    Raises:
+        SamplesError: the calibration does not converge.
+    """
+    stated = job.spec.encoders
+    encoders = None
+    if stated is not None:
+        encoders = EncoderNoise(stated.bits, stated.noise_rad, stated.noise_m)
+    return error_budget(job.usable_solution(progress), job.validation, encoders)
 
 
 @single_threaded

@@ -6,22 +6,51 @@ the arm's calibration causes.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 
+from suta_calib.analysis.planning import Region, Situation
+from suta_calib.analysis.planning.candidates_file import DOWN
 from suta_calib.analysis.planning.links import link_points
-from suta_calib.analysis.planning.region import Region
 from suta_calib.analysis.tip_sections import Knowledge, Slice, Walker, slices
 from suta_calib.analysis.tip_uncertainty import sensitivity
 from suta_calib.arrays import FloatArray
+from suta_calib.assessment import Assessment
 from suta_calib.errors import JobError
+from suta_calib.solver.solution import Solution
 from suta_calib.threads import single_threaded
+from suta_calib.units import Unit, mm, shown, text, unit_name
 
 # 3-D RMS that laboratories ask of a navigation system, m.
 THRESHOLDS: Final = (0.3e-3, 0.5e-3)
 _GRID: Final = 61
+# Points to register where there is no artefact: the corners of a box as large as one, m.
+_HALF: Final = 0.08
+# A direction that moves the registered tip by less than this part of what is estimated is nothing.
+_NOTHING: Final = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class TipMapOptions:
+    """What is asked for.
+
+    Attributes:
+        box: (2, 3) lower and upper corner of the region in the base, m; by default around what was
+            touched.
+        place: (3,) where one registers, m; by default in the middle of what was touched, or of the
+            box.
+        tolerance: the RMS over the region that is good enough, m; None where any is.
+        grid: points along each side of a section.
+        seed: of the searches for postures.
+    """
+
+    box: FloatArray | None = None
+    place: FloatArray | None = None
+    tolerance: float | None = None
+    grid: int = _GRID
+    seed: int = 0
 
 
 @dataclass(frozen=True)
@@ -48,11 +77,19 @@ class Figures:
 
 @dataclass(frozen=True)
 class OpenDirection:
-    """What was held, and what it does to the registered tip if it is as far off as plausible, m."""
+    """What was held, and what it does to the registered tip if it is as far off as plausible.
+
+    Attributes:
+        fixed: name of the parameter.
+        plausible: how far off it may be, m or rad.
+        effect: root mean square displacement of the tip over the region then, m.
+        unit: of the parameter.
+    """
 
     fixed: str
     plausible: float
     effect: float
+    unit: Unit
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,6 +106,7 @@ class TipMap:
         drawn: (joints + 2, 3) the arm in one posture, m.
         open_directions: what was held and moves the registered tip.
         axis: (3,) direction of the tip's z axis in the sections.
+        tolerance: the RMS over the region that is good enough, m; None where any is.
     """
 
     knowledge: Knowledge
@@ -81,6 +119,91 @@ class TipMap:
     drawn: FloatArray
     open_directions: tuple[OpenDirection, ...]
     axis: FloatArray
+    tolerance: float | None = None
+
+    @property
+    def assessment(self) -> Assessment:
+        """How sure the tip is, whether that is enough, and what it does not say."""
+        rms, p95 = (text(size, "m") for size in (self.registered.rms, self.registered.p95))
+        sentence = (
+            f"The calibration leaves the tip sure to {rms} mm (3-D RMS in the region, after "
+            f"registration; 95 % within {p95} mm)"
+        )
+        bad = []
+        if self.tolerance is not None and self.registered.rms > self.tolerance:
+            bad.append(f"That is more than the {mm(self.tolerance):.3g} mm asked for.")
+        care = [
+            f"{each.fixed} is held, not measured, and not in these figures: if it is off by "
+            f"{shown(each.plausible, each.unit):.3g} {unit_name(each.unit)}, the tip is off by "
+            f"{mm(each.effect):.3g} mm ('plan' says what measures it)."
+            for each in self.open_directions
+            if each.effect > _NOTHING * self.registered.rms
+        ]
+        if self.registered.rms > THRESHOLDS[-1]:
+            limits = " to ".join(f"{mm(limit):g}" for limit in THRESHOLDS)
+            care.append(f"Laboratories ask for {limits} mm of the whole navigation system.")
+        return Assessment.of(sentence, bad=bad, care=care)
+
+
+def tip_map_of_solution(solution: Solution, options: TipMapOptions) -> TipMap:
+    """The map of a calibration, with the tool as it was held and its own artefact registered.
+
+    Args:
+        solution: a converged one, over an arm.
+        options: what is asked for.
+
+    Raises:
+        JobError: the region has no volume, the arm reaches next to nothing of it, or fewer than
+            three registration points.
+    """
+    situation = Situation.of(solution.problem, solution)
+    region = Region.around(situation)
+    if options.box is not None:
+        region = Region.box(options.box[0], options.box[1], situation)
+    fiducials, artefact = _corners(), situation.artefact
+    if artefact is not None and len(artefact.landmarks) >= len("xyz"):
+        certified = np.array([mark.position for mark in artefact.landmarks.values()])
+        fiducials = certified - certified.mean(axis=0)
+    middle = situation.tips[1].mean(axis=0)
+    return _mapped(Knowledge.of(solution), region, middle, fiducials, options)
+
+
+def tip_map_of_result(knowledge: Knowledge, options: TipMapOptions) -> TipMap:
+    """The map of an arm whose samples are not known; the tool points straight down.
+
+    Args:
+        knowledge: as a result has it.
+        options: what is asked for, a box among it.
+
+    Raises:
+        JobError: the box is missing or has no volume, the arm reaches next to nothing of it, or
+            fewer than three registration points.
+    """
+    if options.box is None:
+        raise JobError("a result, which knows no samples", "a box for the tip", where="region")
+    region = Region(options.box[0], options.box[1], np.array(DOWN))
+    return _mapped(knowledge, region, options.box.mean(axis=0), _corners(), options)
+
+
+def _corners() -> FloatArray:
+    signs = np.array(np.meshgrid(*[[-1.0, 1.0]] * 3)).reshape(3, -1).T
+    return np.asarray(_HALF * signs)
+
+
+def _mapped(
+    knowledge: Knowledge,
+    region: Region,
+    middle: FloatArray,
+    fiducials: FloatArray,
+    options: TipMapOptions,
+) -> TipMap:
+    place = middle if options.place is None else options.place
+    tips = knowledge.arm.forward(knowledge.visited, knowledge.values)[1]
+    postures = region.postures(knowledge.kinematics, knowledge.visited, tips, options.seed)
+    found = tip_map(
+        knowledge, region, place, fiducials, postures, grid=options.grid, seed=options.seed
+    )
+    return replace(found, tolerance=options.tolerance)
 
 
 @single_threaded
@@ -114,7 +237,7 @@ def tip_map(
     if good.sum() < min(3, len(fiducials)) or good.sum() < 3:
         raise JobError(
             f"{int(good.sum())} of {len(fiducials)} registration points within reach about "
-            "({:.0f}, {:.0f}, {:.0f}) mm".format(*(1e3 * place)),
+            "({:.0f}, {:.0f}, {:.0f}) mm".format(*mm(place)),
             "at least 3",
             where="register-at",
             hint="register where the arm reaches with its tool as in the samples",
@@ -150,7 +273,7 @@ def _open(
             sensitivity(knowledge.arm, knowledge.values, names, q) for q in (reference, postures)
         )
         moved = inside.registered(at) @ step
-        found.append(
-            OpenDirection(fixed, plausible, float(np.sqrt(np.mean(np.sum(moved**2, axis=1)))))
-        )
+        effect = float(np.sqrt(np.mean(np.sum(moved**2, axis=1))))
+        unit = knowledge.arm.offered[fixed].unit
+        found.append(OpenDirection(fixed, plausible, effect, unit))
     return tuple(sorted(found, key=lambda each: -each.effect))

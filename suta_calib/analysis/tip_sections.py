@@ -21,6 +21,8 @@ from suta_calib.solver.solution import Solution
 _STARTS: Final = 3
 _WAVES: Final = 8
 _REACH_SAMPLES: Final = 4000
+# Postures to start searches from where nothing is known of any.
+_ANYWHERE: Final = 400
 # Beyond the farthest the tip gets, nothing needs to be tried.
 _MARGIN: Final = 1.02
 
@@ -69,6 +71,27 @@ class Knowledge:
                 if c.fixed in problem.names[: problem.arm_count]
             ),
         )
+
+    @classmethod
+    def unvisited(
+        cls,
+        arm: ArmModel,
+        values: Mapping[str, float],
+        names: Sequence[str],
+        covariance: FloatArray,
+        fixed: Sequence[str],
+    ) -> Knowledge:
+        """What a result says of an arm whose samples are not known: anywhere within its limits.
+
+        Args:
+            arm: the nominal arm.
+            values: calibrated values by name, m or rad.
+            names: (p,) parameters that were estimated.
+            covariance: (p, p) of them.
+            fixed: parameters that were not.
+        """
+        q = InverseKinematics(arm, {}).random_readings(np.random.default_rng(0), _ANYWHERE)
+        return cls(arm, values, tuple(names), covariance, tuple(fixed), q)
 
     @cached_property
     def kinematics(self) -> InverseKinematics:

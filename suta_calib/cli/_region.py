@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING
 import click
 import numpy as np
 
+from suta_calib.units import from_mm
+
 if TYPE_CHECKING:
-    from suta_calib.analysis.planning import Region, Situation
+    from suta_calib.arrays import FloatArray
 
 
 def _numbers(
@@ -39,15 +41,12 @@ place_option = click.option(
 )
 
 
-def box_of(numbers: tuple[float, ...] | None, situation: Situation) -> Region | None:
-    """The box as a region, with the tool as it was held.
+def metres(numbers: tuple[float, ...] | None) -> FloatArray | None:
+    """Numbers of an option as an array, m."""
+    return None if numbers is None else from_mm(np.array(numbers))
 
-    Raises:
-        JobError: it has no volume.
-    """
-    if numbers is None:
-        return None
-    from suta_calib.analysis.planning import Region
 
-    corners = 1e-3 * np.array(numbers)
-    return Region.box(corners[::2], corners[1::2], situation)
+def corners(numbers: tuple[float, ...] | None) -> FloatArray | None:
+    """A box's lower and upper corner (2, 3), m."""
+    box = metres(numbers)
+    return None if box is None else box.reshape(3, 2).T

@@ -3,17 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
-from suta_calib.cli._analysis import finish_analysis, folder_of, out_option
-from suta_calib.cli._output import LateProgress, json_option
-
-if TYPE_CHECKING:
-    from suta_calib.analysis.model_selection import ModelSelection
-    from suta_calib.job.calibration import CalibrationJob
-    from suta_calib.report.model_selection.json import Validated
+from suta_calib.cli._analysis import folder_of, out_option
+from suta_calib.cli._output import LateProgress, finish, json_option
 
 
 @click.command()
@@ -40,8 +34,7 @@ def extend(
     """
     from suta_calib.analysis.model_selection import choose_model
     from suta_calib.job.calibration import CalibrationJob
-    from suta_calib.report.model_selection.json import extend_dict
-    from suta_calib.report.model_selection.report import extend_section, extend_tables
+    from suta_calib.report.model_selection import model_selection_document
 
     loaded = CalibrationJob.load(job)
     folder = folder_of(job, out)
@@ -49,28 +42,9 @@ def extend(
         choice = choose_model(
             loaded.observations,
             loaded.parameters,
+            validation=loaded.validation,
             families=not quick,
             seed=seed,
             progress=progress,
         )
-    validated = _validated(loaded, choice)
-    finish_analysis(
-        context,
-        extend_dict(choice, validated),
-        lambda: extend_tables(choice, validated),
-        lambda: extend_section(choice, validated),
-        folder,
-        as_json=as_json,
-        usable=True,
-    )
-
-
-def _validated(job: CalibrationJob, choice: ModelSelection) -> Validated | None:
-    """Errors on validation data, which took no part in the choice."""
-    from suta_calib.diagnostics.accuracy import assess
-
-    if not job.validation:
-        return None
-    models = (choice.job, choice.chosen)
-    first, second = (assess(m.solution, job.validation).validation for m in models)
-    return first, second
+    finish(context, model_selection_document(choice), folder, as_json=as_json)

@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
-from suta_calib.cli._analysis import finish_analysis, folder_of, out_option
+from suta_calib.cli._analysis import folder_of, out_option
 from suta_calib.cli._numbers import FiniteRange
-from suta_calib.cli._output import LateProgress, json_option
+from suta_calib.cli._output import LateProgress, finish, json_option
 from suta_calib.cli._poses import LateStatus
-from suta_calib.cli._region import box_of, region_option
-
-if TYPE_CHECKING:
-    from suta_calib.analysis.planning import Place, PlanOptions, Situation
+from suta_calib.cli._region import corners, region_option
+from suta_calib.units import from_deg, from_mm
 
 _PATH = click.Path(path_type=Path)
 
@@ -77,66 +73,29 @@ def plan(
     many directions, and postures where an instrument or a camera is used. Writes plan.csv,
     plan.yaml and drawings. Exits with 1 where the calibration of the present data may not be used.
     """
-    from suta_calib.analysis.planning import PlanOptions, Pool
-    from suta_calib.analysis.planning import plan as choose
-    from suta_calib.report.planning.json import plan_dict, plan_verdict
-    from suta_calib.report.planning.report import bench_files, plan_section
-    from suta_calib.report.planning.tables import plan_tables
+    from suta_calib.analysis import planning
+    from suta_calib.job.calibration import CalibrationJob
+    from suta_calib.report.plan import bench_files, plan_document
 
     folder = folder_of(job, out)
-    situation = _situation(job)
-    options = PlanOptions(
+    loaded = CalibrationJob.load(job)
+    with LateProgress("calibrating") as progress:
+        situation = planning.situation_of_job(loaded, progress)
+    options = planning.PlanOptions(
         count,
         criterion,
         repeats,
-        None if target_mm is None else 1e-3 * target_mm,
+        None if target_mm is None else from_mm(target_mm),
         least_gain / 100,
-        pool=Pool(most_tilt=math.radians(tilt)),
+        pool=planning.Pool(most_tilt=from_deg(tilt)),
         seed=seed,
     )
-    places, options = _places(candidates, situation, options)
+    places = None
+    if candidates is not None:
+        places, options = planning.candidate_places(candidates, situation, options)
+    box = corners(region)
+    where = None if box is None else planning.Region.box(box[0], box[1], situation)
     with LateStatus("planning"):
-        found = choose(situation, options, places, box_of(region, situation))
-    finish_analysis(
-        context,
-        plan_dict(found),
-        lambda: plan_tables(found),
-        lambda: plan_section(found),
-        folder,
-        as_json=as_json,
-        usable=plan_verdict(found).usable,
-        texts=bench_files(found),
-    )
-
-
-def _situation(job: Path) -> Situation:
-    """The job at its solution, or at nominal where its data cannot be fitted yet."""
-    from suta_calib.analysis.planning import Situation
-    from suta_calib.errors import SamplesError
-    from suta_calib.job.calibration import CalibrationJob
-    from suta_calib.solver.solve import solve
-
-    loaded = CalibrationJob.load(job)
-    problem = loaded.problem()
-    try:
-        with LateProgress("calibrating") as progress:
-            solution = solve(problem, loaded.options(), progress)
-    except SamplesError:  # too little data is what a plan is for
-        return Situation.of(problem)
-    return Situation.of(problem, solution)
-
-
-def _places(
-    file: Path | None, situation: Situation, options: PlanOptions
-) -> tuple[tuple[Place, ...] | None, PlanOptions]:
-    from dataclasses import replace
-
-    from suta_calib.analysis.planning import read_candidates
-
-    if file is None:
-        return None, options
-    artefact = situation.artefact
-    repeats = options.repeats or situation.repeats
-    touches = 20 if artefact is None else repeats * len(artefact.landmarks)
-    read = read_candidates(file, situation.arm, touches)
-    return read.places, replace(options, repeats=options.repeats or read.repeats)
+        found = planning.plan(situation, options, places, where)
+    answer = plan_document(found)
+    finish(context, answer, folder, as_json=as_json, texts=bench_files(found))

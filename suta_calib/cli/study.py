@@ -2,24 +2,19 @@
 
 from __future__ import annotations
 
-import hashlib
 import re
-from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, cast
 
 import click
 
-from suta_calib.cli._analysis import finish_analysis, folder_of, out_option
+from suta_calib.cli._analysis import folder_of, out_option
 from suta_calib.cli._numbers import FiniteRange
-from suta_calib.cli._output import LateProgress, json_option
+from suta_calib.cli._output import LateProgress, finish, json_option
 
 if TYPE_CHECKING:
-    from suta_calib.analysis.study.plan import StudyPlan
     from suta_calib.analysis.study.sets import ResampledUnit
     from suta_calib.analysis.study.trial import Kind
-    from suta_calib.job.calibration import CalibrationJob
-    from suta_calib.report.study.report import Study
 
 # Each is kept in memory and written down; no question needs more.
 MOST_TRIALS: Final = 100_000
@@ -120,85 +115,35 @@ def study(
     """
     if sizes is not None and kind != "size":
         raise click.UsageError(f"--sizes is for --kind size; {kind} takes as many as there are")
-    from suta_calib.analysis.study.plan import Request, plan_study
-    from suta_calib.job.calibration import CalibrationJob
-    from suta_calib.report.study.json import study_dict
-    from suta_calib.report.study.report import study_section, study_tables
-
-    folder = folder_of(job, out)
-    loaded = CalibrationJob.load(job)
-    request = Request(cast("Kind", kind), trials, sizes, cast("ResampledUnit | None", unit), seed)
-    plan = plan_study(
-        loaded.parameters, loaded.observations, loaded.validation, loaded.options(), request
-    )
-    found = _run(loaded, plan, folder, tolerance_pct / 100, resume=resume, jobs=jobs, dask=dask)
-    finish_analysis(
-        context,
-        study_dict(found),
-        lambda: study_tables(found),
-        lambda: study_section(found),
-        folder,
-        as_json=as_json,
-        usable=found.assessment.usable,
-    )
-
-
-def _run(
-    job: CalibrationJob,
-    plan: StudyPlan,
-    folder: Path,
-    tolerance: float,
-    *,
-    resume: bool,
-    jobs: int | None,
-    dask: str | None,
-) -> Study:
-    """Run the trials, with a log of them in the folder."""
-    from suta_calib.analysis.study.log import StudyLog
-    from suta_calib.analysis.study.plan import run_study
-    from suta_calib.analysis.study.sizes import judge_sizes
-    from suta_calib.analysis.study.spread import judge_spread
-    from suta_calib.report.study.report import NAMES
-
-    path = folder / f"{NAMES[plan.data.kind]}.trials.csv"
-    log = StudyLog(path, _identity(job, plan), plan.names)
-    try:
-        with LateProgress("calibrating") as progress, log:
-            trials = run_study(
-                plan, log, resume=resume, workers=_workers(jobs), dask=dask, progress=progress
-            )
-    except KeyboardInterrupt:
-        if path.exists():
-            click.echo(f"finished trials are in {path}: go on with --resume", err=True)
-        raise
-    if plan.data.kind == "size":
-        return judge_sizes(plan, trials, tolerance)
-    return judge_spread(plan, trials)
-
-
-def _workers(jobs: int | None) -> int:
     from joblib import cpu_count
 
-    return int(cpu_count()) if jobs is None else jobs
+    from suta_calib.analysis.study import Request, study_of_job
+    from suta_calib.job.calibration import CalibrationJob
+    from suta_calib.report.study import study_document
 
-
-def _identity(job: CalibrationJob, plan: StudyPlan) -> dict[str, str]:
-    """What makes two studies the same: trials of one may stand in the other."""
-    data = plan.data
-    return {
-        "kind": data.kind,
-        "unit": data.sets.unit,
-        "seed": str(data.seed),
-        "version": version("suta_calib"),
-        "job": _digest(job),
-    }
-
-
-def _digest(job: CalibrationJob) -> str:
-    """Of the content of the job and of all files it names, wherever they are."""
-    rows = (*job.spec.observations, *job.spec.validation)
-    files = [job.spec.path, job.spec.arm.urdf]
-    for row in rows:
-        files += [*row.sample_files, *([] if row.artefact is None else [row.artefact])]
-    each = (hashlib.sha256(path.read_bytes()).digest() for path in files)
-    return hashlib.sha256(b"".join(each)).hexdigest()
+    folder = folder_of(job, out)
+    request = Request(
+        cast("Kind", kind),
+        trials,
+        sizes,
+        cast("ResampledUnit | None", unit),
+        seed,
+        tolerance_pct / 100,
+    )
+    log = folder / request.log_name
+    try:
+        with LateProgress("calibrating") as progress:
+            found = study_of_job(
+                CalibrationJob.load(job),
+                request,
+                log,
+                resume=resume,
+                workers=jobs or int(cpu_count()),
+                dask=dask,
+                progress=progress,
+            )
+    except KeyboardInterrupt:
+        if log.exists():
+            click.echo(f"finished trials are in {log}: go on with --resume", err=True)
+        raise
+    finish(context, study_document(found), folder, as_json=as_json)

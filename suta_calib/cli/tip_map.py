@@ -6,24 +6,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
-import numpy as np
 
-from suta_calib.cli._analysis import finish_analysis, folder_of, out_option
+from suta_calib.cli._analysis import folder_of, out_option
 from suta_calib.cli._numbers import FiniteRange
-from suta_calib.cli._output import LateProgress, json_option
+from suta_calib.cli._output import LateProgress, finish, json_option
 from suta_calib.cli._poses import LateStatus
-from suta_calib.cli._region import place_option, region_option
-from suta_calib.errors import SamplesError
+from suta_calib.cli._region import corners, metres, place_option, region_option
+from suta_calib.units import from_mm
 
 if TYPE_CHECKING:
-    from suta_calib.analysis.planning import Region
-    from suta_calib.analysis.tip_sections import Knowledge
-    from suta_calib.arrays import FloatArray
+    from suta_calib.analysis.tip_map import TipMap, TipMapOptions
 
 _PATH = click.Path(path_type=Path)
-# Points to register where there is no artefact: the corners of a box as large as one, m.
-_HALF = 0.08
-_ANYWHERE = 400
 
 
 @click.command("tip-map")
@@ -64,92 +58,43 @@ def tip_map(
     From the full covariance of JOB's calibration (a calibration.yaml), or of a result.json with
     its arm: figures over a region and a map over the arm, absolute and after registration.
     """
-    from suta_calib.analysis.tip_map import tip_map as chart
-    from suta_calib.report.tip_map.report import (
-        tip_map_dict,
-        tip_map_section,
-        tip_map_tables,
-        tip_map_verdict,
-    )
+    from suta_calib.analysis.tip_map import TipMapOptions
+    from suta_calib.report.tip_map import tip_map_document
 
     folder = source.parent if out is None and urdf else folder_of(source, out)
-    box = None if region is None else 1e-3 * np.array(region)
+    tolerance = None if tolerance_mm is None else from_mm(tolerance_mm)
+    options = TipMapOptions(corners(region), metres(register_at), tolerance, grid, seed)
     if urdf is not None:
-        knowledge, where, centre, points = _from_result(source, urdf, tip, base, box)
-    else:
-        knowledge, where, centre, points = _from_job(source, tip, box)
-    place = centre if register_at is None else 1e-3 * np.array(register_at)
-    tolerance = None if tolerance_mm is None else 1e-3 * tolerance_mm
-    tips = knowledge.arm.forward(knowledge.visited, knowledge.values)[1]
-    with LateStatus("mapping"):
-        postures = where.postures(knowledge.kinematics, knowledge.visited, tips, seed)
-        found = chart(knowledge, where, place, points, postures, grid=grid, seed=seed)
-    finish_analysis(
-        context,
-        tip_map_dict(found, tolerance),
-        lambda: tip_map_tables(found, tolerance),
-        lambda: tip_map_section(found, tolerance),
-        folder,
-        as_json=as_json,
-        usable=tip_map_verdict(found, tolerance).usable,
-    )
-
-
-Start = tuple["Knowledge", "Region", "FloatArray", "FloatArray"]
-
-
-def _from_job(job: Path, tip: str | None, box: FloatArray | None) -> Start:
-    """What the job's calibration knows, a region, and where and what one registers."""
-    from suta_calib.analysis.planning import Region, Situation
-    from suta_calib.analysis.tip_sections import Knowledge
-    from suta_calib.job.calibration import CalibrationJob
-    from suta_calib.solver.solve import solve
-
-    if tip is not None or job.suffix.lower() == ".json":
+        found = _of_result(source, urdf, tip, base, options)
+    elif tip is not None or source.suffix.lower() == ".json":
         raise click.UsageError("a result.json needs --urdf and --tip: the arm it was made from")
-    loaded = CalibrationJob.load(job)
+    else:
+        found = _of_job(source, options)
+    finish(context, tip_map_document(found), folder, as_json=as_json)
+
+
+def _of_job(job: Path, options: TipMapOptions) -> TipMap:
+    from suta_calib.analysis.tip_map import tip_map_of_solution
+    from suta_calib.job.calibration import CalibrationJob
+
     with LateProgress("calibrating") as progress:
-        solution = solve(loaded.problem(), loaded.options(), progress)
-    if not solution.converged:
-        raise SamplesError(
-            f"a calibration that may not be used ({solution.sentence})",
-            "one that converged",
-            file=job,
-            hint="run suta-calib calibrate, and mend what it names",
-        )
-    situation = Situation.of(solution.problem, solution)
-    where = Region.around(situation)
-    if box is not None:
-        where = Region.box(box[::2], box[1::2], situation)
-    marks = situation.artefact
-    points = _corners()
-    if marks is not None and len(marks.landmarks) >= len("xyz"):
-        certified = np.array([mark.position for mark in marks.landmarks.values()])
-        points = certified - certified.mean(axis=0)
-    return Knowledge.of(solution), where, situation.tips[1].mean(axis=0), points
+        solution = CalibrationJob.load(job).usable_solution(progress)
+    with LateStatus("mapping"):
+        return tip_map_of_solution(solution, options)
 
 
-def _from_result(
-    result: Path, urdf: Path, tip: str | None, base: str | None, box: FloatArray | None
-) -> Start:
-    """The same from a file; the tool points straight down."""
-    from suta_calib.analysis.planning import Region
-    from suta_calib.analysis.planning.candidates_file import DOWN
+def _of_result(
+    result: Path, urdf: Path, tip: str | None, base: str | None, options: TipMapOptions
+) -> TipMap:
+    from suta_calib.analysis.tip_map import tip_map_of_result
     from suta_calib.analysis.tip_sections import Knowledge
     from suta_calib.model.arm import ArmModel
-    from suta_calib.simulation.inverse_kinematics import InverseKinematics
     from suta_calib.tracking.uncertainty import read_uncertainty
 
-    if tip is None or box is None:
+    if tip is None or options.box is None:
         raise click.UsageError("a result.json needs --tip and --region: it knows no samples")
     arm = ArmModel.from_urdf(urdf, tip, base)
     read = read_uncertainty(result, arm)
-    q = InverseKinematics(arm, {}).random_readings(np.random.default_rng(0), _ANYWHERE)
-    where = Region(box[::2], box[1::2], np.array(DOWN))
-    knowledge = Knowledge(arm, read.values, read.names, read.covariance, read.fixed, q)
-    return knowledge, where, (where.lower + where.upper) / 2, _corners()
-
-
-def _corners() -> FloatArray:
-    signs = np.array(np.meshgrid(*[[-1.0, 1.0]] * 3)).reshape(3, -1).T
-    return np.asarray(_HALF * signs)
+    known = Knowledge.unvisited(arm, read.values, read.names, read.covariance, read.fixed)
+    with LateStatus("mapping"):
+        return tip_map_of_result(known, options)

@@ -9,7 +9,7 @@ from pathlib import Path
 from time import perf_counter
 
 from suta_calib.diagnostics.accuracy import Accuracy, assess
-from suta_calib.errors import InputError, JobError, ParameterError
+from suta_calib.errors import InputError, JobError, ParameterError, SamplesError
 from suta_calib.job.schema import JobSpec, ObservationSpec, read_job
 from suta_calib.measurements import JointRange, Samples, read_artefact, read_samples
 from suta_calib.model.arm import ArmModel
@@ -78,6 +78,25 @@ class CalibrationJob:
         solution = solve(problem, self.options(), progress)
         solution = replace(solution, timing={"build": build} | solution.timing)
         return CalibrationResult(self, solution, assess(solution, self.validation))
+
+    def usable_solution(self, progress: Progress | None = None) -> Solution:
+        """Solve for an analysis that builds on the calibration.
+
+        Args:
+            progress: called with (starts done, starts).
+
+        Raises:
+            SamplesError: it did not converge, so that nothing may be built on it.
+        """
+        solution = solve(self.problem(), self.options(), progress)
+        if not solution.converged:
+            raise SamplesError(
+                f"a calibration that may not be used ({solution.sentence})",
+                "one that converged",
+                file=self.spec.path,
+                hint="run suta-calib calibrate, and mend what it names",
+            )
+        return solution
 
 
 @dataclass(frozen=True, eq=False)

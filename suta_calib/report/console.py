@@ -17,6 +17,8 @@ COLOUR: Final[dict[Level, str]] = {
     "care": "bold yellow",
     "bad": "bold red",
 }
+# Columns of the narrowest terminal in which no number may be cut.
+NARROW: Final = 80
 
 
 def rendered(answer: document.Document) -> RenderableType:
@@ -34,6 +36,9 @@ def table(listed: listing.Table) -> Table:
     """Rows of a document; names wrap, numbers never do."""
     drawn = plain_table(listed.title)
     drawn.show_header = any(listed.heads)
+    widths = [max(map(len, column)) for column in zip(listed.heads, *listed.cells, strict=True)]
+    if sum(widths) + 2 * len(widths) > NARROW:
+        drawn.padding = 0
     for k, head in enumerate(listed.heads):
         right = k in listed.numeric
         drawn.add_column(head, justify="right" if right else "left", no_wrap=right, overflow="fold")

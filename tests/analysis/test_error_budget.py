@@ -23,7 +23,7 @@ from suta_calib.diagnostics.repeats import gross_rows
 from suta_calib.errors import ParameterError
 from suta_calib.measurements import Artefact, Samples
 from suta_calib.model.arm import ArmModel
-from suta_calib.report.error_budget import budget_dict, budget_verdict
+from suta_calib.report.error_budget import budget_document
 from suta_calib.solver.ipopt import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
@@ -96,8 +96,8 @@ def test_missing_knowledge_is_named() -> None:
         (True, False),
         (False, True),
     ]
-    assert budget_verdict(budget).level == "care"
-    assert budget_dict(budget)["tip"]["encoders_rms_mm"] is None
+    assert budget.assessment.level == "care"
+    assert budget_document(budget).json()["tip"]["encoders_rms_mm"] is None
 
 
 def test_an_artefact_without_sigma_stands_with_the_model() -> None:
@@ -165,7 +165,7 @@ def test_mostly_gross_errors_are_said() -> None:
     found = scene(0)
     terms = [found.term("calibration")]
     solution = solve(Problem(terms, everything(found.arm)), SolverOptions(starts=1))
-    assert any("suta-calib outliers" in n for n in budget_verdict(error_budget(solution)).notes)
+    assert any("suta-calib outliers" in n for n in error_budget(solution).assessment.notes)
 
 
 @pytest.mark.parametrize("kind", ["landmark", "pairwise_distance"])

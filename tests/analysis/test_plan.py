@@ -24,7 +24,7 @@ from suta_calib.analysis.planning import (
 )
 from suta_calib.errors import JobError
 from suta_calib.job.calibration import CalibrationJob
-from suta_calib.report.planning.json import plan_dict, plan_verdict
+from suta_calib.report.plan import plan_document
 from suta_calib.solver.ipopt import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solve import solve
@@ -58,7 +58,7 @@ def test_it_finds_by_itself_what_parallel_pillars_cannot_see(found: Plan) -> Non
 
 
 def test_nothing_touched_tells_where_the_base_is(found: Plan) -> None:
-    never = plan_dict(found)["no_candidate_can"]
+    never = plan_document(found).json()["no_candidate_can"]
     assert set(never) == {"joint_1.offset", "joint_2.z"}
     assert "base gauge" in never["joint_1.offset"]
 
@@ -110,7 +110,7 @@ def test_candidates_are_reached_as_the_place_says(found: Plan, thesis: Situation
 
 def test_the_same_seed_gives_the_same_plan(found: Plan, thesis: Situation) -> None:
     again = plan(thesis, PlanOptions(count=4, target=0.2e-3, pool=SMALL))
-    assert plan_dict(again) == plan_dict(found)
+    assert plan_document(again).json() == plan_document(found).json()
 
 
 def test_d_optimality_lessens_the_ellipsoid_more(thesis: Situation, found: Plan) -> None:
@@ -186,6 +186,6 @@ def test_a_camera_that_cannot_tell_the_tip_is_said_to_be_no_help() -> None:
     situation = Situation(problem, problem.start(truth), sigmas, True)
     found = plan(situation, PlanOptions(count=2, criterion="d", pool=SMALL))
     assert sum(choice.bits for choice in found.chosen) > 0
-    never = plan_dict(found)["no_candidate_can"]
+    never = plan_document(found).json()["no_candidate_can"]
     assert {"tip.y", "tip.z"} & set(never)
-    assert any("Nothing here makes the tip" in note for note in plan_verdict(found).notes)
+    assert any("Nothing here makes the tip" in note for note in found.assessment.notes)

@@ -18,13 +18,17 @@ from simulated import (
 )
 from study_scene import planned, suta_job
 
-from suta_calib.analysis.study.plan import Request, StudyPlan, plan_study, run_study
-from suta_calib.analysis.study.sizes import SizeStudy, judge_sizes
-from suta_calib.analysis.study.spread import (
+from suta_calib.analysis.study import (
     ParameterSpread,
+    Request,
+    SizeStudy,
     SpreadStudy,
+    StudyPlan,
     TrialScatter,
+    judge_sizes,
     judge_spread,
+    plan_study,
+    run_study,
 )
 from suta_calib.analysis.study.trial import FullDataFit, Trial, held_out_rms, nominal_rms, run_trial
 from suta_calib.diagnostics.accuracy import Accuracy, assess

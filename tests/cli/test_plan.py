@@ -16,8 +16,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from simulated import arm_named
 
-from suta_calib.analysis.planning import Placement, Point, Posture, read_candidates
-from suta_calib.analysis.planning.candidates_file import tilted
+from suta_calib.analysis.planning import Placement, Point, Posture, read_candidates, tilted
 from suta_calib.errors import InputError, JobError
 from suta_calib.geometry.numbers import rotation_from_rpy
 

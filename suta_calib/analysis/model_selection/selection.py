@@ -18,13 +18,16 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
-from suta_calib.analysis.model_selection.candidate import ModelCandidate
 from suta_calib.analysis.model_selection.cross_validation import (
     Fold,
+    ModelCandidate,
     cross_validate,
     fitted_rms,
     folds_of,
+    limited_rms,
 )
+from suta_calib.assessment import Assessment
+from suta_calib.diagnostics.accuracy import assess
 from suta_calib.diagnostics.score_tests import ScoreTest, offered_names, score_tests
 from suta_calib.errors import ParameterError, SamplesError
 from suta_calib.model.arm import ArmModel
@@ -34,6 +37,8 @@ from suta_calib.solver.problem import Problem
 from suta_calib.solver.solve import solve
 from suta_calib.terms import Term
 from suta_calib.threads import single_threaded
+from suta_calib.units import text
+from suta_calib.words import listed
 
 # Joints and families tried at each step, most suspicious first, and what is suspicious at all.
 TRIED: Final = 3
@@ -70,6 +75,8 @@ class ModelSelection:
         folds: what was left out each time.
         tests: of the residuals of the job's own model.
         undecided: whether something beside geometry helps, but geometry helps as much.
+        validated: RMS of the errors on data that took no part in the choice, m, with the job's
+            model and with the chosen one, Huber-limited as those held out; None without such data.
     """
 
     tried: tuple[ModelCandidate, ...]
@@ -77,6 +84,7 @@ class ModelSelection:
     folds: tuple[str, ...]
     tests: tuple[ScoreTest, ...]
     undecided: bool
+    validated: tuple[float, float] | None = None
 
     @property
     def job(self) -> ModelCandidate:
@@ -96,6 +104,45 @@ class ModelSelection:
             rows += geometry_rows()
         return (*rows, *_rows(self.chosen.solution.problem.arm, self.added))
 
+    @property
+    def assessment(self) -> Assessment:
+        """Whether anything should be added to the job, and what must be known."""
+        before, after = (
+            text(each.held_out.rms, "m", with_unit=True) for each in (self.job, self.chosen)
+        )
+        gain = f"held-out RMS {before} → {after}"
+        wider = self.chosen.geometry and not self.job.geometry
+        if self.added:
+            more = "all of the geometry, " if wider else ""
+            sentence = f"Add {more}{listed(self.added)}: {gain}"
+        elif wider:
+            sentence = f"Free all of the geometry: {gain}; nothing beside geometry is worth having"
+        else:
+            sentence = (
+                "No error beside geometry predicts left-out data better: leave the job as it is"
+            )
+        return Assessment.of(sentence, care=self._notes())
+
+    def _notes(self) -> list[str]:
+        notes = []
+        if self.chosen is not self.job:
+            notes.append("The rows given here, put into the job's parameters, make it so.")
+        if self.added:
+            notes.append(
+                "A URDF cannot hold these: calibrated.urdf will be the geometry only, and its tip "
+                "is right only with the corrections of result.json (track --result applies them)."
+            )
+        if self.undecided:
+            notes.append(
+                "Something beside the job's unknowns helps, but these data cannot tell whether it "
+                "is geometry or an error beside it: tilt the artefact, use other heights, or touch "
+                "one point from many directions."
+            )
+        estimates = self.chosen.solution.estimates
+        if bounded := [name for name in self.added if estimates[name].state == "at_bound"]:
+            notes.append(f"{listed(bounded)} ended at a bound: larger than is plausible.")
+        return notes
+
 
 def geometry_rows() -> tuple[Selection, Selection]:
     """Rows that free all of the geometry, within what is plausible."""
@@ -108,6 +155,7 @@ def choose_model(
     terms: Sequence[Term],
     parameters: ParameterSet,
     *,
+    validation: Sequence[Term] = (),
     families: bool = True,
     seed: int = 0,
     progress: Progress | None = None,
@@ -115,8 +163,9 @@ def choose_model(
     """Search for errors beside geometry that predict left-out placements better.
 
     Args:
-        terms: the observations; validation data are not needed, and must not be given.
+        terms: the observations; validation data must not be among them.
         parameters: the arm's unknowns as the job has them.
+        validation: held-out terms, which take no part in the choice: it is judged on them.
         families: also try every joint at once: both harmonics, compliance, everything.
         seed: of the folds where there are no placements.
         progress: called with (models fitted, models at most).
@@ -142,7 +191,13 @@ def choose_model(
         chosen = search.whole_families(chosen, job if not chosen.geometry else wide or job)
     labels = tuple(fold.label for fold in search.folds)
     tests = score_tests(job.solution)
-    return ModelSelection(tuple(search.tried), chosen, labels, tests, undecided)
+    validated = None
+    if validation:
+        before, after = (
+            limited_rms(assess(model.solution, validation).validation) for model in (job, chosen)
+        )
+        validated = before, after
+    return ModelSelection(tuple(search.tried), chosen, labels, tests, undecided, validated)
 
 
 def _better_end(

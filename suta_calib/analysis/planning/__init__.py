@@ -1,11 +1,20 @@
 """Where to measure next: which placements, points or poses shrink the uncertainty most."""
 
-from suta_calib.analysis.planning.answer import Best, Choice, Plan, PlanOptions, Stop
+from suta_calib.analysis.planning.answer import (
+    Best,
+    Choice,
+    Expected,
+    Forecast,
+    Plan,
+    PlanOptions,
+    Remedy,
+    Stop,
+)
 from suta_calib.analysis.planning.candidates import Candidate, Place, Placement, Point, Posture
-from suta_calib.analysis.planning.candidates_file import CandidateFile, read_candidates
+from suta_calib.analysis.planning.candidates_file import CandidateFile, read_candidates, tilted
 from suta_calib.analysis.planning.design import CRITERIA
 from suta_calib.analysis.planning.generate import Pool
-from suta_calib.analysis.planning.plan import plan
+from suta_calib.analysis.planning.plan import candidate_places, plan, situation_of_job
 from suta_calib.analysis.planning.region import Region
 from suta_calib.analysis.planning.situation import Situation
 
@@ -15,6 +24,8 @@ __all__ = [
     "Candidate",
     "CandidateFile",
     "Choice",
+    "Expected",
+    "Forecast",
     "Place",
     "Placement",
     "Plan",
@@ -23,8 +34,12 @@ __all__ = [
     "Pool",
     "Posture",
     "Region",
+    "Remedy",
     "Situation",
     "Stop",
+    "candidate_places",
     "plan",
     "read_candidates",
+    "situation_of_job",
+    "tilted",
 ]

@@ -1,16 +1,22 @@
-"""The plan as data: what was asked for, what was chosen, what it brings."""
+"""The plan as data: what was asked for, what was chosen, what it brings, how far to trust it."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Final
 
 from suta_calib.analysis.planning.candidates import Candidate, Unreachable
-from suta_calib.analysis.planning.forecast import Forecast
 from suta_calib.analysis.planning.generate import Pool
 from suta_calib.analysis.planning.region import Region
-from suta_calib.analysis.planning.remedies import Remedy
 from suta_calib.analysis.planning.situation import Situation
 from suta_calib.arrays import FloatArray
+from suta_calib.assessment import Assessment
+from suta_calib.units import Unit, mm, text
+
+# Uncertainty of the tip from what is held, as a part of what is estimated, that is nothing.
+_NOTHING: Final = 0.05
+# A plan that lessens the tip's uncertainty by less than this part is for nothing.
+_USELESS: Final = 0.01
 
 
 @dataclass(frozen=True)
@@ -83,6 +89,60 @@ class Best:
 
 
 @dataclass(frozen=True)
+class Expected:
+    """One parameter.
+
+    Attributes:
+        name, unit: as in the problem.
+        plausible: how far off it might be, m or rad.
+        std: predicted standard deviation, None where it would be held.
+    """
+
+    name: str
+    unit: Unit
+    plausible: float
+    std: float | None
+
+
+@dataclass(frozen=True, eq=False)
+class Forecast:
+    """All of them, and the tip in a region after registration.
+
+    Attributes:
+        parameters: the arm's.
+        fixed: names of those that would be held at nominal.
+        tip: root mean square 3-D uncertainty, m, if held parameters are as far off as plausible.
+        tip_estimated: the same if held parameters are exact: what the calibration's own ± tell.
+    """
+
+    parameters: tuple[Expected, ...]
+    fixed: tuple[str, ...]
+    tip: float
+    tip_estimated: float
+
+
+@dataclass(frozen=True)
+class Remedy:
+    """A parameter the present data cannot tell.
+
+    Attributes:
+        parameter: its name.
+        candidates: names of those that determine it, each by itself, the surest first.
+        sorts: what sorts of candidates these are.
+        by_all: whether all candidates together determine it; where they do not, none can.
+        why: what the direction does, so that no observation sees it.
+        advice: what else would help, or that nothing is needed.
+    """
+
+    parameter: str
+    candidates: tuple[str, ...]
+    sorts: tuple[str, ...]
+    by_all: bool
+    why: str
+    advice: str
+
+
+@dataclass(frozen=True)
 class Stop:
     """When to stop.
 
@@ -133,3 +193,44 @@ class Plan:
     random: FloatArray
     stop: Stop
     remedies: tuple[Remedy, ...]
+
+    @property
+    def assessment(self) -> Assessment:
+        """What the plan brings, and what must be known to believe it."""
+        names = ", ".join(choice.candidate.name for choice in self.chosen)
+        sentence = (
+            f"Measuring {names} takes the tip from {text(self.before.tip, 'm')} to "
+            f"{text(self.after.tip, 'm')} mm (3-D RMS in the region, after registration)"
+        )
+        trouble = self.situation.trouble
+        bad = [
+            f"The calibration itself is {trouble}. Mend that first: this plan rests on the nominal "
+            "arm, and on what the job says of artefact and readings."
+        ]
+        return Assessment.of(sentence, bad=bad if trouble else [], care=self._notes())
+
+    def _notes(self) -> list[str]:
+        notes, after, stop = [], self.after, self.stop
+        if not (self.situation.solved or self.situation.trouble):
+            notes.append(
+                "The present data are too few to be fitted: predicted at the nominal arm with "
+                "assumed noise (0.5 mm where the job does not say)."
+            )
+        if left := [r.parameter for r in self.remedies if r.by_all and r.parameter in after.fixed]:
+            notes.append(f"Still open after this plan: {', '.join(left)}; choose more.")
+        if after.tip > (1 - _USELESS) * self.before.tip:
+            notes.append(
+                "Nothing here makes the tip much surer; for the parameters, choose by "
+                "--criterion d."
+            )
+        if after.tip > (1 + _NOTHING) * after.tip_estimated:
+            notes.append(
+                "Most of what is left is held, not measured: with held parameters exact the tip "
+                f"would be sure to {text(after.tip_estimated, 'm')} mm."
+            )
+        if stop.target is not None and stop.needed is None:
+            notes.append(
+                f"The target of {mm(stop.target):.3g} mm is not reached with "
+                f"{len(stop.tips) - 1} more: {text(stop.tips[-1], 'm')} mm."
+            )
+        return notes

@@ -3,16 +3,27 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
+from typing import Final
 
 import numpy as np
 
-from suta_calib.analysis.planning.answer import Best, Choice, Plan, PlanOptions, Stop
+from suta_calib.analysis.planning.answer import (
+    Best,
+    Choice,
+    Expected,
+    Forecast,
+    Plan,
+    PlanOptions,
+    Remedy,
+    Stop,
+)
 from suta_calib.analysis.planning.candidates import Candidate, Place, Unreachable
+from suta_calib.analysis.planning.candidates_file import read_candidates
 from suta_calib.analysis.planning.design import Design, best_set, exchange, greedy, random_sets
-from suta_calib.analysis.planning.forecast import forecast
 from suta_calib.analysis.planning.generate import generated
 from suta_calib.analysis.planning.information import (
     SharedInformation,
@@ -23,14 +34,57 @@ from suta_calib.analysis.planning.information import (
 )
 from suta_calib.analysis.planning.reach import Reach
 from suta_calib.analysis.planning.region import Region
-from suta_calib.analysis.planning.remedies import remedies
 from suta_calib.analysis.planning.situation import Situation
 from suta_calib.analysis.tip_uncertainty import Sensitivity
 from suta_calib.arrays import FloatArray
-from suta_calib.errors import JobError
+from suta_calib.diagnostics.explanation import Explanation, explain
+from suta_calib.errors import JobError, SamplesError
+from suta_calib.job.calibration import CalibrationJob
+from suta_calib.solver.solve import identify_at, solve
 from suta_calib.threads import single_threaded
 
+# Touches of a point where there is no artefact to say how many are usual.
+_TOUCHES: Final = 20
+
 Progress = Callable[[int, int], None]
+
+
+def situation_of_job(job: CalibrationJob, progress: Progress | None = None) -> Situation:
+    """A job at its solution, or at nominal where its data are too few to be fitted yet.
+
+    Args:
+        job: whose data are at hand.
+        progress: called with (starts done, starts).
+
+    Raises:
+        JobError: it looks at no arm.
+    """
+    problem = job.problem()
+    try:
+        solution = solve(problem, job.options(), progress)
+    except SamplesError:  # too little data is what a plan is for
+        return Situation.of(problem)
+    return Situation.of(problem, solution)
+
+
+def candidate_places(
+    file: Path, situation: Situation, options: PlanOptions
+) -> tuple[tuple[Place, ...], PlanOptions]:
+    """The places a user would accept, and the options with the repeats that the file states.
+
+    Args:
+        file: ``candidates.yaml``.
+        situation: says how often things are touched where the file does not.
+        options: what is asked for; repeats that are stated there stay.
+
+    Raises:
+        JobError: the file cannot be used; names the line and the key.
+    """
+    artefact = situation.artefact
+    repeats = options.repeats or situation.repeats
+    touches = _TOUCHES if artefact is None else repeats * len(artefact.landmarks)
+    read = read_candidates(file, situation.arm, touches)
+    return read.places, replace(options, repeats=options.repeats or read.repeats)
 
 
 @single_threaded
@@ -194,3 +248,101 @@ def _stop(design: Design, now: SharedInformation, options: PlanOptions) -> Stop:
         target=options.target,
         needed=reached[0] if reached else None,
     )
+
+
+def forecast(space: Space, information: SharedInformation, tip: Sensitivity) -> Forecast:
+    """Predict what data that tell this much would give.
+
+    Args:
+        space: the unknowns.
+        information: information on them.
+        tip: postures of the region, with derivatives by the arm's parameters in their order.
+    """
+    identification = space.identify(information)
+    fixed = {int(k) for k in identification.fixed}
+    estimated = np.array([k for k in range(len(space.names)) if k not in fixed], dtype=np.intp)
+    covariance = space.covariance(information, estimated)
+    std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    arm = list(space.parameters.values())[: space.arm_count]
+    expected = [
+        Expected(p.name, p.unit, p.plausible, None if k in fixed else float(std[k]))
+        for k, p in enumerate(arm)
+    ]
+    return Forecast(
+        parameters=tuple(expected),
+        fixed=tuple(e.name for e in expected if e.std is None),
+        tip=_tip_rms(space, space.plausible_covariance(information), tip),
+        tip_estimated=_tip_rms(space, covariance, tip),
+    )
+
+
+def _tip_rms(space: Space, covariance: FloatArray, tip: Sensitivity) -> float:
+    arm = slice(0, space.arm_count)
+    std = tip.std(covariance[arm, arm], tip.registered())
+    return float(np.sqrt(np.mean(std**2)))
+
+
+def remedies(
+    situation: Situation,
+    space: Space,
+    present: SharedInformation,
+    candidates: Sequence[Candidate],
+    information: Sequence[SharedInformation],
+) -> tuple[Remedy, ...]:
+    """One for each parameter of the arm that the present data leave open.
+
+    A candidate determines a parameter if that would no longer be held with it, and fewer would be
+    held in all: of a combination, holding another one instead is no gain.
+
+    Args:
+        situation: the present data.
+        space: the unknowns.
+        present: what the present data tell.
+        candidates: what could be added.
+        information: what each would tell.
+    """
+    identification = space.identify(present)
+    arm = set(space.names[: space.arm_count])
+    names = [c.fixed for c in identification.combinations if c.fixed in arm]
+    texts = _explanations(situation)
+    everything = sum(information, present)
+    found = []
+    left = [_fixed(space, present + more) for more in information]
+    left_by_all = _fixed(space, everything)
+    for name in names:
+        able = [
+            (candidate, _curvature(space, name, more))
+            for candidate, more, fixed in zip(candidates, information, left, strict=True)
+            if name not in fixed and len(fixed) < len(names)
+        ]
+        best = [candidate for candidate, _ in sorted(able, key=lambda pair: -pair[1])]
+        text = texts.get(name, Explanation(name, "", ""))
+        found.append(
+            Remedy(
+                parameter=name,
+                candidates=tuple(c.name for c in best),
+                sorts=tuple(dict.fromkeys(c.sort for c in best)),
+                by_all=name not in left_by_all and len(left_by_all) < len(names),
+                why=text.sentence,
+                advice=text.remedy,
+            )
+        )
+    return tuple(found)
+
+
+def _fixed(space: Space, information: SharedInformation) -> frozenset[str]:
+    """The arm's parameters that would be held."""
+    arm = set(space.names[: space.arm_count])
+    return frozenset(c.fixed for c in space.identify(information).combinations if c.fixed in arm)
+
+
+def _curvature(space: Space, name: str, information: SharedInformation) -> float:
+    """How much a candidate alone tells of a parameter alone."""
+    k = space.names.index(name)
+    return float(information.curvature[k, k])
+
+
+def _explanations(situation: Situation) -> Mapping[str, Explanation]:
+    problem, x = situation.problem, situation.x
+    identification = identify_at(problem, x, situation.sigmas)
+    return {e.fixed: e for e in explain(problem, x, identification)}

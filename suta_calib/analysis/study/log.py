@@ -7,20 +7,43 @@ done; a line that a crash cut off is dropped when the study is resumed. SI units
 from __future__ import annotations
 
 import csv
+import hashlib
 import io
 import math
 import os
 from collections.abc import Mapping, Sequence
+from importlib.metadata import version
 from pathlib import Path
 from typing import Final, Self
 
-from suta_calib.analysis.study.trial import Trial
+from suta_calib.analysis.study.trial import StudyData, Trial
 from suta_calib.atomic import write_bytes_atomically
 from suta_calib.errors import JobError, OutputError
+from suta_calib.job.calibration import CalibrationJob
 from suta_calib.measurements import CsvTable, read_csv_table, read_text
 
 _MARK: Final = "# suta-calib study: "
 Done = dict[tuple[int, int], Trial]
+
+
+def identity(job: CalibrationJob, data: StudyData) -> dict[str, str]:
+    """What makes two studies the same, so that trials of one may stand in the other.
+
+    Args:
+        job: told by the content of its file and of all files it names, wherever they are.
+        data: of the study.
+    """
+    files = [job.spec.path, job.spec.arm.urdf]
+    for row in (*job.spec.observations, *job.spec.validation):
+        files += [*row.sample_files, *([] if row.artefact is None else [row.artefact])]
+    each = (hashlib.sha256(path.read_bytes()).digest() for path in files)
+    return {
+        "kind": data.kind,
+        "unit": data.sets.unit,
+        "seed": str(data.seed),
+        "version": version("suta_calib"),
+        "job": hashlib.sha256(b"".join(each)).hexdigest(),
+    }
 
 
 class StudyLog:
@@ -28,7 +51,7 @@ class StudyLog:
 
     Args:
         path: the file; its folder is created if it is not there.
-        identity: what makes two studies the same, by name: kind, seed, unit, digest of the job.
+        identity: what makes two studies the same, by name (`identity`).
         names: parameters that trials may estimate.
     """
 

@@ -16,7 +16,14 @@ from typing import Final
 from suta_calib.analysis.study.log import StudyLog
 from suta_calib.analysis.study.runner import Task, run_trials
 from suta_calib.analysis.study.sets import ResampledUnit, Sets, sets_of
-from suta_calib.analysis.study.trial import FullDataFit, Kind, StudyData, Trial, held_out_rms
+from suta_calib.analysis.study.trial import (
+    NAMES,
+    FullDataFit,
+    Kind,
+    StudyData,
+    Trial,
+    held_out_rms,
+)
 from suta_calib.errors import JobError, SamplesError
 from suta_calib.model.parameters import ParameterSet
 from suta_calib.solver.ipopt import SolverOptions
@@ -77,6 +84,8 @@ class Request:
         sizes: how many sets to draw; None for a choice that suits the data.
         unit: what one set is; None for what suits the data.
         seed: of all trials.
+        tolerance: fraction by which the mean error of a size may exceed the largest size's and
+            still be enough.
     """
 
     kind: Kind = "size"
@@ -84,6 +93,12 @@ class Request:
     sizes: tuple[int, ...] | None = None
     unit: ResampledUnit | None = None
     seed: int = 0
+    tolerance: float = 0.05
+
+    @property
+    def log_name(self) -> str:
+        """What the file of finished trials is called."""
+        return f"{NAMES[self.kind]}.trials.csv"
 
 
 def plan_study(

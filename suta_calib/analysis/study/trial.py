@@ -27,7 +27,12 @@ from suta_calib.terms import Term
 from suta_calib.threads import single_threaded
 
 Kind = Literal["size", "bootstrap", "monte-carlo"]
-KINDS: Final[tuple[Kind, ...]] = ("size", "bootstrap", "monte-carlo")
+# What the files of each kind are called.
+NAMES: Final[dict[Kind, str]] = {
+    "size": "study",
+    "bootstrap": "bootstrap",
+    "monte-carlo": "monte_carlo",
+}
 # States in which the data say something about a value.
 ESTIMATED: Final[tuple[State, ...]] = ("identified", "prior")
 

@@ -6,15 +6,15 @@ from typing import Final
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure as Picture
 from matplotlib.patches import Polygon
 from scipy.spatial import ConvexHull
 
 from suta_calib.analysis.planning import Candidate, Placement, Plan, Point
 from suta_calib.analysis.planning.links import link_points
 from suta_calib.arrays import FloatArray
-from suta_calib.report.planning.json import MM
 from suta_calib.report.svg import BLUE, GREY, ORANGE, WIDTH, plain_log, style, svg_text
+from suta_calib.units import mm, shown
 
 VIEWS: Final = {"seen from above": (0, 1), "seen from the side": (0, 2)}
 AXES: Final = "xyz"
@@ -25,7 +25,7 @@ _TICKS: Final = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100)
 def bench_drawing(found: Plan, name: str = "plan_bench") -> str:
     """An SVG element: the arm, what was measured, and what to measure next; mm in the base."""
     with style(name):
-        figure = Figure(figsize=(1.25 * WIDTH, 5.0), layout="constrained")
+        figure = Picture(figsize=(1.25 * WIDTH, 5.0), layout="constrained")
         for axes, (title, plane) in zip(
             figure.subplots(1, 2, width_ratios=(1, 1)), VIEWS.items(), strict=True
         ):
@@ -39,12 +39,12 @@ def bench_drawing(found: Plan, name: str = "plan_bench") -> str:
 def gain_curve(found: Plan, name: str = "plan_gain") -> str:
     """An SVG element: predicted uncertainty of the tip by the number of further candidates."""
     stop = found.stop
-    tips = MM * np.array(stop.tips)
+    tips = mm(np.array(stop.tips))
     with style(name):
-        figure = Figure(figsize=(WIDTH, 3.2), layout="constrained")
+        figure = Picture(figsize=(WIDTH, 3.2), layout="constrained")
         axes = figure.subplots()
         axes.plot(range(len(tips)), tips, "o-", color=BLUE, ms=5, label="best choice")
-        spread = MM * np.percentile(found.random, [5, 50, 95])
+        spread = mm(np.percentile(found.random, [5, 50, 95]))
         axes.errorbar(
             *(len(found.chosen), spread[1]),
             yerr=[[spread[1] - spread[0]], [spread[2] - spread[1]]],
@@ -55,10 +55,10 @@ def gain_curve(found: Plan, name: str = "plan_gain") -> str:
             label=f"{len(found.random)} random choices (5, 50, 95 %)",
         )
         if stop.target is not None:
-            label = f"target {MM * stop.target:.3g} mm"
-            axes.axhline(MM * stop.target, color="black", lw=1.0, ls="--", label=label)
+            label = f"target {mm(stop.target):.3g} mm"
+            axes.axhline(mm(stop.target), color="black", lw=1.0, ls="--", label=label)
         if stop.worthwhile is not None:
-            label = f"then less than {100 * stop.least_gain:.0f} % each"
+            label = f"then less than {shown(stop.least_gain, '%'):.0f} % each"
             axes.axvline(stop.worthwhile, color=GREY, lw=1.2, ls=":", label=label)
         _log_if_wide(axes, tips)
         axes.set_xticks(range(len(tips)))
@@ -87,14 +87,14 @@ def outline(points: FloatArray) -> FloatArray:
 def _view(axes: Axes, found: Plan, plane: tuple[int, int]) -> None:
     i, j = plane
     box = [found.region.lower, found.region.upper]
-    low, high = (MM * np.array([corner[i], corner[j]]) for corner in box)
+    low, high = (mm(np.array([corner[i], corner[j]])) for corner in box)
     frame = np.array([low, [high[0], low[1]], high, [low[0], high[1]], low])
     axes.plot(*frame.T, color=GREY, lw=1.0, ls="--", label="region of the tip")
     for k, place in enumerate(found.situation.placements):
         _artefact(axes, found, place, plane, GREY, "" if k else "measured")
     for k, choice in enumerate(found.chosen):
         _candidate(axes, found, choice.candidate, plane, k)
-    draw_arm(axes, MM * _arm(found)[:, [i, j]])
+    draw_arm(axes, mm(_arm(found)[:, [i, j]]))
     axes.set_aspect("equal", adjustable="datalim")
     axes.set_xlabel(f"{AXES[i]}, mm")
     axes.set_ylabel(f"{AXES[j]}, mm")
@@ -113,16 +113,16 @@ def _candidate(
         first = not any(isinstance(c.candidate.place, Point) for c in found.chosen[:number])
         where = place.position
         _directions(axes, found, candidate, plane)
-        at = MM * where[list(plane)]
+        at = mm(where[list(plane)])
         label = "planned point, tool from all sides" if first else ""
         axes.plot(*at, "*", color=ORANGE, mec="black", ms=13, zorder=8, label=label)
     else:
         _, where = found.situation.arm.forward(candidate.q[0], found.situation.values)
-        at = MM * where[list(plane)]
+        at = mm(where[list(plane)])
         axes.plot(*at, "D", color=BLUE, ms=5, zorder=7, label="" if number else "planned pose")
     axes.annotate(
         candidate.name,
-        tuple(MM * where[list(plane)]),
+        tuple(mm(where[list(plane)])),
         xytext=(6, 6),
         textcoords="offset points",
         fontsize=9,
@@ -140,7 +140,7 @@ def _artefact(
     marks = np.array([m.position for m in found.situation.artefact.landmarks.values()])
     body = np.vstack([marks, marks * [1.0, 1.0, 0.0]]) @ place.rotation.T + place.position
     planned = colour == BLUE
-    hull = outline(MM * body[:, list(plane)])
+    hull = outline(mm(body[:, list(plane)]))
     axes.add_patch(
         Polygon(
             hull,
@@ -153,8 +153,8 @@ def _artefact(
             label=label or None,
         )
     )
-    tip = tuple(MM * (place.position + _ARROW * place.rotation[:, 0])[list(plane)])
-    at = tuple(MM * place.position[list(plane)])
+    tip = tuple(mm((place.position + _ARROW * place.rotation[:, 0])[list(plane)]))
+    at = tuple(mm(place.position[list(plane)]))
     axes.annotate(
         "", tip, at, arrowprops={"arrowstyle": "->", "color": colour, "lw": 1.4}, zorder=7
     )
@@ -164,7 +164,7 @@ def _directions(axes: Axes, found: Plan, candidate: Candidate, plane: tuple[int,
     """Where the tool comes from, as short lines."""
     rotation, position = found.situation.arm.forward(candidate.q, found.situation.values)
     for R, p in list(zip(rotation, position, strict=True))[:: 1 + len(rotation) // 20]:
-        line = MM * np.array([p, p - 0.07 * R[:, 2]])[:, list(plane)]
+        line = mm(np.array([p, p - 0.07 * R[:, 2]])[:, list(plane)])
         axes.plot(*line.T, color=ORANGE, lw=0.9, zorder=4)
 
 

@@ -1,0 +1,418 @@
+"""A study of a job from beginning to end, and what it found.
+
+A study of *sizes* says how many sets are enough; a bootstrap or a Monte-Carlo study how far
+estimates scatter between trials, beside the standard deviation that was predicted.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+from contextlib import nullcontext
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from suta_calib.analysis.study.log import StudyLog, identity
+from suta_calib.analysis.study.plan import Progress, Request, StudyPlan, plan_study, run_study
+from suta_calib.analysis.study.trial import ESTIMATED, Trial, nominal_rms
+from suta_calib.arrays import FloatArray
+from suta_calib.assessment import Assessment
+from suta_calib.job.calibration import CalibrationJob
+from suta_calib.solver.solution import Estimate
+from suta_calib.words import listed
+
+# Share of trials without a result from which the others say little.
+MANY_FAILED: Final = 0.05
+# Reasons that a reader is told; the rest are counted.
+MOST_REASONS: Final = 3
+# Percentiles that enclose 95 %.
+INTERVAL: Final = (2.5, 97.5)
+# Fewer values have no spread worth a number.
+FEWEST: Final = 10
+# Spread over prediction that is called right, beyond what so many trials leave to chance.
+RIGHT: Final = (0.8, 1.25)
+
+
+@dataclass(frozen=True, eq=False)
+class SizeResult:
+    """All trials with one number of sets.
+
+    Attributes:
+        size: sets in each trial.
+        trials: how many were run.
+        distinct: how many different subsets they drew.
+        rms: (solved,) RMS of the held-out errors, m, of the trials that have a result.
+        improvement: how much smaller the mean is than that of the smallest size, as a fraction.
+    """
+
+    size: int
+    trials: int
+    distinct: int
+    rms: FloatArray
+    improvement: float = math.nan
+
+    @property
+    def failed(self) -> int:
+        """Trials without a result: data too few, or not converged."""
+        return self.trials - len(self.rms)
+
+    @property
+    def mean(self) -> float:
+        """Over the trials with a result, m."""
+        return float(self.rms.mean()) if len(self.rms) else math.nan
+
+    @property
+    def std(self) -> float:
+        """Between trials (n - 1), m; NaN for fewer than two."""
+        return float(self.rms.std(ddof=1)) if len(self.rms) > 1 else math.nan
+
+    @property
+    def minimum(self) -> float:
+        """Of all trials, m."""
+        return float(self.rms.min()) if len(self.rms) else math.nan
+
+    @property
+    def maximum(self) -> float:
+        """Of all trials, m."""
+        return float(self.rms.max()) if len(self.rms) else math.nan
+
+
+@dataclass(frozen=True, eq=False)
+class SizeStudy:
+    """Error on held-out data by number of sets.
+
+    Attributes:
+        plan: what was run.
+        sizes: one result a size, ascending.
+        tolerance: fraction by which a mean may exceed the largest size's and still be enough.
+        failures: reasons trials had no result, with how often.
+        uncalibrated: RMS, m, of the nominal arm on the validation data; NaN without them.
+    """
+
+    plan: StudyPlan
+    sizes: tuple[SizeResult, ...]
+    tolerance: float
+    failures: dict[str, int]
+    uncalibrated: float
+
+    @property
+    def baseline(self) -> int | None:
+        """The size improvements are relative to: the smallest with a result."""
+        return next((s.size for s in self.sizes if len(s.rms)), None)
+
+    @property
+    def recommended(self) -> int | None:
+        """The smallest size from which on every mean is within the tolerance of the largest's."""
+        solved = [s for s in self.sizes if len(s.rms)]
+        enough = None
+        for result in reversed(solved):
+            if result.mean > solved[-1].mean * (1 + self.tolerance):
+                break
+            enough = result.size
+        return enough
+
+    @property
+    def levelled(self) -> bool:
+        """Whether a smaller size than the largest is enough, so that the curve has levelled off."""
+        largest = next((s.size for s in reversed(self.sizes) if len(s.rms)), None)
+        return self.recommended is not None and self.recommended != largest
+
+    @property
+    def assessment(self) -> Assessment:
+        """Whether the recommendation may be relied on."""
+        if self.baseline is None:
+            return Assessment.of(
+                "no size can be judged: no trial has a result", bad=self._reasons()
+            )
+        return Assessment.of(self._sentence(), care=self._cautions())
+
+    def _sentence(self) -> str:
+        largest = [s for s in self.sizes if len(s.rms)][-1].size
+        percent = f"{100 * self.tolerance:g} %"
+        if not self.levelled:
+            return (
+                f"no size below {largest} is within {percent} of the mean error with {largest}: "
+                "more may help"
+            )
+        return (
+            f"{self.recommended} {self._unit(self.recommended)} "
+            f"{'is' if self.recommended == 1 else 'are'} enough: the mean error is within "
+            f"{percent} of that with {largest}"
+        )
+
+    def _reasons(self) -> list[str]:
+        """Why trials have no result, the most frequent first."""
+        told = [f"{problem} ({count} trials)." for problem, count in self.failures.items()]
+        more = len(told) - MOST_REASONS
+        return told[:MOST_REASONS] + ([f"And {more} further reasons."] if more > 0 else [])
+
+    def _unit(self, count: int | None) -> str:
+        unit = self.plan.data.sets.unit
+        return unit if count == 1 else f"{unit}s"
+
+    def _cautions(self) -> list[str]:
+        found = []
+        if not self.levelled:
+            found.append("The curve has not levelled off: study more sets than these.")
+        bad = [s for s in self.sizes if s.failed > MANY_FAILED * s.trials]
+        if bad:
+            told = ", ".join(f"{s.failed} of {s.trials} with {s.size}" for s in bad)
+            found.append(
+                f"Trials without a result: {told}. The figures are of the others, so they are "
+                "better than such data deserve."
+            )
+        if self.plan.left_out:
+            first, last = self.plan.left_out[0], self.plan.left_out[-1]
+            sizes = f"{first}" if first == last else f"{first} to {last}"
+            found.append(f"There are {len(self.plan.data.sets)} sets: not studied: {sizes}.")
+        if not self.plan.data.validation:
+            found.append(
+                "The job has no validation data: the sets that a trial did not draw stood in for "
+                "them. They come from the same measurement, which flatters the figures."
+            )
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class TrialScatter:
+    """One quantity over the trials that told it.
+
+    Attributes:
+        values: (told,) m or rad.
+    """
+
+    values: FloatArray
+
+    @property
+    def enough(self) -> bool:
+        """Whether there are enough values to speak of a spread."""
+        return len(self.values) >= FEWEST
+
+    @property
+    def mean(self) -> float:
+        """NaN where there are too few values, as for the others."""
+        return float(self.values.mean()) if self.enough else math.nan
+
+    @property
+    def std(self) -> float:
+        """Standard deviation (n - 1)."""
+        return float(self.values.std(ddof=1)) if self.enough else math.nan
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Percentile interval of 95 %."""
+        if not self.enough:
+            return (math.nan, math.nan)
+        low, high = np.percentile(self.values, INTERVAL)
+        return float(low), float(high)
+
+
+@dataclass(frozen=True, eq=False)
+class ParameterSpread:
+    """One parameter of the arm.
+
+    Attributes:
+        estimate: of the calibration with all data.
+        spread: of the trials' estimates that mean the same: told, and relative to the same held
+            parameters.
+        predicted: standard deviation to compare with, m or rad: the calibration's own in a
+            bootstrap, the root mean square of the trials' in a Monte-Carlo study; NaN if unknown.
+        sets: how many sets a bootstrap drew from; 0 where nothing was drawn.
+        priors: whether the job has any.
+    """
+
+    estimate: Estimate
+    spread: TrialScatter
+    predicted: float
+    sets: int = 0
+    priors: bool = False
+
+    @property
+    def ratio(self) -> float:
+        """Spread over prediction; NaN where one of them is not known."""
+        return self.spread.std / self.predicted if self.predicted > 0 else math.nan
+
+    @property
+    def as_predicted(self) -> bool:
+        """Whether the ratio is right, but for chance; true where there is none to judge.
+
+        The standard deviation of n values is uncertain by 1/√(2 (n - 1)) of itself, and that of a
+        bootstrap also by what its sets leave to chance. A prior is not drawn anew, and through
+        correlations it keeps more than its own parameter together: with one, a spread that is too
+        small proves nothing.
+        """
+        if not math.isfinite(self.ratio) or (self.priors and self.ratio < 1):
+            return True
+        counts = [len(self.spread.values), *([self.sets] if self.sets else [])]
+        chance = 2.0 * math.sqrt(sum(1.0 / (2.0 * (n - 1)) for n in counts))
+        return RIGHT[0] / (1 + chance) < self.ratio < RIGHT[1] * (1 + chance)
+
+
+@dataclass(frozen=True, eq=False)
+class SpreadStudy:
+    """Scatter of a calibration's answer.
+
+    Attributes:
+        plan: what was run.
+        parameters: of the arm, by name.
+        validation: RMS of the held-out errors, m, over the trials.
+        full_rms: the same, m, of the calibration with all data; NaN without validation data.
+        solved: trials with a result.
+        failures: reasons trials had none, with how often.
+    """
+
+    plan: StudyPlan
+    parameters: dict[str, ParameterSpread]
+    validation: TrialScatter
+    full_rms: float
+    solved: int
+    failures: dict[str, int]
+
+    @property
+    def assessment(self) -> Assessment:
+        """Whether standard deviations may be believed."""
+        estimated = [p for p in self.parameters.values() if math.isfinite(p.ratio)]
+        if not estimated:
+            reasons = "; ".join(self.failures) or "too few trials"
+            return Assessment.of("no parameter was told", bad=[f"No spread can be told: {reasons}"])
+        ratios = [p.ratio for p in estimated]
+        sentence = (
+            f"{len(estimated)} parameters told in {self.solved} trials; their spread is "
+            f"{min(ratios):.2f} to {max(ratios):.2f} times the predicted standard deviation"
+        )
+        return Assessment.of(sentence, care=self._cautions())
+
+    def _cautions(self) -> list[str]:
+        found = []
+        for word, names in (
+            ("more", [n for n, p in self.parameters.items() if not p.as_predicted and p.ratio > 1]),
+            ("less", [n for n, p in self.parameters.items() if not p.as_predicted and p.ratio < 1]),
+        ):
+            if names:
+                found.append(f"Scattered {word} than predicted: {listed(names)}.")
+        if found and self.plan.data.kind == "bootstrap" and self.plan.data.sets.unit == "set":
+            found.append(
+                "Repeats of a placement share what the model gets wrong there; this bootstrap "
+                "takes them for independent, the prediction does not: try --unit placement."
+            )
+        rarely = [n for n, p in self.parameters.items() if self._rarely(p)]
+        if rarely:
+            found.append(f"Not identified in every trial: {listed(rarely)}.")
+        failed = self.plan.trials - self.solved
+        if failed > MANY_FAILED * self.plan.trials:
+            found.append(f"{failed} of {self.plan.trials} trials gave no result.")
+        return found
+
+    def _rarely(self, parameter: ParameterSpread) -> bool:
+        estimated = len(parameter.spread.values)
+        return parameter.estimate.state in ESTIMATED and estimated < (1 - MANY_FAILED) * self.solved
+
+
+Study = SizeStudy | SpreadStudy
+
+
+def study_of_job(
+    job: CalibrationJob,
+    request: Request,
+    log: Path | None = None,
+    *,
+    resume: bool = False,
+    workers: int = 1,
+    dask: str | None = None,
+    progress: Progress | None = None,
+) -> Study:
+    """Repeat a job's calibration over parts of its data, and summarise what came of it.
+
+    Args:
+        job: what is calibrated.
+        request: what is asked for.
+        log: file that finished trials are written to, for an interrupted study to go on.
+        resume: go on with the trials in the log.
+        workers: processes on this computer; the answer does not depend on how many.
+        dask: address of a Dask scheduler to run on instead.
+        progress: called with (trials done, trials).
+
+    Raises:
+        SamplesError: too few sets, or none of the sizes is possible.
+        JobError: the calibration with all data does not converge, or the log is of another study.
+        InputError: no Dask scheduler answers, or its workers cannot run a trial.
+    """
+    plan = plan_study(job.parameters, job.observations, job.validation, job.options(), request)
+
+    into = nullcontext() if log is None else StudyLog(log, identity(job, plan.data), plan.names)
+    with into as opened:
+        trials = run_study(
+            plan, opened, resume=resume, workers=workers, dask=dask, progress=progress
+        )
+    if request.kind == "size":
+        return judge_sizes(plan, trials, request.tolerance)
+    return judge_spread(plan, trials)
+
+
+def judge_sizes(plan: StudyPlan, trials: Sequence[Trial], tolerance: float) -> SizeStudy:
+    """Summarise the trials of a study of sizes.
+
+    Args:
+        plan: what was run.
+        trials: of `run_study`.
+        tolerance: fraction a mean may exceed the largest size's by and still be enough.
+    """
+    results = [_size_result(plan, size, trials) for size in plan.sizes]
+    first = next((r.mean for r in results if len(r.rms)), math.nan)
+    with_gain = tuple(
+        SizeResult(r.size, r.trials, r.distinct, r.rms, 1.0 - r.mean / first) for r in results
+    )
+    failures = Counter(trial.problem for trial in trials if trial.problem)
+    uncalibrated = nominal_rms(plan.data)
+    return SizeStudy(plan, with_gain, tolerance, dict(failures.most_common()), uncalibrated)
+
+
+def _size_result(plan: StudyPlan, size: int, trials: Sequence[Trial]) -> SizeResult:
+    mine = [trial for trial in trials if trial.size == size]
+    drawn = {plan.data.chosen(size, trial.number) for trial in mine}
+    rms = np.array([trial.rms for trial in mine if not trial.problem])
+    return SizeResult(size, len(mine), len(drawn), rms)
+
+
+def judge_spread(plan: StudyPlan, trials: Sequence[Trial]) -> SpreadStudy:
+    """Summarise the trials of a bootstrap or a Monte-Carlo study.
+
+    Args:
+        plan: what was run.
+        trials: of `run_study`.
+    """
+    assert plan.solution is not None
+    arm = plan.solution.problem.names[: plan.solution.problem.arm_count]
+    parameters = {
+        name: _parameter_spread(plan, plan.solution.estimates[name], trials) for name in arm
+    }
+    failures = Counter(trial.problem for trial in trials if trial.problem)
+    solved = [trial for trial in trials if not trial.problem]
+    rms = np.array([trial.rms for trial in solved if math.isfinite(trial.rms)])
+    return SpreadStudy(
+        plan,
+        parameters,
+        TrialScatter(rms),
+        plan.full_rms,
+        len(solved),
+        dict(failures.most_common()),
+    )
+
+
+def _parameter_spread(
+    plan: StudyPlan, estimate: Estimate, trials: Sequence[Trial]
+) -> ParameterSpread:
+    estimated = [t.estimates[estimate.name] for t in trials if estimate.name in t.estimates]
+    values, stds = np.array(estimated).reshape(-1, 2).T
+    priors = any(p.prior is not None for p in plan.data.parameters.values())
+    if plan.data.kind == "bootstrap":
+        predicted = math.nan if estimate.std is None else estimate.std
+        return ParameterSpread(
+            estimate, TrialScatter(values), predicted, len(plan.data.sets), priors
+        )
+    predicted = float(np.sqrt(np.mean(stds**2))) if len(stds) else math.nan
+    return ParameterSpread(estimate, TrialScatter(values), predicted, 0, priors)

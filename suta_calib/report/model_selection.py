@@ -1,0 +1,218 @@
+"""Errors beside geometry that are worth having, told: the models, what the chosen one adds."""
+
+from __future__ import annotations
+
+from functools import partial
+from textwrap import fill
+from typing import Final
+
+import numpy as np
+from matplotlib.figure import Figure as Picture
+
+from suta_calib.analysis.model_selection import ModelCandidate, ModelSelection
+from suta_calib.diagnostics.score_tests import ScoreTest
+from suta_calib.model.nongeometric import Family
+from suta_calib.model.parameters import Selection
+from suta_calib.report.document import Document, Figure, Part, ShownOnly, Text
+from suta_calib.report.listing import Column, Json, Listing
+from suta_calib.report.svg import BLUE, ORANGE, WIDTH, style, svg_text
+from suta_calib.solver.solution import Estimate
+from suta_calib.units import mm, shown, text, unit_name
+
+NAME: Final = "extend"
+TITLE: Final = "Errors beside geometry"
+LOOKS_LIKE: Final[dict[Family, str]] = {
+    "ecc_1": "an eccentric encoder (first harmonic)",
+    "ecc_2": "an eccentric encoder (second harmonic)",
+    "compliance": "a joint that yields to gravity",
+}
+CAPTION: Final = (
+    "RMS in mm, each error counted up to the Huber threshold. Change: of the held-out variance "
+    "against the job's model, with its standard error over the folds."
+)
+MOST_TESTS: Final = 6
+# Models that a terminal and the picture show.
+MOST_MODELS: Final = 12
+# Columns of a line of YAML.
+WIDE: Final = 78
+# Letters of a name beside a plot.
+LONG: Final = 60
+
+
+def _estimate_text(e: Estimate) -> str:
+    """``0.1998 ± 0.0021 deg``, or why there is no such number."""
+    if e.std is None:
+        return e.state.replace("_", " ")
+    return f"{text(e.value, e.unit)} ± {text(e.std, e.unit)} {unit_name(e.unit)}"
+
+
+# SI in JSON, as in result.json.
+ADDED: Final = Listing[Estimate](
+    "What it adds",
+    (
+        Column("name", "parameter"),
+        Column("value", "value", cell=_estimate_text),
+        Column("std"),
+        Column("unit"),
+        Column("state"),
+    ),
+    key="estimates",
+    named=True,
+)
+TESTS: Final = Listing[ScoreTest](
+    "What the residuals of the job's model look like: chance of it if there is nothing",
+    (
+        Column("joint", "joint"),
+        Column("family", "looks like", cell=lambda test: LOOKS_LIKE[test.family]),
+        Column("p", "chance", form=".2g"),
+        Column("p_beside_geometry", "beside geometry", form=".2g"),
+        Column("parameters", None, lambda test: test.names),
+        Column("suspicious"),
+    ),
+)
+
+
+def model_selection_document(choice: ModelSelection) -> Document:
+    """The models that were tried, and which rows to add to the job."""
+    models, best = _models(choice), _best(choice)
+    title = models.title
+    if more := len(choice.tried) - len(best):
+        title = f"{title} (and {more} worse ones: report.html has them all)"
+    parts: list[Part] = [
+        Figure(partial(models_plot, choice)),
+        ShownOnly(models.of(best, title), "console"),
+        ShownOnly(models.of(choice.tried), "page"),
+        Text(CAPTION),
+        Text(f"Left out each time: {'; '.join(choice.folds)}.", place="page"),
+    ]
+    if choice.validated is not None:
+        job, chosen = (text(rms, "m") for rms in choice.validated)
+        parts.append(
+            Text(f"On the validation data: RMS {job} mm with the job's model, {chosen} mm chosen.")
+        )
+    estimates = choice.chosen.solution.estimates
+    parts.append(ADDED.of(estimates[name] for name in choice.added))
+    if choice.rows:
+        parts.append(Text("Rows for the job's parameters:"))
+        parts += [Text(wrapped(row_text(row))) for row in choice.rows]
+    parts.append(ShownOnly(TESTS.of(choice.tests[:MOST_TESTS]), "page"))
+    return Document(NAME, TITLE, choice.assessment, parts, _data(choice))
+
+
+def row_dict(row: Selection) -> Json:
+    """A row of a job's ``parameters``."""
+    sizes = {
+        "bound_mm": row.bound_m and shown(row.bound_m, "m"),
+        "bound_deg": row.bound_rad and shown(row.bound_rad, "rad"),
+        "bound_deg_per_nm": row.bound_rad_per_nm and shown(row.bound_rad_per_nm, "rad/Nm"),
+    }
+    stated = {key: float(f"{value:.6g}") for key, value in sizes.items() if value}
+    return {"select": list(row.select), **stated}
+
+
+def row_text(row: Selection) -> str:
+    """The same as a line of YAML."""
+    entries = row_dict(row)
+    names = ", ".join(f'"{n}"' if "*" in n else n for n in entries.pop("select"))
+    rest = "".join(f", {key}: {value:g}" for key, value in entries.items())
+    return f"- {{select: [{names}]{rest}}}"
+
+
+def wrapped(row: str) -> str:
+    """A line of YAML, to be copied: what does not fit goes on indented, which YAML allows."""
+    return fill(row, WIDE, initial_indent="  ", subsequent_indent=" " * 6, break_long_words=False)
+
+
+def models_plot(choice: ModelSelection) -> str:
+    """An SVG: fitted and held-out RMS of the best models that were tried, mm."""
+    models = sorted(_best(choice), key=lambda c: c.held_out.rms)
+    names = [f"→ {short(m.name)}" if m is choice.chosen else short(m.name) for m in models]
+    places = np.arange(len(models))
+    with style(NAME):
+        figure = Picture(figsize=(WIDTH, 1.3 + 0.3 * len(models)), layout="constrained")
+        axes = figure.subplots()
+        for values, colour, mark, label in (
+            ([m.fitted for m in models], ORANGE, "s", "fitted data"),
+            ([m.held_out.rms for m in models], BLUE, "o", "data left out"),
+        ):
+            axes.plot(mm(np.array(values)), places, mark, color=colour, label=label)
+        axes.set_yticks(places, names, fontsize=8)
+        axes.invert_yaxis()
+        axes.grid()
+        axes.set_xlim(left=0)
+        axes.set_xlabel("RMS, mm (arrow: chosen)")
+        axes.legend(ncols=2, fontsize=8, loc="lower left", bbox_to_anchor=(0, 1))
+        return svg_text(figure, NAME, "Fitted and held-out errors of the models that were tried")
+
+
+def short(name: str) -> str:
+    """A name that fits beside a plot: models that grew from one another differ at the end."""
+    return name if len(name) < LONG else f"{name[: LONG // 3]} … {name[-(LONG - LONG // 3) :]}"
+
+
+def _best(choice: ModelSelection) -> list[ModelCandidate]:
+    """The job's own model, the chosen one, and the best of the others, as they were tried."""
+    by_loss = sorted(choice.tried, key=lambda c: (c is not choice.chosen, c.held_out.loss))
+    kept = {id(c) for c in (choice.job, *by_loss[: MOST_MODELS - 1])}
+    return [c for c in choice.tried if id(c) in kept]
+
+
+def _models(choice: ModelSelection) -> Listing[ModelCandidate]:
+    """Rows of the models: their errors as such, and against the job's own."""
+
+    def of_loss(model: ModelCandidate) -> tuple[float, float]:
+        gain, error = model.gain_over(choice.job)
+        return -gain / choice.job.held_out.loss, error / choice.job.held_out.loss
+
+    def against_job(model: ModelCandidate, share: float, *, sign: bool = False) -> str:
+        return "" if model is choice.job else text(share, "%", sign=sign)
+
+    return Listing(
+        "Models, cross-validated",
+        (
+            Column(
+                "name",
+                "unknowns beside the job's",
+                cell=lambda m: f"{m.name} ←" if m is choice.chosen else m.name,
+            ),
+            Column("fitted_rms", "fitted", lambda m: m.fitted, "m"),
+            Column("held_out_rms", "held out", lambda m: m.held_out.rms, "m"),
+            Column(
+                "held_out_variance_change",
+                "change, %",
+                lambda m: of_loss(m)[0],
+                "%",
+                cell=lambda m: against_job(m, of_loss(m)[0], sign=True),
+            ),
+            Column(
+                "standard_error",
+                "± error",
+                lambda m: of_loss(m)[1],
+                "%",
+                cell=lambda m: against_job(m, of_loss(m)[1]),
+            ),
+            Column("unknowns", None, lambda m: len(m.parameters)),
+            Column("all_geometry", None, lambda m: m.geometry),
+            Column("beside_geometry", None, lambda m: m.added),
+            Column("outdoes_job", None, lambda m: m is not choice.job and m.outdoes(choice.job)),
+            Column("chosen", None, lambda m: m is choice.chosen),
+        ),
+        key="models",
+    )
+
+
+def _data(choice: ModelSelection) -> Json:
+    validated = None
+    if choice.validated is not None:
+        job, chosen = (mm(rms) for rms in choice.validated)
+        validated = {"job_rms_mm": job, "chosen_rms_mm": chosen}
+    return {
+        "chosen": choice.chosen.name,
+        "added": list(choice.added),
+        "all_geometry": choice.chosen.geometry,
+        "undecided": choice.undecided,
+        "rows": [row_dict(row) for row in choice.rows],
+        "folds": list(choice.folds),
+        "residual_tests": TESTS.records(choice.tests),
+        "validation": validated,
+    }

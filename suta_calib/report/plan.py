@@ -1,0 +1,388 @@
+"""Where to measure next, told; and the files to take to the bench."""
+
+from __future__ import annotations
+
+import io
+from functools import partial
+from itertools import groupby
+from typing import Any, Final
+
+import numpy as np
+from ruamel.yaml import YAML
+
+from suta_calib.analysis.planning import (
+    Best,
+    Candidate,
+    Choice,
+    Expected,
+    Forecast,
+    Place,
+    Placement,
+    Plan,
+    Point,
+    Posture,
+    Remedy,
+    Stop,
+)
+from suta_calib.analysis.planning.candidates import Unreachable
+from suta_calib.arrays import FloatArray
+from suta_calib.geometry.numbers import rpy_from_rotation
+from suta_calib.report.document import Document, Figure, Part, Text
+from suta_calib.report.listing import Column, Json, Listing, csv_text, plain
+from suta_calib.report.plan_plots import bench_drawing, gain_curve
+from suta_calib.units import NOTHING, Unit, deg, key, mm, shown, text, unit_name
+from suta_calib.words import listed
+
+NAME: Final = "plan"
+TITLE: Final = "Where to measure next"
+# Candidates that a sentence names.
+MOST_NAMES: Final = 5
+_POSE: Final = ("x_mm", "y_mm", "z_mm", "roll_deg", "pitch_deg", "yaw_deg", "tilt_deg")
+_WHAT: Final = (
+    "Predicted from the Jacobian at the arm as it is known, with the solver's own covariance (rows "
+    "that share a sample are not independent) and the noise that the present residuals show, "
+    "whatever makes them. 'tip' is the 3-D root mean square uncertainty of "
+    "the tip in the region after a rigid registration, with parameters that would be held as far "
+    "off as their bounds say."
+)
+
+
+def place_dict(place: Place) -> Json:
+    """A place as the candidates file has it."""
+    if isinstance(place, Posture):
+        return {"readings": rounded(place.readings, 9)}
+    position = {"position_mm": rounded(mm(place.position))}
+    if isinstance(place, Placement):
+        return position | {"rotation_rpy_deg": rounded(deg(rpy_from_rotation(place.rotation)))}
+    return position | {
+        "directions": place.directions,
+        "axis": rounded(place.axis, 6),
+        "cone_deg": round(deg(place.cone), 3),
+    }
+
+
+def rounded(values: FloatArray, decimals: int = 3) -> list[float]:
+    """Rounded, without negative zeros."""
+    return [float(value) + 0.0 for value in np.round(values, decimals)]
+
+
+def _position_text(choice: Choice) -> str:
+    place = choice.candidate.place
+    if isinstance(place, Posture):
+        return NOTHING
+    return "{:.0f} {:.0f} {:.0f}".format(*mm(place.position))
+
+
+def _turn_text(choice: Choice) -> str:
+    place = choice.candidate.place
+    if isinstance(place, Posture):
+        return NOTHING
+    if isinstance(place, Point):
+        return f"{place.directions} directions"
+    return "{:.0f} {:.0f} {:.0f}".format(*place_dict(place)["rotation_rpy_deg"])
+
+
+CHOSEN: Final = Listing[Choice](
+    "What to measure next, best first",
+    (
+        Column("name", "", lambda choice: choice.candidate.name),
+        Column("what", "what", lambda choice: choice.candidate.sort),
+        Column("kind", None, lambda choice: choice.candidate.place.kind),
+        Column(
+            "pose",
+            "position, mm",
+            lambda choice: place_dict(choice.candidate.place),
+            cell=_position_text,
+            numeric=True,
+        ),
+        Column("", "roll pitch yaw, deg", cell=_turn_text, numeric=True),
+        Column("samples", None, lambda choice: choice.candidate.samples),
+        Column("tip", "tip, mm", unit="m"),
+        Column("gain", "gain", unit="%", cell=lambda choice: f"{shown(choice.gain, '%'):.0f} %"),
+        Column("gain_bits", None, lambda choice: choice.bits),
+        Column("identifies"),
+    ),
+    key="chosen",
+)
+# Before and after; a dash where a parameter would be held.
+PARAMETERS: Final = Listing[tuple[Expected, Expected]](
+    "Predicted standard deviations",
+    (
+        Column("", "parameter", lambda pair: pair[0].name),
+        Column("", "now ±", cell=lambda pair: text(pair[0].std, pair[0].unit), numeric=True),
+        Column("", "then ±", cell=lambda pair: text(pair[1].std, pair[1].unit), numeric=True),
+        Column("", "unit", lambda pair: unit_name(pair[0].unit)),
+    ),
+)
+BEST: Final = Listing[Best](
+    "",
+    (
+        Column("count"),
+        Column("names"),
+        Column("tip", unit="m"),
+        Column("present_tip", None, lambda best: best.present, "m"),
+        Column("efficiency", unit="%"),
+        Column("d_efficiency", unit="%"),
+    ),
+)
+STOP: Final = Listing[Stop](
+    "",
+    (
+        Column("tip", None, lambda stop: stop.tips, "m"),
+        Column("least_gain", unit="%"),
+        Column("worthwhile"),
+        Column("target", unit="m"),
+        Column("needed"),
+    ),
+)
+UNREACHABLE: Final = Listing[Unreachable]("", (Column("name"), Column("kind"), Column("reason")))
+
+
+def plan_document(found: Plan) -> Document:
+    """The plan, where it is on the bench, what each more would bring, and the parameters."""
+    pairs = zip(_expected(found.before), _expected(found.after), strict=True)
+    parts: list[Part] = [
+        CHOSEN.of(found.chosen),
+        Figure(partial(bench_drawing, found), "On the bench"),
+        *(Text(sentence, bullet=True) for sentence in _remedy_sentences(found)),
+        Figure(partial(gain_curve, found), "What each more would bring"),
+        *(Text(sentence, bullet=True) for sentence in _sentences(found)),
+        PARAMETERS.of(pairs),
+        Text(_WHAT, place="page"),
+    ]
+    return Document(NAME, TITLE, found.assessment, parts, _data(found))
+
+
+def bench_files(found: Plan) -> dict[str, str]:
+    """``plan.csv``, a row for each place, and ``plan.yaml``, by name."""
+    return {
+        "plan.csv": csv_text(_bench_rows(found), found.chosen),
+        "plan.yaml": _bench_yaml(found),
+    }
+
+
+def _data(found: Plan) -> Json:
+    sorts = [candidate.sort for candidate in found.candidates]
+    return {
+        "criterion": found.options.criterion,
+        "predicted": {
+            "before": _forecast_dict(found.before),
+            "after": _forecast_dict(found.after),
+        },
+        "best_possible": BEST.record(found.best),
+        "random": {
+            "sets": len(found.random),
+            "median_tip_mm": mm(float(np.median(found.random))),
+            "best_tip_mm": mm(float(found.random.min())),
+        },
+        "stop": STOP.record(found.stop),
+        "makes_identified": {r.parameter: list(r.candidates) for r in found.remedies if r.by_all},
+        "no_candidate_can": {r.parameter: r.why for r in found.remedies if not r.by_all},
+        "region": {
+            "lower_mm": plain(found.region.lower, "m"),
+            "upper_mm": plain(found.region.upper, "m"),
+            "tool_axis": plain(found.region.axis),
+            "cone_deg": deg(found.region.cone),
+        },
+        "candidates": {
+            "count": len(sorts),
+            "sorts": {name: sorts.count(name) for name in dict.fromkeys(sorts)},
+        },
+        "unreachable": UNREACHABLE.records(found.unreachable),
+        "collisions": found.collisions,
+        "noise": _noise(found),
+        "repeats": found.options.repeats,
+    }
+
+
+def _expected(forecast: Forecast) -> list[Expected]:
+    """The parameters and the tip, as rows."""
+    tips = (
+        ("tip in the region", forecast.tip),
+        ("… if what is held is exact", forecast.tip_estimated),
+    )
+    return [*forecast.parameters, *(Expected(name, "m", np.nan, tip) for name, tip in tips)]
+
+
+def _forecast_dict(forecast: Forecast) -> Json:
+    return {
+        "tip_mm": mm(forecast.tip),
+        "tip_held_exact_mm": mm(forecast.tip_estimated),
+        "unidentified": list(forecast.fixed),
+        "parameters": {
+            each.name: {
+                key("std", each.unit): plain(each.std, each.unit),
+                key("plausible", each.unit): shown(each.plausible, each.unit),
+                "state": "unidentified" if each.std is None else "identified",
+            }
+            for each in forecast.parameters
+        },
+    }
+
+
+def _noise(found: Plan) -> list[Json]:
+    """What every touch is taken to scatter by: as the residuals show, or as assumed."""
+    situation = found.situation
+    return [
+        {
+            "block": block.name,
+            key("sigma", block.unit): shown(sigma, block.unit),
+            "from": "residuals" if situation.solved else "assumed",
+        }
+        for block, sigma in zip(situation.problem.blocks, situation.sigmas, strict=True)
+    ]
+
+
+def _bench_rows(found: Plan) -> Listing[Choice]:
+    """Columns of ``plan.csv``: those of a pose, and those of joints where a posture is planned."""
+    joints = _joints(found) if any(_is_posture(c.candidate) for c in found.chosen) else {}
+
+    def pose(k: int, choice: Choice) -> float | None:
+        place = choice.candidate.place
+        entries = place_dict(place)
+        where = [*entries.get("position_mm", ()), *entries.get("rotation_rpy_deg", ())]
+        where += [round(deg(place.tilt), 3)] if isinstance(place, Placement) else []
+        return where[k] if k < len(where) else None
+
+    def reading(k: int, unit: Unit, choice: Choice) -> float | None:
+        place = choice.candidate.place
+        return rounded(shown(place.readings, unit), 4)[k] if isinstance(place, Posture) else None
+
+    return Listing(
+        "",
+        (
+            Column("name", None, lambda choice: choice.candidate.name),
+            Column("kind", None, lambda choice: choice.candidate.place.kind),
+            *(Column(name, None, partial(pose, k)) for k, name in enumerate(_POSE)),
+            Column("samples", None, lambda choice: choice.candidate.samples),
+            Column("tip_mm", None, lambda choice: round(mm(choice.tip), 4)),
+            *(
+                Column(key(name, unit), None, partial(reading, k, unit))
+                for k, (name, unit) in enumerate(joints.items())
+            ),
+        ),
+    )
+
+
+def _bench_yaml(found: Plan) -> str:
+    """The same as a candidates file: it can be trimmed, changed and planned with again."""
+    content: dict[str, Any] = {"repeats": found.options.repeats}
+    for choice in found.chosen:
+        place = choice.candidate.place
+        if isinstance(place, Posture):
+            content.setdefault("poses", {})[place.name] = _posture_dict(place, found)
+        else:
+            key = "placements" if isinstance(place, Placement) else "points"
+            content.setdefault(key, {})[place.name] = place_dict(place)
+    out = io.StringIO()
+    yaml = YAML()
+    yaml.default_flow_style = None
+    yaml.width = 1000
+    yaml.dump(content, out)
+    return "# Where to measure next; suta-calib plan reads this file with --candidates.\n" + (
+        out.getvalue()
+    )
+
+
+def _posture_dict(place: Posture, found: Plan) -> Json:
+    content: Json = {}
+    for (joint, unit), reading in zip(_joints(found).items(), place.readings, strict=True):
+        content.setdefault(key("posture", unit), {})[joint] = round(shown(reading, unit), 6) + 0.0
+    return content
+
+
+def _joints(found: Plan) -> dict[str, Unit]:
+    """Joints with the units of their readings."""
+    moving = found.situation.arm.chain.moving
+    return {joint.name: "m" if joint.type == "prismatic" else "rad" for joint in moving}
+
+
+def _is_posture(candidate: Candidate) -> bool:
+    return isinstance(candidate.place, Posture)
+
+
+def _sentences(found: Plan) -> list[str]:
+    """Efficiency, the random choice, when to stop, what was looked at."""
+    return [_efficiency(found), _random(found), _stop(found), _looked_at(found)]
+
+
+def _remedy_sentences(found: Plan) -> list[str]:
+    """For every open parameter: what determines it, or that nothing here does."""
+    sentences = [_able(remedy) for remedy in found.remedies if remedy.by_all]
+    never = [r for r in found.remedies if not r.by_all]
+    for advice, group in groupby(sorted(never, key=lambda r: r.advice), key=lambda r: r.advice):
+        names = ", ".join(r.parameter for r in group)
+        sentences.append(f"No candidate can determine {names}: {advice or 'all leave it open'}.")
+    return sentences
+
+
+def _able(remedy: Remedy) -> str:
+    why = f" ({remedy.why})" if remedy.why else ""
+    if not remedy.candidates:
+        return f"{remedy.parameter} is open{why}; only several candidates together determine it."
+    sorts = " or ".join(remedy.sorts)
+    return (
+        f"{remedy.parameter} is open{why}. Determined by a {sorts}: "
+        f"{listed(remedy.candidates, MOST_NAMES)}; by no other sort of candidate."
+    )
+
+
+def _efficiency(found: Plan) -> str:
+    best = found.best
+    if best.tip >= best.present:
+        return (
+            "The present data tell more of the tip than as many samples at the best of these "
+            f"candidates would ({text(best.present, 'm')} mm against {text(best.tip, 'm')} mm)."
+        )
+    return (
+        f"As many samples as there are now, at the best {best.count} candidates "
+        f"({listed(best.names, MOST_NAMES)}), would give {text(best.tip, 'm')} mm instead of "
+        f"{text(best.present, 'm')} mm: the present data are "
+        f"{_percent_text(best.efficiency)} efficient for the tip, "
+        f"{_percent_text(best.d_efficiency)} for the parameters as a whole."
+    )
+
+
+def _random(found: Plan) -> str:
+    median, least = float(np.median(found.random)), float(found.random.min())
+    return (
+        f"{len(found.random)} random choices of {len(found.chosen)} reach {text(median, 'm')} mm "
+        f"(median) and {text(least, 'm')} mm at best."
+    )
+
+
+def _stop(found: Plan) -> str:
+    stop, ahead = found.stop, len(found.stop.tips) - 1
+    percent = f"{100 * stop.least_gain:.0f} %"
+    if stop.worthwhile is None:
+        sentence = f"Each of {ahead} further candidates lessens the tip's uncertainty by {percent}."
+    elif stop.worthwhile == 0:
+        sentence = f"Even the first lessens the tip's uncertainty by less than {percent}: stop now."
+    else:
+        sentence = (
+            f"After {stop.worthwhile} more, the next one lessens the tip's uncertainty by less "
+            f"than {percent}: stop there."
+        )
+    if stop.target is None:
+        return sentence
+    target = f"{mm(stop.target):.3g} mm"
+    if stop.needed is None:
+        return f"{sentence} {target} is not reached with {ahead}."
+    return f"{sentence} {target} is reached with {stop.needed}."
+
+
+def _looked_at(found: Plan) -> str:
+    region = found.region
+    low, high = mm(region.lower), mm(region.upper)
+    box = ", ".join(
+        f"{axis} {a:.0f} … {b:.0f}" for axis, a, b in zip("xyz", low, high, strict=True)
+    )
+    return (
+        f"{len(found.candidates)} candidates within reach, {len(found.unreachable)} not; region "
+        f"{box} mm, tool within {deg(region.cone):.0f}° of its usual direction; "
+        f"{found.collisions}."
+    )
+
+
+def _percent_text(share: float) -> str:
+    return f"{100 * share:.0f} %" if share >= 0.01 else "less than 1 %"

@@ -1,0 +1,388 @@
+"""Studies, told: error by number of sets, and estimates against their prediction."""
+
+from __future__ import annotations
+
+import math
+from functools import partial
+from typing import Any, Final
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure as Picture
+from matplotlib.ticker import MaxNLocator
+
+from suta_calib.analysis.study import (
+    ParameterSpread,
+    SizeResult,
+    SizeStudy,
+    SpreadStudy,
+    Study,
+    StudyPlan,
+)
+from suta_calib.analysis.study.sets import ResampledUnit
+from suta_calib.analysis.study.trial import ESTIMATED, NAMES, Kind
+from suta_calib.arrays import FloatArray
+from suta_calib.report.document import Document, Figure, Part, ShownOnly, Text
+from suta_calib.report.listing import Column, Json, Listing, plain
+from suta_calib.report.svg import BLUE, GREY, ORANGE, WIDTH, style, svg_text
+from suta_calib.units import NOTHING, key, mm, shown, text, unit_name
+from suta_calib.words import listed
+
+TITLES: Final[dict[Kind, str]] = {
+    "size": "How many measurement sets are enough",
+    "bootstrap": "Bootstrap: how the estimates scatter",
+    "monte-carlo": "Monte-Carlo: do estimates scatter as predicted",
+}
+SET_IS: Final[dict[ResampledUnit, str]] = {
+    "set": "one placement and repeat",
+    "placement": "one placement with all its repeats",
+    "point": "all touches of one fixed point",
+    "sample": "one sample",
+}
+# A calibration's own standard deviations over those from noise alone that deserve a word.
+NOTEWORTHY: Final = 1.25
+# Half-width of a normal distribution's central 95 %, in standard deviations.
+TWO_SIDED: Final = 1.96
+
+
+def _ratio_text(p: ParameterSpread) -> str:
+    return (f"{p.ratio:.2f}" if p.ratio > 0 else NOTHING) + ("" if p.as_predicted else "!")
+
+
+def _interval_text(p: ParameterSpread) -> str:
+    low, high = (text(value, p.estimate.unit) for value in p.spread.interval)
+    return f"{low} … {high}" if p.spread.enough else NOTHING
+
+
+# SI in JSON, as in result.json.
+SPREADS: Final = Listing[ParameterSpread](
+    "",
+    (
+        Column("", "parameter", lambda p: p.estimate.name),
+        Column(
+            "unit", "unit", lambda p: p.estimate.unit, cell=lambda p: unit_name(p.estimate.unit)
+        ),
+        Column("state", None, lambda p: p.estimate.state),
+        Column("value", None, lambda p: p.estimate.value),
+        Column("std", None, lambda p: p.estimate.std),
+        Column("mean", None, lambda p: p.spread.mean),
+        Column(
+            "predicted_std",
+            "predicted",
+            lambda p: p.predicted,
+            cell=lambda p: text(p.predicted, p.estimate.unit),
+            numeric=True,
+        ),
+        Column(
+            "spread",
+            "spread",
+            lambda p: p.spread.std,
+            cell=lambda p: text(p.spread.std, p.estimate.unit),
+            numeric=True,
+        ),
+        Column("ratio", "ratio", cell=_ratio_text, numeric=True),
+        Column("as_predicted", None, lambda p: p.as_predicted if math.isfinite(p.ratio) else None),
+        Column(
+            "interval",
+            "95 % interval",
+            lambda p: p.spread.interval,
+            cell=_interval_text,
+            numeric=True,
+        ),
+        Column("told", "told", lambda p: len(p.spread.values), form="d"),
+    ),
+)
+FAILURES: Final = Listing[tuple[str, int]](
+    "No result",
+    (
+        Column("problem", "why a trial had no result", lambda row: row[0]),
+        Column("count", "trials", lambda row: row[1], form="d"),
+    ),
+    key="failures",
+)
+
+
+def study_document(study: Study) -> Document:
+    """What was drawn, what the errors are of, and what came of it.
+
+    Nothing in it depends on how many workers did it, or how fast.
+    """
+    kind = study.plan.data.kind
+    if isinstance(study, SizeStudy):
+        sentences, figure = [_errors(study)], Figure(partial(size_plot, study))
+        table, data = _sizes(study).of(study.sizes), _recommended_dict(study)
+    else:
+        sentences, figure = _scatter(study), Figure(partial(spread_plot, study))
+        estimated = [p for p in study.parameters.values() if p.estimate.state in ESTIMATED]
+        table, data = SPREADS.of(estimated, TITLES[kind]), _spreads(study)
+    parts: list[Part] = [Text(sentence) for sentence in (_drawn(study), *sentences)]
+    parts += [figure] if study.assessment.usable else []
+    parts += [table, ShownOnly(FAILURES.of(study.failures.items()), "page")]
+    return Document(NAMES[kind], TITLES[kind], study.assessment, parts, _asked(study.plan) | data)
+
+
+def _sizes(study: SizeStudy) -> Listing[SizeResult]:
+    def size_text(s: SizeResult) -> str:
+        enough = study.levelled and s.size == study.recommended
+        return f"{s.size} ←" if enough else str(s.size)
+
+    def done_text(s: SizeResult) -> str:
+        return f"{s.trials}" if not s.failed else f"{s.trials - s.failed} of {s.trials}"
+
+    return Listing(
+        TITLES["size"],
+        (
+            Column("size", "sets", cell=size_text, numeric=True),
+            Column("mean", "mean, mm", unit="m"),
+            Column("std", "std, mm", unit="m"),
+            Column("min", "min, mm", lambda s: s.minimum, "m"),
+            Column("max", "max, mm", lambda s: s.maximum, "m"),
+            Column("improvement", "improvement, %", unit="%"),
+            Column("trials", "trials", cell=done_text, numeric=True),
+            Column("failed"),
+            Column("distinct"),
+        ),
+        key="sizes",
+    )
+
+
+def _held_out(plan: StudyPlan) -> str:
+    """What the errors are of."""
+    if plan.data.validation:
+        return "validation data"
+    return "nothing" if plan.data.kind == "monte-carlo" else "sets not drawn"
+
+
+def _asked(plan: StudyPlan) -> Json:
+    data = plan.data
+    return {
+        "kind": data.kind,
+        "unit": data.sets.unit,
+        "set_is": SET_IS[data.sets.unit],
+        "sets": len(data.sets),
+        "kept_whole": [data.terms[k].kind for k in data.sets.kept_whole],
+        "seed": data.seed,
+        "trials": plan.trials,
+        "metric": {
+            "name": f"RMS {data.judged_by.blocks[0].name} error",
+            "kind": data.judged_by.kind,
+            "held_out": _held_out(plan),
+        },
+    }
+
+
+def _recommended_dict(study: SizeStudy) -> Json:
+    return {
+        "left_out_sizes": list(study.plan.left_out),
+        "baseline_size": study.baseline,
+        "tolerance_pct": shown(study.tolerance, "%"),
+        "recommended_size": study.recommended,
+        "uncalibrated_mm": mm(study.uncalibrated),
+    }
+
+
+def _spreads(study: SpreadStudy) -> Json:
+    errors = study.validation
+    return {
+        "solved": study.solved,
+        "parameters": {name: _parameter(p) for name, p in study.parameters.items()},
+        "validation": {
+            "rms_mm": mm(study.full_rms),
+            "trials": len(errors.values),
+            "mean_mm": mm(errors.mean),
+            "std_mm": mm(errors.std),
+            "interval_mm": plain(errors.interval, "m"),
+        },
+    }
+
+
+def _parameter(p: ParameterSpread) -> Json:
+    """The row, with mm or degrees where people look; little of what was not estimated."""
+    row, unit = SPREADS.record(p), p.estimate.unit
+    if p.estimate.state not in ESTIMATED:
+        return {name: row[name] for name in ("unit", "state", "told")}
+    return row | {
+        key("spread", unit): shown(p.spread.std, unit),
+        key("predicted_std", unit): shown(p.predicted, unit),
+    }
+
+
+def _drawn(study: Study) -> str:
+    plan = study.plan
+    kept = [plan.data.terms[k].kind for k in plan.data.sets.kept_whole]
+    whole = f" {' and '.join(kept)} is kept whole in every trial." if kept else ""
+    seed = f"seed {plan.data.seed}"
+    if plan.data.kind == "monte-carlo":
+        return (
+            f"{plan.trials} simulated repetitions of the whole measurement, {seed}: the solution "
+            "taken for the truth, normal noise as found in the residuals."
+        )
+    how = "with replacement" if plan.data.kind == "bootstrap" else "without replacement"
+    what = SET_IS[plan.data.sets.unit]
+    return (
+        f"{plan.trials} draws each, {how}, from {len(plan.data.sets)} sets, {seed}; a set is "
+        f"{what}.{whole}"
+    )
+
+
+def _errors(study: SizeStudy) -> str:
+    nominal = text(study.uncalibrated, "m", with_unit=True)
+    found = f"Errors are RMS on {_held_out(study.plan)}"
+    found += f"; uncalibrated {nominal}." if nominal != NOTHING else "."
+    chosen = next((s for s in study.sizes if s.size == study.recommended), None)
+    if chosen is not None and len(chosen.rms) > 1:
+        low, high = text(chosen.minimum, "m"), text(chosen.maximum, "m", with_unit=True)
+        found += f" With {chosen.size}, single calibrations reach {low} to {high}."
+    return (
+        f"{found} The scatter is between subsets of the same sets, which overlap the more the "
+        "larger they are."
+    )
+
+
+def _scatter(study: SpreadStudy) -> list[str]:
+    bootstrap = study.plan.data.kind == "bootstrap"
+    predicted = "of the calibration with all data" if bootstrap else "root mean square over trials"
+    found = [
+        f"Predicted: standard deviation {predicted}. Spread: standard deviation between trials "
+        "that told the parameter, relative to the same held ones."
+    ]
+    silent = [n for n, p in study.parameters.items() if p.estimate.state not in ESTIMATED]
+    if silent:
+        found.append(f"Not estimated with all data either: {listed(silent)}.")
+    if any(p.priors and p.ratio < 1 for p in study.parameters.values()):
+        found.append(
+            "The job has priors, which are not drawn anew: what rests on them scatters less than "
+            "its standard deviation says."
+        )
+    if not bootstrap:
+        found += _against_own(study)
+    if study.validation.enough:
+        found.append(_held_out_spread(study))
+    return found
+
+
+def _held_out_spread(study: SpreadStudy) -> str:
+    low, high = (text(v, "m") for v in study.validation.interval)
+    full = text(study.full_rms, "m")
+    with_all = "" if full == NOTHING else f"{full} mm with all data, "
+    return (
+        f"RMS error on {_held_out(study.plan)}: {with_all}{text(study.validation.mean, 'm')} ± "
+        f"{text(study.validation.std, 'm')} mm over the trials, 95 % of them {low} … {high} mm."
+    )
+
+
+def _against_own(study: SpreadStudy) -> list[str]:
+    """A calibration whose model lacks something is less sure than its noise alone makes it."""
+    estimated = [p for p in study.parameters.values() if p.estimate.std and p.predicted > 0]
+    larger = max((p.estimate.std / p.predicted for p in estimated if p.estimate.std), default=0.0)
+    if larger < NOTEWORTHY:
+        return []
+    return [
+        f"The calibration's own standard deviations are up to {larger:.1f} times as large: they "
+        "count what the model lacks as well, which simulated noise does not contain."
+    ]
+
+
+def size_plot(study: SizeStudy) -> str:
+    """An SVG element: mean, scatter and range of the held-out error over the number of sets."""
+    name = NAMES["size"]
+    with style(name):
+        figure = Picture(figsize=(WIDTH, 4.2), layout="constrained")
+        axes = figure.subplots()
+        _bands(axes, study)
+        _recommendation(axes, study)
+        axes.set_title("Error on held-out data by number of sets", pad=38)
+        axes.set_xlabel(f"{study.plan.data.sets.unit}s calibrated with")
+        axes.set_ylabel("RMS error, mm")
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+        axes.grid(axis="y")
+        axes.legend(ncols=3, fontsize=8, loc="lower left", bbox_to_anchor=(0, 1), borderaxespad=0.2)
+        return svg_text(figure, name, "Held-out error by number of measurement sets")
+
+
+def spread_plot(study: SpreadStudy) -> str:
+    """An SVG element: the 95 % intervals of the parameters, and the held-out error."""
+    name = NAMES[study.plan.data.kind]
+    estimated = {n: p for n, p in study.parameters.items() if np.isfinite(p.ratio)}
+    with_errors = study.validation.enough
+    with style(name):
+        size = (1.3 * WIDTH if with_errors else WIDTH, 1.8 + 0.28 * len(estimated))
+        figure = Picture(figsize=size, layout="constrained")
+        ratios = (3, 2) if with_errors else (1,)
+        first, *others = figure.subplots(1, len(ratios), width_ratios=ratios, squeeze=False)[0]
+        _intervals(first, estimated)
+        for axes in others:
+            _error_histogram(axes, study)
+        return svg_text(figure, name, "Scatter of the estimates between trials")
+
+
+def _bands(axes: Axes, study: SizeStudy) -> None:
+    solved = [s for s in study.sizes if len(s.rms)]
+    size = np.array([s.size for s in solved])
+    mean, low, high = (
+        mm(np.array([getattr(s, name) for s in solved])) for name in ("mean", "minimum", "maximum")
+    )
+    std = mm(np.nan_to_num(np.array([s.std for s in solved])))
+    axes.fill_between(
+        size, low, high, facecolor="#e8e8e8", edgecolor=GREY, hatch="///", label="range", lw=0.6
+    )
+    # Where the scatter is lopsided, mean - std is below every error, even below zero.
+    lower = np.maximum(mean - std, low)
+    axes.fill_between(
+        size, lower, mean + std, facecolor="#a9cfe6", edgecolor=BLUE, label="± std", lw=0.6
+    )
+    axes.plot(size, mean, "o-", color="black", ms=4, lw=1.4, label="mean")
+    level = mm(solved[-1].mean) * (1 + study.tolerance) if solved else np.nan
+    label = f"{100 * study.tolerance:g} % above the mean of {size[-1]}" if solved else ""
+    axes.axhline(level, color="black", ls=":", lw=1.0, label=label)
+
+
+def _recommendation(axes: Axes, study: SizeStudy) -> None:
+    chosen = next((s for s in study.sizes if s.size == study.recommended), None)
+    if chosen is None or not study.levelled:
+        return
+    axes.axvline(chosen.size, color=ORANGE, ls="--", lw=1.6, label=f"enough: {chosen.size}")
+    axes.plot(chosen.size, mm(chosen.mean), "D", mfc="none", mec="black", mew=1.6, ms=11)
+
+
+def _intervals(axes: Axes, estimated: dict[str, ParameterSpread]) -> None:
+    """95 % of each parameter's trials, in units of the standard deviation predicted."""
+    axes.axvspan(
+        -TWO_SIDED, TWO_SIDED, facecolor="#e8e8e8", edgecolor=GREY, lw=0.6, label="predicted 95 %"
+    )
+    places = np.arange(len(estimated))
+    rows = [_scaled(p) for p in estimated.values()]
+    mean, low, high = np.array(rows).reshape(-1, 3).T
+    axes.hlines(places, low, high, color=BLUE, lw=2.2, label="95 % of the trials")
+    axes.plot(mean, places, "o", color="black", ms=4, label="mean of the trials")
+    off = np.array([not p.as_predicted for p in estimated.values()], dtype=bool)
+    if off.any():
+        mark: dict[str, Any] = {
+            "color": ORANGE,
+            "mec": "black",
+            "ms": 7,
+            "label": "not as predicted",
+        }
+        axes.plot(high[off], places[off], ">", **mark)
+    axes.set_yticks(places, [f"{n}  ×{p.ratio:.2f}" for n, p in estimated.items()])
+    axes.set_ylim(len(estimated) - 0.4, -0.6)
+    axes.set_title("Estimates, and spread over prediction (×)", pad=38)
+    axes.set_xlabel("estimate minus that with all data, in predicted standard deviations")
+    axes.grid(axis="x")
+    axes.legend(ncols=2, fontsize=8, loc="lower left", bbox_to_anchor=(0, 1), borderaxespad=0.2)
+
+
+def _scaled(parameter: ParameterSpread) -> FloatArray:
+    numbers = np.array([parameter.spread.mean, *parameter.spread.interval])
+    return np.asarray((numbers - parameter.estimate.value) / parameter.predicted)
+
+
+def _error_histogram(axes: Axes, study: SpreadStudy) -> None:
+    axes.hist(mm(study.validation.values), bins="auto", facecolor="#a9cfe6", edgecolor=BLUE, lw=0.8)
+    if np.isfinite(study.full_rms):
+        axes.axvline(mm(study.full_rms), color=ORANGE, ls="--", lw=1.8, label="with all data")
+        axes.legend(fontsize=8, loc="lower left", bbox_to_anchor=(0, 1), borderaxespad=0.2)
+    axes.set_title("Error on held-out data", pad=38)
+    axes.set_xlabel("RMS error, mm")
+    axes.set_ylabel("trials")
+    axes.yaxis.set_major_locator(MaxNLocator(integer=True))

@@ -1,1 +1,0 @@
-"""The tip uncertainty over the workspace, shown."""
