@@ -44,9 +44,9 @@ if TYPE_CHECKING:
 __version__ = version("suta_calib")
 
 _HOMES = {
-    "analysis.accuracy": ("Accuracy", "Metrics", "assess"),
+    "diagnostics.accuracy": ("Accuracy", "Metrics", "assess"),
     "errors": ("InputError", "SutaCalibError"),
-    "job": ("CalibrationJob", "CalibrationResult"),
+    "job.calibration": ("CalibrationJob", "CalibrationResult"),
     "measurements": ("Artefact", "Samples", "read_artefact"),
     "model.arm": ("ArmModel",),
     "model.parameters": ("Parameter", "ParameterSet", "Selection"),
