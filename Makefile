@@ -10,6 +10,8 @@ JOBS ?= 2
 
 VENV := .venv
 BIN := $(VENV)/bin
+# Whoever is idle takes from the end of the other's queue, where the short tests are (conftest.py).
+PYTEST := pytest -n $(JOBS) --dist worksteal
 PIP_INSTALL := -m pip install --quiet --disable-pip-version-check
 INSTALL := $(BIN)/python $(PIP_INSTALL) -c constraints.txt
 INSTALLED := $(VENV)/.installed
@@ -39,15 +41,14 @@ demo: $(INSTALLED)
 	$(BIN)/suta-calib calibrate data/suta/calibration.yaml
 
 test: lint
-	$(BIN)/python -m pytest -n $(JOBS) -m "not slow" --cov
+	$(BIN)/python -m $(PYTEST) -m "not slow" --cov
 
 # The large studies as well: some ten minutes.
 test-all: lint
-	$(BIN)/python -m pytest -n $(JOBS)
+	$(BIN)/python -m $(PYTEST)
 
-# Warnings of libraries that old are theirs: they do not fail.
 test-lowest: $(INSTALLED_LOWEST)
-	$(VENV_LOWEST)/bin/python -m pytest -n $(JOBS) -m "not slow and not notebook"
+	$(VENV_LOWEST)/bin/python -m $(PYTEST) -m "not slow and not notebook"
 
 lint: $(INSTALLED_DEV)
 	$(BIN)/ruff check .
