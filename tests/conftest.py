@@ -22,6 +22,16 @@ settings.register_profile("suta_calib", derandomize=True, deadline=None, print_b
 settings.load_profile("suta_calib")
 
 
+# Modules with tests of many seconds each, the longest first.
+LONG = ("test_notebooks",)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """What takes longest runs first, so that no process works alone at the end."""
+    rank = {name: k for k, name in enumerate(LONG)}
+    items.sort(key=lambda item: rank.get(item.path.stem, len(LONG)))
+
+
 @pytest.fixture(scope="session")
 def repository() -> Path:
     """The root of the repository."""

@@ -21,14 +21,14 @@ def skew(v: ArrayLike) -> FloatArray:
 
 def rotation_from_vector(vector: ArrayLike) -> FloatArray:
     """Rotation matrices of rotation vectors, rad: (..., 3) → (..., 3, 3)."""
-    vector = np.asarray(vector, dtype=float)
+    vector = np.array(vector, dtype=float)  # a copy: SciPy 1.11 takes none that is read-only
     flat = Rotation.from_rotvec(vector.reshape(-1, 3)).as_matrix()
     return np.asarray(flat.reshape(*vector.shape[:-1], 3, 3), dtype=float)
 
 
 def vector_from_rotation(rotation: ArrayLike) -> FloatArray:
     """Rotation vectors of rotation matrices, rad, length at most π: (..., 3, 3) → (..., 3)."""
-    rotation = np.asarray(rotation, dtype=float)
+    rotation = np.array(rotation, dtype=float)  # a copy: SciPy 1.11 takes none that is read-only
     flat = Rotation.from_matrix(rotation.reshape(-1, 3, 3)).as_rotvec()
     return np.asarray(flat.reshape(*rotation.shape[:-2], 3), dtype=float)
 

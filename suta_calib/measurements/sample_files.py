@@ -175,7 +175,7 @@ def write_samples(path: Path, samples: Samples) -> None:
     if samples.position is not None:
         columns += zip("xyz", samples.position.T, strict=True)
     if samples.rotation is not None:
-        quaternion = Rotation.from_matrix(samples.rotation).as_quat()
+        quaternion = Rotation.from_matrix(samples.rotation.copy()).as_quat()
         columns += zip(rotation_columns(), quaternion.T, strict=True)
     columns += samples.labels.items()
     names = [name for name, _ in columns]

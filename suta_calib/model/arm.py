@@ -242,7 +242,8 @@ def _segment(model: pin.Model, joint: ChainJoint, owner: str) -> Segment:
     if joint.moving:
         index = model.getJointId(joint.name)
         placement = model.jointPlacements[index]
-        subspace = np.asarray(model.joints[index].createData().S).reshape(6)
+        jacobian = pin.computeJointJacobian(model, model.createData(), pin.neutral(model), index)
+        subspace = jacobian[:, model.joints[index].idx_v]
         axis = subspace[:3] + subspace[3:]
     else:
         kinds = pin.FrameType.FIXED_JOINT

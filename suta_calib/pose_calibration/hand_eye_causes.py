@@ -142,5 +142,5 @@ def _readings(A: Poses, B: Poses, other_setup: str) -> Iterator[PoseConvention]:
 
 def _reordered(poses: Poses) -> Poses:
     """Poses whose quaternions were read x y z w from w x y z."""
-    quaternion = Rotation.from_matrix(poses[0]).as_quat()
+    quaternion = Rotation.from_matrix(poses[0].copy()).as_quat()
     return Rotation.from_quat(np.roll(quaternion, -1, axis=1)).as_matrix(), poses[1]

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Final
+from typing import Any, Final
 
+import matplotlib as mpl
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.axes import Axes
@@ -27,6 +28,10 @@ from suta_calib.solver.identifiability import WEAK
 from suta_calib.solver.solution import Estimate
 from suta_calib.units import Unit, unit_name
 
+# A horizontal box plot: the argument is a new one in Matplotlib 3.10.
+LYING: Final[dict[str, Any]] = (
+    {"orientation": "horizontal"} if mpl.__version_info__ >= (3, 10) else {"vert": False}
+)
 MOST_GROUPS: Final = 30
 MOST_CORRELATED: Final = 30
 MOST_WRITTEN: Final = 14
@@ -47,14 +52,15 @@ def grouped_errors(groups: Mapping[str, FloatArray], grouping: str, name: str) -
         axes = figure.subplots()
         axes.boxplot(
             errors,
-            orientation="horizontal",
-            tick_labels=[_short(f"{n}  ({len(e)})") for n, e in ranked],
+            **LYING,
             widths=0.62,
             patch_artist=True,
             boxprops={"facecolor": "#cfe3f1", "edgecolor": BLUE},
             medianprops={"color": "black", "linewidth": 1.6},
             flierprops={"marker": "o", "markersize": 3, "markeredgecolor": GREY},
         )
+        labels = [_short(f"{n}  ({len(e)})") for n, e in ranked]
+        axes.set_yticks(range(1, 1 + len(ranked)), labels=labels)
         axes.invert_yaxis()
         axes.set_xlim(left=0)
         axes.grid(axis="x")

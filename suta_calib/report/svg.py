@@ -50,7 +50,7 @@ def style(name: str) -> Iterator[None]:
     """
     with mpl.rc_context(), warnings.catch_warnings():
         mpl.rcdefaults()
-        settings: Any = STYLE | {"svg.hashsalt": name, "svg.id": name}
+        settings: Any = STYLE | {"svg.hashsalt": name}
         mpl.rcParams.update(settings)
         # The browser has glyphs that Matplotlib's font may lack.
         warnings.filterwarnings("ignore", message="Glyph .* missing from font")

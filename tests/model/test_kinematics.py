@@ -53,7 +53,7 @@ def origin(joint: ChainJoint, prefix: str, values: dict[str, float]) -> pin.SE3:
 
 def told(arm: ArmModel, values: dict[str, float]) -> pin.Model:
     """Pinocchio's model with the changed geometry in its placements, offsets left out."""
-    model = pin.Model(arm.model)
+    model = arm.model.copy()
     for joint in arm.chain.joints:
         parent = model.frames[model.getFrameId(joint.parent, pin.FrameType.BODY)].placement
         if joint.moving:

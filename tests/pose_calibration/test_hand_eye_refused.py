@@ -98,7 +98,7 @@ def test_pairs_that_do_not_belong_together_are_called_so() -> None:
 # ── Poses that are read in the wrong way ─────────────────────────────────────────────────────
 def w_first(poses: Poses) -> Poses:
     """Poses whose quaternions were written w x y z and are read x y z w."""
-    quaternion = Rotation.from_matrix(poses[0]).as_quat()
+    quaternion = Rotation.from_matrix(poses[0].copy()).as_quat()
     return Rotation.from_quat(np.roll(quaternion, 1, axis=1)).as_matrix(), poses[1]
 
 

@@ -227,7 +227,7 @@ def test_a_whole_problem_without_an_arm() -> None:
     solution = solve(Problem([term]))
     assert solution.problem.arm is None
     stacked = np.hstack([rotation.reshape(-1, 3), np.tile(-np.eye(3), (len(samples), 1))])
-    expected = np.linalg.lstsq(stacked, -position.reshape(-1))[0]
+    expected = np.linalg.lstsq(stacked, -position.reshape(-1), rcond=None)[0]
     np.testing.assert_allclose(solution.x, expected, atol=1e-12)
     error = solution.x - [0.0, 0.0, 0.0, 0.45, 0.1, 0.05]
     assert np.all(np.abs(error) < 4 * np.sqrt(np.diag(solution.covariance)))

@@ -63,7 +63,7 @@ def _placements(
     situation: Situation, region: Region, pool: Pool, names: Iterator[int], seed: int
 ) -> list[Place]:
     assert situation.artefact is not None
-    u = qmc.Halton(6, rng=np.random.default_rng(seed)).random(pool.placements)
+    u = qmc.Halton(6, seed=np.random.default_rng(seed)).random(pool.placements)
     floor = min(float(p.position[2]) for p in situation.placements)
     landmarks = np.array([m.position for m in situation.artefact.landmarks.values()])
     foot = landmarks * [1.0, 1.0, 0.0]
@@ -103,7 +103,7 @@ def _points(
     names: Iterator[int],
     seed: int,
 ) -> list[Place]:
-    u = qmc.Halton(3, rng=np.random.default_rng(seed + 1)).random(pool.points)
+    u = qmc.Halton(3, seed=np.random.default_rng(seed + 1)).random(pool.points)
     marks = 1 if situation.artefact is None else len(situation.artefact.landmarks)
     touches = max(20, repeats * marks) if marks == 1 else repeats * marks
     where = _LENGTH_STEP * np.round(

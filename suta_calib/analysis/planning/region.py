@@ -92,7 +92,7 @@ class Region:
         Raises:
             JobError: the arm reaches next to nothing of the region.
         """
-        u = qmc.Halton(5, rng=np.random.default_rng(seed)).random(POSTURES)
+        u = qmc.Halton(5, seed=np.random.default_rng(seed)).random(POSTURES)
         position = self.lower + u[:, :3] * (self.upper - self.lower)
         rotation = directions(self.axis, self.cone, u[:, 3], u[:, 4])
         found = kinematics.solve(

@@ -1,0 +1,77 @@
+"""Each fact about the project stands in one place, or the places agree."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import pytest
+from packaging.requirements import Requirement
+from packaging.version import Version
+from ruamel.yaml import YAML
+
+import suta_calib
+
+
+@pytest.fixture(scope="module")
+def project(repository: Path) -> dict[str, Any]:
+    """The table ``[project]`` of pyproject.toml."""
+    text = (repository / "pyproject.toml").read_text(encoding="utf-8")
+    table: dict[str, Any] = tomllib.loads(text)["project"]
+    return table
+
+
+def pinned(file: Path) -> dict[str, Version]:
+    """Package → the version a constraints file asks for."""
+    lines = re.findall(r"^([\w.-]+)==(\S+)$", file.read_text(encoding="utf-8"), re.M)
+    return {canonical(name): Version(number) for name, number in lines}
+
+
+def canonical(name: str) -> str:
+    return re.sub(r"[-_.]+", "-", name).lower()
+
+
+def required(project: dict[str, Any], *extras: str) -> list[Requirement]:
+    """What the package asks for, itself left out, with these extras."""
+    lines = [*project["dependencies"]]
+    for extra in extras:
+        lines += project["optional-dependencies"][extra]
+    return [r for r in map(Requirement, lines) if r.name != project["name"]]
+
+
+def test_the_version_is_pyprojects(project: dict[str, Any], repository: Path):
+    citation = YAML(typ="safe").load(repository / "CITATION.cff")
+    assert citation["version"] == project["version"]
+    assert suta_calib.__version__ == version(project["name"])
+
+
+def test_lower_bounds_are_what_the_lowest_environment_has(
+    project: dict[str, Any], repository: Path
+):
+    lowest = pinned(repository / "constraints-lowest.txt")
+    for requirement in required(project, "parquet", "dask"):
+        (bound,) = (s.version for s in requirement.specifier if s.operator == ">=")
+        installed = lowest[canonical(requirement.name)]
+        assert installed.release[: len(Version(bound).release)] == Version(bound).release
+
+
+@pytest.mark.parametrize("file", ["constraints.txt", "constraints-lowest.txt"])
+def test_constraints_satisfy_every_requirement(
+    file: str, project: dict[str, Any], repository: Path
+):
+    versions = pinned(repository / file)
+    extras = ("parquet", "dask", "notebooks", "test")
+    refused = [
+        str(r)
+        for r in required(project, *extras)
+        if not r.specifier.contains(versions[canonical(r.name)])
+    ]
+    assert refused == []
+
+
+def test_no_constraint_names_an_index(repository: Path):
+    for file in repository.glob("constraints*.txt"):
+        assert "://" not in file.read_text(encoding="utf-8")

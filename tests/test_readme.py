@@ -1,0 +1,146 @@
+"""What the README shows runs as it stands there: its Python, its commands that need no device."""
+
+from __future__ import annotations
+
+import io
+import re
+import shlex
+import shutil
+from contextlib import redirect_stdout
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import click
+import numpy as np
+import pytest
+
+from suta_calib import ArmModel
+from suta_calib.cli import run
+from suta_calib.cli._app import ALIASES, COMMANDS, app
+
+README = (Path(__file__).resolve().parent.parent / "README.md").read_text(encoding="utf-8")
+# What is not run here, by the beginning of the line, and why; the options are looked up even so.
+DEVICE = "needs a device or an emulator for as long as it says; tests/cli and notebook 05 run it"
+NOT_RUN = {
+    "suta-calib emulate": DEVICE,
+    "suta-calib monitor": DEVICE,
+    "suta-calib measure": DEVICE,
+    "suta-calib track": DEVICE,
+    "suta-calib path-accuracy": "compares what was tracked; tests/tracking/test_path_accuracy.py",
+    "suta-calib zero-offsets": "needs the emulator's truth; tests/cli/test_zero_offsets.py",
+    "suta-calib calibrate calibration.yaml": "what measure wrote; tests/acquisition",
+    "suta-calib outliers": "7 s; tests/cli/test_outliers.py",
+    "suta-calib study": "20 s; tests/cli/test_study.py",
+    "suta-calib extend": "13 s; tests/cli/test_nongeometric.py",
+    "suta-calib plan": "8 s; tests/cli/test_plan.py",
+    "suta-calib tip-map": "8 s; tests/tracking/test_tip_uncertainty.py",
+}
+
+
+class Block(NamedTuple):
+    """A fenced block of the README."""
+
+    language: str
+    text: str
+
+    @property
+    def lines(self) -> list[str]:
+        """Without continuations and indentation."""
+        joined = re.sub(r" *\\\n *", " ", self.text)
+        return [line.strip() for line in joined.splitlines()]
+
+    @property
+    def commands(self) -> list[str]:
+        """The lines that call `suta-calib`."""
+        return [line for line in self.lines if line.startswith("suta-calib ")]
+
+
+BLOCKS = [Block(*found) for found in re.findall(r"^```(\w*)\n(.*?)^```$", README, re.M | re.S)]
+SHELL = [block for block in BLOCKS if block.language in ("", "sh") and block.commands]
+COMMAND_LINES = [line for block in SHELL for line in block.commands]
+
+
+def words(line: str) -> list[str]:
+    """A command line without the program's name, comments and shell syntax."""
+    found = shlex.split(line, comments=True)[1:]
+    return [word for word in found if word not in ("&", "&&")]
+
+
+@pytest.fixture
+def folder(repository: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A copy of what the README's commands read; the working directory."""
+    for name in ("data", "urdf"):
+        ignored = shutil.ignore_patterns("results")
+        shutil.copytree(repository / name, tmp_path / name, ignore=ignored)
+    arm = (tmp_path / "urdf/suta.urdf").read_text(encoding="utf-8").replace('"tip"', '"tool0"')
+    for name in ("arm.urdf", "my_arm.urdf"):
+        (tmp_path / name).write_text(arm, encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def own_arrays() -> dict[str, Any]:
+    """Readings, and where a tracker saw the tip, of an arm with errors: "your own arrays"."""
+    arm = ArmModel.from_urdf("arm.urdf", tip="tool0")
+    random = np.random.default_rng(0)
+    q = random.uniform(-1.5, 1.5, (60, len(arm.joints)))
+    _, seen = arm.forward(q, {"joint_2.offset": 0.02, "joint_4.z": 0.574})
+    return {"q": q, "seen_by_tracker": seen + 5e-5 * random.standard_normal(seen.shape)}
+
+
+def test_python_runs_and_prints_what_its_comments_say(folder: Path) -> None:
+    names: dict[str, Any] = own_arrays()
+    printed = io.StringIO()
+    python = [block.text for block in BLOCKS if block.language == "python"]
+    for text in python:
+        with redirect_stdout(printed):
+            exec(compile(text, "README.md", "exec"), names)
+    said = re.findall(r"^print\(.*\)  # (.*)$", "\n".join(python), re.M)
+    assert said
+    for line, claim in zip(printed.getvalue().splitlines(), said, strict=True):
+        assert line.startswith(claim.removesuffix("…").strip())
+    assert (folder / "calibrated.urdf").is_file()
+    assert names["solution"].converged
+
+
+def prepared(line: str) -> None:
+    """Do what a line asks for that is not `suta-calib`'s."""
+    if line.startswith("mkdir "):
+        Path(line.split()[1]).mkdir()
+    elif line.startswith("python -c "):
+        exec(shlex.split(line)[2], {})
+    elif line.startswith("# fill in "):
+        for name in ("calibration", "validation", "fixed_point"):
+            shutil.rmtree(Path("my_job", name))
+            shutil.copytree(Path("data/suta", name), Path("my_job", name))
+        shutil.copy("data/suta/artefact.yaml", "my_job/artefact.yaml")
+
+
+@pytest.mark.parametrize("block", SHELL, ids=lambda block: words(block.commands[0])[0])
+def test_commands_run(block: Block, folder: Path) -> None:
+    for line in block.lines:
+        if not line.startswith("suta-calib "):
+            prepared(line)
+        elif not line.startswith(tuple(NOT_RUN)):
+            assert run(words(line)) == 0, line
+
+
+@pytest.mark.parametrize("line", COMMAND_LINES)
+def test_options_exist(line: str) -> None:
+    name, *arguments = words(line)
+    command = app.get_command(click.Context(app), name)
+    assert command is not None
+    given = {word for word in arguments if re.match(r"--?[a-z]", word)}
+    known = {option for parameter in command.params for option in parameter.opts}
+    assert given <= known
+
+
+def test_every_line_left_out_is_there() -> None:
+    assert [start for start in NOT_RUN if not any(c.startswith(start) for c in COMMAND_LINES)] == []
+
+
+def test_every_command_is_named() -> None:
+    (section,) = re.findall(r"^## Commands\n(.*?)^##", README, re.M | re.S)
+    named = set(re.findall(r"`([a-z]+[a-z0-9-]*)`", section))
+    assert named == set(COMMANDS)
+    assert not named & set(ALIASES)
