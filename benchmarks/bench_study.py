@@ -21,12 +21,11 @@ from peers import NumpyDistances
 from rich.console import Console
 from rich.table import Table
 
+from suta_calib import CalibrationJob, Problem
 from suta_calib.analysis.study.plan import Request, StudyPlan, plan_study, run_study
 from suta_calib.analysis.study.sizes import judge_sizes
 from suta_calib.analysis.study.trial import Trial
-from suta_calib.job.calibration import CalibrationJob
 from suta_calib.report.study.report import study_tables
-from suta_calib.solver.problem import Problem
 
 JOB = Path(__file__).parents[1] / "data" / "suta" / "calibration.yaml"
 TRIALS = 100
