@@ -20,6 +20,18 @@ from pathlib import Path
 
 import numpy as np
 
+from suta_calib import (
+    KINDS,
+    ArmPoses,
+    CalibrationJob,
+    InverseKinematics,
+    Noise,
+    Problem,
+    Samples,
+    SolverOptions,
+    Term,
+    solve,
+)
 from suta_calib.analysis.planning import Candidate, Placement, Pool, Region, Situation
 from suta_calib.analysis.planning.design import Design, best_set, random_sets
 from suta_calib.analysis.planning.generate import generated
@@ -28,14 +40,9 @@ from suta_calib.analysis.planning.plan import forecast, tip_weight
 from suta_calib.analysis.planning.reach import Reach
 from suta_calib.analysis.tip_uncertainty import Sensitivity
 from suta_calib.arrays import FloatArray
-from suta_calib.geometry.numbers import register_points, rotation_from_vector
-from suta_calib.job.calibration import CalibrationJob
-from suta_calib.measurements import Samples
-from suta_calib.simulation import InverseKinematics, Targets, read_simulation, true_values
-from suta_calib.solver.ipopt import SolverOptions
-from suta_calib.solver.problem import Problem
-from suta_calib.solver.solve import solve
-from suta_calib.terms import KINDS, ArmPoses, Noise, Setup, Term
+from suta_calib.geometry import register_points, rotation_from_vector
+from suta_calib.simulation import Targets, read_simulation, true_values
+from suta_calib.terms import Setup
 from suta_calib.threads import single_threaded
 
 SUTA = Path(__file__).resolve().parent.parent / "data" / "suta"

@@ -19,11 +19,9 @@ from pose_peers import hand_eye_peers, pivot_peers
 from rich.console import Console
 from rich.table import Table
 
+from suta_calib import FixedPoint, HandEye, calibrate_hand_eye, calibrate_pivot
 from suta_calib.arrays import FloatArray
-from suta_calib.geometry.numbers import vector_from_rotation
-from suta_calib.pose_calibration.hand_eye import calibrate_hand_eye
-from suta_calib.pose_calibration.pivot import calibrate_pivot
-from suta_calib.terms import FixedPoint, HandEye
+from suta_calib.geometry import vector_from_rotation
 from suta_calib.terms.hand_eye_start import Poses
 from suta_calib.terms.synthetic import EXACT, OutlierKind, OutlierModel, PoseNoise, Simulated
 

@@ -16,11 +16,7 @@ from matplotlib.figure import Figure
 from rich.console import Console
 from rich.table import Table
 
-from suta_calib.job.calibration import CalibrationJob
-from suta_calib.measurements import Samples
-from suta_calib.solver.problem import Problem
-from suta_calib.solver.solve import solve
-from suta_calib.terms import ArmPoses, PairwiseDistance
+from suta_calib import ArmPoses, CalibrationJob, PairwiseDistance, Problem, Samples, solve
 
 JOB = Path(__file__).parents[1] / "data" / "suta" / "calibration.yaml"
 PICTURE = Path(__file__).parent / "results" / "scaling.svg"

@@ -17,11 +17,8 @@ from peers import LoopDistances, NumpyDistances
 from rich.console import Console
 from rich.table import Table
 
-from suta_calib.job.calibration import CalibrationJob
-from suta_calib.solver.ipopt import RobustNlp, SolverOptions
-from suta_calib.solver.problem import Problem
-from suta_calib.solver.solve import solve, start_points
-from suta_calib.terms import PairwiseDistance
+from suta_calib import CalibrationJob, PairwiseDistance, Problem, SolverOptions, solve
+from suta_calib.solver import RobustNlp, start_points
 
 JOB = Path(__file__).parents[1] / "data" / "suta" / "calibration.yaml"
 STARTS = 8

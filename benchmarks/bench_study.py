@@ -21,11 +21,10 @@ from peers import NumpyDistances
 from rich.console import Console
 from rich.table import Table
 
+from suta_calib import CalibrationJob, Problem
 from suta_calib.analysis.study import Request, StudyPlan, Trial, judge_sizes, plan_study, run_study
-from suta_calib.job.calibration import CalibrationJob
 from suta_calib.report.console import rendered
 from suta_calib.report.study import study_document
-from suta_calib.solver.problem import Problem
 
 JOB = Path(__file__).parents[1] / "data" / "suta" / "calibration.yaml"
 TRIALS = 100

@@ -19,9 +19,9 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
+from suta_calib import ArmModel
 from suta_calib.device import Bus, DeviceSpec, JointSpec, Statistics
 from suta_calib.emulation import EmulatedArm, Emulation, sweep
-from suta_calib.model.arm import ArmModel
 from suta_calib.report.path_accuracy.latency_plots import latency_figure
 from suta_calib.tracking.igtl import IgtlPublisher
 from suta_calib.tracking.recording import CsvRecorder

@@ -7,9 +7,7 @@ from pathlib import Path
 import numpy as np
 from ruamel.yaml import YAML
 
-from suta_calib.diagnostics.accuracy import Metrics
-from suta_calib.job.calibration import CalibrationJob
-from suta_calib.solver.problem import Problem
+from suta_calib import CalibrationJob, Metrics, Problem
 
 FOLDER = Path(__file__).parents[1] / "data" / "suta"
 

@@ -11,9 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.optimize import OptimizeResult, least_squares
 
-from suta_calib.model.arm import ArmModel
-from suta_calib.solver.problem import Problem
-from suta_calib.terms.poses import ArmPoses
+from suta_calib import ArmModel, ArmPoses, Problem
 
 
 class NumpyDistances:

@@ -2,23 +2,61 @@
 
 from __future__ import annotations
 
+import ast
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
+from pathlib import Path
 from typing import Any
 
+Attribute = Callable[[str], Any]
 
-def lazily(package: str, homes: Mapping[str, Sequence[str]]) -> Callable[[str], Any]:
+
+def public(package: str) -> tuple[Attribute, list[str]]:
+    """``__getattr__`` and ``__all__`` of a package (PEP 562), from what type checkers see of it.
+
+    The names stand once in the package's ``__init__``, as imports that are never executed::
+
+        if TYPE_CHECKING:
+            from suta_calib.model.arm import ArmModel as ArmModel
+
+        __getattr__, __all__ = public(__name__)
+
+    Args:
+        package: its full name.
+    """
+    source = Path(str(sys.modules[package].__file__)).read_text(encoding="utf-8")
+    for_checkers = [
+        node
+        for node in ast.parse(source).body
+        if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"
+    ]
+    home = {
+        alias.name: str(statement.module)
+        for block in for_checkers
+        for statement in block.body
+        if isinstance(statement, ast.ImportFrom)
+        for alias in statement.names
+        if alias.asname == alias.name
+    }
+    return _attribute(package, home), sorted(home)
+
+
+def lazily(package: str, homes: Mapping[str, Sequence[str]]) -> Attribute:
     """A ``__getattr__`` for the ``__init__`` of a package (PEP 562).
 
     Args:
         package: its full name.
         homes: module below it → names that live there.
     """
-    home = {name: module for module, names in homes.items() for name in names}
+    home = {name: f"{package}.{module}" for module, names in homes.items() for name in names}
+    return _attribute(package, home)
 
+
+def _attribute(package: str, home: Mapping[str, str]) -> Attribute:
     def attribute(name: str) -> Any:
         if name not in home:
             raise AttributeError(f"module '{package}' has no attribute '{name}'")
-        return getattr(import_module(f"{package}.{home[name]}"), name)
+        return getattr(import_module(home[name]), name)
 
     return attribute

@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import ast
+import subprocess
+import sys
 from pathlib import Path
+
+import pytest
 
 ROWS = (
     {"errors", "arrays", "units", "assessment", "atomic", "extras", "lazy", "threads", "words"},
@@ -72,6 +76,27 @@ def test_imports_are_seen_however_they_are_written() -> None:
     )
     seen = imported_parts(source, ("suta_calib", "model"))
     assert seen == {"job", "terms", "solver", "model", "report", "analysis"}
+
+
+@pytest.mark.parametrize(
+    ("modules", "heavy"),
+    [
+        ("units, assessment, errors, arrays", ("casadi", "scipy", "pinocchio", "ruamel")),
+        ("device, device.bus, device.description", ("casadi", "scipy", "pinocchio")),
+        ("measurements.samples, measurements.sample_files", ("casadi", "scipy", "pinocchio")),
+        ("measurements.artefact, measurements.yaml_section", ("casadi", "scipy", "pinocchio")),
+        ("geometry.numbers, model.parameters", ("casadi", "scipy", "pinocchio")),
+        ("cli._app", ("casadi", "scipy", "pinocchio", "numpy", "matplotlib")),
+    ],
+)
+def test_what_needs_no_mathematics_does_not_wait_for_it(
+    modules: str, heavy: tuple[str, ...]
+) -> None:
+    code = "import sys\n"
+    code += "".join(f"import suta_calib.{name.strip()}\n" for name in modules.split(","))
+    code += f"print(*sorted(set({heavy!r}) & set(sys.modules)))"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert not run.stdout.split()
 
 
 def test_a_wrong_direction_is_refused() -> None:

@@ -1,4 +1,7 @@
-"""Rotations and rigid transforms in NumPy; conventions as in `suta_calib.geometry`."""
+"""Rotations and rigid transforms in NumPy; conventions as in `suta_calib.geometry`.
+
+SciPy is imported where it is needed: who has no rotations need not wait for it.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +9,6 @@ import warnings
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.spatial.transform import Rotation
 
 from suta_calib.arrays import FloatArray
 
@@ -21,23 +23,39 @@ def skew(v: ArrayLike) -> FloatArray:
 
 def rotation_from_vector(vector: ArrayLike) -> FloatArray:
     """Rotation matrices of rotation vectors, rad: (..., 3) → (..., 3, 3)."""
-    vector = np.array(vector, dtype=float)  # a copy: SciPy 1.11 takes none that is read-only
+    from scipy.spatial.transform import Rotation
+
+    # A copy: SciPy 1.11 takes no array that is read-only.
+    vector = np.array(vector, dtype=float)
     flat = Rotation.from_rotvec(vector.reshape(-1, 3)).as_matrix()
     return np.asarray(flat.reshape(*vector.shape[:-1], 3, 3), dtype=float)
 
 
 def vector_from_rotation(rotation: ArrayLike) -> FloatArray:
     """Rotation vectors of rotation matrices, rad, length at most π: (..., 3, 3) → (..., 3)."""
-    rotation = np.array(rotation, dtype=float)  # a copy: SciPy 1.11 takes none that is read-only
+    from scipy.spatial.transform import Rotation
+
+    rotation = np.array(rotation, dtype=float)
     flat = Rotation.from_matrix(rotation.reshape(-1, 3, 3)).as_rotvec()
     return np.asarray(flat.reshape(*rotation.shape[:-2], 3), dtype=float)
 
 
 def rotation_from_quaternion(quaternion: ArrayLike) -> FloatArray:
     """Rotation matrices of quaternions x y z w, which need not be normalised: (..., 4)."""
+    from scipy.spatial.transform import Rotation
+
     quaternion = np.asarray(quaternion, dtype=float)
     flat = Rotation.from_quat(quaternion.reshape(-1, 4)).as_matrix()
     return np.asarray(flat.reshape(*quaternion.shape[:-1], 3, 3), dtype=float)
+
+
+def quaternion_from_rotation(rotation: ArrayLike) -> FloatArray:
+    """Quaternions x y z w of rotation matrices, w ≥ 0: (..., 3, 3) → (..., 4)."""
+    from scipy.spatial.transform import Rotation
+
+    rotation = np.asarray(rotation, dtype=float)
+    flat = Rotation.from_matrix(rotation.reshape(-1, 3, 3)).as_quat(canonical=True)
+    return np.asarray(flat.reshape(*rotation.shape[:-2], 4), dtype=float)
 
 
 def rotation_from_rpy(rpy: ArrayLike) -> FloatArray:
@@ -102,6 +120,8 @@ def register_points(source: ArrayLike, target: ArrayLike) -> tuple[FloatArray, F
         leave a rotation undetermined (fewer than three, or all on a line) it is one of the
         equally good ones.
     """
+    from scipy.spatial.transform import Rotation
+
     a, b = np.asarray(target, dtype=float), np.asarray(source, dtype=float)
     centre_a, centre_b = a.mean(axis=0), b.mean(axis=0)
     if len(a) == 1:

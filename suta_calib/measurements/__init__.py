@@ -7,61 +7,68 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from suta_calib.lazy import lazily
+from suta_calib.lazy import public
 
 if TYPE_CHECKING:
-    from suta_calib.measurements.artefact import Artefact, Landmark, read_artefact, write_artefact
-    from suta_calib.measurements.csv_table import CsvTable, read_csv_table
-    from suta_calib.measurements.files import expand, read_text, write_text
+    from suta_calib.measurements.artefact import (
+        Artefact as Artefact,
+    )
+    from suta_calib.measurements.artefact import (
+        Landmark as Landmark,
+    )
+    from suta_calib.measurements.artefact import (
+        read_artefact as read_artefact,
+    )
+    from suta_calib.measurements.artefact import (
+        write_artefact as write_artefact,
+    )
+    from suta_calib.measurements.csv_table import (
+        CsvTable as CsvTable,
+    )
+    from suta_calib.measurements.csv_table import (
+        read_csv_table as read_csv_table,
+    )
+    from suta_calib.measurements.files import (
+        expand as expand,
+    )
+    from suta_calib.measurements.files import (
+        read_text as read_text,
+    )
+    from suta_calib.measurements.files import (
+        write_text as write_text,
+    )
     from suta_calib.measurements.pose_columns import (
-        SutaCalibWarning,
-        has_rotations,
-        positions,
-        rotations,
+        SutaCalibWarning as SutaCalibWarning,
+    )
+    from suta_calib.measurements.pose_columns import (
+        has_rotations as has_rotations,
+    )
+    from suta_calib.measurements.pose_columns import (
+        positions as positions,
+    )
+    from suta_calib.measurements.pose_columns import (
+        rotations as rotations,
+    )
+    from suta_calib.measurements.pose_files import ToolPoses as ToolPoses
+    from suta_calib.measurements.sample_files import (
+        JointRange as JointRange,
     )
     from suta_calib.measurements.sample_files import (
-        JointRange,
-        SampleColumns,
-        read_samples,
-        write_samples,
+        SampleColumns as SampleColumns,
     )
-    from suta_calib.measurements.samples import Samples
-    from suta_calib.measurements.yaml_document import YamlDocument, read_yaml
-    from suta_calib.measurements.yaml_section import YamlSection
+    from suta_calib.measurements.sample_files import (
+        read_samples as read_samples,
+    )
+    from suta_calib.measurements.sample_files import (
+        write_samples as write_samples,
+    )
+    from suta_calib.measurements.samples import Samples as Samples
+    from suta_calib.measurements.yaml_document import (
+        YamlDocument as YamlDocument,
+    )
+    from suta_calib.measurements.yaml_document import (
+        read_yaml as read_yaml,
+    )
+    from suta_calib.measurements.yaml_section import YamlSection as YamlSection
 
-_HOMES = {
-    "artefact": ("Artefact", "Landmark", "read_artefact", "write_artefact"),
-    "csv_table": ("CsvTable", "read_csv_table"),
-    "files": ("expand", "read_text", "write_text"),
-    "pose_columns": ("SutaCalibWarning", "has_rotations", "positions", "rotations"),
-    "sample_files": ("JointRange", "SampleColumns", "read_samples", "write_samples"),
-    "samples": ("Samples",),
-    "yaml_document": ("YamlDocument", "read_yaml"),
-    "yaml_section": ("YamlSection",),
-}
-
-__all__ = [
-    "Artefact",
-    "CsvTable",
-    "JointRange",
-    "Landmark",
-    "SampleColumns",
-    "Samples",
-    "SutaCalibWarning",
-    "YamlDocument",
-    "YamlSection",
-    "expand",
-    "has_rotations",
-    "positions",
-    "read_artefact",
-    "read_csv_table",
-    "read_samples",
-    "read_text",
-    "read_yaml",
-    "rotations",
-    "write_artefact",
-    "write_samples",
-    "write_text",
-]
-
-__getattr__ = lazily(__name__, _HOMES)
+__getattr__, __all__ = public(__name__)

@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike
 from ruamel.yaml import YAML
 from ruamel.yaml.comments import CommentedMap
 from ruamel.yaml.scalarstring import DoubleQuotedScalarString
-from scipy.spatial import KDTree
 
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import ArtefactError, SamplesError
@@ -106,11 +105,11 @@ class Artefact:
 def coincident_landmarks(landmarks: Iterable[Landmark]) -> tuple[str, str] | None:
     """Names of two landmarks less than 1 µm apart, in the order given; None if all are distinct."""
     listed = list(landmarks)
-    pairs = KDTree(np.array([each.position for each in listed])).query_pairs(_COINCIDENT)
-    if not pairs:
-        return None
-    first, second = min(pairs)
-    return listed[first].name, listed[second].name
+    position = np.array([each.position for each in listed])
+    apart = np.linalg.norm(position[:, None] - position, axis=2)
+    for first, second in np.argwhere(np.triu(apart <= _COINCIDENT, k=1))[:1]:
+        return listed[first].name, listed[second].name
+    return None
 
 
 def read_artefact(path: Path) -> Artefact:

@@ -1,0 +1,114 @@
+"""What users import is public, and what is public can be imported."""
+
+from __future__ import annotations
+
+import ast
+import json
+import pkgutil
+import re
+from collections.abc import Iterator
+from importlib import import_module
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+import suta_calib
+
+# The command line is no library.
+PACKAGES = sorted(
+    module.name
+    for parent in ("suta_calib", "suta_calib.analysis")
+    for module in pkgutil.iter_modules(import_module(parent).__path__, f"{parent}.")
+    if module.ispkg and module.name != "suta_calib.cli"
+)
+# Single modules directly below the root are public as they are.
+MODULES = sorted(
+    module.name
+    for module in pkgutil.iter_modules(suta_calib.__path__, "suta_calib.")
+    if not module.ispkg and not module.name.endswith("__main__")
+)
+
+
+def imported(source: str) -> Iterator[tuple[str, str]]:
+    """Module and name of everything that a script imports from suta_calib."""
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.ImportFrom) and str(node.module).split(".")[0] == "suta_calib":
+            yield from ((str(node.module), alias.name) for alias in node.names)
+
+
+def inner(source: str) -> list[str]:
+    """Imports of what is not public: neither in ``__all__`` of the root nor of a package."""
+    found = []
+    for module, name in imported(source):
+        if module in MODULES or (module == "suta_calib" and f"{module}.{name}" in MODULES):
+            continue
+        public = getattr(import_module(module), "__all__", ()) if is_public(module) else ()
+        if name not in public and f"{module}.{name}" not in PACKAGES:
+            found.append(f"from {module} import {name}")
+    return found
+
+
+def is_public(module: str) -> bool:
+    return module == "suta_calib" or module in PACKAGES
+
+
+def elsewhere(source: str) -> list[str]:
+    """Imports by an inner path of what a package makes public."""
+    homes = {
+        name: package
+        for package in (*reversed(PACKAGES), "suta_calib")
+        for name in getattr(import_module(package), "__all__", ())
+    }
+    return [
+        f"{line}: {homes[line.split()[-1]]} has it"
+        for line in inner(source)
+        if line.split()[-1] in homes
+    ]
+
+
+def source_of(path: Path) -> str:
+    if path.suffix == ".py":
+        return path.read_text(encoding="utf-8")
+    cells = json.loads(path.read_text(encoding="utf-8"))["cells"]
+    code = ["".join(cell["source"]) for cell in cells if cell["cell_type"] == "code"]
+    return "\n".join(re.sub(r"(?m)^[ \t]*[%!].*$", "", each) for each in code)
+
+
+ROOT = Path(__file__).parents[1]
+USERS = sorted([*ROOT.glob("notebooks/*.ipynb"), *ROOT.glob("benchmarks/*.py")])
+
+
+@pytest.mark.parametrize("path", USERS, ids=lambda path: path.name)
+def test_users_take_names_from_where_they_are_public(path: Path) -> None:
+    assert not elsewhere(source_of(path))
+
+
+@pytest.mark.parametrize("package", ["suta_calib", *PACKAGES])
+def test_what_is_public_is_there_and_is_no_module(package: str) -> None:
+    found = import_module(package)
+    for name in getattr(found, "__all__", ()):
+        # A module of the same name would take the name's place once it has been imported.
+        assert not isinstance(getattr(found, name), ModuleType), f"{package}.{name}"
+        submodule = Path(str(found.__file__)).parent / f"{name}.py"
+        eager = name in vars(found)
+        assert eager or not submodule.exists(), f"{package}.{name} is a module too"
+
+
+def test_an_unknown_name_is_refused() -> None:
+    with pytest.raises(AttributeError, match="'suta_calib' has no attribute 'Calibration'"):
+        _ = suta_calib.Calibration  # type: ignore[attr-defined]
+
+
+def test_the_readme_uses_public_names_only(repository: Path) -> None:
+    text = (repository / "README.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
+    assert blocks
+    assert not [line for block in blocks for line in inner(block)]
+
+
+def test_inner_paths_are_seen() -> None:
+    assert inner("from suta_calib.solver.solve import solve") != []
+    assert inner("from suta_calib.analysis.outliers.search import find_outliers") != []
+    assert inner("from suta_calib.terms import nothing_of_this_name") != []
+    assert inner("from suta_calib import ArmModel, solve\nfrom suta_calib.units import mm") == []
