@@ -57,7 +57,7 @@ def place_dict(place: Place) -> Json:
     return position | {
         "directions": place.directions,
         "axis": rounded(place.axis, 6),
-        "cone_deg": round(deg(place.cone), 3),
+        "cone_deg": round(float(deg(place.cone)), 3),
     }
 
 
@@ -286,7 +286,7 @@ def _bench_yaml(found: Plan) -> str:
 
 def _posture_dict(place: Posture, found: Plan) -> Json:
     content: Json = {}
-    for (joint, unit), reading in zip(_joints(found).items(), place.readings, strict=True):
+    for (joint, unit), reading in zip(_joints(found).items(), place.readings.tolist(), strict=True):
         content.setdefault(key("posture", unit), {})[joint] = round(shown(reading, unit), 6) + 0.0
     return content
 

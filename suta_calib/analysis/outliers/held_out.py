@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from suta_calib.analysis.outliers.answer import HeldOut
 from suta_calib.analysis.outliers.groups import Grouping, groupings
 from suta_calib.analysis.outliers.reference import ReferenceFit
-from suta_calib.analysis.outliers.result import HeldOut
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.diagnostics.accuracy import fit_own
 from suta_calib.errors import InputError
