@@ -353,7 +353,7 @@ def _random(found: Plan) -> str:
 
 def _stop(found: Plan) -> str:
     stop, ahead = found.stop, len(found.stop.tips) - 1
-    percent = f"{100 * stop.least_gain:.0f} %"
+    percent = f"{shown(stop.least_gain, '%'):.0f} %"
     if stop.worthwhile is None:
         sentence = f"Each of {ahead} further candidates lessens the tip's uncertainty by {percent}."
     elif stop.worthwhile == 0:
@@ -385,4 +385,4 @@ def _looked_at(found: Plan) -> str:
 
 
 def _percent_text(share: float) -> str:
-    return f"{100 * share:.0f} %" if share >= 0.01 else "less than 1 %"
+    return f"{shown(share, '%'):.0f} %" if share >= 0.01 else "less than 1 %"

@@ -21,9 +21,8 @@ from suta_calib.analysis.outliers.answer import (
 )
 from suta_calib.analysis.outliers.chance import Simulator
 from suta_calib.analysis.outliers.groups import Grouping, groupings, row_names, touch_name
-from suta_calib.analysis.outliers.held_out import Judge
 from suta_calib.analysis.outliers.metrics import Scene, measures
-from suta_calib.analysis.outliers.reference import ReferenceFit
+from suta_calib.analysis.outliers.reference import Judge, ReferenceFit
 from suta_calib.analysis.outliers.touches import SMALLEST, Touches, explained_touches
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.model.parameters import ParameterSet

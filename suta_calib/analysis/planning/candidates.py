@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Final, Literal
 
 import numpy as np
 
 from suta_calib.arrays import FloatArray
+from suta_calib.units import from_deg
 
 CandidateKind = Literal["placement", "point", "pose"]
 # Angle between the artefact's z axis and the vertical below which it stands flat, rad.
-FLAT: Final = math.radians(1.0)
+FLAT: Final = from_deg(1.0)
 
 
 @dataclass(frozen=True, eq=False)

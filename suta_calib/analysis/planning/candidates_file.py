@@ -18,12 +18,13 @@ from suta_calib.geometry.numbers import rotation_from_rpy, rotation_from_vector
 from suta_calib.measurements import YamlSection, read_yaml
 from suta_calib.measurements.suggestion import did_you_mean
 from suta_calib.model.arm import ArmModel
+from suta_calib.units import Unit, deg, from_deg, from_mm, key, stored
 
 KEYS: Final = ("repeats", "placements", "grids", "points", "poses")
 _GRID_KEYS: Final = ("x_mm", "y_mm", "z_mm", "yaw_deg", "tilt_deg", "towards_deg")
 _POINT_KEYS: Final = ("position_mm", "directions", "axis", "cone_deg")
 _MOST: Final = 5000
-DEFAULT_CONE: Final = math.radians(60.0)
+DEFAULT_CONE: Final = from_deg(60.0)
 DOWN: Final = (0.0, 0.0, -1.0)
 
 
@@ -110,15 +111,15 @@ def _check(top: YamlSection, found: Sequence[Place]) -> None:
 def _position(section: YamlSection) -> FloatArray:
     if "position" in section:
         raise section.refuse("a position without a unit", "position_mm", at=("position",))
-    return 1e-3 * np.array(section.numbers("position_mm", 3))
+    return from_mm(np.array(section.numbers("position_mm", 3)))
 
 
 def _placement(name: str, section: YamlSection) -> Placement:
     position = _position(section)
     section.check_keys(("position_mm", "rotation_rpy_deg"))
     turned = "rotation_rpy_deg" in section
-    rpy = np.deg2rad(section.numbers("rotation_rpy_deg", 3)) if turned else np.zeros(3)
-    return Placement(name, position, rotation_from_rpy(rpy), section.line)
+    rpy = np.array(section.numbers("rotation_rpy_deg", 3)) if turned else np.zeros(3)
+    return Placement(name, position, rotation_from_rpy(from_deg(rpy)), section.line)
 
 
 def _point(name: str, section: YamlSection, directions: int) -> Point:
@@ -127,9 +128,9 @@ def _point(name: str, section: YamlSection, directions: int) -> Point:
     axis = np.array(section.numbers("axis", 3) if "axis" in section else DOWN)
     if not np.linalg.norm(axis) > 0:
         raise section.refuse("a vector without direction", "a direction", at=("axis",))
-    cone = section.optional_number("cone_deg", "positive", math.pi / 180)
+    cone = section.optional_number("cone_deg", "positive", from_deg(1.0))
     if cone is not None and cone > math.pi:
-        raise section.refuse(f"{math.degrees(cone):g}", "at most 180 degrees", at=("cone_deg",))
+        raise section.refuse(f"{deg(cone):g}", "at most 180 degrees", at=("cone_deg",))
     count = section.integer("directions", directions, minimum=2)
     unit = axis / np.linalg.norm(axis)
     return Point(name, position, count, unit, cone or DEFAULT_CONE, section.line)
@@ -138,13 +139,14 @@ def _point(name: str, section: YamlSection, directions: int) -> Point:
 def _posture(name: str, section: YamlSection, arm: ArmModel) -> Posture:
     section.check_keys(("posture_deg", "posture_mm"))
     readings: dict[str, float] = {}
-    for key, unit, scale in (("posture_deg", "rad", math.pi / 180), ("posture_mm", "m", 1e-3)):
-        if key not in section:
+    units: tuple[Unit, ...] = ("rad", "m")
+    for unit in units:
+        if key("posture", unit) not in section:
             continue
-        listed = section.section(key)
+        listed = section.section(key("posture", unit))
         for joint in listed.data:
             _check_joint(listed, joint, unit, arm)
-            readings[joint] = scale * listed.number(joint)
+            readings[joint] = stored(listed.number(joint), unit)
     if missing := [joint for joint in arm.joints if joint not in readings]:
         raise section.refuse(f"no reading of {missing[0]}", f"all of {', '.join(arm.joints)}")
     return Posture(name, np.array([readings[joint] for joint in arm.joints]), section.line)
@@ -167,8 +169,8 @@ def _grid(name: str, section: YamlSection) -> list[Place]:
         raise section.refuse(f"{count} placements", f"at most {_MOST}", hint="use a coarser grid")
     found: list[Place] = []
     for x, y, z, yaw, tilt, towards in itertools.product(*axes):
-        turned = tilted(*(math.radians(angle) for angle in (yaw, tilt, towards)))
-        where = 1e-3 * np.array([x, y, z])
+        turned = tilted(*(from_deg(angle) for angle in (yaw, tilt, towards)))
+        where = from_mm(np.array([x, y, z]))
         found.append(Placement(f"{name}_{len(found) + 1}", where, turned, section.line))
     return found
 
