@@ -10,8 +10,16 @@ from suta_calib.analysis.planning.answer import (
     Remedy,
     Stop,
 )
-from suta_calib.analysis.planning.candidates import Candidate, Place, Placement, Point, Posture
-from suta_calib.analysis.planning.candidates_file import CandidateFile, read_candidates, tilted
+from suta_calib.analysis.planning.candidates import (
+    Candidate,
+    CandidateFile,
+    Place,
+    Placement,
+    Point,
+    Posture,
+    read_candidates,
+    tilted,
+)
 from suta_calib.analysis.planning.design import CRITERIA
 from suta_calib.analysis.planning.generate import Pool
 from suta_calib.analysis.planning.links import link_points

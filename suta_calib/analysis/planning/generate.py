@@ -11,8 +11,14 @@ from typing import Final
 import numpy as np
 from scipy.stats import qmc
 
-from suta_calib.analysis.planning.candidates import Place, Placement, Point, Posture
-from suta_calib.analysis.planning.candidates_file import DEFAULT_CONE, tilted
+from suta_calib.analysis.planning.candidates import (
+    DEFAULT_CONE,
+    Place,
+    Placement,
+    Point,
+    Posture,
+    tilted,
+)
 from suta_calib.analysis.planning.region import Region
 from suta_calib.analysis.planning.situation import Situation
 from suta_calib.arrays import FloatArray
