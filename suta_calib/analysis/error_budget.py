@@ -164,10 +164,8 @@ class ErrorBudget:
         errors = f"{first.data} errors ({text(first.rms, first.unit, with_unit=True)} RMS)"
         sentence = f"The {errors} leave nothing to split"
         if total > 0:
-            sentence = (
-                f"Of the {errors}, gross ones aside, {100 * largest.variance / total:.0f} % is "
-                f"{largest.words}"
-            )
+            part = text(largest.variance / total, "%", decimals=0, with_unit=True)
+            sentence = f"Of the {errors}, gross ones aside, {part} is {largest.words}"
         return Assessment.of(sentence, care=[*self.missing, *self._on_gross()])
 
     def _on_gross(self) -> list[str]:
@@ -175,9 +173,10 @@ class ErrorBudget:
         shares = [(b.variance_of("gross") or 0.0) / b.variance for b in self.blocks if b.variance]
         if (worst := max(shares, default=0.0)) < MOSTLY_GROSS:
             return []
+        part = text(worst, "%", decimals=0, with_unit=True)
         return [
-            f"Gross errors make {100 * worst:.0f} % of a mean square: suta-calib outliers says "
-            "which touches they are."
+            f"Gross errors make {part} of a mean square: suta-calib outliers says which touches "
+            "they are."
         ]
 
 

@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 
 from suta_calib.analysis.planning import Region, Situation
-from suta_calib.analysis.planning.candidates_file import DOWN
+from suta_calib.analysis.planning.candidates import DOWN
 from suta_calib.analysis.planning.links import link_points
 from suta_calib.analysis.tip_sections import Knowledge, Slice, Walker, slices
 from suta_calib.analysis.tip_uncertainty import sensitivity

@@ -6,9 +6,10 @@ from pathlib import Path
 
 import click
 
-from suta_calib.cli._analysis import finish_analysis, folder_of, out_option
+from suta_calib.cli._analysis import folder_of, out_option
 from suta_calib.cli._numbers import FiniteRange
-from suta_calib.cli._output import LateProgress, json_option
+from suta_calib.cli._output import LateProgress, finish, json_option
+from suta_calib.units import from_mm
 
 
 @click.command()
@@ -38,8 +39,7 @@ def outliers(
     """
     from suta_calib.analysis.outliers import Thresholds, find_outliers
     from suta_calib.job.calibration import CalibrationJob
-    from suta_calib.report.outliers.json import outliers_dict
-    from suta_calib.report.outliers.tables import outlier_section, outlier_tables
+    from suta_calib.report.outliers import outliers_document
 
     folder = folder_of(job, out)
     loaded = CalibrationJob.load(job)
@@ -48,15 +48,7 @@ def outliers(
             loaded.problem(),
             loaded.validation,
             loaded.options(),
-            Thresholds(bias=1e-3 * bias_mm),
+            Thresholds(bias=from_mm(bias_mm)),
             progress,
         )
-    finish_analysis(
-        context,
-        outliers_dict(found),
-        lambda: outlier_tables(found),
-        lambda: outlier_section(found),
-        folder,
-        as_json=as_json,
-        usable=found.assessment.usable,
-    )
+    finish(context, outliers_document(found), folder, as_json=as_json)

@@ -7,11 +7,10 @@ from pathlib import Path
 import click
 
 from suta_calib.cli._analysis import folder_of, out_option
-from suta_calib.cli._numbers import FiniteRange
+from suta_calib.cli._numbers import FiniteRange, corners, region_option
 from suta_calib.cli._output import LateProgress, finish, json_option
 from suta_calib.cli._poses import LateStatus
-from suta_calib.cli._region import corners, region_option
-from suta_calib.units import from_deg, from_mm
+from suta_calib.units import from_deg, from_mm, stored
 
 _PATH = click.Path(path_type=Path)
 
@@ -86,7 +85,7 @@ def plan(
         criterion,
         repeats,
         None if target_mm is None else from_mm(target_mm),
-        least_gain / 100,
+        stored(least_gain, "%"),
         pool=planning.Pool(most_tilt=from_deg(tilt)),
         seed=seed,
     )

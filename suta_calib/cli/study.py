@@ -11,6 +11,7 @@ import click
 from suta_calib.cli._analysis import folder_of, out_option
 from suta_calib.cli._numbers import FiniteRange
 from suta_calib.cli._output import LateProgress, finish, json_option
+from suta_calib.units import stored
 
 if TYPE_CHECKING:
     from suta_calib.analysis.study.sets import ResampledUnit
@@ -128,7 +129,7 @@ def study(
         sizes,
         cast("ResampledUnit | None", unit),
         seed,
-        tolerance_pct / 100,
+        stored(tolerance_pct, "%"),
     )
     log = folder / request.log_name
     try:

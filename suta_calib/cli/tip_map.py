@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING
 import click
 
 from suta_calib.cli._analysis import folder_of, out_option
-from suta_calib.cli._numbers import FiniteRange
+from suta_calib.cli._numbers import FiniteRange, corners, metres, place_option, region_option
 from suta_calib.cli._output import LateProgress, finish, json_option
 from suta_calib.cli._poses import LateStatus
-from suta_calib.cli._region import corners, metres, place_option, region_option
 from suta_calib.units import from_mm
 
 if TYPE_CHECKING:

@@ -57,7 +57,7 @@ def place_dict(place: Place) -> Json:
     return position | {
         "directions": place.directions,
         "axis": rounded(place.axis, 6),
-        "cone_deg": round(deg(place.cone), 3),
+        "cone_deg": round(float(deg(place.cone)), 3),
     }
 
 
@@ -286,7 +286,7 @@ def _bench_yaml(found: Plan) -> str:
 
 def _posture_dict(place: Posture, found: Plan) -> Json:
     content: Json = {}
-    for (joint, unit), reading in zip(_joints(found).items(), place.readings, strict=True):
+    for (joint, unit), reading in zip(_joints(found).items(), place.readings.tolist(), strict=True):
         content.setdefault(key("posture", unit), {})[joint] = round(shown(reading, unit), 6) + 0.0
     return content
 
@@ -353,7 +353,7 @@ def _random(found: Plan) -> str:
 
 def _stop(found: Plan) -> str:
     stop, ahead = found.stop, len(found.stop.tips) - 1
-    percent = f"{100 * stop.least_gain:.0f} %"
+    percent = f"{shown(stop.least_gain, '%'):.0f} %"
     if stop.worthwhile is None:
         sentence = f"Each of {ahead} further candidates lessens the tip's uncertainty by {percent}."
     elif stop.worthwhile == 0:
@@ -385,4 +385,4 @@ def _looked_at(found: Plan) -> str:
 
 
 def _percent_text(share: float) -> str:
-    return f"{100 * share:.0f} %" if share >= 0.01 else "less than 1 %"
+    return f"{shown(share, '%'):.0f} %" if share >= 0.01 else "less than 1 %"

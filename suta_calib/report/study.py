@@ -333,7 +333,7 @@ def _bands(axes: Axes, study: SizeStudy) -> None:
     )
     axes.plot(size, mean, "o-", color="black", ms=4, lw=1.4, label="mean")
     level = mm(solved[-1].mean) * (1 + study.tolerance) if solved else np.nan
-    label = f"{100 * study.tolerance:g} % above the mean of {size[-1]}" if solved else ""
+    label = f"{shown(study.tolerance, '%'):g} % above the mean of {size[-1]}" if solved else ""
     axes.axhline(level, color="black", ls=":", lw=1.0, label=label)
 
 

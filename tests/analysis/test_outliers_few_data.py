@@ -15,8 +15,7 @@ from simulated import (
     placements,
 )
 
-from suta_calib.analysis.outliers import find_outliers
-from suta_calib.analysis.outliers.judgement import verdict_on
+from suta_calib.analysis.outliers import Outliers, Thresholds, find_outliers
 from suta_calib.analysis.outliers.term_search import not_searched
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solve import solve
@@ -51,6 +50,8 @@ def test_hardly_more_data_than_unknowns_blame_nothing(places: int) -> None:
 def test_what_fits_exactly_is_not_searched() -> None:
     scene = artefact_scene("pairwise_distance", ARM, TRUTH, artefact(8), placements(4))
     solution = solve(Problem([scene.exact()], PARAMETERS))
-    assessment = verdict_on(solution, [not_searched(scene.exact(), exact=True)])
+    assessment = Outliers(
+        solution, [not_searched(scene.exact(), exact=True)], Thresholds(), ()
+    ).assessment
     assert not assessment.usable
     assert "as many unknowns as data" in assessment.notes[0]

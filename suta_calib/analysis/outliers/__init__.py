@@ -1,7 +1,8 @@
 """Which landmark, placement, set, point or row does not agree with the rest."""
 
-from suta_calib.analysis.outliers.result import (
+from suta_calib.analysis.outliers.answer import (
     AGREEMENT,
+    GROUPING_NOUN,
     METRICS,
     Displacement,
     GrossTouch,
@@ -17,6 +18,7 @@ from suta_calib.analysis.outliers.search import find_outliers
 
 __all__ = [
     "AGREEMENT",
+    "GROUPING_NOUN",
     "METRICS",
     "Displacement",
     "GrossTouch",

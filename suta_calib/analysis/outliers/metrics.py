@@ -8,7 +8,7 @@ With e the errors of a fit, g a group, θ the p identified combinations of param
     bias            the systematic part of the touches' residuals after registration
 
 Cook (1977), doi:10.2307/1268249, takes XᵀX/s² for Cov⁻¹; errors here share samples, so Cov is the
-covariance that scatter of the *samples* makes (`influence`), with s² of the fit without
+covariance that scatter of the *samples* makes (`Influence`), with s² of the fit without
 the group, as an outlier would otherwise hide behind the scatter it makes itself.
 
 What was found to be displaced is left out while the *other* groups are looked at, so that no group
@@ -20,16 +20,20 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Final
 
 import numpy as np
 
+from suta_calib.analysis.outliers.answer import Measures
 from suta_calib.analysis.outliers.groups import Grouping
-from suta_calib.analysis.outliers.influence import Influence
 from suta_calib.analysis.outliers.reference import ReferenceFit, Refit
 from suta_calib.analysis.outliers.registration import Registered, systematic
-from suta_calib.analysis.outliers.result import Measures
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.solver.information import predicted_information
+
+# Share of a combination's information that must come from the data.
+IDENTIFIED: Final = 0.9
+ROUNDING: Final = 1e-10
 
 
 @dataclass(eq=False)
@@ -158,3 +162,70 @@ def _bias(scene: Scene, grouping: Grouping, group: int, fit: Refit) -> float:
     # The arm as it is without what is displaced: it would give way to it.
     residual = registered.residuals(scene.clean.values)
     return float(systematic(residual[None], rows, grouping.name, registered)[0])
+
+
+@dataclass(frozen=True, eq=False)
+class Influence:
+    """The quadratic form of Cook's distance: a change of the parameters in units of their noise.
+
+    Only combinations that the data determine count: a priori knowledge keeps the others in place,
+    and what leaving samples out does to them is no influence of the samples.
+
+    Attributes:
+        form: (p, p) inverse covariance of the identified combinations, over all parameters.
+        directions: how many of them there are.
+    """
+
+    form: FloatArray
+    directions: int
+
+    @classmethod
+    def of(
+        cls,
+        curvature: FloatArray,
+        variance: FloatArray,
+        prior: FloatArray,
+        arm: Sequence[int],
+        own: Sequence[int],
+    ) -> Influence:
+        """From the curvature of the cost and the variance of its gradient.
+
+        Args:
+            curvature: (n, n) over all parameters, priors excluded.
+            variance: (n, n), of the gradient.
+            prior: (p,) precision of the priors on the arm's.
+            arm: the p parameters that are looked at.
+            own: others that are estimated with them, and count for nothing themselves.
+        """
+        passed_on = np.hstack(
+            [np.eye(len(arm)), -curvature[np.ix_(arm, own)] @ inverse(curvature[np.ix_(own, own)])]
+        )
+        both = np.ix_([*arm, *own], [*arm, *own])
+        data = passed_on @ curvature[both] @ passed_on.T
+        score = passed_on @ variance[both] @ passed_on.T
+        total = data + np.diag(prior)
+        root = _inverse_root(total)
+        share, turn = np.linalg.eigh(root.T @ data @ root)
+        basis = root @ turn[:, share > IDENTIFIED]
+        weigh = total @ basis
+        return cls(weigh @ inverse(basis.T @ score @ basis) @ weigh.T, basis.shape[1])
+
+    def distance(self, change: FloatArray) -> FloatArray:
+        """(k,) squared distances per direction of changes (k, p)."""
+        squared = np.einsum("kp,pq,kq->k", change, self.form, change)
+        return np.asarray(squared / max(self.directions, 1))
+
+
+def inverse(matrix: FloatArray) -> FloatArray:
+    """Inverse of a symmetric matrix in units of its diagonal; zero where nothing is known."""
+    scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    outer = np.outer(scale, scale)
+    return np.asarray(np.linalg.pinv(matrix / outer, ROUNDING, True) / outer)
+
+
+def _inverse_root(matrix: FloatArray) -> FloatArray:
+    """(p, r) R with Rᵀ M R = 1, of the r directions that are more than rounding."""
+    scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    values, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
+    kept = values > ROUNDING * max(float(values.max(initial=0.0)), 1e-300)
+    return np.asarray(vectors[:, kept] / np.sqrt(values[kept]) / scale[:, None])

@@ -8,12 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from suta_calib.analysis.outliers.chance import Simulator
-from suta_calib.analysis.outliers.groups import Grouping, groupings, row_names, touch_name
-from suta_calib.analysis.outliers.held_out import Judge
-from suta_calib.analysis.outliers.metrics import Scene, measures
-from suta_calib.analysis.outliers.reference import ReferenceFit
-from suta_calib.analysis.outliers.result import (
+from suta_calib.analysis.outliers.answer import (
     AGREEMENT,
     METRICS,
     GrossTouch,
@@ -24,6 +19,10 @@ from suta_calib.analysis.outliers.result import (
     TermOutliers,
     Thresholds,
 )
+from suta_calib.analysis.outliers.chance import Simulator
+from suta_calib.analysis.outliers.groups import Grouping, groupings, row_names, touch_name
+from suta_calib.analysis.outliers.metrics import Scene, measures
+from suta_calib.analysis.outliers.reference import Judge, ReferenceFit
 from suta_calib.analysis.outliers.touches import SMALLEST, Touches, explained_touches
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.model.parameters import ParameterSet

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 from scipy.stats import f as f_distribution
 
+from suta_calib.analysis.outliers.answer import Displacement
 from suta_calib.analysis.outliers.groups import Grouping
 from suta_calib.analysis.outliers.reference import ReferenceFit
-from suta_calib.analysis.outliers.result import Displacement
 from suta_calib.analysis.outliers.robust import RobustLinearFit, scatter
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.measurements import Artefact, Samples

@@ -10,12 +10,21 @@ from suta_calib.analysis.planning.answer import (
     Remedy,
     Stop,
 )
-from suta_calib.analysis.planning.candidates import Candidate, Place, Placement, Point, Posture
-from suta_calib.analysis.planning.candidates_file import CandidateFile, read_candidates, tilted
+from suta_calib.analysis.planning.candidates import (
+    Candidate,
+    CandidateFile,
+    Place,
+    Placement,
+    Point,
+    Posture,
+    read_candidates,
+    tilted,
+)
 from suta_calib.analysis.planning.design import CRITERIA
 from suta_calib.analysis.planning.generate import Pool
+from suta_calib.analysis.planning.links import link_points
 from suta_calib.analysis.planning.plan import candidate_places, plan, situation_of_job
-from suta_calib.analysis.planning.region import Region
+from suta_calib.analysis.planning.region import Region, directions
 from suta_calib.analysis.planning.situation import Situation
 
 __all__ = [
@@ -38,6 +47,8 @@ __all__ = [
     "Situation",
     "Stop",
     "candidate_places",
+    "directions",
+    "link_points",
     "plan",
     "read_candidates",
     "situation_of_job",

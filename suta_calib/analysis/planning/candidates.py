@@ -1,18 +1,37 @@
-"""What could be measured next: places in the base frame, and the touches they stand for."""
+"""What could be measured next: places in the base frame, and the touches they stand for.
+
+A user lists the places that would do in ``candidates.yaml``; else they are searched (`generate`).
+"""
 
 from __future__ import annotations
 
+import itertools
 import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Final, Literal
+from pathlib import Path
+from typing import Any, Final, Literal
 
 import numpy as np
 
 from suta_calib.arrays import FloatArray
+from suta_calib.errors import JobError
+from suta_calib.geometry.numbers import rotation_from_rpy, rotation_from_vector
+from suta_calib.measurements import YamlSection, read_yaml
+from suta_calib.measurements.suggestion import did_you_mean
+from suta_calib.model.arm import ArmModel
+from suta_calib.units import Unit, deg, from_deg, from_mm, key, stored
 
 CandidateKind = Literal["placement", "point", "pose"]
 # Angle between the artefact's z axis and the vertical below which it stands flat, rad.
-FLAT: Final = math.radians(1.0)
+FLAT: Final = from_deg(1.0)
+# Of ``candidates.yaml``.
+KEYS: Final = ("repeats", "placements", "grids", "points", "poses")
+_GRID_KEYS: Final = ("x_mm", "y_mm", "z_mm", "yaw_deg", "tilt_deg", "towards_deg")
+_POINT_KEYS: Final = ("position_mm", "directions", "axis", "cone_deg")
+_MOST: Final = 5000
+DEFAULT_CONE: Final = from_deg(60.0)
+DOWN: Final = (0.0, 0.0, -1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,3 +140,160 @@ class Unreachable:
     name: str
     kind: CandidateKind
     reason: str
+
+
+@dataclass(frozen=True, eq=False)
+class CandidateFile:
+    """What the file says, in SI.
+
+    Attributes:
+        path: of the file.
+        places: all of them, grids written out.
+        repeats: how often the landmarks of a placement are gone through; None where not said.
+    """
+
+    path: Path
+    places: tuple[Place, ...]
+    repeats: int | None
+
+
+def read_candidates(path: str | Path, arm: ArmModel, directions: int = 20) -> CandidateFile:
+    """Read places for the planner.
+
+    ``placements: {N1: {position_mm: [x, y, z], rotation_rpy_deg: [r, p, y]}}``; ``points: {F1:
+    {position_mm, directions, axis, cone_deg}}``; ``poses: {A1: {posture_deg: {joint_1: 10, …}}}``,
+    with ``posture_mm`` for prismatic joints; ``grids: {G: {x_mm: [...], y_mm, z_mm, yaw_deg,
+    tilt_deg, towards_deg}}``, every combination of the lists, ``towards_deg`` being the direction
+    in the base that the tilt leans to; ``repeats`` of every placement.
+
+    Args:
+        path: the file.
+        arm: whose joints postures name.
+        directions: touches of a point where the file does not say.
+
+    Raises:
+        JobError: the file cannot be read, or a key is unknown, missing or unusable; names the
+            line and the key.
+    """
+    top = YamlSection(read_yaml(Path(path), JobError), JobError)
+    top.check_keys(KEYS)
+    found: list[Place] = []
+    for name, section in _named(top, "placements"):
+        found.append(_placement(name, section))
+    for name, section in _named(top, "grids"):
+        found += _grid(name, section)
+    for name, section in _named(top, "points"):
+        found.append(_point(name, section, directions))
+    for name, section in _named(top, "poses"):
+        found.append(_posture(name, section, arm))
+    _check(top, found)
+    repeats = top.integer("repeats", 1, minimum=1) if "repeats" in top else None
+    return CandidateFile(Path(path), tuple(found), repeats)
+
+
+def tilted(yaw: float, tilt: float, towards: float) -> FloatArray:
+    """Rotation (3, 3) of an artefact turned by ``yaw``, then leaned by ``tilt``, rad.
+
+    Args:
+        yaw: about the vertical.
+        tilt: angle between its z axis and the vertical afterwards.
+        towards: direction in the base, from the x axis, its z axis then leans to.
+    """
+    lean = tilt * np.array([-math.sin(towards), math.cos(towards), 0.0])
+    return rotation_from_vector(lean) @ rotation_from_rpy([0.0, 0.0, yaw])
+
+
+def _named(top: YamlSection, key: str) -> Iterator[tuple[str, YamlSection]]:
+    if key in top:
+        listed = top.section(key)
+        for name in listed.data:
+            yield str(name), listed.section(name)
+
+
+def _check(top: YamlSection, found: Sequence[Place]) -> None:
+    if not found:
+        raise top.refuse("no candidate", f"at least one of {', '.join(KEYS[1:])}")
+    if len(found) > _MOST:
+        raise top.refuse(f"{len(found)} candidates", f"at most {_MOST}", hint="use coarser grids")
+    seen: set[str] = set()
+    for place in found:
+        if place.name in seen:
+            raise top.refuse(f"two candidates named {place.name!r}", "each name once")
+        seen.add(place.name)
+
+
+def _position(section: YamlSection) -> FloatArray:
+    if "position" in section:
+        raise section.refuse("a position without a unit", "position_mm", at=("position",))
+    return from_mm(np.array(section.numbers("position_mm", 3)))
+
+
+def _placement(name: str, section: YamlSection) -> Placement:
+    position = _position(section)
+    section.check_keys(("position_mm", "rotation_rpy_deg"))
+    turned = "rotation_rpy_deg" in section
+    rpy = np.array(section.numbers("rotation_rpy_deg", 3)) if turned else np.zeros(3)
+    return Placement(name, position, rotation_from_rpy(from_deg(rpy)), section.line)
+
+
+def _point(name: str, section: YamlSection, directions: int) -> Point:
+    position = _position(section)
+    section.check_keys(_POINT_KEYS)
+    axis = np.array(section.numbers("axis", 3) if "axis" in section else DOWN)
+    if not np.linalg.norm(axis) > 0:
+        raise section.refuse("a vector without direction", "a direction", at=("axis",))
+    cone = section.optional_number("cone_deg", "positive", from_deg(1.0))
+    if cone is not None and cone > math.pi:
+        raise section.refuse(f"{deg(cone):g}", "at most 180 degrees", at=("cone_deg",))
+    count = section.integer("directions", directions, minimum=2)
+    unit = axis / np.linalg.norm(axis)
+    return Point(name, position, count, unit, cone or DEFAULT_CONE, section.line)
+
+
+def _posture(name: str, section: YamlSection, arm: ArmModel) -> Posture:
+    section.check_keys(("posture_deg", "posture_mm"))
+    readings: dict[str, float] = {}
+    units: tuple[Unit, ...] = ("rad", "m")
+    for unit in units:
+        if key("posture", unit) not in section:
+            continue
+        listed = section.section(key("posture", unit))
+        for joint in listed.data:
+            _check_joint(listed, joint, unit, arm)
+            readings[joint] = stored(listed.number(joint), unit)
+    if missing := [joint for joint in arm.joints if joint not in readings]:
+        raise section.refuse(f"no reading of {missing[0]}", f"all of {', '.join(arm.joints)}")
+    return Posture(name, np.array([readings[joint] for joint in arm.joints]), section.line)
+
+
+def _check_joint(listed: YamlSection, joint: str, unit: str, arm: ArmModel) -> None:
+    if joint not in arm.joints:
+        hint = did_you_mean(joint, arm.joints)
+        raise listed.refuse(f"no joint {joint!r}", ", ".join(arm.joints), at=(joint,), hint=hint)
+    if arm.parameters[f"{joint}.offset"].unit != unit:
+        other = "posture_mm" if unit == "rad" else "posture_deg"
+        raise listed.refuse("a reading in the wrong unit", f"it under {other}", at=(joint,))
+
+
+def _grid(name: str, section: YamlSection) -> list[Place]:
+    section.check_keys(_GRID_KEYS, required=_GRID_KEYS[:3])
+    axes = [_values(section, key, None if key in _GRID_KEYS[:3] else 0.0) for key in _GRID_KEYS]
+    count = math.prod(len(values) for values in axes)
+    if count > _MOST:
+        raise section.refuse(f"{count} placements", f"at most {_MOST}", hint="use a coarser grid")
+    found: list[Place] = []
+    for x, y, z, yaw, tilt, towards in itertools.product(*axes):
+        turned = tilted(*(from_deg(angle) for angle in (yaw, tilt, towards)))
+        where = from_mm(np.array([x, y, z]))
+        found.append(Placement(f"{name}_{len(found) + 1}", where, turned, section.line))
+    return found
+
+
+def _values(section: YamlSection, key: str, default: float | None) -> list[float]:
+    """A number, or a list of them of any length."""
+    value: Any = section.data.get(key, default)
+    if not isinstance(value, list):
+        return [section.number(key)] if key in section else [float(value)]
+    if not value:
+        raise section.refuse("an empty list", "at least one number", at=(key,))
+    return section.numbers(key, len(value))

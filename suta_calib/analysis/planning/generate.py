@@ -11,17 +11,24 @@ from typing import Final
 import numpy as np
 from scipy.stats import qmc
 
-from suta_calib.analysis.planning.candidates import Place, Placement, Point, Posture
-from suta_calib.analysis.planning.candidates_file import DEFAULT_CONE, tilted
+from suta_calib.analysis.planning.candidates import (
+    DEFAULT_CONE,
+    Place,
+    Placement,
+    Point,
+    Posture,
+    tilted,
+)
 from suta_calib.analysis.planning.region import Region
 from suta_calib.analysis.planning.situation import Situation
 from suta_calib.arrays import FloatArray
+from suta_calib.units import from_deg, from_mm, mm
 
 # What a person sets with a ruler and a protractor.
 _LENGTH_STEP: Final = 0.01
-_YAW_STEP: Final = math.radians(15.0)
-_TILT_STEP: Final = math.radians(5.0)
-_LEAST_TILT: Final = math.radians(10.0)
+_YAW_STEP: Final = from_deg(15.0)
+_TILT_STEP: Final = from_deg(5.0)
+_LEAST_TILT: Final = from_deg(10.0)
 _POSES_IN_REGION: Final = 4
 
 
@@ -37,7 +44,7 @@ class Pool:
     placements: int = 240
     points: int = 40
     poses: int = 200
-    most_tilt: float = math.radians(40.0)
+    most_tilt: float = from_deg(40.0)
 
 
 def generated(
@@ -91,7 +98,7 @@ def _rounded(where: FloatArray, *, flat: bool) -> FloatArray:
     """To whole centimetres; the height of what stands on the table is what it is."""
     found = _LENGTH_STEP * np.round(where / _LENGTH_STEP)
     if flat:
-        found[2] = 1e-3 * math.ceil(1e3 * where[2] - 1e-6)
+        found[2] = from_mm(math.ceil(mm(where[2]) - 1e-6))
     return np.asarray(found)
 
 
@@ -124,7 +131,7 @@ def _postures(
     _, position = situation.arm.forward(q, situation.values)
     inside = q[region.inside(position).astype(bool)]
     chosen = (inside if len(inside) >= pool.poses / _POSES_IN_REGION else q)[: pool.poses]
-    step = math.radians(1.0)
+    step = from_deg(1.0)
     return [Posture(f"A{next(names)}", _whole(situation, row, step)) for row in chosen]
 
 

@@ -21,8 +21,7 @@ from suta_calib.analysis.planning.answer import (
     Remedy,
     Stop,
 )
-from suta_calib.analysis.planning.candidates import Candidate, Place, Unreachable
-from suta_calib.analysis.planning.candidates_file import read_candidates
+from suta_calib.analysis.planning.candidates import Candidate, Place, Unreachable, read_candidates
 from suta_calib.analysis.planning.design import Design, best_set, exchange, greedy, random_sets
 from suta_calib.analysis.planning.generate import generated
 from suta_calib.analysis.planning.information import (

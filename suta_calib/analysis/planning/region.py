@@ -16,6 +16,7 @@ from suta_calib.arrays import FloatArray
 from suta_calib.errors import JobError
 from suta_calib.geometry.numbers import rotation_from_vector
 from suta_calib.simulation.inverse_kinematics import InverseKinematics, Targets
+from suta_calib.units import from_deg, mm
 
 # Beyond what was touched: a hand's breadth and a half, and as much above as an artefact is wide.
 _BESIDE: Final = 0.15
@@ -23,7 +24,7 @@ _ABOVE: Final = 0.30
 _GRID: Final = 0.01
 POSTURES: Final = 240
 _STARTS: Final = 6
-_CONE: Final = math.radians(45.0)
+_CONE: Final = from_deg(45.0)
 _FEWEST: Final = 20
 
 
@@ -45,7 +46,7 @@ class Region:
     def __post_init__(self) -> None:
         if not np.all(self.upper > self.lower):
             raise JobError(
-                f"a region from {_mm(self.lower)} to {_mm(self.upper)} mm",
+                f"a region from {_corner_text(self.lower)} to {_corner_text(self.upper)} mm",
                 "a lower corner below and an upper one above on every axis",
                 where="region",
             )
@@ -104,7 +105,7 @@ class Region:
         if found.reached.sum() < _FEWEST:
             raise JobError(
                 f"{int(found.reached.sum())} of {POSTURES} postures within reach in the region "
-                f"from {_mm(self.lower)} to {_mm(self.upper)} mm",
+                f"from {_corner_text(self.lower)} to {_corner_text(self.upper)} mm",
                 f"at least {_FEWEST}",
                 where="region",
                 hint="give a region the arm reaches with its tool as in the samples",
@@ -150,5 +151,5 @@ def nearest(visited: FloatArray, wanted: FloatArray) -> FloatArray:
     return np.asarray(KDTree(visited).query(wanted)[1])
 
 
-def _mm(corner: FloatArray) -> str:
-    return "({:.0f}, {:.0f}, {:.0f})".format(*(1e3 * corner))
+def _corner_text(corner: FloatArray) -> str:
+    return "({:.0f}, {:.0f}, {:.0f})".format(*mm(corner))

@@ -23,6 +23,7 @@ from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment
 from suta_calib.job.calibration import CalibrationJob
 from suta_calib.solver.solution import Estimate
+from suta_calib.units import shown
 from suta_calib.words import listed
 
 # Share of trials without a result from which the others say little.
@@ -132,7 +133,7 @@ class SizeStudy:
 
     def _sentence(self) -> str:
         largest = [s for s in self.sizes if len(s.rms)][-1].size
-        percent = f"{100 * self.tolerance:g} %"
+        percent = f"{shown(self.tolerance, '%'):g} %"
         if not self.levelled:
             return (
                 f"no size below {largest} is within {percent} of the mean error with {largest}: "

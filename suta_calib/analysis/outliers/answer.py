@@ -1,4 +1,4 @@
-"""What the search for outliers found, typed."""
+"""What the search for outliers found, and how far to trust it."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import numpy as np
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment
 from suta_calib.solver.solution import Solution
+from suta_calib.units import mm
 
 Metric = Literal["contribution", "cooks_distance", "leave_one_out", "bias"]
 METRICS: Final[tuple[Metric, ...]] = ("contribution", "cooks_distance", "leave_one_out", "bias")
@@ -20,6 +21,19 @@ METRICS: Final[tuple[Metric, ...]] = ("contribution", "cooks_distance", "leave_o
 # take for noise has no certain bias. Three of four leaves room for one blind spot, and no single
 # metric convicts.
 AGREEMENT: Final = 3
+GROUPING_NOUN: Final = {
+    "landmarks": "landmark",
+    "placements": "placement",
+    "sets": "set",
+    "points": "point",
+    "rows": "row",
+}
+WORDS: Final = {
+    "contribution": "error contribution",
+    "cooks_distance": "Cook's distance",
+    "leave_one_out": "leave-one-out RMS",
+    "bias": "bias",
+}
 
 
 @dataclass(frozen=True)
@@ -216,11 +230,99 @@ class Outliers:
         terms: one entry for each observation.
         thresholds: that were used.
         explaining: names of the arm's parameters that explain systematic errors.
-        assessment: the first thing a reader needs.
     """
 
     solution: Solution
     terms: Sequence[TermOutliers]
     thresholds: Thresholds
     explaining: tuple[str, ...]
-    assessment: Assessment
+
+    @property
+    def assessment(self) -> Assessment:
+        """What a reader must know: outliers first, then what is suspect or was set aside."""
+        solution, terms = self.solution, self.terms
+        bad = [] if solution.converged else [f"The calibration itself: {solution.sentence}."]
+        bad += [_exact(t) for t in terms if t.exact]
+        levels = [level for t in terms for level in t.levels]
+        outliers = [
+            f"{_named(level, g)}: {_flagged(g)}{_where(g)}."
+            for level in levels
+            for g in level.outliers
+        ]
+        suspects = [
+            f"{_named(level, g)} is suspect, not proven: {_flagged(g)}."
+            for level in levels
+            for g in level.suspects
+        ]
+        gross = [_gross(t) for t in terms if t.touches]
+        return Assessment.of(_sentence(terms), bad=bad, care=[*outliers, *suspects, *gross])
+
+    @property
+    def exclusion(self) -> list[dict[str, list[str]]]:
+        """For each observation what ``exclude`` would say to leave its outliers out."""
+        return [
+            {
+                level.name: [g.label for g in level.outliers]
+                for level in term.levels
+                if level.outliers
+            }
+            for term in self.terms
+        ]
+
+
+def _sentence(terms: Sequence[TermOutliers]) -> str:
+    if not any(t.levels for t in terms):
+        return "nothing was looked at"
+    named = [
+        f"{GROUPING_NOUN[level.name]} {', '.join(g.label for g in level.outliers)}"
+        for t in terms
+        for level in t.levels
+        if level.outliers
+    ]
+    if named:
+        return f"unlike the others: {'; '.join(named)}"
+    looked = dict.fromkeys(GROUPING_NOUN[level.name] for t in terms for level in t.levels)
+    return f"no {' and no '.join(looked)} is unlike the others"
+
+
+def _named(level: Level, group: Group) -> str:
+    return f"{GROUPING_NOUN[level.name].capitalize()} {group.label}"
+
+
+def _flagged(group: Group) -> str:
+    words = ", ".join(WORDS[flag] for flag in group.flags)
+    if len(group.flags) == len(METRICS):
+        return f"all four metrics name it ({words})"
+    return f"{len(group.flags)} of 4 metrics name it ({words})"
+
+
+def _where(group: Group) -> str:
+    if group.displacement is None:
+        return ""
+    x, y, z = mm(group.displacement.vector)
+    std = mm(float(np.max(group.displacement.std)))
+    return (
+        f"; it was touched {x:+.2f}, {y:+.2f}, {z:+.2f} mm from its certified position "
+        f"(artefact's x, y, z; ±{std:.2f} mm)"
+    )
+
+
+def _exact(term: TermOutliers) -> str:
+    return (
+        f"The {term.samples} samples of {term.kind} are fitted exactly: there are as many unknowns "
+        "as data. Nothing can be unlike the others; measure more, or select fewer parameters."
+    )
+
+
+def _gross(term: TermOutliers) -> str:
+    n = len(term.touches)
+    worst = max(term.touches, key=lambda t: t.size)
+    are, were, them, first = (
+        ("is", "was", "it", "") if n == 1 else ("are", "were", "them", "worst ")
+    )
+    return (
+        f"{n} of {term.samples} single touches {are} far beyond the noise of "
+        f"{mm(term.sigma):.2g} mm per axis and {were} set aside for these figures, not for the "
+        f"calibration, whose loss weighs {them} down: {first}{worst.what} "
+        f"({worst.origin}), {mm(worst.size):.1f} mm."
+    )
