@@ -40,6 +40,13 @@ def rotation_from_quaternion(quaternion: ArrayLike) -> FloatArray:
     return np.asarray(flat.reshape(*quaternion.shape[:-1], 3, 3), dtype=float)
 
 
+def quaternion_from_rotation(rotation: ArrayLike) -> FloatArray:
+    """Quaternions x y z w, w ≥ 0, of rotation matrices: (..., 3, 3) → (..., 4)."""
+    rotation = np.asarray(rotation, dtype=float)
+    flat = Rotation.from_matrix(rotation.reshape(-1, 3, 3)).as_quat(canonical=True)
+    return np.asarray(flat.reshape(*rotation.shape[:-2], 4), dtype=float)
+
+
 def rotation_from_rpy(rpy: ArrayLike) -> FloatArray:
     """URDF's fixed-axis roll, pitch, yaw in rad: ``R = Rz(yaw) Ry(pitch) Rx(roll)``."""
     rpy = np.asarray(rpy, dtype=float)
@@ -110,3 +117,22 @@ def register_points(source: ArrayLike, target: ArrayLike) -> tuple[FloatArray, F
         warnings.filterwarnings("ignore", message="Optimal rotation is not uniquely")
         rotation = Rotation.align_vectors(a - centre_a, b - centre_b)[0].as_matrix()
     return rotation, centre_a - rotation @ centre_b
+
+
+def tangent_of_vector(vector: FloatArray) -> FloatArray:
+    """Right Jacobian J of SO(3): ``exp(v + dv) = exp(v) exp(J dv)``.
+
+    Args:
+        vector: (3,) rotation vector, rad.
+
+    Returns:
+        (3, 3). Chirikjian (2012), Stochastic Models, Information Theory, and Lie Groups 2, eq.
+        10.86.
+    """
+    angle = float(np.linalg.norm(vector))
+    k = skew(vector)
+    if angle < 1e-6:
+        return np.asarray(np.eye(3) - k / 2)
+    first = (1.0 - np.cos(angle)) / angle**2
+    second = (angle - np.sin(angle)) / angle**3
+    return np.asarray(np.eye(3) - first * k + second * k @ k)

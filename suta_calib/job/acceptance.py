@@ -34,7 +34,7 @@ from suta_calib.analysis.iso10360 import (
     probings,
     repeats,
 )
-from suta_calib.analysis.iso10360.limits_file import (
+from suta_calib.analysis.iso10360.limits import (
     JUDGED_KEYS,
     read_limits,
     read_rule,

@@ -12,10 +12,10 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import SamplesError
+from suta_calib.geometry.numbers import quaternion_from_rotation
 from suta_calib.measurements.csv_table import CsvTable, read_csv_table
 from suta_calib.measurements.files import write_text
 from suta_calib.measurements.pose_columns import (
@@ -171,7 +171,7 @@ def write_samples(path: Path, samples: Samples) -> None:
     if samples.position is not None:
         columns += zip("xyz", samples.position.T, strict=True)
     if samples.rotation is not None:
-        quaternion = Rotation.from_matrix(samples.rotation).as_quat()
+        quaternion = quaternion_from_rotation(samples.rotation)
         columns += zip(rotation_columns(), quaternion.T, strict=True)
     columns += samples.labels.items()
     names = [name for name, _ in columns]

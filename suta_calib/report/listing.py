@@ -187,13 +187,21 @@ class _FactTable(Table, Generic[Row]):
         return self._listing.record(self._row)
 
 
-def csv_text(listing: Listing[Row], rows: Iterable[Row]) -> str:
-    """Rows as a CSV file; columns that hold lists are left out."""
+def csv_text(listing: Listing[Row], rows: Iterable[Row], digits: int | None = None) -> str:
+    """Rows as a CSV file; columns that hold lists are left out.
+
+    Args:
+        listing: its columns that have a key.
+        rows: in order.
+        digits: significant ones of numbers that are not whole; as many as they have by default.
+    """
     columns = [c for c in listing.columns if c.key]
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(c.written_key for c in columns)
-    writer.writerows([c.plain(row) for c in columns] for row in rows)
+    for row in rows:
+        cells = (c.plain(row) for c in columns)
+        writer.writerow(f"{v:.{digits}g}" if digits and isinstance(v, float) else v for v in cells)
     return text.getvalue()
 
 

@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from lxml import html
 
-from suta_calib.analysis.iso10360.limits_file import read_limits, read_rule, read_uncertainty
+from suta_calib.analysis.iso10360.limits import read_limits, read_rule, read_uncertainty
 from suta_calib.errors import JobError
 from suta_calib.measurements import YamlSection, read_yaml
 

@@ -11,12 +11,16 @@ import pytest
 from stereotactic_scenes import distance, spoilt
 
 from suta_calib.geometry.numbers import rms_length
-from suta_calib.stereotactic.assessment import judge_stereotactic
 from suta_calib.stereotactic.cis_simulation import SimulatedSet, simulate_stereotactic
-from suta_calib.stereotactic.comparison import compare, read_given
 from suta_calib.stereotactic.data import StereotacticData
-from suta_calib.stereotactic.robust_distortion import fit_distortion_robustly
-from suta_calib.stereotactic.solve import StereotacticResult, solve_stereotactic
+from suta_calib.stereotactic.distortion import fit_distortion_robustly
+from suta_calib.stereotactic.solve import (
+    StereotacticResult,
+    compare,
+    judge_stereotactic,
+    read_given,
+    solve_stereotactic,
+)
 
 
 def solve(
@@ -132,7 +136,7 @@ def test_extrapolation_is_counted_and_told() -> None:
         result = solve_stereotactic(far, dewarp=True)
     assert 0 < result.extrapolated["em_pivot"] <= 72
     assert result.extrapolated["em_nav"] == 0
-    assessment = judge_stereotactic(result)
+    assessment = result.assessment
     assert assessment.level == "care"
     assert any("calibrated volume" in note for note in assessment.notes)
 

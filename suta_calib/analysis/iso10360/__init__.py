@@ -6,7 +6,6 @@ from suta_calib.analysis.iso10360.acceptance import (
     Characteristic,
     accept,
 )
-from suta_calib.analysis.iso10360.lengths import LengthErrors
 from suta_calib.analysis.iso10360.limits import (
     Decision,
     DecisionRule,
@@ -15,15 +14,18 @@ from suta_calib.analysis.iso10360.limits import (
     Rule,
     StatedUncertainty,
 )
-from suta_calib.analysis.iso10360.places import (
+from suta_calib.analysis.iso10360.measured import (
     Articulation,
+    LengthErrors,
     Repeats,
+    Sphere,
     SphereProbing,
     articulations,
+    best_sphere,
     probings,
     repeats,
+    smallest_sphere,
 )
-from suta_calib.analysis.iso10360.spheres import Sphere, best_sphere, smallest_sphere
 
 __all__ = [
     "AcceptanceMeasurements",
