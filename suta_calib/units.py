@@ -84,6 +84,11 @@ def shown(value: Quantity, unit: Unit) -> Quantity:
     return value * SHOWN[unit].per_si
 
 
+def thousandths(value: Quantity, unit: Unit) -> Quantity:
+    """An SI value in thousandths of the unit that a reader sees: µm, or mdeg."""
+    return 1e3 * shown(value, unit)
+
+
 def stored(value: Quantity, unit: Unit) -> Quantity:
     """A value that a reader wrote, in SI."""
     return value / SHOWN[unit].per_si

@@ -187,6 +187,27 @@ class _FactTable(Table, Generic[Row]):
         return self._listing.record(self._row)
 
 
+def in_own_units(
+    by_unit: Mapping[Unit, Listing[Row]], unit: Callable[[Row], Unit]
+) -> tuple[Column[Row], ...]:
+    """Columns that show rows of which each has its own unit.
+
+    Args:
+        by_unit: the same columns, declared for each unit.
+        unit: that a row has.
+    """
+
+    def cell(k: int) -> Callable[[Row], str]:
+        return lambda row: by_unit[unit(row)].columns[k].text(row)
+
+    columns = next(iter(by_unit.values())).columns
+    return tuple(
+        Column("", each.heading, cell=cell(k), numeric=each.flush_right)
+        for k, each in enumerate(columns)
+        if each.heading is not None
+    )
+
+
 def csv_text(listing: Listing[Row], rows: Iterable[Row], digits: int | None = None) -> str:
     """Rows as a CSV file; columns that hold lists are left out.
 

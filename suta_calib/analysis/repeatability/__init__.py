@@ -23,6 +23,7 @@ from suta_calib.analysis.repeatability.visits import (
     DIRECTION,
     PROTOCOL,
     Repeatability,
+    RepeatabilityTest,
     repeatability,
     tip_levers,
 )
@@ -41,6 +42,7 @@ __all__ = [
     "PositionScatter",
     "ProtocolComparison",
     "Repeatability",
+    "RepeatabilityTest",
     "ScatterEstimate",
     "Stationary",
     "Stream",

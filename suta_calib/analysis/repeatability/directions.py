@@ -94,27 +94,27 @@ _OWN: Final = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
-class PlaySearch:
+class BacklashSearch:
     """What was found.
 
     Attributes:
-        giving: indices of the joints that give, in the order they were found.
+        joints: indices of the joints that have it, in the order they were found.
         as_well: for each of these, the joints that would have explained it nearly as well.
-        plays: (k, joints) what each joint does out of step, by direction, rad or m.
+        backlash: (k, joints) what each joint does out of step, by direction, rad or m.
         p_values: (joints,) chance of so much out of step with any joint.
-        chance: (joints,) peak to peak of the play that noise exceeds once in twenty.
+        by_chance: (joints,) peak to peak of the backlash that noise exceeds once in twenty.
     """
 
-    giving: tuple[int, ...]
+    joints: tuple[int, ...]
     as_well: Mapping[int, tuple[int, ...]]
-    plays: FloatArray
+    backlash: FloatArray
     p_values: FloatArray
-    chance: FloatArray
+    by_chance: FloatArray
 
 
-def search_play(
+def search_backlash(
     groups: DirectionGroups, values: FloatArray, random: np.random.Generator
-) -> PlaySearch:
+) -> BacklashSearch:
     """Take joints one after the other until noise explains what is left.
 
     Args:
@@ -132,8 +132,8 @@ def search_play(
         p_values[others] = step.p_values[others]
         best = max(others, key=lambda k: float(step.taken[k]), default=None)
         if best is None or step.p_values[best] > FALSE_ALARM:
-            plays = np.where(np.isin(range(values.shape[1]), found), shifts, step.plays)
-            return PlaySearch(tuple(found), as_well, plays, p_values, step.chance)
+            backlash = np.where(np.isin(range(values.shape[1]), found), shifts, step.backlash)
+            return BacklashSearch(tuple(found), as_well, backlash, p_values, step.by_chance)
         close = (k for k in others if k != best and step.taken[best] - step.taken[k] < _AS_WELL)
         as_well[best] = tuple(close)
         found.append(best)
@@ -141,12 +141,12 @@ def search_play(
 
 @dataclass(frozen=True, eq=False)
 class _Step:
-    """What each joint that is not yet found would explain: W (joints,), plays (k, joints)."""
+    """What each joint that is not yet found would explain: W (joints,), backlash (k, joints)."""
 
     taken: FloatArray
-    plays: FloatArray
+    backlash: FloatArray
     p_values: FloatArray
-    chance: FloatArray
+    by_chance: FloatArray
 
 
 def _step(
@@ -156,7 +156,7 @@ def _step(
     orders = (groups.shuffled(random) for _ in range(PERMUTATIONS))
     drawn = np.array([groups.means(values, order) for order in orders])
     true = groups.means(values)[None]
-    taken, plays = (each[0] for each in _explained(groups, values, true, found))
+    taken, backlash = (each[0] for each in _explained(groups, values, true, found))
     by_chance, wide = _explained(groups, values, drawn, found)
     # The joints already found have a chance too: that of being looked at alone.
     _, alone = _explained(groups, values, drawn[:_FEW], ())
@@ -165,7 +165,7 @@ def _step(
     above = by_chance.max(axis=1)[:, None] >= taken * (1 - 1e-9)
     return _Step(
         taken,
-        plays,
+        backlash,
         (1 + above.sum(axis=0)) / (PERMUTATIONS + 1),
         np.where(np.isin(range(len(taken)), found), first, chance),
     )
@@ -174,7 +174,7 @@ def _step(
 def _explained(
     groups: DirectionGroups, values: FloatArray, means: FloatArray, found: Sequence[int]
 ) -> tuple[FloatArray, FloatArray]:
-    """W (b, joints) and play (b, k, joints) of each joint by itself, for b sets of means."""
+    """W (b, joints) and backlash (b, k, joints) of each joint by itself, for b sets of means."""
     between = np.einsum("bki,k,bkj->bij", means, groups.counts, means)
     precision = _inverse((values.T @ values - between) / len(values))
     if found:
@@ -183,9 +183,9 @@ def _explained(
         precision = precision - np.swapaxes(rows, 1, 2) @ np.linalg.solve(inner, rows)
     own = np.diagonal(precision, axis1=1, axis2=2).copy()
     own[:, list(found)] = np.inf
-    plays = means @ precision / own[:, None]
-    taken = np.einsum("k,bkj->bj", groups.counts, plays**2) * np.where(np.isinf(own), 0.0, own)
-    return taken, plays
+    backlash = means @ precision / own[:, None]
+    taken = np.einsum("k,bkj->bj", groups.counts, backlash**2) * np.where(np.isinf(own), 0.0, own)
+    return taken, backlash
 
 
 def _shifts(groups: DirectionGroups, values: FloatArray, found: Sequence[int]) -> FloatArray:
@@ -218,12 +218,12 @@ class JointPush:
         unit: rad or m.
         means: mean deviation of the reading by direction.
         peak_to_peak: between the two means farthest apart, whatever the other joints do.
-        play: the same given the other joints: what this one does out of step with them.
-        chance: play that noise alone exceeds once in twenty.
-        tip: what the play moves the tip, m, by the joint's column of the Jacobian.
+        backlash: the same given the other joints: what this one does out of step with them.
+        by_chance: backlash that noise alone exceeds once in twenty.
+        tip: what the backlash moves the tip, m, by the joint's column of the Jacobian.
         p_value: chance of so much out of step with any joint, if directions did nothing more than
-            what the joints that give explain.
-        gives: whether noise is no explanation.
+            what the joints that have backlash explain.
+        has_backlash: whether noise is no explanation.
         as_well: joints that would have explained it nearly as well: it may be one of them.
     """
 
@@ -231,11 +231,11 @@ class JointPush:
     unit: Unit
     means: Mapping[str, float]
     peak_to_peak: float
-    play: float
-    chance: float
+    backlash: float
+    by_chance: float
     tip: float
     p_value: float
-    gives: bool
+    has_backlash: bool
     as_well: tuple[str, ...] = ()
 
 
@@ -260,9 +260,11 @@ class DirectionalForce:
     within: FloatArray
 
     @property
-    def giving(self) -> JointPush | None:
+    def loosest(self) -> JointPush | None:
         """Of the joints that noise does not explain, the one that moves the tip most, or None."""
-        return max((j for j in self.joints if j.gives), key=lambda each: each.tip, default=None)
+        return max(
+            (j for j in self.joints if j.has_backlash), key=lambda each: each.tip, default=None
+        )
 
 
 def directional_force(
@@ -286,7 +288,7 @@ def directional_force(
     groups = DirectionGroups.of(direction, protocol)
     values = groups.centred(np.hstack([away, position]))
     random = np.random.default_rng(seed)
-    search = search_play(groups, values[:, : len(joints)], random)
+    search = search_backlash(groups, values[:, : len(joints)], random)
     means = groups.means(values)
     tip = means[:, len(joints) :]
     rows = (position[direction == name] for name in groups.names)
@@ -303,21 +305,21 @@ def _push(
     groups: DirectionGroups,
     joints: Sequence[tuple[str, Unit, float]],
     means: FloatArray,
-    search: PlaySearch,
+    search: BacklashSearch,
     k: int,
 ) -> JointPush:
     name, unit, lever = joints[k]
-    play = float(np.ptp(search.plays[:, k]))
+    backlash = float(np.ptp(search.backlash[:, k]))
     return JointPush(
         name,
         unit,
         dict(zip(groups.names, means.tolist(), strict=True)),
         float(np.ptp(means)),
-        play,
-        float(search.chance[k]),
-        lever * play,
+        backlash,
+        float(search.by_chance[k]),
+        lever * backlash,
         float(search.p_values[k]),
-        k in search.giving,
+        k in search.joints,
         tuple(joints[other][0] for other in search.as_well.get(k, ())),
     )
 

@@ -277,6 +277,11 @@ class Change:
     difference: Interval
 
     @property
+    def factor(self) -> float | None:
+        """Second over first; None where the first is zero."""
+        return self.second / self.first if self.first else None
+
+    @property
     def proved(self) -> bool:
         """Whether the two differ by more than so few visits would by chance."""
         return 1.0 not in self.ratio

@@ -23,6 +23,7 @@ from suta_calib.analysis.repeatability.scatter import (
     joint_scatter,
     median_angle,
 )
+from suta_calib.analysis.repeatability.stationary import Stationary
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment
 from suta_calib.batched import Batched
@@ -127,12 +128,12 @@ class Repeatability:
                 "of their number): the arm drifts or warms up, and every interval here is too "
                 "narrow."
             )
-        giving = None if self.directions is None else self.directions.giving
-        if giving is not None:
+        loosest = None if self.directions is None else self.directions.loosest
+        if loosest is not None:
             notes.append(
-                f"{' or '.join([giving.joint, *giving.as_well])} gives: with the direction of the "
-                f"push its reading changes by what moves the tip by {mm(giving.tip):.3f} mm "
-                f"(p = {giving.p_value:.2g})."
+                f"{' or '.join([loosest.joint, *loosest.as_well])} gives: with the direction of the "
+                f"push its reading changes by what moves the tip by {mm(loosest.tip):.3f} mm "
+                f"(p = {loosest.p_value:.2g})."
             )
         return notes
 
@@ -175,6 +176,22 @@ class Repeatability:
     def _rows(self, rows: tuple[int, ...]) -> str:
         named = ", ".join(self.samples.origin[row] for row in rows[:3])
         return f"{named}, …" if len(rows) > 3 else named
+
+
+@dataclass(frozen=True, eq=False)
+class RepeatabilityTest:
+    """Visits to one point and encoders at rest; None for what was not looked at."""
+
+    visits: Repeatability | None = None
+    rest: Stationary | None = None
+
+    @property
+    def assessment(self) -> Assessment:
+        """The worse of both, with the notes of both."""
+        given = [each.assessment for each in (self.visits, self.rest) if each is not None]
+        bad = [note for each in given if not each.usable for note in each.notes]
+        care = [note for each in given if each.usable for note in each.notes]
+        return Assessment.of("; ".join(each.sentence for each in given), bad=bad, care=care)
 
 
 @single_threaded
