@@ -130,9 +130,10 @@ class Repeatability:
             )
         loosest = None if self.directions is None else self.directions.loosest
         if loosest is not None:
+            named = " or ".join([loosest.joint, *loosest.as_well])
             notes.append(
-                f"{' or '.join([loosest.joint, *loosest.as_well])} gives: with the direction of the "
-                f"push its reading changes by what moves the tip by {mm(loosest.tip):.3f} mm "
+                f"{named} gives: with the direction of the push its reading changes by what moves "
+                f"the tip by {mm(loosest.tip):.3f} mm "
                 f"(p = {loosest.p_value:.2g})."
             )
         return notes
