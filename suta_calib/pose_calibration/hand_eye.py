@@ -23,7 +23,7 @@ from suta_calib.measurements.pose_files import PosePairs
 from suta_calib.pose_calibration.consensus import Consensus, find_consensus, minimal_samples
 from suta_calib.pose_calibration.hand_eye_causes import refuse_misread, refuse_strangers
 from suta_calib.pose_calibration.inputs import checked_poses, error_context
-from suta_calib.pose_calibration.robot_noise import HandShare
+from suta_calib.pose_calibration.robot_noise import RobotNoise
 from suta_calib.pose_calibration.robust_fit import RobustFit, objections, outlier_rows, robust_fit
 from suta_calib.pose_calibration.undetermined import axis_of_all_turns, refuse_undetermined
 from suta_calib.solver.solution import Solution
@@ -236,12 +236,12 @@ def calibrate_hand_eye(
     start = start_from(scaled, target)
     other = next(name for name in get_args(Setup) if name != setup)
     refuse_misread(start, scaled, target, length, other, start_from)
-    share = HandShare(scaled, target, FINEST_TURN)
+    noise = RobotNoise(scaled, target, FINEST_TURN)
     floors = (FINEST_POSITION if few else 0.0, FINEST_TURN)
-    fit = robust_fit(share.make, start, floors, robust=robust, revise=share.revise)
-    if share.value and not share.explains(fit):
-        share.value = 0.0
-        fit = robust_fit(share.make, start, floors, robust=robust)
+    fit = robust_fit(noise.make, start, floors, robust=robust, revise=noise.revise)
+    if noise.fraction and not noise.explains(fit):
+        noise.fraction = 0.0
+        fit = robust_fit(noise.make, start, floors, robust=robust)
     refuse_strangers(fit, start, length)
     refuse_undetermined(
         fit.solution,
@@ -250,7 +250,7 @@ def calibrate_hand_eye(
         "turn the hand about at least two axes that are not parallel",
         axis_of_all_turns(A[0][fit.inliers], fit.sigmas[1]),
     )
-    return _result(fit, A, B, centre, length, setup, model, share.value)
+    return _result(fit, A, B, centre, length, setup, model, noise.fraction)
 
 
 def hand_eye_from_pairs(

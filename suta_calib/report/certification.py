@@ -25,7 +25,7 @@ from suta_calib.certification.result import (
     noise_source,
 )
 from suta_calib.report.document import Document, Figure, Part, ShownOnly, Text
-from suta_calib.report.listing import Column, Json, Listing
+from suta_calib.report.listing import Column, Json, Listing, components, written
 from suta_calib.report.svg import BLUE, GREY, ORANGE, WIDTH, style, svg_text
 from suta_calib.units import deg, mm, um
 
@@ -97,6 +97,10 @@ def _drawn(comparison: DrawingComparison, k: int, name: str) -> Drawn | None:
     return Drawn(position, comparison.deviation[k], float(comparison.turn[k]))
 
 
+def _mark(row: Judged) -> CertifiedLandmark:
+    return row.mark
+
+
 def _micrometres(heading: str, value: Callable[[Judged], float], form: str) -> Column[Judged]:
     return Column("", heading, cell=lambda row: f"{um(value(row)):{form}}", numeric=True)
 
@@ -104,11 +108,9 @@ def _micrometres(heading: str, value: Callable[[Judged], float], form: str) -> C
 TOP: Final = Listing[CertifiedLandmark](
     "",
     (
-        Column("tilt", unit="rad"),
-        Column("tilt_std", unit="rad"),
-        Column("flatness", unit="m"),
-        Column("touches"),
-        Column("wrong_touches"),
+        *written("tilt", "tilt_std", unit="rad"),
+        *written("flatness", unit="m"),
+        *written("touches", "wrong_touches"),
     ),
 )
 HOLES: Final = Listing[CertifiedLandmark](
@@ -121,33 +123,25 @@ HOLES: Final = Listing[CertifiedLandmark](
 DRAWN: Final = Listing[Drawn](
     "",
     (
-        Column("position", unit="m"),
-        Column("deviation", unit="m"),
+        *written("position", "deviation", unit="m"),
         Column("distance", value=lambda each: np.linalg.norm(each.deviation), unit="m"),
         Column("turn", unit="rad"),
     ),
 )
-FAULTS: Final = Listing[Fault](
-    "", (Column("what"), Column("size", unit="m"), Column("limit", unit="m"))
-)
+FAULTS: Final = Listing[Fault]("", (Column("what"), *written("size", "limit", unit="m")))
 # ``std`` is of each coordinate in the artefact's frame; ``shape_std`` after best superposition, as
 # distances see it.
 LANDMARKS: Final = Listing[Judged](
     "Landmarks",
     (
         Column("landmark", "landmark", lambda row: row.mark.name, cell=lambda row: row.label),
-        Column("", "x, mm", lambda row: row.mark.position[0] + 0.0, "m", form=_FINE),
-        Column("", "y, mm", lambda row: row.mark.position[1] + 0.0, "m", form=_FINE),
-        Column("", "z, mm", lambda row: row.mark.position[2] + 0.0, "m", form=_FINE),
+        *components(("x, mm", "y, mm", "z, mm"), lambda row: row.mark.position, "m", form=_FINE),
         _micrometres("σ, µm", lambda row: row.mark.sigma, ".2f"),
         Column("", "turn, deg", lambda row: row.mark.yaw, "rad", form=_TURN),
         Column("", "tilt, deg", lambda row: row.mark.tilt, "rad", form=_TURN),
         Column("position", None, lambda row: row.mark.position + 0.0, "m"),
-        Column("std", None, lambda row: row.mark.std, "m"),
-        Column("shape_std", None, lambda row: row.mark.shape_std, "m"),
-        Column("sigma", None, lambda row: row.mark.sigma, "m"),
-        Column("rotation_rpy", None, lambda row: row.mark.rotation_rpy, "rad"),
-        Column("yaw_std", None, lambda row: row.mark.yaw_std, "rad"),
+        *(c.over(_mark) for c in written("std", "shape_std", "sigma", unit="m")),
+        *(c.over(_mark) for c in written("rotation_rpy", "yaw_std", unit="rad")),
         Column("height", None, lambda row: row.mark.position[2], "m"),
         Column("height_std", None, lambda row: row.mark.std[2], "m"),
         Column("top", None, lambda row: TOP.record(row.mark)),
@@ -169,16 +163,15 @@ PILLARS: Final = Listing[Judged](
         _micrometres("σ z, µm", lambda row: row.mark.std[2], ".2f"),
         _micrometres("flat to, µm", lambda row: row.mark.flatness, ".1f"),
         _micrometres("uneven, µm", lambda row: row.mark.symmetry, ".1f"),
-        Column("", "0-2, mm", lambda row: row.mark.diagonals[0], "m", form=_FINE),
-        Column("", "1-3, mm", lambda row: row.mark.diagonals[1], "m", form=_FINE),
+        *components(("0-2, mm", "1-3, mm"), lambda row: row.mark.diagonals, "m", form=_FINE),
         Column("", "flats, mm", lambda row: row.mark.flats, "m", form=_FINE),
     ),
 )
 
 
-def _off(row: Judged, k: int) -> float | None:
+def _off(row: Judged) -> FloatArray | None:
     # Rounded first: a −0.0000 would suggest a direction that is not there.
-    return None if row.drawn is None else round(float(row.drawn.deviation[k]), 7) + 0.0
+    return None if row.drawn is None else np.round(row.drawn.deviation, 7)
 
 
 def _length(row: Judged) -> float | None:
@@ -189,9 +182,7 @@ DEVIATIONS: Final = Listing[Judged](
     "Certified less drawn",
     (
         LANDMARKS.columns[0],
-        Column("", "dx, mm", lambda row: _off(row, 0), "m", sign=True, form=_FINE),
-        Column("", "dy, mm", lambda row: _off(row, 1), "m", sign=True, form=_FINE),
-        Column("", "dz, mm", lambda row: _off(row, 2), "m", sign=True, form=_FINE),
+        *components(("dx, mm", "dy, mm", "dz, mm"), _off, "m", sign=True, form=_FINE),
         Column("", "length, mm", _length, "m", form=_FINE),
         Column("", "turn, deg", lambda row: row.drawn and row.drawn.turn + 0.0, "rad", form=_TURN),
     ),
@@ -200,10 +191,10 @@ DEVIATIONS: Final = Listing[Judged](
 
 @dataclass(frozen=True)
 class Spacer:
-    """A spacer with what of its standard deviation covers 95 %."""
+    """A spacer, and half the interval that holds it with 95 %, m."""
 
     length: SpacerLength
-    coverage_factor: float
+    u95: float
 
 
 SPACERS: Final = Listing[Spacer](
@@ -212,22 +203,9 @@ SPACERS: Final = Listing[Spacer](
         Column("name", "spacer", lambda each: each.length.name),
         Column("length", "length, mm", lambda each: each.length.length, "m", form=_FINE),
         Column("std", None, lambda each: each.length.std, "m"),
-        Column(
-            "u95",
-            "± 95 %, mm",
-            lambda each: each.coverage_factor * each.length.std,
-            "m",
-            form=_FINE,
-        ),
+        Column("u95", "± 95 %, mm", lambda each: each.u95, "m", form=_FINE),
         Column("nominal", "nominal, mm", lambda each: each.length.nominal, "m", form=_FINE),
-        Column(
-            "deviation",
-            "off by, mm",
-            lambda each: each.length.deviation,
-            "m",
-            sign=True,
-            form=_FINE,
-        ),
+        Column("deviation", "off by, mm", lambda s: s.length.deviation, "m", sign=True, form=_FINE),
     ),
     key="spacers",
 )
@@ -235,8 +213,7 @@ PLANE: Final = Listing[PlaneQuality](
     "",
     (
         Column("touches", value=lambda plane: plane.count),
-        Column("rms", unit="m"),
-        Column("flatness", unit="m"),
+        *written("rms", "flatness", unit="m"),
         Column("direction_std", value=lambda plane: plane.tilt_std, unit="rad"),
         Column("wrong_touches"),
     ),
@@ -267,23 +244,20 @@ COMPARISON: Final = Listing[DrawingComparison](
         Column("T_drawing_artefact", value=lambda each: each.registration.matrix),
         Column("rms", unit="m"),
         Column("max", value=lambda each: each.largest, unit="m"),
-        Column("not_drawn"),
-        Column("not_touched"),
+        *written("not_drawn", "not_touched"),
     ),
 )
 CERTIFICATION: Final = Listing[Certification](
     "",
     (
-        Column("name"),
-        Column("points"),
+        *written("name", "points"),
         Column("frame", value=FRAME.record),
         Column("ground", value=lambda found: PLANE.record(found.ground)),
         Column("side", value=lambda found: found.side and PLANE.record(found.side)),
         Column("noise", value=NOISE.record),
         Column("comparison", value=lambda f: f.comparison and COMPARISON.record(f.comparison)),
         Column("tolerance", unit="m"),
-        Column("damaged"),
-        Column("wrong_touches"),
+        *written("damaged", "wrong_touches"),
     ),
 )
 
@@ -300,7 +274,9 @@ def certification_document(found: Certification) -> Document:
     if found.comparison is not None:
         title = f"{DEVIATIONS.title} ({found.comparison.drawing.name}), best superposition"
         parts.append(DEVIATIONS.of(rows, title))
-    parts.append(SPACERS.of(Spacer(each, found.coverage_factor) for each in found.spacers))
+    parts.append(
+        SPACERS.of(Spacer(each, found.coverage_factor * each.std) for each in found.spacers)
+    )
     parts += [Text(line) for line in _facts(found)]
     covariance: Json = {
         "landmarks": [mark.name for mark in found.landmarks],

@@ -187,6 +187,42 @@ class _FactTable(Table, Generic[Row]):
         return self._listing.record(self._row)
 
 
+def written(*names: str, unit: Unit | None = None) -> tuple[Column[Any], ...]:
+    """Columns that are only written: attributes of these names, all in one unit."""
+    return tuple(Column(name, unit=unit) for name in names)
+
+
+def components(
+    headings: Sequence[str],
+    vector: Callable[[Row], Any],
+    unit: Unit,
+    *,
+    sign: bool = False,
+    form: str = "",
+) -> tuple[Column[Row], ...]:
+    """Columns that only show the components of a vector, one each.
+
+    Args:
+        headings: of the components, in order.
+        vector: of a row, as many components, SI; None where it has none.
+        unit: of them all.
+        sign: whether a plus is shown.
+        form: as of `Column`.
+    """
+
+    def component(k: int) -> Callable[[Row], float | None]:
+        def of(row: Row) -> float | None:
+            whole = vector(row)
+            return None if whole is None else float(whole[k]) + 0.0
+
+        return of
+
+    return tuple(
+        Column("", heading, component(k), unit, sign=sign, form=form)
+        for k, heading in enumerate(headings)
+    )
+
+
 def in_own_units(
     by_unit: Mapping[Unit, Listing[Row]], unit: Callable[[Row], Unit]
 ) -> tuple[Column[Row], ...]:

@@ -14,7 +14,7 @@ from suta_calib.measurements.pose_files import ToolPoses
 from suta_calib.pose_calibration.pivot import PivotCalibration
 from suta_calib.report.document import Document, Figure, File, Part, Text
 from suta_calib.report.files import json_text
-from suta_calib.report.listing import Column, Json, Listing, plain
+from suta_calib.report.listing import Column, Json, Listing, plain, written
 from suta_calib.report.poses import (
     LARGE,
     covariance_record,
@@ -30,7 +30,7 @@ from suta_calib.units import deg, text
 
 NAME: Final = "pivot"
 MOST_POSTS: Final = 12
-TIP: Final = Listing[PivotCalibration]("", (Column("tip", unit="m"), Column("tip_std", unit="m")))
+TIP: Final = Listing[PivotCalibration]("", written("tip", "tip_std", unit="m"))
 # The post is that of the first row.
 CALIBRATION: Final = Listing[PivotCalibration](
     "",
@@ -38,8 +38,7 @@ CALIBRATION: Final = Listing[PivotCalibration](
         *TIP.columns,
         Column("post", unit="m"),
         Column("post_std", value=lambda found: found.post_std(), unit="m"),
-        Column("rms", unit="m"),
-        Column("sigma", unit="m"),
+        *written("rms", "sigma", unit="m"),
         Column("turn", unit="rad"),
     ),
 )

@@ -14,7 +14,7 @@ from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.measurements.pose_files import Points
 from suta_calib.pose_calibration.registration import Registration
 from suta_calib.report.document import Document, Figure, Part, Text
-from suta_calib.report.listing import Column, Json, Listing
+from suta_calib.report.listing import Column, Json, Listing, components, written
 from suta_calib.report.poses import (
     INLIER,
     LARGE,
@@ -38,9 +38,7 @@ NAME: Final = "register"
 MOST_TARGETS: Final = 20
 # The longest arrow, as a part of the points' extent.
 ARROW: Final = 0.25
-REGISTRATION: Final = Listing[Registration](
-    "", (Column("rms", unit="m"), Column("sigma", unit="m"), Column("centre", unit="m"))
-)
+REGISTRATION: Final = Listing[Registration]("", written("rms", "sigma", "centre", unit="m"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,11 +66,8 @@ TARGETS: Final = Listing[Target](
     (
         Column("row", "row", form="d"),
         Column("line"),
-        Column("a", unit="m"),
-        Column("b", unit="m"),
-        Column("", "x", lambda each: each.b[0], "m"),
-        Column("", "y", lambda each: each.b[1], "m"),
-        Column("", "z", lambda each: each.b[2], "m"),
+        *written("a", "b", unit="m"),
+        *components("xyz", lambda each: each.b, "m"),
         Column("std", unit="m"),
         Column("error", "error", unit="m"),
     ),

@@ -23,7 +23,7 @@ from suta_calib.analysis.repeatability import (
     Stream,
 )
 from suta_calib.report.document import Document, Figure, Part, Text
-from suta_calib.report.listing import Column, Json, Listing, Row, in_own_units
+from suta_calib.report.listing import Column, Json, Listing, Row, in_own_units, written
 from suta_calib.report.repeatability_plots import stationary_plot, visits_plot
 from suta_calib.units import NOTHING, Unit, shown, text, thousandths, unit_name
 
@@ -100,7 +100,7 @@ POSITION: Final = Listing[Visits](
     ),
 )
 ORIENTATION: Final = Listing[OrientationScatter](
-    "", tuple(Column(name, unit="rad") for name in ("rpa", "rpb", "rpc", "rms"))
+    "", written("rpa", "rpb", "rpc", "rms", unit="rad")
 )
 
 
@@ -276,8 +276,7 @@ def _noise(unit: Unit) -> Listing[JointNoise]:
                 unit=unit,
                 cell=lambda each: _small(each.std_detrended, unit),
             ),
-            Column("std_short", unit=unit),
-            Column("peak_to_peak", unit=unit),
+            *written("std_short", "peak_to_peak", unit=unit),
             Column("step", "step", unit=unit, cell=lambda each: _small(each.step, unit)),
             Column(
                 f"drift_{name}_per_h",
@@ -287,9 +286,7 @@ def _noise(unit: Unit) -> Listing[JointNoise]:
                 numeric=True,
             ),
             Column(f"drift_half_interval_{name}_per_h", value=lambda each: hourly(each.drift_half)),
-            *(Column[JointNoise](flag) for flag in ("drifts", "moved", "stuck")),
-            Column("levels"),
-            Column("left_out"),
+            *written("drifts", "moved", "stuck", "levels", "left_out"),
             Column(
                 "allan",
                 "best",
@@ -312,8 +309,7 @@ STREAM: Final = Listing[Stream](
     (
         Column("readings", value=lambda stream: len(stream.time)),
         Column("rate_hz", value=lambda stream: 1 / stream.period),
-        Column("gaps"),
-        Column("dropped"),
+        *written("gaps", "dropped"),
         Column("input", value=lambda stream: str(stream.path)),
     ),
 )

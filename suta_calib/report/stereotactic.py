@@ -15,7 +15,7 @@ from suta_calib.arrays import FloatArray
 from suta_calib.errors import OutputError
 from suta_calib.pose_calibration.pivot import PivotCalibration
 from suta_calib.report.document import Document, Figure, File, Part, Text
-from suta_calib.report.listing import Column, Json, Listing, Table, plain
+from suta_calib.report.listing import Column, Json, Listing, Table, components, plain
 from suta_calib.report.svg import BLUE, GREY, ORANGE, WIDTH, plain_log, style, svg_text
 from suta_calib.stereotactic.cis_files import output1_text, output2_text
 from suta_calib.stereotactic.distortion import DistortionCorrection
@@ -88,9 +88,7 @@ NAVIGATION: Final = Listing[NavigatedTip](
     "EM probe's tip in CT, mm",
     (
         Column("", "frame", lambda tip: tip.frame, form="d"),
-        Column("", "x", lambda tip: tip.position[0], "m"),
-        Column("", "y", lambda tip: tip.position[1], "m"),
-        Column("", "z", lambda tip: tip.position[2], "m"),
+        *components("xyz", lambda tip: tip.position, "m"),
         Column("", "expected error", lambda tip: tip.error, "m"),
     ),
 )

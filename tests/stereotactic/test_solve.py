@@ -17,7 +17,6 @@ from suta_calib.stereotactic.distortion import fit_distortion_robustly
 from suta_calib.stereotactic.solve import (
     StereotacticResult,
     compare,
-    judge_stereotactic,
     read_given,
     solve_stereotactic,
 )
