@@ -143,9 +143,9 @@ def test_extrapolation_is_counted_and_told() -> None:
 def test_verdict_says_when_correction_is_needed() -> None:
     clean = simulate_stereotactic(em_noise=0.2e-3, grid=3)
     bent = simulate_stereotactic(em_noise=0.2e-3, grid=3, distortion=3e-3)
-    assert judge_stereotactic(solve(clean.data)).level == "good"
-    assert any("--dewarp" in note for note in judge_stereotactic(solve(bent.data)).notes)
-    notes = judge_stereotactic(solve(bent.data, dewarp=True)).notes
+    assert solve(clean.data).assessment.level == "good"
+    assert any("--dewarp" in note for note in solve(bent.data).assessment.notes)
+    notes = solve(bent.data, dewarp=True).assessment.notes
     assert not any("--dewarp" in note for note in notes)
 
 
@@ -231,6 +231,6 @@ def test_correction_brings_the_first_assignments_distorted_post_back(shared: Pat
 def test_markers_of_another_size_are_no_answer(part: str, scale: float) -> None:
     data = simulate_stereotactic("sim", seed=0).data
     body = replace(data.body, **{part: scale * getattr(data.body, part)})
-    assessment = judge_stereotactic(solve_stereotactic(replace(data, body=body)))
+    assessment = solve_stereotactic(replace(data, body=body)).assessment
     assert assessment.level == "bad"
     assert "another unit" in assessment.notes[0]
