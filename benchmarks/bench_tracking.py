@@ -12,27 +12,33 @@ import argparse
 import subprocess
 import sys
 import tempfile
+from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+from matplotlib.figure import Figure
 from rich.console import Console
 from rich.table import Table
 
 from suta_calib import ArmModel
 from suta_calib.device import Bus, DeviceSpec, JointSpec, Statistics
 from suta_calib.emulation import EmulatedArm, Emulation, sweep
-from suta_calib.report.path_accuracy.latency_plots import latency_figure
+from suta_calib.report.svg import BLUE, GREY, ORANGE, WIDTH, plain_log, style, svg_text
 from suta_calib.tracking.igtl import IgtlPublisher
+from suta_calib.tracking.latency import LatencyStatistics
 from suta_calib.tracking.recording import CsvRecorder
 from suta_calib.tracking.session import TrackingSession
 from suta_calib.tracking.tip_kinematics import TipKinematics
 from suta_calib.tracking.tracker import Tracker
 from suta_calib.tracking.udp import UdpPublisher
+from suta_calib.units import ms
 
 URDF = Path(__file__).parents[1] / "urdf" / "suta.urdf"
 RATES = (768.0, 5000.0)
 TARGET_MS = 2.0
+_COLOURS = (BLUE, ORANGE, "black", GREY)
 LOCAL = "127.0.0.1"
 # Counts the messages it receives until the server hangs up: 106 bytes each.
 CLIENT = """
@@ -96,6 +102,42 @@ def show(runs: list[Run]) -> None:
     slow = [r for r in runs if r.session.latency.percentile(99) * 1e3 > TARGET_MS]
     said = ", ".join(f"{run.rate:.0f} Hz" for run in slow)
     print(f"p99 above {TARGET_MS:g} ms at {said}" if slow else f"p99 below {TARGET_MS:g} ms")
+
+
+def latency_figure(found: Mapping[str, LatencyStatistics], target_ms: float | None = None) -> str:
+    """An SVG document: histograms on logarithmic axes, with the 99th percentiles.
+
+    Args:
+        found: latencies by the name of what was run.
+        target_ms: a limit to draw.
+    """
+    with style("latency"):
+        figure = Figure(figsize=(WIDTH, 3.4), layout="constrained")
+        axes = figure.subplots()
+        for (name, each), colour in zip(found.items(), _COLOURS, strict=False):
+            edges, counts = each.histogram()
+            p99 = ms(each.percentile(99))
+            label = f"{name}: p50 {ms(each.percentile(50)):.3g}, p99 {p99:.3g}, max "
+            axes.stairs(
+                np.maximum(counts, 0.5),
+                ms(edges),
+                color=colour,
+                baseline=0.5,
+                label=f"{label}{ms(each.maximum):.3g} ms ({each.count} poses)",
+            )
+            axes.axvline(p99, color=colour, lw=0.9, ls=":")
+        if target_ms is not None:
+            axes.axvline(target_ms, color=GREY, lw=1.2, ls="--")
+        plain_log(axes.xaxis, axes.set_xscale)
+        plain_log(axes.yaxis, axes.set_yscale)
+        axes.set_title(
+            "From the frame's last byte to publication (dotted: p99)", pad=12 + 11 * len(found)
+        )
+        axes.set_xlabel("latency, ms")
+        axes.set_ylabel("poses per 2 % bin")
+        axes.grid()
+        axes.legend(fontsize=8, loc="lower left", bbox_to_anchor=(0, 1), borderaxespad=0.2)
+        return svg_text(figure, "latency", "Histogram of the latency of published poses") + "\n"
 
 
 def main() -> None:

@@ -66,9 +66,29 @@ def from_deg(angle: Quantity) -> Quantity:
     return angle / SHOWN["rad"].per_si
 
 
+def um(length: Quantity) -> Quantity:
+    """Metres as micrometres."""
+    return length * 1e6
+
+
+def from_um(length: Quantity) -> Quantity:
+    """Micrometres as metres."""
+    return length / 1e6
+
+
+def ms(time: Quantity) -> Quantity:
+    """Seconds as milliseconds."""
+    return time * 1e3
+
+
 def shown(value: Quantity, unit: Unit) -> Quantity:
     """An SI value in the unit that a reader sees."""
     return value * SHOWN[unit].per_si
+
+
+def thousandths(value: Quantity, unit: Unit) -> Quantity:
+    """An SI value in thousandths of the unit that a reader sees: µm, or mdeg."""
+    return 1e3 * shown(value, unit)
 
 
 def stored(value: Quantity, unit: Unit) -> Quantity:

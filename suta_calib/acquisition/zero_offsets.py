@@ -9,12 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, Literal
 
 import numpy as np
 from scipy.optimize import least_squares
 
 from suta_calib.arrays import FloatArray, IntArray
+from suta_calib.assessment import Assessment
 from suta_calib.batched import Batched
 from suta_calib.errors import InputError
 from suta_calib.geometry.numbers import vector_from_rotation
@@ -24,6 +25,7 @@ from suta_calib.simulation import InverseKinematics, Targets
 from suta_calib.solver.identifiability import Combination, identify
 from suta_calib.solver.information import Information
 from suta_calib.solver.problem import DEFAULT_SIGMA
+from suta_calib.units import mm
 
 # Starts of the inverse kinematics, and how many of what they find are tried on all poses.
 _STARTS: Final = 240
@@ -53,6 +55,30 @@ class Branch:
         """Root mean square of the distances, m."""
         return float(np.sqrt(np.mean(self.distances**2)))
 
+    @property
+    def rms_angle(self) -> float | None:
+        """Root mean square of the angles, rad; None where no orientation is known."""
+        return None if self.angles is None else float(np.sqrt(np.mean(self.angles**2)))
+
+
+@dataclass(frozen=True)
+class ZeroOffsetOptions:
+    """How to find zero offsets.
+
+    Attributes:
+        branch: which of the answers that fit is taken, from 1; the smallest offsets by default.
+        tolerance: how far the tip may stay from where it is known to be (RMS), m.
+        seed: of the postures from which inverse kinematics searches.
+    """
+
+    branch: int = 1
+    tolerance: float = 0.02
+    seed: int = 0
+
+
+DEFAULT: Final = ZeroOffsetOptions()
+Status = Literal["found", "undetermined", "no_fit"]
+
 
 @dataclass(frozen=True, eq=False)
 class ZeroOffsets:
@@ -64,40 +90,85 @@ class ZeroOffsets:
         branches: those that fit, the smallest offsets first; at least one.
         undetermined: offsets that these poses cannot tell, which are held at zero; or
             combinations of several, and then the only branch is one answer of infinitely many.
+        options: how they were found.
     """
 
     arm: ArmModel
     names: tuple[str, ...]
     branches: tuple[Branch, ...]
     undetermined: tuple[Combination, ...]
+    options: ZeroOffsetOptions = DEFAULT
 
     @property
     def unique(self) -> bool:
         """Whether what is undetermined concerns no offset that is given a value."""
         return all(combination.alone for combination in self.undetermined)
 
-    def values(self, branch: Branch) -> dict[str, float]:
-        """Offsets by name."""
-        return dict(zip(self.names, branch.offsets.tolist(), strict=True))
+    @property
+    def chosen(self) -> Branch:
+        """The branch that was asked for."""
+        return self.branches[self.options.branch - 1]
+
+    @property
+    def status(self) -> Status:
+        """Whether there are offsets to use, and why not."""
+        if self.chosen.rms > self.options.tolerance:
+            return "no_fit"
+        return "found" if self.unique else "undetermined"
+
+    @property
+    def assessment(self) -> Assessment:
+        """Bad where no offsets fit, or the poses leave a choice between infinitely many."""
+        chosen, count = self.chosen, len(self.branches)
+        sentence = (
+            f"{len(chosen.distances)} poses; the tip stays {mm(chosen.rms):.3f} mm (RMS) away, at "
+            f"most {mm(float(chosen.distances.max())):.3f} mm"
+        )
+        bad, care = list[str](), list[str]()
+        if self.status == "undetermined":
+            bad.append("Not usable: give more poses, or their orientations.")
+        if self.status == "no_fit":
+            bad.append(
+                "Not usable: no offsets make the URDF agree; look for a wrong unit, frame or joint "
+                "that turns the other way."
+            )
+        if count > 1:
+            number = self.options.branch
+            care.append(f"{count} branches fit; this is number {number}: choose with --branch N")
+        for combination in self.undetermined:
+            others = ", ".join(name for name in combination.direction if name != combination.fixed)
+            what = f"only together with {others}" if others else "held at 0"
+            care.append(f"undetermined: {combination.fixed}, {what}")
+        return Assessment.of(sentence, bad=bad, care=care)
+
+    def values(self, branch: Branch | None = None) -> dict[str, float]:
+        """Offsets by name, rad or m: of the chosen branch by default."""
+        offsets = (self.chosen if branch is None else branch).offsets
+        return dict(zip(self.names, offsets.tolist(), strict=True))
 
 
-def find_baseline(arm: ArmModel, samples: Samples, seed: int = 0) -> ZeroOffsets:
+def find_zero_offsets(
+    arm: ArmModel, samples: Samples, options: ZeroOffsetOptions = DEFAULT
+) -> ZeroOffsets:
     """Offsets with which the arm's URDF agrees with known poses.
 
     Args:
         arm: as its URDF has it.
         samples: raw readings, with the position of the tip in the arm's base frame for each row,
             and its orientation if that is known.
-        seed: of the postures from which inverse kinematics searches.
+        options: which branch is taken, and how close it must come.
+
+    Returns:
+        The branches that fit, of which `ZeroOffsets.chosen` is the one that was asked for.
 
     Raises:
-        InputError: no positions.
+        InputError: no positions, or no such branch.
     """
     if samples.position is None:
         raise InputError("no positions of the tip", "x, y, z for each row, or --pose")
     fit = _OffsetFit(arm, samples)
     every: IntArray = np.arange(len(arm.joints), dtype=np.intp)
-    starts = _starts(arm, samples, np.random.default_rng(seed))
+    starts = _starts(arm, samples, np.random.default_rng(options.seed))
     answers = fit.refined(starts, every)
     best = min(answers, key=fit.cost)
     undetermined = fit.undetermined(best)
@@ -110,7 +181,9 @@ def find_baseline(arm: ArmModel, samples: Samples, seed: int = 0) -> ZeroOffsets
         free = np.array([name not in fixed for name in fit.names])
         starts = [np.where(free, start, 0.0) for start in answers]
         branches = _distinct(fit, fit.refined(starts, every[free]))
-    return ZeroOffsets(arm, fit.names, branches, undetermined)
+    if not 1 <= options.branch <= len(branches):
+        raise InputError(str(options.branch), f"1 to {len(branches)}", where="--branch")
+    return ZeroOffsets(arm, fit.names, branches, undetermined, options)
 
 
 def _starts(arm: ArmModel, samples: Samples, rng: np.random.Generator) -> list[FloatArray]:

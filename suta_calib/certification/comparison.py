@@ -9,7 +9,6 @@ from typing import Final
 import numpy as np
 
 from suta_calib.arrays import FloatArray
-from suta_calib.certification.frame import wrapped
 from suta_calib.errors import ArtefactError, SamplesError
 from suta_calib.geometry.numbers import register_points, rpy_from_rotation
 from suta_calib.measurements import Artefact
@@ -112,3 +111,8 @@ def _shared(names: Sequence[str], drawing: Artefact) -> list[int]:
             hint=did_you_mean(lacking, drawing.landmarks),
         )
     return rows
+
+
+def wrapped(angle: FloatArray) -> FloatArray:
+    """Angles in (-π, π]."""
+    return np.asarray(-((np.pi - np.asarray(angle)) % (2 * np.pi)) + np.pi)

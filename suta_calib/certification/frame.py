@@ -9,15 +9,120 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import pairwise
+from typing import Any, Final, Literal
 
+import casadi as ca
 import numpy as np
 
-from suta_calib.arrays import FloatArray
-from suta_calib.certification.heading import Heading
-from suta_calib.certification.pillar import GROUND, YAW, PillarGeometry, X, Y, Z
-from suta_calib.certification.plane import Plane
+from suta_calib.arrays import BoolArray, FloatArray
+from suta_calib.certification.comparison import QUARTER, quarter_turns, wrapped
+from suta_calib.certification.measuring import MeasuredArtefact, ProbingNoise
+from suta_calib.certification.pillar import GROUND, YAW, PillarGeometry, X, Y, Z, levelled
+from suta_calib.certification.plane import Plane, agreeing
+from suta_calib.certification.points import CertificationOptions, RawPoints
+from suta_calib.errors import ArtefactError, SamplesError
 from suta_calib.geometry.numbers import skew
+from suta_calib.geometry.symbols import Symbol
+from suta_calib.measurements import Artefact
+from suta_calib.measurements.suggestion import did_you_mean
+
+Source = Literal["side plane", "farthest landmark"]
+# Heights of the side's touches that differ less say nothing of how upright it is (m).
+UPRIGHT: Final = 2e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Heading:
+    """Direction of the artefact's x axis in the ground's frame.
+
+    Attributes:
+        source: what it was taken from.
+        angle: from the ground frame's x axis, rad.
+        by_touch: (3 k) derivative by the side's touches used; empty without a side.
+        by_ground: (3) derivative by the ground's small error.
+        inliers: (n,) touches of the side that are used.
+        residuals: (n,) of all its touches from the plane, m.
+        rms: scatter of the side's touches about its plane, m.
+    """
+
+    source: Source
+    angle: float
+    by_touch: FloatArray
+    by_ground: FloatArray
+    inliers: BoolArray
+    residuals: FloatArray
+    rms: float
+
+
+def side_heading(side: FloatArray, middle: FloatArray, noise: float) -> Heading:
+    """Along the side plane's line in the ground, with the artefact on its left.
+
+    Where the touches differ in height, the side may lean: its line at the height of the ground
+    counts, not the touches' projection.
+
+    Args:
+        side: (n, 3) touches in the ground's frame, m.
+        middle: (2,) middle of the landmarks: y points from the side towards it.
+        noise: standard deviation of a touch, m.
+    """
+    leaning = len(side) > 4 and float(np.std(side[:, 2])) > UPRIGHT
+    columns = 3 if leaning else 2
+
+    def fit(rows: BoolArray) -> tuple[FloatArray, FloatArray]:
+        centre, turn = _lined_up(side[rows, :2], middle)
+        along, across = ((side[:, :2] - centre) @ turn.T).T
+        design = np.column_stack([np.ones(len(side)), along, side[:, 2]])[:, :columns]
+        return across - design @ np.linalg.lstsq(design[rows], across[rows], rcond=None)[0], design
+
+    used = agreeing(fit, len(side), columns, noise)
+    _, turn = _lined_up(side[used, :2], middle)
+    start = float(np.arctan2(turn[0, 1], turn[0, 0]))
+    function = _side(int(used.sum()), leaning)
+    outputs = function(side[used].T, np.zeros(GROUND), start)
+    angle, by_touch, by_ground = (np.asarray(o.full(), dtype=float).reshape(-1) for o in outputs)
+    freedom = int(used.sum()) - columns
+    residuals = fit(used)[0]
+    squared = float(np.sum(residuals[used] ** 2))
+    rms = float(np.sqrt(squared / freedom)) if freedom > 0 else 0.0
+    return Heading("side plane", float(angle[0]), by_touch, by_ground, used, residuals, rms)
+
+
+def _lined_up(points: FloatArray, middle: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Centre and rotation (2, 2) into a frame along the points, ``middle`` on its left."""
+    centre = points.mean(axis=0)
+    along = np.linalg.svd(points - centre)[2][0]
+    across = np.array([-along[1], along[0]])
+    sign = 1.0 if across @ (middle - centre) >= 0 else -1.0
+    return centre, sign * np.array([along, across])
+
+
+@lru_cache(maxsize=16)
+def _side(count: int, leaning: bool) -> Any:
+    touches, ground = ca.SX.sym("touches", 3, count), ca.SX.sym("ground", GROUND)
+    start = ca.SX.sym("start")
+    level = levelled(touches, ground)
+    along, across = _turned(level, start)
+    design = [ca.SX.ones(count, 1), _centred(along)]
+    if leaning:
+        # The slope along the ground is the same at any height.
+        design.append(_centred(level[2, :].T))
+    matrix = ca.horzcat(*design)
+    found = ca.inv(matrix.T @ matrix) @ (matrix.T @ across)
+    angle = start + ca.atan(found[1])
+    derivatives = [ca.jacobian(angle, ca.vec(touches)), ca.jacobian(angle, ground)]
+    return ca.Function("side", [touches, ground, start], [angle, *derivatives], {"cse": True})
+
+
+def _centred(column: Symbol) -> Symbol:
+    return column - ca.dot(column, ca.SX.ones(*column.shape)) / column.shape[0]
+
+
+def _turned(points: Symbol, angle: Symbol) -> tuple[Symbol, Symbol]:
+    cosine, sine = ca.cos(angle), ca.sin(angle)
+    x, y = points[0, :].T, points[1, :].T
+    return cosine * x + sine * y, cosine * y - sine * x
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,11 +247,6 @@ def placed(
     return Placed(position, turned, wrapped(yaw - angle), yaw_by - angle_by)
 
 
-def wrapped(angle: FloatArray) -> FloatArray:
-    """Angles in (-π, π]."""
-    return np.asarray(-((np.pi - np.asarray(angle)) % (2 * np.pi)) + np.pi)
-
-
 def shape_covariance(position: FloatArray, covariance: FloatArray) -> FloatArray:
     """Covariance (3 n, 3 n) of the landmarks' shape: what no motion of the whole explains.
 
@@ -159,3 +259,103 @@ def shape_covariance(position: FloatArray, covariance: FloatArray) -> FloatArray
     motion = np.concatenate([np.tile(np.eye(3), (n, 1, 1)), lever], axis=2).reshape(3 * n, 6)
     keep = np.eye(3 * n) - motion @ np.linalg.pinv(motion)
     return np.asarray(keep @ covariance @ keep.T)
+
+
+ORIGIN: Final = "O"
+
+
+def origin_of(names: Sequence[str], options: CertificationOptions) -> int:
+    """Which landmark has x = y = 0: the one asked for, ``O``, or the first.
+
+    Raises:
+        ArtefactError: the one asked for was not touched.
+    """
+    wanted = options.origin or (ORIGIN if ORIGIN in names else names[0])
+    if wanted not in names:
+        raise ArtefactError(
+            f"no touched landmark {wanted!r}",
+            f"one of {', '.join(names)}",
+            where="origin",
+            hint=did_you_mean(wanted, names),
+        )
+    return names.index(wanted)
+
+
+def heading_of(raw: RawPoints, measured: MeasuredArtefact, noise: float) -> Heading | None:
+    """The side's direction in the ground's frame; None where no side was touched.
+
+    Raises:
+        SamplesError: the side's touches lie together.
+    """
+    if raw.side is None:
+        return None
+    ground = measured.ground
+    side = (raw.side.position - ground.centre) @ ground.axes.T
+    if np.ptp(side[:, :2], axis=0).max() < max(1e-3, 100 * noise):
+        raise SamplesError(
+            "touches of the side within a millimetre of each other",
+            "touches along the side, as far apart as it allows",
+            file=raw.path,
+            line=raw.side.lines[0],
+            where="side",
+        )
+    middle = np.mean([g.values[:2] for g in measured.geometry], axis=0)
+    return side_heading(side, middle, noise)
+
+
+def sources_of(measured: MeasuredArtefact, heading: Heading | None, noise: ProbingNoise) -> Sources:
+    """What was touched and is used, with the noise of every coordinate."""
+    side = 0 if heading is None else int(heading.inliers.sum())
+    sigmas = []
+    for pillar, top in zip(measured.pillars, measured.tops, strict=True):
+        each = [1.0] * (int(top.inliers.sum()) + len(pillar.holes))
+        if pillar.front is not None:
+            each += [count**-0.5 for count in pillar.flat_counts]
+        sigmas.append(noise.touch * np.repeat(each, 3))
+    ground = measured.ground, measured.ground_points
+    return sources(*ground, sigmas, side, noise.ground, noise.touch)
+
+
+def placed_in_frame(
+    measured: MeasuredArtefact,
+    jacobians: Sequence[FloatArray],
+    heading: Heading | None,
+    by: Sources,
+    origin: int,
+    options: CertificationOptions,
+) -> tuple[Placed, int, FloatArray]:
+    """Landmarks in the artefact's frame, quarter turns taken, derivative of the heading (c,)."""
+    names = [pillar.name for pillar in measured.pillars]
+    if heading is not None:
+        angle, angle_by, turned = heading.angle, heading_jacobian(heading, by), 0
+        where = placed(measured.geometry, jacobians, origin, angle, angle_by)
+        if options.drawing is not None:
+            turned = quarter_turns(names, where.position, options.drawing)
+            angle -= turned * QUARTER
+            where = placed(measured.geometry, jacobians, origin, angle, angle_by)
+        return where, turned, angle_by
+    angle, angle_by = _towards_farthest(measured, jacobians, origin, options.drawing)
+    return placed(measured.geometry, jacobians, origin, angle, angle_by), 0, angle_by
+
+
+def _towards_farthest(
+    measured: MeasuredArtefact,
+    jacobians: Sequence[FloatArray],
+    origin: int,
+    drawing: Artefact | None,
+) -> tuple[float, FloatArray]:
+    """Without a side: x from the origin to the landmark farthest from it, or as it is drawn."""
+    centres = np.array([g.values[:2] for g in measured.geometry])
+    away = centres - centres[origin]
+    names = [pillar.name for pillar in measured.pillars]
+    known = [k for k, n in enumerate(names) if drawing is None or n in drawing.landmarks]
+    far = max(known, key=lambda k: float(away[k] @ away[k]), default=origin)
+    if not away[far].any():
+        return 0.0, np.zeros(jacobians[0].shape[1])
+    angle = float(np.arctan2(away[far, 1], away[far, 0]))
+    by = jacobians[far][:2] - jacobians[origin][:2]
+    angle_by = np.array([-away[far, 1], away[far, 0]]) @ by / (away[far] @ away[far])
+    if drawing is not None and names[origin] in drawing.landmarks:
+        drawn = np.diff(drawing.position_of([names[origin], names[far]]), axis=0)[0]
+        angle -= float(np.arctan2(drawn[1], drawn[0]))
+    return angle, angle_by

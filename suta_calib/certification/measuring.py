@@ -15,10 +15,10 @@ from suta_calib.certification.pillar import (
     order_around,
     pillar_geometry,
 )
-from suta_calib.certification.plane import FINEST, Plane, fit_plane, on_a_line
+from suta_calib.certification.plane import FINEST, Plane, Top, fit_plane, judge_tops, on_a_line
 from suta_calib.certification.points import Pillar, RawPoints
-from suta_calib.certification.tops import Top, judge_tops
 from suta_calib.errors import SamplesError
+from suta_calib.units import mm
 
 # Share of a diagonal on either side of the crossing below which holes cannot be in order.
 LEAST_SHARE: Final = 0.2
@@ -121,7 +121,7 @@ def _check_pillar(raw: RawPoints, pillar: Pillar, top: FloatArray, holes: FloatA
     around = float(np.linalg.norm(holes - holes.mean(axis=0), axis=1).max())
     if apart > 2.0 * around:
         raise SamplesError(
-            f"a top {1e3 * apart:.1f} mm beside the middle of its holes",
+            f"a top {mm(apart):.1f} mm beside the middle of its holes",
             f"a top within {2e3 * around:.1f} mm of it",
             file=raw.path,
             line=pillar.top.lines[0],

@@ -6,8 +6,8 @@ Features are ``ground``, ``top``, ``hole``, ``flat``, ``side`` and ``spacer``.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
@@ -15,7 +15,7 @@ import numpy as np
 
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import SamplesError
-from suta_calib.measurements import CsvTable, positions, read_csv_table
+from suta_calib.measurements import Artefact, CsvTable, positions, read_csv_table
 from suta_calib.measurements.suggestion import did_you_mean
 
 FEATURES: Final = ("ground", "top", "hole", "flat", "side", "spacer")
@@ -225,3 +225,32 @@ def _check_extent(rows: _Rows) -> None:
             f"an artefact of {SMALLEST_EXTENT:g} to {LARGEST_EXTENT:g} m",
             hint="columns x,y,z are in metres and x_mm,y_mm,z_mm in millimetres: which are these?",
         )
+
+
+@dataclass(frozen=True, eq=False)
+class CertificationOptions:
+    """How to certify.
+
+    Attributes:
+        name: of the artefact; the file's name by default.
+        sigma: standard deviation of one touched coordinate, m; learnt from the touches without.
+        origin: landmark where x and y are zero; ``O``, or the first, by default.
+        probe_radius: of the ball whose centre the points are, m.
+        front: direction of the front flat in the seated tip's x-y plane, rad from its x axis.
+        drawing: to compare with.
+        tolerance: largest acceptable departure, m.
+        spacers: nominal lengths by name, m.
+    """
+
+    name: str = ""
+    sigma: float | None = None
+    origin: str = ""
+    probe_radius: float = 0.0
+    front: float = 0.0
+    drawing: Artefact | None = None
+    tolerance: float | None = None
+    spacers: Mapping[str, float] = field(default_factory=dict)
+
+
+# Everything learnt from the touches.
+PLAIN: Final = CertificationOptions()

@@ -1,7 +1,9 @@
-"""What a certification found."""
+"""What a certification found, how far to trust it, and the file a calibration reads of it."""
 
 from __future__ import annotations
 
+import textwrap
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -11,14 +13,41 @@ import numpy as np
 from scipy.stats import norm, t
 
 from suta_calib.arrays import FloatArray
+from suta_calib.assessment import Assessment
 from suta_calib.certification.comparison import DrawingComparison
-from suta_calib.certification.damage import Fault
-from suta_calib.certification.heading import Source
+from suta_calib.certification.frame import Source
 from suta_calib.geometry.numbers import rotation_from_rpy
-from suta_calib.measurements import Artefact, Landmark
+from suta_calib.measurements import Artefact, Landmark, write_text
+from suta_calib.measurements.artefact import artefact_text
+from suta_calib.units import deg, from_deg, mm, um
 
 # The tip points down when seated.
 DOWN: Final = np.pi
+# Touches that the procedure asks for on every top.
+TOUCHES: Final = 5
+# A ground so many times rougher than a touch deserves a word.
+ROUGH: Final = 3.0
+# A turn that all landmarks share is another way of counting, not a fault (rad).
+OTHER_FRONT: Final = from_deg(1.0)
+MOST_LINES: Final = 6
+_WIDTH: Final = 98  # of the comments in an artefact's file
+
+
+@dataclass(frozen=True)
+class Fault:
+    """Why a landmark is called damaged.
+
+    Attributes:
+        landmark: its name.
+        what: the quantity's name.
+        size: by how much it is off, m.
+        limit: beyond which that is too much, m.
+    """
+
+    landmark: str
+    what: str
+    size: float
+    limit: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +94,12 @@ class CertifiedLandmark:
     @property
     def rotation(self) -> FloatArray | None:
         """(3, 3) of the seated tip: z down, x from the back flat to the front one."""
-        return None if self.yaw is None else rotation_from_rpy([DOWN, 0.0, self.yaw])
+        return None if self.rotation_rpy is None else rotation_from_rpy(self.rotation_rpy)
+
+    @property
+    def rotation_rpy(self) -> FloatArray | None:
+        """(3,) the same as roll, pitch, yaw, rad."""
+        return None if self.yaw is None else np.array([DOWN, 0.0, self.yaw])
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,7 +195,167 @@ class Certification:
         lines = [*self.ground.wrong_touches, *(self.side.wrong_touches if self.side else ())]
         return tuple(sorted([*lines, *(w for m in self.landmarks for w in m.wrong_touches)]))
 
+    @property
+    def assessment(self) -> Assessment:
+        """Bad where a landmark is damaged; care where something must be known."""
+        largest = max(mark.sigma for mark in self.landmarks)
+        sentence = (
+            f"{len(self.landmarks)} landmarks certified from {self.points} points; largest "
+            f"standard deviation of a coordinate {mm(largest):.4f} mm"
+        )
+        if self.damaged:
+            sentence = f"{', '.join(self.damaged)} damaged, or touched wrongly"
+        remarks = (_touches, _noise, _frame, _drawing, _spacers)
+        care = [note for remark in remarks for note in remark(self)]
+        return Assessment.of(sentence, bad=tuple(_faults(self)), care=care)
+
     def artefact(self) -> Artefact:
         """What a calibration reads: positions, seated rotations, one sigma for each landmark."""
         marks = {m.name: Landmark(m.name, m.position, m.rotation, m.sigma) for m in self.landmarks}
         return Artefact(self.name, marks)
+
+
+def _faults(found: Certification) -> Iterator[str]:
+    for fault in found.faults:
+        yield (
+            f"{fault.landmark}: {fault.what} is {mm(fault.size):.4f} mm off; "
+            f"{mm(fault.limit):.4f} mm would be {_limit(found)}."
+        )
+
+
+def _limit(found: Certification) -> str:
+    if found.tolerance is not None:
+        return "the tolerance with the measurement's uncertainty"
+    return "as much as the touches and the other pillars explain"
+
+
+def _touches(found: Certification) -> Iterator[str]:
+    planes = {"ground": found.ground, "side": found.side}
+    for name, plane in planes.items():
+        if plane is not None and plane.wrong_touches:
+            yield f"Touches of the {name} that the others refute: {_lines(plane.wrong_touches)}."
+    for mark in found.landmarks:
+        if mark.wrong_touches:
+            yield (
+                f"A touch of the top of {mark.name} does not fit the others "
+                f"({_lines(mark.wrong_touches)}): the probe slipped, or the top is dented there."
+            )
+    few = [m.name for m in found.landmarks if m.touches + len(m.wrong_touches) < TOUCHES]
+    if few:
+        yield f"Fewer than five touches on the top of {', '.join(few)}: a wrong one may not show."
+
+
+def _lines(lines: tuple[int, ...]) -> str:
+    shown = ", ".join(map(str, lines[:MOST_LINES]))
+    return f"line{'s' * (len(lines) > 1)} {shown}{', …' * (len(lines) > MOST_LINES)}; not used"
+
+
+def _noise(found: Certification) -> Iterator[str]:
+    if found.stated_noise is not None and found.noise > found.stated_noise:
+        yield (
+            f"Touches scatter by {um(found.noise):.2f} µm, more than the "
+            f"{um(found.stated_noise):.2f} µm stated: the larger is used."
+        )
+    if found.ground.rms > ROUGH * found.noise:
+        yield (
+            f"The ground is rougher than the tops ({mm(found.ground.rms):.4f} mm RMS): heights "
+            "count from its mean plane, and their uncertainty allows for it."
+        )
+
+
+def _frame(found: Certification) -> Iterator[str]:
+    if found.heading == "farthest landmark":
+        yield "No side plane was touched: the direction of x is a convention."
+    without = [m.name for m in found.landmarks if m.yaw is None]
+    if without:
+        which = "any landmark" if len(without) == len(found.landmarks) else ", ".join(without)
+        yield f"No flats were touched on {which}: no rotation of the seated tip there."
+
+
+def _drawing(found: Certification) -> Iterator[str]:
+    comparison = found.comparison
+    if comparison is None:
+        return
+    if comparison.not_drawn:
+        yield f"Not in the drawing: {', '.join(comparison.not_drawn)}."
+    if comparison.not_touched:
+        yield f"In the drawing, but not touched: {', '.join(comparison.not_touched)}."
+    turns = comparison.turn[np.isfinite(comparison.turn)]
+    common = float(np.angle(np.mean(np.exp(1j * turns)))) if len(turns) else 0.0
+    if abs(common) > OTHER_FRONT:
+        yield (
+            f"All seated tips are turned by {deg(common):.1f}° from the drawing: is the "
+            "front flat another one there? --front-deg says where it is in the tip's frame."
+        )
+    # What else a registration has to say is about too few points to use it for.
+    yield from (note for note in comparison.registration.assessment.notes if "times as far" in note)
+
+
+def _spacers(found: Certification) -> Iterator[str]:
+    for spacer in found.spacers:
+        limit = found.coverage_factor * spacer.std + (found.tolerance or 0.0)
+        if spacer.deviation is not None and abs(spacer.deviation) > limit:
+            part = 1e6 * spacer.deviation / (spacer.nominal or 1.0)
+            yield (
+                f"Spacer {spacer.name} measures {mm(spacer.deviation):+.4f} mm from its nominal "
+                f"({part:+.0f} µm/m): look for the instrument's scale or the temperature."
+            )
+
+
+def write_certified(path: Path, found: Certification) -> None:
+    """Write ``artefact.yaml`` with a header that says how it came about.
+
+    Raises:
+        OutputError: the file cannot be written; what was there is untouched.
+    """
+    header = "".join(
+        f"{line}\n"
+        for paragraph in _story(found)
+        for line in textwrap.wrap(paragraph, _WIDTH, initial_indent="# ", subsequent_indent="# ")
+    )
+    write_text(path, f"{header}{artefact_text(found.artefact())}")
+
+
+def _story(found: Certification) -> Iterator[str]:
+    yield (
+        f"Certified by suta-calib certify from {found.points} points of {found.path.name}. "
+        f"One touched coordinate scatters by {um(found.noise):.2f} µm (one standard deviation, "
+        f"{noise_source(found)})."
+    )
+    yield (
+        f"Frame: {frame_sentence(found)} A position is the centre of a pillar's top; "
+        "rotation_rpy_deg is the seated tip's (z down, x from the back flat to the front one)."
+    )
+    yield (
+        "sigma_mm is the largest of the three coordinates' standard deviations in this frame, by "
+        "first-order propagation from every touch."
+    )
+    if found.wrong_touches:
+        yield f"Touches not used, by line: {', '.join(map(str, found.wrong_touches))}."
+    if found.damaged:
+        yield (
+            f"DAMAGED, OR TOUCHED WRONGLY: {', '.join(found.damaged)}. Do not calibrate with this "
+            "file before that is settled."
+        )
+
+
+def noise_source(found: Certification) -> str:
+    """Where the noise of a touch was taken from."""
+    if found.freedom == float("inf"):
+        return "as stated"
+    return f"from the residuals of planes, {found.freedom:.0f} degrees of freedom"
+
+
+def frame_sentence(found: Certification) -> str:
+    """How the artefact's frame lies in the artefact."""
+    towards = {
+        "side plane": "x along the side plane, which lies on the side of -y",
+        "farthest landmark": f"x by convention from {found.origin} to the farthest landmark",
+    }[found.heading]
+    if found.heading == "side plane" and found.turned:
+        towards = f"x as in the drawing, {90 * found.turned}° from the side plane's direction"
+    elif found.heading == "farthest landmark" and found.comparison is not None:
+        towards = "x as in the drawing, by the landmark farthest from the origin"
+    return (
+        f"z is the ground's normal, z = 0 the ground, x = y = 0 at {found.origin}, and {towards}."
+    )

@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 import click
 
-from suta_calib.cli._output import PATIENCE_S, console, json_option, present
+from suta_calib.cli._output import PATIENCE_S, console, json_option
 
 if TYPE_CHECKING:
-    from rich.console import RenderableType
     from rich.status import Status
 
-    from suta_calib.assessment import Assessment
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
@@ -71,31 +69,3 @@ class LateStatus(AbstractContextManager["LateStatus"]):
             if not self._over:
                 self._status = self._console.status(f"{self._what} …")
                 self._status.start()
-
-
-def finish(
-    context: click.Context,
-    answer: dict[str, Any],
-    assessment: Assessment,
-    shown: Callable[[], RenderableType],
-    texts: Callable[[], Mapping[str, str]],
-    out: Path | None,
-    *,
-    as_json: bool,
-) -> None:
-    """Write the files, print the answer, exit with 1 where it must not be used.
-
-    Args:
-        context: of the command.
-        answer: as JSON data.
-        assessment: on it.
-        shown: makes what a console shows.
-        texts: makes the files beside result.json, by name.
-        out: folder; nothing is written without one.
-        as_json: print ``answer`` instead of ``shown``.
-    """
-    if out is not None:
-        from suta_calib.report.files import write_texts
-
-        answer = write_texts(answer, texts(), out)
-    present(context, answer, shown, out, as_json=as_json, usable=assessment.usable)

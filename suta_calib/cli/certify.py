@@ -8,10 +8,10 @@ from typing import Final
 
 import click
 
-from suta_calib.cli._analysis import finish_analysis
 from suta_calib.cli._numbers import FiniteRange
-from suta_calib.cli._output import check_folder, json_option
+from suta_calib.cli._output import check_folder, finish, json_option
 from suta_calib.errors import OutputError
+from suta_calib.units import from_deg, from_mm, from_um
 
 LENGTH: Final = FiniteRange(min=0, min_open=True, max=1e6)
 
@@ -87,43 +87,35 @@ def certify(
     ground; top (five per landmark); hole (four, in order around the pillar); flat (0 front, 1
     back); side; spacer (ends in pairs). Exits with 1 where a landmark is damaged.
     """
-    from suta_calib.certification.artefact_file import write_certified
-    from suta_calib.certification.certify import certify as certified
-    from suta_calib.certification.options import CertificationOptions
-    from suta_calib.certification.points import read_raw_points
-    from suta_calib.certification.trust import verdict_on
+    from suta_calib.certification import (
+        CertificationOptions,
+        read_raw_points,
+        write_certified,
+    )
+    from suta_calib.certification import certify as certified
     from suta_calib.measurements import read_artefact
-    from suta_calib.pose_calibration.error_context import error_context
-    from suta_calib.report.certification.json import certification_dict
-    from suta_calib.report.certification.report import certification_section, certification_tables
+    from suta_calib.pose_calibration.inputs import error_context
+    from suta_calib.report.certification import certification_document
 
     _check_outputs(out, report, [points, nominal])
     raw = read_raw_points(points)
     options = CertificationOptions(
         name=" ".join(name.split()),
-        sigma=None if sigma_um is None else 1e-6 * sigma_um,
+        sigma=None if sigma_um is None else from_um(sigma_um),
         origin=origin,
-        probe_radius=1e-3 * probe_radius_mm,
-        front=math.radians(front_deg),
+        probe_radius=from_mm(probe_radius_mm),
+        front=from_deg(front_deg),
         drawing=None if nominal is None else read_artefact(nominal),
-        tolerance=None if tolerance_mm is None else 1e-3 * tolerance_mm,
+        tolerance=None if tolerance_mm is None else from_mm(tolerance_mm),
         spacers=_lengths(spacers),
     )
     with error_context(points):
         found = certified(raw, options)
-    answer = certification_dict(found)
+    answer = certification_document(found)
     if out is not None:
         write_certified(out, found)
-        answer["artefact"] = str(out)
-    finish_analysis(
-        context,
-        answer,
-        lambda: certification_tables(found),
-        lambda: certification_section(found),
-        report,
-        as_json=as_json,
-        usable=verdict_on(found).usable,
-    )
+        answer = answer.with_data(artefact=str(out))
+    finish(context, answer, report, as_json=as_json)
 
 
 def _lengths(spacers: tuple[str, ...]) -> dict[str, float]:
@@ -132,7 +124,7 @@ def _lengths(spacers: tuple[str, ...]) -> dict[str, float]:
     for given in spacers:
         name, _, text = given.rpartition("=")
         try:
-            length = 1e-3 * float(text)
+            length = from_mm(float(text))
         except ValueError:
             length = math.nan
         if not name or not 0 < length < math.inf:

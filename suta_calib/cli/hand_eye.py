@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from suta_calib.cli._output import check_folder
-from suta_calib.cli._poses import LateStatus, finish, pose_options
+from suta_calib.cli._output import check_folder, finish
+from suta_calib.cli._poses import LateStatus, pose_options
 
 if TYPE_CHECKING:
     from suta_calib.pose_calibration.hand_eye import Model, Setup
@@ -50,25 +50,13 @@ def hand_eye(
     Exits with 1 where X must not be used.
     """
     from suta_calib.measurements.pose_files import read_pose_pairs
-    from suta_calib.pose_calibration.error_context import error_context
-    from suta_calib.pose_calibration.hand_eye import calibrate_hand_eye
-    from suta_calib.report.poses.files import hand_eye_texts
-    from suta_calib.report.poses.json import hand_eye_dict
-    from suta_calib.report.poses.tables import hand_eye_tables
+    from suta_calib.pose_calibration import hand_eye_from_pairs
+    from suta_calib.report.hand_eye import hand_eye_document
 
     if out is not None:
         check_folder(out)
     data = read_pose_pairs(poses)
-    with error_context(poses), LateStatus("calibrating"):
-        found = calibrate_hand_eye(
-            data.hand, data.seen, setup=setup, model=model, robust=not plain, seed=seed
-        )
-    finish(
-        context,
-        hand_eye_dict(found, data) | {"robust": not plain, "seed": seed},
-        found.assessment,
-        lambda: hand_eye_tables(found, data),
-        lambda: hand_eye_texts(found, data),
-        out,
-        as_json=as_json,
-    )
+    with LateStatus("calibrating"):
+        found = hand_eye_from_pairs(data, setup=setup, model=model, robust=not plain, seed=seed)
+    answer = hand_eye_document(found, data).with_data(robust=not plain, seed=seed)
+    finish(context, answer, out, as_json=as_json)

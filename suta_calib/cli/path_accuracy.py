@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
 from suta_calib.cli._arm import optional_arm
 from suta_calib.cli._numbers import FiniteRange
-from suta_calib.cli._output import check_folder, json_option
-from suta_calib.cli._poses import LateStatus, finish
-
-if TYPE_CHECKING:
-    from suta_calib.tracking.alignment import Register
+from suta_calib.cli._output import check_folder, finish, json_option
+from suta_calib.cli._poses import LateStatus
 
 _PATH = click.Path(path_type=Path)
 
@@ -54,9 +50,7 @@ def path_accuracy(
     with --urdf and its joint columns the hysteresis of every joint is found, and taken out of the
     latency. Exits with 1 where the latency found is the largest looked at.
     """
-    from suta_calib.report.path_accuracy.json import dynamics_dict, dynamics_verdict
-    from suta_calib.report.path_accuracy.plots import dynamics_figure
-    from suta_calib.report.path_accuracy.tables import dynamics_tables
+    from suta_calib.report.path_accuracy import path_accuracy_document
     from suta_calib.tracking.path_accuracy import compare
     from suta_calib.tracking.trajectory import read_trajectory
 
@@ -64,26 +58,6 @@ def path_accuracy(
         check_folder(out)
     arm = optional_arm(urdf, tip, base, "was recorded")
     motions = read_trajectory(recorded, arm), read_trajectory(reference)
-    register = _register() if registered else None
     with LateStatus("comparing"):
-        found = compare(*motions, arm, register=register, largest_latency=max_latency)
-    finish(
-        context,
-        dynamics_dict(found),
-        dynamics_verdict(found),
-        lambda: dynamics_tables(found),
-        lambda: {"dynamics.svg": dynamics_figure(found)},
-        out,
-        as_json=as_json,
-    )
-
-
-def _register() -> Register:
-    from suta_calib.arrays import FloatArray
-    from suta_calib.pose_calibration.registration import register
-
-    def robustly(source: FloatArray, target: FloatArray) -> tuple[FloatArray, FloatArray]:
-        found = register(source, target)
-        return found.rotation, found.position
-
-    return robustly
+        found = compare(*motions, arm, registered=registered, largest_latency=max_latency)
+    finish(context, path_accuracy_document(found), out, as_json=as_json)

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import click
 
-from suta_calib.cli._output import check_folder
-from suta_calib.cli._poses import LateStatus, finish, pose_options
+from suta_calib.cli._output import check_folder, finish
+from suta_calib.cli._poses import LateStatus, pose_options
 
 
 @click.command()
@@ -26,25 +26,13 @@ def pivot(
     written.
     """
     from suta_calib.measurements.pose_files import read_tool_poses
-    from suta_calib.pose_calibration.error_context import error_context
-    from suta_calib.pose_calibration.pivot import calibrate_pivot
-    from suta_calib.report.poses.files import pivot_texts
-    from suta_calib.report.poses.json import pivot_dict
-    from suta_calib.report.poses.tables import pivot_tables
+    from suta_calib.pose_calibration import pivot_from_poses
+    from suta_calib.report.pivot import pivot_document
 
     if out is not None:
         check_folder(out)
     data = read_tool_poses(poses)
-    with error_context(poses), LateStatus("calibrating"):
-        found = calibrate_pivot(
-            data.rotation, data.position, data.point, robust=not plain, seed=seed
-        )
-    finish(
-        context,
-        pivot_dict(found, data) | {"robust": not plain, "seed": seed},
-        found.assessment,
-        lambda: pivot_tables(found, data),
-        lambda: pivot_texts(found, data),
-        out,
-        as_json=as_json,
-    )
+    with LateStatus("calibrating"):
+        found = pivot_from_poses(data, robust=not plain, seed=seed)
+    answer = pivot_document(found, data).with_data(robust=not plain, seed=seed)
+    finish(context, answer, out, as_json=as_json)

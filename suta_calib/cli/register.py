@@ -6,8 +6,8 @@ from pathlib import Path
 
 import click
 
-from suta_calib.cli._output import check_folder
-from suta_calib.cli._poses import LateStatus, finish, pose_options
+from suta_calib.cli._output import check_folder, finish
+from suta_calib.cli._poses import LateStatus, pose_options
 
 
 @click.command()
@@ -37,24 +37,14 @@ def register(
     writes result.json, residuals.csv and register.svg. Exits with 1 where T_b_a must not be used.
     """
     from suta_calib.measurements.pose_files import read_corresponding_points, read_points
-    from suta_calib.pose_calibration.error_context import error_context
-    from suta_calib.pose_calibration.registration import register as register_points
-    from suta_calib.report.poses.files import register_texts
-    from suta_calib.report.poses.json import register_dict
-    from suta_calib.report.poses.tables import register_tables
+    from suta_calib.pose_calibration import registration_from_points
+    from suta_calib.report.registration import register_document
 
     if out is not None:
         check_folder(out)
     points = read_corresponding_points(a, b)
     targets = None if target is None else read_points(target)
-    with error_context(a, f"registered to {b}"), LateStatus("registering"):
-        found = register_points(points[0].position, points[1].position, robust=not plain, seed=seed)
-    finish(
-        context,
-        register_dict(found, *points, targets) | {"robust": not plain, "seed": seed},
-        found.assessment,
-        lambda: register_tables(found, points[0], targets, b=points[1]),
-        lambda: register_texts(found, *points),
-        out,
-        as_json=as_json,
-    )
+    with LateStatus("registering"):
+        found = registration_from_points(*points, targets, robust=not plain, seed=seed)
+    answer = register_document(found, *points, targets).with_data(robust=not plain, seed=seed)
+    finish(context, answer, out, as_json=as_json)

@@ -7,10 +7,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from suta_calib.cli._analysis import finish_analysis
 from suta_calib.cli._arm import optional_arm
 from suta_calib.cli._numbers import FiniteRange
-from suta_calib.cli._output import check_folder, json_option
+from suta_calib.cli._output import check_folder, finish, json_option
 from suta_calib.cli._poses import LateStatus
 
 if TYPE_CHECKING:
@@ -68,7 +67,8 @@ def repeatability(
     SAMPLES.csv, --stationary alone looks at the encoders. Exits with 1 where an arm that should
     have been at rest moved.
     """
-    from suta_calib.report.repeatability import report
+    from suta_calib.analysis.repeatability import RepeatabilityTest
+    from suta_calib.report.repeatability import repeatability_document
 
     if out is not None:
         check_folder(out)
@@ -76,15 +76,8 @@ def repeatability(
     with LateStatus("comparing visits"):
         visits = _visits(arm, samples, confidence / 100, seed) if arm and samples else None
         rest = None if at_rest is None else _rest(arm, at_rest)
-    finish_analysis(
-        context,
-        report.answer_of(visits, rest),
-        lambda: report.shown_tables(visits, rest),
-        lambda: report.section(visits, rest),
-        out,
-        as_json=as_json,
-        usable=report.whole_verdict(visits, rest).usable,
-    )
+    answer = repeatability_document(RepeatabilityTest(visits, rest))
+    finish(context, answer, out, as_json=as_json)
 
 
 def _arm(

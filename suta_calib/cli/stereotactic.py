@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from suta_calib.cli._output import NOT_USABLE, check_folder, console, json_option, print_json
+from suta_calib.cli._output import check_folder, finish, json_option
 from suta_calib.cli._poses import LateStatus
 
 
@@ -31,28 +31,18 @@ def stereotactic(
     and navigation frames are there. NAME is the last part of PREFIX. Output files that stand beside
     the inputs are compared with. Exits with 1 where the answer must not be used.
     """
-    from suta_calib.report.stereotactic.report import (
-        stereotactic_dict,
-        stereotactic_tables,
-        write_stereotactic,
+    from suta_calib.report.stereotactic import check_given, stereotactic_document
+    from suta_calib.stereotactic import (
+        StereotacticData,
+        compare,
+        read_given,
+        solve_stereotactic,
     )
-    from suta_calib.stereotactic.assessment import judge_stereotactic
-    from suta_calib.stereotactic.comparison import compare, read_given
-    from suta_calib.stereotactic.data import StereotacticData
-    from suta_calib.stereotactic.solve import solve_stereotactic
 
     data = StereotacticData.read(prefix, navigation=dewarp)
     check_folder(out)
     with LateStatus("solving"):
         result = solve_stereotactic(data, dewarp=dewarp, robust=robust)
-    comparison, assessment = compare(result, read_given(result)), judge_stereotactic(result)
-    files = write_stereotactic(result, assessment, out)
-    if as_json:
-        answer = stereotactic_dict(result, assessment, comparison)
-        print_json(answer | {"files": {name: str(path) for name, path in files.items()}})
-    else:
-        to = console()
-        to.print(stereotactic_tables(result, assessment, comparison))
-        to.print(f"Written to {out}: {', '.join(files)}", soft_wrap=True)
-    if not assessment.usable:
-        context.exit(NOT_USABLE)
+    answer = stereotactic_document(result, compare(result, read_given(result)))
+    check_given(answer, out, data.prefix.parent)
+    finish(context, answer, out, as_json=as_json)

@@ -12,12 +12,11 @@ from typing import Any, Final
 import numpy as np
 from ruamel.yaml import YAML
 from ruamel.yaml.comments import CommentedMap, CommentedSeq
-from scipy.spatial.transform import Rotation
 
 from suta_calib.device.description import DeviceSpec
 from suta_calib.emulation.motion import Motion, Stops
 from suta_calib.emulation.recorder import TrueTrajectory
-from suta_calib.geometry.numbers import rpy_from_rotation
+from suta_calib.geometry.numbers import quaternion_from_rotation, rpy_from_rotation
 from suta_calib.measurements import write_text
 from suta_calib.model.arm import ArmModel
 from suta_calib.simulation import SetSpec
@@ -99,7 +98,7 @@ def write_trajectory(
         OutputError: the file cannot be written; what was there is untouched.
     """
     rotation, position = arm.forward(trajectory.q, values)
-    quaternion = Rotation.from_matrix(rotation).as_quat(canonical=True).reshape(-1, 4)
+    quaternion = quaternion_from_rotation(rotation)
     numbers = np.column_stack([position, quaternion, trajectory.q])
     labels = _resting(motion, trajectory)
     header = ["time", "x", "y", "z", "qx", "qy", "qz", "qw", *arm.joints, *labels]

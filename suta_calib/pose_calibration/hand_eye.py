@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from suta_calib.arrays import BoolArray, FloatArray
+from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.assessment import Assessment
 from suta_calib.errors import ParameterError, SamplesError
 from suta_calib.geometry.numbers import (
@@ -16,29 +16,81 @@ from suta_calib.geometry.numbers import (
     homogeneous,
     rms_length,
     rotation_from_vector,
+    tangent_of_vector,
     vector_from_rotation,
 )
-from suta_calib.pose_calibration.arrays import checked_poses
-from suta_calib.pose_calibration.consensus import Consensus
+from suta_calib.measurements.pose_files import PosePairs
+from suta_calib.pose_calibration.consensus import Consensus, find_consensus, minimal_samples
 from suta_calib.pose_calibration.hand_eye_causes import refuse_misread, refuse_strangers
-from suta_calib.pose_calibration.hand_eye_consensus import plain_start, robust_start
-from suta_calib.pose_calibration.robot_noise import HandShare
+from suta_calib.pose_calibration.inputs import checked_poses, error_context
+from suta_calib.pose_calibration.robot_noise import RobotNoise
 from suta_calib.pose_calibration.robust_fit import RobustFit, objections, outlier_rows, robust_fit
-from suta_calib.pose_calibration.rotation_covariance import tangent_of_vector
 from suta_calib.pose_calibration.undetermined import axis_of_all_turns, refuse_undetermined
 from suta_calib.solver.solution import Solution
 from suta_calib.terms.hand_eye_start import (
     Poses,
+    close_the_loop,
     inverse,
     loops,
+    quaternion_hand_eye,
 )
+from suta_calib.units import deg, from_deg, mm
+
+# Pairs that determine X, and pairs of a minimal sample: one more, against small turns.
+NEEDED: Final = 3
+SAMPLE: Final = 4
+# Loops that may be the middle one: some of them are good ones, however many are outliers.
+CANDIDATES: Final = 25
+
+
+def _norms(A: Poses, B: Poses, X: Poses) -> FloatArray:
+    """Distance (m, n, 2) of every loop from the middle of all, in length and in angle."""
+    R, p = loops(A, X, B)
+    middle = np.median(p, axis=-2, keepdims=True)
+    mean = _middle_rotation(R)
+    cosine = (np.einsum("mij,mnij->mn", mean, R) - 1.0) / 2.0
+    angle = np.arccos(np.clip(cosine, -1.0, 1.0))
+    return np.stack([np.linalg.norm(p - middle, axis=-1), angle], axis=-1)
+
+
+def _middle_rotation(R: FloatArray) -> FloatArray:
+    """Of some of many rotations (m, n, 3, 3) the one that is nearest to all: a median."""
+    some = R[:, :: 1 + R.shape[1] // CANDIDATES]
+    overlap = np.einsum("mkij,mnij->mkn", some, R)
+    angle = np.arccos(np.clip((overlap - 1.0) / 2.0, -1.0, 1.0))
+    best = np.argmin(np.median(angle, axis=2), axis=1)
+    return np.asarray(some[np.arange(len(R)), best])
+
+
+def robust_start(A: Poses, B: Poses, seed: int) -> Consensus:
+    """What most pairs agree on; all of them where they are too few to tell."""
+    n = len(A[1])
+    if n <= SAMPLE:
+        return plain_start(A, B)
+
+    def propose(rows: IntArray) -> Poses:
+        return quaternion_hand_eye((A[0][rows], A[1][rows]), (B[0][rows], B[1][rows]))
+
+    samples = minimal_samples(np.zeros(n, dtype=np.intp), SAMPLE, seed)
+    return find_consensus(samples, propose, lambda X: _norms(A, B, X), NEEDED)
+
+
+def plain_start(A: Poses, B: Poses) -> Consensus:
+    """All pairs, and how they scatter about the closed form."""
+    X = quaternion_hand_eye(A, B)
+    Z = close_the_loop(A, X, B)
+    R, p = loops(A, X, B)
+    turned = vector_from_rotation(Z[0].T @ R)
+    sigmas = np.array([rms_length(p - Z[1]), rms_length(turned)]) / np.sqrt(3.0)
+    return Consensus(np.ones(len(p), dtype=np.bool_), sigmas)
+
 
 Setup = Literal["eye-in-hand", "eye-to-hand"]
 Model = Literal["AX=XB", "AX=ZB"]
 LEAST_POSES: Final = 3
 # No hand and no eye is believed to turn more exactly than this when turns are weighed against
 # displacements: what is smaller repeats well, but is an error of the instruments all the same.
-FINEST_TURN: Final = float(np.radians(0.1))
+FINEST_TURN: Final = from_deg(0.1)
 UNSURE: Final = 2e-3
 # Pairs below which positions can be fitted so well that they would seem exact; then this, in units
 # of the extent, is the least that they are taken to scatter, and no pair can be judged by others.
@@ -46,7 +98,7 @@ FEW_PAIRS: Final = 8
 FINEST_POSITION: Final = 5e-4
 # Pairs below which a standard deviation is hardly more than a guess.
 ENOUGH: Final = 12
-UNSURE_TURN: Final = float(np.radians(0.5))
+UNSURE_TURN: Final = from_deg(0.5)
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,6 +119,7 @@ class HandEyeCalibration:
         robot_noise_fraction: part of the rotational noise that seems to be the hand's, 0 to 1.
         solution: of the solver, in units of `length`.
         length: m per unit of `solution`.
+        notes: what the file of the data gives to think about, one sentence each.
     """
 
     setup: Setup
@@ -81,6 +134,12 @@ class HandEyeCalibration:
     robot_noise_fraction: float
     solution: Solution
     length: float
+    notes: tuple[str, ...] = ()
+
+    @property
+    def unknowns(self) -> tuple[Literal["X", "Z"], ...]:
+        """Which of X and Z the model asks for."""
+        return ("X", "Z") if self.model == "AX=ZB" else ("X",)
 
     @property
     def std(self) -> dict[str, FloatArray]:
@@ -115,10 +174,12 @@ class HandEyeCalibration:
         displaced, turned = (float(np.linalg.norm(self.std["X"][k])) for k in (_SLIDE, _TURN))
         if displaced > UNSURE or turned > UNSURE_TURN:
             caution.append(
-                f"X is known to ± {1e3 * displaced:.1f} mm and ± {np.degrees(turned):.2f}° only "
+                f"X is known to ± {mm(displaced):.1f} mm and ± {deg(turned):.2f}° only "
                 "(one sigma): add poses, turned by 30° or more about different axes."
             )
-        return Assessment.of(bad=objections(self.solution, self.inliers, "pairs"), care=caution)
+        return Assessment.of(
+            bad=objections(self.solution, self.inliers, "pairs"), care=[*caution, *self.notes]
+        )
 
 
 _SLIDE: Final = slice(0, 3)
@@ -175,12 +236,12 @@ def calibrate_hand_eye(
     start = start_from(scaled, target)
     other = next(name for name in get_args(Setup) if name != setup)
     refuse_misread(start, scaled, target, length, other, start_from)
-    share = HandShare(scaled, target, FINEST_TURN)
+    noise = RobotNoise(scaled, target, FINEST_TURN)
     floors = (FINEST_POSITION if few else 0.0, FINEST_TURN)
-    fit = robust_fit(share.make, start, floors, robust=robust, revise=share.revise)
-    if share.value and not share.explains(fit):
-        share.value = 0.0
-        fit = robust_fit(share.make, start, floors, robust=robust)
+    fit = robust_fit(noise.make, start, floors, robust=robust, revise=noise.revise)
+    if noise.fraction and not noise.explains(fit):
+        noise.fraction = 0.0
+        fit = robust_fit(noise.make, start, floors, robust=robust)
     refuse_strangers(fit, start, length)
     refuse_undetermined(
         fit.solution,
@@ -189,7 +250,34 @@ def calibrate_hand_eye(
         "turn the hand about at least two axes that are not parallel",
         axis_of_all_turns(A[0][fit.inliers], fit.sigmas[1]),
     )
-    return _result(fit, A, B, centre, length, setup, model, share.value)
+    return _result(fit, A, B, centre, length, setup, model, noise.fraction)
+
+
+def hand_eye_from_pairs(
+    pairs: PosePairs,
+    *,
+    setup: Setup = "eye-in-hand",
+    model: Model = "AX=XB",
+    robust: bool = True,
+    seed: int = 0,
+) -> HandEyeCalibration:
+    """`calibrate_hand_eye` of a file: its errors name it, its assessment knows what it found.
+
+    Args:
+        pairs: as `suta_calib.measurements.pose_files.read_pose_pairs` reads them.
+        setup: where the eye is; the target is on the other.
+        model: which of the two is asked for.
+        robust: False for least squares over all pairs.
+        seed: of the minimal samples.
+
+    Raises:
+        SamplesError: as of `calibrate_hand_eye`.
+    """
+    with error_context(pairs.path):
+        found = calibrate_hand_eye(
+            pairs.hand, pairs.seen, setup=setup, model=model, robust=robust, seed=seed
+        )
+    return replace(found, notes=pairs.unit_notes)
 
 
 def _result(

@@ -19,17 +19,18 @@ from suta_calib.pose_calibration.consensus import Consensus
 from suta_calib.pose_calibration.robust_fit import RobustFit
 from suta_calib.pose_calibration.undetermined import undetermined_directions
 from suta_calib.terms.hand_eye_start import Poses, inverse
+from suta_calib.units import deg, from_deg, mm
 
 # Scatter of the loops' ends, in units of the extent, of which instruments of use show less; and
 # that, with turns (rad) of some degrees, or turns alone, of pairs that do not belong together.
 SUSPICIOUS: Final = 0.01
 STRANGERS: Final = 0.1
-TURNED: Final = float(np.radians(1.0))
-NO_AGREEMENT: Final = float(np.radians(10.0))
+TURNED: Final = from_deg(1.0)
+NO_AGREEMENT: Final = from_deg(10.0)
 # Another reading of the poses is what they are if its loops close so many times better, and turns
 # (rad) no worse than this.
 FAR_BETTER: Final = 5.0
-TURNS_AGREE: Final = float(np.radians(5.0))
+TURNS_AGREE: Final = from_deg(5.0)
 # Pairs that are enough to tell one reading from another.
 MOST_PAIRS: Final = 200
 
@@ -75,7 +76,7 @@ def refuse_misread(
     tried = [(start(r.A, r.B), r.change) for r in _readings(A, B, other_setup)]
     best, change = min(tried, key=lambda pair: float(pair[0].sigmas[0]))
     if FAR_BETTER * best.sigmas[0] < found.sigmas[0] and best.sigmas[1] < TURNS_AGREE:
-        close = f"{1e3 * length * best.sigmas[0]:.1f} mm and {np.degrees(best.sigmas[1]):.2f}°"
+        close = f"{mm(length * best.sigmas[0]):.1f} mm and {deg(best.sigmas[1]):.2f}°"
         raise disagreement(found, length, f"they agree with one to {close} {change}")
 
 
@@ -92,7 +93,7 @@ def refuse_strangers(fit: RobustFit, start: Consensus, length: float) -> None:
     """
     if fit.sigmas[1] > NO_AGREEMENT:
         raise SamplesError(
-            f"loops A X B that differ by {np.degrees(fit.sigmas[1]):.0f}° about every axis",
+            f"loops A X B that differ by {deg(fit.sigmas[1]):.0f}° about every axis",
             "poses of a hand and of what its eye saw, pair by pair",
             hint=CAUSES,
         )
@@ -112,7 +113,7 @@ def disagreement(found: Consensus, length: float, hint: str = "") -> SamplesErro
     """
     return SamplesError(
         "pairs of poses that do not agree with any X: the ends of the loops A X B scatter by "
-        f"{1e3 * length * found.sigmas[0]:.0f} mm and {np.degrees(found.sigmas[1]):.1f}° per axis",
+        f"{mm(length * found.sigmas[0]):.0f} mm and {deg(found.sigmas[1]):.1f}° per axis",
         "poses of a hand and of what its eye saw, pair by pair",
         hint=hint or CAUSES,
     )

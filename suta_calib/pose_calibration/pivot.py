@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -13,27 +13,29 @@ from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.assessment import Assessment
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import rms_length
+from suta_calib.measurements.pose_files import ToolPoses
 from suta_calib.measurements.samples import Samples
-from suta_calib.pose_calibration.arrays import checked_poses
 from suta_calib.pose_calibration.consensus import Consensus, find_consensus, minimal_samples
+from suta_calib.pose_calibration.inputs import checked_poses, error_context
 from suta_calib.pose_calibration.robust_fit import RobustFit, objections, outlier_rows, robust_fit
 from suta_calib.pose_calibration.undetermined import refuse_undetermined
 from suta_calib.solver.solution import Solution
 from suta_calib.terms.fixed_point import FixedPoint, stacked_pivot
 from suta_calib.terms.poses import MeasuredPoses
 from suta_calib.terms.term import Noise, grouped
+from suta_calib.units import deg, from_deg, mm
 
 LEAST_POSES: Final = 3
 # Rows of a minimal sample: one more than needed, so that small turns do not decide by chance.
 SAMPLE: Final = 4
 # Turns below which a tip is badly determined whatever the residuals are: what is left of a cone of
 # 24°. And the standard deviation of a tip that no navigation can afford (optical systems: 0.3 mm).
-SMALL_TURN: Final = np.radians(12.0)
+SMALL_TURN: Final = from_deg(12.0)
 UNSURE: Final = 0.5e-3
 # Scatter, in units of the extent, of poses that have no point in common, and turns (rad) that are
 # hardly any.
 NO_POINT: Final = 0.1
-HARDLY_TURNED: Final = float(np.radians(2.0))
+HARDLY_TURNED: Final = from_deg(2.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,6 +53,7 @@ class PivotCalibration:
             tells the tip along the direction of the tool that they tell least about, rad.
         solution: of the solver, in units of `length`.
         length: m per unit of `solution`.
+        notes: what the file of the data gives to think about, one sentence each.
     """
 
     tip: FloatArray
@@ -62,6 +65,7 @@ class PivotCalibration:
     turn: float
     solution: Solution
     length: float
+    notes: tuple[str, ...] = ()
 
     @property
     def post(self) -> FloatArray:
@@ -94,13 +98,15 @@ class PivotCalibration:
         caution = list[str]()
         if self.turn < SMALL_TURN:
             caution.append(
-                f"The tool was turned too little ({np.degrees(self.turn):.0f}° RMS where it "
+                f"The tool was turned too little ({deg(self.turn):.0f}° RMS where it "
                 "matters most): the tip is badly determined; turn it by 30° or more to every side."
             )
         unsure = float(np.linalg.norm(self.tip_std))
         if unsure > UNSURE:
-            caution.append(f"The tip is known to ± {1e3 * unsure:.2f} mm only (one sigma, 3-D).")
-        return Assessment.of(bad=objections(self.solution, self.inliers, "poses"), care=caution)
+            caution.append(f"The tip is known to ± {mm(unsure):.2f} mm only (one sigma, 3-D).")
+        return Assessment.of(
+            bad=objections(self.solution, self.inliers, "poses"), care=[*caution, *self.notes]
+        )
 
 
 def calibrate_pivot(
@@ -145,6 +151,24 @@ def calibrate_pivot(
     _check_agreement(fit, R[fit.inliers], length)
     _refuse(fit.solution)
     return _result(fit, names, R, centre, length)
+
+
+def pivot_from_poses(poses: ToolPoses, *, robust: bool = True, seed: int = 0) -> PivotCalibration:
+    """`calibrate_pivot` of a file: its errors name the file, its assessment knows what it found.
+
+    Args:
+        poses: as `suta_calib.measurements.pose_files.read_tool_poses` reads them.
+        robust: False for plain least squares over all poses.
+        seed: of the minimal samples.
+
+    Raises:
+        SamplesError: as of `calibrate_pivot`.
+    """
+    with error_context(poses.path):
+        found = calibrate_pivot(
+            poses.rotation, poses.position, poses.point, robust=robust, seed=seed
+        )
+    return replace(found, notes=poses.unit_notes)
 
 
 def _term(R: FloatArray, p: FloatArray, labels: NDArray[np.str_], noise: Noise) -> FixedPoint:
@@ -247,7 +271,7 @@ def _check_agreement(fit: RobustFit, R: FloatArray, length: float) -> None:
     """Where nothing fits though the tool turned, what the data leave open is not the trouble."""
     if fit.sigmas[0] > NO_POINT and _turns(R)[-1] > HARDLY_TURNED:
         raise SamplesError(
-            f"poses whose tips scatter by {1e3 * length * fit.sigmas[0]:.0f} mm per axis",
+            f"poses whose tips scatter by {mm(length * fit.sigmas[0]):.0f} mm per axis",
             "a tool whose tip rests on a point",
             hint="is it the right file, unit, and order of the quaternion (x y z w)? Are single "
             "poses grossly wrong, then solve robustly (without --no-robust)",

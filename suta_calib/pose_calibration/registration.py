@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.assessment import Assessment
+from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import (
     extent,
     homogeneous,
@@ -18,30 +19,126 @@ from suta_calib.geometry.numbers import (
     rms_length,
     rotation_from_vector,
     skew,
+    tangent_of_vector,
 )
+from suta_calib.measurements.pose_files import Points
 from suta_calib.measurements.samples import Samples
-from suta_calib.pose_calibration.arrays import checked_points
 from suta_calib.pose_calibration.consensus import Consensus, find_consensus, minimal_samples
-from suta_calib.pose_calibration.distinct_points import determining_rows, distinct_rows
-from suta_calib.pose_calibration.registration_checks import (
-    LEAST_POINTS,
-    check_correspondence,
-    check_handedness,
-    check_line,
-    check_points,
+from suta_calib.pose_calibration.inputs import checked_points, error_context
+from suta_calib.pose_calibration.robust_fit import (
+    ROUNDING,
+    RobustFit,
+    objections,
+    outlier_rows,
+    robust_fit,
 )
-from suta_calib.pose_calibration.robust_fit import RobustFit, objections, outlier_rows, robust_fit
-from suta_calib.pose_calibration.rotation_covariance import tangent_of_vector
 from suta_calib.solver.solution import Solution
 from suta_calib.terms.poses import MeasuredPoses
 from suta_calib.terms.term import Noise
 from suta_calib.terms.tracked_point import TrackedPoint
+from suta_calib.units import deg, from_deg, mm
+
+
+def distinct_rows(a: FloatArray, b: FloatArray) -> tuple[IntArray, IntArray]:
+    """Pairs of points without their exact copies.
+
+    Args:
+        a: (n, 3) points in one frame.
+        b: (n, 3) the same points in another.
+
+    Returns:
+        (k,) rows that are not copies of one before, in their order; and (n,) for every row the
+        index of its like among them.
+    """
+    _, first, copies = np.unique(np.hstack([a, b]), axis=0, return_index=True, return_inverse=True)
+    order = np.argsort(first)
+    rank = np.argsort(order)
+    return first[order], rank[copies.reshape(-1)]
+
+
+def determining_rows(a: FloatArray, b: FloatArray) -> int:
+    """Rows (n, 3) of which every choice has three different points, as long as some have.
+
+    Two points fit any pair of their like: where the two that occur most are many rows, what most
+    rows agree on says nothing of the turn about them. In the words of robust regression, the rows
+    are not in general position (Rousseeuw and Leroy 1987, section 3.4). Three where no point
+    occurs twice in either frame.
+    """
+    return 1 + max(_two_most_frequent(points) for points in (a, b))
+
+
+def _two_most_frequent(points: FloatArray) -> int:
+    counts = np.unique(points, axis=0, return_counts=True)[1]
+    return int(np.sort(counts)[-2:].sum())
+
+
+LEAST_POINTS: Final = 3
+# Second singular value of centred points, relative to the first, of points on a line.
+ON_A_LINE: Final = 1e-6
+# A reflection that fits so many times better than any rotation is what the data are.
+MIRRORED: Final = 3.0
+# Scatter of the residuals, in units of the points' extent, that unrelated points have.
+UNRELATED: Final = 0.25
+# Extent across a line, in units of the scatter, from which on it is more than noise.
+OFF_LINE: Final = 2.5
+_NOT_ON_A_LINE: Final = "at least three points that are not on one line"
+
+
+def check_points(a: FloatArray, b: FloatArray) -> None:
+    """Refuse sets that no data could register: sizes, too few, one point, one line."""
+    if a.shape != b.shape:
+        raise SamplesError(
+            f"{len(a)} points and {len(b)} points", "as many of each, row for row the same"
+        )
+    if len(a) < LEAST_POINTS:
+        raise SamplesError(f"{len(a)} points", f"at least {LEAST_POINTS}, not on one line")
+    for points, which in ((a, "first"), (b, "second")):
+        spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+        if spread[0] <= 1e-12 * np.abs(points).max():
+            raise SamplesError(f"the same point in every row of the {which} set", _NOT_ON_A_LINE)
+        if spread[1] < ON_A_LINE * spread[0]:
+            raise SamplesError(f"points on a line in the {which} set", _NOT_ON_A_LINE)
+
+
+def check_handedness(start: Consensus, mirrored: Consensus, extent: float) -> None:
+    """Refuse mirror images: Arun's third case, unless noise may be what turned the sign."""
+    found, reflected = float(start.sigmas[0]), float(mirrored.sigmas[0])
+    if found > MIRRORED * reflected and found > ROUNDING * extent:
+        raise SamplesError(
+            "points that are the mirror image of each other",
+            "two right-handed frames",
+            hint="swap two axes or turn the sign of one in one of the files",
+        )
+
+
+def check_correspondence(fit: RobustFit, length: float) -> None:
+    """Refuse points that do not lie on each other whatever the transform."""
+    if fit.sigmas[0] > UNRELATED:
+        raise SamplesError(
+            f"points that stay {mm(length * fit.sigmas[0]):.1f} mm per axis apart when they are "
+            f"laid over each other, which themselves lie {mm(length):.1f} mm about their middle",
+            "the same points, row for row",
+            hint="is the order of the rows the same, and the unit?",
+        )
+
+
+def check_line(moved: FloatArray, fit: RobustFit) -> None:
+    """Points off a line by no more than noise do not tell the turn about it."""
+    centred = moved - moved.mean(axis=0)
+    off_line = np.linalg.svd(centred, compute_uv=False)[1] / np.sqrt(len(moved))
+    if off_line < OFF_LINE * fit.sigmas[0] or len(fit.solution.identification.fixed):
+        raise SamplesError(
+            "points that hardly differ from a line, given how they scatter: the turn about it "
+            "is not determined",
+            _NOT_ON_A_LINE,
+        )
+
 
 # Points from which on one that does not fit can be told from the others.
 ENOUGH_TO_JUDGE: Final = 5
 # Standard deviations, m and rad, that deserve a word.
 UNSURE: Final = 1e-3
-UNSURE_TURN: Final = float(np.radians(1.0))
+UNSURE_TURN: Final = from_deg(1.0)
 # Difference in scale that is worth a word where the scatter does not explain it.
 OTHER_SCALE: Final = 0.02
 
@@ -65,6 +162,7 @@ class Registration:
             a rigid transform cannot make up for.
         scale_std: standard deviation of that, as far as the scatter makes it.
         solution: of the solver.
+        notes: what the files of the data give to think about, one sentence each.
     """
 
     rotation: FloatArray
@@ -78,6 +176,7 @@ class Registration:
     scale: float
     scale_std: float
     solution: Solution
+    notes: tuple[str, ...] = ()
 
     @property
     def matrix(self) -> FloatArray:
@@ -101,6 +200,12 @@ class Registration:
     def target_error(self, points: ArrayLike) -> FloatArray:
         """Expected root mean square target registration error (n,), m, at points of frame a."""
         return np.asarray(np.sqrt(np.trace(self.target_covariance(points), axis1=1, axis2=2)))
+
+    @property
+    def origin_std(self) -> FloatArray:
+        """Of ``T_b_a``, standard deviations (6,): position, m, and a turn about b's axes, rad."""
+        position = self.target_covariance(np.zeros((1, 3)))[0]
+        return np.asarray(np.sqrt([*np.diag(position), *np.diag(self.covariance)[3:]]))
 
     @property
     def rms(self) -> float:
@@ -131,10 +236,12 @@ class Registration:
         turned = float(np.sqrt(np.trace(self.covariance[3:, 3:])))
         if unsure > UNSURE or turned > UNSURE_TURN:
             caution.append(
-                f"The points' middle is known to ± {1e3 * unsure:.2f} mm and the turn to "
-                f"± {np.degrees(turned):.2f}° only (one sigma)."
+                f"The points' middle is known to ± {mm(unsure):.2f} mm and the turn to "
+                f"± {deg(turned):.2f}° only (one sigma)."
             )
-        return Assessment.of(bad=objections(self.solution, inliers, "points"), care=caution)
+        return Assessment.of(
+            bad=objections(self.solution, inliers, "points"), care=[*caution, *self.notes]
+        )
 
 
 def register(
@@ -189,6 +296,27 @@ def register(
         inliers=found.inliers[copies],
         distinct=distinct,
     )
+
+
+def registration_from_points(
+    a: Points, b: Points, targets: Points | None = None, *, robust: bool = True, seed: int = 0
+) -> Registration:
+    """`register` of two files: errors name them, the assessment knows what was found in them.
+
+    Args:
+        a: the source; `suta_calib.measurements.pose_files.read_corresponding_points` reads both.
+        b: the target.
+        targets: points in frame a at which the error to expect will be asked for.
+        robust: False for plain least squares over all points.
+        seed: of the minimal samples.
+
+    Raises:
+        SamplesError: as of `register`.
+    """
+    with error_context(a.path, f"registered to {b.path}"):
+        found = register(a.position, b.position, robust=robust, seed=seed)
+    files = (a, b) if targets is None else (a, b, targets)
+    return replace(found, notes=tuple(note for file in files for note in file.unit_notes))
 
 
 def _result(

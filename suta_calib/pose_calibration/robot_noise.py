@@ -27,7 +27,7 @@ def estimate_robot_noise_fraction(position: FloatArray, swept: FloatArray) -> fl
     """Part of the rotational noise, as a variance, that is the hand's; between 0 and 1.
 
     A turn of the hand moves the target by turn x lever, seen from the eye; a turn of what the eye
-    sees does not. The regression of one on the other is the share, shrunk towards one half where
+    sees does not. The regression of one on the other is the fraction, shrunk towards one half where
     few poses tell little.
 
     Args:
@@ -37,15 +37,15 @@ def estimate_robot_noise_fraction(position: FloatArray, swept: FloatArray) -> fl
     told, against = float(np.sum(swept**2)), float(np.sum(swept * position))
     if told == 0.0:
         return EXPECTED
-    share = against / told
+    fraction = against / told
     numbers = position.size
     freedom = max(numbers - UNKNOWNS / 2, 1.0)
-    noise = float(np.sum((position - share * swept) ** 2)) / freedom
+    noise = float(np.sum((position - fraction * swept) ** 2)) / freedom
     prior = noise / SPREAD**2
     return float(np.clip((against + EXPECTED * prior) / (told + prior), 0.0, 1.0))
 
 
-class HandShare:
+class RobotNoise:
     """How much of the rotational noise is the hand's, revised with the solution.
 
     Args:
@@ -53,26 +53,26 @@ class HandShare:
         finest_turn: noise of a turn, rad, that is assumed at least.
 
     Attributes:
-        value: the share that `make` uses.
+        fraction: of the rotational noise that is the hand's, as `make` takes it.
     """
 
     def __init__(self, hand: Poses, seen: Poses, finest_turn: float) -> None:
         self._hand, self._seen, self._finest = hand, seen, finest_turn
-        self.value = EXPECTED
+        self.fraction = EXPECTED
 
     def make(self, rows: IntArray, noises: Sequence[Noise]) -> HandEye:
         """The term over some rows."""
-        return self._term(rows, noises, self.value)
+        return self._term(rows, noises, self.fraction)
 
     def revise(self, values: Mapping[str, float], inliers: BoolArray) -> None:
-        """Estimate the share from the inliers' residuals at the values found."""
+        """Estimate the fraction from the inliers' residuals at the values found."""
         rows = np.flatnonzero(inliers)
         at_target = evaluate(self._term(rows, (Noise(), Noise()), 0.0), values)
         x = np.array([values[f"hand_eye.{key}"] for key in ("x", "y", "z", "rx", "ry", "rz")])
         R_seen, p_seen = self._seen[0][rows], self._seen[1][rows]
         in_eye = np.einsum("nij,nj->ni", R_seen, at_target[1])
         lever = p_seen + rotation_from_vector(x[3:]).T @ x[:3]
-        self.value = estimate_robot_noise_fraction(at_target[0], np.cross(in_eye, lever))
+        self.fraction = estimate_robot_noise_fraction(at_target[0], np.cross(in_eye, lever))
 
     def explains(self, fit: RobustFit) -> bool:
         """Whether the residuals at the target grew no more by it than by chance."""
@@ -84,15 +84,15 @@ class HandShare:
             robust=False,
         )
         term = self._term(rows, (Noise(), Noise()), 0.0)
-        with_share = [float(np.sum(r**2)) for r in evaluate(term, fit.solution.values)]
+        with_robot_noise = [float(np.sum(r**2)) for r in evaluate(term, fit.solution.values)]
         without = [float(np.sum(r**2)) for r in plain.residuals]
         unknowns, numbers = 12, 6 * len(rows)
         allowed = 1.0 + 2.5 * unknowns / max(numbers - unknowns, 1)
-        return all(w <= allowed * p for w, p in zip(with_share, without, strict=True))
+        return all(w <= allowed * p for w, p in zip(with_robot_noise, without, strict=True))
 
-    def _term(self, rows: IntArray, noises: Sequence[Noise], share: float) -> HandEye:
+    def _term(self, rows: IntArray, noises: Sequence[Noise], fraction: float) -> HandEye:
         (RA, pA), (RB, pB) = self._hand, self._seen
         nothing = np.zeros((len(rows), 0))
         samples = Samples.from_arrays([], nothing, position=pB[rows], rotation=RB[rows])
         poses = MeasuredPoses(RA[rows], pA[rows], samples)
-        return HandEye(poses, noises[0], noises[1], robot_noise_fraction=share)
+        return HandEye(poses, noises[0], noises[1], robot_noise_fraction=fraction)

@@ -15,6 +15,8 @@ from suta_calib.assessment import Assessment
 from suta_calib.report.listing import Json, Table, plain
 
 Place = Literal["everywhere", "console", "page"]
+# NAME.json and a section of report.html; result.json alone; or neither, but the files it names.
+Written = Literal["report", "result", "files"]
 
 
 @dataclass(frozen=True)
@@ -58,7 +60,20 @@ class ShownOnly:
     place: Place
 
 
-Part = Text | Figure | Table | ShownOnly
+@dataclass(frozen=True)
+class File:
+    """A whole file that is written beside the others, and shown nowhere.
+
+    Attributes:
+        name: in the folder of the answer.
+        content: makes it.
+    """
+
+    name: str
+    content: Callable[[], str]
+
+
+Part = Text | Figure | Table | ShownOnly | File
 
 
 @dataclass(frozen=True)
@@ -72,6 +87,7 @@ class Document:
         assessment: the first thing a reader needs.
         parts: what is shown, in order; tables that have a key are written to JSON too.
         data: what else JSON has, SI values already in the reader's unit.
+        written: what becomes of it in a folder, beside its pictures and files.
     """
 
     name: str
@@ -79,6 +95,7 @@ class Document:
     assessment: Assessment
     parts: Sequence[Part] = ()
     data: Mapping[str, Any] = field(default_factory=dict)
+    written: Written = "report"
 
     def shown(self, place: Place) -> list[Text | Figure | Table]:
         """The parts for the console or for a page, in order; tables without rows are not."""
@@ -86,6 +103,8 @@ class Document:
         for part in self.parts:
             where = part.place if isinstance(part, ShownOnly | Text) else "everywhere"
             told = part.table if isinstance(part, ShownOnly) else part
+            if isinstance(told, File):
+                continue
             if where in ("everywhere", place) and (not isinstance(told, Table) or told.cells):
                 found.append(told)
         return found

@@ -24,7 +24,7 @@ from suta_calib.diagnostics.accuracy import Metrics
 from suta_calib.report.document import Document, Figure, Part, Text
 from suta_calib.report.listing import Column, Json, Listing, plain
 from suta_calib.report.svg import BLUE, GREY, ORANGE, WIDTH, style, svg_text
-from suta_calib.units import mm, text
+from suta_calib.units import from_mm, mm, text, um
 
 NAME: Final = "iso10360"
 STANDARD: Final = "ISO 10360-12:2016"
@@ -165,12 +165,11 @@ def length_limit_text(limit: LengthLimit) -> str:
     """As a maker states it: ``(60 + L/10) µm, at most 150 µm``, L in mm."""
     parts = []
     if limit.constant is not None:
-        slope = f" + L/{1e-3 / limit.slope:g}" if limit.slope else ""
-        parts.append(
-            f"({1e6 * limit.constant:g}{slope}) µm" if slope else f"{1e6 * limit.constant:g} µm"
-        )
+        constant = f"{um(limit.constant):g}"
+        slope = f" + L/{from_mm(1.0) / limit.slope:g}" if limit.slope else ""
+        parts.append(f"({constant}{slope}) µm" if slope else f"{constant} µm")
     if limit.largest is not None:
-        parts.append(f"at most {1e6 * limit.largest:g} µm")
+        parts.append(f"at most {um(limit.largest):g} µm")
     return ", ".join(parts)
 
 

@@ -187,13 +187,78 @@ class _FactTable(Table, Generic[Row]):
         return self._listing.record(self._row)
 
 
-def csv_text(listing: Listing[Row], rows: Iterable[Row]) -> str:
-    """Rows as a CSV file; columns that hold lists are left out."""
+def written(*names: str, unit: Unit | None = None) -> tuple[Column[Any], ...]:
+    """Columns that are only written: attributes of these names, all in one unit."""
+    return tuple(Column(name, unit=unit) for name in names)
+
+
+def components(
+    headings: Sequence[str],
+    vector: Callable[[Row], Any],
+    unit: Unit,
+    *,
+    sign: bool = False,
+    form: str = "",
+) -> tuple[Column[Row], ...]:
+    """Columns that only show the components of a vector, one each.
+
+    Args:
+        headings: of the components, in order.
+        vector: of a row, as many components, SI; None where it has none.
+        unit: of them all.
+        sign: whether a plus is shown.
+        form: as of `Column`.
+    """
+
+    def component(k: int) -> Callable[[Row], float | None]:
+        def of(row: Row) -> float | None:
+            whole = vector(row)
+            return None if whole is None else float(whole[k]) + 0.0
+
+        return of
+
+    return tuple(
+        Column("", heading, component(k), unit, sign=sign, form=form)
+        for k, heading in enumerate(headings)
+    )
+
+
+def in_own_units(
+    by_unit: Mapping[Unit, Listing[Row]], unit: Callable[[Row], Unit]
+) -> tuple[Column[Row], ...]:
+    """Columns that show rows of which each has its own unit.
+
+    Args:
+        by_unit: the same columns, declared for each unit.
+        unit: that a row has.
+    """
+
+    def cell(k: int) -> Callable[[Row], str]:
+        return lambda row: by_unit[unit(row)].columns[k].text(row)
+
+    columns = next(iter(by_unit.values())).columns
+    return tuple(
+        Column("", each.heading, cell=cell(k), numeric=each.flush_right)
+        for k, each in enumerate(columns)
+        if each.heading is not None
+    )
+
+
+def csv_text(listing: Listing[Row], rows: Iterable[Row], digits: int | None = None) -> str:
+    """Rows as a CSV file; columns that hold lists are left out.
+
+    Args:
+        listing: its columns that have a key.
+        rows: in order.
+        digits: significant ones of numbers that are not whole; as many as they have by default.
+    """
     columns = [c for c in listing.columns if c.key]
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(c.written_key for c in columns)
-    writer.writerows([c.plain(row) for c in columns] for row in rows)
+    for row in rows:
+        cells = (c.plain(row) for c in columns)
+        writer.writerow(f"{v:.{digits}g}" if digits and isinstance(v, float) else v for v in cells)
     return text.getvalue()
 
 

@@ -11,8 +11,7 @@ from matplotlib.figure import Figure as Picture
 
 from suta_calib.analysis.model_selection import ModelCandidate, ModelSelection
 from suta_calib.diagnostics.score_tests import ScoreTest
-from suta_calib.model.nongeometric import Family
-from suta_calib.model.parameters import Selection
+from suta_calib.model.parameters import Family, Selection
 from suta_calib.report.document import Document, Figure, Part, ShownOnly, Text
 from suta_calib.report.listing import Column, Json, Listing
 from suta_calib.report.svg import BLUE, ORANGE, WIDTH, style, svg_text

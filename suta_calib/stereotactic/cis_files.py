@@ -19,8 +19,8 @@ import numpy as np
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import SamplesError
 from suta_calib.measurements.files import read_text
+from suta_calib.units import from_mm, mm
 
-MM: Final = 1e-3
 # mm; beyond this it is no position of a marker, and its square must stay a number.
 LARGEST: Final = 1e9
 _COUNT: Final = re.compile(r"[0-9]{1,9}")
@@ -145,7 +145,7 @@ def points_text(counts: Counts, name: str, *points: FloatArray) -> str:
         name: of the file, what the header ends with.
         points: (..., 3), m.
     """
-    rows = np.concatenate([p.reshape(-1, 3) for p in points]) / MM
+    rows = mm(np.concatenate([p.reshape(-1, 3) for p in points]))
     # Adding zero takes the sign off what was rounded to −0.00.
     rounded = np.round(rows, 2) + 0.0
     lines = [", ".join(f"{value:8.2f}" for value in row) for row in rounded]
@@ -187,7 +187,7 @@ def _read(
         _check_row(path, number, row, last=number == len(lines))
     if len(rows) != expected(counts):
         raise _wrong_length(path, len(rows), expected(counts), names, counts)
-    return counts, MM * np.array([_numbers(row) for row in rows])
+    return counts, from_mm(np.array([_numbers(row) for row in rows]))
 
 
 def _layout(names: tuple[str, ...]) -> str:

@@ -13,17 +13,19 @@ their convex hull is told apart by `DistortionCorrection.inside`.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import NdBSpline
 from scipy.spatial import ConvexHull, QhullError
+from scipy.stats import chi2
 
-from suta_calib.arrays import FloatArray
+from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import rms_length
+from suta_calib.pose_calibration.consensus import DIMENSION, outlier_limit
 
 # Beyond this the basis is worse conditioned than the data are good: (7 + 1)³ gives 1e8.
 DEGREES: Final = tuple(range(7))
@@ -237,3 +239,59 @@ def _basis(scaled: FloatArray, degree: int) -> FloatArray:
     knots = np.repeat([0.0, 1.0], degree + 1)
     matrix = NdBSpline.design_matrix(scaled, (knots,) * 3, degree)
     return np.asarray(matrix.toarray())
+
+
+MAX_ROUNDS: Final = 10
+# Times the limit for normal errors: what a polynomial cannot follow is no outlier.
+GROSS: Final = 3.0
+# m, error of an EM reading that is none: a tenth of what such trackers promise.
+HARMLESS: Final = 1e-4
+INVERSIONS: Final = 4
+
+
+def fit_distortion_robustly(
+    measured: FloatArray, expected: FloatArray
+) -> tuple[DistortionCorrection, BoolArray]:
+    """`fit_distortion` without readings that do not fit the others.
+
+    Readings far off where they are expected are set aside first, for a wild one would be met
+    exactly by the polynomial; then the fit judges all of them until nothing changes. One that is
+    set aside is put where the fit would have it: then it says nothing.
+
+    Args:
+        measured: (N_frames, n, 3) points as the EM tracker saw them, m.
+        expected: (N_frames, n, 3) where they were, m.
+
+    Returns:
+        the correction, whose residuals are those of all readings; (N_frames, n) readings set aside.
+
+    Raises:
+        SamplesError: as of `fit_distortion`.
+    """
+    wrong, degree = _far(measured - expected), -1
+    believed = np.where(wrong[..., None], expected, measured)
+    for _ in range(MAX_ROUNDS):
+        fit = fit_distortion(believed, expected)
+        residuals = fit.correct(measured) - expected
+        again = _far(residuals)
+        if np.array_equal(again, wrong) and fit.degree == degree:
+            break
+        believed = np.where(again[..., None], _distorted(fit, expected), measured)
+        wrong, degree = again, fit.degree
+    return replace(fit, residuals=residuals), wrong
+
+
+def _distorted(fit: DistortionCorrection, points: FloatArray) -> FloatArray:
+    """Where the tracker would see points, if the fit is right: the correction's inverse, m."""
+    seen = points
+    for _ in range(INVERSIONS):
+        seen = points - fit.displacement(seen)
+    return seen
+
+
+def _far(errors: FloatArray) -> BoolArray:
+    """Errors far too large for a normal scatter of the median's size, (N_frames, n)."""
+    sizes = np.linalg.norm(errors, axis=-1)
+    sigma = float(np.median(sizes)) / np.sqrt(chi2.ppf(0.5, DIMENSION))
+    limit = GROSS * np.sqrt(outlier_limit(sizes.size, 1))
+    return np.asarray(sizes > limit * sigma + HARMLESS)

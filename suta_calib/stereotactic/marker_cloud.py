@@ -16,8 +16,13 @@ from suta_calib.pose_calibration.consensus import (
     minimal_samples,
     outlier_limit,
 )
-from suta_calib.pose_calibration.registration import ENOUGH_TO_JUDGE, kabsch
-from suta_calib.pose_calibration.registration_checks import LEAST_POINTS, MIRRORED, ON_A_LINE
+from suta_calib.pose_calibration.registration import (
+    ENOUGH_TO_JUDGE,
+    LEAST_POINTS,
+    MIRRORED,
+    ON_A_LINE,
+    kabsch,
+)
 
 MAX_ROUNDS: Final = 10
 # Residual relative to the size of the body that is rounding.

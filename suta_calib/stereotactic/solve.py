@@ -9,22 +9,42 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
 from suta_calib.arrays import FloatArray
-from suta_calib.pose_calibration.error_context import error_context
+from suta_calib.assessment import Assessment
+from suta_calib.geometry.numbers import extent, rms_length
+from suta_calib.pose_calibration.inputs import error_context
 from suta_calib.pose_calibration.pivot import PivotCalibration, calibrate_pivot
-from suta_calib.pose_calibration.registration import Registration, register
+from suta_calib.pose_calibration.registration import Registration, kabsch, register
 from suta_calib.stereotactic.cis_files import Output1
 from suta_calib.stereotactic.data import (
     EM_FIDUCIALS,
     StereotacticData,
     path_of,
+    read_given_output1,
+    read_given_output2,
 )
-from suta_calib.stereotactic.distortion import DistortionCorrection, fit_distortion
+from suta_calib.stereotactic.distortion import (
+    DistortionCorrection,
+    fit_distortion,
+    fit_distortion_robustly,
+    is_distorted,
+)
 from suta_calib.stereotactic.marker_cloud import BodyPoses, MarkerCloud
-from suta_calib.stereotactic.robust_distortion import fit_distortion_robustly
+from suta_calib.units import mm
+
+# Misfit of rigid markers, and of EM readings, that no noise or distortion of use makes, as part of
+# the markers' extent.
+MISSHAPEN: Final = 0.02
+ELSEWHERE: Final = 0.05
+USES: Final = {
+    "em_pivot": "the EM pivot",
+    "em_fiducials": "the fiducials",
+    "em_nav": "the navigation frames",
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,6 +102,23 @@ class StereotacticResult:
     def em_error(self) -> FloatArray:
         """(N_frames, N_C, 3) EM markers as measured minus where they were, m."""
         return self.data.readings.em - self.expected
+
+    @property
+    def assessment(self) -> Assessment:
+        """Weighs the pivots, the registration, the distortion, and what was extrapolated."""
+        parts: dict[str, PivotCalibration | Registration] = {
+            "EM pivot": self.em_pivot,
+            "optical pivot": self.optical_pivot,
+        }
+        if self.navigation is not None:
+            parts["registration to CT"] = self.navigation.registration
+        bad, care = _on_shapes(self), list[str]()
+        # What does not fit together is not for dewarping to mend.
+        distortion = [] if bad else _on_distortion(self)
+        for name, part in parts.items():
+            notes = [f"{name}: {note}" for note in part.assessment.notes]
+            (care if part.assessment.usable else bad).extend(notes)
+        return Assessment.of(bad=bad, care=[*care, *distortion])
 
     @property
     def output1(self) -> Output1:
@@ -220,3 +257,118 @@ def _extrapolated(
                 stacklevel=3,
             )
     return counts
+
+
+def _on_shapes(result: StereotacticResult) -> list[str]:
+    """Markers that do not have the shape that calbody gives them: a unit, an order, a marker."""
+    body, readings = result.data.body, result.data.readings
+    seen = {
+        "calreadings: D": (body.base, readings.base),
+        "calreadings: A": (body.optical, readings.optical),
+        "optpivot: D": (body.base, result.data.optical_pivot.base),
+    }
+    notes = [
+        f"{where} markers of frame {int(np.argmax(rms)) + 1} stay {mm(rms.max()):.2f} mm RMS "
+        "from calbody's: look for another unit or order, or for a wrong marker."
+        for where, (given, frames) in seen.items()
+        if (rms := _misfit(given, frames)).max() > MISSHAPEN * extent(given)
+    ]
+    off = rms_length(result.em_error)
+    if off > ELSEWHERE * extent(body.em):
+        notes.append(
+            f"The EM markers are read {mm(off):.1f} mm RMS from where the optical tracker says: "
+            "more than distortion; look for another unit or order of the C markers."
+        )
+    return notes
+
+
+def _misfit(given: FloatArray, frames: FloatArray) -> FloatArray:
+    """RMS distance (N_frames,) of each frame's markers from the given ones laid over them, m."""
+    same = np.broadcast_to(given, frames.shape)
+    R, p = kabsch(same, frames)
+    apart = np.einsum("fij,fmj->fmi", R, same) + p[:, None] - frames
+    return np.asarray(np.sqrt(np.mean(np.sum(apart**2, axis=2), axis=1)))
+
+
+def _on_distortion(result: StereotacticResult) -> list[str]:
+    correction, measured = result.correction, result.data.readings.em
+    if correction is None:
+        if not is_distorted(measured, result.expected):
+            return []
+        return [
+            f"The EM tracker's readings are {mm(rms_length(result.em_error)):.2f} mm off where "
+            "the optical tracker says, most of it distortion: --dewarp corrects it."
+        ]
+    return [
+        f"{count} of {_markers(result, use)} markers of {USES[use]} lie outside the calibrated "
+        "volume, where the distortion is not known."
+        for use, count in result.extrapolated.items()
+        if count
+    ]
+
+
+def _markers(result: StereotacticResult, use: str) -> int:
+    owner: object = result.data if use == "em_pivot" else result.data.navigation
+    return int(getattr(owner, use)[..., 0].size)
+
+
+@dataclass(frozen=True, eq=False)
+class StereotacticErrors:
+    """Distances of the answer from the given one; None where that file is not there.
+
+    Attributes:
+        expected: (N_frames, N_C) of the expected EM markers, m.
+        em_post: of the EM post, m.
+        optical_post: of the optical post, m.
+        navigation: (N_frames,) of the tips in CT, m.
+    """
+
+    expected: FloatArray | None = None
+    em_post: float | None = None
+    optical_post: float | None = None
+    navigation: FloatArray | None = None
+
+    @property
+    def empty(self) -> bool:
+        """Whether nothing was given to compare with."""
+        return self.expected is None and self.navigation is None
+
+
+@dataclass(frozen=True, eq=False)
+class GivenOutputs:
+    """Output files that stand beside the inputs; None where there is none.
+
+    Attributes:
+        output1: of the first assignment.
+        output2: (N_frames, 3) tips in CT, m.
+    """
+
+    output1: Output1 | None
+    output2: FloatArray | None
+
+
+def read_given(result: StereotacticResult) -> GivenOutputs:
+    """Read ``-output1.txt`` and, where there is a navigation, ``-output2.txt`` if they are there.
+
+    Raises:
+        SamplesError: one is malformed or its counts are not those of the inputs.
+    """
+    prefix = result.data.prefix
+    output1 = read_given_output1(prefix, result.data)
+    return GivenOutputs(output1, read_given_output2(prefix, result.data))
+
+
+def compare(result: StereotacticResult, given: GivenOutputs) -> StereotacticErrors:
+    """Distances of the result from what is given."""
+    other, found = given.output1, result.navigation
+    navigation = None
+    if found is not None and given.output2 is not None:
+        navigation = np.asarray(np.linalg.norm(found.ct - given.output2, axis=1))
+    if other is None:
+        return StereotacticErrors(navigation=navigation)
+    return StereotacticErrors(
+        np.asarray(np.linalg.norm(result.expected - other.expected, axis=-1)),
+        float(np.linalg.norm(result.em_pivot.post - other.em_post)),
+        float(np.linalg.norm(result.optical_pivot.post - other.optical_post)),
+        navigation,
+    )

@@ -10,10 +10,13 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from suta_calib.arrays import FloatArray
-from suta_calib.geometry.numbers import skew
+from suta_calib.geometry.numbers import (
+    quaternion_from_rotation,
+    rotation_from_quaternion,
+    skew,
+)
 
 Poses = tuple[FloatArray, FloatArray]  # rotations (..., n, 3, 3) and positions (..., n, 3), m
 # Relative singular value below which a translation is not determined at all.
@@ -126,13 +129,11 @@ def _null_quaternion(rows: FloatArray) -> FloatArray:
 
 def _quaternions(rotation: FloatArray) -> FloatArray:
     """Unit quaternions s, v with s ≥ 0."""
-    flat = Rotation.from_matrix(rotation.reshape(-1, 3, 3)).as_quat(canonical=True)
-    return np.asarray(np.roll(flat, 1, axis=-1).reshape(*rotation.shape[:-2], 4))
+    return np.asarray(np.roll(quaternion_from_rotation(rotation), 1, axis=-1))
 
 
 def _rotations(quaternion: FloatArray) -> FloatArray:
-    flat = np.roll(quaternion.reshape(-1, 4), -1, axis=-1)
-    return np.asarray(Rotation.from_quat(flat).as_matrix().reshape(*quaternion.shape[:-1], 3, 3))
+    return rotation_from_quaternion(np.roll(quaternion, -1, axis=-1))
 
 
 def _quaternion_rows(a: FloatArray, b: FloatArray) -> FloatArray:

@@ -8,7 +8,6 @@ errors whose shape is known, such as those of a joint with play.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -18,10 +17,10 @@ from scipy.interpolate import CubicSpline
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import register_points, rotation_from_vector, skew
+from suta_calib.pose_calibration.registration import register
 from suta_calib.tracking.trajectory import LEAST_ROWS, Trajectory
 
 # (source, target) → rotation (3, 3) and position (3,) of the transform from source to target.
-Register = Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]
 _SHIFTS: Final = 201
 _ROWS_OF_SEARCH: Final = 800
 _STEPS: Final = 20
@@ -96,7 +95,7 @@ def align(
     recorded: Trajectory,
     reference: Trajectory,
     *,
-    register: Register | None = None,
+    registered: bool = False,
     largest: float = 0.5,
     errors: FloatArray | None = None,
 ) -> Alignment:
@@ -105,7 +104,7 @@ def align(
     Args:
         recorded: what is judged.
         reference: what is held to be true.
-        register: registers the two frames robustly; None where they are the same.
+        registered: whether the frames differ: then the transform is found too, robustly.
         largest: latencies of either sign looked at, s.
         errors: (n, 3, k) along the recording's axes: known shapes of errors of unknown size.
 
@@ -119,16 +118,14 @@ def align(
     _check_motion(path, time, reference)
     few = np.unique(np.linspace(0, len(rows) - 1, _ROWS_OF_SEARCH).astype(int))
     shifts = np.linspace(-largest, largest, _SHIFTS)
-    rms = np.array(
-        [_misfit(points[few], path.position(time[few] - s), register is not None) for s in shifts]
-    )
+    rms = np.array([_misfit(points[few], path.position(time[few] - s), registered) for s in shifts])
     fit = _AlignmentFit(
         path, time, points, np.zeros((len(rows), 3, 0)) if errors is None else errors[rows]
     )
     fit.latency = float(shifts[int(np.argmin(rms))])
-    if register is not None:
-        fit.registered = True
-        fit.R, fit.p = register(points[few], path.position(time[few] - fit.latency))
+    if registered:
+        start = register(points[few], path.position(time[few] - fit.latency))
+        fit.registered, fit.R, fit.p = True, start.rotation, start.position
     fit.refine(largest)
     std = fit.std()
     if fit.registered:

@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 
 from suta_calib.arrays import FloatArray
+from suta_calib.units import ms
 
 # s; shorter and longer ones share the outermost bins.
 SHORTEST: Final = 1e-6
@@ -72,6 +73,6 @@ class LatencyStatistics:
     def summary(self) -> dict[str, float | int]:
         """Count, and ``mean_ms``, ``jitter_ms`` and percentiles for JSON."""
         figures: dict[str, float | int] = {"count": self.count}
-        figures |= {f"p{p:g}_ms": 1e3 * self.percentile(p) for p in (50, 95, 99)}
-        figures |= {"max_ms": 1e3 * self.maximum if self.count else math.nan}
-        return figures | {"mean_ms": 1e3 * self.mean, "jitter_ms": 1e3 * self.jitter}
+        figures |= {f"p{p:g}_ms": ms(self.percentile(p)) for p in (50, 95, 99)}
+        figures |= {"max_ms": ms(self.maximum) if self.count else math.nan}
+        return figures | {"mean_ms": ms(self.mean), "jitter_ms": ms(self.jitter)}

@@ -10,8 +10,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
 from suta_calib.arrays import FloatArray
+from suta_calib.assessment import Assessment
 from suta_calib.model.arm import ArmModel
-from suta_calib.tracking.alignment import Alignment, ReferencePath, Register, align
+from suta_calib.tracking.alignment import Alignment, ReferencePath, align
 from suta_calib.tracking.reversals import (
     ChannelReversals,
     axis_channels,
@@ -106,8 +107,9 @@ class PathAccuracy:
         return np.asarray(turned.magnitude())
 
     @property
-    def notes(self) -> tuple[str, ...]:
-        """What must be known before the figures are used, one sentence each."""
+    def assessment(self) -> Assessment:
+        """Bad where the latency lies outside what was looked at, or the motion does not tell it."""
+        unknown = self.alignment.at_the_end or self.undetermined
         said = []
         if self.alignment.at_the_end:
             said.append(
@@ -126,12 +128,7 @@ class PathAccuracy:
                 "Without joints (--urdf, and their columns in the recording) hysteresis cannot be "
                 "told from latency: the latency contains it."
             )
-        return tuple(said)
-
-    @property
-    def usable(self) -> bool:
-        """Whether the latency lies inside what was looked at, and is told by the motion."""
-        return not (self.alignment.at_the_end or self.undetermined)
+        return Assessment.of(bad=said) if unknown else Assessment.of(care=said)
 
     @property
     def undetermined(self) -> bool:
@@ -152,7 +149,7 @@ def compare(
     reference: Trajectory,
     arm: ArmModel | None = None,
     *,
-    register: Register | None = None,
+    registered: bool = False,
     largest_latency: float = 0.5,
 ) -> PathAccuracy:
     """Compare a recorded motion with a reference.
@@ -166,7 +163,7 @@ def compare(
         reference: what is held to be true.
         arm: for hysteresis per joint; its joints must be in the recording, which is in the frame
             of its base.
-        register: for frames that differ, `suta_calib.tracking.alignment.Register`.
+        registered: whether the frames differ: then the transform between them is found too.
         largest_latency: of either sign, s.
 
     Raises:
@@ -180,7 +177,7 @@ def compare(
     alignment = align(
         recorded,
         reference,
-        register=register,
+        registered=registered,
         largest=largest_latency,
         errors=_joint_errors(judged, arm, recorded) if arm and by_joint else None,
     )

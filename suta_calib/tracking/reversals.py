@@ -18,10 +18,10 @@ from suta_calib.batched import Batched
 from suta_calib.geometry.numbers import rms_length
 from suta_calib.model.arm import ArmModel
 from suta_calib.tracking.trajectory import Trajectory
-from suta_calib.units import Unit
+from suta_calib.units import Unit, from_deg
 
 # Way that counts as having turned back, and from which on the play is taken up.
-TRAVEL: Final[dict[Unit, float]] = {"rad": math.radians(0.25), "m": 0.5e-3}
+TRAVEL: Final[dict[Unit, float]] = {"rad": from_deg(0.25), "m": 0.5e-3}
 # A coordinate that trembles needs this many times its noise; and to be seen to stand, this many.
 _TIMES_NOISE: Final = 8.0
 _STANDS: Final = 3.0

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from suta_calib.acquisition.averaging import wrap
-from suta_calib.acquisition.zero_offsets import find_baseline
+from suta_calib.acquisition.zero_offsets import find_zero_offsets
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import InputError
 from suta_calib.measurements import Samples
@@ -41,7 +41,7 @@ def away(offsets: FloatArray) -> float:
 
 def test_one_pose_lists_every_branch_and_the_true_one_among_them(arm: ArmModel) -> None:
     samples = known(arm, 1, oriented=True)
-    found = find_baseline(arm, samples)
+    found = find_zero_offsets(arm, samples)
     assert found.undetermined == ()
     assert len(found.branches) >= 4
     assert min(away(branch.offsets) for branch in found.branches) < 1e-6
@@ -60,7 +60,7 @@ def test_one_pose_lists_every_branch_and_the_true_one_among_them(arm: ArmModel) 
 
 @pytest.mark.parametrize("oriented", [True, False])
 def test_several_poses_leave_the_truth(arm: ArmModel, oriented: bool) -> None:
-    found = find_baseline(arm, known(arm, 6, oriented=oriented))
+    found = find_zero_offsets(arm, known(arm, 6, oriented=oriented))
     assert found.undetermined == ()
     assert len(found.branches) == 1
     assert away(found.branches[0].offsets) < 1e-6
@@ -68,7 +68,7 @@ def test_several_poses_leave_the_truth(arm: ArmModel, oriented: bool) -> None:
 
 def test_what_no_position_can_tell_is_held_and_named(suta_urdf: Path) -> None:
     wrist = ArmModel.from_urdf(suta_urdf, "link_6")
-    found = find_baseline(wrist, known(wrist, 6, oriented=False))
+    found = find_zero_offsets(wrist, known(wrist, 6, oriented=False))
     # The axes of the last two joints meet in this point, so it does not move with them.
     alone = [{"joint_5.offset": 1.0}, {"joint_6.offset": 1.0}]
     assert [c.direction for c in found.undetermined] == alone
@@ -79,14 +79,14 @@ def test_what_no_position_can_tell_is_held_and_named(suta_urdf: Path) -> None:
 
 
 def test_noise_is_averaged_over_the_poses(arm: ArmModel) -> None:
-    found = find_baseline(arm, known(arm, 20, oriented=True, noise=0.5e-3))
+    found = find_zero_offsets(arm, known(arm, 20, oriented=True, noise=0.5e-3))
     assert len(found.branches) == 1
     assert away(found.branches[0].offsets) < 1e-3
     assert found.branches[0].rms == pytest.approx(0.5e-3 * 3**0.5, rel=0.3)
 
 
 def test_one_position_leaves_a_choice(arm: ArmModel) -> None:
-    found = find_baseline(arm, known(arm, 1, oriented=False))
+    found = find_zero_offsets(arm, known(arm, 1, oriented=False))
     assert not found.unique
     assert len(found.undetermined) == 3
     assert found.branches[0].rms < 1e-3
@@ -94,9 +94,9 @@ def test_one_position_leaves_a_choice(arm: ArmModel) -> None:
 
 def test_a_pose_out_of_reach_stays_far(arm: ArmModel) -> None:
     samples = Samples.from_arrays(arm.joints, np.zeros((1, 6)), position=[[5.0, 0.0, 0.0]])
-    assert find_baseline(arm, samples).branches[0].rms > 1.0
+    assert find_zero_offsets(arm, samples).branches[0].rms > 1.0
 
 
 def test_positions_are_needed(arm: ArmModel) -> None:
     with pytest.raises(InputError, match="no positions"):
-        find_baseline(arm, Samples.from_arrays(arm.joints, np.zeros((1, 6))))
+        find_zero_offsets(arm, Samples.from_arrays(arm.joints, np.zeros((1, 6))))

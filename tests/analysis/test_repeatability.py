@@ -18,8 +18,13 @@ from suta_calib.analysis.repeatability import (
     repeatability,
     tip_levers,
 )
-from suta_calib.analysis.repeatability.intervals import difference, ratio, spread
-from suta_calib.analysis.repeatability.scatter import OrientationScatter, deviations
+from suta_calib.analysis.repeatability.scatter import (
+    OrientationScatter,
+    deviations,
+    difference,
+    ratio,
+    spread,
+)
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import rotation_from_vector

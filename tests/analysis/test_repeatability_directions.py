@@ -37,7 +37,7 @@ def pushed(
 
 
 def giving(found: DirectionalForce) -> list[str]:
-    return [each.joint for each in found.joints if each.gives]
+    return [each.joint for each in found.joints if each.has_backlash]
 
 
 def with_play(values: FloatArray, joint: int, play: float) -> FloatArray:
@@ -51,27 +51,27 @@ def with_play(values: FloatArray, joint: int, play: float) -> FloatArray:
 def test_a_joint_with_play_is_named_and_measured(joint: int) -> None:
     found = pushed(with_play(seated(joint), joint, 8e-4))
     assert giving(found) == [f"joint_{joint + 1}"]
-    assert found.giving is not None
-    assert found.giving.play == pytest.approx(8e-4, rel=0.3)
-    assert found.giving.tip == pytest.approx(0.3 * found.giving.play)
-    assert found.giving.play > 3 * found.giving.chance
+    assert found.loosest is not None
+    assert found.loosest.backlash == pytest.approx(8e-4, rel=0.3)
+    assert found.loosest.tip == pytest.approx(0.3 * found.loosest.backlash)
+    assert found.loosest.backlash > 3 * found.loosest.by_chance
 
 
 def test_two_joints_with_play_are_both_named() -> None:
     found = pushed(with_play(with_play(seated(1), 1, 8e-4), 4, 2e-3))
     assert giving(found) == ["joint_2", "joint_5"]
-    assert found.giving is not None
-    assert found.giving.joint == "joint_5"
+    assert found.loosest is not None
+    assert found.loosest.joint == "joint_5"
 
 
 def test_noise_alone_names_no_joint() -> None:
-    named = sum(pushed(seated(seed), seed).giving is not None for seed in range(30))
+    named = sum(pushed(seated(seed), seed).loosest is not None for seed in range(30))
     assert named <= 1
 
 
 @pytest.mark.slow
 def test_noise_alone_names_no_joint_in_a_large_study() -> None:
-    named = sum(pushed(seated(seed), seed).giving is not None for seed in range(300))
+    named = sum(pushed(seated(seed), seed).loosest is not None for seed in range(300))
     assert named <= 12
 
 
@@ -82,7 +82,7 @@ def test_what_differs_between_protocols_is_no_direction() -> None:
     # Directions are spread unevenly over the protocols.
     order = np.argsort([*(k % 4 for k in range(24)), *((k + k // 8) % 4 for k in range(24))])
     found = pushed(values[order], protocol=[half[k] for k in order])
-    assert found.giving is None
+    assert found.loosest is None
 
 
 def test_the_same_seed_gives_the_same_answer() -> None:
@@ -94,7 +94,7 @@ def test_a_joint_that_never_moves_gives_nothing() -> None:
     values = seated(3)
     values[:, 0] = 0.0
     first = pushed(values).joints[0]
-    assert (first.play, first.peak_to_peak, first.gives) == (0.0, 0.0, False)
+    assert (first.backlash, first.peak_to_peak, first.has_backlash) == (0.0, 0.0, False)
 
 
 def test_play_in_the_arms_own_joint_is_named_through_its_kinematics() -> None:
@@ -106,7 +106,7 @@ def test_play_in_the_arms_own_joint_is_named_through_its_kinematics() -> None:
     assert giving(found.directions) == ["joint_3"]
     assert found.directions.tip_p_value < 0.01
     joint_3 = found.directions.joints[2]
-    assert math.degrees(joint_3.play) == pytest.approx(0.1, rel=0.3)
+    assert math.degrees(joint_3.backlash) == pytest.approx(0.1, rel=0.3)
     # Its play is what the tip seems to shift by.
     assert joint_3.tip == pytest.approx(found.directions.tip_shift, rel=0.3)
     assert any("joint_3 gives" in note for note in found.assessment.notes)

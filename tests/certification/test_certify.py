@@ -19,13 +19,12 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from suta_calib.arrays import FloatArray
-from suta_calib.certification.artefact_file import write_certified
-from suta_calib.certification.certify import certify
-from suta_calib.certification.frame import shape_covariance, wrapped
-from suta_calib.certification.options import CertificationOptions
+from suta_calib.certification.comparison import wrapped
+from suta_calib.certification.frame import shape_covariance
 from suta_calib.certification.pillar import diagonals_cross, order_around
-from suta_calib.certification.points import FEATURES, read_raw_points
-from suta_calib.certification.trust import verdict_on
+from suta_calib.certification.points import FEATURES, CertificationOptions, read_raw_points
+from suta_calib.certification.procedure import certify
+from suta_calib.certification.result import write_certified
 from suta_calib.errors import InputError, SamplesError
 from suta_calib.geometry.numbers import rotation_from_rpy, rotation_from_vector
 from suta_calib.measurements import Artefact, Landmark, read_artefact
@@ -39,7 +38,7 @@ def test_exact_points_give_the_artefact_back(tmp_path: Path) -> None:
     np.testing.assert_allclose(wrapped(yaw - yaws(truth())), 0.0, atol=1e-6)
     assert (found.origin, found.heading, found.turned) == ("O", "side plane", 0)
     assert [s.length for s in found.spacers] == pytest.approx([0.04, 0.1], abs=5e-9)
-    assert verdict_on(found).level == "good"
+    assert found.assessment.level == "good"
     assert [mark.flats for mark in found.landmarks] == pytest.approx([0.01] * 6, abs=5e-9)
 
 
@@ -69,7 +68,7 @@ def test_the_noise_is_learnt_from_the_touches(tmp_path: Path) -> None:
     assert found.freedom == 22 + 2 * 6
     doubted = certified(tmp_path, options=CertificationOptions(sigma=1e-6), noise=3e-6)
     assert doubted.noise == pytest.approx(3e-6, rel=0.5)
-    assert "more than the 1.00 µm stated" in verdict_on(doubted).notes[0]
+    assert "more than the 1.00 µm stated" in doubted.assessment.notes[0]
     believed = certified(tmp_path, options=CertificationOptions(sigma=5e-6), noise=3e-6)
     assert believed.noise == 5e-6
     assert believed.coverage_factor == pytest.approx(1.96, abs=1e-3)
@@ -83,7 +82,7 @@ def test_a_rough_ground_is_no_worse_an_instrument(tmp_path: Path) -> None:
 
     found, smooth = certified(tmp_path, rough), certified(tmp_path)
     assert found.noise < 2 * NOISE < found.ground.rms
-    assert verdict_on(found).level == "care"
+    assert found.assessment.level == "care"
     assert not found.damaged
     assert found.landmarks[0].std[2] > 3 * smooth.landmarks[0].std[2]
 
@@ -119,7 +118,7 @@ def test_a_damaged_pillar_is_named_and_no_other(tmp_path: Path, what: str) -> No
     found = certified(tmp_path, damage, options=options)
     assert found.damaged == ("L1",)
     assert any(words in fault.what for fault in found.faults)
-    assert verdict_on(found).level == "bad"
+    assert found.assessment.level == "bad"
     assert not certified(
         tmp_path, damage, options=CertificationOptions(drawing=truth(), tolerance=1e-3)
     ).damaged
@@ -154,7 +153,7 @@ def test_a_slip_on_a_top_is_found_and_left_out(tmp_path: Path, index: int) -> No
     assert mark.wrong_touches == (tops["L2"].lines[index],)
     assert mark.position[2] == pytest.approx(0.06, abs=4 * mark.std[2])
     assert found.damaged == ()
-    assert verdict_on(found).level == "care"
+    assert found.assessment.level == "care"
 
 
 def test_wrong_touches_of_ground_and_side_are_left_out(tmp_path: Path) -> None:
@@ -189,7 +188,7 @@ def test_without_a_side_the_direction_is_a_convention(tmp_path: Path) -> None:
     assert far[0] == pytest.approx(np.hypot(0.064, 0.062), abs=1e-5)
     assert far[1] == pytest.approx(0.0, abs=1e-12)
     assert found.landmarks[4].std[1] == pytest.approx(0.0, abs=1e-12)
-    assert "convention" in verdict_on(found).notes[0]
+    assert "convention" in found.assessment.notes[0]
     drawn = certified(tmp_path, leave_out=("side",), options=CertificationOptions(drawing=truth()))
     assert np.abs(positions(drawn) - TRUE_POSITIONS).max() < 1e-5
 
@@ -221,7 +220,7 @@ def test_any_side_may_be_the_one_touched_if_there_is_a_drawing(
 def test_without_flats_there_is_no_rotation(tmp_path: Path) -> None:
     found = certified(tmp_path, leave_out=("flat",))
     assert all(mark.rotation is None for mark in found.landmarks)
-    assert any("flats" in note for note in verdict_on(found).notes)
+    assert any("flats" in note for note in found.assessment.notes)
 
 
 def test_options(tmp_path: Path) -> None:
@@ -235,9 +234,9 @@ def test_options(tmp_path: Path) -> None:
     np.testing.assert_allclose(wrapped(yaw + np.pi / 2 - yaws(truth())), 0.0, atol=1e-3)
     assert found.landmarks[0].flats == pytest.approx(8e-3, abs=1e-5)
     assert found.spacers[0].length == pytest.approx(0.038, abs=1e-5)
-    assert any("Spacer A" in note for note in verdict_on(found).notes)
+    assert any("Spacer A" in note for note in found.assessment.notes)
     common = certified(tmp_path, options=CertificationOptions(drawing=truth(), front=np.pi))
-    assert any("--front-deg" in note for note in verdict_on(common).notes)
+    assert any("--front-deg" in note for note in common.assessment.notes)
 
 
 def test_holes_out_of_order_are_refused(tmp_path: Path) -> None:

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from registration_scenes import NOISE, at_points, simulate
 
-from suta_calib.pose_calibration.distinct_points import determining_rows, distinct_rows
-from suta_calib.pose_calibration.registration import register
+from suta_calib.pose_calibration.registration import determining_rows, distinct_rows, register
 from suta_calib.terms.synthetic import OutlierModel
 
 

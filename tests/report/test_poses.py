@@ -19,7 +19,7 @@ from pose_scenes import (
     point_numbers,
     write_csv,
 )
-from rich.console import Console, RenderableType
+from rich.console import Console
 from scipy.spatial.transform import Rotation
 
 from suta_calib.errors import OutputError
@@ -34,16 +34,13 @@ from suta_calib.measurements.pose_files import (
 from suta_calib.pose_calibration.hand_eye import HandEyeCalibration, calibrate_hand_eye
 from suta_calib.pose_calibration.pivot import PivotCalibration, calibrate_pivot
 from suta_calib.pose_calibration.registration import Registration, register
+from suta_calib.report.console import rendered
+from suta_calib.report.document import Document
 from suta_calib.report.files import json_text, write_texts
-from suta_calib.report.poses.json import (
-    hand_eye_dict,
-    pivot_dict,
-    quaternion,
-    register_dict,
-    rpy_deg,
-)
-from suta_calib.report.poses.plots import hand_eye_figure, pivot_figure, register_figure
-from suta_calib.report.poses.tables import hand_eye_tables, pivot_tables, register_tables
+from suta_calib.report.hand_eye import hand_eye_document, hand_eye_plot
+from suta_calib.report.pivot import pivot_document, pivot_plot
+from suta_calib.report.poses import pose_record
+from suta_calib.report.registration import register_document, register_plot
 
 SVG = "{http://www.w3.org/2000/svg}"
 
@@ -78,10 +75,10 @@ def drawn(svg: str) -> str:
     return "\n".join("".join(e.itertext()) for e in root.iter(f"{SVG}text"))
 
 
-def on_screen(shown: RenderableType, width: int = 80) -> str:
+def on_screen(shown: Document, width: int = 80) -> str:
     console = Console(width=width, markup=False, highlight=False, record=True, file=None)
     with console.capture() as captured:
-        console.print(shown)
+        console.print(rendered(shown))
     return captured.get()
 
 
@@ -89,11 +86,12 @@ def on_screen(shown: RenderableType, width: int = 80) -> str:
 @pytest.mark.parametrize("vector", [[0.0, 0.0, 0.0], [1e-9, 0, 0], [np.pi, 0, 0], [1, -2, 0.5]])
 def test_rotations_in_other_words_are_the_same(vector: list[float]) -> None:
     pose = matrix((Rotation.from_rotvec(vector), np.zeros(3)))
-    found = quaternion(pose)
+    written = pose_record(pose)
+    found = written["quaternion_xyzw"]
     assert found[3] >= 0
     assert np.linalg.norm(found) == pytest.approx(1.0)
     np.testing.assert_allclose(Rotation.from_quat(found).as_matrix(), pose[:3, :3], atol=1e-12)
-    again = Rotation.from_euler("xyz", rpy_deg(pose), degrees=True)
+    again = Rotation.from_euler("xyz", written["rpy_deg"], degrees=True)
     np.testing.assert_allclose(again.as_matrix(), pose[:3, :3], atol=1e-12)
 
 
@@ -101,7 +99,14 @@ def test_answers_are_json_and_si_only_where_said(tmp_path: Path) -> None:
     pivot, poses = pivoted(tmp_path, ["left"] * 20)
     eye, pairs = eye_in(tmp_path, "eye-in-hand")
     points = registered(tmp_path)
-    answers = [pivot_dict(pivot, poses), hand_eye_dict(eye, pairs), register_dict(*points, None)]
+    answers = [
+        each.json()
+        for each in (
+            pivot_document(pivot, poses),
+            hand_eye_document(eye, pairs),
+            register_document(*points),
+        )
+    ]
     for answer in answers:
         assert json.loads(json.dumps(answer, allow_nan=False)) == answer
     assert answers[0]["tip_mm"] == pytest.approx(list(1e3 * pivot.tip))
@@ -114,7 +119,7 @@ def test_answers_are_json_and_si_only_where_said(tmp_path: Path) -> None:
 
 
 def test_x_alone_carries_nothing_of_z(tmp_path: Path) -> None:
-    answer = hand_eye_dict(*eye_in(tmp_path, "eye-in-hand", "AX=XB"))
+    answer = hand_eye_document(*eye_in(tmp_path, "eye-in-hand", "AX=XB")).json()
     assert not [key for key in answer if key.startswith("Z")]
     assert list(answer["std"]) == ["X"]
     assert np.shape(answer["covariance"]["matrix"]) == (6, 6)
@@ -128,7 +133,7 @@ def test_the_origin_is_less_sure_than_the_middle_of_the_points(tmp_path: Path) -
         write_csv(file, ("x", "y", "z"), points)
     read = read_corresponding_points(*files)
     found = register(read[0].position, read[1].position)
-    answer = register_dict(found, *read, None)
+    answer = register_document(found, *read).json()
     size = {
         key: np.linalg.norm([answer[key][f"{axis}_mm"] for axis in "xyz"])
         for key in ("std", "std_at_centre")
@@ -139,14 +144,14 @@ def test_the_origin_is_less_sure_than_the_middle_of_the_points(tmp_path: Path) -
 
 # ── tables ───────────────────────────────────────────────────────────────────────────────────
 def test_tables_fit_and_say_what_was_found(tmp_path: Path) -> None:
-    pivot = on_screen(pivot_tables(*pivoted(tmp_path, ["left"] * 20 + ["right"] * 20)))
+    pivot = on_screen(pivot_document(*pivoted(tmp_path, ["left"] * 20 + ["right"] * 20)))
     assert "post left" in pivot
     assert "1 outlier: row 3 (line 5)" in pivot
-    eye = on_screen(hand_eye_tables(*eye_in(tmp_path, "eye-to-hand")))
+    eye = on_screen(hand_eye_document(*eye_in(tmp_path, "eye-to-hand")))
     assert "X = T_base_eye: the eye in the base" in eye
     assert "Z = T_hand_target: the target in the hand" in eye
-    found, a, _ = registered(tmp_path)
-    moved = on_screen(register_tables(found, a, a))
+    found, a, b = registered(tmp_path)
+    moved = on_screen(register_document(found, a, b, a))
     assert "target registration error" in moved
     for text in (pivot, eye, moved):
         assert max(len(line) for line in text.splitlines()) <= 80
@@ -158,7 +163,9 @@ def test_labels_and_long_lists_stay_legible(tmp_path: Path) -> None:
     labels = [f"[P{k % 14}]" for k in range(70)]
     numbers = pivot_numbers(["left"] * 70)
     data = read_tool_poses(write_csv(tmp_path / "p.csv", (*POSE, "point"), numbers, labels))
-    shown = on_screen(pivot_tables(calibrate_pivot(data.rotation, data.position, data.point), data))
+    shown = on_screen(
+        pivot_document(calibrate_pivot(data.rotation, data.position, data.point), data)
+    )
     assert "post [P0]" in shown
     assert "post [P13]" not in shown
     assert "2 more posts" in shown
@@ -166,31 +173,31 @@ def test_labels_and_long_lists_stay_legible(tmp_path: Path) -> None:
 
 # ── pictures ─────────────────────────────────────────────────────────────────────────────────
 def test_pictures_name_their_axes_and_outliers(tmp_path: Path) -> None:
-    pivot = drawn(pivot_figure(*pivoted(tmp_path, ["left"] * 20)))
+    pivot = drawn(pivot_plot(*pivoted(tmp_path, ["left"] * 20)))
     assert "outlier" in pivot
     assert "distance, mm" in pivot
     assert "Directions of the tool" in pivot
-    eye = drawn(hand_eye_figure(eye_in(tmp_path, "eye-in-hand")[0]))
+    eye = drawn(hand_eye_plot(eye_in(tmp_path, "eye-in-hand")[0]))
     assert "outlier" not in eye
     assert "turn, deg" in eye
     assert "in the hand (angle from its z)" in eye
-    beside = drawn(hand_eye_figure(eye_in(tmp_path, "eye-to-hand")[0]))
+    beside = drawn(hand_eye_plot(eye_in(tmp_path, "eye-to-hand")[0]))
     assert "in the base (angle from its z)" in beside
     found, _, b = registered(tmp_path)
     assert re.search(
-        r"Residuals in the points' plane, enlarged \d+ times", drawn(register_figure(found, b))
+        r"Residuals in the points' plane, enlarged \d+ times", drawn(register_plot(found, b))
     )
 
 
 def test_the_same_answer_is_the_same_picture(tmp_path: Path) -> None:
     answer = pivoted(tmp_path, ["left"] * 20)
-    assert pivot_figure(*answer) == pivot_figure(*answer)
+    assert pivot_plot(*answer) == pivot_plot(*answer)
 
 
 def test_exact_data_are_drawn_at_zero(tmp_path: Path) -> None:
     """No arrows of rounding errors, and no scale that makes them look like residuals."""
     found, _, b = registered(tmp_path, noise=0.0)
-    assert "enlarged 1 times" in drawn(register_figure(found, b))
+    assert "enlarged 1 times" in drawn(register_plot(found, b))
     random = np.random.default_rng(0)
     data = ToolPoses(
         tmp_path,
@@ -199,7 +206,7 @@ def test_exact_data_are_drawn_at_zero(tmp_path: Path) -> None:
         np.zeros((8, 3)),
     )
     exact = calibrate_pivot(data.rotation, data.position - data.rotation @ [0, 0, 0.1])
-    assert re.search("1e[−-]06", drawn(pivot_figure(exact, data)))  # Matplotlib 3.6: a hyphen
+    assert re.search("1e[−-]06", drawn(pivot_plot(exact, data)))  # Matplotlib 3.6: a hyphen
 
 
 def test_an_outlier_beyond_the_rings_is_told(tmp_path: Path) -> None:
@@ -208,7 +215,7 @@ def test_an_outlier_beyond_the_rings_is_told(tmp_path: Path) -> None:
     data = read_tool_poses(write_csv(tmp_path / "p.csv", POSE, numbers))
     found = calibrate_pivot(data.rotation, data.position)
     assert found.outliers == (5,)
-    assert "outliers farther out: 1" in drawn(pivot_figure(found, data))
+    assert "outliers farther out: 1" in drawn(pivot_plot(found, data))
 
 
 # ── files ────────────────────────────────────────────────────────────────────────────────────

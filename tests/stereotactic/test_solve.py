@@ -11,12 +11,15 @@ import pytest
 from stereotactic_scenes import distance, spoilt
 
 from suta_calib.geometry.numbers import rms_length
-from suta_calib.stereotactic.assessment import judge_stereotactic
 from suta_calib.stereotactic.cis_simulation import SimulatedSet, simulate_stereotactic
-from suta_calib.stereotactic.comparison import compare, read_given
 from suta_calib.stereotactic.data import StereotacticData
-from suta_calib.stereotactic.robust_distortion import fit_distortion_robustly
-from suta_calib.stereotactic.solve import StereotacticResult, solve_stereotactic
+from suta_calib.stereotactic.distortion import fit_distortion_robustly
+from suta_calib.stereotactic.solve import (
+    StereotacticResult,
+    compare,
+    read_given,
+    solve_stereotactic,
+)
 
 
 def solve(
@@ -132,7 +135,7 @@ def test_extrapolation_is_counted_and_told() -> None:
         result = solve_stereotactic(far, dewarp=True)
     assert 0 < result.extrapolated["em_pivot"] <= 72
     assert result.extrapolated["em_nav"] == 0
-    assessment = judge_stereotactic(result)
+    assessment = result.assessment
     assert assessment.level == "care"
     assert any("calibrated volume" in note for note in assessment.notes)
 
@@ -140,9 +143,9 @@ def test_extrapolation_is_counted_and_told() -> None:
 def test_verdict_says_when_correction_is_needed() -> None:
     clean = simulate_stereotactic(em_noise=0.2e-3, grid=3)
     bent = simulate_stereotactic(em_noise=0.2e-3, grid=3, distortion=3e-3)
-    assert judge_stereotactic(solve(clean.data)).level == "good"
-    assert any("--dewarp" in note for note in judge_stereotactic(solve(bent.data)).notes)
-    notes = judge_stereotactic(solve(bent.data, dewarp=True)).notes
+    assert solve(clean.data).assessment.level == "good"
+    assert any("--dewarp" in note for note in solve(bent.data).assessment.notes)
+    notes = solve(bent.data, dewarp=True).assessment.notes
     assert not any("--dewarp" in note for note in notes)
 
 
@@ -228,6 +231,6 @@ def test_correction_brings_the_first_assignments_distorted_post_back(shared: Pat
 def test_markers_of_another_size_are_no_answer(part: str, scale: float) -> None:
     data = simulate_stereotactic("sim", seed=0).data
     body = replace(data.body, **{part: scale * getattr(data.body, part)})
-    assessment = judge_stereotactic(solve_stereotactic(replace(data, body=body)))
+    assessment = solve_stereotactic(replace(data, body=body)).assessment
     assert assessment.level == "bad"
     assert "another unit" in assessment.notes[0]

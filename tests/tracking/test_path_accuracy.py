@@ -14,7 +14,6 @@ from simulated import SUTA_URDF, arm_named
 
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import SamplesError
-from suta_calib.pose_calibration.registration import register
 from suta_calib.tracking.alignment import align
 from suta_calib.tracking.path_accuracy import compare
 from suta_calib.tracking.reversals import turning_points
@@ -70,11 +69,6 @@ def moved(trajectory: Trajectory) -> Trajectory:
     return Trajectory(NOWHERE, trajectory.time, position, TURN @ trajectory.rotation)
 
 
-def robustly(source: FloatArray, target: FloatArray) -> tuple[FloatArray, FloatArray]:
-    found = register(source, target)
-    return found.rotation, found.position
-
-
 @pytest.mark.parametrize("latency", [-0.2, -0.004, 0.0, 0.0123, 0.35])
 def test_latency_is_found(latency: float):
     found = align(*motions(latency, 0 * PLAY))
@@ -103,7 +97,7 @@ def test_uncertainty_of_latency_is_its_scatter():
 
 def test_the_frames_are_found_with_the_latency():
     recorded, reference = motions(play=0 * PLAY)
-    found = align(recorded, moved(reference), register=robustly)
+    found = align(recorded, moved(reference), registered=True)
     assert found.latency == pytest.approx(LATENCY, abs=2e-6)
     np.testing.assert_allclose(found.rotation, TURN, atol=1e-5)
     np.testing.assert_allclose(found.position, SHIFT, atol=1e-5)
@@ -113,11 +107,11 @@ def test_the_frames_are_found_with_the_latency():
 def test_hysteresis_is_found_by_joint_and_not_taken_for_latency(elsewhere: bool):
     """Although the geometry of the arm is wrong by half a millimetre, too."""
     recorded, reference = motions(geometry={"joint_4.z": 0.5715, "joint_3.offset": 3e-4})
-    frame = {"register": robustly} if elsewhere else {}
+    frame = {"registered": elsewhere}
     target = moved(reference) if elsewhere else reference
     found = compare(recorded, target, arm_named("suta"), **frame)
     assert found.per == "joint"
-    assert found.usable
+    assert found.assessment.usable
     assert abs(found.alignment.latency - LATENCY) < 5 * found.alignment.latency_std < 2e-4
     sizes = np.array([found.hysteresis[name] for name in arm_named("suta").joints])
     np.testing.assert_allclose(sizes[:, 0], PLAY, atol=np.radians(0.004))
@@ -132,7 +126,7 @@ def test_play_seems_latency_where_joints_are_not_known():
     assert plain.per == "axis"
     assert plain.hysteresis == {}
     assert plain.alignment.latency > LATENCY + 2e-4
-    assert any("the latency contains it" in note for note in plain.notes)
+    assert any("the latency contains it" in note for note in plain.assessment.notes)
 
 
 def test_errors_before_and_after_a_reversal():
@@ -169,8 +163,8 @@ def test_path_error_is_what_is_across_the_motion():
 
 def test_a_latency_beyond_the_search_is_not_usable():
     found = compare(*motions(0.3, 0 * PLAY), largest_latency=0.1)
-    assert not found.usable
-    assert "raise --max-latency" in found.notes[0]
+    assert not found.assessment.usable
+    assert "raise --max-latency" in found.assessment.notes[0]
 
 
 def test_turning_points_are_counted_once_although_the_signal_trembles():

@@ -7,16 +7,18 @@ from suta_calib.analysis.iso10360.acceptance import (
     accept,
     acceptance_test,
 )
-from suta_calib.analysis.iso10360.lengths import LengthErrors
-from suta_calib.analysis.iso10360.places import (
+from suta_calib.analysis.iso10360.measured import (
     Articulation,
+    LengthErrors,
     Repeats,
+    Sphere,
     SphereProbing,
     articulations,
+    best_sphere,
     probings,
     repeats,
+    smallest_sphere,
 )
-from suta_calib.analysis.iso10360.spheres import Sphere, best_sphere, smallest_sphere
 from suta_calib.job.limits import (
     Decision,
     DecisionRule,

@@ -13,9 +13,9 @@ from typing import Final
 
 import numpy as np
 
-from suta_calib.analysis.iso10360.lengths import LengthErrors
-from suta_calib.analysis.iso10360.places import (
+from suta_calib.analysis.iso10360.measured import (
     Articulation,
+    LengthErrors,
     Repeats,
     SphereProbing,
     articulations,
@@ -34,6 +34,7 @@ from suta_calib.job.limits import (
     worst,
 )
 from suta_calib.measurements import Samples
+from suta_calib.units import mm
 
 TOUCHES: Final = 25
 ARTICULATIONS: Final = 5
@@ -178,7 +179,7 @@ class AcceptanceTest:
         for found in self.characteristics:
             if found.limit is not None and self.rule.guard(found.expanded) >= found.limit:
                 notes.append(
-                    f"{found.symbol}: the test is less sure (U {1e3 * found.expanded:.4f} mm) than "
+                    f"{found.symbol}: the test is less sure (U {mm(found.expanded):.4f} mm) than "
                     "the limit: nothing can pass it."
                 )
             if found.limit is None and self.limits.given:
@@ -193,7 +194,7 @@ class AcceptanceTest:
         if m.lengths is not None:
             said.append(
                 f"Lengths: every pair of landmarks at every placement, {len(m.lengths)} errors of "
-                f"lengths up to {1e3 * float(m.lengths.length.max()):.0f} mm; the standard "
+                f"lengths up to {mm(float(m.lengths.length.max())):.0f} mm; the standard "
                 "prescribes which lengths lie where in the measuring volume, and longer ones "
                 "were not tested."
             )
@@ -220,10 +221,10 @@ def _failure(each: Characteristic) -> str:
     if each.decision not in ("fail", "undecided") or each.limit is None:
         return ""
     how = "beyond" if each.decision == "fail" else "too near to"
-    sure = f" with U {1e3 * each.expanded:.4f} mm" if each.expanded else ""
+    sure = f" with U {mm(each.expanded):.4f} mm" if each.expanded else ""
     return (
-        f"{each.symbol}: {1e3 * each.value:+.4f} mm ({each.where}) is {how} the limit "
-        f"±{1e3 * each.limit:.4f} mm{sure}."
+        f"{each.symbol}: {mm(each.value):+.4f} mm ({each.where}) is {how} the limit "
+        f"±{mm(each.limit):.4f} mm{sure}."
     )
 
 
@@ -288,7 +289,7 @@ def _worst_length(
     if limit is not None:
         rows = zip(lengths.error.tolist(), limit.tolist(), expanded.tolist(), strict=True)
         decisions = [rule.decide(*each) for each in rows]
-    place = f"{lengths.label[row]}, {1e3 * lengths.length[row]:.1f} mm, {lengths.placement[row]}"
+    place = f"{lengths.label[row]}, {mm(lengths.length[row]):.1f} mm, {lengths.placement[row]}"
     return Characteristic(
         "E_Bi" if bidirectional else "E_Uni",
         place,

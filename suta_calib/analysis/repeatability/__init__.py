@@ -1,24 +1,29 @@
 """Repeatability of visits to one point, and what the encoders do while nothing moves."""
 
-from suta_calib.analysis.repeatability.allan import AllanDeviation, allan_deviation
 from suta_calib.analysis.repeatability.directions import DirectionalForce, JointPush
-from suta_calib.analysis.repeatability.intervals import Interval, ScatterEstimate
-from suta_calib.analysis.repeatability.protocols import (
-    Change,
-    ProtocolComparison,
-    compare_protocols,
-)
 from suta_calib.analysis.repeatability.scatter import (
+    Change,
+    Interval,
     JointScatter,
     OrientationScatter,
     PositionScatter,
+    ProtocolComparison,
+    ScatterEstimate,
+    compare_protocols,
 )
-from suta_calib.analysis.repeatability.stationary import JointNoise, Stationary, stationary
+from suta_calib.analysis.repeatability.stationary import (
+    AllanDeviation,
+    JointNoise,
+    Stationary,
+    allan_deviation,
+    stationary,
+)
 from suta_calib.analysis.repeatability.stream import Stream, read_stream
 from suta_calib.analysis.repeatability.visits import (
     DIRECTION,
     PROTOCOL,
     Repeatability,
+    RepeatabilityTest,
     repeatability,
     tip_levers,
 )
@@ -37,6 +42,7 @@ __all__ = [
     "PositionScatter",
     "ProtocolComparison",
     "Repeatability",
+    "RepeatabilityTest",
     "ScatterEstimate",
     "Stationary",
     "Stream",

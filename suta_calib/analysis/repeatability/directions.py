@@ -1,18 +1,212 @@
-"""Directional force: what the readings do when the seated tip is pushed this way and that."""
+"""Directional force: what the readings do when the seated tip is pushed this way and that.
+
+The seat holds the tip, so the true angles stay what they were but for the seat's own clearance; a
+joint with play, or one that yields before its encoder sees it, reads something else for every
+direction. The clearance moves all joints together, by far more than the play; the play moves one
+reading out of step with the others. So each joint is looked at given the others: with the
+covariance C of the readings within the directions and the mean m_d of direction d, the best
+explanation by one joint is g_jd = (C^-1 m_d)_j / (C^-1)_jj, and it takes W_j = sum n_d g_jd²
+(C^-1)_jj out of the misfit (generalised least squares). The largest W of any joint under permuted
+labels (Westfall, Young 1993, ISBN 978-0-471-55761-6) says what noise alone gives to the worst of
+them. Joints are taken one after the other until noise explains the rest. Where the clearance lets
+two joints do the same to the tip, the readings cannot tell which of them gives: that is said.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from suta_calib.analysis.repeatability.backlash_search import PERMUTATIONS, PlaySearch, search_play
-from suta_calib.analysis.repeatability.direction_groups import DirectionGroups
 from suta_calib.analysis.repeatability.scatter import PositionScatter
-from suta_calib.arrays import FloatArray
+from suta_calib.arrays import FloatArray, IntArray
+from suta_calib.terms.term import grouped
 from suta_calib.units import Unit
+
+
+@dataclass(frozen=True, eq=False)
+class DirectionGroups:
+    """Visits by direction.
+
+    Attributes:
+        names: of the k directions, in order of first appearance.
+        member: (n, k) one where a visit has the direction, else zero.
+        strata: rows of each protocol: labels change places within one only.
+    """
+
+    names: Sequence[str]
+    member: FloatArray
+    strata: Sequence[IntArray]
+
+    @classmethod
+    def of(
+        cls, direction: NDArray[np.str_], protocol: NDArray[np.str_] | None = None
+    ) -> DirectionGroups:
+        """From labels (n,) of direction and protocol."""
+        names, index = grouped(direction)
+        strata = [np.arange(len(direction))]
+        if protocol is not None:
+            strata = [np.flatnonzero(protocol == each) for each in np.unique(protocol)]
+        return cls(names, np.eye(len(names))[index], strata)
+
+    @property
+    def counts(self) -> FloatArray:
+        """(k,) visits of each direction."""
+        return np.asarray(self.member.sum(axis=0))
+
+    def centred(self, values: FloatArray) -> FloatArray:
+        """Values (n, c) with each protocol's mean taken out."""
+        centred = values.copy()
+        for rows in self.strata:
+            centred[rows] -= centred[rows].mean(axis=0)
+        return centred
+
+    def means(self, values: FloatArray, order: IntArray | None = None) -> FloatArray:
+        """(k, c) means of values (n, c), with the labels in another order if one is given."""
+        member = self.member if order is None else self.member[order]
+        return np.asarray(member.T @ values / self.counts[:, None])
+
+    def between(self, values: FloatArray, order: IntArray | None = None) -> float:
+        """Sum of squares of values (n, c) that directions explain."""
+        return float(self.counts @ (self.means(values, order) ** 2).sum(axis=1))
+
+    def shuffled(self, random: np.random.Generator) -> IntArray:
+        """(n,) an order in which labels have changed places within their protocols."""
+        order = np.arange(len(self.member))
+        for rows in self.strata:
+            order[rows] = random.permutation(rows)
+        return order
+
+
+# Noise names a joint in this share of arms without any play.
+FALSE_ALARM: Final = 0.01
+PERMUTATIONS: Final = 1999
+# Twice the logarithm of a hundred: odds that are no longer worth mentioning.
+_AS_WELL: Final = 9.2
+_FEW: Final = 500
+# What noise exceeds in the other share of permutations.
+_CHANCE: Final = 0.95
+# Share of its variance that a joint has to itself at least: rounding, and joints that never move.
+_OWN: Final = 1e-7
+
+
+@dataclass(frozen=True, eq=False)
+class BacklashSearch:
+    """What was found.
+
+    Attributes:
+        joints: indices of the joints that have it, in the order they were found.
+        as_well: for each of these, the joints that would have explained it nearly as well.
+        backlash: (k, joints) what each joint does out of step, by direction, rad or m.
+        p_values: (joints,) chance of so much out of step with any joint.
+        by_chance: (joints,) peak to peak of the backlash that noise exceeds once in twenty.
+    """
+
+    joints: tuple[int, ...]
+    as_well: Mapping[int, tuple[int, ...]]
+    backlash: FloatArray
+    p_values: FloatArray
+    by_chance: FloatArray
+
+
+def search_backlash(
+    groups: DirectionGroups, values: FloatArray, random: np.random.Generator
+) -> BacklashSearch:
+    """Take joints one after the other until noise explains what is left.
+
+    Args:
+        groups: the directions.
+        values: (n, joints) deviations of the readings, protocols' means taken out, rad or m.
+        random: of the permutations.
+    """
+    found: list[int] = []
+    as_well: dict[int, tuple[int, ...]] = {}
+    p_values = np.ones(values.shape[1])
+    while True:
+        shifts = _shifts(groups, values, found)
+        step = _step(groups, values - groups.member @ shifts, found, random)
+        others = [k for k in range(values.shape[1]) if k not in found]
+        p_values[others] = step.p_values[others]
+        best = max(others, key=lambda k: float(step.taken[k]), default=None)
+        if best is None or step.p_values[best] > FALSE_ALARM:
+            backlash = np.where(np.isin(range(values.shape[1]), found), shifts, step.backlash)
+            return BacklashSearch(tuple(found), as_well, backlash, p_values, step.by_chance)
+        close = (k for k in others if k != best and step.taken[best] - step.taken[k] < _AS_WELL)
+        as_well[best] = tuple(close)
+        found.append(best)
+
+
+@dataclass(frozen=True, eq=False)
+class _Step:
+    """What each joint that is not yet found would explain: W (joints,), backlash (k, joints)."""
+
+    taken: FloatArray
+    backlash: FloatArray
+    p_values: FloatArray
+    by_chance: FloatArray
+
+
+def _step(
+    groups: DirectionGroups, values: FloatArray, found: Sequence[int], random: np.random.Generator
+) -> _Step:
+    """Look at every joint given the others, those found free to do what they like."""
+    orders = (groups.shuffled(random) for _ in range(PERMUTATIONS))
+    drawn = np.array([groups.means(values, order) for order in orders])
+    true = groups.means(values)[None]
+    taken, backlash = (each[0] for each in _explained(groups, values, true, found))
+    by_chance, wide = _explained(groups, values, drawn, found)
+    # The joints already found have a chance too: that of being looked at alone.
+    _, alone = _explained(groups, values, drawn[:_FEW], ())
+    chance, first = (np.quantile(np.ptp(each, axis=1), _CHANCE, axis=0) for each in (wide, alone))
+    # An effect that is equal but for rounding is no smaller one.
+    above = by_chance.max(axis=1)[:, None] >= taken * (1 - 1e-9)
+    return _Step(
+        taken,
+        backlash,
+        (1 + above.sum(axis=0)) / (PERMUTATIONS + 1),
+        np.where(np.isin(range(len(taken)), found), first, chance),
+    )
+
+
+def _explained(
+    groups: DirectionGroups, values: FloatArray, means: FloatArray, found: Sequence[int]
+) -> tuple[FloatArray, FloatArray]:
+    """W (b, joints) and backlash (b, k, joints) of each joint by itself, for b sets of means."""
+    between = np.einsum("bki,k,bkj->bij", means, groups.counts, means)
+    precision = _inverse((values.T @ values - between) / len(values))
+    if found:
+        rows = precision[:, list(found)]
+        inner = rows[:, :, list(found)]
+        precision = precision - np.swapaxes(rows, 1, 2) @ np.linalg.solve(inner, rows)
+    own = np.diagonal(precision, axis1=1, axis2=2).copy()
+    own[:, list(found)] = np.inf
+    backlash = means @ precision / own[:, None]
+    taken = np.einsum("k,bkj->bj", groups.counts, backlash**2) * np.where(np.isinf(own), 0.0, own)
+    return taken, backlash
+
+
+def _shifts(groups: DirectionGroups, values: FloatArray, found: Sequence[int]) -> FloatArray:
+    """(k, joints) by direction: what the joints found did, all at once; zero for the others."""
+    means = groups.means(values)
+    shifts = np.zeros_like(means)
+    if found:
+        within = values - groups.member @ means
+        precision = _inverse(within.T @ within / len(within))
+        inner = precision[np.ix_(found, found)]
+        shifts[:, found] = np.linalg.solve(inner, (means @ precision)[:, found].T).T
+    return shifts
+
+
+def _inverse(covariance: FloatArray) -> FloatArray:
+    """Inverse of covariances (..., joints, joints), defined whatever they are."""
+    variance = np.diagonal(covariance, axis1=-2, axis2=-1)
+    size = np.sqrt(np.where(variance > 0, variance, 1.0))
+    product = size[..., :, None] * size[..., None, :]
+    joints = covariance.shape[-1]
+    return np.asarray(np.linalg.inv(covariance / product + _OWN * np.eye(joints)) / product)
 
 
 @dataclass(frozen=True)
@@ -24,12 +218,12 @@ class JointPush:
         unit: rad or m.
         means: mean deviation of the reading by direction.
         peak_to_peak: between the two means farthest apart, whatever the other joints do.
-        play: the same given the other joints: what this one does out of step with them.
-        chance: play that noise alone exceeds once in twenty.
-        tip: what the play moves the tip, m, by the joint's column of the Jacobian.
+        backlash: the same given the other joints: what this one does out of step with them.
+        by_chance: backlash that noise alone exceeds once in twenty.
+        tip: what the backlash moves the tip, m, by the joint's column of the Jacobian.
         p_value: chance of so much out of step with any joint, if directions did nothing more than
-            what the joints that give explain.
-        gives: whether noise is no explanation.
+            what the joints that have backlash explain.
+        has_backlash: whether noise is no explanation.
         as_well: joints that would have explained it nearly as well: it may be one of them.
     """
 
@@ -37,11 +231,11 @@ class JointPush:
     unit: Unit
     means: Mapping[str, float]
     peak_to_peak: float
-    play: float
-    chance: float
+    backlash: float
+    by_chance: float
     tip: float
     p_value: float
-    gives: bool
+    has_backlash: bool
     as_well: tuple[str, ...] = ()
 
 
@@ -66,9 +260,11 @@ class DirectionalForce:
     within: FloatArray
 
     @property
-    def giving(self) -> JointPush | None:
+    def loosest(self) -> JointPush | None:
         """Of the joints that noise does not explain, the one that moves the tip most, or None."""
-        return max((j for j in self.joints if j.gives), key=lambda each: each.tip, default=None)
+        return max(
+            (j for j in self.joints if j.has_backlash), key=lambda each: each.tip, default=None
+        )
 
 
 def directional_force(
@@ -92,7 +288,7 @@ def directional_force(
     groups = DirectionGroups.of(direction, protocol)
     values = groups.centred(np.hstack([away, position]))
     random = np.random.default_rng(seed)
-    search = search_play(groups, values[:, : len(joints)], random)
+    search = search_backlash(groups, values[:, : len(joints)], random)
     means = groups.means(values)
     tip = means[:, len(joints) :]
     rows = (position[direction == name] for name in groups.names)
@@ -109,21 +305,21 @@ def _push(
     groups: DirectionGroups,
     joints: Sequence[tuple[str, Unit, float]],
     means: FloatArray,
-    search: PlaySearch,
+    search: BacklashSearch,
     k: int,
 ) -> JointPush:
     name, unit, lever = joints[k]
-    play = float(np.ptp(search.plays[:, k]))
+    backlash = float(np.ptp(search.backlash[:, k]))
     return JointPush(
         name,
         unit,
         dict(zip(groups.names, means.tolist(), strict=True)),
         float(np.ptp(means)),
-        play,
-        float(search.chance[k]),
-        lever * play,
+        backlash,
+        float(search.by_chance[k]),
+        lever * backlash,
         float(search.p_values[k]),
-        k in search.giving,
+        k in search.joints,
         tuple(joints[other][0] for other in search.as_well.get(k, ())),
     )
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Final
 
@@ -10,18 +10,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from suta_calib.analysis.repeatability.directions import DirectionalForce, directional_force
-from suta_calib.analysis.repeatability.intervals import CONFIDENCE
-from suta_calib.analysis.repeatability.protocols import ProtocolComparison, compare_protocols
 from suta_calib.analysis.repeatability.scatter import (
+    CONFIDENCE,
     CYCLES,
     LEAST_VISITS,
     JointScatter,
     OrientationScatter,
     PositionScatter,
+    ProtocolComparison,
+    compare_protocols,
     deviations,
     joint_scatter,
+    median_angle,
 )
-from suta_calib.analysis.repeatability.unusual import elsewhere, other_posture, white
+from suta_calib.analysis.repeatability.stationary import Stationary
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment
 from suta_calib.batched import Batched
@@ -31,7 +33,42 @@ from suta_calib.model.arm import ArmModel
 from suta_calib.pose_calibration.serial_correlation import correlation_length
 from suta_calib.terms.term import grouped
 from suta_calib.threads import single_threaded
-from suta_calib.units import Unit
+from suta_calib.units import Unit, from_deg, mm
+
+# A joint this far from its median (rad) and this many times as far as most: another posture.
+_POSTURE: Final = from_deg(5.0)
+_UNUSUAL: Final = 10.0
+# Farther from the median than this many times the median distance: another point, or a slip.
+_ELSEWHERE: Final = 6.0
+
+
+def elsewhere(away: FloatArray) -> tuple[int, ...]:
+    """Rows of positions (n, 3) far from where most of them are."""
+    size = np.linalg.norm(away - np.median(away, axis=0), axis=1)
+    return tuple(int(row) for row in np.flatnonzero(size > _ELSEWHERE * np.median(size)))
+
+
+def other_posture(columns: Iterable[tuple[str, Unit, FloatArray, float]]) -> tuple[int, ...]:
+    """Rows in which some revolute joint is where it is not in most others.
+
+    Args:
+        columns: name, unit, readings (n,) and lever of every joint.
+    """
+    odd: set[int] = set()
+    for _, unit, readings, _ in columns:
+        if unit == "rad":
+            away = np.angle(np.exp(1j * (readings - median_angle(readings))))
+            size = np.abs(away - np.median(away))
+            limit = max(_POSTURE, _UNUSUAL * float(np.median(size)))
+            odd |= {int(row) for row in np.flatnonzero(size > limit)}
+    return tuple(sorted(odd))
+
+
+def white(away: FloatArray) -> FloatArray:
+    """Deviations (n, 3) along their principal axes, all of one size."""
+    vectors, sizes, _ = np.linalg.svd(away - away.mean(axis=0), full_matrices=False)
+    return np.array(vectors[:, sizes > 1e-9 * max(float(sizes[0]), 1e-300)], dtype=float)
+
 
 DIRECTION: Final = "direction"
 PROTOCOL: Final = "protocol"
@@ -78,9 +115,9 @@ class Repeatability:
     def _sentence(self) -> str:
         rp, inside = self.position.rp, self.position.rp.interval(self.confidence)
         return (
-            f"RP {1e3 * rp.value:.3f} mm from {self.position.count} visits "
-            f"({100 * self.confidence:g} % interval {1e3 * inside.low:.3f} to "
-            f"{1e3 * inside.high:.3f} mm)"
+            f"RP {mm(rp.value):.3f} mm from {self.position.count} visits "
+            f"({100 * self.confidence:g} % interval {mm(inside.low):.3f} to "
+            f"{mm(inside.high):.3f} mm)"
         )
 
     def _cautions(self) -> list[str]:
@@ -91,12 +128,13 @@ class Repeatability:
                 "of their number): the arm drifts or warms up, and every interval here is too "
                 "narrow."
             )
-        giving = None if self.directions is None else self.directions.giving
-        if giving is not None:
+        loosest = None if self.directions is None else self.directions.loosest
+        if loosest is not None:
+            named = " or ".join([loosest.joint, *loosest.as_well])
             notes.append(
-                f"{' or '.join([giving.joint, *giving.as_well])} gives: with the direction of the "
-                f"push its reading changes by what moves the tip by {1e3 * giving.tip:.3f} mm "
-                f"(p = {giving.p_value:.2g})."
+                f"{named} gives: with the direction of the push its reading changes by what moves "
+                f"the tip by {mm(loosest.tip):.3f} mm "
+                f"(p = {loosest.p_value:.2g})."
             )
         return notes
 
@@ -139,6 +177,22 @@ class Repeatability:
     def _rows(self, rows: tuple[int, ...]) -> str:
         named = ", ".join(self.samples.origin[row] for row in rows[:3])
         return f"{named}, …" if len(rows) > 3 else named
+
+
+@dataclass(frozen=True, eq=False)
+class RepeatabilityTest:
+    """Visits to one point and encoders at rest; None for what was not looked at."""
+
+    visits: Repeatability | None = None
+    rest: Stationary | None = None
+
+    @property
+    def assessment(self) -> Assessment:
+        """The worse of both, with the notes of both."""
+        given = [each.assessment for each in (self.visits, self.rest) if each is not None]
+        bad = [note for each in given if not each.usable for note in each.notes]
+        care = [note for each in given if each.usable for note in each.notes]
+        return Assessment.of("; ".join(each.sentence for each in given), bad=bad, care=care)
 
 
 @single_threaded

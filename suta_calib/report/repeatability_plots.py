@@ -15,11 +15,11 @@ from suta_calib.analysis.repeatability import (
     Repeatability,
     Stationary,
 )
+from suta_calib.analysis.repeatability.scatter import distances
 from suta_calib.report.svg import BLUE, GREY, ORANGE, WIDTH, plain_log, style, svg_text
 from suta_calib.terms.term import grouped
-from suta_calib.units import shown, unit_name
+from suta_calib.units import mm, thousandths, unit_name
 
-MM: Final = 1e3
 LARGE: Final = 1.3 * WIDTH
 _LOOKS: Final = tuple(zip((BLUE, ORANGE, "black") * 2, "osD^vP", strict=True))
 _LINES: Final = ("-", "--", ":", "-.")
@@ -59,14 +59,14 @@ def _labels(found: Repeatability) -> tuple[list[str], Any]:
 
 
 def _cloud(axes: Axes, found: Repeatability, across: int, up: int) -> None:
-    away = MM * (found.position_of - found.position_of.mean(axis=0))
+    away = mm(found.position_of - found.position_of.mean(axis=0))
     names, index = _labels(found)
     for k, label in enumerate(names):
         colour, marker = _LOOKS[k % len(_LOOKS)]
         rows = away[index == k]
         axes.plot(rows[:, across], rows[:, up], marker, color=colour, ms=4, mfc="none", label=label)
     angle = np.linspace(0, 2 * np.pi, 121)
-    radius = MM * found.position.rp.value
+    radius = mm(found.position.rp.value)
     axes.plot(radius * np.cos(angle), radius * np.sin(angle), "--", color=GREY, lw=1.2, label="RP")
     axes.set_aspect("equal", adjustable="datalim")
     axes.set_title(f"{'xyz'[across]} and {'xyz'[up]} of the base")
@@ -76,16 +76,16 @@ def _cloud(axes: Axes, found: Repeatability, across: int, up: int) -> None:
 
 
 def _in_order(axes: Axes, found: Repeatability) -> None:
-    size = MM * np.linalg.norm(found.position_of - found.position_of.mean(axis=0), axis=1)
+    size = mm(distances(found.position_of))
     axes.plot(np.arange(1, len(size) + 1), size, ".-", color=BLUE, lw=0.6, ms=4)
     for value, line, label in (
         (found.position.rp.value, "--", "RP"),
         (found.position.mean, ":", "mean"),
     ):
-        axes.axhline(MM * value, color=GREY, ls=line, lw=1.2)
+        axes.axhline(mm(value), color=GREY, ls=line, lw=1.2)
         axes.annotate(
             label,
-            (1, MM * value),
+            (1, mm(value)),
             xycoords=("axes fraction", "data"),
             xytext=(3, 0),
             textcoords="offset points",
@@ -103,16 +103,16 @@ def _pushes(axes: Axes, found: DirectionalForce) -> None:
     """Each joint's play beside what chance gives, at the tip."""
     places = np.arange(len(found.joints))
     seen = np.array([each.tip for each in found.joints])
-    chance = [each.tip * each.chance / max(each.play, 1e-300) for each in found.joints]
-    axes.bar(places - 0.2, MM * seen, 0.38, color=BLUE, label="play between directions")
+    chance = [each.tip * each.by_chance / max(each.backlash, 1e-300) for each in found.joints]
+    axes.bar(places - 0.2, mm(seen), 0.38, color=BLUE, label="play between directions")
     axes.bar(
-        places + 0.2, MM * np.array(chance), 0.38,
+        places + 0.2, mm(np.array(chance)), 0.38,
         color="white", edgecolor="black", hatch="////", label="by chance, once in twenty",
     )  # fmt: skip
     for place, each in zip(places, found.joints, strict=True):
-        if each.gives:
+        if each.has_backlash:
             axes.annotate(
-                "gives", (place - 0.2, MM * each.tip), ha="center", va="bottom", fontsize=8
+                "gives", (place - 0.2, mm(each.tip)), ha="center", va="bottom", fontsize=8
             )
     axes.margins(y=0.15)
     axes.set_xticks(places, [each.joint for each in found.joints])
@@ -142,7 +142,7 @@ def _over_time(axes: Axes, found: Stationary) -> None:
         away = readings - each.mean
         away = np.angle(np.exp(1j * away)) if each.unit == "rad" else away
         means = np.array([np.median(away[rows]) for rows in parts])
-        columns.append(1e3 * shown(1.0, each.unit) * means)
+        columns.append(thousandths(means, each.unit))
     apart = 1.5 * max(float(np.ptp(column)) for column in columns) or 1.0
     for k, (each, column) in enumerate(zip(found.joints, columns, strict=True)):
         axes.plot(time, column - column.mean() - k * apart, color=BLUE, lw=0.8)
@@ -156,14 +156,15 @@ def _over_time(axes: Axes, found: Stationary) -> None:
 
 def _allan(axes: Axes, found: Stationary) -> None:
     for k, each in enumerate(found.joints):
-        scale = 1e3 * shown(1.0, each.unit)
         seen = each.allan.deviation > 0
         if not seen.any():
             continue
         colour, line = _COLOURS[k % 4], _LINES[(k + k // 4) % 4]
-        tau, deviation = each.allan.tau[seen], scale * each.allan.deviation[seen]
+        tau, deviation = each.allan.tau[seen], thousandths(each.allan.deviation[seen], each.unit)
         axes.plot(tau, deviation, color=colour, ls=line, lw=1.3, label=each.joint)
-        low, high = scale * each.allan.low[seen], scale * each.allan.high[seen]
+        low, high = (
+            thousandths(ends[seen], each.unit) for ends in (each.allan.low, each.allan.high)
+        )
         axes.fill_between(tau, low, high, color=colour, alpha=0.1, lw=0)
     plain_log(axes.xaxis, axes.set_xscale)
     plain_log(axes.yaxis, axes.set_yscale)

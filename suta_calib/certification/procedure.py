@@ -12,19 +12,21 @@ from collections.abc import Sequence
 import numpy as np
 
 from suta_calib.arrays import BoolArray, FloatArray
-from suta_calib.certification.comparison import compare
-from suta_calib.certification.damage import faults
+from suta_calib.certification.comparison import compare, wrapped
+from suta_calib.certification.damage import faults, judged, uneven_tops
 from suta_calib.certification.frame import (
+    Heading,
     Placed,
     Sources,
     heading_jacobian,
+    heading_of,
+    origin_of,
     pillar_jacobian,
+    placed_in_frame,
     shape_covariance,
-    wrapped,
+    sources_of,
 )
-from suta_calib.certification.heading import Heading
 from suta_calib.certification.measuring import MeasuredArtefact, measure, noise_of
-from suta_calib.certification.options import PLAIN, CertificationOptions
 from suta_calib.certification.pillar import (
     DIAGONAL_02,
     DIAGONAL_13,
@@ -34,9 +36,7 @@ from suta_calib.certification.pillar import (
     UNEVEN_Y,
     WIDTH,
 )
-from suta_calib.certification.placing import heading_of, origin_of, placed_in_frame, sources_of
-from suta_calib.certification.points import ProbedPoints, RawPoints
-from suta_calib.certification.quantities import judged, uneven_tops
+from suta_calib.certification.points import PLAIN, CertificationOptions, ProbedPoints, RawPoints
 from suta_calib.certification.result import (
     Certification,
     CertifiedLandmark,

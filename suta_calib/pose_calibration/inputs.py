@@ -1,12 +1,16 @@
-"""Arrays from outside, checked once."""
+"""What comes from outside: arrays checked once, and errors that name the file of the data."""
 
 from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from suta_calib.arrays import FloatArray
-from suta_calib.errors import SamplesError
+from suta_calib.errors import InputError, SamplesError
 
 _ORTHONORMAL: float = 1e-6
 
@@ -52,3 +56,27 @@ def _checked(values: ArrayLike, shape: tuple[int, ...], where: str) -> FloatArra
     for index in np.argwhere(~np.isfinite(array)):
         raise SamplesError("a number that is not finite", "finite numbers", where=f"{where}{index}")
     return array
+
+
+@contextmanager
+def error_context(file: Path | None = None, where: str = "") -> Iterator[None]:
+    """Say in which file, and where in it, the data are that an `InputError` speaks of.
+
+    Args:
+        file: the file; an error that names one already keeps it.
+        where: put before the place the error names, such as ``frame 3``.
+
+    Raises:
+        SamplesError: an `InputError` was raised within; says the same, and the place.
+    """
+    try:
+        yield
+    except InputError as error:
+        raise SamplesError(
+            error.found,
+            error.expected,
+            file=error.file or file,
+            line=error.line,
+            where=": ".join(filter(None, (where, error.where))),
+            hint=error.hint,
+        ) from error

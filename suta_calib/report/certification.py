@@ -1,0 +1,440 @@
+"""A certified artefact, told: its landmarks with their uncertainty, and how they were made."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, Final
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure as Picture
+from matplotlib.patches import Ellipse
+from matplotlib.patheffects import withStroke
+
+from suta_calib.arrays import FloatArray
+from suta_calib.certification.comparison import DrawingComparison
+from suta_calib.certification.result import (
+    Certification,
+    CertifiedLandmark,
+    Fault,
+    PlaneQuality,
+    SpacerLength,
+    frame_sentence,
+    noise_source,
+)
+from suta_calib.report.document import Document, Figure, Part, ShownOnly, Text
+from suta_calib.report.listing import Column, Json, Listing, components, written
+from suta_calib.report.svg import BLUE, GREY, ORANGE, WIDTH, style, svg_text
+from suta_calib.units import deg, mm, um
+
+NAME: Final = "certify"
+# Decimals of lengths, mm, and angles, deg, that an instrument tells.
+_FINE: Final = ".4f"
+_TURN: Final = ".3f"
+_PILLARS: Final = (
+    "flat to: largest distance of a touch from the top's plane; uneven: from the middle of one "
+    "diagonal of the holes to the middle of the other; 0-2, 1-3: their lengths; flats: their "
+    "distance."
+)
+# The longest arrow or ellipse, as a part of the artefact's extent.
+LONGEST: Final = 0.15
+MARKERS: Final[tuple[dict[str, Any], ...]] = (
+    {"marker": "o", "color": BLUE},
+    {"marker": "s", "color": ORANGE, "markeredgecolor": "black", "markeredgewidth": 0.6},
+    {"marker": "^", "color": "black"},
+)
+DAMAGED: Final[dict[str, Any]] = {
+    "marker": "X",
+    "color": ORANGE,
+    "linestyle": "none",
+    "ms": 10,
+    "markeredgecolor": "black",
+    "markeredgewidth": 0.8,
+}
+
+
+# ── rows ─────────────────────────────────────────────────────────────────────────────────────
+@dataclass(frozen=True, eq=False)
+class Drawn:
+    """A landmark of the drawing: its place, (3,), m, and certified less drawn, m and rad."""
+
+    position: FloatArray
+    deviation: FloatArray
+    turn: float
+
+
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """A landmark, why it is called damaged, and what was drawn."""
+
+    mark: CertifiedLandmark
+    faults: tuple[Fault, ...]
+    drawn: Drawn | None
+
+    @property
+    def label(self) -> str:
+        """Its name, and whether it is damaged."""
+        return f"{self.mark.name} (damaged)" if self.faults else self.mark.name
+
+
+def _rows(found: Certification) -> list[Judged]:
+    return [
+        Judged(
+            mark,
+            tuple(fault for fault in found.faults if fault.landmark == mark.name),
+            None if found.comparison is None else _drawn(found.comparison, k, mark.name),
+        )
+        for k, mark in enumerate(found.landmarks)
+    ]
+
+
+def _drawn(comparison: DrawingComparison, k: int, name: str) -> Drawn | None:
+    if name not in comparison.drawing.landmarks:
+        return None
+    position = comparison.drawing.landmark(name).position
+    return Drawn(position, comparison.deviation[k], float(comparison.turn[k]))
+
+
+def _mark(row: Judged) -> CertifiedLandmark:
+    return row.mark
+
+
+def _micrometres(heading: str, value: Callable[[Judged], float], form: str) -> Column[Judged]:
+    return Column("", heading, cell=lambda row: f"{um(value(row)):{form}}", numeric=True)
+
+
+TOP: Final = Listing[CertifiedLandmark](
+    "",
+    (
+        *written("tilt", "tilt_std", unit="rad"),
+        *written("flatness", unit="m"),
+        *written("touches", "wrong_touches"),
+    ),
+)
+HOLES: Final = Listing[CertifiedLandmark](
+    "",
+    (
+        Column("middles_apart", value=lambda mark: mark.symmetry, unit="m"),
+        Column("diagonals", unit="m"),
+    ),
+)
+DRAWN: Final = Listing[Drawn](
+    "",
+    (
+        *written("position", "deviation", unit="m"),
+        Column("distance", value=lambda each: np.linalg.norm(each.deviation), unit="m"),
+        Column("turn", unit="rad"),
+    ),
+)
+FAULTS: Final = Listing[Fault]("", (Column("what"), *written("size", "limit", unit="m")))
+# ``std`` is of each coordinate in the artefact's frame; ``shape_std`` after best superposition, as
+# distances see it.
+LANDMARKS: Final = Listing[Judged](
+    "Landmarks",
+    (
+        Column("landmark", "landmark", lambda row: row.mark.name, cell=lambda row: row.label),
+        *components(("x, mm", "y, mm", "z, mm"), lambda row: row.mark.position, "m", form=_FINE),
+        _micrometres("σ, µm", lambda row: row.mark.sigma, ".2f"),
+        Column("", "turn, deg", lambda row: row.mark.yaw, "rad", form=_TURN),
+        Column("", "tilt, deg", lambda row: row.mark.tilt, "rad", form=_TURN),
+        Column("position", None, lambda row: row.mark.position + 0.0, "m"),
+        *(c.over(_mark) for c in written("std", "shape_std", "sigma", unit="m")),
+        *(c.over(_mark) for c in written("rotation_rpy", "yaw_std", unit="rad")),
+        Column("height", None, lambda row: row.mark.position[2], "m"),
+        Column("height_std", None, lambda row: row.mark.std[2], "m"),
+        Column("top", None, lambda row: TOP.record(row.mark)),
+        Column("holes", None, lambda row: HOLES.record(row.mark)),
+        Column("flats", None, lambda row: row.mark.flats, "m"),
+        Column("nominal", None, lambda row: row.drawn and DRAWN.record(row.drawn)),
+        Column("damaged", None, lambda row: bool(row.faults)),
+        Column("faults", None, lambda row: FAULTS.records(row.faults)),
+    ),
+    key="landmarks",
+    named=True,
+)
+PILLARS: Final = Listing[Judged](
+    "Pillars",
+    (
+        LANDMARKS.columns[0],
+        _micrometres("σ x, µm", lambda row: row.mark.std[0], ".2f"),
+        _micrometres("σ y, µm", lambda row: row.mark.std[1], ".2f"),
+        _micrometres("σ z, µm", lambda row: row.mark.std[2], ".2f"),
+        _micrometres("flat to, µm", lambda row: row.mark.flatness, ".1f"),
+        _micrometres("uneven, µm", lambda row: row.mark.symmetry, ".1f"),
+        *components(("0-2, mm", "1-3, mm"), lambda row: row.mark.diagonals, "m", form=_FINE),
+        Column("", "flats, mm", lambda row: row.mark.flats, "m", form=_FINE),
+    ),
+)
+
+
+def _off(row: Judged) -> FloatArray | None:
+    # Rounded first: a −0.0000 would suggest a direction that is not there.
+    return None if row.drawn is None else np.round(row.drawn.deviation, 7)
+
+
+def _length(row: Judged) -> float | None:
+    return None if row.drawn is None else float(np.linalg.norm(row.drawn.deviation))
+
+
+DEVIATIONS: Final = Listing[Judged](
+    "Certified less drawn",
+    (
+        LANDMARKS.columns[0],
+        *components(("dx, mm", "dy, mm", "dz, mm"), _off, "m", sign=True, form=_FINE),
+        Column("", "length, mm", _length, "m", form=_FINE),
+        Column("", "turn, deg", lambda row: row.drawn and row.drawn.turn + 0.0, "rad", form=_TURN),
+    ),
+)
+
+
+@dataclass(frozen=True)
+class Spacer:
+    """A spacer, and half the interval that holds it with 95 %, m."""
+
+    length: SpacerLength
+    u95: float
+
+
+SPACERS: Final = Listing[Spacer](
+    "Spacers",
+    (
+        Column("name", "spacer", lambda each: each.length.name),
+        Column("length", "length, mm", lambda each: each.length.length, "m", form=_FINE),
+        Column("std", None, lambda each: each.length.std, "m"),
+        Column("u95", "± 95 %, mm", lambda each: each.u95, "m", form=_FINE),
+        Column("nominal", "nominal, mm", lambda each: each.length.nominal, "m", form=_FINE),
+        Column("deviation", "off by, mm", lambda s: s.length.deviation, "m", sign=True, form=_FINE),
+    ),
+    key="spacers",
+)
+PLANE: Final = Listing[PlaneQuality](
+    "",
+    (
+        Column("touches", value=lambda plane: plane.count),
+        *written("rms", "flatness", unit="m"),
+        Column("direction_std", value=lambda plane: plane.tilt_std, unit="rad"),
+        Column("wrong_touches"),
+    ),
+)
+FRAME: Final = Listing[Certification](
+    "",
+    (
+        Column("definition", value=frame_sentence),
+        Column("origin"),
+        Column("x", value=lambda found: found.heading),
+        Column("quarter_turns", value=lambda found: found.turned),
+        Column("x_std", value=lambda found: found.heading_std, unit="rad"),
+    ),
+)
+NOISE: Final = Listing[Certification](
+    "",
+    (
+        Column("sigma", value=lambda found: found.noise, unit="m"),
+        Column("stated", value=lambda found: found.stated_noise, unit="m"),
+        Column("degrees_of_freedom", value=lambda found: found.freedom),
+        Column("coverage_factor"),
+    ),
+)
+COMPARISON: Final = Listing[DrawingComparison](
+    "",
+    (
+        Column("drawing", value=lambda each: each.drawing.name),
+        Column("T_drawing_artefact", value=lambda each: each.registration.matrix),
+        Column("rms", unit="m"),
+        Column("max", value=lambda each: each.largest, unit="m"),
+        *written("not_drawn", "not_touched"),
+    ),
+)
+CERTIFICATION: Final = Listing[Certification](
+    "",
+    (
+        *written("name", "points"),
+        Column("frame", value=FRAME.record),
+        Column("ground", value=lambda found: PLANE.record(found.ground)),
+        Column("side", value=lambda found: found.side and PLANE.record(found.side)),
+        Column("noise", value=NOISE.record),
+        Column("comparison", value=lambda f: f.comparison and COMPARISON.record(f.comparison)),
+        Column("tolerance", unit="m"),
+        *written("damaged", "wrong_touches"),
+    ),
+)
+
+
+def certification_document(found: Certification) -> Document:
+    """Positions, pillars, deviations from the drawing, spacers, noise; every number in JSON."""
+    rows = _rows(found)
+    parts: list[Part] = [
+        Figure(partial(certification_plot, found)),
+        LANDMARKS.of(rows),
+        ShownOnly(PILLARS.of(rows), "page"),
+        Text(_PILLARS, place="page"),
+    ]
+    if found.comparison is not None:
+        title = f"{DEVIATIONS.title} ({found.comparison.drawing.name}), best superposition"
+        parts.append(DEVIATIONS.of(rows, title))
+    parts.append(
+        SPACERS.of(Spacer(each, found.coverage_factor * each.std) for each in found.spacers)
+    )
+    parts += [Text(line) for line in _facts(found)]
+    covariance: Json = {
+        "landmarks": [mark.name for mark in found.landmarks],
+        "unit": "mm²; x y z of each landmark",
+        "matrix": mm(mm(found.covariance)),
+    }
+    data = CERTIFICATION.record(found) | {"covariance": covariance}
+    return Document(NAME, f"Certification of {found.name}", found.assessment, parts, data)
+
+
+def _facts(found: Certification) -> list[str]:
+    ground = found.ground
+    facts = [
+        f"Frame: {frame_sentence(found)}",
+        f"One touched coordinate scatters by {um(found.noise):.2f} µm ({noise_source(found)}); "
+        f"95 % intervals are ± {found.coverage_factor:.2f} σ. σ above is the largest of a "
+        "landmark's three, and what artefact.yaml states.",
+        f"Ground: {ground.count} touches, {um(ground.rms):.1f} µm RMS, flat to "
+        f"{um(ground.flatness):.1f} µm.",
+    ]
+    if found.side is not None:
+        facts[-1] += (
+            f" Side: {found.side.count} touches, {um(found.side.rms):.1f} µm RMS; the direction "
+            f"of x is known to {deg(found.heading_std):.5f}°."
+        )
+    return facts
+
+
+# ── the artefact from above, and every landmark's coordinates with their uncertainty ─────────
+def certification_plot(found: Certification) -> str:
+    """An SVG: the artefact from above, and below it numbers by landmark."""
+    with style(NAME):
+        figure = Picture(figsize=(WIDTH, 8.2), layout="constrained")
+        above, below = figure.subplots(2, 1, height_ratios=(1.9, 1))
+        _from_above(above, found)
+        _by_landmark(below, found)
+        return svg_text(figure, NAME, _description(found))
+
+
+def _description(found: Certification) -> str:
+    against = "" if found.comparison is None else " and their deviations from the drawing"
+    return f"The {len(found.landmarks)} landmarks of {found.name} from above{against}"
+
+
+def _from_above(axes: Axes, found: Certification) -> None:
+    places = np.array([mark.position for mark in found.landmarks])
+    extent = float(np.ptp(places[:, :2], axis=0).max()) or 1.0
+    if found.comparison is None:
+        factor = _ellipses(axes, found, places, extent)
+        title = f"95 % ellipses, enlarged {factor:g} times"
+    else:
+        factor, shortened = _arrows(axes, found, places, extent)
+        cut = "; the longest shortened" * shortened
+        title = f"Certified less drawn, enlarged {factor:g} times{cut}"
+    _marks(axes, found, places)
+    # Two lines leave room for the legend.
+    axes.set_title("From above\n" + title)
+    axes.set_xlabel("x, mm (at each landmark: its height, mm)")
+    axes.set_ylabel("y, mm")
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.margins(0.14)
+    axes.grid()
+
+
+def _marks(axes: Axes, found: Certification, places: FloatArray) -> None:
+    bad = np.array([mark.name in found.damaged for mark in found.landmarks])
+    x, y = mm(places[:, 0]), mm(places[:, 1])
+    axes.plot(x[~bad], y[~bad], "o", color=BLUE, ms=5, label="landmark")
+    if bad.any():
+        axes.plot(x[bad], y[bad], label="damaged, or touched wrongly", **DAMAGED)
+        axes.legend(loc="lower right", bbox_to_anchor=(1, 1), fontsize=8, borderaxespad=0.2)
+    falls = np.zeros(len(x)) if found.comparison is None else found.comparison.deviation[:, 1]
+    for mark, across, up, fall in zip(found.landmarks, x, y, falls, strict=True):
+        text = f"{mark.name}\n{mm(mark.position[2]):.1f}"
+        # Clear of an arrow that points down.
+        drop, align = (3, "bottom") if fall < 0 else (-3, "top")
+        axes.annotate(
+            text,
+            (across, up),
+            (7, drop),
+            textcoords="offset points",
+            fontsize=7,
+            va=align,
+            zorder=4,
+            path_effects=[withStroke(linewidth=2, foreground="white")],
+        )
+
+
+def _ellipses(axes: Axes, found: Certification, places: FloatArray, extent: float) -> float:
+    """Confidence ellipses in the plane; the largest is a part of the extent."""
+    # 95 % of two dimensions: √χ²(2).
+    scale = found.coverage_factor * 1.249
+    blocks = [found.covariance[3 * k : 3 * k + 2, 3 * k : 3 * k + 2] for k in range(len(places))]
+    axes_of = [np.linalg.eigh(block) for block in blocks]
+    longest = max(float(np.sqrt(max(values[-1], 0.0))) for values, _ in axes_of) * scale
+    factor = _round_down(LONGEST * extent / 2 / longest) if longest > 0 else 1.0
+    for place, (values, vectors) in zip(places, axes_of, strict=True):
+        size = 2 * scale * factor * np.sqrt(np.maximum(values, 0.0))
+        turn = deg(float(np.arctan2(vectors[1, 1], vectors[0, 1])))
+        centre, size = tuple(mm(place[:2])), mm(size)
+        axes.add_patch(
+            Ellipse(centre, size[1], size[0], angle=turn, facecolor="none", edgecolor=GREY, lw=1.2)
+        )
+    return factor
+
+
+def _arrows(
+    axes: Axes, found: Certification, places: FloatArray, extent: float
+) -> tuple[float, bool]:
+    """Deviations in the plane; a damaged pillar's may be longer than the others'."""
+    assert found.comparison is not None
+    turned = found.comparison.deviation @ found.comparison.registration.rotation
+    sound = np.array([mark.name not in found.damaged for mark in found.landmarks])
+    known = np.isfinite(turned[:, 0])
+    judged = turned[known & sound] if (known & sound).any() else turned[known]
+    longest = float(np.linalg.norm(judged[:, :2], axis=1).max())
+    factor = _round_down(LONGEST * extent / longest) if longest > 0 else 1.0
+    vectors = turned[:, :2] * factor
+    length = np.linalg.norm(vectors, axis=1)
+    # An arrow out of the picture would hide the others; its number is in the table.
+    length = np.nan_to_num(length)
+    shorten = np.minimum(1.0, 2 * LONGEST * extent / np.maximum(length, 1e-12))
+    drawn = (vectors * shorten[:, None])[known]
+    axes.quiver(
+        *mm(places[known, :2].T), *mm(drawn.T),
+        angles="xy", scale_units="xy", scale=1.0, width=0.004, color="black", zorder=3,
+    )  # fmt: skip
+    return factor, bool((shorten < 1).any())
+
+
+def _round_down(value: float) -> float:
+    """1, 2 or 5 times a power of ten."""
+    decade = 10.0 ** np.floor(np.log10(value))
+    return float(decade * max(step for step in (1, 2, 5) if step * decade <= value * (1 + 1e-9)))
+
+
+def _by_landmark(axes: Axes, found: Certification) -> None:
+    names = [mark.name for mark in found.landmarks]
+    at = np.arange(len(names))
+    if found.comparison is None:
+        values = um(np.array([mark.std for mark in found.landmarks]))
+        bars = np.zeros_like(values)
+        axes.set_title("Standard deviation of each coordinate")
+        axes.set_ylabel("σ, µm")
+        axes.set_ylim(-0.08 * float(values.max()), 1.15 * float(values.max()))
+    else:
+        values = mm(found.comparison.deviation)
+        std = np.array([mark.shape_std for mark in found.landmarks])
+        bars = mm(found.coverage_factor * std)
+        axes.axhline(0.0, color=GREY, lw=1)
+        axes.set_title("Certified less drawn, with 95 % intervals")
+        axes.set_ylabel("deviation, mm")
+    for k, (label, marker) in enumerate(zip("xyz", MARKERS, strict=True)):
+        axes.errorbar(
+            at + 0.2 * (k - 1), values[:, k], bars[:, k],
+            linestyle="none", ms=5, ecolor=GREY, capsize=2, label=label, **marker,
+        )  # fmt: skip
+    axes.set_xticks(at, names, rotation=90 if len(names) > 20 else 0)
+    axes.set_xlabel("landmark")
+    axes.grid(axis="y")
+    axes.legend(ncols=3, fontsize=8, loc="lower right", bbox_to_anchor=(1, 1), borderaxespad=0.2)

@@ -1,1 +1,0 @@
-"""A certified artefact, shown."""

@@ -1,0 +1,113 @@
+"""A hand-eye calibration, told: where the eye is, which pairs fit, and how the hand was turned."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Final
+
+from matplotlib.figure import Figure as Picture
+
+from suta_calib.measurements.pose_files import PosePairs
+from suta_calib.pose_calibration.hand_eye import HandEyeCalibration
+from suta_calib.report.document import Document, Figure, Part
+from suta_calib.report.listing import Column, Json, Listing, Table
+from suta_calib.report.poses import (
+    LARGE,
+    POSE_KEYS,
+    covariance_record,
+    draw_axes,
+    draw_residuals,
+    fit_texts,
+    fitted_rows,
+    pose_record,
+    pose_std_record,
+    pose_table,
+    residual_rows,
+    residuals_file,
+)
+from suta_calib.report.svg import style, svg_text
+from suta_calib.units import text
+
+NAME: Final = "hand_eye"
+# What X and Z are, by where the eye is.
+FRAMES: Final = {
+    "eye-in-hand": {"X": "T_hand_eye", "Z": "T_base_target"},
+    "eye-to-hand": {"X": "T_base_eye", "Z": "T_hand_target"},
+}
+CALIBRATION: Final = Listing[HandEyeCalibration](
+    "",
+    (
+        Column("rms", unit="m"),
+        Column("rms", value=lambda found: found.rms_angle, unit="rad"),
+        Column("hand_share", value=lambda found: found.robot_noise_fraction),
+    ),
+)
+
+
+def hand_eye_document(found: HandEyeCalibration, data: PosePairs) -> Document:
+    """X, and Z where the model asks for it, with standard deviations; ``residuals.csv``."""
+    fit = (
+        f"rms {text(found.rms, 'm', with_unit=True)} (3-D), "
+        f"{text(found.rms_angle, 'rad', with_unit=True)}"
+    )
+    turns = found.rotation_residuals
+    rows = residual_rows(found.inliers, data.lines, found.position_residuals, turns)
+    parts: list[Part] = [
+        *(_pose(found, name) for name in found.unknowns),
+        *fit_texts(fit, "pair", found.inliers, data.lines),
+        residuals_file(rows, turned=True),
+        Figure(partial(hand_eye_plot, found)),
+    ]
+    return Document(
+        NAME, "Hand-eye calibration", found.assessment, parts, _data(found, data), "result"
+    )
+
+
+def _pose(found: HandEyeCalibration, name: str) -> Table:
+    frames = FRAMES[found.setup][name].split("_")
+    where = f"the {frames[2]} in the {frames[1]}, {found.setup}"
+    pose, std = getattr(found, name), found.std[name]
+    return pose_table(f"{name} = {'_'.join(frames)}: {where}", pose, std, f"the {frames[2]}'s axes")
+
+
+def _data(found: HandEyeCalibration, data: PosePairs) -> Json:
+    names = found.unknowns
+    size = 6 * len(names)
+    order = [f"{name}.{key}" for name in names for key in POSE_KEYS]
+    poses: Json = {}
+    for name in names:
+        poses |= {name: getattr(found, name), **pose_record(getattr(found, name), f"{name}_")}
+    return {
+        "setup": found.setup,
+        "model": found.model,
+        **poses,
+        "frames": {name: FRAMES[found.setup][name] for name in names},
+        "std": {name: pose_std_record(found.std[name]) for name in names},
+        **CALIBRATION.record(found),
+        **fitted_rows(found.inliers, data.lines),
+        "covariance": covariance_record(found.covariance[:size, :size], order, "m, rad"),
+        "input": str(data.path),
+    }
+
+
+def hand_eye_plot(found: HandEyeCalibration) -> str:
+    """An SVG: residuals by pair in length and angle, and the axes of the motions."""
+    with style("hand_eye"):
+        figure = Picture(figsize=(LARGE, 4.6), layout="constrained")
+        panels = figure.subplot_mosaic("LA;TA", width_ratios=(1.5, 1))
+        length, turn, inliers = panels["L"], panels["T"], found.inliers
+        draw_residuals(length, found.position_residuals, inliers, found.rms, "m", "")
+        draw_residuals(
+            turn, found.rotation_residuals, inliers, found.rms_angle, "rad", "pair (row, from 0)"
+        )
+        length.set_title("A X B from their mean", pad=24)
+        length.set_ylabel("distance, mm")
+        turn.set_ylabel("turn, deg")
+        draw_axes(panels["A"], found.axes, inliers[1:] & inliers[:-1])
+        # With the eye beside the robot the hand's poses are inverted: axes are in the base.
+        frame = "hand" if found.setup == "eye-in-hand" else "base"
+        panels["A"].set_title(
+            f"Axes of the motions from row to row,\nin the {frame} (angle from its z);\n"
+            "large marks: large turns"
+        )
+        return svg_text(figure, "hand_eye", "Hand-eye calibration: residuals and axes of motion")

@@ -1,0 +1,270 @@
+"""How a recorded motion follows a reference, told: errors, latency, what happens at reversals."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any, Final
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure as Picture
+
+from suta_calib.arrays import FloatArray
+from suta_calib.geometry.numbers import homogeneous
+from suta_calib.report.document import Document, Figure, Part, Text
+from suta_calib.report.listing import Column, Json, Listing, plain
+from suta_calib.report.poses import LARGE, pose_record
+from suta_calib.report.svg import BLUE, GREY, ORANGE, shown_array, style, svg_text
+from suta_calib.tracking.path_accuracy import ErrorFigures, PathAccuracy
+from suta_calib.tracking.reversals import ChannelReversals
+from suta_calib.units import NOTHING, Unit, key, mm, ms, text, unit_name
+
+# Of its picture too: what the command was called at first.
+NAME: Final = "dynamics"
+_MOST_POINTS: Final = 2000
+
+
+def _figures(unit: Unit) -> Listing[ErrorFigures]:
+    return Listing(
+        "",
+        (
+            Column("rms", "RMS", unit=unit),
+            Column("mean", "mean", unit=unit),
+            Column("p95", "95 %", unit=unit),
+            Column("max", "max", lambda each: each.maximum, unit),
+            Column("count"),
+        ),
+    )
+
+
+FIGURES: Final[dict[Unit, Listing[ErrorFigures]]] = {"m": _figures("m"), "rad": _figures("rad")}
+
+
+@dataclass(frozen=True)
+class ErrorKind:
+    """One way to look at the error, and what it is then."""
+
+    key: str
+    name: str
+    unit: Unit
+    figures: ErrorFigures
+
+
+def _figure(k: int) -> Callable[[ErrorKind], str]:
+    return lambda each: FIGURES[each.unit].columns[k].text(each.figures)
+
+
+ERRORS: Final = Listing[ErrorKind](
+    "Distance from the reference",
+    (
+        Column("", "", lambda each: f"{each.name}, {unit_name(each.unit)}"),
+        *(
+            Column[ErrorKind]("", column.heading, cell=_figure(k), numeric=True)
+            for k, column in enumerate(FIGURES["m"].columns)
+            if column.heading
+        ),
+    ),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Reversals:
+    """What happens where one joint or axis turns back; its hysteresis and standard uncertainty."""
+
+    channel: ChannelReversals
+    hysteresis: tuple[float, float] | None
+
+    @property
+    def hysteresis_text(self) -> str:
+        """As it is shown; a dash where it is not known."""
+        if self.hysteresis is None:
+            return NOTHING
+        size, std = self.hysteresis
+        unit = self.channel.channel.unit
+        return f"{text(size, unit)} ± {text(std, unit, with_unit=True)}"
+
+    def hysteresis_record(self) -> Json:
+        """As JSON has it."""
+        size, std = self.hysteresis or (math.nan, math.nan)
+        unit = self.channel.channel.unit
+        return {
+            key("hysteresis", unit): plain(size, unit),
+            key("hysteresis_std", unit): plain(std, unit),
+        }
+
+
+AXES: Final = Listing[Reversals](
+    "Error where it turns back, mm RMS",
+    (
+        Column("name", "axis", lambda each: each.channel.channel.name),
+        Column("count", "times", lambda each: len(each.channel.reversals), form="d"),
+        Column("error_before", "before", lambda each: each.channel.error_before, "m"),
+        Column("error_after", "after", lambda each: each.channel.error_after, "m"),
+        Column("jump", "jump", lambda each: each.channel.jump, "m"),
+    ),
+)
+JOINTS: Final = Listing[Reversals](
+    AXES.title,
+    (
+        replace(AXES.columns[0], heading="joint"),
+        *AXES.columns[1:],
+        Column("", "hysteresis", cell=lambda each: each.hysteresis_text, numeric=True),
+    ),
+)
+
+
+def path_accuracy_document(found: PathAccuracy) -> Document:
+    """Latency, errors, what happens where joints turn back, and the transform if one was found.
+
+    In JSON ``errors`` has ``same_time`` (recorded minus reference at one time),
+    ``latency_removed``, ``path`` (the part of it across the motion) and, with orientations,
+    ``orientation``.
+    """
+    alignment, errors = found.alignment, _errors(found)
+    rows = [Reversals(each, found.hysteresis.get(each.channel.name)) for each in found.reversals]
+    by_joint = found.per == "joint"
+    late = "later" if alignment.latency >= 0 else "earlier"
+    latency = (
+        f"Latency {ms(alignment.latency):.3f} ± {ms(alignment.latency_std):.3f} ms: the "
+        f"recording comes {late} than the reference ({len(found.time)} rows, "
+        f"{found.time[-1] - found.time[0]:.1f} s)"
+    )
+    parts: list[Part] = [
+        Text(latency),
+        ERRORS.of(errors),
+        (JOINTS if by_joint else AXES).of(rows),
+        Figure(partial(path_accuracy_plot, found)),
+    ]
+    channels = [AXES.record(each) | (each.hysteresis_record() if by_joint else {}) for each in rows]
+    data: Json = {
+        "latency": {
+            "value_ms": ms(alignment.latency),
+            "std_ms": ms(alignment.latency_std),
+            "searched_ms": ms(float(alignment.shifts[-1])),
+        },
+        "errors": {each.key: FIGURES[each.unit].record(each.figures) for each in errors},
+        "reversals": {"per": found.per, "channels": channels},
+        "registration": _registration(found),
+        "samples": {"compared": len(found.time), "recorded": len(found.recorded.time)},
+        "seconds": float(found.time[-1] - found.time[0]),
+        "input": {"recorded": str(found.recorded.path), "reference": str(found.reference.path)},
+    }
+    return Document(NAME, "Path accuracy", found.assessment, parts, data, "result")
+
+
+def _errors(found: PathAccuracy) -> list[ErrorKind]:
+    def of(vectors: FloatArray) -> ErrorFigures:
+        return ErrorFigures.of(np.linalg.norm(vectors, axis=1))
+
+    errors = [
+        ErrorKind("same_time", "at the same time", "m", of(found.error_same_time)),
+        ErrorKind("latency_removed", "latency removed", "m", of(found.error)),
+        ErrorKind("path", "across the path", "m", ErrorFigures.of(found.path_error)),
+    ]
+    if found.angle_error is not None:
+        turned = ErrorFigures.of(found.angle_error)
+        errors.append(ErrorKind("orientation", "orientation", "rad", turned))
+    return errors
+
+
+def _registration(found: PathAccuracy) -> Json | None:
+    if not found.alignment.registered:
+        return None
+    pose = homogeneous(found.alignment.rotation, found.alignment.position)
+    return {"T_reference_recorded": pose, **pose_record(pose)}
+
+
+def path_accuracy_plot(found: PathAccuracy) -> str:
+    """An SVG: error over time, distance by latency, and what happens at reversals."""
+    with style(NAME):
+        figure = Picture(figsize=(LARGE, 5.6), layout="constrained")
+        below = ["latency", "reversals"] + ["hysteresis"] * (found.per == "joint")
+        layout: Any = [["time"] * len(below), below]
+        panels = figure.subplot_mosaic(layout)
+        _over_time(panels["time"], found)
+        _by_latency(panels["latency"], found)
+        _at_reversals(panels["reversals"], found)
+        if found.per == "joint":
+            _hysteresis(panels["hysteresis"], found)
+        description = "Dynamic accuracy: error over time, by latency, and at reversals"
+        return svg_text(figure, NAME, description)
+
+
+def _over_time(axes: Axes, found: PathAccuracy) -> None:
+    for error, colour, label in (
+        (found.error_same_time, ORANGE, "at the same time"),
+        (found.error, BLUE, "latency removed"),
+    ):
+        time, size = _thinned(found.time, mm(np.linalg.norm(error, axis=1)))
+        axes.plot(time, size, color=colour, lw=0.9, label=label)
+    axes.set_ylim(bottom=0)
+    axes.set_title("Distance from the reference", pad=24)
+    axes.set_xlabel("time, s")
+    axes.set_ylabel("distance, mm")
+    axes.grid(axis="y")
+    axes.legend(ncols=2, fontsize=8, loc="lower left", bbox_to_anchor=(0, 1), borderaxespad=0.2)
+
+
+def _by_latency(axes: Axes, found: PathAccuracy) -> None:
+    alignment = found.alignment
+    axes.plot(ms(alignment.shifts), mm(alignment.rms), color=BLUE, lw=1.2)
+    axes.axvline(ms(alignment.latency), color=GREY, lw=1.2, ls="--")
+    axes.set_ylim(bottom=0)
+    axes.set_title(
+        f"Latency {ms(alignment.latency):.3f} ± {ms(alignment.latency_std):.3f} ms", pad=24
+    )
+    axes.set_xlabel("latency taken out, ms")
+    axes.set_ylabel("RMS distance, mm")
+    axes.grid()
+
+
+def _at_reversals(axes: Axes, found: PathAccuracy) -> None:
+    for shift, colour, mark, what in (
+        (-0.2, BLUE, "o", "before"),
+        (0.0, ORANGE, "s", "after"),
+        (0.2, "black", "D", "jump"),
+    ):
+        values = [
+            each.jump if what == "jump" else getattr(each, f"error_{what}")
+            for each in found.reversals
+        ]
+        places = np.arange(len(values)) + shift
+        axes.plot(places, mm(np.array(values)), mark, color=colour, ms=4.5, label=what)
+    axes.margins(y=0.1)
+    axes.set_ylim(bottom=0)
+    axes.set_title("Error of the tip where it turns back", pad=24)
+    axes.set_ylabel("RMS, mm")
+    axes.legend(ncols=3, fontsize=8, loc="lower left", bbox_to_anchor=(0, 1), borderaxespad=0.2)
+    _name(axes, found)
+
+
+def _hysteresis(axes: Axes, found: PathAccuracy) -> None:
+    """Each joint's hysteresis with twice its standard uncertainty, in mm for one that slides."""
+    for k, each in enumerate(found.reversals):
+        pair = found.hysteresis.get(each.channel.name)
+        if pair is not None:
+            size, std = shown_array(np.array(pair), each.channel.unit)
+            axes.errorbar(k, size, 2 * std, fmt="o", color=BLUE, ms=5, capsize=4)
+    axes.axhline(0, color=GREY, lw=0.8)
+    units = {unit_name(each.channel.unit) for each in found.reversals}
+    axes.set_title("Hysteresis (bars: 2 std)", pad=24)
+    axes.set_ylabel(f"hysteresis, {' or '.join(sorted(units))}")
+    _name(axes, found)
+
+
+def _name(axes: Axes, found: PathAccuracy) -> None:
+    names = [each.channel.name for each in found.reversals]
+    axes.set_xticks(range(len(names)), names)
+    axes.set_xlim(-0.6, len(names) - 0.4)
+    axes.tick_params(axis="x", labelrotation=45 if len(names) > 3 else 0)
+    axes.grid(axis="y")
+
+
+def _thinned(time: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The largest of every few rows, so that no peak is lost and the file stays small."""
+    step = max(1, len(time) // _MOST_POINTS)
+    rows = len(time) // step * step
+    return time[:rows:step], values[:rows].reshape(-1, step).max(axis=1)

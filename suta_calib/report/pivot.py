@@ -1,0 +1,134 @@
+"""A pivot calibration, told: the tip and its posts, which poses fit, how the tool was turned."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from typing import Final
+
+import numpy as np
+from matplotlib.figure import Figure as Picture
+
+from suta_calib.arrays import FloatArray
+from suta_calib.measurements.pose_files import ToolPoses
+from suta_calib.pose_calibration.pivot import PivotCalibration
+from suta_calib.report.document import Document, Figure, File, Part, Text
+from suta_calib.report.files import json_text
+from suta_calib.report.listing import Column, Json, Listing, plain, written
+from suta_calib.report.poses import (
+    LARGE,
+    covariance_record,
+    draw_directions,
+    draw_residuals,
+    fit_texts,
+    fitted_rows,
+    residual_rows,
+    residuals_file,
+)
+from suta_calib.report.svg import style, svg_text
+from suta_calib.units import deg, text
+
+NAME: Final = "pivot"
+MOST_POSTS: Final = 12
+TIP: Final = Listing[PivotCalibration]("", written("tip", "tip_std", unit="m"))
+# The post is that of the first row.
+CALIBRATION: Final = Listing[PivotCalibration](
+    "",
+    (
+        *TIP.columns,
+        Column("post", unit="m"),
+        Column("post_std", value=lambda found: found.post_std(), unit="m"),
+        *written("rms", "sigma", unit="m"),
+        Column("turn", unit="rad"),
+    ),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """A point with the standard deviation of each coordinate, (3,), m."""
+
+    name: str
+    position: FloatArray
+    std: FloatArray
+
+
+def _coordinate(axis: str) -> Column[Place]:
+    k = "xyz".index(axis)
+
+    def cell(place: Place) -> str:
+        return f"{text(place.position[k], 'm')} ± {text(place.std[k], 'm')}"
+
+    return Column("", axis, lambda place: place.position[k], "m", cell=cell)
+
+
+PLACES: Final = Listing[Place](
+    "Tip in the tool, post in the tracker, mm",
+    (Column("", "", lambda place: place.name), *map(_coordinate, "xyz")),
+)
+
+
+def pivot_document(found: PivotCalibration, data: ToolPoses) -> Document:
+    """Tip, posts, fit; with ``residuals.csv``, and ``tip.json`` where the tip may be used."""
+    posts = [
+        Place("post" if data.point is None else f"post {name}", post, found.post_std(name))
+        for name, post in list(found.posts.items())[:MOST_POSTS]
+    ]
+    title = PLACES.title if len(found.posts) == 1 else PLACES.title.replace("post", "posts")
+    parts: list[Part] = [PLACES.of([Place("tip", found.tip, found.tip_std), *posts], title)]
+    if (more := len(found.posts) - MOST_POSTS) > 0:
+        parts.append(Text(f"and {more} more posts: --json has them"))
+    fit = (
+        f"rms {text(found.rms, 'm', with_unit=True)} (3-D); "
+        f"the tool was turned by {deg(found.turn):.0f}° RMS"
+    )
+    rows = residual_rows(found.inliers, data.lines, found.residuals, beside=_touched(data))
+    parts += [
+        *fit_texts(fit, "pose", found.inliers, data.lines),
+        residuals_file(rows, beside="" if data.point is None else "point"),
+        Figure(partial(pivot_plot, found, data)),
+    ]
+    if found.assessment.usable:
+        parts.append(File("tip.json", lambda: json_text(TIP.record(found))))
+    return Document(
+        NAME, "Pivot calibration", found.assessment, parts, _data(found, data), "result"
+    )
+
+
+def _touched(data: ToolPoses) -> list[str] | None:
+    return None if data.point is None else [str(label) for label in data.point]
+
+
+def _data(found: PivotCalibration, data: ToolPoses) -> Json:
+    posts: Json = {}
+    if data.point is not None:
+        posts["posts_mm"] = plain(found.posts, "m")
+        posts["posts_std_mm"] = {n: plain(found.post_std(n), "m") for n in found.posts}
+    order = [f"{name}.{axis}" for name in ("tip", *found.posts) for axis in "xyz"]
+    return {
+        **CALIBRATION.record(found),
+        **posts,
+        **fitted_rows(found.inliers, data.lines),
+        "covariance": covariance_record(found.covariance, order, "m²"),
+        "input": str(data.path),
+    }
+
+
+def pivot_plot(found: PivotCalibration, data: ToolPoses) -> str:
+    """An SVG: residuals by pose, and the directions of the tool in the tracker."""
+    with style("pivot"):
+        figure = Picture(figsize=(LARGE, 3.6), layout="constrained")
+        left, right = figure.subplots(1, 2, width_ratios=(1.7, 1))
+        draw_residuals(left, found.residuals, found.inliers, found.rms, "m", "pose (row, from 0)")
+        left.set_title("Tip from post", pad=24)
+        left.set_ylabel("distance, mm")
+        draw_directions(right, _tool_directions(found, data), found.inliers)
+        right.set_title("Directions of the tool in the tracker\n(angle from their mean)")
+        return svg_text(figure, "pivot", "Pivot calibration: residuals and directions")
+
+
+def _tool_directions(found: PivotCalibration, data: ToolPoses) -> FloatArray:
+    """From the tool's origin to its tip, in the tracker; the tool's z where they coincide."""
+    length = float(np.linalg.norm(found.tip))
+    axis = found.tip / length if length > 1e-6 else np.array([0.0, 0.0, 1.0])
+    return np.asarray(data.rotation @ axis)

@@ -1,1 +1,0 @@
-"""Pivot, hand-eye and registration, shown."""

@@ -1,0 +1,436 @@
+"""Repeatability and encoders at rest, told: scatter of tip and joints, directions, noise."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from functools import partial
+from typing import Final
+
+from suta_calib.analysis.repeatability import (
+    AllanDeviation,
+    Change,
+    DirectionalForce,
+    Interval,
+    JointNoise,
+    JointPush,
+    JointScatter,
+    OrientationScatter,
+    PositionScatter,
+    Repeatability,
+    RepeatabilityTest,
+    Stationary,
+    Stream,
+)
+from suta_calib.report.document import Document, Figure, Part, Text
+from suta_calib.report.listing import Column, Json, Listing, Row, in_own_units, written
+from suta_calib.report.repeatability_plots import stationary_plot, visits_plot
+from suta_calib.units import NOTHING, Unit, shown, text, thousandths, unit_name
+
+NAME: Final = "repeatability"
+SECONDS_PER_HOUR: Final = 3600.0
+# Encoders are finer than the decimals of a pose.
+_DIGITS: Final = 3
+_HOW: Final = (
+    "RP is the mean distance of the visits to their barycentre plus three standard deviations "
+    "(ISO 9283:1998, 7.2.2). Intervals are those of a jackknife on the logarithm."
+)
+_PUSH: Final = (
+    "A joint gives if, for other directions of the push, its reading moves out of step with the "
+    "others' (its play) by more than permuted labels would make any joint's. Means: how far apart "
+    "the readings' means are whatever the others do, most of which may be the seat's clearance. "
+    "Tip: what the play moves the tip. A joint that gives with a question mark has another that "
+    "would explain it nearly as well."
+)
+_REST: Final = (
+    "Allan deviation: how much two successive averages over a time differ. Averaging longer than "
+    "to its minimum gains nothing (+: still falling where the record ends). Drift: with half its "
+    "95 % interval, correlated noise accounted for."
+)
+
+
+# ── visits ───────────────────────────────────────────────────────────────────────────────────
+@dataclass(frozen=True, eq=False)
+class Visits:
+    """Some visits to the point, by name, with the confidence of intervals."""
+
+    name: str
+    scatter: PositionScatter
+    confidence: float
+
+    @property
+    def rp_interval(self) -> Interval:
+        """Of their position repeatability, m."""
+        return self.scatter.rp.interval(self.confidence)
+
+    @property
+    def rms_interval(self) -> Interval:
+        """Of the root mean square of their distances, m."""
+        return self.scatter.rms.interval(self.confidence)
+
+
+def _ends(each: Interval) -> tuple[float, float]:
+    return each.low, each.high
+
+
+def _interval(each: Interval, *, sign: bool = False) -> str:
+    return f"{text(each.low, 'm', sign=sign)} to {text(each.high, 'm', sign=sign)}"
+
+
+POSITION: Final = Listing[Visits](
+    "Position repeatability of the tip, mm (ISO 9283: RP = mean + 3 std)",
+    (
+        Column("", "", lambda each: each.name),
+        Column("count", "visits", lambda each: each.scatter.count, form="d"),
+        Column("rp", "RP", lambda each: each.scatter.rp.value, "m"),
+        Column(
+            "rp_interval",
+            "interval",
+            lambda each: _ends(each.rp_interval),
+            "m",
+            cell=lambda each: _interval(each.rp_interval),
+        ),
+        Column("mean", "mean", lambda each: each.scatter.mean, "m"),
+        Column("std", "std", lambda each: each.scatter.std, "m"),
+        Column("rms", "RMS", lambda each: each.scatter.rms.value, "m"),
+        Column("rms_interval", None, lambda each: _ends(each.rms_interval), "m"),
+        Column("max", "max", lambda each: each.scatter.maximum, "m"),
+        Column("axis_std", None, lambda each: each.scatter.axis_std, "m"),
+        Column("barycentre", None, lambda each: each.scatter.barycentre, "m"),
+    ),
+)
+ORIENTATION: Final = Listing[OrientationScatter](
+    "", written("rpa", "rpb", "rpc", "rms", unit="rad")
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Joint:
+    """One joint's scatter over all visits, with the confidence of its interval."""
+
+    scatter: JointScatter
+    confidence: float
+
+
+def _joints(unit: Unit) -> Listing[Joint]:
+    return Listing(
+        "Repeatability of the joints",
+        (
+            Column("joint", "joint", lambda each: each.scatter.joint),
+            Column("mean", None, lambda each: each.scatter.mean, unit),
+            Column("std", "std", lambda each: each.scatter.std.value, unit),
+            Column("repeatability", "3 std", lambda each: 3 * each.scatter.std.value, unit),
+            Column("peak_to_peak", "peak to peak", lambda each: each.scatter.peak_to_peak, unit),
+            Column(
+                "std_interval",
+                None,
+                lambda each: _ends(each.scatter.std.interval(each.confidence)),
+                unit,
+            ),
+            Column("tip", "tip, mm", lambda each: each.scatter.tip, "m"),
+        ),
+    )
+
+
+JOINTS: Final[dict[Unit, Listing[Joint]]] = {"rad": _joints("rad"), "m": _joints("m")}
+CHANGE: Final = Listing[Change](
+    "",
+    (
+        Column("first", unit="m"),
+        Column("second", unit="m"),
+        Column("ratio", value=lambda each: each.factor),
+        Column("ratio_interval", value=lambda each: _ends(each.ratio)),
+        Column("difference", value=lambda each: each.second - each.first, unit="m"),
+        Column("difference_interval", value=lambda each: _ends(each.difference), unit="m"),
+        Column("proved"),
+    ),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Compared:
+    """One figure of two protocols."""
+
+    protocols: str
+    figure: str
+    change: Change
+
+
+COMPARISONS: Final = Listing[Compared](
+    "Protocols compared",
+    (
+        Column("", "protocols", lambda row: row.protocols),
+        Column("", "", lambda row: row.figure),
+        Column(
+            "",
+            "mm",
+            cell=lambda row: f"{text(row.change.first, 'm')} → {text(row.change.second, 'm')}",
+            numeric=True,
+        ),
+        Column("", "ratio", lambda row: row.change.factor, form=".2f"),
+        Column(
+            "",
+            "interval",
+            cell=lambda row: f"{row.change.ratio.low:.2f} to {row.change.ratio.high:.2f}",
+            numeric=True,
+        ),
+        Column(
+            "",
+            "difference, mm",
+            cell=lambda row: _interval(row.change.difference, sign=True),
+            numeric=True,
+        ),
+    ),
+)
+
+
+def _pushes(unit: Unit) -> Listing[JointPush]:
+    return Listing(
+        "Directions of the push",
+        (
+            Column("joint", "joint"),
+            Column("peak_to_peak", "means", unit=unit),
+            Column("play", "play", lambda each: each.backlash, unit),
+            Column("play_by_chance", "by chance", lambda each: each.by_chance, unit),
+            Column("tip", "tip, mm", unit="m"),
+            Column("p_value", "p", form=".2g"),
+            Column("gives", "", lambda each: each.has_backlash, cell=_gives),
+            Column("as_well"),
+            Column("means", unit=unit),
+        ),
+    )
+
+
+def _gives(each: JointPush) -> str:
+    return f"gives{'?' if each.as_well else ''}" if each.has_backlash else ""
+
+
+PUSHES: Final[dict[Unit, Listing[JointPush]]] = {"rad": _pushes("rad"), "m": _pushes("m")}
+DIRECTIONS: Final = Listing[DirectionalForce](
+    "",
+    (
+        Column("giving", value=lambda each: each.loosest and each.loosest.joint),
+        Column(
+            "giving_joints", value=lambda each: [j.joint for j in each.joints if j.has_backlash]
+        ),
+        Column("tip_shift", unit="m"),
+        Column("tip_p_value"),
+    ),
+)
+REPEATABILITY: Final = Listing[Repeatability](
+    "",
+    (
+        Column("visits", value=lambda found: found.position.count),
+        Column("confidence_pct", value=lambda found: 100 * found.confidence),
+        Column("rp", value=lambda found: found.position.rp.value, unit="m"),
+        Column("rms", value=lambda found: found.position.rms.value, unit="m"),
+        Column("orientation", value=lambda found: ORIENTATION.record(found.orientation)),
+        Column("elsewhere", value=lambda found: [found.samples.origin[k] for k in found.elsewhere]),
+        Column(
+            "other_posture",
+            value=lambda found: [found.samples.origin[k] for k in found.other_posture],
+        ),
+        Column("correlation"),
+    ),
+)
+
+
+# ── encoders at rest ─────────────────────────────────────────────────────────────────────────
+def _allan(unit: Unit) -> Listing[AllanDeviation]:
+    return Listing(
+        "",
+        (
+            Column("tau", unit="s"),
+            Column(f"deviation_{unit_name(unit)}", value=lambda a: shown(a.deviation, unit)),
+            Column(f"low_{unit_name(unit)}", value=lambda a: shown(a.low, unit)),
+            Column(f"high_{unit_name(unit)}", value=lambda a: shown(a.high, unit)),
+            Column("best_tau", value=lambda a: a.tau[a.best], unit="s"),
+            Column("best", value=lambda a: a.deviation[a.best], unit=unit),
+            Column("rises_again", value=lambda a: a.bottomed),
+        ),
+    )
+
+
+def _small(value: float | None, unit: Unit) -> str:
+    return NOTHING if value is None else f"{thousandths(value, unit):.{_DIGITS}g}"
+
+
+def _noise(unit: Unit) -> Listing[JointNoise]:
+    def hourly(value: float) -> float:
+        return SECONDS_PER_HOUR * shown(value, unit)
+
+    def drift(each: JointNoise) -> str:
+        per_hour = SECONDS_PER_HOUR * each.drift, SECONDS_PER_HOUR * each.drift_half
+        return " ± ".join(_small(value, unit) for value in per_hour)
+
+    name, allan = unit_name(unit), _allan(unit)
+    return Listing(
+        "Joints at rest",
+        (
+            Column("joint", "joint"),
+            Column("mean", unit=unit),
+            Column("std", "std", unit=unit, cell=lambda each: _small(each.std, unit)),
+            Column(
+                "std_detrended",
+                "detrended",
+                unit=unit,
+                cell=lambda each: _small(each.std_detrended, unit),
+            ),
+            *written("std_short", "peak_to_peak", unit=unit),
+            Column("step", "step", unit=unit, cell=lambda each: _small(each.step, unit)),
+            Column(
+                f"drift_{name}_per_h",
+                "drift per h",
+                lambda each: hourly(each.drift),
+                cell=drift,
+                numeric=True,
+            ),
+            Column(f"drift_half_interval_{name}_per_h", value=lambda each: hourly(each.drift_half)),
+            *written("drifts", "moved", "stuck", "levels", "left_out"),
+            Column(
+                "allan",
+                "best",
+                lambda each: allan.record(each.allan),
+                cell=lambda each: _small(each.allan.deviation[each.allan.best], unit),
+                numeric=True,
+            ),
+            Column("", "at, s", cell=_best_time, numeric=True),
+        ),
+    )
+
+
+def _best_time(each: JointNoise) -> str:
+    return f"{each.allan.tau[each.allan.best]:.3g}{'' if each.allan.bottomed else '+'}"
+
+
+NOISE: Final[dict[Unit, Listing[JointNoise]]] = {"rad": _noise("rad"), "m": _noise("m")}
+STREAM: Final = Listing[Stream](
+    "",
+    (
+        Column("readings", value=lambda stream: len(stream.time)),
+        Column("rate_hz", value=lambda stream: 1 / stream.period),
+        *written("gaps", "dropped"),
+        Column("input", value=lambda stream: str(stream.path)),
+    ),
+)
+STATIONARY: Final = Listing[Stationary](
+    "",
+    (
+        *(column.over(lambda found: found.stream) for column in STREAM.columns),
+        Column("seconds"),
+        Column("tip_noise", value=lambda found: found.tip_std, unit="m"),
+        Column("joints", value=lambda found: _by_joint(NOISE, [(e, e.unit) for e in found.joints])),
+        Column("verdict", value=lambda found: found.assessment.as_dict()),
+    ),
+)
+
+
+# ── both ─────────────────────────────────────────────────────────────────────────────────────
+def repeatability_document(found: RepeatabilityTest) -> Document:
+    """Scatter of the tip and of the joints, directions and protocols; encoders at rest.
+
+    In JSON a stream without visits has the key ``stationary`` alone.
+    """
+    parts: list[Part] = []
+    data: Json = {}
+    if found.visits is not None:
+        parts += _visits_parts(found.visits)
+        data |= _visits_data(found.visits)
+    if found.rest is not None:
+        parts += _rest_parts(found.rest)
+        data["stationary"] = STATIONARY.record(found.rest)
+    return Document(NAME, "Repeatability", found.assessment, parts, data)
+
+
+def _visits_parts(found: Repeatability) -> list[Part]:
+    named = {"all visits": found.position, **found.protocols}
+    if found.directions is not None:
+        named |= {f"→ {name}": each for name, each in found.directions.scatter.items()}
+    o = found.orientation
+    turn = ", ".join(text(value, "rad") for value in (o.rpa, o.rpb, o.rpc))
+    joints = Listing("", in_own_units(JOINTS, lambda each: each.scatter.unit))
+    unit = _units(each.unit for each in found.joints)
+    parts: list[Part] = [
+        Text(_HOW, place="page"),
+        Figure(partial(visits_plot, found)),
+        POSITION.of(_named(named, found.confidence)),
+        joints.of(
+            (Joint(each, found.confidence) for each in found.joints),
+            f"{JOINTS['rad'].title}, {unit}; of the tip's orientation ±({turn}) deg about x, y, z",
+        ),
+        COMPARISONS.of(
+            (
+                Compared(f"{each.first} → {each.second}", name, change)
+                for each in found.comparisons
+                for name, change in (("RP", each.rp), ("RMS", each.rms))
+            ),
+            f"{COMPARISONS.title}, {100 * found.confidence:g} % intervals",
+        ),
+    ]
+    if (pushed := found.directions) is not None:
+        shift = f"the tip shifts by {text(pushed.tip_shift, 'm', with_unit=True)}"
+        title = f"{PUSHES['rad'].title}, {unit}: {shift} (p = {pushed.tip_p_value:.2g})"
+        pushes = Listing("", in_own_units(PUSHES, lambda each: each.unit))
+        parts += [pushes.of(pushed.joints, title), Text(_PUSH, place="page")]
+    return parts
+
+
+def _rest_parts(found: Stationary) -> list[Part]:
+    unit = " or ".join(sorted({"mdeg" if e.unit == "rad" else "µm" for e in found.joints}))
+    tip = "" if found.tip_std is None else f"; at the tip {text(found.tip_std, 'm')} mm"
+    noise = Listing("", in_own_units(NOISE, lambda each: each.unit))
+    return [
+        Figure(partial(stationary_plot, found)),
+        noise.of(found.joints, f"{NOISE['rad'].title}, {unit}{tip}"),
+        Text(_REST, place="page"),
+    ]
+
+
+def _visits_data(found: Repeatability) -> Json:
+    confidence = found.confidence
+    joints = [(Joint(each, confidence), each.unit) for each in found.joints]
+    directions: Json | None = None
+    if (pushed := found.directions) is not None:
+        directions = {
+            **DIRECTIONS.record(pushed),
+            "joints": _by_joint(PUSHES, [(each, each.unit) for each in pushed.joints]),
+            "scatter": _positions(pushed.scatter, confidence),
+        }
+    comparisons = [
+        {
+            "first": each.first,
+            "second": each.second,
+            "rp": CHANGE.record(each.rp),
+            "rms": CHANGE.record(each.rms),
+        }
+        for each in found.comparisons
+    ]
+    return {
+        **REPEATABILITY.record(found),
+        "position": POSITION.record(Visits("", found.position, confidence)),
+        "joints": _by_joint(JOINTS, joints),
+        "protocols": _positions(found.protocols, confidence),
+        "comparisons": comparisons,
+        "directions": directions,
+    }
+
+
+def _named(scatter: Mapping[str, PositionScatter], confidence: float) -> list[Visits]:
+    return [Visits(name, each, confidence) for name, each in scatter.items()]
+
+
+def _positions(scatter: Mapping[str, PositionScatter], confidence: float) -> Json:
+    return {each.name: POSITION.record(each) for each in _named(scatter, confidence)}
+
+
+def _by_joint(by_unit: Mapping[Unit, Listing[Row]], rows: Iterable[tuple[Row, Unit]]) -> Json:
+    """Rows of which each has its own unit, by the value of their first column."""
+    found: Json = {}
+    for row, unit in rows:
+        name, *rest = by_unit[unit].columns
+        found[name.of(row)] = Listing("", tuple(rest)).record(row)
+    return found
+
+
+def _units(units: Iterable[Unit]) -> str:
+    return " or ".join(sorted({unit_name(unit) for unit in units}))

@@ -1,1 +1,0 @@
-"""Repeatability and encoders at rest, shown."""

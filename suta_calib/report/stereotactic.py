@@ -1,0 +1,381 @@
+"""The answer to a stereotactic navigation problem, told; and its files in the CIS formats."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure as Picture
+
+from suta_calib.arrays import FloatArray
+from suta_calib.errors import OutputError
+from suta_calib.pose_calibration.pivot import PivotCalibration
+from suta_calib.report.document import Document, Figure, File, Part, Text
+from suta_calib.report.listing import Column, Json, Listing, Table, components, plain
+from suta_calib.report.svg import BLUE, GREY, ORANGE, WIDTH, plain_log, style, svg_text
+from suta_calib.stereotactic.cis_files import output1_text, output2_text
+from suta_calib.stereotactic.distortion import DistortionCorrection
+from suta_calib.stereotactic.solve import Navigation, StereotacticErrors, StereotacticResult
+from suta_calib.units import mm, text
+
+NAME: Final = "stereotactic"
+CELLS: Final = 8  # of the map, in each direction
+
+
+@dataclass(frozen=True, eq=False)
+class Pivot:
+    """One of the two pivots."""
+
+    name: str
+    found: PivotCalibration
+
+    def coordinate(self, k: int) -> str:
+        """Of the post, as it is shown."""
+        return f"{text(self.found.post[k], 'm')} ± {text(self.found.post_std()[k], 'm')}"
+
+    @property
+    def frames(self) -> str:
+        """How many, and how many of them were left out."""
+        lost = len(self.found.outliers)
+        return f"{len(self.found.residuals)}" + (f", {lost} off" if lost else "")
+
+
+PIVOTS: Final = Listing[Pivot](
+    "Posts in the EM tracker, mm",
+    (
+        Column("", "pivot", lambda each: each.name),
+        Column("post", "x", lambda each: each.found.post, "m", cell=lambda p: p.coordinate(0)),
+        Column("", "y", cell=lambda each: each.coordinate(1), numeric=True),
+        Column("", "z", cell=lambda each: each.coordinate(2), numeric=True),
+        Column("post_std", None, lambda each: each.found.post_std(), "m"),
+        Column("tip", None, lambda each: each.found.tip, "m"),
+        Column("tip_std", None, lambda each: each.found.tip_std, "m"),
+        Column("pivot_rms", "rms", lambda each: each.found.rms, "m"),
+        Column("", "frames", cell=lambda each: each.frames, numeric=True),
+        Column("pivot_outliers", None, lambda each: each.found.outliers),
+    ),
+)
+# Of the lengths (n,) of errors.
+SIZES: Final = (
+    Column[FloatArray]("rms", "rms", lambda sizes: np.sqrt(np.mean(sizes**2)), "m"),
+    Column[FloatArray]("mean", "mean", lambda sizes: sizes.mean(), "m"),
+    Column[FloatArray]("max", "max", lambda sizes: sizes.max(), "m"),
+    Column[FloatArray]("count", "count", len, form="d"),
+)
+READINGS: Final = Listing[tuple[str, FloatArray]](
+    "EM markers, distance from where they were, mm",
+    (
+        Column("", "readings", lambda row: row[0]),
+        *(column.over(lambda row: row[1]) for column in SIZES),
+    ),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class NavigatedTip:
+    """The EM probe's tip in CT, (3,), m, and the error to expect there."""
+
+    frame: int
+    position: FloatArray
+    error: float
+
+
+NAVIGATION: Final = Listing[NavigatedTip](
+    "EM probe's tip in CT, mm",
+    (
+        Column("", "frame", lambda tip: tip.frame, form="d"),
+        *components("xyz", lambda tip: tip.position, "m"),
+        Column("", "expected error", lambda tip: tip.error, "m"),
+    ),
+)
+REGISTRATION: Final = Listing[Navigation](
+    "",
+    (
+        Column("nav", value=lambda found: found.ct, unit="m"),
+        Column("nav_expected_error", value=lambda found: found.target_error, unit="m"),
+        Column("T_ct_em", value=lambda found: found.registration.matrix),
+        Column("fiducial_rms", value=lambda found: found.registration.rms, unit="m"),
+        Column("fiducial_outliers", value=lambda found: found.registration.outliers),
+    ),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Compared:
+    """Distances (n,), m, of something from where the given files have it; one of a single thing."""
+
+    key: str
+    name: str
+    sizes: FloatArray
+
+    def record(self) -> Json:
+        """As JSON has it."""
+        if len(self.sizes) == 1 and self.key.endswith("post"):
+            return {f"{self.key}_mm": plain(self.sizes[0], "m")}
+        return {f"{self.key}_{c.written_key}": c.plain(self.sizes) for c in SIZES[1:3]}
+
+
+COMPARISON: Final = Listing[Compared](
+    "Against the output files given, mm",
+    (
+        Column("", "distance of", lambda each: each.name),
+        Column("", "mean", lambda each: each.sizes.mean(), "m", form=".4f"),
+        Column(
+            "",
+            "max",
+            lambda each: None if each.key.endswith("post") else each.sizes.max(),
+            "m",
+            form=".4f",
+        ),
+    ),
+)
+
+
+def stereotactic_document(result: StereotacticResult, errors: StereotacticErrors) -> Document:
+    """Posts, EM readings, navigation, comparison; the picture and the output files.
+
+    An answer that must not be used yields only the picture.
+
+    Args:
+        result: the answer.
+        errors: of it, where output files were given.
+    """
+    name, compared = result.data.name, _compared(errors)
+    parts: list[Part] = [PIVOTS.of(_pivots_of(result)), *_readings(result)]
+    if result.navigation is not None:
+        parts += _navigation(result.navigation)
+    parts.append(COMPARISON.of(compared))
+    if lost := {kind: count for kind, count in result.outliers.items() if count}:
+        counts = ", ".join(f"{count} in {kind}" for kind, count in lost.items())
+        parts.append(Text(f"Markers left out: {counts}"))
+    parts.append(Figure(partial(stereotactic_plot, result)))
+    if result.assessment.usable:
+        parts += _outputs(result)
+    data = _data(result) | {
+        "comparison": {key: value for each in compared for key, value in each.record().items()}
+    }
+    title = f"Stereotactic navigation: {name}"
+    return Document(f"{name}-{NAME}", title, result.assessment, parts, data, "files")
+
+
+def check_given(answer: Document, folder: Path, inputs: Path) -> None:
+    """Refuse to replace what may be the reference that came with the inputs.
+
+    Args:
+        answer: whose output files are to be written.
+        folder: to write into.
+        inputs: folder of the inputs.
+
+    Raises:
+        OutputError: the folder is that of the inputs, and an output file in it differs.
+    """
+    if not (inputs.is_dir() and folder.is_dir() and folder.samefile(inputs)):
+        return
+    for part in answer.parts:
+        if not isinstance(part, File):
+            continue
+        path = folder / part.name
+        if path.exists() and path.read_bytes() != part.content().encode():
+            raise OutputError(
+                f"{path}: not written: found another answer beside the inputs, perhaps the one "
+                "that came with them; choose another folder with --out"
+            )
+
+
+def _outputs(result: StereotacticResult) -> list[File]:
+    first, second = (f"{result.data.name}-output{k}.txt" for k in (1, 2))
+    files = [File(first, lambda: output1_text(result.output1, first))]
+    if (found := result.navigation) is not None:
+        files.append(File(second, lambda: output2_text(found.ct, second)))
+    return files
+
+
+def _data(result: StereotacticResult) -> Json:
+    found: Json = {"name": result.data.name}
+    for pivot in _pivots_of(result):
+        found |= {f"{pivot.name.lower()}_{k}": v for k, v in PIVOTS.record(pivot).items()}
+    found["em_readings"] = {"before": Listing("", SIZES).record(_sizes(result.em_error))}
+    if result.outliers:
+        found["marker_outliers"] = dict(result.outliers)
+    if (correction := result.correction) is not None:
+        found["em_readings"]["after"] = Listing("", SIZES).record(_sizes(correction.residuals))
+        found["degree"] = correction.degree
+        found["cross_validation_mm"] = plain(correction.cross_validation, "m")
+        found["extrapolated"] = dict(result.extrapolated)
+        nothing: Json = {"nav_mm": None}
+        navigation = result.navigation
+        found |= nothing if navigation is None else REGISTRATION.record(navigation)
+    return found
+
+
+def _pivots_of(result: StereotacticResult) -> list[Pivot]:
+    return [Pivot("EM", result.em_pivot), Pivot("optical", result.optical_pivot)]
+
+
+def _sizes(vectors: FloatArray) -> FloatArray:
+    """Lengths (n,) of vectors (..., 3)."""
+    return np.asarray(np.linalg.norm(vectors, axis=-1)).ravel()
+
+
+def _readings(result: StereotacticResult) -> list[Table | Text]:
+    rows = [("as measured", _sizes(result.em_error))]
+    if (correction := result.correction) is None:
+        return [READINGS.of(rows)]
+    name = f"corrected, degree {correction.degree}" if correction.degree else "no distortion"
+    rows.append((name, _sizes(correction.residuals)))
+    left_out = text(correction.cross_validation[correction.degree], "m", with_unit=True)
+    return [READINGS.of(rows), Text(f"frames left out of the fit: rms {left_out}")]
+
+
+def _navigation(found: Navigation) -> list[Table | Text]:
+    errors = zip(found.ct, found.target_error.tolist(), strict=True)
+    tips = [NavigatedTip(number, tip, error) for number, (tip, error) in enumerate(errors, 1)]
+    lost = len(found.registration.outliers)
+    fiducials = (
+        f"registered by {len(found.fiducials)} fiducials"
+        + (f", {lost} of them off" if lost else "")
+        + f": rms {text(found.registration.rms, 'm', with_unit=True)}"
+    )
+    return [NAVIGATION.of(tips), Text(fiducials)]
+
+
+def _compared(errors: StereotacticErrors) -> list[Compared]:
+    given = (
+        ("c_expected", "expected EM markers", errors.expected),
+        ("em_post", "EM post", errors.em_post),
+        ("optical_post", "optical post", errors.optical_post),
+        ("nav", "tip in CT", errors.navigation),
+    )
+    return [
+        Compared(key, name, np.atleast_1d(np.asarray(sizes, dtype=float)).ravel())
+        for key, name, sizes in given
+        if sizes is not None
+    ]
+
+
+def stereotactic_plot(result: StereotacticResult) -> str:
+    """An SVG: map of the EM readings' errors and residuals of the pivots, mm.
+
+    With a correction also its effect and its cross-validation.
+    """
+    with style(NAME):
+        rows = 1 if result.correction is None else 2
+        figure = Picture(figsize=(1.25 * WIDTH, 3.7 * rows), layout="constrained")
+        panels = figure.subplots(rows, 2, squeeze=False)
+        _map(figure, panels[0, 0], result)
+        _pivots(panels[0, 1], result)
+        if result.correction is not None:
+            _effect(panels[1, 0], result.em_error, result.correction)
+            _validation(panels[1, 1], result.correction)
+        return svg_text(figure, NAME, f"Stereotactic navigation: {result.data.name}")
+
+
+def _map(figure: Picture, axes: Axes, result: StereotacticResult) -> None:
+    """Mean error in cells of the middle third of the volume, seen along z."""
+    points, errors = (mm(v.reshape(-1, 3)) for v in (result.expected, result.em_error))
+    low, high = np.quantile(points[:, 2], [1 / 3, 2 / 3])
+    slab = (points[:, 2] >= low) & (points[:, 2] <= high)
+    places, vectors = _cell_means(points[slab], errors[slab])
+    sizes = np.linalg.norm(vectors, axis=1)
+    arrows = axes.quiver(
+        *(places[:, 0], places[:, 1], vectors[:, 0], vectors[:, 1], sizes),
+        cmap="viridis_r",
+        angles="xy",
+        pivot="tail",
+        width=0.006,
+    )
+    axes.set_aspect("equal")
+    axes.margins(0.12)
+    axes.grid()
+    axes.set_title("Error of the EM readings (arrows enlarged)")
+    axes.set_xlabel(f"x in the EM tracker, mm (z from {low:.0f} to {high:.0f} mm)")
+    axes.set_ylabel("y in the EM tracker, mm")
+    figure.colorbar(arrows, ax=axes, shrink=0.85).set_label("mean error in 3-D, mm")
+
+
+def _cell_means(points: FloatArray, vectors: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Mean place and mean vector of the points in each cell of x and y that has any."""
+    plane = points[:, :2]
+    extent = np.maximum(np.ptp(plane, axis=0), 1e-9)
+    cell = np.minimum(((plane - plane.min(axis=0)) / extent * CELLS).astype(int), CELLS - 1)
+    _, which = np.unique(cell, axis=0, return_inverse=True)
+    count = np.bincount(which)[:, None]
+    sums = [
+        np.stack([np.bincount(which, weights=column) for column in values.T], axis=1)
+        for values in (points, vectors)
+    ]
+    return sums[0] / count, sums[1] / count
+
+
+def _pivots(axes: Axes, result: StereotacticResult) -> None:
+    """Distance of each probe's tip from its post, frame by frame."""
+    drawn = (
+        ("EM", result.em_pivot, "o", BLUE),
+        ("optical", result.optical_pivot, "s", ORANGE),
+    )
+    for name, pivot, marker, colour in drawn:
+        residuals = np.linalg.norm(pivot.residuals, axis=1)
+        frames, label = np.arange(1, len(residuals) + 1), f"{name}, rms {mm(pivot.rms):.3g} mm"
+        axes.plot(frames, mm(residuals), marker, color=colour, markersize=4.5, label=label)
+        lost = [int(row) for row in pivot.outliers]
+        if lost:
+            axes.plot(*(frames[lost], mm(residuals[lost]), "x"), color="black", label="outlier")
+    axes.set_ylim(bottom=0)
+    axes.grid(axis="y")
+    axes.set_title("Pivots", pad=22)
+    axes.set_xlabel("frame")
+    axes.set_ylabel("distance of the tip from the post, mm")
+    axes.legend(ncols=2, fontsize=8, loc="lower left", bbox_to_anchor=(0, 1))
+
+
+def _effect(axes: Axes, before: FloatArray, correction: DistortionCorrection) -> None:
+    """How many markers are off by how much, before and after."""
+    sizes = [mm(np.linalg.norm(v, axis=-1).ravel()) for v in (before, correction.residuals)]
+    # Two decimals in the files: below that there is nothing to see.
+    least, most = 1e-3, max(float(sizes[0].max()), float(sizes[1].max()), 1e-2)
+    bins = np.geomspace(least, most, 40)
+    looks = (("as measured", ORANGE, "////"), ("corrected", BLUE, ""))
+    for values, (label, colour, hatch) in zip(sizes, looks, strict=True):
+        clipped = np.clip(values, least, most)
+        axes.hist(
+            clipped,
+            bins.tolist(),
+            histtype="stepfilled",
+            facecolor="white" if hatch else colour,
+            edgecolor=colour,
+            alpha=0.75,
+            hatch=hatch,
+            label=label,
+        )
+    plain_log(axes.xaxis, axes.set_xscale)
+    axes.set_title("EM markers", pad=22)
+    axes.set_xlabel("distance from where the optical tracker says, mm")
+    axes.set_ylabel("markers")
+    axes.legend(ncols=2, fontsize=8, loc="lower left", bbox_to_anchor=(0, 1))
+
+
+def _validation(axes: Axes, correction: DistortionCorrection) -> None:
+    """Error of left-out frames by degree."""
+    degrees = list(correction.cross_validation)
+    rms = [mm(value) for value in correction.cross_validation.values()]
+    axes.plot(degrees, rms, "o-", color=GREY, markerfacecolor=BLUE, markeredgecolor=BLUE)
+    chosen = correction.degree
+    axes.plot(
+        *([chosen], [mm(correction.cross_validation[chosen])], "o"),
+        markersize=12,
+        markerfacecolor="none",
+        markeredgecolor=ORANGE,
+        markeredgewidth=2,
+        label=f"chosen: {chosen}",
+    )
+    plain_log(axes.yaxis, axes.set_yscale)
+    axes.set_xticks(degrees)
+    axes.grid(axis="y", which="both")
+    axes.set_title("Frames left out of the fit", pad=22)
+    axes.set_xlabel("degree of the correction (0: none)")
+    axes.set_ylabel("rms error, mm")
+    axes.legend(fontsize=8, loc="lower left", bbox_to_anchor=(0, 1))

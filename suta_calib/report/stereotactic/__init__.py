@@ -1,1 +1,0 @@
-"""Stereotactic navigation, shown."""

@@ -1,0 +1,81 @@
+"""Zero offsets, told: the branches that fit known poses, and what the poses leave open."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Final
+
+from suta_calib.acquisition.zero_offsets import Branch, ZeroOffsets
+from suta_calib.report.document import Document, Part, Text
+from suta_calib.report.listing import Column, Json, Listing
+from suta_calib.units import deg, mm
+
+NAME: Final = "zero_offsets"
+RESIDUAL: Final = Listing[Branch](
+    "",
+    (
+        Column("count", value=lambda branch: len(branch.distances)),
+        Column("rms", unit="m"),
+        Column("max", value=lambda branch: branch.distances.max(), unit="m"),
+        Column("rms", value=lambda branch: branch.rms_angle, unit="rad"),
+    ),
+)
+
+
+def zero_offsets_document(found: ZeroOffsets, written: Path | None = None) -> Document:
+    """The branches that fit, each with its residuals, and the one that was chosen.
+
+    Args:
+        found: the answer.
+        written: the URDF that holds the chosen offsets.
+    """
+    parts: list[Part] = [_branches(found).of(found.branches)]
+    if written is not None:
+        parts.append(Text(f"Written to {written}: raw readings are its joint positions."))
+    parameters = found.arm.parameters
+    data: Json = {
+        "status": found.status,
+        "offsets": {
+            name: {"unit": parameters[name].unit, "value": value}
+            for name, value in found.values().items()
+        },
+        "undetermined": [combination.fixed for combination in found.undetermined],
+        "combinations": [combination.direction for combination in found.undetermined],
+        "residual": RESIDUAL.record(found.chosen),
+        "branch": found.options.branch,
+        "branches": [
+            {"offsets": found.values(each), **RESIDUAL.record(each)} for each in found.branches
+        ],
+        "urdf": None if written is None else str(written),
+    }
+    return Document(NAME, "Zero offsets", found.assessment, parts, data)
+
+
+def _branches(found: ZeroOffsets) -> Listing[Branch]:
+    """A column for every joint, in degrees, or mm where it slides."""
+    unknown = {combination.fixed for combination in found.undetermined}
+
+    def number(branch: Branch) -> str:
+        k = found.branches.index(branch) + 1
+        return f"{k} *" if k == found.options.branch else f"{k}"
+
+    def cell(k: int) -> Callable[[Branch], str]:
+        name = found.names[k]
+        shown = mm if found.arm.parameters[name].unit == "m" else deg
+        if name in unknown:
+            return lambda _: "?"
+        return lambda branch: f"{shown(float(branch.offsets[k])):.3f}"
+
+    joints = (
+        Column[Branch]("", joint, cell=cell(k), numeric=True)
+        for k, joint in enumerate(found.arm.joints)
+    )
+    return Listing(
+        "Offsets, deg (mm)",
+        (
+            Column("", "branch", cell=number),
+            *joints,
+            Column("", "RMS mm", lambda branch: branch.rms, "m"),
+        ),
+    )
