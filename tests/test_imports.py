@@ -6,7 +6,7 @@ import ast
 from pathlib import Path
 
 ROWS = (
-    {"errors", "arrays", "units", "assessment", "atomic", "extras", "lazy", "threads"},
+    {"errors", "arrays", "units", "words", "assessment", "atomic", "extras", "lazy", "threads"},
     {"geometry", "batched"},
     {"model", "measurements"},
     {"terms"},
@@ -15,10 +15,11 @@ ROWS = (
     {"simulation"},
     {"pose_calibration"},
     {"stereotactic", "analysis", "certification"},
+    {"job"},
     {"device"},
     {"emulation", "acquisition", "tracking"},
     {"report"},
-    {"job", "cli", "__init__", "__main__"},
+    {"cli", "__init__", "__main__"},
 )
 ROW = {part: row for row, parts in enumerate(ROWS) for part in parts}
 # Parts that see less than their row would allow them.

@@ -28,6 +28,9 @@ NOT_USABLE: Final = 1
 json_option = click.option(
     "--json", "as_json", is_flag=True, help="Print one JSON object and nothing else."
 )
+anyway_option = click.option(
+    "--anyway", is_flag=True, help="Take a result that says of itself that it must not be used."
+)
 verbose_option = click.option(
     "--verbose", "-v", is_flag=True, help="List the unknowns of the observations too."
 )
@@ -102,7 +105,7 @@ def finish(
     folder: Path | None,
     *,
     as_json: bool,
-    texts: Mapping[str, str] = MappingProxyType({}),
+    texts: Mapping[str, str | bytes] = MappingProxyType({}),
 ) -> None:
     """Write an answer's files, print it, exit with 1 where it must not be used.
 
@@ -126,7 +129,10 @@ def finish(
         to = console()
         to.print(rendered(answer))
         if folder is not None and written is not None:
-            to.print(f"Written to {folder}: {', '.join(written['files'])}", soft_wrap=True)
+            files = written["files"]
+            to.print(f"Written to {folder}: {', '.join(files)}", soft_wrap=True)
+            if answer.opens_report:
+                to.print(f"Report: {files['report.html']}", soft_wrap=True)
     context.exit(answer.assessment.exit_code)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from suta_calib.cli._analysis import finish_analysis, folder_of, out_option
 from suta_calib.cli._numbers import FiniteRange
-from suta_calib.cli._output import LateProgress, json_option
+from suta_calib.cli._output import LateProgress, anyway_option, json_option
 from suta_calib.cli._poses import LateStatus
 from suta_calib.cli._region import place_option, region_option
 from suta_calib.errors import SamplesError
@@ -31,6 +31,7 @@ _ANYWHERE = 400
 @click.option("--urdf", type=_PATH, help="With result.json: the nominal arm it was made from.")
 @click.option("--tip", help="With result.json: link or frame of the tip.")
 @click.option("--base", help="With result.json: link the chain starts at; default: the root.")
+@anyway_option
 @region_option
 @place_option
 @click.option("--tolerance-mm", type=FiniteRange(1e-6), help="Exit code 1 if the RMS is larger.")
@@ -51,6 +52,7 @@ def tip_map(
     urdf: Path | None,
     tip: str | None,
     base: str | None,
+    anyway: bool,
     region: tuple[float, ...] | None,
     register_at: tuple[float, ...] | None,
     tolerance_mm: float | None,
@@ -75,7 +77,7 @@ def tip_map(
     folder = source.parent if out is None and urdf else folder_of(source, out)
     box = None if region is None else 1e-3 * np.array(region)
     if urdf is not None:
-        knowledge, where, centre, points = _from_result(source, urdf, tip, base, box)
+        knowledge, where, centre, points = _from_result(source, urdf, tip, base, box, anyway=anyway)
     else:
         knowledge, where, centre, points = _from_job(source, tip, box)
     place = centre if register_at is None else 1e-3 * np.array(register_at)
@@ -130,7 +132,13 @@ def _from_job(job: Path, tip: str | None, box: FloatArray | None) -> Start:
 
 
 def _from_result(
-    result: Path, urdf: Path, tip: str | None, base: str | None, box: FloatArray | None
+    result: Path,
+    urdf: Path,
+    tip: str | None,
+    base: str | None,
+    box: FloatArray | None,
+    *,
+    anyway: bool,
 ) -> Start:
     """The same from a file; the tool points straight down."""
     from suta_calib.analysis.planning import Region
@@ -143,7 +151,7 @@ def _from_result(
     if tip is None or box is None:
         raise click.UsageError("a result.json needs --tip and --region: it knows no samples")
     arm = ArmModel.from_urdf(urdf, tip, base)
-    read = read_uncertainty(result, arm)
+    read = read_uncertainty(result, arm, anyway=anyway)
     q = InverseKinematics(arm, {}).random_readings(np.random.default_rng(0), _ANYWHERE)
     where = Region(box[::2], box[1::2], np.array(DOWN))
     knowledge = Knowledge(arm, read.values, read.names, read.covariance, read.held, q)

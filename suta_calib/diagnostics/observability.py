@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from suta_calib.arrays import FloatArray, IntArray
+from suta_calib.assessment import Assessment
 from suta_calib.diagnostics.explanation import Explanation, explain
 from suta_calib.diagnostics.indices import Indices
 from suta_calib.model.parameters import Parameter
@@ -99,6 +100,11 @@ class Observability:
         by_prior = sum(p.state == "prior" for p in self.prospects.values())
         prior = f", {by_prior} of them mostly by their priors" if by_prior else ""
         return f"{told} from {self.samples} samples ({self.equations} equations){prior}"
+
+    @property
+    def assessment(self) -> Assessment:
+        """Care where something that was asked could not be told; `explanations` say why."""
+        return Assessment("care" if self.unidentified else "good", self.sentence)
 
 
 def observe(problem: Problem, x: FloatArray | None = None) -> Observability:

@@ -15,6 +15,7 @@ from suta_calib.assessment import Assessment
 from suta_calib.report.listing import Json, Table, plain
 
 Place = Literal["everywhere", "console", "page"]
+Look = Literal["plain", "heading", "remedy", "soft", "verbatim"]
 
 
 @dataclass(frozen=True)
@@ -25,11 +26,14 @@ class Text:
         text: what it says.
         bullet: whether it stands behind a bullet.
         place: where it is shown.
+        look: what it is: a heading over the parts that follow, what to do about the bullets
+            above it, a remark of less weight, a file's text as it stands.
     """
 
     text: str
     bullet: bool = False
     place: Place = "everywhere"
+    look: Look = "plain"
 
 
 @dataclass(frozen=True)
@@ -58,7 +62,15 @@ class ShownOnly:
     place: Place
 
 
-Part = Text | Figure | Table | ShownOnly
+@dataclass(frozen=True)
+class Folded:
+    """A table of which a page shows the title until it is opened; a console does without."""
+
+    table: Table
+
+
+Shown = Text | Figure | Table | Folded
+Part = Shown | ShownOnly
 
 
 @dataclass(frozen=True)
@@ -72,6 +84,8 @@ class Document:
         assessment: the first thing a reader needs.
         parts: what is shown, in order; tables that have a key are written to JSON too.
         data: what else JSON has, SI values already in the reader's unit.
+        opens_report: whether it starts ``report.html`` anew, as a calibration does, whose
+            analyses stand below it. Its figures then stand on that page only.
     """
 
     name: str
@@ -79,14 +93,16 @@ class Document:
     assessment: Assessment
     parts: Sequence[Part] = ()
     data: Mapping[str, Any] = field(default_factory=dict)
+    opens_report: bool = False
 
-    def shown(self, place: Place) -> list[Text | Figure | Table]:
+    def shown(self, place: Place) -> list[Shown]:
         """The parts for the console or for a page, in order; tables without rows are not."""
-        found: list[Text | Figure | Table] = []
+        found: list[Shown] = []
         for part in self.parts:
             where = part.place if isinstance(part, ShownOnly | Text) else "everywhere"
             told = part.table if isinstance(part, ShownOnly) else part
-            if where in ("everywhere", place) and (not isinstance(told, Table) or told.cells):
+            rows = told.table if isinstance(told, Folded) else told
+            if where in ("everywhere", place) and (not isinstance(rows, Table) or rows.cells):
                 found.append(told)
         return found
 
@@ -96,6 +112,6 @@ class Document:
 
     def json(self) -> Json:
         """Everything as one JSON object, ``verdict`` last."""
-        tables = [part.table if isinstance(part, ShownOnly) else part for part in self.parts]
+        tables = [p.table if isinstance(p, ShownOnly | Folded) else p for p in self.parts]
         listed = {t.key: t.json() for t in tables if isinstance(t, Table) and t.key}
         return {**plain(self.data), **listed, "verdict": self.assessment.as_dict()}

@@ -32,7 +32,7 @@ def make_folder(folder: Path) -> None:
 
 def write_texts(
     answer: Mapping[str, Any],
-    texts: Mapping[str, str],
+    texts: Mapping[str, str | bytes],
     folder: Path,
     name: str = "result.json",
 ) -> dict[str, Any]:
@@ -53,22 +53,23 @@ def write_texts(
     """
     paths = {each: folder / each for each in (*texts, name)}
     complete = {**answer, "files": {each: str(path) for each, path in paths.items()}}
-    contents = {**texts, name: json_text(complete)}
+    contents: dict[str, str | bytes] = {**texts, name: json_text(complete)}
     _check_targets(list(paths.values()))
     make_folder(folder)
     for each, path in paths.items():
-        write_bytes_atomically(path, contents[each].encode())
+        content = contents[each]
+        write_bytes_atomically(path, content if isinstance(content, bytes) else content.encode())
     return complete
 
 
 def write_document(
-    answer: Document, folder: Path, texts: Mapping[str, str] = MappingProxyType({})
+    answer: Document, folder: Path, texts: Mapping[str, str | bytes] = MappingProxyType({})
 ) -> dict[str, Any]:
     """Write a document: ``NAME.json``, its pictures, its section in ``report.html``.
 
     Args:
         answer: NAME is its name. Figures are written as ``NAME.svg``, or ``NAME_1.svg``,
-            ``NAME_2.svg``, … where there are several.
+            ``NAME_2.svg``, … where there are several; those of one that opens a report are not.
         folder: created if it is not there.
         texts: further whole files by name.
 
@@ -85,6 +86,8 @@ def write_document(
 
 
 def _pictures(answer: Document) -> dict[str, str]:
+    if answer.opens_report:
+        return {}
     figures = [part.svg for part in answer.shown("page") if isinstance(part, Figure)]
     if len(figures) == 1:
         return {f"{answer.name}.svg": figures[0]}

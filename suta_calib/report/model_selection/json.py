@@ -13,8 +13,8 @@ from suta_calib.diagnostics.accuracy import TermAccuracy
 from suta_calib.diagnostics.score_tests import ScoreTest
 from suta_calib.model.nongeometric import Family
 from suta_calib.model.parameters import Selection
-from suta_calib.report.verdict import listed
 from suta_calib.units import shown, text, unit_name
+from suta_calib.words import listed
 
 NAME: Final = "extend"
 COMMAND: Final = "suta-calib extend"

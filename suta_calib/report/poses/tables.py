@@ -24,8 +24,8 @@ from suta_calib.report.poses.json import (
     rpy_deg,
     verdict_on,
 )
-from suta_calib.report.verdict import listed
 from suta_calib.units import text
+from suta_calib.words import listed
 
 MOST_OUTLIERS: Final = 10
 MOST_POSTS: Final = 12

@@ -14,8 +14,8 @@ from suta_calib.report.console import number_table, verdict_lines
 from suta_calib.report.sections import Plot, Section, Table, Text
 from suta_calib.report.study.json import SET_IS, held_out
 from suta_calib.report.study.plots import size_figure, spread_figure
-from suta_calib.report.verdict import listed
 from suta_calib.units import NOTHING, text, unit_name
+from suta_calib.words import listed
 
 # What a study's files and its section are called.
 NAMES: Final[dict[Kind, str]] = {

@@ -1,9 +1,18 @@
-"""Combinations of parameters in words."""
+"""Names in sentences: a few of many, and combinations of parameters."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from typing import Final
+
+MOST_NAMES: Final = 6
+
+
+def listed(names: Sequence[str], most: int = MOST_NAMES) -> str:
+    """Names in a sentence; only a count of those beyond the first few."""
+    rest = len(names) - most
+    return ", ".join(names[:most]) + (f" and {rest} more" if rest > 0 else "")
 
 
 def combination(direction: Mapping[str, float], held: str = "") -> str:

@@ -1,4 +1,4 @@
-"""Whether a result may be used, in one word and a few sentences."""
+"""Whether a calibration may be used, in one word and a few sentences."""
 
 from __future__ import annotations
 
@@ -6,59 +6,66 @@ from typing import Final
 
 import numpy as np
 
-from suta_calib.assessment import Assessment, Level
+from suta_calib.assessment import Assessment
 from suta_calib.diagnostics.accuracy import Accuracy
 from suta_calib.diagnostics.lack_of_fit import LackOfFit, lack_of_fit
 from suta_calib.diagnostics.score_tests import score_tests
 from suta_calib.model.nongeometric import is_nongeometric
-from suta_calib.report.result import Result, arm_estimates
 from suta_calib.solver.solution import Solution, State
 from suta_calib.units import text
+from suta_calib.words import listed
 
 # Noise that differs from what the job states by more than this factor deserves a word.
 SURPRISING: Final = 2.0
 # Residuals over the scatter of repeats from which a model is said to lack something.
 LACKING: Final = 1.5
-MOST_NAMES: Final = 6
 # Equations beyond the unknowns from which on residuals tell the noise to a third or so.
 REDUNDANT: Final = 6
 
 
-def judge(result: Result) -> Assessment:
-    """Weigh convergence, held-out errors, bounds and what could not be told."""
-    solution = result.solution
+def assess_calibration(solution: Solution, accuracy: Accuracy) -> Assessment:
+    """Weigh convergence, held-out errors, bounds, fit, noise and what could not be told.
+
+    Args:
+        solution: what came out.
+        accuracy: errors of the fitted and of the held-out terms, before and after.
+
+    Returns:
+        ``bad`` where the solution is not to be used, or the calibrated arm is worse than the
+        nominal one on held-out data; ``care`` where something must be known.
+    """
     if not solution.converged:
-        return Assessment("bad", solution.sentence, ("No calibrated URDF is written.",))
-    notes = (
-        *_on_validation(result.accuracy),
-        *_on_parameters(solution),
-        *_on_fit(solution),
-        *_beside_geometry(solution),
-        *_on_noise(solution),
-        *_on_exclusions(result),
-        *_on_seating(result),
+        return Assessment("bad", solution.sentence)
+    worse = accuracy.validation and _rms(accuracy, "after") > _rms(accuracy, "before")
+    return Assessment.of(
+        solution.sentence,
+        bad=["The calibrated arm is worse than the nominal one on the validation data."]
+        if worse
+        else [],
+        care=[
+            *_on_validation(accuracy),
+            *_on_parameters(solution),
+            *_redundancy(solution),
+            *_on_fit(solution),
+            *_beside_geometry(solution),
+            *_on_noise(solution),
+        ],
     )
-    worse = _validation_change(result.accuracy) > 0
-    level: Level = "bad" if worse else "care" if notes else "good"
-    return Assessment(level, solution.sentence, notes)
 
 
-def _validation_change(accuracy: Accuracy) -> float:
-    before = Accuracy.overall(accuracy.validation, "before").rms
-    return Accuracy.overall(accuracy.validation, "after").rms - before
+def _rms(accuracy: Accuracy, which: str) -> float:
+    return Accuracy.overall(accuracy.validation, which).rms
 
 
 def _on_validation(accuracy: Accuracy) -> list[str]:
-    if not accuracy.validation:
-        return ["There are no validation data: the errors shown are those of the fitted data."]
-    if _validation_change(accuracy) > 0:
-        return ["The calibrated arm is worse than the nominal one on the validation data."]
-    return []
+    if accuracy.validation:
+        return []
+    return ["There are no validation data: the errors shown are those of the fitted data."]
 
 
 def _on_parameters(solution: Solution) -> list[str]:
     states: dict[State, list[str]] = {}
-    for name, estimate in arm_estimates(solution).items():
+    for name, estimate in solution.arm_estimates.items():
         states.setdefault(estimate.state, []).append(name)
     notes = []
     if held := states.get("unidentified"):
@@ -69,11 +76,6 @@ def _on_parameters(solution: Solution) -> list[str]:
             "the wrong artefact."
         )
     return notes
-
-
-def _on_fit(solution: Solution) -> list[str]:
-    lacking = [_lacking(fit) for fit in lack_of_fit(solution) if fit.ratio > LACKING]
-    return [*_redundancy(solution), *lacking]
 
 
 def _redundancy(solution: Solution) -> list[str]:
@@ -90,6 +92,10 @@ def _redundancy(solution: Solution) -> list[str]:
     ]
 
 
+def _on_fit(solution: Solution) -> list[str]:
+    return [_lacking(fit) for fit in lack_of_fit(solution) if fit.ratio > LACKING]
+
+
 def _lacking(fit: LackOfFit) -> str:
     found = text(fit.residual, fit.unit, with_unit=True)
     explained = text(fit.repeat, fit.unit, with_unit=True)
@@ -103,7 +109,7 @@ def _lacking(fit: LackOfFit) -> str:
 def _beside_geometry(solution: Solution) -> list[str]:
     """What a URDF cannot hold, and what the residuals look like beside geometry."""
     notes = []
-    if held := [n for n, e in arm_estimates(solution).items() if e.value and is_nongeometric(n)]:
+    if held := [n for n, e in solution.arm_estimates.items() if e.value and is_nongeometric(n)]:
         notes.append(
             f"A URDF cannot hold {listed(held)}: calibrated.urdf is the geometry only, and its tip "
             "is right only with the corrections in result.json (track and validate apply them "
@@ -132,28 +138,3 @@ def _on_noise(solution: Solution) -> list[str]:
                 f"the job says {text(assumed, block.unit, with_unit=True)}."
             )
     return notes
-
-
-def _on_exclusions(result: Result) -> list[str]:
-    spec = result.job.spec
-    rows = (*spec.observations, *spec.validation)
-    return [f"The job excludes {r.exclude} from {r.kind}." for r in rows if r.exclude is not None]
-
-
-def _on_seating(result: Result) -> list[str]:
-    """Held-out touches of an artefact whose sockets only the observations know to be wide."""
-    spec = result.job.spec
-    wide = {r.artefact for r in spec.observations if r.seated}
-    tight = [r for r in spec.validation if not r.seated]
-    return [
-        f"The validation row of {r.kind} has no seating, and the observations of the same artefact "
-        "do: its errors hold what the seating would take away. Give it the same key."
-        for r in tight
-        if r.artefact is not None and r.artefact in wide
-    ]
-
-
-def listed(names: list[str], most: int = MOST_NAMES) -> str:
-    """Names in a sentence; only a count of those beyond the first few."""
-    rest = len(names) - most
-    return ", ".join(names[:most]) + (f" and {rest} more" if rest > 0 else "")
