@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Final, Self
 
 import click
 
+from suta_calib.assessment import NOT_USABLE
 from suta_calib.errors import OutputError
 
 if TYPE_CHECKING:
@@ -23,8 +24,9 @@ if TYPE_CHECKING:
 
 # Shorter runs are over before anybody wonders.
 PATIENCE_S: Final = 2.0
-# Exit code of a command that ran, but whose answer must not be used.
-NOT_USABLE: Final = 1
+out_option = click.option(
+    "--out", type=click.Path(path_type=Path), help="Folder to write into; results/ beside the job."
+)
 json_option = click.option(
     "--json", "as_json", is_flag=True, help="Print one JSON object and nothing else."
 )
@@ -67,6 +69,13 @@ def check_folder(folder: Path) -> None:
             f"{folder}: found {existing} write-protected; expected a folder to write into; "
             "choose another with --out"
         )
+
+
+def folder_of(job: Path, out: Path | None) -> Path:
+    """Where the answer on a job is written, checked before any work is done."""
+    folder = job.parent / "results" if out is None else out
+    check_folder(folder)
+    return folder
 
 
 def present(

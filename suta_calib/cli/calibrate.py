@@ -6,8 +6,14 @@ from pathlib import Path
 
 import click
 
-from suta_calib.cli._analysis import folder_of, out_option
-from suta_calib.cli._output import LateProgress, finish, json_option, verbose_option
+from suta_calib.cli._output import (
+    LateProgress,
+    finish,
+    folder_of,
+    json_option,
+    out_option,
+    verbose_option,
+)
 
 
 @click.command()
@@ -22,7 +28,7 @@ def calibrate(
     """Calibrate the arm of JOB (a calibration.yaml) from its measurements.
 
     Writes calibrated.urdf, result.json, residuals.csv and report.html. Exits with 1 where the
-    answer must not be used: not converged, residuals that drown the data, or worse than nominal on
+    answer must not be used: not converged, residuals that swamp the data, or worse than nominal on
     validation data. Then no calibrated.urdf is written.
     """
     from suta_calib.job.calibration import CalibrationJob

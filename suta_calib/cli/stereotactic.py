@@ -6,7 +6,8 @@ from pathlib import Path
 
 import click
 
-from suta_calib.cli._output import NOT_USABLE, check_folder, console, json_option, print_json
+from suta_calib.assessment import NOT_USABLE
+from suta_calib.cli._output import check_folder, console, json_option, print_json
 from suta_calib.cli._poses import LateStatus
 
 

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 import numpy as np
 
+from suta_calib.assessment import NOT_USABLE
 from suta_calib.cli._numbers import FiniteRange
-from suta_calib.cli._output import NOT_USABLE, check_folder, console, json_option, print_json
+from suta_calib.cli._output import check_folder, console, json_option, print_json
 from suta_calib.errors import InputError
 
 if TYPE_CHECKING:

@@ -364,7 +364,7 @@ def _computation(result: CalibrationResult) -> Iterator[Part]:
     solution, path = result.solution, result.job.spec.path
     best = solution.minimum
     phases = ", ".join(f"{phase} {seconds:.3f} s" for phase, seconds in solution.timing.items())
-    yield ShownOnly(STARTS.of(enumerate(solution.attempts, start=1)), "page")
+    yield ShownOnly(STARTS.of(_starts(solution)), "page")
     yield Text(
         f"IPOPT: {best.status} after {best.iterations} iterations, cost {best.cost:.6g}. {phases}.",
         place="page",
@@ -392,7 +392,7 @@ def _data(result: CalibrationResult) -> Json:
     solution = result.solution
     # What comes before the first iteration is the check of what the data can tell.
     timing = {"build": solution.timing.get("check", 0.0)} | solution.timing
-    starts = STARTS.records(enumerate(solution.attempts, start=1))
+    best, starts = STARTS.record((0, solution.minimum)), STARTS.records(_starts(solution))
     return {
         "status": "converged" if solution.converged else "not_converged",
         "job": result.job.spec.path.name,
@@ -404,13 +404,13 @@ def _data(result: CalibrationResult) -> Json:
         "timing_s": timing,
         **_matrices(solution),
         "noise": NOISE.records(_noise(result)),
-        "solver": {"name": "IPOPT", **_minimum(solution.minimum), "starts": starts},
+        "solver": {"name": "IPOPT", **best, "starts": starts},
         "versions": versions(),
     }
 
 
-def _minimum(best: Minimum) -> Json:
-    return STARTS.record((0, best))
+def _starts(solution: Solution) -> list[tuple[int, Minimum]]:
+    return list(enumerate(solution.attempts, start=1))
 
 
 def _outcomes(solution: Solution) -> list[Outcome]:

@@ -21,13 +21,12 @@ from suta_calib.report.svg import (
     ORANGE,
     WIDTH,
     plain_log,
-    shown_array,
     style,
     svg_text,
 )
 from suta_calib.solver.identifiability import WEAK
 from suta_calib.solver.solution import Estimate
-from suta_calib.units import Unit, unit_name
+from suta_calib.units import Unit, shown, unit_name
 
 MOST_GROUPS: Final = 30
 MOST_CORRELATED: Final = 30
@@ -43,8 +42,8 @@ def error_histogram(errors: KindErrors, name: str) -> str:
         errors: of one kind and quantity, at least one.
         name: id of the plot on its page.
     """
-    before = np.abs(shown_array(errors.before, errors.unit))
-    after = np.abs(shown_array(errors.after, errors.unit))
+    before = np.abs(shown(errors.before, errors.unit))
+    after = np.abs(shown(errors.after, errors.unit))
     unit = unit_name(errors.unit)
     with style(name):
         figure = Figure(figsize=(WIDTH, 3.0), layout="constrained")
@@ -105,7 +104,7 @@ def grouped_errors(groups: Mapping[str, FloatArray], grouping: str, name: str) -
         name: id of the plot on its page.
     """
     ranked = sorted(groups.items(), key=lambda item: -float(np.median(item[1])))[:MOST_GROUPS]
-    errors = [shown_array(e, "m") for _, e in ranked]
+    errors = [shown(e, "m") for _, e in ranked]
     with style(name):
         figure = Figure(figsize=(WIDTH, 1.0 + 0.21 * len(ranked)), layout="constrained")
         axes = figure.subplots()
@@ -224,8 +223,8 @@ def parameter_changes(estimates: Sequence[Estimate], name: str) -> str:
 
 
 def _changes(axes: Axes, found: Sequence[Estimate], unit: Unit) -> None:
-    change = shown_array(np.array([e.value - e.nominal for e in found]), unit)
-    std = shown_array(np.array([e.std or 0.0 for e in found]), unit)
+    change = shown(np.array([e.value - e.nominal for e in found]), unit)
+    std = shown(np.array([e.std or 0.0 for e in found]), unit)
     k = np.arange(len(found))
     axes.axvline(0.0, color="black", linewidth=0.8)
     axes.errorbar(change, k, xerr=std, fmt="none", ecolor="black", elinewidth=1.0, capsize=2)
