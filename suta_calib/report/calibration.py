@@ -6,7 +6,6 @@ null, so that nobody uses them by accident.
 
 from __future__ import annotations
 
-import math
 import platform
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -18,7 +17,6 @@ import numpy as np
 
 from suta_calib.diagnostics.accuracy import TermAccuracy
 from suta_calib.job.calibration import CalibrationResult
-from suta_calib.model.parameters import Parameter
 from suta_calib.report import calibration_plots as plots
 from suta_calib.report.document import Document, Figure, Folded, Part, Place, ShownOnly, Text
 from suta_calib.report.errors import (
@@ -31,97 +29,19 @@ from suta_calib.report.errors import (
     residual_rows,
 )
 from suta_calib.report.listing import Column, Json, Listing, csv_text
-from suta_calib.report.observability import MOST_SENTENCES, TONE, explained, left_out, unobservable
+from suta_calib.report.observability import MOST_SENTENCES, explained, unobservable
+from suta_calib.report.parameters import PARAMETERS, left_out, outcomes
 from suta_calib.solver.ipopt import Minimum
-from suta_calib.solver.solution import Estimate, Solution
+from suta_calib.solver.solution import Solution
 from suta_calib.terms.term import Block
 from suta_calib.units import Unit, unit_name
-from suta_calib.words import combination, listed
+from suta_calib.words import combination
 
 NAME: Final = "result"
 CALIBRATED: Final = "calibrated.urdf"
 # The same of an answer that must not be used, under a name that nobody takes for a calibrated arm.
 NOT_USABLE: Final = "not_usable.urdf"
 DISTRIBUTIONS: Final = ("suta_calib", "pin", "casadi", "numpy")
-# Of a long list a console leaves out what is held.
-MANY: Final = 20
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """A parameter's estimate beside what was known of it before.
-
-    Attributes:
-        estimate: what came out.
-        known: what went in.
-        converged: whether the estimate is one.
-    """
-
-    estimate: Estimate
-    known: Parameter
-    converged: bool
-
-    @property
-    def bounds(self) -> tuple[float, float] | None:
-        """Lower and upper, m or rad; None without any."""
-        found = self.known.lower, self.known.upper
-        return found if any(map(math.isfinite, found)) else None
-
-    @property
-    def state(self) -> str:
-        """The estimate's state, or that it is none."""
-        return self.estimate.state if self.converged else "not_converged"
-
-    @property
-    def change(self) -> float | None:
-        """From nominal, m or rad; None where it was held there."""
-        e = self.estimate
-        return None if e.state in ("unidentified", "fixed") else e.value - e.nominal
-
-
-def _unit(row: Outcome) -> Unit:
-    return row.estimate.unit
-
-
-PARAMETERS: Final = Listing[Outcome](
-    "Parameters",
-    (
-        Column("name", "parameter", lambda row: row.estimate.name),
-        Column("unit", None, _unit),
-        Column("nominal", "nominal", lambda row: row.estimate.nominal, own_unit=_unit),
-        Column(
-            "value",
-            "value",
-            lambda row: row.estimate.value if row.converged else None,
-            own_unit=_unit,
-        ),
-        Column("", "change", lambda row: row.change, own_unit=_unit, sign=True),
-        Column(
-            "std",
-            "± std",
-            lambda row: row.estimate.std if row.converged else None,
-            own_unit=_unit,
-        ),
-        Column("", "unit", cell=lambda row: unit_name(_unit(row))),
-        Column(
-            "state",
-            "state",
-            cell=lambda row: row.state.replace("_", " "),
-            tone=lambda row: TONE[row.estimate.state],
-        ),
-        Column(
-            "given",
-            "given",
-            lambda row: row.estimate.given if row.converged else (),
-            cell=lambda row: listed(row.estimate.given, 3),
-            optional=True,
-        ),
-        Column("scale", None, lambda _: 1.0),
-        Column("prior", None, lambda row: row.known.prior, optional=True),
-        Column("bounds", optional=True),
-    ),
-    named=True,
-)
 
 
 @dataclass(frozen=True, eq=False)
@@ -230,13 +150,12 @@ def versions() -> dict[str, str]:
 
 def _parameters(result: CalibrationResult, *, verbose: bool) -> Iterator[Part]:
     solution = result.solution
-    outcomes = _outcomes(solution)
-    arm, own = outcomes[: solution.problem.arm_count], outcomes[solution.problem.arm_count :]
-    worth_showing = outcomes if verbose else [row for row in arm if _moved(row, len(arm))]
+    every = outcomes(solution)
+    arm, own = every[: solution.problem.arm_count], every[solution.problem.arm_count :]
+    worth_showing = every if verbose else [row for row in arm if row.worth_showing(len(arm))]
     yield ShownOnly(PARAMETERS.of(worth_showing), "console")
     if not verbose:
-        left = left_out(len(arm) - len(worth_showing), [row.estimate for row in own])
-        yield from [] if left is None else [left]
+        yield from left_out(len(arm) - len(worth_showing), [row.estimate for row in own])
     yield ShownOnly(PARAMETERS.of(arm), "page")
     yield Text(
         "“unidentified”: the data cannot tell it, it stays at nominal. “prior”: mostly known "
@@ -254,20 +173,14 @@ def _parameters(result: CalibrationResult, *, verbose: bool) -> Iterator[Part]:
     yield Folded(PARAMETERS.of(own, f"The observations' own unknowns ({len(own)})"))
 
 
-def _moved(row: Outcome, many: int) -> bool:
-    """Whether the data moved it by more than a tenth of what is uncertain about it."""
-    e = row.estimate
-    if e.state == "prior":
-        return abs(e.value - e.nominal) >= 0.1 * (e.std or 0.0)
-    return many <= MANY or e.state != "unidentified"
-
-
 def _errors(result: CalibrationResult) -> Iterator[Part]:
     accuracy = result.accuracy
     sets = {"calibration": accuracy.calibration, "validation": accuracy.validation}
     yield errors_table(sets)
     if not result.solution.converged:
-        yield Text("The solver has not converged: “after” is only where it stopped.")
+        yield Text(
+            "“after” is only where the solver stopped: it has not converged to anything usable."
+        )
     yield Text(
         "Every error counts here, also those a robust fit gave less weight. Improvement is that "
         "of the RMS.",
@@ -396,7 +309,7 @@ def _data(result: CalibrationResult) -> Json:
     return {
         "status": "converged" if solution.converged else "not_converged",
         "job": result.job.spec.path.name,
-        "parameters": PARAMETERS.records(_outcomes(solution)),
+        "parameters": PARAMETERS.records(outcomes(solution)),
         "unidentified": solution.unidentified,
         "unobservable": unobservable(solution.identification),
         "excluded": _excluded(result),
@@ -411,14 +324,6 @@ def _data(result: CalibrationResult) -> Json:
 
 def _starts(solution: Solution) -> list[tuple[int, Minimum]]:
     return list(enumerate(solution.attempts, start=1))
-
-
-def _outcomes(solution: Solution) -> list[Outcome]:
-    parameters = solution.problem.parameters
-    return [
-        Outcome(estimate, parameters[name], solution.converged)
-        for name, estimate in solution.estimates.items()
-    ]
 
 
 def _excluded(result: CalibrationResult) -> list[Json]:

@@ -2,50 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from typing import Final, Protocol
+from collections.abc import Iterable
+from typing import Final
 
 from suta_calib.diagnostics.explanation import Explanation
-from suta_calib.diagnostics.observability import Observability, Prospect
+from suta_calib.diagnostics.observability import Observability
 from suta_calib.report.document import Document, Part, Place, Text
-from suta_calib.report.listing import Column, Listing, Tone
+from suta_calib.report.listing import Column, Listing
+from suta_calib.report.parameters import PROSPECTS, left_out
 from suta_calib.solver.identifiability import Identification
-from suta_calib.solver.solution import State
-from suta_calib.units import text, unit_name
-from suta_calib.words import listed
 
 NAME: Final = "observability"
 # Of one remedy's explanations, those that a console shows.
 MOST_SENTENCES: Final = 3
-TONE: Final[dict[State, Tone]] = {
-    "identified": "good",
-    "unidentified": "care",
-    "prior": "note",
-    "at_bound": "bad",
-    "fixed": "soft",
-}
 
-PROSPECTS: Final = Listing[Prospect](
-    "What these readings can determine",
-    (
-        Column("name", "parameter"),
-        Column("unit"),
-        Column("nominal"),
-        Column(
-            "plausible",
-            "plausible",
-            cell=lambda p: f"± {text(p.plausible, p.unit)}",
-            numeric=True,
-        ),
-        Column("bound"),
-        Column("prior"),
-        Column("std", "predicted ± std", own_unit=lambda p: p.unit),
-        Column("", "unit", cell=lambda p: unit_name(p.unit)),
-        Column("state", "state", tone=lambda p: TONE[p.state]),
-        Column("given", "given", cell=lambda p: listed(p.given, 3), optional=True),
-    ),
-    named=True,
-)
 EXPLANATIONS: Final = Listing[Explanation](
     "Why parameters are held", (Column("held"), Column("sentence"), Column("remedy"))
 )
@@ -60,10 +30,9 @@ def observability_document(found: Observability, *, verbose: bool = False) -> Do
     """
     prospects = list(found.prospects.values())
     arm = found.problem.arm_count or len(prospects)
-    left = None if verbose else left_out(0, prospects[arm:])
     parts: list[Part] = [
         PROSPECTS.of(prospects if verbose else prospects[:arm]),
-        *([] if left is None else [left]),
+        *([] if verbose else left_out(0, prospects[arm:])),
         Text(conditioning(found)),
         *explained(found.explanations, "everywhere", MOST_SENTENCES),
     ]
@@ -119,32 +88,3 @@ def explained(found: Iterable[Explanation], place: Place, most: int | None = Non
 def unobservable(identification: Identification) -> list[dict[str, float]]:
     """Combinations of several parameters that change no observation: factors by name."""
     return [dict(c.direction) for c in identification.combinations if not c.alone]
-
-
-class Determined(Protocol):
-    """A parameter with a state: a prospect before the fit, an estimate after it."""
-
-    @property
-    def name(self) -> str:
-        """As in the problem."""
-
-    @property
-    def state(self) -> State:
-        """What the data say of it."""
-
-
-def left_out(unmoved: int, own: Sequence[Determined]) -> Text | None:
-    """A line on what a console's table leaves out; None where it has everything.
-
-    Args:
-        unmoved: parameters of the arm that are not in the table.
-        own: the terms' own unknowns, none of which is.
-    """
-    parts = [f"{unmoved} of the arm that were not moved"] if unmoved else []
-    if own:
-        told = sum(each.state in ("identified", "prior") for each in own)
-        frames = listed(sorted({each.name.rpartition(".")[0] for each in own}), 2)
-        parts.append(f"{told} of {len(own)} unknowns of the observations ({frames})")
-    if not parts:
-        return None
-    return Text(f"and {', '.join(parts)}: --verbose shows them", place="console")
