@@ -89,6 +89,8 @@ def test_observe_tells_what_the_data_can_determine(
     assert found["parameters"]["joint_1.offset"]["std"] is None
     assert [e["held"] for e in found["explanations"]] == ["joint_1.offset"]
     assert set(found["indices"]) == {"O1", "O2", "O3", "O4", "O5"}
+    assert found["verdict"]["level"] == "care"
+    assert "7 of 8 unknowns" in found["verdict"]["sentence"]
     assert cli("observe", job) == 0
     out, err = capsys.readouterr()
     assert err == ""
