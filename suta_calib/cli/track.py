@@ -137,7 +137,7 @@ def track(
     model = ArmModel.from_urdf(arm, tip, base)
     spec = read_device(device)
     uncertainty = None if result is None else read_uncertainty(result, model, anyway=anyway)
-    carried = Tool.none() if tool is None else read_tool(tool)
+    carried = Tool.none() if tool is None else read_tool(tool, anyway=anyway)
     tracker = Tracker(model, spec.names, TipKinematics(model, carried, uncertainty), device)
     wanted = _Wanted(igtl, igtl_name, udp, csv, parquet)
     with ExitStack() as stack:

@@ -97,6 +97,12 @@ class Accuracy:
     calibration: tuple[TermAccuracy, ...]
     validation: tuple[TermAccuracy, ...]
 
+    @property
+    def worse(self) -> bool:
+        """Whether the calibrated arm is worse than the nominal one on the held-out terms."""
+        before, after = (self.overall(self.validation, which).rms for which in ("before", "after"))
+        return after > before
+
     @staticmethod
     def overall(terms: Sequence[TermAccuracy], which: str) -> Metrics:
         """Over all terms of the first one's kind; ``which`` is ``before`` or ``after``."""

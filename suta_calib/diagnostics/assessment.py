@@ -36,31 +36,20 @@ def assess_calibration(solution: Solution, accuracy: Accuracy) -> Assessment:
     """
     if not solution.converged:
         return Assessment("bad", solution.sentence)
-    worse = accuracy.validation and _rms(accuracy, "after") > _rms(accuracy, "before")
+    worse = "The calibrated arm is worse than the nominal one on the validation data."
+    fitted_only = "There are no validation data: the errors shown are those of the fitted data."
     return Assessment.of(
         solution.sentence,
-        bad=["The calibrated arm is worse than the nominal one on the validation data."]
-        if worse
-        else [],
+        bad=[worse] if accuracy.worse else [],
         care=[
-            *_on_validation(accuracy),
+            *([] if accuracy.validation else [fitted_only]),
             *_on_parameters(solution),
-            *_redundancy(solution),
-            *_on_fit(solution),
+            *_on_redundancy(solution),
+            *(_on_fit(fit) for fit in lack_of_fit(solution) if fit.ratio > LACKING),
             *_beside_geometry(solution),
             *_on_noise(solution),
         ],
     )
-
-
-def _rms(accuracy: Accuracy, which: str) -> float:
-    return Accuracy.overall(accuracy.validation, which).rms
-
-
-def _on_validation(accuracy: Accuracy) -> list[str]:
-    if accuracy.validation:
-        return []
-    return ["There are no validation data: the errors shown are those of the fitted data."]
 
 
 def _on_parameters(solution: Solution) -> list[str]:
@@ -78,7 +67,7 @@ def _on_parameters(solution: Solution) -> list[str]:
     return notes
 
 
-def _redundancy(solution: Solution) -> list[str]:
+def _on_redundancy(solution: Solution) -> list[str]:
     """Noise that is learnt from few residuals may be off by half, and every ± with it."""
     problem = solution.problem
     equations = sum(term.equations() for term in problem.terms)
@@ -92,11 +81,7 @@ def _redundancy(solution: Solution) -> list[str]:
     ]
 
 
-def _on_fit(solution: Solution) -> list[str]:
-    return [_lacking(fit) for fit in lack_of_fit(solution) if fit.ratio > LACKING]
-
-
-def _lacking(fit: LackOfFit) -> str:
+def _on_fit(fit: LackOfFit) -> str:
     found = text(fit.residual, fit.unit, with_unit=True)
     explained = text(fit.repeat, fit.unit, with_unit=True)
     return (
@@ -115,15 +100,12 @@ def _beside_geometry(solution: Solution) -> list[str]:
             "is right only with the corrections in result.json (track and validate apply them "
             "with --result)."
         )
-    suspects: dict[str, None] = {}
-    for test in score_tests(solution):
-        if test.suspicious:
-            what = "a joint that yields" if test.family == "compliance" else "an eccentric encoder"
-            suspects.setdefault(f"{test.joint} look like {what}")
-    if suspects:
+    if suspect := next((test for test in score_tests(solution) if test.suspicious), None):
+        yields = suspect.family == "compliance"
+        what = "a joint that yields" if yields else "an eccentric encoder"
         notes.append(
-            f"The residuals of {next(iter(suspects))}: run suta-calib extend, which says whether "
-            "such a term predicts left-out data better."
+            f"The residuals of {suspect.joint} look like {what}: run suta-calib extend, which says "
+            "whether such a term predicts left-out data better."
         )
     return notes
 

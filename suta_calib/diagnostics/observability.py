@@ -23,8 +23,6 @@ from suta_calib.solver.solution import INFORMED, State
 from suta_calib.solver.solve import identify_at
 from suta_calib.units import Unit
 
-__all__ = ["Explanation", "Observability", "Prospect", "explain", "observe"]
-
 
 @dataclass(frozen=True)
 class Prospect:

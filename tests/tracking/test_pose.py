@@ -159,6 +159,10 @@ def test_the_nominal_urdf_is_not_what_was_calibrated(scene: Calibrated):
     ("text", "said"),
     [
         ('{"tip_mm": [1, 2]}', "tip_mm: found .1, 2.; expected 3 finite numbers"),
+        (
+            '{"tip_mm": [1, 2, 3], "verdict": {"usable": false, "sentence": "all on a line"}}',
+            r"an answer that must not be used \(all on a line\)",
+        ),
         ('{"tip": [1, 2, 3]}', "only the keys tip"),
         ('{"tip_mm": [1, 2, "x"]}', "3 finite numbers"),
         ('{"tip_mm": [1, 2, 1e6]}', "within 10 m"),
