@@ -136,7 +136,7 @@ def finish(
         from suta_calib.report.console import rendered
 
         to = console()
-        to.print(rendered(answer))
+        to.print(rendered(answer), crop=False)
         if folder is not None and written is not None:
             files = written["files"]
             to.print(f"Written to {folder}: {', '.join(files)}", soft_wrap=True)

@@ -29,8 +29,7 @@ def comparison_document(found: ArmComparison, own: Path, given: Path) -> Documen
         found.assessment,
         [
             errors_table({"validation": terms}),
-            Text(f"before: {own}"),
-            Text(f"after:  {given}"),
+            Text(f"before: {own}\nafter:  {given}", look="verbatim"),
         ],
         {"urdf": str(given), "metrics": metrics},
     )

@@ -48,6 +48,8 @@ def _paragraph(part: document.Text) -> RenderableType:
         return bullet(part.text)
     if part.look == "remedy":
         return Padding(Text(f"→ {part.text}", style="italic"), (0, 0, 0, 5))
+    if part.look == "verbatim":
+        return Text(part.text, no_wrap=True, overflow="ignore")
     return Text(part.text, style="bold" if part.look == "heading" else "")
 
 
