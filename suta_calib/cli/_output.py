@@ -140,7 +140,7 @@ def finish(
         if folder is not None and written is not None:
             files = written["files"]
             to.print(f"Written to {folder}: {', '.join(files)}", soft_wrap=True)
-            if answer.opens_report:
+            if answer.written == "opening":
                 to.print(f"Report: {files['report.html']}", soft_wrap=True)
     context.exit(answer.assessment.exit_code)
 

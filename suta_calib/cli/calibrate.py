@@ -32,11 +32,10 @@ def calibrate(
     validation data. Then no calibrated.urdf is written.
     """
     from suta_calib.job.calibration import CalibrationJob
-    from suta_calib.report.calibration import calibration_document, calibration_files
+    from suta_calib.report.calibration import calibration_document
 
     loaded = CalibrationJob.load(job)
     folder = folder_of(job, out)
     with LateProgress("solving") as progress:
         result = loaded.run(progress)
-    answer = calibration_document(result, verbose=verbose)
-    finish(context, answer, folder, as_json=as_json, texts=calibration_files(result))
+    finish(context, calibration_document(result, verbose=verbose), folder, as_json=as_json)

@@ -18,7 +18,7 @@ import numpy as np
 from suta_calib.diagnostics.accuracy import TermAccuracy
 from suta_calib.job.calibration import CalibrationResult
 from suta_calib.report import calibration_plots as plots
-from suta_calib.report.document import Document, Figure, Folded, Part, Place, ShownOnly, Text
+from suta_calib.report.document import Document, Figure, File, Folded, Part, Place, ShownOnly, Text
 from suta_calib.report.errors import (
     GROUPINGS,
     RESIDUALS,
@@ -113,25 +113,10 @@ def calibration_document(result: CalibrationResult, *, verbose: bool = False) ->
         *_remaining_errors(result),
         *_noise_and_correlations(result),
         *_computation(result),
+        *_files(result),
     ]
     title = f"Calibration of {path.parent.resolve().name or path.name}"
-    return Document(NAME, title, result.assessment, parts, _data(result), opens_report=True)
-
-
-def calibration_files(result: CalibrationResult) -> dict[str, str | bytes]:
-    """The files beside ``result.json`` and ``report.html``, by name.
-
-    A solution that did not converge has none; the URDF of one that must not be used is called
-    ``not_usable.urdf``.
-    """
-    solution = result.solution
-    if not solution.converged:
-        return {}
-    name = CALIBRATED if result.assessment.usable else NOT_USABLE
-    return {
-        name: result.job.arm.calibrated_urdf(solution.values),
-        "residuals.csv": csv_text(RESIDUALS, residual_rows(result.labelled_terms)),
-    }
+    return Document(NAME, title, result.assessment, parts, _data(result), written="opening")
 
 
 def versions() -> dict[str, str]:
@@ -299,6 +284,20 @@ def _job_text(path: Path) -> str:
 
 
 # What is written
+
+
+def _files(result: CalibrationResult) -> list[File]:
+    """A solution that did not converge has none; one not to be used has another URDF's name."""
+    solution = result.solution
+    if not solution.converged:
+        return []
+    return [
+        File(
+            CALIBRATED if result.assessment.usable else NOT_USABLE,
+            lambda: result.job.arm.calibrated_urdf(solution.values),
+        ),
+        File("residuals.csv", lambda: csv_text(RESIDUALS, residual_rows(result.labelled_terms))),
+    ]
 
 
 def _data(result: CalibrationResult) -> Json:

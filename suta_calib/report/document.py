@@ -15,6 +15,9 @@ from suta_calib.assessment import Assessment
 from suta_calib.report.listing import Json, Table, plain
 
 Place = Literal["everywhere", "console", "page"]
+# NAME.json and a section of report.html; the same, but report.html begins anew with it and its
+# pictures are on that page only; result.json alone; or neither, but the files it names.
+Written = Literal["report", "opening", "result", "files"]
 Look = Literal["plain", "heading", "remedy", "soft", "verbatim"]
 
 
@@ -69,8 +72,21 @@ class Folded:
     table: Table
 
 
+@dataclass(frozen=True)
+class File:
+    """A whole file that is written beside the others, and shown nowhere.
+
+    Attributes:
+        name: in the folder of the answer.
+        content: makes it.
+    """
+
+    name: str
+    content: Callable[[], str | bytes]
+
+
 Shown = Text | Figure | Table | Folded
-Part = Shown | ShownOnly
+Part = Shown | ShownOnly | File
 
 
 @dataclass(frozen=True)
@@ -84,8 +100,7 @@ class Document:
         assessment: the first thing a reader needs.
         parts: what is shown, in order; tables that have a key are written to JSON too.
         data: what else JSON has, SI values already in the reader's unit.
-        opens_report: whether it starts ``report.html`` anew, as a calibration does, whose
-            analyses stand below it. Its figures then stand on that page only.
+        written: what becomes of it in a folder, beside its pictures and files.
     """
 
     name: str
@@ -93,7 +108,7 @@ class Document:
     assessment: Assessment
     parts: Sequence[Part] = ()
     data: Mapping[str, Any] = field(default_factory=dict)
-    opens_report: bool = False
+    written: Written = "report"
 
     def shown(self, place: Place) -> list[Shown]:
         """The parts for the console or for a page, in order; tables without rows are not."""
@@ -101,6 +116,8 @@ class Document:
         for part in self.parts:
             where = part.place if isinstance(part, ShownOnly | Text) else "everywhere"
             told = part.table if isinstance(part, ShownOnly) else part
+            if isinstance(told, File):
+                continue
             rows = told.table if isinstance(told, Folded) else told
             if where in ("everywhere", place) and (not isinstance(rows, Table) or rows.cells):
                 found.append(told)

@@ -10,7 +10,7 @@ from typing import Any, Final
 
 from suta_calib.atomic import write_bytes_atomically
 from suta_calib.errors import OutputError
-from suta_calib.report.document import Document, Figure
+from suta_calib.report.document import Document, Figure, File
 from suta_calib.report.page import page_with
 
 REPORT: Final = "report.html"
@@ -34,7 +34,7 @@ def write_texts(
     answer: Mapping[str, Any],
     texts: Mapping[str, str | bytes],
     folder: Path,
-    name: str = "result.json",
+    name: str | None = "result.json",
 ) -> dict[str, Any]:
     """Write ``texts`` and then the answer, so that whoever waits for it finds the others.
 
@@ -42,7 +42,7 @@ def write_texts(
         answer: content of the JSON file.
         texts: whole contents by file name.
         folder: created if it is not there.
-        name: of the JSON file.
+        name: of the JSON file; None for none.
 
     Returns:
         ``answer`` with ``files``, the paths written by name; what the JSON file holds.
@@ -51,9 +51,9 @@ def write_texts(
         OutputError: the folder or a file in it cannot be written. Where that can be seen before,
             nothing is written.
     """
-    paths = {each: folder / each for each in (*texts, name)}
+    paths = {each: folder / each for each in (*texts, *([] if name is None else [name]))}
     complete = {**answer, "files": {each: str(path) for each, path in paths.items()}}
-    contents: dict[str, str | bytes] = {**texts, name: json_text(complete)}
+    contents = dict(texts) if name is None else {**texts, name: json_text(complete)}
     _check_targets(list(paths.values()))
     make_folder(folder)
     for each, path in paths.items():
@@ -65,33 +65,41 @@ def write_texts(
 def write_document(
     answer: Document, folder: Path, texts: Mapping[str, str | bytes] = MappingProxyType({})
 ) -> dict[str, Any]:
-    """Write a document: ``NAME.json``, its pictures, its section in ``report.html``.
+    """Write a document: its JSON, its pictures and files, its section in ``report.html``.
 
     Args:
-        answer: NAME is its name. Figures are written as ``NAME.svg``, or ``NAME_1.svg``,
-            ``NAME_2.svg``, … where there are several; those of one that opens a report are not.
+        answer: NAME is its name, and `Document.written` says which of these it has. Figures are
+            written as ``NAME.svg``, or ``NAME_1.svg``, ``NAME_2.svg``, … where there are several.
         folder: created if it is not there.
         texts: further whole files by name.
 
     Returns:
-        The answer's JSON with ``files``, the paths written by name; what ``NAME.json`` holds.
+        The answer's JSON with ``files``, the paths written by name; what its JSON file holds.
 
     Raises:
         OutputError: the folder or a file in it cannot be written.
     """
+    contents = {**texts, **_contents(answer)}
+    if answer.written in ("result", "files"):
+        name = "result.json" if answer.written == "result" else None
+        return write_texts(answer.json(), contents, folder, name)
     report = folder / REPORT
     page = report.read_text(encoding="utf-8", errors="replace") if report.is_file() else None
-    contents = {**texts, **_pictures(answer), REPORT: page_with(answer, page)}
+    contents[REPORT] = page_with(answer, page)
     return write_texts(answer.json(), contents, folder, f"{answer.name}.json")
 
 
-def _pictures(answer: Document) -> dict[str, str]:
-    if answer.opens_report:
-        return {}
-    figures = [part.svg for part in answer.shown("page") if isinstance(part, Figure)]
-    if len(figures) == 1:
-        return {f"{answer.name}.svg": figures[0]}
-    return {f"{answer.name}_{k}.svg": svg for k, svg in enumerate(figures, start=1)}
+def _contents(answer: Document) -> dict[str, str | bytes]:
+    """Pictures and further files by name, in the document's order."""
+    figures = [part for part in answer.parts if isinstance(part, Figure)]
+    found: dict[str, str | bytes] = {}
+    for part in answer.parts:
+        if isinstance(part, File):
+            found[part.name] = part.content()
+        elif isinstance(part, Figure) and answer.written != "opening":
+            number = f"_{figures.index(part) + 1}" if len(figures) > 1 else ""
+            found[f"{answer.name}{number}.svg"] = part.svg
+    return found
 
 
 def json_text(data: Mapping[str, Any]) -> str:

@@ -30,7 +30,7 @@ def page_with(answer: Document, page: str | None) -> str:
         the place of the one of the same name; a page of its own where it opens a report.
     """
     templates = environment()
-    if answer.opens_report or page is None or not _place(page):
+    if answer.written == "opening" or page is None or not _place(page):
         page = templates.get_template("analyses.html.j2").render(title=answer.title)
     shown = templates.get_template("document.html.j2").render(answer=answer).strip()
     earlier = re.compile(rf'<section id="{re.escape(answer.name)}">.*?</section>\n?', re.DOTALL)

@@ -22,7 +22,7 @@ from suta_calib.errors import OutputError
 from suta_calib.job.calibration import CalibrationResult
 from suta_calib.model.arm import ArmModel
 from suta_calib.report import calibration_plots as plots
-from suta_calib.report.calibration import calibration_document, calibration_files
+from suta_calib.report.calibration import calibration_document
 from suta_calib.report.console import rendered
 from suta_calib.report.errors import by_kind, groups
 from suta_calib.report.files import write_document
@@ -52,7 +52,7 @@ def render_report(result: CalibrationResult) -> str:
 
 
 def write_results(result: CalibrationResult, folder: Path) -> dict[str, Path]:
-    answer = write_document(calibration_document(result), folder, calibration_files(result))
+    answer = write_document(calibration_document(result), folder)
     return {name: Path(path) for name, path in answer["files"].items()}
 
 

@@ -112,7 +112,7 @@ def test_parts_are_shown_where_they_belong() -> None:
 
 def test_an_answer_that_opens_the_report_leaves_nothing_of_an_earlier_one() -> None:
     earlier = page_with(document(Text("old")), None)
-    opening = Document("result", "New", Assessment("good"), [Text("new")], opens_report=True)
+    opening = Document("result", "New", Assessment("good"), [Text("new")], written="opening")
     page = html.fromstring(page_with(opening, earlier))
     assert [str(each.get("id")) for each in page.iter("section")] == ["result"]
     below = html.fromstring(page_with(document(Text("later")), page_with(opening, earlier)))
