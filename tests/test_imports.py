@@ -19,7 +19,7 @@ ROWS = (
     {"simulation"},
     {"job"},
     {"pose_calibration"},
-    {"job", "stereotactic", "analysis", "certification"},
+    {"stereotactic", "analysis", "certification"},
     {"device"},
     {"emulation", "acquisition", "tracking"},
     {"report"},

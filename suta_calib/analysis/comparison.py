@@ -4,22 +4,46 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from copy import copy
+from dataclasses import dataclass
+from functools import cached_property
 from types import MappingProxyType
 from typing import Final
 
 import numpy as np
 
 from suta_calib.arrays import FloatArray
-from suta_calib.diagnostics.accuracy import Accuracy, BlockErrors, TermAccuracy, fit_own
+from suta_calib.assessment import Assessment
+from suta_calib.diagnostics.accuracy import (
+    Accuracy,
+    TermAccuracy,
+    block_residuals,
+    fit_own,
+    term_accuracies,
+)
 from suta_calib.errors import UrdfError
 from suta_calib.geometry.numbers import rotation_from_rpy
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import ParameterSet
-from suta_calib.solver.problem import Problem
 from suta_calib.terms import ArmPoses, Term
+from suta_calib.units import text
 
 # Origins that differ by less, m or rad, were rounded when they were written.
 SAME_ORIGIN: Final = 1e-7
+
+
+@dataclass(frozen=True, eq=False)
+class ArmComparison:
+    """Errors of held-out terms with the job's own arm (before) and with another (after)."""
+
+    terms: tuple[TermAccuracy, ...]
+
+    @cached_property
+    def assessment(self) -> Assessment:
+        """Care where the other arm is worse. A comparison is of use whatever it says."""
+        before, after = (Accuracy.overall(self.terms, which).rms for which in ("before", "after"))
+        own, this = (text(rms, "m", with_unit=True) for rms in (before, after))
+        worse = [] if after <= before else ["The URDF is worse than the job's own on these data."]
+        return Assessment.of(f"RMS {own} with the job's URDF, {this} with this one", care=worse)
 
 
 def compare_arms(
@@ -27,7 +51,7 @@ def compare_arms(
     validation: Sequence[Term],
     other: ArmModel,
     beside_geometry: Mapping[str, float] = MappingProxyType({}),
-) -> Accuracy:
+) -> ArmComparison:
     """Errors on the validation rows with the terms' own arm (before) and another (after).
 
     Both arms are held as they are. A term's own unknown that has the same name in the
@@ -50,20 +74,7 @@ def compare_arms(
         other.select(*beside_geometry) if beside_geometry else None,
         beside_geometry,
     )
-    pairs = iter(zip(before, after, strict=True))
-    return Accuracy(
-        (),
-        tuple(
-            TermAccuracy(
-                term,
-                tuple(
-                    BlockErrors(b.name, b.unit, b.labels, b.samples, *next(pairs))
-                    for b in term.blocks
-                ),
-            )
-            for term in validation
-        ),
-    )
+    return ArmComparison(term_accuracies(validation, before, after))
 
 
 def check_calibrated(nominal: ArmModel, other: ArmModel, values: Mapping[str, float]) -> None:
@@ -105,10 +116,7 @@ def _residuals(
         fixed,
         known,
     )
-    values = fit_own(validation, fixed, fitted)
-    problem = Problem(validation, fixed)
-    x = np.array([values[name] for name in problem.names])
-    return [line.residual.copy() for line in problem.linearise(x, problem.assumed_sigmas())]
+    return block_residuals(validation, fixed, fit_own(validation, fixed, fitted))
 
 
 def _through(term: Term, arm: ArmModel) -> Term:

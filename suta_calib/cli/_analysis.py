@@ -9,23 +9,14 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from suta_calib.cli._output import check_folder, present
+from suta_calib.cli._output import folder_of, out_option, present
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
     from suta_calib.report.sections import Section
 
-out_option = click.option(
-    "--out", type=click.Path(path_type=Path), help="Folder to write into; results/ beside the job."
-)
-
-
-def folder_of(job: Path, out: Path | None) -> Path:
-    """Where the analysis of a job is written, checked before any work is done."""
-    folder = job.parent / "results" if out is None else out
-    check_folder(folder)
-    return folder
+__all__ = ["finish_analysis", "folder_of", "out_option"]
 
 
 def finish_analysis(

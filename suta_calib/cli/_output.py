@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Final, Self
 
 import click
 
+from suta_calib.assessment import NOT_USABLE
 from suta_calib.errors import OutputError
 
 if TYPE_CHECKING:
@@ -23,10 +24,14 @@ if TYPE_CHECKING:
 
 # Shorter runs are over before anybody wonders.
 PATIENCE_S: Final = 2.0
-# Exit code of a command that ran, but whose answer must not be used.
-NOT_USABLE: Final = 1
+out_option = click.option(
+    "--out", type=click.Path(path_type=Path), help="Folder to write into; results/ beside the job."
+)
 json_option = click.option(
     "--json", "as_json", is_flag=True, help="Print one JSON object and nothing else."
+)
+anyway_option = click.option(
+    "--anyway", is_flag=True, help="Take a result that says of itself that it must not be used."
 )
 verbose_option = click.option(
     "--verbose", "-v", is_flag=True, help="List the unknowns of the observations too."
@@ -66,6 +71,13 @@ def check_folder(folder: Path) -> None:
         )
 
 
+def folder_of(job: Path, out: Path | None) -> Path:
+    """Where the answer on a job is written, checked before any work is done."""
+    folder = job.parent / "results" if out is None else out
+    check_folder(folder)
+    return folder
+
+
 def present(
     context: click.Context,
     answer: Mapping[str, Any],
@@ -102,7 +114,7 @@ def finish(
     folder: Path | None,
     *,
     as_json: bool,
-    texts: Mapping[str, str] = MappingProxyType({}),
+    texts: Mapping[str, str | bytes] = MappingProxyType({}),
 ) -> None:
     """Write an answer's files, print it, exit with 1 where it must not be used.
 
@@ -124,9 +136,12 @@ def finish(
         from suta_calib.report.console import rendered
 
         to = console()
-        to.print(rendered(answer))
+        to.print(rendered(answer), crop=False)
         if folder is not None and written is not None:
-            to.print(f"Written to {folder}: {', '.join(written['files'])}", soft_wrap=True)
+            files = written["files"]
+            to.print(f"Written to {folder}: {', '.join(files)}", soft_wrap=True)
+            if answer.written == "opening":
+                to.print(f"Report: {files['report.html']}", soft_wrap=True)
     context.exit(answer.assessment.exit_code)
 
 

@@ -3,29 +3,22 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
 from suta_calib.cli._output import (
-    NOT_USABLE,
     LateProgress,
-    check_folder,
-    console,
+    finish,
+    folder_of,
     json_option,
-    print_json,
+    out_option,
     verbose_option,
 )
-
-if TYPE_CHECKING:
-    from suta_calib.job.calibration import CalibrationResult
 
 
 @click.command()
 @click.argument("job", type=click.Path(path_type=Path), metavar="JOB")
-@click.option(
-    "--out", type=click.Path(path_type=Path), help="Folder to write into; results/ beside the job."
-)
+@out_option
 @json_option
 @verbose_option
 @click.pass_context
@@ -35,34 +28,14 @@ def calibrate(
     """Calibrate the arm of JOB (a calibration.yaml) from its measurements.
 
     Writes calibrated.urdf, result.json, residuals.csv and report.html. Exits with 1 where the
-    answer must not be used: not converged, residuals that drown the data, or worse than nominal on
-    validation data.
+    answer must not be used: not converged, residuals that swamp the data, or worse than nominal on
+    validation data. Then no calibrated.urdf is written.
     """
     from suta_calib.job.calibration import CalibrationJob
-    from suta_calib.report.verdict import judge
-    from suta_calib.report.write import write_results
+    from suta_calib.report.calibration import calibration_document
 
-    folder = job.parent / "results" if out is None else out
     loaded = CalibrationJob.load(job)
-    check_folder(folder)
+    folder = folder_of(job, out)
     with LateProgress("solving") as progress:
         result = loaded.run(progress)
-    files = write_results(result, folder)
-    if as_json:
-        from suta_calib.report.result_json import result_dict
-
-        print_json(result_dict(result) | {"files": {k: str(p) for k, p in files.items()}})
-    else:
-        _print(result, files, verbose)
-    if judge(result).level == "bad":
-        context.exit(NOT_USABLE)
-
-
-def _print(result: CalibrationResult, files: dict[str, Path], verbose: bool) -> None:
-    from suta_calib.report.tables import summary
-
-    to = console()
-    to.print(summary(result, verbose=verbose))
-    folder = files["result.json"].parent
-    to.print(f"Written to {folder}: {', '.join(files)}", soft_wrap=True)
-    to.print(f"Report: {files['report.html']}", soft_wrap=True)
+    finish(context, calibration_document(result, verbose=verbose), folder, as_json=as_json)

@@ -9,7 +9,7 @@ import click
 
 from suta_calib.cli._analysis import folder_of, out_option
 from suta_calib.cli._numbers import FiniteRange, corners, metres, place_option, region_option
-from suta_calib.cli._output import LateProgress, finish, json_option
+from suta_calib.cli._output import LateProgress, anyway_option, finish, json_option
 from suta_calib.cli._poses import LateStatus
 from suta_calib.units import from_mm
 
@@ -24,6 +24,7 @@ _PATH = click.Path(path_type=Path)
 @click.option("--urdf", type=_PATH, help="With result.json: the nominal arm it was made from.")
 @click.option("--tip", help="With result.json: link or frame of the tip.")
 @click.option("--base", help="With result.json: link the chain starts at; default: the root.")
+@anyway_option
 @region_option
 @place_option
 @click.option("--tolerance-mm", type=FiniteRange(1e-6), help="Exit code 1 if the RMS is larger.")
@@ -44,6 +45,7 @@ def tip_map(
     urdf: Path | None,
     tip: str | None,
     base: str | None,
+    anyway: bool,
     region: tuple[float, ...] | None,
     register_at: tuple[float, ...] | None,
     tolerance_mm: float | None,
@@ -64,7 +66,7 @@ def tip_map(
     tolerance = None if tolerance_mm is None else from_mm(tolerance_mm)
     options = TipMapOptions(corners(region), metres(register_at), tolerance, grid, seed)
     if urdf is not None:
-        found = _of_result(source, urdf, tip, base, options)
+        found = _of_result(source, urdf, tip, base, options, anyway=anyway)
     elif tip is not None or source.suffix.lower() == ".json":
         raise click.UsageError("a result.json needs --urdf and --tip: the arm it was made from")
     else:
@@ -83,7 +85,13 @@ def _of_job(job: Path, options: TipMapOptions) -> TipMap:
 
 
 def _of_result(
-    result: Path, urdf: Path, tip: str | None, base: str | None, options: TipMapOptions
+    result: Path,
+    urdf: Path,
+    tip: str | None,
+    base: str | None,
+    options: TipMapOptions,
+    *,
+    anyway: bool,
 ) -> TipMap:
     from suta_calib.analysis.tip_map import tip_map_of_result
     from suta_calib.analysis.tip_sections import Knowledge
@@ -93,7 +101,7 @@ def _of_result(
     if tip is None or options.box is None:
         raise click.UsageError("a result.json needs --tip and --region: it knows no samples")
     arm = ArmModel.from_urdf(urdf, tip, base)
-    read = read_uncertainty(result, arm)
+    read = read_uncertainty(result, arm, anyway=anyway)
     known = Knowledge.unvisited(arm, read.values, read.names, read.covariance, read.fixed)
     with LateStatus("mapping"):
         return tip_map_of_result(known, options)

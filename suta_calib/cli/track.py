@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 
 from suta_calib.cli._numbers import FiniteRange
-from suta_calib.cli._output import check_folder, console, json_option, print_json
+from suta_calib.cli._output import anyway_option, check_folder, console, json_option, print_json
 from suta_calib.cli._signals import ended_by_sigterm
 
 if TYPE_CHECKING:
@@ -72,6 +72,7 @@ class _Wanted:
     metavar="RESULT.json",
     help="Of the calibration that wrote ARM.urdf: for the tip's standard uncertainty.",
 )
+@anyway_option
 @click.option("--tool", type=_PATH, metavar="TIP.json", help="Pivot offset, as pivot --out writes.")
 @click.option(
     "--igtl",
@@ -105,6 +106,7 @@ def track(
     base: str | None,
     device: Path,
     result: Path | None,
+    anyway: bool,
     tool: Path | None,
     igtl: tuple[str, int] | None,
     igtl_name: str,
@@ -134,8 +136,8 @@ def track(
 
     model = ArmModel.from_urdf(arm, tip, base)
     spec = read_device(device)
-    uncertainty = None if result is None else read_uncertainty(result, model)
-    carried = Tool.none() if tool is None else read_tool(tool)
+    uncertainty = None if result is None else read_uncertainty(result, model, anyway=anyway)
+    carried = Tool.none() if tool is None else read_tool(tool, anyway=anyway)
     tracker = Tracker(model, spec.names, TipKinematics(model, carried, uncertainty), device)
     wanted = _Wanted(igtl, igtl_name, udp, csv, parquet)
     with ExitStack() as stack:

@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 import click
 
-from suta_calib.cli._output import console, json_option, print_json
+from suta_calib.cli._output import anyway_option, finish, json_option
 from suta_calib.errors import JobError
-
-if TYPE_CHECKING:
-    from suta_calib.diagnostics.accuracy import Accuracy
 
 
 @click.command()
@@ -22,8 +18,12 @@ if TYPE_CHECKING:
     type=click.Path(path_type=Path),
     help="The result.json beside it: corrects eccentric encoders and yielding joints too.",
 )
+@anyway_option
 @json_option
-def validate(urdf: Path, job: Path, result: Path | None, as_json: bool) -> None:
+@click.pass_context
+def validate(
+    context: click.Context, urdf: Path, job: Path, result: Path | None, anyway: bool, as_json: bool
+) -> None:
     """Run the validation data of JOB through URDF, such as a calibrated.urdf.
 
     The arm is held as the URDF has it. "before" is the job's own URDF, "after" the given one.
@@ -31,6 +31,7 @@ def validate(urdf: Path, job: Path, result: Path | None, as_json: bool) -> None:
     from suta_calib.analysis.comparison import check_calibrated, compare_arms
     from suta_calib.job.calibration import CalibrationJob
     from suta_calib.model.arm import ArmModel
+    from suta_calib.report.comparison import comparison_document
     from suta_calib.tracking.uncertainty import read_uncertainty
 
     loaded = CalibrationJob.load(job)
@@ -45,31 +46,8 @@ def validate(urdf: Path, job: Path, result: Path | None, as_json: bool) -> None:
     other = ArmModel.from_urdf(urdf, arm.tip, arm.base)
     beside: dict[str, float] = {}
     if result is not None:
-        found = read_uncertainty(result, other)
+        found = read_uncertainty(result, other, anyway=anyway)
         check_calibrated(loaded.arm, other, found.values)
         beside = found.beside_geometry
-    accuracy = compare_arms(loaded.observations, loaded.validation, other, beside)
-    if as_json:
-        print_json(validation_dict(accuracy, urdf))
-    else:
-        _print(accuracy, arm.urdf, urdf)
-
-
-def validation_dict(accuracy: Accuracy, urdf: Path) -> dict[str, Any]:
-    """The answer as data; the figures of ``validation`` are those of the first term's kind."""
-    from suta_calib.report.result_json import accuracy_dict
-
-    terms = accuracy.validation
-    by_term = [{"kind": term.term.kind} | accuracy_dict([term]) for term in terms]
-    return {
-        "urdf": str(urdf),
-        "metrics": {"validation": {**accuracy_dict(terms), "by_term": by_term}},
-    }
-
-
-def _print(accuracy: Accuracy, own: Path, given: Path) -> None:
-    from suta_calib.report.tables import errors_table
-
-    to = console()
-    to.print(errors_table({"validation": accuracy.validation}))
-    to.print(f"before: {own}\nafter:  {given}", soft_wrap=True)
+    compared = compare_arms(loaded.observations, loaded.validation, other, beside)
+    finish(context, comparison_document(compared, arm.urdf, urdf), None, as_json=as_json)

@@ -10,7 +10,6 @@ import numpy as np
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.model.parameters import ParameterSet
-from suta_calib.solver.evaluation import Linearised
 from suta_calib.solver.ipopt import RobustNlp, SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
@@ -98,6 +97,12 @@ class Accuracy:
     calibration: tuple[TermAccuracy, ...]
     validation: tuple[TermAccuracy, ...]
 
+    @property
+    def worse(self) -> bool:
+        """Whether the calibrated arm is worse than the nominal one on the held-out terms."""
+        before, after = (self.overall(self.validation, which).rms for which in ("before", "after"))
+        return after > before
+
     @staticmethod
     def overall(terms: Sequence[TermAccuracy], which: str) -> Metrics:
         """Over all terms of the first one's kind; ``which`` is ``before`` or ``after``."""
@@ -148,19 +153,26 @@ def fit_own(
     return dict(known) | problem.values(nlp.minimise(x).x)
 
 
-def _compare(
-    terms: Sequence[Term],
-    arm: ParameterSet,
-    before: Mapping[str, float],
-    after: Mapping[str, float],
-) -> tuple[TermAccuracy, ...]:
+def block_residuals(
+    terms: Sequence[Term], arm: ParameterSet, values: Mapping[str, float]
+) -> list[FloatArray]:
+    """Residuals (n, d) of every block of the terms, in their order.
+
+    Args:
+        terms: what is looked at.
+        arm: the arm's parameters; empty where the terms' own arm is as it is.
+        values: of all parameters, the terms' own among them.
+    """
     problem = Problem(terms, arm)
-    sigmas = problem.assumed_sigmas()
-    residuals = []
-    for values in (before, after):
-        x = np.array([values[name] for name in problem.names])
-        residuals.append([_residual(line) for line in problem.linearise(x, sigmas)])
-    pairs = iter(zip(*residuals, strict=True))
+    x = np.array([values[name] for name in problem.names])
+    return [line.residual.copy() for line in problem.linearise(x, problem.assumed_sigmas())]
+
+
+def term_accuracies(
+    terms: Sequence[Term], before: Sequence[FloatArray], after: Sequence[FloatArray]
+) -> tuple[TermAccuracy, ...]:
+    """Terms with the residuals of their blocks, as `block_residuals` gives them."""
+    pairs = iter(zip(before, after, strict=True))
     return tuple(
         TermAccuracy(
             term,
@@ -172,5 +184,10 @@ def _compare(
     )
 
 
-def _residual(line: Linearised) -> FloatArray:
-    return line.residual.copy()
+def _compare(
+    terms: Sequence[Term],
+    arm: ParameterSet,
+    before: Mapping[str, float],
+    after: Mapping[str, float],
+) -> tuple[TermAccuracy, ...]:
+    return term_accuracies(terms, *(block_residuals(terms, arm, each) for each in (before, after)))

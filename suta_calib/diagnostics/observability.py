@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from suta_calib.arrays import FloatArray, IntArray
+from suta_calib.assessment import Assessment
 from suta_calib.diagnostics.explanation import Explanation, explain
 from suta_calib.diagnostics.indices import Indices
 from suta_calib.model.parameters import Parameter
@@ -21,8 +22,6 @@ from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import INFORMED, State
 from suta_calib.solver.solve import identify_at
 from suta_calib.units import Unit
-
-__all__ = ["Explanation", "Observability", "Prospect", "explain", "observe"]
 
 
 @dataclass(frozen=True)
@@ -99,6 +98,11 @@ class Observability:
         by_prior = sum(p.state == "prior" for p in self.prospects.values())
         prior = f", {by_prior} of them mostly by their priors" if by_prior else ""
         return f"{determined} from {self.samples} samples ({self.equations} equations){prior}"
+
+    @property
+    def assessment(self) -> Assessment:
+        """Care where something that was asked could not be told; `explanations` say why."""
+        return Assessment("care" if self.unidentified else "good", self.sentence)
 
 
 def observe(problem: Problem, x: FloatArray | None = None) -> Observability:

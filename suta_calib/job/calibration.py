@@ -5,10 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from time import perf_counter
 
-from suta_calib.diagnostics.accuracy import Accuracy, assess
+from suta_calib.assessment import Assessment
+from suta_calib.diagnostics.accuracy import Accuracy, TermAccuracy, assess
+from suta_calib.diagnostics.assessment import assess_calibration
+from suta_calib.diagnostics.explanation import Explanation, explain
 from suta_calib.errors import InputError, JobError, ParameterError, SamplesError
 from suta_calib.job.schema import JobSpec, ObservationSpec, read_job
 from suta_calib.measurements import JointRange, Samples, read_artefact, read_samples
@@ -101,11 +105,65 @@ class CalibrationJob:
 
 @dataclass(frozen=True, eq=False)
 class CalibrationResult:
-    """A job, its solution, and how far off the arm is before and after."""
+    """A job, its solution, and how far off the arm is before and after.
+
+    Attributes:
+        job: what was asked.
+        solution: what came out.
+        accuracy: errors of the fitted and of the held-out terms.
+    """
 
     job: CalibrationJob
     solution: Solution
     accuracy: Accuracy
+
+    @cached_property
+    def assessment(self) -> Assessment:
+        """Whether the calibrated arm may be used, and what must be known to use it."""
+        found = assess_calibration(self.solution, self.accuracy)
+        return found.with_care(self._on_the_job()) if self.solution.converged else found
+
+    @cached_property
+    def explanations(self) -> tuple[Explanation, ...]:
+        """Why parameters are held; empty where the solution may not be used."""
+        solution = self.solution
+        if not solution.converged:
+            return ()
+        return explain(solution.problem, solution.x, solution.identification)
+
+    @property
+    def labelled_terms(self) -> dict[str, list[tuple[str, TermAccuracy]]]:
+        """The terms of ``calibration`` and ``validation``, with the labels of their job rows."""
+        spec, accuracy = self.job.spec, self.accuracy
+        sets = {
+            "calibration": (spec.observations, accuracy.calibration),
+            "validation": (spec.validation, accuracy.validation),
+        }
+        return {
+            name: [(row.label, term) for row, term in zip(rows, terms, strict=True)]
+            for name, (rows, terms) in sets.items()
+        }
+
+    def _on_the_job(self) -> list[str]:
+        """Samples left out by name, and held-out touches whose sockets are wide without a word."""
+        spec = self.job.spec
+        rows = (*spec.observations, *spec.validation)
+        wide = {row.artefact for row in spec.observations if row.seated}
+        tight = [row for row in spec.validation if not row.seated]
+        return [
+            *(
+                f"The job excludes {row.exclude} from {row.kind}."
+                for row in rows
+                if row.exclude is not None
+            ),
+            *(
+                f"The validation row of {row.kind} has no seating, and the observations of the "
+                "same artefact do: its errors hold what the seating would take away. Give it the "
+                "same key."
+                for row in tight
+                if row.artefact is not None and row.artefact in wide
+            ),
+        ]
 
 
 def joint_ranges(arm: ArmModel) -> tuple[JointRange, ...]:

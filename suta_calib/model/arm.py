@@ -14,6 +14,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from suta_calib.arrays import FloatArray
+from suta_calib.atomic import write_bytes_atomically
 from suta_calib.batched import Batched
 from suta_calib.errors import ParameterError, UrdfError
 from suta_calib.geometry.symbols import Symbol
@@ -32,7 +33,7 @@ from suta_calib.model.parameters import (
     Selection,
     select_parameters,
 )
-from suta_calib.model.urdf import folded_origin, write_urdf
+from suta_calib.model.urdf import folded_origin, urdf_bytes
 
 _MOTION: Final[dict[str, Motion]] = {
     "fixed": "fixed",
@@ -193,24 +194,32 @@ class ArmModel:
             return rotation[0], position[0]
         return rotation, position
 
-    def write_urdf(self, destination: str | Path, values: Mapping[str, float]) -> None:
+    def calibrated_urdf(self, values: Mapping[str, float]) -> bytes:
         """The user's own URDF with these values in the origins of its joints, for raw readings.
 
         Args:
-            destination: file to write.
             values: parameter values by name; those of other things than this arm are ignored, and
                 so are eccentricity and compliance: a URDF cannot hold them.
+        """
+        return urdf_bytes(self.chain.path, self.origins(values))
+
+    def write_urdf(self, destination: str | Path, values: Mapping[str, float]) -> None:
+        """Write `calibrated_urdf` to a file.
+
+        Args:
+            destination: file to write.
+            values: parameter values by name.
 
         Raises:
             OutputError: the file could not be written; nothing is left half-written.
         """
-        write_urdf(self.chain.path, Path(destination), self.origins(values))
+        write_bytes_atomically(destination, self.calibrated_urdf(values))
 
     def origins(self, values: Mapping[str, float]) -> dict[str, tuple[FloatArray, FloatArray]]:
         """Position (3,), m, and rpy (3,), rad, of every joint's origin with these values folded in.
 
         Args:
-            values: parameter values by name, as in `write_urdf`; nominal where not given.
+            values: parameter values by name, as in `calibrated_urdf`; nominal where not given.
         """
         found = {}
         for joint, segment in zip(self.chain.joints, self.segments, strict=True):

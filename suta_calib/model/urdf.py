@@ -95,8 +95,8 @@ class _JointFinder:
         return self.found.setdefault(name, _JointTags(position))
 
 
-def write_urdf(source: str | Path, destination: str | Path, origins: Mapping[str, Origin]) -> None:
-    """Copy a URDF byte for byte, with new numbers in the ``<origin>`` of the named joints.
+def urdf_bytes(source: str | Path, origins: Mapping[str, Origin]) -> bytes:
+    """A URDF byte for byte, with new numbers in the ``<origin>`` of the named joints.
 
     A number that keeps its value keeps its spelling; a new one is written with the digits that
     give back exactly that double. A joint without ``<origin>`` gets one. Relative mesh paths are
@@ -104,12 +104,11 @@ def write_urdf(source: str | Path, destination: str | Path, origins: Mapping[str
 
     Args:
         source: the user's URDF, in UTF-8, Latin-1 or another one-byte encoding it declares.
-        destination: the file to write, in one step; may be the source.
         origins: for each joint ``(xyz, rpy)``: (3,) m in the parent link's frame, and (3,) rad.
 
     Raises:
         UrdfError: the source cannot be read, or has no joint of a name that was asked for.
-        OutputError: a number is not finite, or the destination cannot be written.
+        OutputError: a number is not finite.
     """
     source = Path(source)
     data = read_urdf_bytes(source)
@@ -121,7 +120,22 @@ def write_urdf(source: str | Path, destination: str | Path, origins: Mapping[str
             raise UrdfError("no joint of that name", file=source, where=quoted(name), hint=hint)
         values = {b"xyz": _finite(name, xyz), b"rpy": _finite(name, rpy)}
         splices.extend(_origin_splices(data, tags[name], values))
-    write_bytes_atomically(destination, _spliced(data, splices))
+    return _spliced(data, splices)
+
+
+def write_urdf(source: str | Path, destination: str | Path, origins: Mapping[str, Origin]) -> None:
+    """Write `urdf_bytes` in one step.
+
+    Args:
+        source: the user's URDF.
+        destination: the file to write; may be the source.
+        origins: as there.
+
+    Raises:
+        UrdfError: as there.
+        OutputError: a number is not finite, or the destination cannot be written.
+    """
+    write_bytes_atomically(destination, urdf_bytes(source, origins))
 
 
 def folded_origin(

@@ -6,16 +6,25 @@ from typing import Final
 
 from rich import box
 from rich.console import Group, RenderableType
+from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
 from suta_calib.assessment import Assessment, Level
 from suta_calib.report import document, listing
+from suta_calib.report.listing import Tone
 
 COLOUR: Final[dict[Level, str]] = {
     "good": "bold green",
     "care": "bold yellow",
     "bad": "bold red",
+}
+TONE: Final[dict[Tone, str]] = {
+    "good": "green",
+    "note": "cyan",
+    "care": "yellow",
+    "bad": "red",
+    "soft": "dim",
 }
 # Columns of the narrowest terminal in which no number may be cut.
 NARROW: Final = 80
@@ -26,10 +35,22 @@ def rendered(answer: document.Document) -> RenderableType:
     parts: list[RenderableType] = []
     for part in answer.shown("console"):
         if isinstance(part, document.Text):
-            parts.append(bullet(part.text) if part.bullet else Text(part.text))
+            parts.append(_paragraph(part))
         elif isinstance(part, listing.Table):
-            parts += [table(part), ""]
-    return Group(*parts, *verdict_lines(answer.assessment))
+            parts.append(table(part))
+    # A table ends with an empty line of its own.
+    apart = [] if not parts or (isinstance(parts[-1], Table) and parts[-1].box) else [""]
+    return Group(*parts, *apart, *verdict_lines(answer.assessment))
+
+
+def _paragraph(part: document.Text) -> RenderableType:
+    if part.bullet:
+        return bullet(part.text)
+    if part.look == "remedy":
+        return Padding(Text(f"→ {part.text}", style="italic"), (0, 0, 0, 5))
+    if part.look == "verbatim":
+        return Text(part.text, no_wrap=True, overflow="ignore")
+    return Text(part.text, style="bold" if part.look == "heading" else "")
 
 
 def table(listed: listing.Table) -> Table:
@@ -42,8 +63,13 @@ def table(listed: listing.Table) -> Table:
     for k, head in enumerate(listed.heads):
         right = k in listed.numeric
         drawn.add_column(head, justify="right" if right else "left", no_wrap=right, overflow="fold")
-    for row in listed.cells:
-        drawn.add_row(*(Text(cell) for cell in row))
+    for k, row in enumerate(listed.cells):
+        strong = k in listed.strong
+        cells = [
+            Text(cell, style="" if tone is None else TONE[tone])
+            for cell, tone in zip(row, listed.tones[k], strict=True)
+        ]
+        drawn.add_row(*cells, style="bold" if strong else "", end_section=strong)
     return drawn
 
 

@@ -15,8 +15,10 @@ from suta_calib.assessment import Assessment
 from suta_calib.report.listing import Json, Table, plain
 
 Place = Literal["everywhere", "console", "page"]
-# NAME.json and a section of report.html; result.json alone; or neither, but the files it names.
-Written = Literal["report", "result", "files"]
+# NAME.json and a section of report.html; the same, but report.html begins anew with it and its
+# pictures are on that page only; result.json alone; or neither, but the files it names.
+Written = Literal["report", "opening", "result", "files"]
+Look = Literal["plain", "heading", "remedy", "soft", "verbatim"]
 
 
 @dataclass(frozen=True)
@@ -27,11 +29,14 @@ class Text:
         text: what it says.
         bullet: whether it stands behind a bullet.
         place: where it is shown.
+        look: what it is: a heading over the parts that follow, what to do about the bullets
+            above it, a remark of less weight, a file's text as it stands.
     """
 
     text: str
     bullet: bool = False
     place: Place = "everywhere"
+    look: Look = "plain"
 
 
 @dataclass(frozen=True)
@@ -61,6 +66,13 @@ class ShownOnly:
 
 
 @dataclass(frozen=True)
+class Folded:
+    """A table of which a page shows the title until it is opened; a console does without."""
+
+    table: Table
+
+
+@dataclass(frozen=True)
 class File:
     """A whole file that is written beside the others, and shown nowhere.
 
@@ -70,10 +82,16 @@ class File:
     """
 
     name: str
-    content: Callable[[], str]
+    content: Callable[[], str | bytes]
+
+    def as_bytes(self) -> bytes:
+        """The content as it stands in the file; text is UTF-8."""
+        content = self.content()
+        return content if isinstance(content, bytes) else content.encode()
 
 
-Part = Text | Figure | Table | ShownOnly | File
+Shown = Text | Figure | Table | Folded
+Part = Shown | ShownOnly | File
 
 
 @dataclass(frozen=True)
@@ -97,15 +115,16 @@ class Document:
     data: Mapping[str, Any] = field(default_factory=dict)
     written: Written = "report"
 
-    def shown(self, place: Place) -> list[Text | Figure | Table]:
+    def shown(self, place: Place) -> list[Shown]:
         """The parts for the console or for a page, in order; tables without rows are not."""
-        found: list[Text | Figure | Table] = []
+        found: list[Shown] = []
         for part in self.parts:
             where = part.place if isinstance(part, ShownOnly | Text) else "everywhere"
             told = part.table if isinstance(part, ShownOnly) else part
             if isinstance(told, File):
                 continue
-            if where in ("everywhere", place) and (not isinstance(told, Table) or told.cells):
+            rows = told.table if isinstance(told, Folded) else told
+            if where in ("everywhere", place) and (not isinstance(rows, Table) or rows.cells):
                 found.append(told)
         return found
 
@@ -115,6 +134,6 @@ class Document:
 
     def json(self) -> Json:
         """Everything as one JSON object, ``verdict`` last."""
-        tables = [part.table if isinstance(part, ShownOnly) else part for part in self.parts]
+        tables = [p.table if isinstance(p, ShownOnly | Folded) else p for p in self.parts]
         listed = {t.key: t.json() for t in tables if isinstance(t, Table) and t.key}
         return {**plain(self.data), **listed, "verdict": self.assessment.as_dict()}

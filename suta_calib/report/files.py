@@ -32,7 +32,7 @@ def make_folder(folder: Path) -> None:
 
 def write_texts(
     answer: Mapping[str, Any],
-    texts: Mapping[str, str],
+    texts: Mapping[str, str | bytes],
     folder: Path,
     name: str | None = "result.json",
 ) -> dict[str, Any]:
@@ -57,12 +57,13 @@ def write_texts(
     _check_targets(list(paths.values()))
     make_folder(folder)
     for each, path in paths.items():
-        write_bytes_atomically(path, contents[each].encode())
+        content = contents[each]
+        write_bytes_atomically(path, content if isinstance(content, bytes) else content.encode())
     return complete
 
 
 def write_document(
-    answer: Document, folder: Path, texts: Mapping[str, str] = MappingProxyType({})
+    answer: Document, folder: Path, texts: Mapping[str, str | bytes] = MappingProxyType({})
 ) -> dict[str, Any]:
     """Write a document: its JSON, its pictures and files, its section in ``report.html``.
 
@@ -79,7 +80,7 @@ def write_document(
         OutputError: the folder or a file in it cannot be written.
     """
     contents = {**texts, **_contents(answer)}
-    if answer.written != "report":
+    if answer.written in ("result", "files"):
         name = "result.json" if answer.written == "result" else None
         return write_texts(answer.json(), contents, folder, name)
     report = folder / REPORT
@@ -88,14 +89,14 @@ def write_document(
     return write_texts(answer.json(), contents, folder, f"{answer.name}.json")
 
 
-def _contents(answer: Document) -> dict[str, str]:
+def _contents(answer: Document) -> dict[str, str | bytes]:
     """Pictures and further files by name, in the document's order."""
     figures = [part for part in answer.parts if isinstance(part, Figure)]
-    found: dict[str, str] = {}
+    found: dict[str, str | bytes] = {}
     for part in answer.parts:
         if isinstance(part, File):
             found[part.name] = part.content()
-        elif isinstance(part, Figure):
+        elif isinstance(part, Figure) and answer.written != "opening":
             number = f"_{figures.index(part) + 1}" if len(figures) > 1 else ""
             found[f"{answer.name}{number}.svg"] = part.svg
     return found

@@ -11,7 +11,7 @@ import io
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, Literal, TypeVar
 
 import numpy as np
 
@@ -21,6 +21,8 @@ from suta_calib.units import NOTHING, Unit
 Row = TypeVar("Row")
 Outer = TypeVar("Outer")
 Json = dict[str, Any]
+# What a cell means at a glance: as an assessment's levels, or of note, or of little weight.
+Tone = Literal["good", "note", "care", "bad", "soft"]
 
 
 @dataclass(frozen=True)
@@ -37,8 +39,13 @@ class Column(Generic[Row]):
         form: format of a number that has no unit, or decimals that differ from the unit's usual
             ones, as ``.2f``.
         cell: what is shown of a row where it is not the value alone.
-        numeric: whether it stands flush right; by default where ``unit``, ``sign`` or ``form`` is
-            given.
+        numeric: whether it stands flush right; by default where ``unit``, ``own_unit``, ``sign`` or
+            ``form`` is given.
+        own_unit: of a row's value, where rows differ in it: shown in the reader's unit, and
+            written in SI, beside a column that says which.
+        optional: whether it is left out of JSON where a row has nothing, and of a table in which
+            no row has anything.
+        tone: of a row's cell.
     """
 
     key: str
@@ -50,10 +57,13 @@ class Column(Generic[Row]):
     form: str = ""
     cell: Callable[[Row], str] | None = None
     numeric: bool | None = None
+    own_unit: Callable[[Row], Unit] | None = None
+    optional: bool = False
+    tone: Callable[[Row], Tone | None] | None = None
 
     def over(self, part: Callable[[Outer], Row]) -> Column[Outer]:
         """The column of rows of which ``part`` is the one it is declared for."""
-        cell = self.cell
+        cell, own_unit, tone = self.cell, self.own_unit, self.tone
         return Column(
             self.key,
             self.heading,
@@ -63,6 +73,9 @@ class Column(Generic[Row]):
             form=self.form,
             cell=None if cell is None else lambda row: cell(part(row)),
             numeric=self.numeric,
+            own_unit=None if own_unit is None else lambda row: own_unit(part(row)),
+            optional=self.optional,
+            tone=None if tone is None else lambda row: tone(part(row)),
         )
 
     @property
@@ -75,7 +88,12 @@ class Column(Generic[Row]):
         """Whether it is a column of numbers."""
         if self.numeric is not None:
             return self.numeric
-        return self.unit is not None or self.sign or bool(self.form)
+        of_number = self.unit is not None or self.own_unit is not None
+        return of_number or self.sign or bool(self.form)
+
+    def has(self, row: Row) -> bool:
+        """Whether there is anything to tell of a row."""
+        return not self.optional or bool(self.of(row))
 
     def of(self, row: Row) -> Any:
         """The value of a row, in SI."""
@@ -94,9 +112,10 @@ class Column(Generic[Row]):
             return NOTHING
         if isinstance(value, (str, bool)):
             return str(value)
-        if self.unit is not None and not self.form:
-            return units.text(float(value), self.unit, sign=self.sign)
-        number = value if self.unit is None else units.shown(float(value), self.unit)
+        unit = self.unit if self.own_unit is None else self.own_unit(row)
+        if unit is not None and not self.form:
+            return units.text(float(value), unit, sign=self.sign)
+        number = value if unit is None else units.shown(float(value), unit)
         return format(number, ("+" if self.sign else "") + self.form)
 
 
@@ -109,12 +128,14 @@ class Listing(Generic[Row]):
         columns: in order.
         key: under which JSON holds the rows; empty for what is only shown.
         named: whether JSON has the rows by the value of the first column, instead of as a list.
+        strong: whether a row is the outcome of those above it: shown in bold, closing them off.
     """
 
     title: str
     columns: tuple[Column[Row], ...]
     key: str = ""
     named: bool = False
+    strong: Callable[[Row], bool] | None = None
 
     def of(self, rows: Iterable[Row], title: str | None = None) -> Table:
         """These rows as a part of a document."""
@@ -126,7 +147,7 @@ class Listing(Generic[Row]):
 
     def record(self, row: Row) -> Json:
         """One row as JSON has it."""
-        return {c.written_key: c.plain(row) for c in self.columns if c.key}
+        return {c.written_key: c.plain(row) for c in self.columns if c.key and c.has(row)}
 
     def records(self, rows: Iterable[Row]) -> Json | list[Json]:
         """Rows as JSON has them: a list, or by the first column's value."""
@@ -145,6 +166,8 @@ class Table:
         heads: of the columns that are shown.
         numeric: columns that stand flush right.
         cells: texts, row by row.
+        tones: of the cells.
+        strong: rows that are the outcome of those above them.
     """
 
     title: str
@@ -152,6 +175,8 @@ class Table:
     heads: Sequence[str]
     numeric: frozenset[int]
     cells: Sequence[Sequence[str]]
+    tones: Sequence[Sequence[Tone | None]]
+    strong: frozenset[int] = frozenset()
 
     def json(self) -> Any:
         """As JSON has it."""
@@ -160,11 +185,15 @@ class Table:
 
 class _RowTable(Table, Generic[Row]):
     def __init__(self, title: str, listing: Listing[Row], rows: tuple[Row, ...]) -> None:
-        shown = [c for c in listing.columns if c.heading is not None]
+        headed = [c for c in listing.columns if c.heading is not None]
+        shown = [c for c in headed if not c.optional or any(map(c.has, rows))]
         self.title, self.key = title, listing.key
         self.heads = [c.heading or "" for c in shown]
         self.numeric = frozenset(k for k, c in enumerate(shown) if c.flush_right)
         self.cells = [[c.text(row) for c in shown] for row in rows]
+        self.tones = [[None if c.tone is None else c.tone(row) for c in shown] for row in rows]
+        if (strong := listing.strong) is not None:
+            self.strong = frozenset(k for k, row in enumerate(rows) if strong(row))
         self._listing, self._rows = listing, rows
 
     def json(self) -> Json | list[Json]:
@@ -181,6 +210,7 @@ class _FactTable(Table, Generic[Row]):
         self.cells = [
             [c.heading or "", c.text(row), unit] for c, unit in zip(shown, names, strict=True)
         ]
+        self.tones = [[None, None if c.tone is None else c.tone(row), None] for c in shown]
         self._listing, self._row = listing, row
 
     def json(self) -> Json:

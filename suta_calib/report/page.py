@@ -12,7 +12,7 @@ from typing import Final
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from suta_calib.report.document import Document, Figure
+from suta_calib.report.document import Document, Figure, Folded
 from suta_calib.report.listing import Table
 
 _END: Final = "<!-- analyses -->"
@@ -27,10 +27,10 @@ def page_with(answer: Document, page: str | None) -> str:
 
     Returns:
         HTML that needs nothing else: the earlier page with this section below its others, or in
-        the place of the one of the same name.
+        the place of the one of the same name; a page of its own where it opens a report.
     """
     templates = environment()
-    if page is None or not _place(page):
+    if answer.written == "opening" or page is None or not _place(page):
         page = templates.get_template("analyses.html.j2").render(title=answer.title)
     shown = templates.get_template("document.html.j2").render(answer=answer).strip()
     earlier = re.compile(rf'<section id="{re.escape(answer.name)}">.*?</section>\n?', re.DOTALL)
@@ -51,6 +51,7 @@ def environment() -> Environment:
         lstrip_blocks=True,
     )
     templates.tests["figure"] = lambda part: isinstance(part, Figure)
+    templates.tests["folded"] = lambda part: isinstance(part, Folded)
     templates.tests["table"] = lambda part: isinstance(part, Table)
     templates.filters["drawn"] = lambda figure: Markup(figure.svg)
     return templates

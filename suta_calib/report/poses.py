@@ -20,8 +20,8 @@ from suta_calib.geometry.numbers import quaternion_from_rotation, rpy_from_rotat
 from suta_calib.report.document import File, Text
 from suta_calib.report.listing import Column, Json, Listing, Table, csv_text, plain
 from suta_calib.report.svg import BLUE, GREY, ORANGE, WIDTH, plain_log, shown_array
-from suta_calib.report.verdict import listed
 from suta_calib.units import Unit, deg, from_deg, key, shown, text, unit_name
+from suta_calib.words import listed
 
 MOST_OUTLIERS: Final = 10
 LARGE: Final = 1.3 * WIDTH

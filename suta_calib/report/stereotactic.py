@@ -179,7 +179,7 @@ def check_given(answer: Document, folder: Path, inputs: Path) -> None:
         if not isinstance(part, File):
             continue
         path = folder / part.name
-        if path.exists() and path.read_bytes() != part.content().encode():
+        if path.exists() and path.read_bytes() != part.as_bytes():
             raise OutputError(
                 f"{path}: not written: found another answer beside the inputs, perhaps the one "
                 "that came with them; choose another folder with --out"

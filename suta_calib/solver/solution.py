@@ -144,18 +144,30 @@ class Solution:
             )
         return found
 
+    @property
+    def arm_estimates(self) -> dict[str, Estimate]:
+        """Estimates of the arm's parameters, without the terms' own unknowns."""
+        return {name: self.estimates[name] for name in self.problem.names[: self.problem.arm_count]}
+
     @staticmethod
     def _known(p: Parameter, std: float) -> float:
         """A misfit may scatter an estimate more, but nobody knows less than before the data."""
         return std if p.prior is None else min(std, p.prior)
 
-    def correlation(self) -> tuple[tuple[str, ...], FloatArray]:
-        """Names of the estimated parameters and their correlation matrix."""
-        names = [k for k, e in enumerate(self.estimates.values()) if e.std]
-        covariance = self.covariance[np.ix_(names, names)]
+    def correlation(self, *, arm: bool = False) -> tuple[tuple[str, ...], FloatArray]:
+        """How far estimates go together.
+
+        Args:
+            arm: leave out the terms' own unknowns.
+
+        Returns:
+            Names (n,) of the estimated parameters, and their correlation matrix (n, n).
+        """
+        names = self.problem.names[: self.problem.arm_count if arm else None]
+        rows = [k for k, name in enumerate(names) if self.estimates[name].std]
+        covariance = self.covariance[np.ix_(rows, rows)]
         std = np.sqrt(np.diag(covariance))
-        order = self.problem.names
-        return tuple(order[k] for k in names), covariance / np.outer(std, std)
+        return tuple(names[k] for k in rows), covariance / np.outer(std, std)
 
     def _state(self, k: int, p: Parameter, std: float, free: set[int], fixed: set[int]) -> State:
         if k in fixed:

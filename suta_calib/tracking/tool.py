@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from suta_calib.arrays import FloatArray
+from suta_calib.assessment import refuse_unusable
 from suta_calib.errors import InputError
 from suta_calib.tracking.json_files import numbers, read_json_object
 
@@ -34,11 +35,16 @@ class Tool:
         return cls(np.zeros(3))
 
 
-def read_tool(path: str | Path) -> Tool:
+def read_tool(path: str | Path, *, anyway: bool = False) -> Tool:
     """Read ``tip.json``: ``{"tip_mm": [x, y, z], "tip_std_mm": [...]}``, the latter optional.
 
+    Args:
+        path: the file, or a pivot's ``result.json``, which has these keys too.
+        anyway: take an answer that says of itself that it must not be used.
+
     Raises:
-        InputError: unreadable, no ``tip_mm``, or not three finite numbers within 10 m.
+        InputError: unreadable, no ``tip_mm``, not three finite numbers within 10 m, or not to be
+            used.
     """
     path = Path(path)
     data = read_json_object(path)
@@ -49,6 +55,7 @@ def read_tool(path: str | Path) -> Tool:
             file=path,
             where="tip_mm",
         )
+    refuse_unusable(data, path, anyway=anyway)
     tip = _MM * numbers(data["tip_mm"], (3,), path, "tip_mm")
     if abs(tip).max() > _LARGEST:
         raise InputError(

@@ -15,6 +15,7 @@ from typing import Any, Final, Literal
 import numpy as np
 
 from suta_calib.arrays import FloatArray
+from suta_calib.assessment import refuse_unusable
 from suta_calib.errors import InputError
 from suta_calib.geometry.numbers import (
     rotation_from_rpy,
@@ -124,15 +125,23 @@ class CalibrationUncertainty:
                 )
 
 
-def read_uncertainty(path: str | Path, arm: ArmModel) -> CalibrationUncertainty:
+def read_uncertainty(
+    path: str | Path, arm: ArmModel, *, anyway: bool = False
+) -> CalibrationUncertainty:
     """Read the ``result.json`` that ``suta-calib calibrate`` wrote beside the calibrated URDF.
 
+    Args:
+        path: the file.
+        arm: the calibrated arm.
+        anyway: take a result that says of itself that it must not be used.
+
     Raises:
-        InputError: unreadable, not such a result, not converged, or of another arm.
+        InputError: unreadable, not such a result, not converged, not to be used, or of another
+            arm.
     """
     path = Path(path)
     data = read_json_object(path)
-    parameters = _parameters(data, path)
+    parameters = _parameters(data, path, anyway)
     known = set(arm.offered.names)
     own = {name: entry for name, entry in parameters.items() if name in known}
     estimated = [name for name, entry in own.items() if entry.get("std") is not None]
@@ -150,7 +159,7 @@ def read_uncertainty(path: str | Path, arm: ArmModel) -> CalibrationUncertainty:
     return CalibrationUncertainty(path, names, covariance, values, source, fixed, beside)
 
 
-def _parameters(data: dict[str, Any], path: Path) -> dict[str, dict[str, Any]]:
+def _parameters(data: dict[str, Any], path: Path, anyway: bool) -> dict[str, dict[str, Any]]:
     found = data.get("parameters")
     if not isinstance(found, dict) or not all(isinstance(e, dict) for e in found.values()):
         raise InputError(
@@ -163,6 +172,7 @@ def _parameters(data: dict[str, Any], path: Path) -> dict[str, dict[str, Any]]:
             file=path,
             where="status",
         )
+    refuse_unusable(data, path, anyway=anyway)
     return found
 
 

@@ -12,11 +12,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from cli_job import NOISE, TRUTH, cli, write_simulated_job
+from cli_job import NOISE, TRUTH, cli, simulated, write_simulated_job
 
 from suta_calib.cli._output import check_folder
 from suta_calib.errors import OutputError
 from suta_calib.job.calibration import CalibrationJob
+from suta_calib.measurements import write_samples
 from suta_calib.model.arm import ArmModel
 
 RESULTS = {"calibrated.urdf", "result.json", "residuals.csv", "report.html"}
@@ -88,6 +89,8 @@ def test_observe_tells_what_the_data_can_determine(
     assert found["parameters"]["joint_1.offset"]["std"] is None
     assert [e["held"] for e in found["explanations"]] == ["joint_1.offset"]
     assert set(found["indices"]) == {"O1", "O2", "O3", "O4", "O5"}
+    assert found["verdict"]["level"] == "care"
+    assert "7 of 8 unknowns" in found["verdict"]["sentence"]
     assert cli("observe", job) == 0
     out, err = capsys.readouterr()
     assert err == ""
@@ -292,3 +295,32 @@ def test_a_write_protected_folder_is_refused(
     monkeypatch.setattr(os, "access", lambda *_: False)
     with pytest.raises(OutputError, match="write-protected"):
         check_folder(tmp_path / "new" / "deep")
+
+
+def made_worse(job: Path) -> Path:
+    """The same job with held-out data of an arm that is off the other way."""
+    arm = ArmModel.from_urdf(job.parent / "arm.urdf", "tip")
+    opposite = {name: 2 * arm.parameters[name].nominal - value for name, value in TRUTH.items()}
+    write_samples(job.parent / "validation" / "a.csv", simulated(arm, 15, 2, opposite))
+    return job
+
+
+def test_an_answer_that_must_not_be_used_is_refused_when_it_is_read_back(
+    job: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli("calibrate", made_worse(job), "--json") == 1
+    verdict = printed_json(capsys)["verdict"]
+    assert (verdict["level"], verdict["usable"]) == ("bad", False)
+    folder = job.parent / "results"
+    result, urdf = folder / "result.json", folder / "not_usable.urdf"
+    assert files_below(folder) == {"not_usable.urdf", "result.json", "residuals.csv", "report.html"}
+    assert json.loads(result.read_text())["verdict"] == verdict
+    assert cli("validate", urdf, job, "--result", result) == 2
+    said = capsys.readouterr().err
+    assert f"{result}: verdict: found an answer that must not be used" in said
+    assert "worse than the nominal one on the validation data" in said
+    assert cli("validate", urdf, job, "--result", result, "--anyway", "--json") == 0
+    assert printed_json(capsys)["verdict"]["level"] == "care"
+    box = ("--urdf", job.parent / "arm.urdf", "--tip", "tip", "--region", "150,600,-300,300,0,400")
+    assert cli("tip-map", result, *box) == 2
+    assert "must not be used" in capsys.readouterr().err

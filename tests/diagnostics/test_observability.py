@@ -110,6 +110,8 @@ def test_parallel_pillars_hide_three_of_thirteen(
     found = seen(arm, [PairwiseDistance(parallel, artefact)], *THESIS)
     assert (found.rank, found.asked) == (10, 13)
     assert set(found.unidentified) == {"joint_1.offset", "joint_2.z", "tip.y"}
+    assert found.assessment.level == "care"
+    assert found.assessment.usable
     reasons = why(found)
     assert "turns the whole arm about the base's z axis" in reasons["joint_1.offset"]
     assert "shifts the whole arm along the base's z axis" in reasons["joint_2.z"]

@@ -14,12 +14,11 @@ import pytest
 from report_scenes import AWKWARD, TRUTH, console_text, make_job
 
 from suta_calib.job.calibration import CalibrationResult
-from suta_calib.report import tables
-from suta_calib.report.errors_by import by_kind, groups
-from suta_calib.report.html import render_report
-from suta_calib.report.residuals import COLUMNS, residuals_csv
-from suta_calib.report.result_json import accuracy_dict, result_dict
-from suta_calib.report.verdict import judge
+from suta_calib.report.calibration import calibration_document
+from suta_calib.report.console import rendered
+from suta_calib.report.errors import RESIDUALS, accuracy_json, by_kind, groups, residual_rows
+from suta_calib.report.listing import Json, csv_text
+from suta_calib.report.page import page_with
 
 
 @pytest.fixture(scope="module")
@@ -34,13 +33,18 @@ def unconverged(tmp_path_factory: pytest.TempPathFactory, suta_urdf: Path) -> Ca
     return found
 
 
+def result_dict(result: CalibrationResult) -> Json:
+    return calibration_document(result).json()
+
+
 # result.json
 
 
 def test_json_has_what_the_format_promises(result: CalibrationResult) -> None:
     content = json.loads(json.dumps(result_dict(result), allow_nan=False))
     assert content["status"] == "converged"
-    assert content["verdict"] == result.solution.sentence
+    assert content["verdict"]["sentence"] == result.solution.sentence
+    assert content["verdict"] == result.assessment.as_dict()
     assert content["job"] == "calibration.yaml"
     assert {"build", "solve"} <= set(content["timing_s"])
     assert {"suta_calib", "pin", "casadi", "numpy", "python"} <= set(content["versions"])
@@ -104,7 +108,7 @@ def test_json_adds_one_figure_for_orientations(result: CalibrationResult) -> Non
         residual_before=turned,
         residual_after=turned / 4,
     )
-    found = accuracy_dict([replace(term, blocks=(*term.blocks, rotation))])
+    found = accuracy_json([replace(term, blocks=(*term.blocks, rotation))])
     assert found["before"]["rms_deg"] == pytest.approx(2.0)
     assert found["after"]["rms_deg"] == pytest.approx(0.5)
     assert found["after"]["count"] == 15
@@ -145,18 +149,20 @@ def test_json_without_validation_has_nulls_not_nan(result: CalibrationResult) ->
         **dict.fromkeys(("rms_mm", "mean_mm", "std_mm", "max_mm")),
         "count": 0,
     }
-    assert "no validation data" in " ".join(judge(alone).notes)
-    assert "no such data" in console_text(tables.accuracy_table(alone.accuracy))
-    render_report(alone)
+    assert "no validation data" in " ".join(alone.assessment.notes)
+    document = calibration_document(alone)
+    assert "no such data" in console_text(rendered(document))
+    page_with(document, None)
 
 
 # residuals.csv
 
 
 def test_residuals_are_all_there_and_add_up(result: CalibrationResult) -> None:
-    rows = list(csv.DictReader(io.StringIO(residuals_csv(result))))
+    text = csv_text(RESIDUALS, residual_rows(result.labelled_terms))
+    rows = list(csv.DictReader(io.StringIO(text)))
     assert len(rows) == 40 + 12 + 15
-    assert list(rows[0]) == list(COLUMNS)
+    assert list(rows[0]) == [column.key for column in RESIDUALS.columns]
     assert rows[0]["samples"].endswith("calibration.csv:2")
     assert {r["label"] for r in rows if r["kind"] == "tracked_point"} == {"rig"}
     assert AWKWARD in {r["what"] for r in rows}

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -31,11 +33,13 @@ solver: {starts: 2, seed: 0}
 """
 
 
-def simulated(arm: ArmModel, n: int, seed: int) -> Samples:
+def simulated(
+    arm: ArmModel, n: int, seed: int, truth: Mapping[str, float] = MappingProxyType(TRUTH)
+) -> Samples:
     """Simulated samples of an instrument that stands anywhere, n rows."""
     random = np.random.default_rng(seed)
     q = random.uniform(-1.5, 1.5, (n, len(arm.joints)))
-    _, position = arm.forward(q, TRUTH)
+    _, position = arm.forward(q, truth)
     turn = Rotation.from_rotvec([0.1, -0.4, 1.2]).as_matrix()
     seen = position @ turn.T + [1.0, -0.5, 0.3] + NOISE * random.standard_normal((n, 3))
     return Samples.from_arrays(arm.joints, q, position=seen)

@@ -119,6 +119,10 @@ def test_sources_of_uncertainty_in_order_of_worth(scene: Calibrated, tmp_path: P
     ("change", "said"),
     [
         ({"status": "not_converged"}, "status: found 'not_converged'"),
+        (
+            {"verdict": {"level": "bad", "usable": False, "sentence": "", "notes": ["Worse."]}},
+            r"result\.json: verdict: found an answer that must not be used \(Worse\)",
+        ),
         ({"parameters": None}, "no table of parameters"),
         (
             {"parameters": {"elbow.z": {"value": 1.0, "std": 0.1}}},
@@ -137,6 +141,14 @@ def test_results_that_do_not_fit_are_refused(
         read_uncertainty(file, scene.arm)
 
 
+def test_a_result_that_must_not_be_used_is_taken_where_one_insists(
+    scene: Calibrated, tmp_path: Path
+):
+    file = tmp_path / "result.json"
+    file.write_text(json.dumps(scene.result | {"verdict": {"usable": False}}))
+    assert read_uncertainty(file, scene.arm, anyway=True).source == "covariance"
+
+
 def test_the_nominal_urdf_is_not_what_was_calibrated(scene: Calibrated):
     known = read_uncertainty(scene.path, scene.nominal)
     with pytest.raises(InputError, match=r"joint_4\.z: found 0\.574 m, and 0\.571 m in the URDF"):
@@ -147,6 +159,10 @@ def test_the_nominal_urdf_is_not_what_was_calibrated(scene: Calibrated):
     ("text", "said"),
     [
         ('{"tip_mm": [1, 2]}', "tip_mm: found .1, 2.; expected 3 finite numbers"),
+        (
+            '{"tip_mm": [1, 2, 3], "verdict": {"usable": false, "sentence": "all on a line"}}',
+            r"an answer that must not be used \(all on a line\)",
+        ),
         ('{"tip": [1, 2, 3]}', "only the keys tip"),
         ('{"tip_mm": [1, 2, "x"]}', "3 finite numbers"),
         ('{"tip_mm": [1, 2, 1e6]}', "within 10 m"),

@@ -1,4 +1,4 @@
-"""None"""
+"""A calibration on a console, on a page and in files."""
 
 from __future__ import annotations
 
@@ -16,16 +16,19 @@ from lxml import etree
 from report_scenes import AWKWARD, console_text, make_job
 
 from suta_calib import units
+from suta_calib.atomic import write_bytes_atomically
 from suta_calib.diagnostics.observability import observe
 from suta_calib.errors import OutputError
 from suta_calib.job.calibration import CalibrationResult
 from suta_calib.model.arm import ArmModel
-from suta_calib.report import plots, tables, words
-from suta_calib.report.errors_by import by_kind, groups
-from suta_calib.report.histogram import error_histogram
-from suta_calib.report.html import render_report, write_report
-from suta_calib.report.verdict import judge
-from suta_calib.report.write import write_results
+from suta_calib.report import calibration_plots as plots
+from suta_calib.report.calibration import calibration_document
+from suta_calib.report.console import rendered
+from suta_calib.report.errors import by_kind, groups
+from suta_calib.report.files import write_document
+from suta_calib.report.observability import observability_document
+from suta_calib.report.page import page_with
+from suta_calib.words import combination, listed
 
 
 @pytest.fixture(scope="module")
@@ -38,6 +41,31 @@ def unconverged(tmp_path_factory: pytest.TempPathFactory, suta_urdf: Path) -> Ca
     found = make_job(tmp_path_factory.mktemp("job"), suta_urdf, iterations=1).run()
     assert not found.solution.converged
     return found
+
+
+def told(result: CalibrationResult, *, verbose: bool = False) -> str:
+    return console_text(rendered(calibration_document(result, verbose=verbose)))
+
+
+def render_report(result: CalibrationResult) -> str:
+    return page_with(calibration_document(result), None)
+
+
+def write_results(result: CalibrationResult, folder: Path) -> dict[str, Path]:
+    answer = write_document(calibration_document(result), folder)
+    return {name: Path(path) for name, path in answer["files"].items()}
+
+
+@pytest.fixture(scope="module")
+def worse(result: CalibrationResult) -> CalibrationResult:
+    """The calibrated arm is worse than the nominal one on held-out data."""
+    term = result.accuracy.validation[0]
+    swapped = [
+        replace(b, residual_before=b.residual_after, residual_after=b.residual_before)
+        for b in term.blocks
+    ]
+    accuracy = replace(result.accuracy, validation=(replace(term, blocks=tuple(swapped)),))
+    return replace(result, accuracy=accuracy)
 
 
 @pytest.fixture(scope="module")
@@ -72,21 +100,18 @@ def references(page: str) -> References:
 def test_verdict_names_what_must_be_known(
     result: CalibrationResult, unconverged: CalibrationResult
 ) -> None:
-    careful = judge(result)
+    careful = result.assessment
     assert careful.level == "care"
     assert "joint_1.offset" in " ".join(careful.notes)
-    assert judge(unconverged).level == "bad"
+    assert unconverged.assessment.level == "bad"
 
 
-def test_verdict_warns_of_a_calibration_that_made_it_worse(result: CalibrationResult) -> None:
-    term = result.accuracy.validation[0]
-    swapped = [
-        replace(b, residual_before=b.residual_after, residual_after=b.residual_before)
-        for b in term.blocks
-    ]
-    worse = replace(result.accuracy, validation=(replace(term, blocks=tuple(swapped)),))
-    assert "worse" in " ".join(judge(replace(result, accuracy=worse)).notes)
-    assert "worse" not in " ".join(judge(result).notes)
+def test_verdict_warns_of_a_calibration_that_made_it_worse(
+    result: CalibrationResult, worse: CalibrationResult
+) -> None:
+    assert "worse" in " ".join(worse.assessment.notes)
+    assert not worse.assessment.usable
+    assert "worse" not in " ".join(result.assessment.notes)
 
 
 @pytest.mark.parametrize(
@@ -108,18 +133,23 @@ def test_numbers_are_shown_in_mm_and_degrees(
 
 
 def test_combinations_read_as_sums() -> None:
-    assert words.combination({"a.z": 1.0, "b.z": -1.0}) == "a.z − b.z"
-    assert words.combination({"a.z": -2.5, "b.z": 1.0}, "b.z") == "b.z − 2.5·a.z"
+    assert combination({"a.z": 1.0, "b.z": -1.0}) == "a.z − b.z"
+    assert combination({"a.z": -2.5, "b.z": 1.0}, "b.z") == "b.z − 2.5·a.z"
     assert units.percent(4.0, 1.0) == "75.0 %"
     assert units.percent(0.0, 1.0) == units.NOTHING
+
+
+def test_names_are_listed_and_the_rest_counted() -> None:
+    assert listed(["a", "b"]) == "a, b"
+    assert listed(["a", "b", "c"], 2) == "a, b and 1 more"
 
 
 # console
 
 
 def test_console_fits_100_columns_and_shows_names_as_they_are(result: CalibrationResult) -> None:
-    short = console_text(tables.summary(result))
-    full = console_text(tables.summary(result, verbose=True))
+    short = told(result)
+    full = told(result, verbose=True)
     for text in (short, full):
         assert max(len(line.rstrip()) for line in text.splitlines()) <= 100
         assert "joint_4.z" in text
@@ -134,7 +164,7 @@ def test_console_fits_100_columns_and_shows_names_as_they_are(result: Calibratio
 
 
 def test_console_of_an_unconverged_run_shows_no_values(unconverged: CalibrationResult) -> None:
-    text = console_text(tables.summary(unconverged))
+    text = told(unconverged)
     assert "Do not use" in text
     assert "not converged" in text
     assert "joint_4.z" not in text
@@ -142,12 +172,11 @@ def test_console_of_an_unconverged_run_shows_no_values(unconverged: CalibrationR
 
 def test_console_shows_what_can_be_determined(result: CalibrationResult) -> None:
     observability = observe(result.solution.problem)
-    text = console_text(tables.observability_table(observability))
+    text = console_text(rendered(observability_document(observability)))
     assert max(len(line.rstrip()) for line in text.splitlines()) <= 100
     row = next(line for line in text.splitlines() if "joint_1.offset" in line)
     assert "unidentified" in row
-    said = " ".join(console_text(tables.observability_words(observability)).split())
-    assert observability.sentence in said
+    assert observability.sentence in " ".join(text.split())
 
 
 # plots and page
@@ -157,7 +186,7 @@ def test_plots_are_svg_with_units(result: CalibrationResult) -> None:
     errors = by_kind(result.accuracy.validation)[0]
     estimated = [e for e in result.solution.estimates.values() if e.std]
     found = [
-        error_histogram(errors, "h"),
+        plots.error_histogram(errors, "h"),
         plots.grouped_errors(groups(result.accuracy.calibration, "point"), "point", "g"),
         plots.parameter_changes(estimated, "c"),
         plots.singular_values(np.array([1e3, 1.0, 0.0]), ["a.z − b.z"], "s"),
@@ -175,7 +204,7 @@ def test_plots_are_svg_with_units(result: CalibrationResult) -> None:
 def test_histogram_of_extreme_errors(result: CalibrationResult, after: list[float]) -> None:
     errors = by_kind(result.accuracy.validation)[0]
     extreme = replace(errors, before=np.array(after) * 3, after=np.array(after))
-    etree.fromstring(error_histogram(extreme, "extreme"))
+    etree.fromstring(plots.error_histogram(extreme, "extreme"))
 
 
 def test_plots_leave_matplotlib_as_it_was(page: str) -> None:
@@ -234,6 +263,16 @@ def test_an_unconverged_run_writes_no_urdf_and_removes_nothing(
     assert {p.name for p in tmp_path.iterdir()} == {*files, "mine.txt"}
 
 
+def test_the_urdf_of_a_calibration_that_made_it_worse_has_another_name(
+    worse: CalibrationResult, tmp_path: Path
+) -> None:
+    files = write_results(worse, tmp_path)
+    assert set(files) == {"not_usable.urdf", "result.json", "residuals.csv", "report.html"}
+    assert not json.loads(files["result.json"].read_text("utf-8"))["verdict"]["usable"]
+    assert "not_usable.urdf holds what was found" in " ".join(told(worse).split())
+    assert "No calibrated.urdf" in files["report.html"].read_text("utf-8")
+
+
 def test_a_folder_that_cannot_be_used_is_one_clear_error(
     result: CalibrationResult, tmp_path: Path
 ) -> None:
@@ -257,6 +296,6 @@ def test_a_failing_write_leaves_the_old_file(
 
     monkeypatch.setattr("os.fsync", full)
     with pytest.raises(OutputError, match="No space left"):
-        write_report(result, target)
+        write_bytes_atomically(target, render_report(result).encode())
     assert target.read_text() == "old"
     assert [p.name for p in tmp_path.iterdir()] == ["report.html"]

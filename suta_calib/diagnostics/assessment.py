@@ -1,0 +1,123 @@
+"""Whether a calibration may be used, in one word and a few sentences."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from suta_calib.assessment import Assessment
+from suta_calib.diagnostics.accuracy import Accuracy
+from suta_calib.diagnostics.lack_of_fit import LackOfFit, lack_of_fit
+from suta_calib.diagnostics.score_tests import score_tests
+from suta_calib.solver.solution import Solution, State
+from suta_calib.units import text
+from suta_calib.words import listed
+
+# Noise that differs from what the job states by more than this factor deserves a word.
+SURPRISING: Final = 2.0
+# Residuals over the scatter of repeats from which a model is said to lack something.
+LACKING: Final = 1.5
+# Equations beyond the unknowns from which on residuals tell the noise to a third or so.
+REDUNDANT: Final = 6
+
+
+def assess_calibration(solution: Solution, accuracy: Accuracy) -> Assessment:
+    """Weigh convergence, held-out errors, bounds, fit, noise and what could not be told.
+
+    Args:
+        solution: what came out.
+        accuracy: errors of the fitted and of the held-out terms, before and after.
+
+    Returns:
+        ``bad`` where the solution is not to be used, or the calibrated arm is worse than the
+        nominal one on held-out data; ``care`` where something must be known.
+    """
+    if not solution.converged:
+        return Assessment("bad", solution.sentence)
+    worse = "The calibrated arm is worse than the nominal one on the validation data."
+    fitted_only = "There are no validation data: the errors shown are those of the fitted data."
+    return Assessment.of(
+        solution.sentence,
+        bad=[worse] if accuracy.worse else [],
+        care=[
+            *([] if accuracy.validation else [fitted_only]),
+            *_on_parameters(solution),
+            *_on_redundancy(solution),
+            *(_on_fit(fit) for fit in lack_of_fit(solution) if fit.ratio > LACKING),
+            *_beside_geometry(solution),
+            *_on_noise(solution),
+        ],
+    )
+
+
+def _on_parameters(solution: Solution) -> list[str]:
+    states: dict[State, list[str]] = {}
+    for name, estimate in solution.arm_estimates.items():
+        states.setdefault(estimate.state, []).append(name)
+    notes = []
+    if held := states.get("unidentified"):
+        notes.append(f"These data cannot tell {listed(held)}: held at nominal.")
+    if bounded := states.get("at_bound"):
+        notes.append(
+            f"{listed(bounded)} ended at a bound: widen it, or look for the wrong unit or "
+            "the wrong artefact."
+        )
+    return notes
+
+
+def _on_redundancy(solution: Solution) -> list[str]:
+    """Noise that is learnt from few residuals may be off by half, and every ± with it."""
+    problem = solution.problem
+    equations = sum(term.equations() for term in problem.terms)
+    known = int(np.count_nonzero(problem.prior_precision()[solution.free]))
+    left = equations + known - len(solution.free)
+    if left >= REDUNDANT:
+        return []
+    return [
+        f"{equations} independent equations for {len(solution.free)} unknowns: so few to spare "
+        "tell little of the noise, and every ± may be several times too small. Measure more."
+    ]
+
+
+def _on_fit(fit: LackOfFit) -> str:
+    found = text(fit.residual, fit.unit, with_unit=True)
+    explained = text(fit.repeat, fit.unit, with_unit=True)
+    return (
+        f"The residuals ({found}) are {fit.ratio:.1f} times what repeats of the same touch scatter "
+        f"({explained}): the model lacks something. Values and ± hold only within it; free more "
+        "of the geometry (select: geometric)."
+    )
+
+
+def _beside_geometry(solution: Solution) -> list[str]:
+    """What a URDF cannot hold, and what the residuals look like beside geometry."""
+    notes = []
+    arm = solution.problem.arm
+    beside = () if arm is None else arm.nongeometric
+    if held := [n for n, e in solution.arm_estimates.items() if e.value and n in beside]:
+        notes.append(
+            f"A URDF cannot hold {listed(held)}: calibrated.urdf is the geometry only, and its tip "
+            "is right only with the corrections in result.json (track and validate apply them "
+            "with --result)."
+        )
+    if suspect := next((test for test in score_tests(solution) if test.suspicious), None):
+        yields = suspect.family == "compliance"
+        what = "a joint that yields" if yields else "an eccentric encoder"
+        notes.append(
+            f"The residuals of {suspect.joint} look like {what}: run suta-calib extend, which says "
+            "whether such a term predicts left-out data better."
+        )
+    return notes
+
+
+def _on_noise(solution: Solution) -> list[str]:
+    notes = []
+    blocks = solution.problem.blocks
+    for block, assumed, found in zip(blocks, solution.sigmas, solution.noise, strict=True):
+        if block.noise.sigma is not None and not 1 / SURPRISING < found / assumed < SURPRISING:
+            notes.append(
+                f"The {block.name} residuals scatter by {text(found, block.unit, with_unit=True)}; "
+                f"the job says {text(assumed, block.unit, with_unit=True)}."
+            )
+    return notes

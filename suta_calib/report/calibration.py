@@ -1,0 +1,384 @@
+"""A calibration, told: on a console, in ``result.json``, ``residuals.csv`` and ``report.html``.
+
+A result that did not converge carries no values: ``value``, ``std`` and the metrics ``after`` are
+null, so that nobody uses them by accident.
+"""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from suta_calib.diagnostics.accuracy import TermAccuracy
+from suta_calib.job.calibration import CalibrationResult
+from suta_calib.report import calibration_plots as plots
+from suta_calib.report.document import Document, Figure, File, Folded, Part, Place, ShownOnly, Text
+from suta_calib.report.errors import (
+    GROUPINGS,
+    RESIDUALS,
+    accuracy_json,
+    by_kind,
+    errors_table,
+    groups,
+    residual_rows,
+)
+from suta_calib.report.listing import Column, Json, Listing, csv_text
+from suta_calib.report.observability import MOST_SENTENCES, explained, unobservable
+from suta_calib.report.parameters import PARAMETERS, left_out, outcomes
+from suta_calib.solver.ipopt import Minimum
+from suta_calib.solver.solution import Solution
+from suta_calib.terms.term import Block
+from suta_calib.units import Unit, unit_name
+from suta_calib.words import combination
+
+NAME: Final = "result"
+CALIBRATED: Final = "calibrated.urdf"
+# The same of an answer that must not be used, under a name that nobody takes for a calibrated arm.
+NOT_USABLE: Final = "not_usable.urdf"
+DISTRIBUTIONS: Final = ("suta_calib", "pin", "casadi", "numpy")
+
+
+@dataclass(frozen=True, eq=False)
+class BlockNoise:
+    """Noise of one block of residuals: as it was assumed, and as the residuals show it.
+
+    Attributes:
+        kind, label: of its term.
+        block: of residuals.
+        assumed: standard deviation of one component, m or rad.
+        found: the same; None where the solution did not converge.
+    """
+
+    kind: str
+    label: str
+    block: Block
+    assumed: float
+    found: float | None
+
+    @property
+    def unit(self) -> Unit:
+        """Of both, m or rad."""
+        return self.block.unit
+
+    @property
+    def given(self) -> bool:
+        """Whether the job says what to assume."""
+        return self.block.noise.sigma is not None
+
+
+NOISE: Final = Listing[BlockNoise](
+    "Noise",
+    (
+        Column("kind"),
+        Column("", "residuals", lambda row: f"{row.kind.replace('_', ' ')}: {row.block.name}"),
+        Column("label", "label"),
+        Column("block", None, lambda row: row.block.name),
+        Column("unit", "unit", cell=lambda row: unit_name(row.unit)),
+        Column("assumed", "assumed", own_unit=lambda row: row.unit),
+        Column("given", "from", cell=lambda row: "the job" if row.given else "default"),
+        Column("found", "found", own_unit=lambda row: row.unit),
+    ),
+)
+STARTS: Final = Listing[tuple[int, Minimum]](
+    "How it was computed",
+    (
+        Column("", "start", lambda row: row[0], form="d"),
+        Column("status", "status", lambda row: row[1].status),
+        Column("iterations", "iterations", lambda row: row[1].iterations, form="d"),
+        Column("cost", "cost", lambda row: row[1].cost, form=".6g"),
+    ),
+)
+
+
+def calibration_document(result: CalibrationResult, *, verbose: bool = False) -> Document:
+    """A calibration to be shown: errors, parameters, what the data cannot tell, and plots.
+
+    Args:
+        result: job, solution and accuracy.
+        verbose: list on a console also the terms' own parameters (placements, points,
+            instruments), those that stayed where their prior has them and, of a long list, those
+            held; otherwise one line counts them.
+    """
+    path = result.job.spec.path
+    parts = [
+        *_errors(result),
+        *(_parameters(result, verbose=verbose) if result.solution.converged else []),
+        *_untold(result),
+        *_remaining_errors(result),
+        *_noise_and_correlations(result),
+        *_computation(result),
+        *_files(result),
+    ]
+    title = f"Calibration of {path.parent.resolve().name or path.name}"
+    return Document(NAME, title, result.assessment, parts, _data(result), written="opening")
+
+
+def versions() -> dict[str, str]:
+    """Versions of what computed the result."""
+    found = {"python": platform.python_version()}
+    for name in DISTRIBUTIONS:
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            found[name] = "unknown"
+    return found
+
+
+# What is shown
+
+
+def _parameters(result: CalibrationResult, *, verbose: bool) -> Iterator[Part]:
+    solution = result.solution
+    every = outcomes(solution)
+    arm, own = every[: solution.problem.arm_count], every[solution.problem.arm_count :]
+    worth_showing = every if verbose else [row for row in arm if row.worth_showing(len(arm))]
+    yield ShownOnly(PARAMETERS.of(worth_showing), "console")
+    if not verbose:
+        yield from left_out(len(arm) - len(worth_showing), [row.estimate for row in own])
+    yield ShownOnly(PARAMETERS.of(arm), "page")
+    yield Text(
+        "“unidentified”: the data cannot tell it, it stays at nominal. “prior”: mostly known "
+        "beforehand. A value with an entry under “given” has its meaning only relative to the "
+        "parameters named there.",
+        place="page",
+        look="soft",
+    )
+    estimated = [e for e in solution.arm_estimates.values() if e.std]
+    if estimated:
+        yield Figure(
+            lambda: plots.parameter_changes(estimated, "parameter-changes"),
+            "Change from nominal, ± one standard deviation",
+        )
+    yield Folded(PARAMETERS.of(own, f"The observations' own unknowns ({len(own)})"))
+
+
+def _errors(result: CalibrationResult) -> Iterator[Part]:
+    accuracy = result.accuracy
+    sets = {"calibration": accuracy.calibration, "validation": accuracy.validation}
+    yield errors_table(sets)
+    if not result.solution.converged:
+        yield Text(
+            "“after” is only where the solver stopped: it has not converged to anything usable."
+        )
+    yield Text(
+        "Every error counts here, also those a robust fit gave less weight. Improvement is that "
+        "of the RMS.",
+        place="page",
+        look="soft",
+    )
+    # Held-out errors are what a user of the arm will see: they come first.
+    for name in ("validation", "calibration"):
+        for k, errors in enumerate(by_kind(sets[name])):
+            if len(errors.before):
+                yield Figure(
+                    _drawn(plots.error_histogram, errors, f"histogram-{name}-{k}"),
+                    f"{name.capitalize()}: {errors.quantity}",
+                )
+
+
+def _untold(result: CalibrationResult) -> Iterator[Part]:
+    solution = result.solution
+    combinations = solution.identification.combinations
+    named = [combination(c.direction, c.fixed) for c in combinations]
+    if solution.converged:
+        arm = set(solution.problem.names[: solution.problem.arm_count])
+        of_arm = [e for e in result.explanations if e.fixed in arm or not arm]
+        place: Place = "everywhere" if of_arm else "page"
+        yield Text("What these data cannot tell", place=place, look="heading")
+        yield from explained(of_arm, "console", MOST_SENTENCES)
+        yield from explained(result.explanations, "page")
+        if not result.explanations:
+            yield Text("Nothing that was asked: every parameter could be estimated.", place="page")
+        several = [name for name, c in zip(named, combinations, strict=True) if not c.alone]
+        if several:
+            yield Text(
+                "These combinations change no observation (m and rad, per unit of the parameter "
+                "held):",
+                place="page",
+            )
+            yield from (Text(name, bullet=True, place="page") for name in several)
+    values = solution.identification.singular_values
+    if len(values):
+        yield Figure(
+            lambda: plots.singular_values(values, named, "singular-values"),
+            "Singular values: how strongly the data see each direction",
+        )
+
+
+def _remaining_errors(result: CalibrationResult) -> Iterator[Part]:
+    accuracy = result.accuracy
+    sets = (("Validation", accuracy.validation), ("Calibration", accuracy.calibration))
+    found: list[Part] = []
+    for name, terms in sets:
+        by_label = [plot for label in GROUPINGS for plot in _grouped(name, terms, label)]
+        # Files are usually split by label: only without labels do they tell more.
+        found += by_label or _grouped(name, terms, "file")
+    if found:
+        yield Text("Where the remaining errors are", place="page", look="heading")
+        yield from found
+
+
+def _grouped(name: str, terms: Sequence[TermAccuracy], grouping: str) -> list[Figure]:
+    of = groups(terms, grouping)
+    if len(of) < 2:
+        return []
+    rest = len(of) - plots.MOST_GROUPS
+    title = f"{name}: by {grouping}" + (f" (without the {rest} best)" if rest > 0 else "")
+    svg_name = f"errors-{name.lower()}-{grouping}"
+    return [Figure(_drawn(plots.grouped_errors, of, grouping, svg_name), title)]
+
+
+def _drawn(plot: Callable[..., str], *of: object) -> Callable[[], str]:
+    """The plot of these, drawn when it is needed: a loop's variables are others by then."""
+    return lambda: plot(*of)
+
+
+def _noise_and_correlations(result: CalibrationResult) -> Iterator[Part]:
+    solution = result.solution
+    yield ShownOnly(NOISE.of(_noise(result)), "page")
+    yield Text(
+        "Standard deviation of one component. Standard deviations of the parameters follow from "
+        "what was found.",
+        place="page",
+        look="soft",
+    )
+    names, matrix = solution.correlation(arm=True) if solution.converged else ((), np.eye(0))
+    if len(names) < 2:
+        return
+    yield Text("Correlations", place="page", look="heading")
+    if (less := len(names) - plots.MOST_CORRELATED) > 0:
+        said = f"{less} parameters that are less correlated are left out; result.json has all."
+        yield Text(said, place="page", look="soft")
+    yield Figure(lambda: plots.correlation_map(names, matrix, "correlations"))
+
+
+def _computation(result: CalibrationResult) -> Iterator[Part]:
+    solution, path = result.solution, result.job.spec.path
+    best = solution.minimum
+    phases = ", ".join(f"{phase} {seconds:.3f} s" for phase, seconds in solution.timing.items())
+    yield ShownOnly(STARTS.of(_starts(solution)), "page")
+    yield Text(
+        f"IPOPT: {best.status} after {best.iterations} iterations, cost {best.cost:.6g}. {phases}.",
+        place="page",
+    )
+    yield Text(path.name, place="page", look="heading")
+    yield Text(_job_text(path), place="page", look="verbatim")
+    made_with = " · ".join(f"{name} {number}" for name, number in versions().items())
+    yield Text(made_with, place="page", look="soft")
+    if not result.assessment.usable:
+        instead = f"{NOT_USABLE} holds what was found" if solution.converged else "nor another"
+        yield Text(f"No {CALIBRATED} is written: {instead}.")
+
+
+def _job_text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return "(the job file is not there any more)"
+
+
+# What is written
+
+
+def _files(result: CalibrationResult) -> list[File]:
+    """A solution that did not converge has none; one not to be used has another URDF's name."""
+    solution = result.solution
+    if not solution.converged:
+        return []
+    return [
+        File(
+            CALIBRATED if result.assessment.usable else NOT_USABLE,
+            lambda: result.job.arm.calibrated_urdf(solution.values),
+        ),
+        File("residuals.csv", lambda: csv_text(RESIDUALS, residual_rows(result.labelled_terms))),
+    ]
+
+
+def _data(result: CalibrationResult) -> Json:
+    solution = result.solution
+    # What comes before the first iteration is the check of what the data can tell.
+    timing = {"build": solution.timing.get("check", 0.0)} | solution.timing
+    best, starts = STARTS.record((0, solution.minimum)), STARTS.records(_starts(solution))
+    return {
+        "status": "converged" if solution.converged else "not_converged",
+        "job": result.job.spec.path.name,
+        "parameters": PARAMETERS.records(outcomes(solution)),
+        "unidentified": solution.unidentified,
+        "unobservable": unobservable(solution.identification),
+        "excluded": _excluded(result),
+        "metrics": _metrics(result),
+        "timing_s": timing,
+        **_matrices(solution),
+        "noise": NOISE.records(_noise(result)),
+        "solver": {"name": "IPOPT", **best, "starts": starts},
+        "versions": versions(),
+    }
+
+
+def _starts(solution: Solution) -> list[tuple[int, Minimum]]:
+    return list(enumerate(solution.attempts, start=1))
+
+
+def _excluded(result: CalibrationResult) -> list[Json]:
+    """Samples that rows of the job leave out by name."""
+    spec = result.job.spec
+    sets = {"observations": spec.observations, "validation": spec.validation}
+    return [
+        {"in": f"{name}[{k}]", "kind": row.kind, **row.exclude.as_dict()}
+        for name, rows in sets.items()
+        for k, row in enumerate(rows)
+        if row.exclude is not None
+    ]
+
+
+def _metrics(result: CalibrationResult) -> Json:
+    """Of each set of data, the figures of the first term's kind and those of each term."""
+    content: Json = {}
+    for name, labelled in result.labelled_terms.items():
+        by_term = [
+            {"kind": term.term.kind, "label": label} | _after_if_any(result, [term])
+            for label, term in labelled
+        ]
+        overall = _after_if_any(result, [term for _, term in labelled])
+        content[name] = {**overall, "by_term": by_term}
+    return content
+
+
+def _after_if_any(result: CalibrationResult, terms: Sequence[TermAccuracy]) -> Json:
+    found = accuracy_json(terms)
+    if not result.solution.converged:
+        found["after"] = {k: v if k == "count" else None for k, v in found["after"].items()}
+    return dict(found)
+
+
+def _matrices(solution: Solution) -> Mapping[str, Any]:
+    """Of the arm's estimated parameters, with the standard deviations told of each."""
+    names: tuple[str, ...] = ()
+    correlation = covariance = np.zeros((0, 0))
+    if solution.converged:
+        names, correlation = solution.correlation(arm=True)
+        std = np.array([solution.estimates[name].std for name in names], dtype=float)
+        covariance = correlation * np.outer(std, std)
+    return {
+        "correlations": {"parameters": names, "matrix": np.round(correlation, 4)},
+        "covariance": {"parameters": names, "unit": "m, rad", "matrix": covariance},
+    }
+
+
+def _noise(result: CalibrationResult) -> list[BlockNoise]:
+    solution = result.solution
+    blocks = [
+        (term.term.kind, label, block)
+        for label, term in result.labelled_terms["calibration"]
+        for block in term.term.blocks
+    ]
+    return [
+        BlockNoise(*block, assumed, found if solution.converged else None)
+        for block, assumed, found in zip(blocks, solution.sigmas, solution.noise, strict=True)
+    ]

@@ -1,0 +1,258 @@
+"""Errors before and after: by data and kind, one by one, by landmark and placement."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import PurePath
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from suta_calib import units
+from suta_calib.arrays import FloatArray
+from suta_calib.diagnostics.accuracy import BlockErrors, Metrics, TermAccuracy
+from suta_calib.report.listing import Column, Json, Listing, Table
+from suta_calib.units import NOTHING, Unit
+
+# Label columns of samples that errors are looked at by.
+GROUPINGS: Final = ("landmark", "placement", "point")
+# Lengths; angles have the same in rad.
+METRICS: Final = (
+    Column[Metrics]("rms", "RMS", unit="m"),
+    Column[Metrics]("mean", "mean", unit="m"),
+    Column[Metrics]("std", "std", unit="m"),
+    Column[Metrics]("max", "max", lambda metrics: metrics.maximum, "m"),
+    Column[Metrics]("count", "count", form="d"),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class KindErrors:
+    """Error norms of all terms of one kind, for one quantity.
+
+    Attributes:
+        kind: of observation.
+        name: ``distance``, ``position`` or ``rotation``.
+        unit: m or rad.
+        before, after: (n,) with the nominal and with the calibrated arm.
+    """
+
+    kind: str
+    name: str
+    unit: Unit
+    before: FloatArray
+    after: FloatArray
+
+    @property
+    def metrics(self) -> tuple[Metrics, Metrics]:
+        """Before and after."""
+        return Metrics.of(self.before), Metrics.of(self.after)
+
+    @property
+    def quantity(self) -> str:
+        """What was compared, in words: ``pairwise distance``, ``tracked point position``."""
+        kind = self.kind.replace("_", " ")
+        return kind if self.name in kind else f"{kind} {self.name}"
+
+
+def by_kind(terms: Sequence[TermAccuracy]) -> list[KindErrors]:
+    """Errors of all terms, one entry for each kind and quantity, in the order of the terms."""
+    found: dict[tuple[str, str], list[BlockErrors]] = {}
+    for term in terms:
+        for block in term.blocks:
+            found.setdefault((term.term.kind, block.name), []).append(block)
+    return [
+        KindErrors(
+            kind,
+            name,
+            blocks[0].unit,
+            np.concatenate([b.before for b in blocks]),
+            np.concatenate([b.after for b in blocks]),
+        )
+        for (kind, name), blocks in found.items()
+    ]
+
+
+@dataclass(frozen=True)
+class ErrorRow:
+    """One row of the table of errors.
+
+    Attributes:
+        data: what they are errors of, ``calibration`` or ``validation``; empty where it stands
+            above already.
+        what: quantity and unit; empty where it stands above already.
+        state: ``before`` or ``after``.
+        metrics: None where there are no such data.
+        unit: m or rad.
+        improvement: of the RMS, as text.
+    """
+
+    data: str
+    what: str
+    state: str
+    metrics: Metrics | None
+    unit: Unit
+    improvement: str = ""
+
+
+def _of_row(column: Column[Metrics]) -> Column[ErrorRow]:
+    def cell(row: ErrorRow) -> str:
+        if row.metrics is None:
+            return NOTHING
+        return _measured_in(column, row.unit).text(row.metrics)
+
+    return Column("", column.heading, cell=cell, numeric=True)
+
+
+ERRORS: Final = Listing[ErrorRow](
+    "Errors",
+    (
+        Column("data", "data"),
+        Column("", "of", lambda row: row.what),
+        Column("state", "state"),
+        *map(_of_row, METRICS),
+        Column("improvement", "improvement", numeric=True),
+    ),
+    strong=lambda row: row.state == "after",
+)
+
+
+def errors_table(sets: Mapping[str, Sequence[TermAccuracy]]) -> Table:
+    """Metrics before and after, and how much smaller the RMS is.
+
+    Args:
+        sets: terms by what their data are; one pair of rows for each, and for each kind and
+            quantity where there are several.
+    """
+    return ERRORS.of(row for name, terms in sets.items() for row in _error_rows(name, terms))
+
+
+def _error_rows(name: str, terms: Sequence[TermAccuracy]) -> Iterator[ErrorRow]:
+    if not terms:
+        yield ErrorRow(name, "no such data", NOTHING, None, "m")
+    found = by_kind(terms)
+    for errors in found:
+        before, after = errors.metrics
+        what = errors.quantity if len({e.kind for e in found}) > 1 else errors.name
+        what = f"{what}, {units.unit_name(errors.unit)}"
+        yield ErrorRow(name, what, "before", before, errors.unit)
+        better = units.percent(before.rms, after.rms)
+        yield ErrorRow("", "", "after", after, errors.unit, better)
+        name = ""
+
+
+def accuracy_json(terms: Sequence[TermAccuracy]) -> dict[str, Json]:
+    """Metrics ``before`` and ``after`` of all terms of the first one's kind."""
+    if not terms:
+        nothing = metrics_json(Metrics.of(np.zeros(0)))
+        return {"before": nothing, "after": dict(nothing)}
+    found = [errors for errors in by_kind(terms) if errors.kind == terms[0].term.kind]
+    return {"before": _of_kind(found, 0), "after": _of_kind(found, 1)}
+
+
+def metrics_json(metrics: Metrics, unit: Unit = "m") -> Json:
+    """RMS, mean, standard deviation and maximum in mm (or deg), and the count."""
+    return Listing("", tuple(_measured_in(c, unit) for c in METRICS)).record(metrics)
+
+
+def _of_kind(found: Sequence[KindErrors], which: int) -> Json:
+    content: Json = {}
+    for errors in found:
+        part = metrics_json(errors.metrics[which], errors.unit)
+        content |= {key: value for key, value in part.items() if key not in content}
+    # Orientations are told by one figure beside the positions.
+    return {k: v for k, v in content.items() if not k.endswith("_deg") or k == "rms_deg"}
+
+
+def _measured_in(column: Column[Metrics], unit: Unit) -> Column[Metrics]:
+    return column if column.unit is None else replace(column, unit=unit)
+
+
+@dataclass(frozen=True, eq=False)
+class ResidualRow:
+    """One error of ``residuals.csv``: the ``index``-th of a block of a term."""
+
+    data: str
+    label: str
+    term: TermAccuracy
+    block: BlockErrors
+    index: int
+
+    def samples(self) -> str:
+        """Rows of the samples files it belongs to."""
+        origin = self.term.term.poses.samples.origin
+        return "; ".join(origin[i] for i in self.block.rows[self.index])
+
+    def number(self, values: FloatArray, component: int | None = None) -> str:
+        """A norm of (n,), or a component of (n, d); empty where there is no such component."""
+        value = values[self.index]
+        if component is not None:
+            if component >= len(value):
+                return ""
+            value = value[component]
+        return f"{units.shown(float(value), self.block.unit):.6g}"
+
+
+def _component(state: str, k: int) -> Column[ResidualRow]:
+    def value(row: ResidualRow) -> str:
+        return row.number(getattr(row.block, f"residual_{state}"), k)
+
+    return Column(f"c{k + 1}_{state}", None, value)
+
+
+# ``error_…`` are norms, ``c1 … c3`` the components with their signs (only ``c1`` for distances),
+# all in the row's unit.
+RESIDUALS: Final = Listing[ResidualRow](
+    "Every error, before and after",
+    (
+        Column("set", None, lambda row: row.data),
+        Column("kind", None, lambda row: row.term.term.kind),
+        Column("label"),
+        Column("quantity", None, lambda row: row.block.name),
+        Column("what", None, lambda row: row.block.labels[row.index]),
+        Column("samples", None, ResidualRow.samples),
+        Column("unit", None, lambda row: units.unit_name(row.block.unit)),
+        Column("error_before", None, lambda row: row.number(row.block.before)),
+        Column("error_after", None, lambda row: row.number(row.block.after)),
+        *(_component(state, k) for state in ("before", "after") for k in range(3)),
+    ),
+)
+
+
+def residual_rows(
+    sets: Mapping[str, Sequence[tuple[str, TermAccuracy]]],
+) -> Iterator[ResidualRow]:
+    """Every error of terms with their labels, by what their data are."""
+    for data, labelled in sets.items():
+        for label, term in labelled:
+            for block in term.blocks:
+                for index in range(len(block.labels)):
+                    yield ResidualRow(data, label, term, block, index)
+
+
+def groups(terms: Sequence[TermAccuracy], grouping: str) -> dict[str, FloatArray]:
+    """Errors after calibration of the terms' first blocks by a label or by ``file``, m.
+
+    An error that belongs to two landmarks, as a distance does, counts for both.
+    """
+    found: dict[str, list[FloatArray]] = {}
+    for term in terms:
+        names = _names(term, grouping)
+        if names is None:
+            continue
+        block = term.blocks[0]
+        at_rows = names[block.rows]
+        for name in dict.fromkeys(names.tolist()):
+            errors = block.after[(at_rows == name).any(axis=1)]
+            found.setdefault(str(name), []).append(errors)
+    joined = {name: np.concatenate(errors) for name, errors in found.items()}
+    return {name: errors for name, errors in joined.items() if len(errors)}
+
+
+def _names(term: TermAccuracy, grouping: str) -> NDArray[np.str_] | None:
+    samples = term.term.poses.samples
+    if grouping != "file":
+        return samples.labels.get(grouping)
+    return np.array([PurePath(place.rpartition(":")[0]).name or place for place in samples.origin])

@@ -1,0 +1,90 @@
+"""What a data set can determine, told: every parameter's prospect, and why some have none."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Final
+
+from suta_calib.diagnostics.explanation import Explanation
+from suta_calib.diagnostics.observability import Observability
+from suta_calib.report.document import Document, Part, Place, Text
+from suta_calib.report.listing import Column, Listing
+from suta_calib.report.parameters import PROSPECTS, left_out
+from suta_calib.solver.identifiability import Identification
+
+NAME: Final = "observability"
+# Of one remedy's explanations, those that a console shows.
+MOST_SENTENCES: Final = 3
+
+EXPLANATIONS: Final = Listing[Explanation](
+    "Why parameters are held", (Column("held"), Column("sentence"), Column("remedy"))
+)
+
+
+def observability_document(found: Observability, *, verbose: bool = False) -> Document:
+    """An observability to be shown.
+
+    Args:
+        found: what the data of a problem can tell.
+        verbose: list the terms' own unknowns too; otherwise one line counts them.
+    """
+    prospects = list(found.prospects.values())
+    arm = found.problem.arm_count or len(prospects)
+    parts: list[Part] = [
+        PROSPECTS.of(prospects if verbose else prospects[:arm]),
+        *([] if verbose else left_out(0, prospects[arm:])),
+        Text(conditioning(found)),
+        *explained(found.explanations, "everywhere", MOST_SENTENCES),
+    ]
+    data = {
+        "samples": found.samples,
+        "equations": found.equations,
+        "unknowns": found.unknowns,
+        "rank": found.rank,
+        "asked": found.asked,
+        "condition": found.condition,
+        "singular_values": found.singular_values,
+        "indices": found.indices.as_dict(),
+        "parameters": PROSPECTS.records(prospects),
+        "unidentified": found.unidentified,
+        "unobservable": unobservable(found.identification),
+        "explanations": EXPLANATIONS.records(found.explanations),
+    }
+    return Document(NAME, "What these data can determine", found.assessment, parts, data)
+
+
+def conditioning(found: Observability) -> str:
+    """How evenly the identified parameters are determined, in a sentence."""
+    identified = len(found.singular_values)
+    if not identified:
+        return "The data alone identify nothing."
+    indices = ", ".join(f"{name} {value:.3g}" for name, value in found.indices.as_dict().items())
+    return (
+        f"Of the {identified} that the data identify: condition number {found.condition:.3g}, "
+        f"{indices} (parameters in plausible ranges, residuals in sigmas)."
+    )
+
+
+def explained(found: Iterable[Explanation], place: Place, most: int | None = None) -> list[Text]:
+    """Why parameters are held, and below those that share a remedy, the remedy.
+
+    Args:
+        found: explanations.
+        place: where they are shown.
+        most: of one remedy; the others are counted.
+    """
+    together: dict[str, list[str]] = {}
+    for each in found:
+        together.setdefault(each.remedy, []).append(each.sentence)
+    parts = []
+    for remedy, sentences in together.items():
+        more = 0 if most is None else max(len(sentences) - most, 0)
+        said = [*sentences[:most], *([f"and {more} more of this sort"] if more else [])]
+        parts += [Text(sentence, bullet=True, place=place) for sentence in said]
+        parts.append(Text(remedy, place=place, look="remedy"))
+    return parts
+
+
+def unobservable(identification: Identification) -> list[dict[str, float]]:
+    """Combinations of several parameters that change no observation: factors by name."""
+    return [dict(c.direction) for c in identification.combinations if not c.alone]

@@ -1,0 +1,168 @@
+"""Parameters before and after the fit: what may be hoped for, and what came out."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from suta_calib.diagnostics.observability import Prospect
+from suta_calib.model.parameters import Parameter
+from suta_calib.report.document import Text
+from suta_calib.report.listing import Column, Listing, Tone
+from suta_calib.solver.solution import Estimate, Solution, State
+from suta_calib.units import Unit, text, unit_name
+from suta_calib.words import listed
+
+# Of a longer list a console leaves out what is held.
+MANY: Final = 20
+TONE: Final[dict[State, Tone]] = {
+    "identified": "good",
+    "unidentified": "care",
+    "prior": "note",
+    "at_bound": "bad",
+    "fixed": "soft",
+}
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """A parameter's estimate beside what was known of it before.
+
+    Attributes:
+        estimate: what came out.
+        known: what went in.
+        converged: whether the estimate is one.
+    """
+
+    estimate: Estimate
+    known: Parameter
+    converged: bool
+
+    @property
+    def unit(self) -> Unit:
+        """Of its value: m, rad or rad/Nm."""
+        return self.estimate.unit
+
+    @property
+    def value(self) -> float | None:
+        """The estimate, SI."""
+        return self.estimate.value if self.converged else None
+
+    @property
+    def std(self) -> float | None:
+        """Its standard deviation, SI."""
+        return self.estimate.std if self.converged else None
+
+    @property
+    def change(self) -> float | None:
+        """From nominal, SI; None where it was held there."""
+        e = self.estimate
+        return None if e.state in ("unidentified", "fixed") else e.value - e.nominal
+
+    @property
+    def state(self) -> str:
+        """The estimate's state, or that it is none."""
+        return self.estimate.state if self.converged else "not_converged"
+
+    @property
+    def given(self) -> tuple[str, ...]:
+        """Held parameters relative to which the value has its meaning."""
+        return self.estimate.given if self.converged else ()
+
+    def worth_showing(self, among: int) -> bool:
+        """Whether it is more than what was known before; of a long list, also whether it is told.
+
+        Args:
+            among: length of the list.
+        """
+        e = self.estimate
+        if e.state == "prior":
+            # Moved by a tenth of what is uncertain about it.
+            return abs(e.value - e.nominal) >= 0.1 * (e.std or 0.0)
+        return among <= MANY or e.state != "unidentified"
+
+    @property
+    def bounds(self) -> tuple[float, float] | None:
+        """Lower and upper, SI; None without any."""
+        found = self.known.lower, self.known.upper
+        return found if any(map(math.isfinite, found)) else None
+
+
+def _unit(row: Outcome | Prospect) -> Unit:
+    return row.unit
+
+
+PARAMETERS: Final = Listing[Outcome](
+    "Parameters",
+    (
+        Column("name", "parameter", lambda row: row.estimate.name),
+        Column("nominal", "nominal", lambda row: row.estimate.nominal, own_unit=_unit),
+        Column("value", "value", own_unit=_unit),
+        Column("", "change", lambda row: row.change, own_unit=_unit, sign=True),
+        Column("std", "± std", own_unit=_unit),
+        Column("unit", "unit", cell=lambda row: unit_name(row.unit)),
+        Column(
+            "state",
+            "state",
+            cell=lambda row: row.state.replace("_", " "),
+            tone=lambda row: TONE[row.estimate.state],
+        ),
+        Column("given", "given", cell=lambda row: listed(row.given, 3), optional=True),
+        Column("scale", None, lambda _: 1.0),
+        Column("prior", None, lambda row: row.known.prior, optional=True),
+        Column("bounds", optional=True),
+    ),
+    named=True,
+)
+PROSPECTS: Final = Listing[Prospect](
+    "What these readings can determine",
+    (
+        Column("name", "parameter"),
+        Column("nominal"),
+        Column(
+            "plausible",
+            "plausible",
+            cell=lambda p: f"± {text(p.plausible, p.unit)}",
+            numeric=True,
+        ),
+        Column("bound"),
+        Column("prior"),
+        Column("std", "predicted ± std", own_unit=_unit),
+        Column("unit", "unit", cell=lambda p: unit_name(p.unit)),
+        Column(
+            "state",
+            "state",
+            cell=lambda p: p.state.replace("_", " "),
+            tone=lambda p: TONE[p.state],
+        ),
+        Column("given", "given", cell=lambda p: listed(p.given, 3), optional=True),
+    ),
+    named=True,
+)
+
+
+def outcomes(solution: Solution) -> list[Outcome]:
+    """Every parameter's, in the problem's order."""
+    parameters = solution.problem.parameters
+    return [
+        Outcome(estimate, parameters[name], solution.converged)
+        for name, estimate in solution.estimates.items()
+    ]
+
+
+def left_out(unmoved: int, own: Sequence[Estimate] | Sequence[Prospect]) -> list[Text]:
+    """A line on what a console's table leaves out; none where it has everything.
+
+    Args:
+        unmoved: parameters of the arm that are not in the table.
+        own: the terms' own unknowns, none of which is.
+    """
+    parts = [f"{unmoved} of the arm that were not moved"] if unmoved else []
+    if own:
+        told = sum(each.state in ("identified", "prior") for each in own)
+        frames = listed(sorted({each.name.rpartition(".")[0] for each in own}), 2)
+        parts.append(f"{told} of {len(own)} unknowns of the observations ({frames})")
+    said = f"and {', '.join(parts)}: --verbose shows them"
+    return [Text(said, place="console")] if parts else []
