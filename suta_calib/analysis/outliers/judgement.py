@@ -10,14 +10,9 @@ import numpy as np
 from suta_calib.analysis.outliers.result import METRICS, Group, Level, TermOutliers
 from suta_calib.assessment import Assessment
 from suta_calib.solver.solution import Solution
+from suta_calib.terms import GROUPINGS
 
-GROUPING_NOUN: Final = {
-    "landmarks": "landmark",
-    "placements": "placement",
-    "sets": "set",
-    "points": "point",
-    "rows": "row",
-}
+GROUPING_NOUN: Final = {f"{noun}s": noun for noun in GROUPINGS}
 WORDS: Final = {
     "contribution": "error contribution",
     "cooks_distance": "Cook's distance",

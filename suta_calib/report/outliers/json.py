@@ -17,6 +17,7 @@ from suta_calib.analysis.outliers import (
     TermOutliers,
     Thresholds,
 )
+from suta_calib.analysis.outliers.judgement import GROUPING_NOUN
 
 Json = dict[str, Any]
 # Metric → its key, and what turns it from SI into the key's unit.
@@ -34,7 +35,7 @@ def outliers_dict(found: Outliers) -> Json:
     terms = [_term(term) for term in found.terms]
     top: Json = {}
     for term in terms:
-        for key in ("landmarks", "placements", "sets", "points", "rows"):
+        for key in GROUPING_NOUN:
             if key in term and key not in top:
                 top[key] = term[key]
     first = terms[0]
