@@ -16,7 +16,6 @@ from suta_calib.cli._output import LateProgress, json_option
 
 if TYPE_CHECKING:
     from suta_calib.analysis.study.plan import StudyPlan
-    from suta_calib.analysis.study.sets import ResampledUnit
     from suta_calib.analysis.study.trial import Kind
     from suta_calib.job.calibration import CalibrationJob
     from suta_calib.report.study.report import Study
@@ -76,7 +75,7 @@ def _range(text: str) -> range:
 )
 @click.option(
     "--unit",
-    type=click.Choice(["set", "placement", "point", "sample"]),
+    metavar="[set|placement|point|…|sample]",
     help="What is drawn as a whole; default: set, one placement and repeat, where there are any.",
 )
 @click.option(
@@ -127,7 +126,7 @@ def study(
 
     folder = folder_of(job, out)
     loaded = CalibrationJob.load(job)
-    request = Request(cast("Kind", kind), trials, sizes, cast("ResampledUnit | None", unit), seed)
+    request = Request(cast("Kind", kind), trials, sizes, unit, seed)
     plan = plan_study(
         loaded.parameters, loaded.observations, loaded.validation, loaded.options(), request
     )

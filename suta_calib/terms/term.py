@@ -284,6 +284,11 @@ class Term(ABC):
         return self.over_poses(again.touched(self.poses, ideal.position, sigma))
 
     @property
+    def settings(self) -> Mapping[str, Any]:
+        """The values of the kind's own `keys` that this term was built with."""
+        return {}
+
+    @property
     def touched(self) -> Artefact | None:
         """The artefact whose landmarks are touched, if there is one."""
         return None

@@ -31,7 +31,7 @@ MM = 1e-3
 def test_without_noise_nothing_is_named_but_what_is_displaced() -> None:
     scene = artefact_scene("pairwise_distance", ARM, TRUTH, artefact(8), placements(5))
     clean = find_outliers(Problem([scene.exact()], PARAMETERS))
-    assert clean.sentence.level == "good"
+    assert clean.assessment.level == "good"
     marks = moved(artefact(8), {"L2": np.array([2 * MM, 0, 0])})
     wrong = PairwiseDistance(scene.exact().poses, marks, Noise(None, 1 * MM))
     found = find_outliers(Problem([wrong], PARAMETERS))

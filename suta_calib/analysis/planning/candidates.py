@@ -10,7 +10,6 @@ import numpy as np
 
 from suta_calib.arrays import FloatArray
 
-CandidateKind = Literal["placement", "point", "pose"]
 # Angle between the artefact's z axis and the vertical below which it stands flat, rad.
 FLAT: Final = math.radians(1.0)
 
@@ -40,15 +39,16 @@ class Placement:
 
 @dataclass(frozen=True, eq=False)
 class Point:
-    """One point touched from many directions.
+    """One point, or another place without an artefact, touched from many directions.
 
     Attributes:
-        name: of the point, for the samples' column.
+        name: of the place, for the samples' column.
         position: (3,) in the base, m.
         directions: how many touches.
         axis: (3,) unit vector in the base, the middle of the tip's z axes.
         cone: largest angle between a tip's z axis and ``axis``, rad.
         line: line of the candidates file it comes from.
+        kind: the sort of place, as its column is called; a plane is square to ``axis``.
     """
 
     name: str
@@ -57,7 +57,7 @@ class Point:
     axis: FloatArray
     cone: float
     line: int | None = None
-    kind: Literal["point"] = "point"
+    kind: str = "point"
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,7 +111,9 @@ class Candidate:
         if isinstance(self.place, Placement):
             tilt = self.place.tilt
             return "placement, flat" if tilt < FLAT else "placement, tilted"
-        return "point from many directions" if isinstance(self.place, Point) else "pose"
+        if isinstance(self.place, Point):
+            return f"{self.place.kind} from many directions"
+        return "pose"
 
 
 @dataclass(frozen=True)
@@ -119,5 +121,5 @@ class Unreachable:
     """A place that is no candidate, and why."""
 
     name: str
-    kind: CandidateKind
+    kind: str
     reason: str

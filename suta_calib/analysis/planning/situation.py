@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -103,6 +105,12 @@ class Situation:
         """The first term that touches places without an artefact, or the kind that would."""
         touching = (t for t in self.problem.terms if t.medium == "touch" and t.touched is None)
         return next(touching, None) or first_kind(artefact=False)
+
+    @property
+    def place_settings(self) -> Mapping[str, Any]:
+        """What `Term.touches` must know of them."""
+        places = self.places
+        return places.settings if isinstance(places, Term) else {}
 
     @cached_property
     def repeats(self) -> int:

@@ -6,7 +6,7 @@ import math
 from typing import Any, Final
 
 from suta_calib.analysis.study.plan import StudyPlan
-from suta_calib.analysis.study.sets import ResampledUnit
+from suta_calib.analysis.study.sets import described
 from suta_calib.analysis.study.sizes import SizeResult, SizeStudy
 from suta_calib.analysis.study.spread import ParameterSpread, SpreadStudy
 from suta_calib.analysis.study.trial import TOLD
@@ -14,12 +14,6 @@ from suta_calib.assessment import Assessment
 from suta_calib.units import shown, unit_name
 
 PERCENT: Final = 100.0
-SET_IS: Final[dict[ResampledUnit, str]] = {
-    "set": "one placement and repeat",
-    "placement": "one placement with all its repeats",
-    "point": "all touches of one fixed point",
-    "sample": "one sample",
-}
 Json = dict[str, Any]
 
 
@@ -46,7 +40,7 @@ def _asked(plan: StudyPlan) -> Json:
     return {
         "kind": data.kind,
         "unit": data.sets.unit,
-        "set_is": SET_IS[data.sets.unit],
+        "set_is": described(data.sets.unit),
         "sets": len(data.sets),
         "kept_whole": [data.terms[k].kind for k in data.sets.kept_whole],
         "seed": data.seed,

@@ -7,12 +7,13 @@ from typing import Final
 from rich.console import Group, RenderableType
 from rich.text import Text as Line
 
+from suta_calib.analysis.study.sets import described
 from suta_calib.analysis.study.sizes import SizeStudy
 from suta_calib.analysis.study.spread import ParameterSpread, SpreadStudy
 from suta_calib.analysis.study.trial import TOLD, Kind
 from suta_calib.report.console import number_table, verdict_lines
 from suta_calib.report.sections import Plot, Section, Table, Text
-from suta_calib.report.study.json import SET_IS, held_out
+from suta_calib.report.study.json import held_out
 from suta_calib.report.study.plots import size_figure, spread_figure
 from suta_calib.report.verdict import listed
 from suta_calib.units import NOTHING, text, unit_name
@@ -124,7 +125,7 @@ def _drawn(study: Study) -> str:
             "taken for the truth, normal noise as found in the residuals."
         )
     how = "with replacement" if plan.data.kind == "bootstrap" else "without replacement"
-    what = SET_IS[plan.data.sets.unit]
+    what = described(plan.data.sets.unit)
     return (
         f"{plan.trials} draws each, {how}, from {len(plan.data.sets)} sets, {seed}; a set is "
         f"{what}.{whole}"
