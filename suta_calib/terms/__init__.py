@@ -9,6 +9,7 @@ from suta_calib.terms.fixed_point import FixedPoint
 from suta_calib.terms.hand_eye import HandEye
 from suta_calib.terms.landmark import TouchedLandmark
 from suta_calib.terms.pairwise_distance import PairwiseDistance
+from suta_calib.terms.plane import TouchedPlane
 from suta_calib.terms.poses import ArmPoses, MeasuredPoses, PoseSource
 from suta_calib.terms.seating import Seating
 from suta_calib.terms.term import Observed, Setup, Term
@@ -21,6 +22,7 @@ KINDS: Final[dict[str, type[Term]]] = {
         PairwiseDistance,
         TouchedLandmark,
         FixedPoint,
+        TouchedPlane,
         TrackedPoint,
         HandEye,
     )
@@ -53,6 +55,7 @@ __all__ = [
     "Setup",
     "Term",
     "TouchedLandmark",
+    "TouchedPlane",
     "TrackedPoint",
     "first_kind",
 ]
