@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from copy import copy
 from types import MappingProxyType
 from typing import Final
 
@@ -122,6 +121,4 @@ def _through(term: Term, arm: ArmModel) -> Term:
             f"those of the job's arm: {', '.join(expected)}",
             file=arm.chain.path,
         )
-    other = copy(term)
-    other.poses = ArmPoses(arm, term.poses.samples)
-    return other
+    return term.over_poses(ArmPoses(arm, term.poses.samples))

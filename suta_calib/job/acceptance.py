@@ -53,7 +53,8 @@ from suta_calib.measurements import (
     read_yaml,
 )
 from suta_calib.model.arm import ArmModel
-from suta_calib.terms import ArmPoses, FixedPoint, PairwiseDistance, Term
+from suta_calib.terms import KINDS, ArmPoses, Setup, Term
+from suta_calib.units import from_mm
 
 _MEASURED: Final = ("lengths", "articulation", "probing", "repeatability")
 _KEYS: Final = ("arm", "job", *_MEASURED, *JUDGED_KEYS)
@@ -66,7 +67,11 @@ _FITTED: Final = (
     "Some of these data are not held out: the arm may have been fitted to them, and errors "
     "elsewhere are larger."
 )
-_M_PER_MM: Final = 1e-3
+# The kinds of observation that measure what is tested.
+_LENGTHS, _ARTICULATIONS = (
+    next(kind for kind in KINDS.values() if kind.tested == what)
+    for what in ("length", "articulation")
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,9 +152,9 @@ def _lengths(
     found: AcceptanceMeasurements, section: YamlSection, arm: ArmModel
 ) -> AcceptanceMeasurements:
     section.check_keys(("artefact", "samples", "bidirectional"), required=("artefact", "samples"))
-    samples = _samples(section, arm, PairwiseDistance.columns.labels)
+    samples = _samples(section, arm, _LENGTHS.columns.labels)
     artefact = read_artefact(section.existing_file("artefact"))
-    errors = LengthErrors.of(PairwiseDistance(ArmPoses(arm, samples), artefact))
+    errors = LengthErrors.of(_LENGTHS.over(ArmPoses(arm, samples), Setup(artefact)))
     return replace(found, lengths=errors, bidirectional=section.flag("bidirectional"))
 
 
@@ -175,9 +180,9 @@ def _probing(
 ) -> AcceptanceMeasurements:
     keys = ("samples", "diameter_mm", "sigma_mm", "stylus_diameter_mm")
     section.check_keys(keys, required=("samples", "diameter_mm"))
-    diameter = _M_PER_MM * section.number("diameter_mm", "positive")
-    stylus = section.optional_number("stylus_diameter_mm", "non-negative", _M_PER_MM) or 0.0
-    sigma = section.optional_number("sigma_mm", "non-negative", _M_PER_MM) or 0.0
+    diameter = from_mm(section.number("diameter_mm", "positive"))
+    stylus = section.optional_number("stylus_diameter_mm", "non-negative", from_mm(1.0)) or 0.0
+    sigma = section.optional_number("sigma_mm", "non-negative", from_mm(1.0)) or 0.0
     samples = _samples(section, arm, ("sphere",))
     places = arm.forward(samples.q)[1], samples.labels["sphere"]
     return replace(found, spheres=probings(*places, diameter + stylus), sphere_std=sigma)
@@ -227,11 +232,11 @@ def _of_calibration(path: Path, urdf: Path | None) -> tuple[Path, AcceptanceMeas
                 f"those of the job's arm: {', '.join(job.arm.joints)}",
                 file=urdf,
             )
-    lengths = _first(job, PairwiseDistance)
-    points = _first(job, FixedPoint)
+    lengths = _first(job, _LENGTHS)
+    points = _first(job, _ARTICULATIONS)
     if not lengths and not points:
         raise JobError(
-            "neither pairwise_distance nor fixed_point",
+            f"neither {_LENGTHS.kind} nor {_ARTICULATIONS.kind}",
             "one of them among validation or observations: lengths and articulations",
             file=path,
         )
@@ -253,11 +258,7 @@ def _first(job: CalibrationJob, kind: type[Term]) -> list[Term]:
 
 
 def _length_errors(terms: list[Term], arm: ArmModel) -> LengthErrors | None:
-    errors = [
-        LengthErrors.of(term.over_poses(ArmPoses(arm, term.poses.samples)))
-        for term in terms
-        if isinstance(term, PairwiseDistance)
-    ]
+    errors = [LengthErrors.of(term.over_poses(ArmPoses(arm, term.poses.samples))) for term in terms]
     return LengthErrors.joined(errors) if errors else None
 
 

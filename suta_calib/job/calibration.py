@@ -122,14 +122,6 @@ def read_arm_samples(arm: ArmModel, files: Sequence[Path], kind: str) -> Samples
 
 
 def _term(arm: ArmModel, row: ObservationSpec, job: Path, *, fitted: bool = False) -> Term:
-    if row.kind not in KINDS:
-        raise JobError(
-            f"kind '{row.kind}'",
-            f"one of {', '.join(KINDS)}",
-            file=job,
-            line=row.line,
-            where="kind",
-        )
     samples = read_arm_samples(arm, row.sample_files, row.kind)
     setup = Setup(
         None if row.artefact is None else read_artefact(row.artefact),
@@ -137,6 +129,7 @@ def _term(arm: ArmModel, row: ObservationSpec, job: Path, *, fitted: bool = Fals
         _noise(row.sigma_rad, row.huber_rad),
         row.label,
         _seating(row),
+        row.settings,
     )
     try:
         if row.exclude is not None:

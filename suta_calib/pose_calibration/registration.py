@@ -33,8 +33,8 @@ from suta_calib.pose_calibration.registration_checks import (
 from suta_calib.pose_calibration.robust_fit import RobustFit, objections, outlier_rows, robust_fit
 from suta_calib.pose_calibration.rotation_covariance import tangent_of_vector
 from suta_calib.solver.solution import Solution
+from suta_calib.terms.block import Noise
 from suta_calib.terms.poses import MeasuredPoses
-from suta_calib.terms.term import Noise
 from suta_calib.terms.tracked_point import TrackedPoint
 
 # Points from which on one that does not fit can be told from the others.

@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 
 from suta_calib.arrays import FloatArray
 from suta_calib.diagnostics.accuracy import BlockErrors, Metrics, TermAccuracy
+from suta_calib.terms import GROUPINGS as LABEL_COLUMNS
 from suta_calib.units import Unit
 
 # Label columns of samples that errors are looked at by.
-GROUPINGS: Final = ("landmark", "placement", "point")
+GROUPINGS: Final = tuple(noun for noun, columns in LABEL_COLUMNS.items() if columns == (noun,))
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from suta_calib.arrays import FloatArray, IntArray
-from suta_calib.terms import PairwiseDistance
+from suta_calib.terms import Term
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,8 +31,8 @@ class LengthErrors:
     calibration_std: FloatArray
 
     @classmethod
-    def of(cls, term: PairwiseDistance) -> LengthErrors:
-        """Over the poses of a term, the arm held as it is."""
+    def of(cls, term: Term) -> LengthErrors:
+        """Over the poses of distances between landmarks, the arm held as it is."""
         block = term.blocks[0]
         _, position = term.poses.at({})
         first, second = block.samples.T

@@ -12,7 +12,7 @@ from suta_calib.analysis.iso10360.spheres import best_sphere, smallest_sphere
 from suta_calib.analysis.repeatability import PositionScatter
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import SamplesError
-from suta_calib.terms.term import grouped
+from suta_calib.terms.block import grouped
 
 
 @dataclass(frozen=True, eq=False)

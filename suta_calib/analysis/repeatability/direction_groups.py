@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from suta_calib.arrays import FloatArray, IntArray
-from suta_calib.terms.term import grouped
+from suta_calib.terms.block import grouped
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,7 +16,7 @@ from suta_calib.analysis.repeatability import (
     Stationary,
 )
 from suta_calib.report.svg import BLUE, GREY, ORANGE, WIDTH, plain_log, style, svg_text
-from suta_calib.terms.term import grouped
+from suta_calib.terms.block import grouped
 from suta_calib.units import shown, unit_name
 
 MM: Final = 1e3
