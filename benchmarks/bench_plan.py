@@ -150,7 +150,7 @@ def scene(trials: int, pool: Pool, seed: int = 0) -> Scene:
     sigma = float(np.sqrt(2.0) * np.hypot(SEATING, 0.25 * ENCODER))
     situation = Situation(nominal, x, (sigma,), True)
     (grid_set,) = [s for s in spec.sets if s.name == "calibration"]
-    grid = [Placement(n, p.position, p.rotation) for n, p in (grid_set.placements or {}).items()]
+    grid = [Placement(n, p.position, p.rotation) for n, p in grid_set.places.items()]
     region = Region.around(situation)
     repeats = situation.repeats
     places = [*grid, *generated(situation, region, pool, repeats, seed)]

@@ -17,9 +17,8 @@ from suta_calib.job.outline import read_outline
 from suta_calib.measurements import Artefact, read_artefact
 from suta_calib.measurements.suggestion import did_you_mean
 from suta_calib.model.arm import ArmModel
+from suta_calib.terms import KINDS, Term
 
-TOUCHED: Final = ("pairwise_distance", "landmark")
-POINT: Final = "fixed_point"
 FREE: Final = "free"
 _WHICH: Final = re.compile(r"(?:(observations|validation)(?:\[(\d+)\])?|(\d+))")
 _WILD: Final = re.compile(r"[*?\[]")
@@ -91,7 +90,7 @@ class TouchSequence:
     @property
     def label_columns(self) -> tuple[str, ...]:
         """Columns beside the joints'."""
-        return (*self.key, "landmark") if self.kind in TOUCHED else tuple(self.key)
+        return tuple(self.key) if self.artefact is None else (*self.key, "landmark")
 
 
 def read_arm(job: Path, urdf: Path | None = None) -> ArmModel:
@@ -121,7 +120,7 @@ def read_row(job: Path, which: str | None, wanted: Sequence[str]) -> Row:
     name = _chosen(job, {name: row.kind for name, row in rows.items()}, which, wanted)
     row = rows[name]
     file = row.artefact()
-    if file is None and row.kind in TOUCHED:
+    if file is None and row.kind in KINDS and KINDS[row.kind].needs_artefact:
         raise row.section.refuse("no such key", "the artefact's file", at=("artefact",))
     artefact = None if file is None else read_artefact(file)
     return Row(job, name, row.kind, artefact, row.samples[0])
@@ -174,13 +173,26 @@ def touched(
     return TouchSequence(arm, row.kind, row.artefact, stations, key)
 
 
-def repeated(arm: ArmModel, kind: str, point: str | None, repeat: str, count: int) -> TouchSequence:
-    """A number of rests: all on one fixed point, or anywhere (``point`` None)."""
-    key = {} if point is None else {"point": checked_label(point, "--point")}
-    key |= {"repeat": repeat}
-    where = "anywhere" if point is None else point
+def repeated(
+    arm: ArmModel, kind: type[Term] | None, label: str | None, repeat: str, count: int
+) -> TouchSequence:
+    """A number of rests: all on what one label of a kind means, or anywhere (no kind, no label)."""
+    key = {"repeat": repeat}
+    if kind is not None and label is not None:
+        key = {kind.place: checked_label(label, place_option(kind))} | key
+    where = "anywhere" if label is None else label
     stations = tuple(Station(f"{where}, rest {k + 1}", key) for k in range(count))
-    return TouchSequence(arm, kind, None, stations, key)
+    return TouchSequence(arm, FREE if kind is None else kind.kind, None, stations, key)
+
+
+def place_option(kind: type[Term]) -> str:
+    """The flag that names what is touched, such as ``--placement``; empty where nothing is."""
+    return f"--{kind.place}" if kind.place else ""
+
+
+def kinds_of(place: str) -> tuple[str, ...]:
+    """Names of the kinds that touch such places."""
+    return tuple(kind.kind for kind in KINDS.values() if kind.place == place)
 
 
 def checked_label(label: str, option: str) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 from types import MappingProxyType
@@ -130,6 +129,4 @@ def _through(term: Term, arm: ArmModel) -> Term:
             f"those of the job's arm: {', '.join(expected)}",
             file=arm.chain.path,
         )
-    other = copy(term)
-    other.poses = ArmPoses(arm, term.poses.samples)
-    return other
+    return term.over_poses(ArmPoses(arm, term.poses.samples))

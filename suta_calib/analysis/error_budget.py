@@ -34,7 +34,7 @@ from suta_calib.model.parameters import ParameterSet
 from suta_calib.solver.solution import Solution
 from suta_calib.solver.solve import Progress
 from suta_calib.terms import KINDS, Term
-from suta_calib.terms.term import Block
+from suta_calib.terms.block import Block
 from suta_calib.threads import single_threaded
 from suta_calib.units import Unit, text
 
@@ -52,7 +52,6 @@ WORDS: Final[dict[Source, str]] = {
 MOSTLY_GROSS: Final = 0.5
 # Stated encoder noise over the scatter of repeats, as variances, from which it cannot be so large.
 TOO_LARGE: Final = 1.5
-SEEN_FROM_AFAR: Final = ("tracked_point", "hand_eye")
 
 
 @dataclass(frozen=True)
@@ -94,6 +93,8 @@ class BlockBudget:
         variance: mean square of all residuals' norms.
         count: of residuals.
         overstated: whether the encoders' stated noise is more than repeats scatter.
+        per_position: variance of a touched position over that of a residual's norm: a position has
+            three coordinates; a distance sees one of each of its two ends.
     """
 
     data: str
@@ -104,6 +105,7 @@ class BlockBudget:
     variance: float
     count: int
     overstated: bool = False
+    per_position: float = 1.0
 
     def variance_of(self, *sources: Source) -> float | None:
         """Of exactly these sources, or None where they have no number of their own."""
@@ -251,7 +253,9 @@ def _blocks(
             total = float(np.mean(np.sum(residual**2, axis=1)))
             head = (data, term.kind, block.name, block.unit)
             overstated = _overstated(shares, stated["encoders"])
-            found.append(BlockBudget(*head, shares, total, len(block), overstated))
+            per_position = 3.0 / (block.size * term.noise_factor**2)
+            sums = (shares, total, len(block), overstated)
+            found.append(BlockBudget(*head, *sums, per_position))
     return found
 
 
@@ -273,7 +277,7 @@ def _shares(
     sound = ~gross_rows(block, residual, touch)
     inside = min(float(squares[sound].mean()) if sound.any() else 0.0, float(squares.mean()))
     shares = [Share(("gross",), float(squares.mean()) - inside)]
-    touching: Source = "instrument" if term.kind in SEEN_FROM_AFAR else "seating"
+    touching: Source = "seating" if term.medium == "touch" else "instrument"
     scatter = repeat_variance(block, residual, touch, sound)
     left, unknown = inside, list[Source]()
     if scatter is not None:
@@ -317,8 +321,7 @@ def _model_at_the_tip(blocks: Sequence[BlockBudget]) -> float | None:
     for budget in sorted(blocks, key=lambda b: b.data != "validation"):
         if budget.unit == "m":
             share = budget.variance_of("model")
-            # A distance sees one coordinate of each of its two ends; a position has three.
-            return share if share is None or budget.block != "distance" else 1.5 * share
+            return None if share is None else budget.per_position * share
     return None
 
 

@@ -92,7 +92,8 @@ _OPTIONS: Final = (
         "points",
         multiple=True,
         metavar="F1=x,y,z",
-        help="A fixed point, mm: to be touched (script) or pivoted on.",
+        help="A fixed point, mm, to be touched (script) or pivoted on; or what else a set touches, "
+        "such as a plane, with its roll, pitch, yaw. A label alone: as in the simulation.",
     ),
     click.option(
         "--sequence", default="", show_default=False, help="Landmarks in order; as in the artefact."

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Final
@@ -32,8 +31,8 @@ from suta_calib.measurements.suggestion import did_you_mean
 from suta_calib.model.arm import ArmModel
 from suta_calib.simulation import NoiseLevels, PoseSpec, SetSpec
 from suta_calib.simulation.schema import PostureRow
+from suta_calib.units import from_deg, from_mm
 
-_RAD_PER_DEG: Final = math.pi / 180
 _SIGNS: Final = {"1": 1, "+1": 1, "+": 1, "-1": -1, "-": -1}
 
 
@@ -76,7 +75,7 @@ def build(options: EmulationOptions) -> Emulated:
         else:
             plan = _set(options, script)
         motion = _script_motion(options, script, arm, values, plan)
-    noise = _RAD_PER_DEG * options.encoder_deg
+    noise = from_deg(options.encoder_deg)
     emulation = Emulation(device, motion, options.rate, noise, faults, options.seed)
     return Emulated(arm, values, plan, emulation)
 
@@ -132,12 +131,12 @@ def _set(options: EmulationOptions, script: ScriptFile) -> SetSpec:
     """A set of a simulation, with what the options change of it."""
     plan = script.set(options.set_name)
     if options.seating_mm is not None:
-        plan = replace(plan, noise=replace(plan.noise, seating=1e-3 * options.seating_mm))
-    if plan.kind == "fixed_point":
-        chosen = _places(options.points, plan.points or {}, "--point")
-        return replace(plan, points=chosen, directions=options.directions or plan.directions)
-    chosen = _places(options.placements, plan.placements or {}, "--placement")
-    return replace(plan, placements=chosen, repeats=options.repeats or plan.repeats)
+        plan = replace(plan, noise=replace(plan.noise, seating=from_mm(options.seating_mm)))
+    if plan.term.needs_artefact:
+        chosen = _places(options.placements, plan.places, "--placement")
+        return replace(plan, places=chosen, repeats=options.repeats or plan.repeats)
+    chosen = _places(options.points, plan.places, "--point")
+    return replace(plan, places=chosen, directions=options.directions or plan.directions)
 
 
 def _job_plan(
@@ -145,11 +144,11 @@ def _job_plan(
 ) -> SetSpec:
     """What a job's arm shall touch: the job itself does not say where anything stands."""
     seating = options.seating_mm
-    noise = None if seating is None else NoiseLevels(seating=1e-3 * seating)
+    noise = None if seating is None else NoiseLevels(seating=from_mm(seating))
     if options.points:
         points = _places(options.points, {}, "--point")
         directions = options.directions or SetSpec.directions
-        return point_set(points, directions, _RAD_PER_DEG * options.cone, noise)
+        return point_set(points, directions, from_deg(options.cone), noise)
     if script.artefact is None:
         raise InputError(
             "no artefact in the job",
@@ -230,7 +229,7 @@ def _free_motion(options: EmulationOptions, arm: ArmModel, values: dict[str, flo
         return sweep(
             arm,
             posture,
-            amplitude=_RAD_PER_DEG * options.amplitude,
+            amplitude=from_deg(options.amplitude),
             slowest=slowest,
             fastest=fastest,
             duration=options.duration,
@@ -249,7 +248,7 @@ def _pivot(
         values,
         np.array(points[0]) if points else None,
         posture=posture,
-        cone=_RAD_PER_DEG * options.cone,
+        cone=from_deg(options.cone),
         period=options.period,
         seed=options.seed,
     )

@@ -27,39 +27,36 @@ class FiniteRange(click.FloatRange):
         return number
 
 
-def _numbers(
+def _place(
     context: click.Context, parameter: click.Parameter, value: str | None
-) -> tuple[float, ...] | None:
-    """As many finite numbers as the option's metavar names, with commas between them."""
+) -> FloatArray | None:
+    """As many finite numbers as the option's metavar names, with commas between them, in m."""
     if value is None:
         return None
     names = str(parameter.metavar)
     try:
-        numbers = tuple(float(part) for part in value.split(","))
+        numbers = [float(part) for part in value.split(",")]
     except ValueError:
-        numbers = ()
+        numbers = []
     if len(numbers) != names.count(",") + 1 or not all(map(math.isfinite, numbers)):
         raise click.BadParameter(f"found {value!r}; expected {names} in mm", context, parameter)
-    return numbers
+    return from_mm(np.array(numbers))
+
+
+def _box(
+    context: click.Context, parameter: click.Parameter, value: str | None
+) -> FloatArray | None:
+    """A lower and an upper corner (2, 3), m."""
+    ends = _place(context, parameter, value)
+    return None if ends is None else ends.reshape(3, 2).T
 
 
 region_option = click.option(
     "--region",
     metavar="X0,X1,Y0,Y1,Z0,Z1",
-    callback=_numbers,
+    callback=_box,
     help="Where the tip works, mm; by default around what was touched.",
 )
 place_option = click.option(
-    "--register-at", metavar="X,Y,Z", callback=_numbers, help="Where one registers, mm."
+    "--register-at", metavar="X,Y,Z", callback=_place, help="Where one registers, mm."
 )
-
-
-def metres(numbers: tuple[float, ...] | None) -> FloatArray | None:
-    """Numbers of an option as an array, m."""
-    return None if numbers is None else from_mm(np.array(numbers))
-
-
-def corners(numbers: tuple[float, ...] | None) -> FloatArray | None:
-    """A box's lower and upper corner (2, 3), m."""
-    box = metres(numbers)
-    return None if box is None else box.reshape(3, 2).T

@@ -20,7 +20,8 @@ from suta_calib.cli._output import check_folder
     "--kind",
     "kinds",
     multiple=True,
-    help="Kind of observation; may be repeated. pairwise_distance and fixed_point by default.",
+    help="Kind of observation; may be repeated. Distances on an artefact and a point that is "
+    "touched from many directions by default.",
 )
 def init(urdf: Path, tip: str, base: str | None, out: Path, kinds: tuple[str, ...]) -> None:
     """Start a job for the arm in URDF: commented files to fill in. Overwrites nothing."""

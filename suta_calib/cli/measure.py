@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -25,12 +26,15 @@ _RESTS: Final = 20
 
 @dataclass(frozen=True)
 class MeasureOptions:
-    """What the command line asks for; see `measure`."""
+    """What the command line asks for; see `measure`.
+
+    Attributes:
+        labels: by sort of place (``placement``, ``point``, …), the label given.
+    """
 
     job: Path
     device: Path
-    placement: str | None
-    point: str | None
+    labels: Mapping[str, str]
     free: bool
     repeat: str
     seconds: float
@@ -61,7 +65,30 @@ class MeasureOptions:
         )
 
 
-@click.command()
+class PlaceCommand(click.Command):
+    """A command with a flag for every sort of place that a kind of observation touches.
+
+    Two are always there. The others are added where one is used, or help is asked for: loading the
+    kinds takes a second, in which the arm may be leaving the first landmark.
+    """
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Parse, with flags added that are not known yet."""
+        known = {name for parameter in self.params for name in parameter.opts}
+        given = {word.partition("=")[0] for word in args if word.startswith("--")}
+        if given - known:
+            from suta_calib.terms import KINDS
+
+            places = dict.fromkeys(kind.place for kind in KINDS.values() if kind.place)
+            self.params += [
+                click.Option([f"--{place}"], help=f"Label of a {place}, in place of --point.")
+                for place in places
+                if f"--{place}" not in known
+            ]
+        return super().parse_args(ctx, args)
+
+
+@click.command(cls=PlaceCommand)
 @click.argument("job", type=click.Path(path_type=Path), metavar="JOB")
 @click.option("--device", type=click.Path(path_type=Path), required=True, help="The device.yaml.")
 @click.option("--placement", help="Label of where the artefact stands, such as P1.")
@@ -138,7 +165,10 @@ def measure(context: click.Context, /, **options: Any) -> None:
     that was measured is ever overwritten. Exits with 1 where --patience ended it. Until it ends,
     the file of --raw is called FILE.part.
     """
-    chosen = MeasureOptions(**options)
+    stated = {field.name for field in fields(MeasureOptions)}
+    labels = {name: options.pop(name) for name in [*options] if name not in stated}
+    given = {name: label for name, label in labels.items() if label is not None}
+    chosen = MeasureOptions(labels=given, **options)
     measured = _measure(chosen)
     if chosen.as_json:
         print_json(measured)
@@ -179,29 +209,27 @@ def _measure(options: MeasureOptions) -> dict[str, Any]:
 def _plan(options: MeasureOptions) -> tuple[TouchSequence, Path]:
     """What to measure, and where it goes."""
     from suta_calib.acquisition.touch_sequence import (
-        FREE,
-        POINT,
-        TOUCHED,
+        kinds_of,
         read_arm,
         read_row,
         repeated,
+        touched,
     )
-    from suta_calib.acquisition.touch_sequence import touched as artefact_plan
+    from suta_calib.terms import KINDS
 
     arm = read_arm(options.job, options.urdf)
     if options.free:
         out = options.out or options.job.parent / f"free_{options.repeat}.csv"
-        return repeated(arm, FREE, None, options.repeat, options.rests), out
-    kinds = (POINT,) if options.placement is None else TOUCHED
-    row = read_row(options.job, options.observation, kinds)
-    if row.kind not in kinds:
+        return repeated(arm, None, None, options.repeat, options.rests), out
+    ((place, label),) = options.labels.items()
+    row = read_row(options.job, options.observation, kinds_of(place))
+    if row.kind not in kinds_of(place):
         raise _unfitting(options, row.kind)
-    label = options.placement or options.point or ""
-    if row.kind == POINT:
-        plan = repeated(arm, POINT, label, options.repeat, options.rests)
+    if row.artefact is None:
+        plan = repeated(arm, KINDS[row.kind], label, options.repeat, options.rests)
     else:
         sequence = None if options.sequence is None else _names(options.sequence)
-        plan = artefact_plan(arm, row, label, options.repeat, sequence)
+        plan = touched(arm, row, label, options.repeat, sequence)
     return plan, options.out or row.file(label, options.repeat)
 
 
@@ -209,28 +237,28 @@ def _check(options: MeasureOptions) -> None:
     """Options that contradict each other."""
     from suta_calib.acquisition.touch_sequence import checked_label
 
-    given = [options.placement is not None, options.point is not None, options.free]
-    if sum(given) != 1:
+    if len(options.labels) + options.free != 1:
         raise click.UsageError("expected one of --placement LABEL, --point LABEL and --free")
-    if options.placement is not None and options.continuous is not None:
+    placed = "placement" in options.labels
+    if placed and options.continuous is not None:
         raise click.UsageError("found --continuous with --placement; expected --point or --free")
-    if options.placement is None and options.sequence is not None:
+    if not placed and options.sequence is not None:
         raise click.UsageError("found --sequence without --placement; expected both")
     checked_label(options.repeat, "--repeat")
 
 
 def _unfitting(options: MeasureOptions, kind: str) -> InputError:
-    suits = {
-        "pairwise_distance": "--placement",
-        "landmark": "--placement",
-        "fixed_point": "--point",
-    }
+    from suta_calib.acquisition.touch_sequence import kinds_of, place_option
+    from suta_calib.terms import KINDS
+
+    places = dict.fromkeys(each.place for each in KINDS.values() if each.place)
+    flag = place_option(KINDS[kind]) if kind in KINDS else ""
     return InputError(
         f"an observation of kind {kind}",
-        "pairwise_distance or landmark for --placement, fixed_point for --point",
+        ", ".join(f"{' or '.join(kinds_of(place))} for --{place}" for place in places),
         file=options.job,
         where="--observation",
-        hint=f"use {suits.get(kind, '--free, and add what was seen to the file')}",
+        hint=f"use {flag or '--free, and add what was seen to the file'}",
     )
 
 

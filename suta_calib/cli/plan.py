@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from suta_calib.cli._analysis import folder_of, out_option
-from suta_calib.cli._numbers import FiniteRange, corners, region_option
+from suta_calib.cli._numbers import FiniteRange, region_option
 from suta_calib.cli._output import LateProgress, finish, json_option
 from suta_calib.cli._poses import LateStatus
 from suta_calib.units import from_deg, from_mm, stored
+
+if TYPE_CHECKING:
+    from suta_calib.arrays import FloatArray
 
 _PATH = click.Path(path_type=Path)
 
@@ -57,7 +61,7 @@ def plan(
     count: int,
     candidates: Path | None,
     criterion: str,
-    region: tuple[float, ...] | None,
+    region: FloatArray | None,
     repeats: int | None,
     tilt: float,
     target_mm: float | None,
@@ -92,8 +96,7 @@ def plan(
     places = None
     if candidates is not None:
         places, options = planning.candidate_places(candidates, situation, options)
-    box = corners(region)
-    where = None if box is None else planning.Region.box(box[0], box[1], situation)
+    where = None if region is None else planning.Region.box(region[0], region[1], situation)
     with LateStatus("planning"):
         found = planning.plan(situation, options, places, where)
     answer = plan_document(found)

@@ -14,7 +14,6 @@ from suta_calib.cli._output import LateProgress, finish, json_option
 from suta_calib.units import stored
 
 if TYPE_CHECKING:
-    from suta_calib.analysis.study.sets import ResampledUnit
     from suta_calib.analysis.study.trial import Kind
 
 # Each is kept in memory and written down; no question needs more.
@@ -72,7 +71,7 @@ def _range(text: str) -> range:
 )
 @click.option(
     "--unit",
-    type=click.Choice(["set", "placement", "point", "sample"]),
+    metavar="[set|placement|point|…|sample]",
     help="What is drawn as a whole; default: set, one placement and repeat, where there are any.",
 )
 @click.option(
@@ -127,7 +126,7 @@ def study(
         cast("Kind", kind),
         trials,
         sizes,
-        cast("ResampledUnit | None", unit),
+        unit,
         seed,
         stored(tolerance_pct, "%"),
     )

@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING
 import click
 
 from suta_calib.cli._analysis import folder_of, out_option
-from suta_calib.cli._numbers import FiniteRange, corners, metres, place_option, region_option
+from suta_calib.cli._numbers import FiniteRange, place_option, region_option
 from suta_calib.cli._output import LateProgress, anyway_option, finish, json_option
 from suta_calib.cli._poses import LateStatus
 from suta_calib.units import from_mm
 
 if TYPE_CHECKING:
     from suta_calib.analysis.tip_map import TipMap, TipMapOptions
+    from suta_calib.arrays import FloatArray
 
 _PATH = click.Path(path_type=Path)
 
@@ -46,8 +47,8 @@ def tip_map(
     tip: str | None,
     base: str | None,
     anyway: bool,
-    region: tuple[float, ...] | None,
-    register_at: tuple[float, ...] | None,
+    region: FloatArray | None,
+    register_at: FloatArray | None,
     tolerance_mm: float | None,
     grid: int,
     seed: int,
@@ -64,7 +65,7 @@ def tip_map(
 
     folder = source.parent if out is None and urdf else folder_of(source, out)
     tolerance = None if tolerance_mm is None else from_mm(tolerance_mm)
-    options = TipMapOptions(corners(region), metres(register_at), tolerance, grid, seed)
+    options = TipMapOptions(region, register_at, tolerance, grid, seed)
     if urdf is not None:
         found = _of_result(source, urdf, tip, base, options, anyway=anyway)
     elif tip is not None or source.suffix.lower() == ".json":

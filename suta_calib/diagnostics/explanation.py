@@ -15,10 +15,13 @@ from suta_calib.model.parameters import COMPLIANCE, POSITION, Parameter
 from suta_calib.solver.identifiability import Combination, Identification
 from suta_calib.solver.information import Information, predicted_information
 from suta_calib.solver.problem import Problem
-from suta_calib.units import Unit
+from suta_calib.terms import KINDS
+from suta_calib.terms.term import Gap
+from suta_calib.units import Unit, shown
 
 _NO_REMEDY: Final = "none needed: only the combination matters"
 _MOST_NAMES: Final = 4
+_ON_ARTEFACT: Final = tuple(kind for kind in KINDS.values() if kind.needs_artefact)
 
 
 @dataclass(frozen=True)
@@ -112,7 +115,7 @@ def _own(parameter: Parameter, combination: Combination) -> Explanation:
     others = [name for name in combination.direction if name != combination.fixed]
     together = f" together with {', '.join(others)}" if others else ""
     subject = f"{combination.fixed}{together}"
-    if label.startswith("placement"):
+    if any(label.startswith(f"{kind.place_unknown}[") for kind in _ON_ARTEFACT):
         return Explanation(
             combination.fixed,
             f"{subject} turns the artefact about a line through the landmarks touched at {label}, "
@@ -187,33 +190,26 @@ def _base(case: _Case, v: FloatArray, omega: FloatArray) -> Explanation:
         if turning
         else f"shifts the whole arm along the base's {_axis(v)}"
     )
-    if "tracked_point" in {t.kind for t in case.problem.terms}:
-        return case.says(
-            f"{does}: the unknown pose of the instrument makes up for it",
-            "choose it by convention (leave it at nominal), or survey the base with the instrument",
-        )
+    for term in case.problem.terms:
+        if "base" in term.leaves_open:
+            why, remedy = term.leaves_open["base"]
+            return case.says(f"{does}: {why}", remedy)
     return case.says(
         f"{does}: measurements relative to an artefact or a point that stands anywhere cannot see "
         "where the arm stands (base gauge)",
-        "choose it by convention (leave it at nominal), or see the tip with an external instrument "
-        "(tracked_point)",
+        f"choose it by convention (leave it at nominal), or {_would_tell('base')}",
     )
 
 
 def _tool(case: _Case, v: FloatArray, omega: FloatArray) -> Explanation:
-    if {t.kind for t in case.problem.terms} == {"hand_eye"}:
-        return case.says(
-            "moves the tip in the last link, and with it nothing that the camera sees: the "
-            "camera's unknown pose on the tip makes up for it",
-            "touch one fixed point from several directions (fixed_point), or leave it at nominal "
-            "if only the camera matters",
-        )
+    terms = case.problem.terms
+    if all("tool" in term.leaves_open for term in terms):
+        return case.says(*terms[0].leaves_open["tool"])
     if float(np.linalg.norm(omega)) * LEVER <= NOISE * case.motion.size:
         return case.says(
             f"changes the tool's length along the tip's {_axis(v)}: this cancels out of every "
             "distance because the tool always has the same direction relative to the artefact",
-            "touch one fixed point from several directions (fixed_point), or tilt the tool against "
-            "the artefact",
+            f"{_would_tell('tool')}, or tilt the tool against the artefact",
         )
     return case.says(
         f"redefines the tip frame (a turn about the tip's {_axis(omega)}), and every observation "
@@ -229,9 +225,13 @@ def _per_placement(case: _Case) -> Explanation | None:
     return case.says(
         "moves all points touched at one place together, and the unknown pose of that place makes "
         "up for it",
-        "touch points farther apart within each placement, or see the tip with an external "
-        "instrument (tracked_point)",
+        f"touch points farther apart within each placement, or {_would_tell('place')}",
     )
+
+
+def _would_tell(gap: Gap) -> str:
+    """What kinds of observation advise, each to close the gap."""
+    return " or ".join(kind.tells[gap] for kind in KINDS.values() if gap in kind.tells)
 
 
 def _hardly(case: _Case) -> Explanation:
@@ -296,6 +296,5 @@ def _axis(vector: FloatArray) -> str:
 
 
 def _amount(value: float, unit: Unit) -> str:
-    if unit == "m":
-        return f"{value * 1e3:.3g} mm"
-    return f"{math.degrees(value):.3g}°{'/Nm' if unit == 'rad/Nm' else ''}"
+    number = f"{shown(value, unit):.3g}"
+    return f"{number} mm" if unit == "m" else f"{number}°{'/Nm' if unit == 'rad/Nm' else ''}"

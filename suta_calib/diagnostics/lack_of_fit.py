@@ -16,7 +16,7 @@ import numpy as np
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.diagnostics.repeats import ENOUGH_GROUPS, repeat_groups
 from suta_calib.solver.solution import Solution
-from suta_calib.terms.term import Block
+from suta_calib.terms.block import Block
 from suta_calib.units import Unit
 
 # Of a normal distribution: median absolute value over standard deviation.

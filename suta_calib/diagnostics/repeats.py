@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
-from suta_calib.terms.term import Block
+from suta_calib.terms.block import Block
 
 # Groups of repeats below which their scatter says too little.
 ENOUGH_GROUPS: Final = 10

@@ -127,7 +127,7 @@ def placement_groups(problem: Problem) -> FloatArray:
     keys: list[tuple[object, ...]] = []
     for k, term in enumerate(problem.terms):
         labels = term.poses.samples.labels
-        columns = [labels[name] for name in ("placement", "repeat", "point") if name in labels]
+        columns = [labels[name] for name in (term.place, "repeat") if name in labels]
         keys += [(k, *(str(c[row]) for c in columns)) for row in range(len(term.poses))]
     number = {key: i for i, key in enumerate(dict.fromkeys(keys))}
     return np.array([number[key] for key in keys], dtype=float)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
@@ -20,6 +19,7 @@ from suta_calib.geometry.numbers import quaternion_from_rotation, rpy_from_rotat
 from suta_calib.measurements import write_text
 from suta_calib.model.arm import ArmModel
 from suta_calib.simulation import SetSpec
+from suta_calib.units import deg, key, mm, shown
 
 _DEVICE_HEADING: Final = "# An emulated arm: there is no hardware behind this port.\n"
 _TRUTH_HEADING: Final = (
@@ -65,15 +65,14 @@ def truth_text(
         "parameters": {name: _parameter(arm, name, value) for name, value in departing.items()},
     }
     if plan is not None:
-        places = plan.placements if plan.placements is not None else plan.points or {}
-        document[plan.places] = {
+        document[plan.places_key] = {
             name: _row(
                 {
-                    "position_mm": _rounded(1e3 * pose.position),
-                    "rotation_rpy_deg": _rounded(np.rad2deg(rpy_from_rotation(pose.rotation))),
+                    "position_mm": _rounded(mm(pose.position)),
+                    "rotation_rpy_deg": _rounded(deg(rpy_from_rotation(pose.rotation))),
                 }
             )
-            for name, pose in places.items()
+            for name, pose in plan.places.items()
         }
     if isinstance(motion, Stops):
         document["rests"] = [
@@ -122,10 +121,9 @@ def _resting(motion: Motion | None, trajectory: TrueTrajectory) -> dict[str, lis
 
 
 def _parameter(arm: ArmModel, name: str, value: float) -> CommentedMap:
-    parameter = arm.parameters[name]
-    unit, scale = ("mm", 1e3) if parameter.unit == "m" else ("deg", 180 / math.pi)
-    error = round(scale * (value - parameter.nominal), 9)
-    return _row({f"value_{unit}": scale * value, f"error_{unit}": error})
+    unit, nominal = arm.parameters[name].unit, arm.parameters[name].nominal
+    error = round(shown(value - nominal, unit), 9)
+    return _row({key("value", unit): shown(value, unit), key("error", unit): error})
 
 
 def _row(values: dict[str, Any]) -> CommentedMap:

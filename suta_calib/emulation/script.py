@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 
@@ -29,6 +30,10 @@ from suta_calib.simulation import (
 )
 from suta_calib.simulation.noise import full_circle
 from suta_calib.simulation.schema import PostureRow
+from suta_calib.terms import first_kind
+from suta_calib.units import from_deg, from_mm
+
+SEATING: Final = NoiseLevels(seating=5e-5)
 
 
 @dataclass(frozen=True)
@@ -53,9 +58,13 @@ def artefact_set(
         repeats: how often each placement is gone through.
         noise: of the seating; 50 µm per axis by default.
     """
-    noise = NoiseLevels(seating=5e-5) if noise is None else noise
     return SetSpec(
-        "script", "landmark", noise, artefact=artefact, placements=dict(placements), repeats=repeats
+        "script",
+        first_kind(artefact=True).kind,
+        SEATING if noise is None else noise,
+        artefact=artefact,
+        places=placements,
+        repeats=repeats,
     )
 
 
@@ -73,9 +82,13 @@ def point_set(
         cone: largest angle between the tip's z axis and straight down, rad.
         noise: of the seating; 50 µm per axis by default.
     """
-    noise = NoiseLevels(seating=5e-5) if noise is None else noise
     return SetSpec(
-        "script", "fixed_point", noise, points=dict(points), directions=directions, cone=cone
+        "script",
+        first_kind(artefact=False).kind,
+        SEATING if noise is None else noise,
+        places=points,
+        directions=directions,
+        cone=cone,
     )
 
 
@@ -182,5 +195,5 @@ def parse_pose(text: str, where: str = "") -> tuple[str, PoseSpec]:
     if not (equals and label.strip() and usable):
         expected = "LABEL=x,y,z or LABEL=x,y,z,roll,pitch,yaw in mm and degrees"
         raise InputError(repr(text), expected, where=where)
-    rotation = rotation_from_rpy(np.deg2rad(numbers[3:])) if numbers[3:] else np.eye(3)
-    return label.strip(), PoseSpec(rotation, 1e-3 * np.array(numbers[:3]))
+    rotation = rotation_from_rpy(from_deg(np.array(numbers[3:]))) if numbers[3:] else np.eye(3)
+    return label.strip(), PoseSpec(rotation, from_mm(np.array(numbers[:3])))

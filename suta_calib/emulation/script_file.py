@@ -9,7 +9,6 @@ from suta_calib.errors import JobError
 from suta_calib.job.outline import JobOutline
 from suta_calib.measurements import YamlSection, read_yaml
 from suta_calib.simulation import SetSpec, SimulationSpec, read_simulation
-from suta_calib.simulation.schema import SEEN_FROM_AFAR
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +38,7 @@ class ScriptFile:
         """
         assert self.simulation is not None
         sets = {each.name: each for each in self.simulation.sets}
-        touched = [n for n, each in sets.items() if each.kind not in SEEN_FROM_AFAR]
+        touched = [n for n, each in sets.items() if each.term.medium == "touch"]
         if name is None and touched:
             return sets[touched[0]]
         if name not in touched:

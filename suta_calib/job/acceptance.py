@@ -37,7 +37,7 @@ from suta_calib.job.limits import (
 from suta_calib.job.schema import ObservationSpec
 from suta_calib.measurements import SampleColumns, Samples, YamlSection, read_samples, read_yaml
 from suta_calib.model.arm import ArmModel
-from suta_calib.terms import ArmPoses, FixedPoint, PairwiseDistance, Term
+from suta_calib.terms import KINDS, ArmPoses, Term
 from suta_calib.units import from_mm
 
 _AnyTerm = TypeVar("_AnyTerm", bound=Term)
@@ -69,6 +69,13 @@ class ProbedSpheres:
     std: float
 
 
+# The kinds of observation that measure what is tested.
+_LENGTHS, _ARTICULATIONS = (
+    next(kind for kind in KINDS.values() if kind.tested == what)
+    for what in ("length", "articulation")
+)
+
+
 @dataclass(frozen=True, eq=False)
 class AcceptanceJob:
     """An acceptance test, everything it names read; empty or None where a test was not made.
@@ -90,7 +97,7 @@ class AcceptanceJob:
 
     path: Path
     arm: ArmModel
-    lengths: tuple[PairwiseDistance, ...] = ()
+    lengths: tuple[Term, ...] = ()
     bidirectional: bool = False
     articulation: tuple[Samples, ...] = ()
     on_spheres: bool = False
@@ -174,14 +181,13 @@ def _tested(top: YamlSection, urdf: Path | None) -> AcceptanceJob:
 def _lengths(job: AcceptanceJob, section: YamlSection) -> AcceptanceJob:
     section.check_keys(("artefact", "samples", "bidirectional"), required=("artefact", "samples"))
     row = ObservationSpec(
-        PairwiseDistance.kind,
+        _LENGTHS.kind,
         section.texts("samples"),
         section.files("samples"),
         section.existing_file("artefact"),
         line=section.line,
     )
     term = read_term(job.arm, row, job.path)
-    assert isinstance(term, PairwiseDistance)
     return replace(job, lengths=(term,), bidirectional=section.flag("bidirectional"))
 
 
@@ -231,11 +237,11 @@ def _of_calibration(path: Path, urdf: Path | None) -> AcceptanceJob:
                 f"those of the job's arm: {', '.join(job.arm.joints)}",
                 file=urdf,
             )
-    lengths = _first(job, PairwiseDistance)
-    points = _first(job, FixedPoint)
+    lengths = _first(job, _LENGTHS)
+    points = _first(job, _ARTICULATIONS)
     if not lengths and not points:
         raise JobError(
-            f"neither {PairwiseDistance.kind} nor {FixedPoint.kind}",
+            f"neither {_LENGTHS.kind} nor {_ARTICULATIONS.kind}",
             "one of them among validation or observations: lengths and articulations",
             file=path,
         )

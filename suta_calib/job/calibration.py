@@ -191,14 +191,6 @@ def read_term(arm: ArmModel, row: ObservationSpec, job: Path, *, fitted: bool = 
     Raises:
         InputError: samples or artefact that cannot be used.
     """
-    if row.kind not in KINDS:
-        raise JobError(
-            f"kind '{row.kind}'",
-            f"one of {', '.join(KINDS)}",
-            file=job,
-            line=row.line,
-            where="kind",
-        )
     samples = read_arm_samples(arm, row.sample_files, row.kind)
     setup = Setup(
         None if row.artefact is None else read_artefact(row.artefact),
@@ -206,6 +198,7 @@ def read_term(arm: ArmModel, row: ObservationSpec, job: Path, *, fitted: bool = 
         _noise(row.sigma_rad, row.huber_rad),
         row.label,
         _seating(row),
+        row.settings,
     )
     try:
         if row.exclude is not None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import os
+import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,21 +13,12 @@ from typing import Final
 
 from suta_calib.errors import JobError, OutputError
 from suta_calib.measurements import write_text
+from suta_calib.measurements.pose_columns import rotation_columns
 from suta_calib.model.arm import ArmModel
-from suta_calib.terms import KINDS
+from suta_calib.terms import KINDS, first_kind
 
-DEFAULT_KINDS: Final = ("pairwise_distance", "fixed_point")
-_WITH_ARTEFACT: Final = ("pairwise_distance", "landmark")
-_POSE_COLUMNS: Final = ("x", "y", "z", "qx", "qy", "qz", "qw")
-_WHAT: Final = {
-    "pairwise_distance": "distances between landmarks of an artefact, seated by the tip\n"
-    "  # at any number of placements (at least two landmarks with the same placement and repeat)",
-    "landmark": "the landmarks themselves; each placement's pose is unknown and is found too",
-    "fixed_point": "one unknown point, touched from many directions: finds the tool's length",
-    "tracked_point": "an external instrument saw the tip at x, y, z (m; columns qx, qy, qz, qw\n"
-    "  # may be added); where the instrument stands is found too",
-    "hand_eye": "a camera on the tip saw a target: its pose in the camera, m",
-}
+DEFAULT_KINDS: Final = tuple(first_kind(artefact=on_it).kind for on_it in (True, False))
+_WIDTH: Final = 100
 _ARTEFACT: Final = """\
 # The artefact's landmarks as certified; the numbers below are an example: put in your own.
 # position_mm: where the tip's origin is when it is seated there, in the artefact's frame.
@@ -82,7 +74,7 @@ def new_job(
     _check_kinds(kinds)
     folders = _folders(kinds)
     files = [Template(folder / "calibration.yaml", _job(arm, urdf, folder, base, folders))]
-    if any(kind in _WITH_ARTEFACT for kind in kinds):
+    if any(KINDS[kind].needs_artefact for kind in kinds):
         files.append(Template(folder / "artefact.yaml", _ARTEFACT))
     for kind, (fitted, held_out) in folders.items():
         header = _header((*_label_columns(kind), *arm.joints))
@@ -134,7 +126,8 @@ def _folders(kinds: Sequence[str]) -> dict[str, tuple[str, str | None]]:
 
 def _label_columns(kind: str) -> tuple[str, ...]:
     columns = KINDS[kind].columns
-    measured = _POSE_COLUMNS if columns.orientation == "required" else _POSE_COLUMNS[:3]
+    oriented = columns.orientation == "required"
+    measured = (*"xyz", *(rotation_columns() if oriented else ()))
     return (*columns.labels, *(measured if columns.position else ()))
 
 
@@ -166,10 +159,17 @@ def _job(
 
 
 def _row(kind: str, folder: str, *, explain: bool) -> str:
-    artefact = ", artefact: artefact.yaml" if kind in _WITH_ARTEFACT else ""
+    artefact = ", artefact: artefact.yaml" if KINDS[kind].needs_artefact else ""
     huber = ", huber_mm: 1.35" if explain else ""
-    comment = f"  # {kind}: {_WHAT[kind]}\n" if explain else ""
-    return f"{comment}  - {{kind: {kind}{artefact}, samples: '{folder}/*.csv'{huber}}}"
+    row = f"  - {{kind: {kind}{artefact}, samples: '{folder}/*.csv'{huber}}}"
+    comment = textwrap.wrap(
+        f"{kind}: {KINDS[kind].about}",
+        _WIDTH,
+        initial_indent="  # ",
+        subsequent_indent="  # ",
+        break_on_hyphens=False,
+    )
+    return "\n".join([*comment, row]) if explain else row
 
 
 def _quoted(text: str) -> str:

@@ -6,11 +6,10 @@ it is known. Here every key is known, every value usable and every file there.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Collection
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Final, Literal, cast
+from typing import Any, Final, Literal, cast
 
 from suta_calib.errors import JobError
 from suta_calib.measurements.encoder_section import EncoderSpec, read_encoders
@@ -18,10 +17,8 @@ from suta_calib.measurements.exclusion import Exclusion, read_exclusion
 from suta_calib.measurements.yaml_document import read_yaml
 from suta_calib.measurements.yaml_section import YamlSection
 from suta_calib.model.parameters import Selection
-
-KINDS: Final = ("pairwise_distance", "landmark", "fixed_point", "tracked_point", "hand_eye")
-_KINDS_WITH_ARTEFACT: Final = ("pairwise_distance", "landmark")
-_KINDS_WITHOUT_ANGLES: Final = ("pairwise_distance", "fixed_point")
+from suta_calib.terms import GROUPINGS, KINDS, Term
+from suta_calib.units import from_deg, from_mm
 
 _TOP_KEYS: Final = ("arm", "parameters", "observations", "validation", "solver", "encoders")
 _ARM_KEYS: Final = ("urdf", "tip", "base")
@@ -33,11 +30,10 @@ _ANGLE_KEYS: Final = ("huber_deg", "sigma_deg")
 _OBSERVATION_KEYS: Final = (
     *("kind", "artefact", "samples", "label", "exclude"),
     *("huber_mm", "huber_deg", "sigma_mm", "sigma_deg", "seating"),
+    *dict.fromkeys(key for kind in KINDS.values() for key in kind.keys),
 )
 _SEATING_KEYS: Final = ("clearance_mm", "rotation_deg")
 _SOLVER_KEYS: Final = ("starts", "seed", "hessian", "max_iterations")
-_M_PER_MM: Final = 1e-3
-_RAD_PER_DEG: Final = math.pi / 180
 
 Hessian = Literal["gauss-newton", "exact"]
 
@@ -62,7 +58,7 @@ class ObservationSpec:
     """One term: a kind of observation, and the files that hold it.
 
     Attributes:
-        kind: one of `KINDS`.
+        kind: of observation, one of `terms.KINDS`.
         samples: glob patterns as written in the job.
         sample_files: the files they match, at least one, each once, in the order of the patterns.
         artefact: the artefact's file, for the kinds that need one.
@@ -75,6 +71,7 @@ class ObservationSpec:
         exclude: samples that are left out, or None.
         clearance_m, clearance_rad: what the artefact's sockets leave the tip, m and rad; zero where
             it fits.
+        settings: what the kind's own keys say, as it has read them.
     """
 
     kind: str
@@ -90,6 +87,7 @@ class ObservationSpec:
     exclude: Exclusion | None = None
     clearance_m: float = 0.0
     clearance_rad: float = 0.0
+    settings: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def seated(self) -> bool:
@@ -200,11 +198,11 @@ def _observations(top: YamlSection, key: str) -> tuple[ObservationSpec, ...]:
 
 def _observation(row: YamlSection) -> ObservationSpec:
     row.check_keys(_OBSERVATION_KEYS, required=("kind", "samples"))
-    kind = row.choice("kind", KINDS)
+    kind = KINDS[row.choice("kind", KINDS)]
     _check_keys_of_kind(row, kind)
     clearance_m, clearance_rad = _seating(row, kind)
     return ObservationSpec(
-        kind,
+        kind.kind,
         row.texts("samples"),
         row.files("samples"),
         row.existing_file("artefact") if "artefact" in row else None,
@@ -214,34 +212,39 @@ def _observation(row: YamlSection) -> ObservationSpec:
         sigma_m=_length(row, "sigma_mm"),
         sigma_rad=_angle(row, "sigma_deg"),
         line=row.line,
-        exclude=read_exclusion(row.section("exclude")) if "exclude" in row else None,
+        exclude=read_exclusion(row.section("exclude"), GROUPINGS) if "exclude" in row else None,
         clearance_m=clearance_m,
         clearance_rad=clearance_rad,
+        settings=kind.read_settings(row),
     )
 
 
-def _seating(row: YamlSection, kind: str) -> tuple[float, float]:
+def _seating(row: YamlSection, kind: type[Term]) -> tuple[float, float]:
     if "seating" not in row:
         return 0.0, 0.0
     section = row.section("seating")
     section.check_keys(_SEATING_KEYS)
-    if "rotation_deg" in section and kind in _KINDS_WITHOUT_ANGLES:
+    if "rotation_deg" in section and not kind.has_angles:
         hint = "remove it: distances do not see how far the tip is turned"
-        raise section.refuse(f"a key that {kind} has no use for", at=("rotation_deg",), hint=hint)
+        raise section.refuse(
+            f"a key that {kind.kind} has no use for", at=("rotation_deg",), hint=hint
+        )
     return _length(section, "clearance_mm") or 0.0, _angle(section, "rotation_deg") or 0.0
 
 
-def _check_keys_of_kind(row: YamlSection, kind: str) -> None:
-    needs_artefact = kind in _KINDS_WITH_ARTEFACT
-    if needs_artefact and "artefact" not in row:
-        raise row.refuse("no such key", f"the artefact's file: {kind} needs it", at=("artefact",))
-    senseless: Collection[str] = () if needs_artefact else ("artefact", "seating")
-    if kind in _KINDS_WITHOUT_ANGLES:
-        senseless = (*senseless, *_ANGLE_KEYS)
-    for key in senseless:
-        if key in row:
+def _check_keys_of_kind(row: YamlSection, kind: type[Term]) -> None:
+    if kind.needs_artefact and "artefact" not in row:
+        needed = f"the artefact's file: {kind.kind} needs it"
+        raise row.refuse("no such key", needed, at=("artefact",))
+    senseless = {key for other in KINDS.values() for key in other.keys} - {*kind.keys}
+    senseless |= set() if kind.needs_artefact else {"artefact", "seating"}
+    senseless |= set() if kind.has_angles else {*_ANGLE_KEYS}
+    for key in _OBSERVATION_KEYS:
+        if key in row and key in senseless:
             raise row.refuse(
-                f"a key that {kind} has no use for", at=(key,), hint="remove it, or check the kind"
+                f"a key that {kind.kind} has no use for",
+                at=(key,),
+                hint="remove it, or check the kind",
             )
 
 
@@ -257,9 +260,9 @@ def _solver(section: YamlSection) -> SolverSpec:
 
 def _length(section: YamlSection, key: str) -> float | None:
     """A positive length in mm as m, or None."""
-    return section.optional_number(key, "positive", scale=_M_PER_MM)
+    return section.optional_number(key, "positive", scale=from_mm(1.0))
 
 
 def _angle(section: YamlSection, key: str) -> float | None:
     """A positive angle in degrees as rad, or None."""
-    return section.optional_number(key, "positive", scale=_RAD_PER_DEG)
+    return section.optional_number(key, "positive", scale=from_deg(1.0))

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import PurePath
-from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,26 +14,20 @@ from suta_calib.measurements.samples import Samples
 from suta_calib.measurements.suggestion import did_you_mean
 from suta_calib.measurements.yaml_section import YamlSection
 
-# Key of the job → the label columns whose values, joined by a slash, it names.
-LEVELS: Final = {
-    "landmarks": ("landmark",),
-    "placements": ("placement",),
-    "sets": ("placement", "repeat"),
-    "points": ("point",),
-    "rows": (),
-}
-
 
 @dataclass(frozen=True)
 class Exclusion:
     """What a row of a job leaves out.
 
     Attributes:
-        names: by level (``landmarks``, ``placements``, ``sets``, ``points``, ``rows``), what is
-            left out; a set is ``placement/repeat``, a row ``file.csv:line``.
+        names: by level, such as ``landmarks`` or ``rows``, what is left out; a set is
+            ``placement/repeat``, a row ``file.csv:line``.
+        columns: by level, the label columns whose values, joined by a slash, it names; none for
+            rows.
     """
 
     names: tuple[tuple[str, tuple[str, ...]], ...]
+    columns: Mapping[str, tuple[str, ...]]
 
     def __str__(self) -> str:
         return "; ".join(f"{level} {', '.join(names)}" for level, names in self.names)
@@ -51,7 +45,7 @@ class Exclusion:
         """
         out = np.zeros(len(samples), dtype=bool)
         for level, names in self.names:
-            labels = _labels(samples, level)
+            labels = _labels(samples, level, self.columns[level])
             for name in names:
                 found = (labels == name).any(axis=0)
                 if not found.any():
@@ -66,21 +60,25 @@ class Exclusion:
         return samples.take(~out)
 
 
-def read_exclusion(section: YamlSection) -> Exclusion:
+def read_exclusion(section: YamlSection, groupings: Mapping[str, tuple[str, ...]]) -> Exclusion:
     """The mapping under a job row's key ``exclude``.
+
+    Args:
+        section: what stands there.
+        groupings: what one group is called, and the label columns that tell groups apart.
 
     Raises:
         InputError: an unknown key, or names that are no text; names the line and the key.
     """
-    section.check_keys(tuple(LEVELS))
-    return Exclusion(tuple((level, section.texts(level)) for level in section.data))
+    columns = {f"{noun}s": labels for noun, labels in groupings.items()}
+    section.check_keys(tuple(columns))
+    return Exclusion(tuple((level, section.texts(level)) for level in section.data), columns)
 
 
-def _labels(samples: Samples, level: str) -> NDArray[np.str_]:
+def _labels(samples: Samples, level: str, columns: tuple[str, ...]) -> NDArray[np.str_]:
     """(spellings, n) what each sample is called on a level."""
-    if level == "rows":
+    if not columns:
         return np.array([samples.origin, [PurePath(place).name for place in samples.origin]])
-    columns = LEVELS[level]
     for column in columns:
         if column not in samples.labels:
             raise SamplesError(

@@ -20,9 +20,9 @@ from suta_calib.pose_calibration.inputs import checked_poses, error_context
 from suta_calib.pose_calibration.robust_fit import RobustFit, objections, outlier_rows, robust_fit
 from suta_calib.pose_calibration.undetermined import refuse_undetermined
 from suta_calib.solver.solution import Solution
+from suta_calib.terms.block import Noise, grouped
 from suta_calib.terms.fixed_point import FixedPoint, stacked_pivot
 from suta_calib.terms.poses import MeasuredPoses
-from suta_calib.terms.term import Noise, grouped
 from suta_calib.units import deg, from_deg, mm
 
 LEAST_POSES: Final = 3

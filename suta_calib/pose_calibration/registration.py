@@ -33,8 +33,8 @@ from suta_calib.pose_calibration.robust_fit import (
     robust_fit,
 )
 from suta_calib.solver.solution import Solution
+from suta_calib.terms.block import Noise
 from suta_calib.terms.poses import MeasuredPoses
-from suta_calib.terms.term import Noise
 from suta_calib.terms.tracked_point import TrackedPoint
 from suta_calib.units import deg, from_deg, mm
 

@@ -22,7 +22,8 @@ from suta_calib.solver.losses import huber_threshold
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.solver.solve import solve
-from suta_calib.terms.term import Noise, Term
+from suta_calib.terms.block import Noise
+from suta_calib.terms.term import Term
 
 MAX_ROUNDS: Final = 12
 # Rows from which on each may speak for its own scatter.

@@ -33,7 +33,7 @@ from suta_calib.report.observability import MOST_SENTENCES, explained, unobserva
 from suta_calib.report.parameters import PARAMETERS, left_out, outcomes
 from suta_calib.solver.ipopt import Minimum
 from suta_calib.solver.solution import Solution
-from suta_calib.terms.term import Block
+from suta_calib.terms.block import Block
 from suta_calib.units import Unit, unit_name
 from suta_calib.words import combination
 

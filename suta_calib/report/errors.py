@@ -14,10 +14,11 @@ from suta_calib import units
 from suta_calib.arrays import FloatArray
 from suta_calib.diagnostics.accuracy import BlockErrors, Metrics, TermAccuracy
 from suta_calib.report.listing import Column, Json, Listing, Table
+from suta_calib.terms import GROUPINGS as LABEL_COLUMNS
 from suta_calib.units import NOTHING, Unit
 
 # Label columns of samples that errors are looked at by.
-GROUPINGS: Final = ("landmark", "placement", "point")
+GROUPINGS: Final = tuple(noun for noun, columns in LABEL_COLUMNS.items() if columns == (noun,))
 # Lengths; angles have the same in rad.
 METRICS: Final = (
     Column[Metrics]("rms", "RMS", unit="m"),

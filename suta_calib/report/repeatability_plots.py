@@ -17,7 +17,7 @@ from suta_calib.analysis.repeatability import (
 )
 from suta_calib.analysis.repeatability.scatter import distances
 from suta_calib.report.svg import BLUE, GREY, ORANGE, WIDTH, plain_log, style, svg_text
-from suta_calib.terms.term import grouped
+from suta_calib.terms.block import grouped
 from suta_calib.units import mm, thousandths, unit_name
 
 LARGE: Final = 1.3 * WIDTH

@@ -19,7 +19,7 @@ from suta_calib.analysis.study import (
     Study,
     StudyPlan,
 )
-from suta_calib.analysis.study.sets import ResampledUnit
+from suta_calib.analysis.study.sets import described
 from suta_calib.analysis.study.trial import ESTIMATED, NAMES, Kind
 from suta_calib.arrays import FloatArray
 from suta_calib.report.document import Document, Figure, Part, ShownOnly, Text
@@ -32,12 +32,6 @@ TITLES: Final[dict[Kind, str]] = {
     "size": "How many measurement sets are enough",
     "bootstrap": "Bootstrap: how the estimates scatter",
     "monte-carlo": "Monte-Carlo: do estimates scatter as predicted",
-}
-SET_IS: Final[dict[ResampledUnit, str]] = {
-    "set": "one placement and repeat",
-    "placement": "one placement with all its repeats",
-    "point": "all touches of one fixed point",
-    "sample": "one sample",
 }
 # A calibration's own standard deviations over those from noise alone that deserve a word.
 NOTEWORTHY: Final = 1.25
@@ -158,7 +152,7 @@ def _asked(plan: StudyPlan) -> Json:
     return {
         "kind": data.kind,
         "unit": data.sets.unit,
-        "set_is": SET_IS[data.sets.unit],
+        "set_is": described(data.sets.unit),
         "sets": len(data.sets),
         "kept_whole": [data.terms[k].kind for k in data.sets.kept_whole],
         "seed": data.seed,
@@ -218,7 +212,7 @@ def _drawn(study: Study) -> str:
             "taken for the truth, normal noise as found in the residuals."
         )
     how = "with replacement" if plan.data.kind == "bootstrap" else "without replacement"
-    what = SET_IS[plan.data.sets.unit]
+    what = described(plan.data.sets.unit)
     return (
         f"{plan.trials} draws each, {how}, from {len(plan.data.sets)} sets, {seed}; a set is "
         f"{what}.{whole}"

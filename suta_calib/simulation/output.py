@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import math
 from pathlib import Path
 from typing import Any, Final
 
@@ -12,8 +11,8 @@ from ruamel.yaml.comments import CommentedMap
 
 from suta_calib.errors import OutputError
 from suta_calib.measurements import write_samples, write_text
-from suta_calib.simulation.schema import SUFFIX
 from suta_calib.simulation.simulate import SimulatedFile, Simulation
+from suta_calib.units import deg, key, mm, shown
 
 _TITLE: Final = "# Simulated measurements"
 _TRUTH_HEADING: Final = (
@@ -70,17 +69,10 @@ def _departing(simulation: Simulation) -> list[str]:
 
 def _parameter(simulation: Simulation, name: str) -> CommentedMap:
     parameter, value = simulation.arm.offered[name], simulation.values[name]
-    unit = SUFFIX[parameter.unit]
+    unit, error = parameter.unit, value - parameter.nominal
     return _row(
-        {
-            f"value_{unit}": _shown(value, unit),
-            f"error_{unit}": round(_shown(value - parameter.nominal, unit), 9),
-        }
+        {key("value", unit): shown(value, unit), key("error", unit): round(shown(error, unit), 9)}
     )
-
-
-def _shown(value: float, unit: str) -> float:
-    return 1e3 * value if unit == "mm" else math.degrees(value)
 
 
 def _landmarks(simulation: Simulation) -> dict[str, Any]:
@@ -88,7 +80,7 @@ def _landmarks(simulation: Simulation) -> dict[str, Any]:
     departing = {plan.name for plan in simulation.spec.sets if plan.noise.artefact}
     return {
         name: {
-            mark.name: _row({"position_mm": [float(1e3 * x) for x in mark.position]})
+            mark.name: _row({"position_mm": mm(mark.position).tolist()})
             for mark in artefact.landmarks.values()
         }
         for name, artefact in simulation.artefacts.items()
@@ -99,7 +91,7 @@ def _landmarks(simulation: Simulation) -> dict[str, Any]:
 def _seatings(simulation: Simulation) -> dict[str, Any]:
     """How the tip always sits, by set; nothing where it fits."""
     found = {
-        plan.name: _row({"x_mm": 1e3 * x, "y_mm": 1e3 * y, "rz_deg": math.degrees(rz)})
+        plan.name: _row({"x_mm": mm(x), "y_mm": mm(y), "rz_deg": deg(rz)})
         for plan in simulation.spec.sets
         for x, y, rz in [plan.seating]
         if any(plan.seating)
@@ -115,7 +107,7 @@ def _outliers(file: SimulatedFile) -> list[CommentedMap]:
                 "file": file.path,
                 "line": int(file.samples.origin[row].rpartition(":")[2]),
                 **{name: str(values[row]) for name, values in labels.items()},
-                "displacement_mm": [round(float(1e3 * x), 6) for x in file.displacement[row]],
+                "displacement_mm": [round(x, 6) for x in mm(file.displacement[row]).tolist()],
             }
         )
         for row in map(int, file.outliers)

@@ -1,8 +1,7 @@
-"""What the tip is brought to: landmarks of placed artefacts, and fixed points from all sides."""
+"""What the tip is brought to: landmarks of placed artefacts, and other places from all sides."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -11,7 +10,7 @@ import numpy as np
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.errors import JobError
 from suta_calib.geometry.numbers import rotation_from_vector
-from suta_calib.measurements import Artefact, Landmark
+from suta_calib.measurements import Artefact
 from suta_calib.simulation.inverse_kinematics import (
     InverseKinematics,
     Matching,
@@ -20,11 +19,12 @@ from suta_calib.simulation.inverse_kinematics import (
 )
 from suta_calib.simulation.noise import stream
 from suta_calib.simulation.schema import PoseSpec, SetSpec, SimulationSpec
+from suta_calib.terms.landmark import seated
+from suta_calib.units import deg, mm
 
 # A direction that few starts reach is not worth more: another one is drawn.
 _STARTS_PER_DIRECTION: Final = 6
 _MOST_BATCHES: Final = 20
-_DOWN: Final = np.array([0.0, 0.0, -1.0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +51,8 @@ class Visits:
         """What a row touches, for messages."""
         if "landmark" in self.labels:
             return f"landmark {self.labels['landmark'][row]!r} of placement {self.name!r}"
-        return f"point {self.name!r}"
+        (place,) = self.labels
+        return f"{place} {self.name!r}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,49 +78,60 @@ class Visitor:
             JobError: a landmark is out of reach; names it and the placement.
         """
         landmarks = list(truth.landmarks.values())
-        once = _seated(label, pose, landmarks, self.posture)
+        names = [mark.name for mark in landmarks]
+        sits = seated(
+            truth, names, pose.rotation, pose.position, np.array(plan.seating[:2]), plan.seating[2]
+        )
+        assert sits.rotation is not None
+        targets = Targets(sits.position, sits.rotation)
+        oriented = np.array([mark.rotation is not None for mark in landmarks])
+        first = np.tile(self.posture, (len(names), 1))
+        once = Visits(label, {"landmark": names}, targets, oriented, first, pose.line)
         rng = stream(self.seed, plan.name, label, "postures")
-        start = self.reach(once, once.targets, once.start, rng, f"sets.{plan.name}.placements")
+        start = self.reach(plan, once, targets, first, rng)
         n, repeats = len(landmarks), plan.repeats
         labels = {
             "placement": [label] * (n * repeats),
             "repeat": [str(k + 1) for k in range(repeats) for _ in range(n)],
-            "landmark": once.labels["landmark"] * repeats,
+            "landmark": names * repeats,
         }
         rows = np.tile(np.arange(n), repeats)
-        targets = once.targets.take(rows)
-        return Visits(label, labels, targets, once.oriented[rows], start[rows], pose.line)
+        return Visits(label, labels, targets.take(rows), oriented[rows], start[rows], pose.line)
 
-    def fixed_point(self, plan: SetSpec, label: str, point: PoseSpec) -> Visits:
-        """One point from ``plan.directions`` directions spread over the cone.
+    def place(self, plan: SetSpec, label: str, pose: PoseSpec) -> Visits:
+        """A point, or whatever the kind touches, from ``plan.directions`` directions of the cone.
 
         Raises:
             JobError: too few directions of the cone can be reached.
         """
         rng = stream(self.seed, plan.name, label, "postures")
-        found = np.empty((0, len(self.posture)))
+        spread = stream(self.seed, plan.name, label, "places")
+        q, touched = np.empty((0, len(self.posture))), np.empty((0, 3))
         for _ in range(_MOST_BATCHES):
-            wanted = _cone_targets(plan, point, rng)
+            where = spread.random((plan.directions, 2))
+            position = plan.term.touches(pose.rotation, pose.position, where, plan.settings)
+            wanted = Targets(position, _cone_rotations(plan, pose, rng), "axis")
             starts = self._anywhere(rng, len(wanted))
             answer = self.kinematics.solve(wanted, starts, rng, _STARTS_PER_DIRECTION)
-            found = np.concatenate([found, answer.q[answer.reached]])
-            if len(found) >= plan.directions:
+            q = np.concatenate([q, answer.q[answer.reached]])
+            touched = np.concatenate([touched, position[answer.reached]])
+            if len(q) >= plan.directions:
                 break
         else:
-            raise self._too_few(plan, label, point, len(found))
+            raise self._too_few(plan, label, pose, len(q))
         n = plan.directions
-        targets = Targets(np.tile(point.position, (n, 1)), np.tile(np.eye(3), (n, 1, 1)))
-        # Whatever the direction, the point is touched: it alone has to be met again with noise.
+        targets = Targets(touched[:n], np.tile(np.eye(3), (n, 1, 1)))
+        # Whatever the direction, the place is touched: it alone has to be met again with noise.
         unoriented = np.zeros(n, dtype=bool)
-        return Visits(label, {"point": [label] * n}, targets, unoriented, found[:n], point.line)
+        return Visits(label, {plan.term.place: [label] * n}, targets, unoriented, q[:n], pose.line)
 
     def reach(
         self,
+        plan: SetSpec,
         visits: Visits,
         targets: Targets,
         start: FloatArray,
         rng: np.random.Generator,
-        where: str,
     ) -> FloatArray:
         """Readings (n, joints) that reach every target; ``visits`` says what each of them is.
 
@@ -138,7 +150,7 @@ class Visitor:
             some = Targets(targets.position[rows], targets.rotation[rows], matching)
             answer = self.kinematics.solve(some, start[rows], rng)
             for k in np.flatnonzero(~answer.reached):
-                raise self._out_of_reach(visits, int(rows[k]), answer, int(k), where)
+                raise self._out_of_reach(plan, visits, int(rows[k]), answer, int(k))
             q[rows] = answer.q
         return q
 
@@ -148,57 +160,39 @@ class Visitor:
         return self.posture + 0.25 * (other - self.posture)
 
     def _out_of_reach(
-        self, visits: Visits, row: int, answer: Postures, k: int, where: str
+        self, plan: SetSpec, visits: Visits, row: int, answer: Postures, k: int
     ) -> JobError:
-        distance, angle = 1e3 * answer.distance[k], np.degrees(answer.angle[k])
+        distance, angle = mm(answer.distance[k]), deg(answer.angle[k])
         return JobError(
             f"{visits.what(row)} out of the arm's reach "
             f"(closest: {distance:.3g} mm and {angle:.3g} deg away)",
             "a pose within reach and joint limits",
             file=self.spec.path,
             line=visits.line,
-            where=f"{where}.{visits.name}",
+            where=f"sets.{plan.name}.{plan.places_key}.{visits.name}",
             hint="move it or turn it",
         )
 
     def _too_few(self, plan: SetSpec, label: str, point: PoseSpec, count: int) -> JobError:
         return JobError(
-            f"{count} directions within reach of point {label!r}",
-            f"{plan.directions} within {np.degrees(plan.cone):.3g} deg of the axis",
+            f"{count} directions within reach of {plan.term.place} {label!r}",
+            f"{plan.directions} within {deg(plan.cone):.3g} deg of the axis",
             file=self.spec.path,
             line=point.line,
-            where=f"sets.{plan.name}.points.{label}",
-            hint="move the point, or ask for fewer directions or a wider cone",
+            where=f"sets.{plan.name}.{plan.places_key}.{label}",
+            hint=f"move the {plan.term.place}, or ask for fewer directions or a wider cone",
         )
 
 
-def _seated(
-    label: str, pose: PoseSpec, landmarks: Sequence[Landmark], posture: FloatArray
-) -> Visits:
-    """Each landmark of a placement once, to be searched from one posture."""
-    n = len(landmarks)
-    position = np.array([mark.position for mark in landmarks]) @ pose.rotation.T + pose.position
-    seats = np.array([np.eye(3) if mark.rotation is None else mark.rotation for mark in landmarks])
-    return Visits(
-        label,
-        {"landmark": [mark.name for mark in landmarks]},
-        Targets(position, pose.rotation @ seats),
-        np.array([mark.rotation is not None for mark in landmarks]),
-        np.tile(posture, (n, 1)),
-        pose.line,
-    )
-
-
-def _cone_targets(plan: SetSpec, point: PoseSpec, rng: np.random.Generator) -> Targets:
-    """Poses at the point whose z axes are uniform over the cone, as many as are wanted."""
+def _cone_rotations(plan: SetSpec, place: PoseSpec, rng: np.random.Generator) -> FloatArray:
+    """Orientations whose z axes are uniform over the cone, as many as are wanted."""
     n = plan.directions
     height = rng.uniform(np.cos(plan.cone), 1.0, n)
     around = rng.uniform(-np.pi, np.pi, n)
     radius = np.sqrt(1 - height**2)
     z = np.stack([radius * np.cos(around), radius * np.sin(around), height], axis=1)
-    axis = _DOWN if plan.axis is None else plan.axis
-    rotation = _turning_z_to(axis) @ np.array([_turning_z_to(each) for each in z])
-    return Targets(np.tile(point.position, (n, 1)), rotation, "axis")
+    axis = -place.rotation[:, 2] if plan.axis is None else plan.axis
+    return np.asarray(_turning_z_to(axis) @ np.array([_turning_z_to(each) for each in z]))
 
 
 def _turning_z_to(axis: FloatArray) -> FloatArray:

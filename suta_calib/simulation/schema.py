@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from suta_calib.arrays import FloatArray
 from suta_calib.simulation.noise import NoiseLevels, OutlierSpec
+from suta_calib.terms import KINDS, Term
 from suta_calib.units import Unit
 
-TOUCHED_ARTEFACT: Final = ("pairwise_distance", "landmark")
-SEEN_FROM_AFAR: Final = ("tracked_point", "hand_eye")
 # How the keys of a file end that give a size in a unit.
 SUFFIX: Final[dict[Unit, str]] = {"m": "mm", "rad": "deg", "rad/Nm": "deg_per_nm"}
-KINDS: Final = (*TOUCHED_ARTEFACT, "fixed_point", *SEEN_FROM_AFAR)
 
 
 @dataclass(frozen=True)
@@ -72,21 +71,20 @@ class SetSpec:
 
     Attributes:
         name: of the set and of its folder.
-        kind: one of `KINDS`.
+        kind: of observation, one of `terms.KINDS`.
         noise: how the measurements scatter.
         outliers: which share of them is grossly wrong.
         artefact: the artefact's file, for the kinds that touch one.
-        placements: by label, the artefact's pose in the base.
-        repeats: how often each placement is gone through.
-        points: by label, a fixed point; its position in the base counts.
-        directions: how many directions each fixed point is touched from.
-        axis: (3,) unit vector in the base, the middle of the tip's z axes.
+        places: by label, where what is touched stands in the base: the artefact, a point, ….
+        repeats: how often each placement of an artefact is gone through.
+        directions: how many directions every other place is touched from.
+        axis: (3,) unit vector in the base, the middle of the tip's z axes; against the place's own
+            z axis by default.
         cone: largest angle between a tip's z axis and ``axis``, rad.
         samples: number of samples of an external instrument or of a camera.
-        base_in_instrument: ``T_instrument_base``.
+        frames: by key (such as ``base_in_instrument``), the frames of the kind that are stated.
         orientation: whether the instrument sees orientations too.
-        eye_in_tip: ``T_tip_eye`` of a camera that the tip carries.
-        target_in_base: ``T_base_target`` of what the camera sees.
+        settings: what the kind's own keys say, as it has read them.
         line: line of the set in the file.
         seating: (3,) how the tip always sits in its sockets: x and y off their axes, m, and the
             turn about the tool's axis, rad.
@@ -97,24 +95,27 @@ class SetSpec:
     noise: NoiseLevels = field(default_factory=NoiseLevels)
     outliers: OutlierSpec = field(default_factory=OutlierSpec)
     artefact: Path | None = None
-    placements: dict[str, PoseSpec] | None = None
+    places: Mapping[str, PoseSpec] = field(default_factory=dict)
     repeats: int = 1
-    points: dict[str, PoseSpec] | None = None
     directions: int = 20
     axis: FloatArray | None = None
     cone: float = math.pi / 3
     samples: int = 100
-    base_in_instrument: PoseSpec | None = None
+    frames: Mapping[str, PoseSpec] = field(default_factory=dict)
     orientation: bool = False
-    eye_in_tip: PoseSpec | None = None
-    target_in_base: PoseSpec | None = None
+    settings: Mapping[str, Any] = field(default_factory=dict)
     line: int | None = None
     seating: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     @property
-    def places(self) -> str:
-        """The key under which the places that are touched stand."""
-        return "points" if self.kind == "fixed_point" else "placements"
+    def term(self) -> type[Term]:
+        """What its samples are observations of."""
+        return KINDS[self.kind]
+
+    @property
+    def places_key(self) -> str:
+        """The key under which the places that are touched stand in the file."""
+        return f"{self.term.place}s"
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import JobError
-from suta_calib.geometry.numbers import rotation_from_vector
 from suta_calib.measurements import Artefact, Samples, read_artefact
 from suta_calib.model.arm import ArmModel
 from suta_calib.simulation.inverse_kinematics import InverseKinematics, Targets
@@ -23,8 +22,10 @@ from suta_calib.simulation.noise import (
     wrapped,
 )
 from suta_calib.simulation.protocol import Visitor, Visits
-from suta_calib.simulation.schema import SEEN_FROM_AFAR, SetSpec, SimulationSpec
+from suta_calib.simulation.schema import PoseSpec, SetSpec, SimulationSpec
 from suta_calib.simulation.truth import true_values
+from suta_calib.terms import ArmPoses, Observed, Setup
+from suta_calib.terms.term import pose_parameters, pose_values
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,12 +92,16 @@ def simulate(
     artefacts = {p.name: _true_artefact(p, seed) for p in spec.sets if p.artefact is not None}
     files: list[SimulatedFile] = []
     for plan in spec.sets:
-        for label in plan.placements or plan.points or ("samples",):
+        for label in plan.places or ("samples",):
             progress(f"{plan.name}/{label}.csv")
-            if plan.kind in SEEN_FROM_AFAR:
+            if plan.term.medium != "touch":
                 files.append(_seen(plan, label, kinematics, values, seed))
+            elif plan.name in artefacts:
+                touched = artefacts[plan.name]
+                visits = visitor.artefact(plan, label, plan.places[label], touched)
+                files.append(_touched(plan, visits, visitor))
             else:
-                visits = _visits(plan, label, visitor, artefacts)
+                visits = visitor.place(plan, label, plan.places[label])
                 files.append(_touched(plan, visits, visitor))
     return Simulation(spec, seed, arm, values, artefacts, tuple(files))
 
@@ -129,14 +134,6 @@ def _true_artefact(plan: SetSpec, seed: int) -> Artefact:
     return Artefact(certified.name, landmarks)
 
 
-def _visits(
-    plan: SetSpec, label: str, visitor: Visitor, artefacts: Mapping[str, Artefact]
-) -> Visits:
-    if plan.placements is not None:
-        return visitor.artefact(plan, label, plan.placements[label], artefacts[plan.name])
-    return visitor.fixed_point(plan, label, (plan.points or {})[label])
-
-
 def _touched(plan: SetSpec, visits: Visits, visitor: Visitor) -> SimulatedFile:
     """Readings at every touch: seated imperfectly, reached exactly, read with noise."""
     n, arm = len(visits.targets), visitor.kinematics.arm
@@ -144,11 +141,9 @@ def _touched(plan: SetSpec, visits: Visits, visitor: Visitor) -> SimulatedFile:
     displacement = _displacement(plan, visits.name, n, visitor.seed)
     position = visits.targets.position + plan.noise.seating * rng.standard_normal((n, 3))
     tilt = scattered_rotations(rng, plan.noise.seating_angle, n)
-    shift = visits.targets.rotation @ np.array([*plan.seating[:2], 0.0])
-    turned = visits.targets.rotation @ rotation_from_vector([0.0, 0.0, plan.seating[2]])
-    targets = Targets(position + shift + displacement, turned @ tilt)
+    targets = Targets(position + displacement, visits.targets.rotation @ tilt)
     again = stream(visitor.seed, plan.name, visits.name, "touches")
-    q = visitor.reach(visits, targets, visits.start, again, f"sets.{plan.name}.{plan.places}")
+    q = visitor.reach(plan, visits, targets, visits.start, again)
     noise = stream(visitor.seed, plan.name, visits.name, "encoders")
     readings = encoder_readings(noise, plan.noise, arm, q)
     path = f"{plan.name}/{visits.name}.csv"
@@ -168,35 +163,39 @@ def _seen(
     arm, n, noise = kinematics.arm, plan.samples, plan.noise
     rng = stream(seed, plan.name, "configurations")
     q = wrapped(arm, kinematics.random_readings(rng, n))
-    rotation, position = _observed(plan, *arm.forward(q, values))
+    ideal = _ideal(plan, arm, q, values)
     rng = stream(seed, plan.name, "instrument")
     displacement = _displacement(plan, label, n, seed)
-    seen = position + displacement + noise.instrument * rng.standard_normal((n, 3))
-    turned = rotation @ scattered_rotations(rng, noise.instrument_angle, n)
+    seen = ideal.position + displacement + noise.instrument * rng.standard_normal((n, 3))
+    turned = scattered_rotations(rng, noise.instrument_angle, n)
+    if ideal.rotation is not None:
+        turned = ideal.rotation @ turned
+    oriented = plan.orientation or plan.term.columns.orientation == "required"
     readings = encoder_readings(stream(seed, plan.name, "encoders"), noise, arm, q)
     path = f"{plan.name}/{label}.csv"
     samples = Samples.from_arrays(
         arm.joints,
         readings,
         position=seen,
-        rotation=turned if plan.orientation or plan.kind == "hand_eye" else None,
+        rotation=turned if oriented else None,
         origin=_origins(path, n),
     )
     return SimulatedFile(path, samples, displacement)
 
 
-def _observed(
-    plan: SetSpec, rotation: FloatArray, position: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """From tip poses in the base: tip in the instrument, or target in the camera."""
-    eye, target, base = plan.eye_in_tip, plan.target_in_base, plan.base_in_instrument
-    if eye is not None and target is not None:
-        back = np.swapaxes(rotation @ eye.rotation, 1, 2)
-        at_eye = position + rotation @ eye.position
-        return back @ target.rotation, np.einsum("nij,nj->ni", back, target.position - at_eye)
-    if base is not None:
-        return base.rotation @ rotation, position @ base.rotation.T + base.position
-    return rotation, position
+def _ideal(plan: SetSpec, arm: ArmModel, q: FloatArray, values: Mapping[str, float]) -> Observed:
+    """What would be seen in these configurations without noise; frames not stated coincide."""
+    truth = dict(values)
+    for frame in plan.term.frames:
+        stated = plan.frames.get(frame.key, PoseSpec(np.eye(3), np.zeros(3)))
+        six = pose_values(stated.rotation, stated.position).tolist()
+        truth |= {p.name: v for p, v in zip(pose_parameters(frame.own), six, strict=True)}
+    n = len(q)
+    blank = Samples.from_arrays(
+        arm.joints, q, position=np.zeros((n, 3)), rotation=np.tile(np.eye(3), (n, 1, 1))
+    )
+    poses = ArmPoses(arm, blank)
+    return plan.term.over(poses, Setup(settings=plan.settings)).observed(truth, poses)
 
 
 def _displacement(plan: SetSpec, label: str, n: int, seed: int) -> FloatArray:

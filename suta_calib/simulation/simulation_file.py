@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -14,35 +13,25 @@ from suta_calib.arrays import FloatArray
 from suta_calib.errors import JobError
 from suta_calib.geometry.numbers import rotation_from_rpy
 from suta_calib.measurements import YamlSection, read_yaml
+from suta_calib.measurements.yaml_section import Sign
 from suta_calib.simulation.noise import NoiseLevels, OutlierSpec
 from suta_calib.simulation.schema import (
-    KINDS,
     SUFFIX,
-    TOUCHED_ARTEFACT,
     ErrorRow,
     PoseSpec,
     PostureRow,
     SetSpec,
     SimulationSpec,
 )
-from suta_calib.units import Unit
+from suta_calib.terms import KINDS, Term
+from suta_calib.units import Unit, from_deg, from_mm, stored
 
-_COMMON_KEYS: Final = ("kind", "noise", "outliers")
-_KEYS_OF_KIND: Final = {
-    "pairwise_distance": ("artefact", "placements", "repeats", "seating"),
-    "landmark": ("artefact", "placements", "repeats", "seating"),
-    "fixed_point": ("points", "directions", "axis", "cone_deg"),
-    "tracked_point": ("samples", "base_in_instrument", "orientation"),
-    "hand_eye": ("samples", "eye_in_tip", "target_in_base"),
-}
 _NOISE_KEYS: Final = (
     *("seating_mm", "seating_deg", "encoder_deg", "encoder_mm", "encoder_bits"),
     *("instrument_mm", "instrument_deg", "artefact"),
 )
 _ERROR_KEYS: Final = tuple(f"{key}_{s}" for key in ("value", "std") for s in SUFFIX.values())
 _MOST_BITS: Final = 52
-_M_PER_MM: Final = 1e-3
-_RAD_PER_DEG: Final = math.pi / 180
 # A name becomes a file's or a folder's, on any system.
 _PORTABLE_NAME: Final = re.compile(r"\w[\w.-]*")
 
@@ -84,17 +73,15 @@ def _named(parent: YamlSection, key: str, read: Callable[[str, YamlSection], T])
 
 
 def _posture(top: YamlSection) -> tuple[PostureRow, ...]:
-    units: tuple[tuple[str, Unit, float], ...] = (
-        ("posture_deg", "rad", _RAD_PER_DEG),
-        ("posture_mm", "m", _M_PER_MM),
-    )
+    units: tuple[Unit, ...] = ("rad", "m")
     rows = []
-    for key, unit, scale in units:
+    for unit in units:
+        key = f"posture_{SUFFIX[unit]}"
         if key not in top:
             continue
         section = top.section(key)
         for joint in section.data:
-            reading = scale * section.number(joint)
+            reading = stored(section.number(joint), unit)
             line = top.document.line_of(key, joint)
             rows.append(PostureRow(joint, reading, unit, line))
     return tuple(rows)
@@ -115,31 +102,30 @@ def _by_unit(row: YamlSection, key: str) -> dict[str, float]:
     """``value_mm``, ``value_deg``, … as {"m": …, "rad": …}; a std must not be negative."""
     found: dict[str, float] = {}
     for unit, suffix in SUFFIX.items():
-        scale = _M_PER_MM if unit == "m" else _RAD_PER_DEG
-        sign = "non-negative" if key == "std" else "any"
-        number = row.optional_number(f"{key}_{suffix}", sign, scale)  # type: ignore[arg-type]
+        sign: Sign = "non-negative" if key == "std" else "any"
+        number = row.optional_number(f"{key}_{suffix}", sign)
         if number is not None:
-            found[unit] = number
+            found[unit] = stored(number, unit)
     return found
 
 
 def _noise(section: YamlSection) -> NoiseLevels:
     section.check_keys(_NOISE_KEYS)
 
-    def level(key: str, scale: float) -> float:
-        return section.optional_number(key, "non-negative", scale) or 0.0
+    def level(key: str, unit: Unit) -> float:
+        return stored(section.optional_number(key, "non-negative") or 0.0, unit)
 
     bits = section.integer("encoder_bits", 0, minimum=0)
     if bits > _MOST_BITS:
         raise section.refuse(str(bits), f"at most {_MOST_BITS} bits", at=("encoder_bits",))
     return NoiseLevels(
-        seating=level("seating_mm", _M_PER_MM),
-        seating_angle=level("seating_deg", _RAD_PER_DEG),
-        encoder_angle=level("encoder_deg", _RAD_PER_DEG),
-        encoder_length=level("encoder_mm", _M_PER_MM),
+        seating=level("seating_mm", "m"),
+        seating_angle=level("seating_deg", "rad"),
+        encoder_angle=level("encoder_deg", "rad"),
+        encoder_length=level("encoder_mm", "m"),
         encoder_bits=bits,
-        instrument=level("instrument_mm", _M_PER_MM),
-        instrument_angle=level("instrument_deg", _RAD_PER_DEG),
+        instrument=level("instrument_mm", "m"),
+        instrument_angle=level("instrument_deg", "rad"),
         artefact=section.flag("artefact"),
     )
 
@@ -152,56 +138,60 @@ def _outliers(section: YamlSection) -> OutlierSpec:
     low, high = section.numbers("size_mm", 2)
     if not 0 <= low <= high:
         raise section.refuse(f"[{low:g}, {high:g}]", "[smallest, largest] size", at=("size_mm",))
-    return OutlierSpec(fraction, low * _M_PER_MM, high * _M_PER_MM)
+    return OutlierSpec(fraction, from_mm(low), from_mm(high))
 
 
 def _set(name: str, section: YamlSection, noise: NoiseLevels) -> SetSpec:
-    kind = section.choice("kind", KINDS)
-    section.check_keys((*_COMMON_KEYS, *_KEYS_OF_KIND[kind]), required=_required(kind))
-    touches = kind in TOUCHED_ARTEFACT
+    kind = KINDS[section.choice("kind", KINDS)]
+    _check_keys(section, kind)
+    touches_artefact = kind.medium == "touch" and kind.needs_artefact
+    frames = [frame.key for frame in kind.frames if frame.key in section]
     return SetSpec(
         name,
-        kind,
+        kind.kind,
         _noise(section.section("noise")) if "noise" in section else noise,
         _outliers(section.section("outliers")) if "outliers" in section else OutlierSpec(),
-        section.existing_file("artefact") if touches else None,
-        _named(section, "placements", lambda _, each: _pose(each)) if touches else None,
-        section.integer("repeats", 1, minimum=1),
-        _named(section, "points", lambda _, each: _point(each)) if kind == "fixed_point" else None,
+        section.existing_file("artefact") if touches_artefact else None,
+        _places(section, kind) if kind.place else {},
+        section.integer("repeats", SetSpec.repeats, minimum=1),
         section.integer("directions", SetSpec.directions, minimum=1),
         _direction(section) if "axis" in section else None,
         _cone(section),
         section.integer("samples", SetSpec.samples, minimum=1),
-        _optional_pose(section, "base_in_instrument"),
+        {key: _pose(section.section(key)) for key in frames},
         section.flag("orientation"),
-        _optional_pose(section, "eye_in_tip"),
-        _optional_pose(section, "target_in_base"),
+        kind.read_settings(section),
         section.line,
         _seating(section.section("seating")) if "seating" in section else (0.0, 0.0, 0.0),
     )
 
 
+def _check_keys(section: YamlSection, kind: type[Term]) -> None:
+    """Refuse keys that the kind has no use for, and the absence of those it needs."""
+    places = f"{kind.place}s"
+    known: tuple[str, ...]
+    if kind.medium != "touch":
+        required = ("samples", *(frame.key for frame in kind.frames if frame.required))
+        optional = ("orientation",) if kind.columns.orientation == "optional" else ()
+        known = ("samples", *(frame.key for frame in kind.frames), *optional)
+    elif kind.needs_artefact:
+        required, known = ("artefact", places), ("artefact", places, "repeats", "seating")
+    else:
+        required, known = (places,), (places, "directions", "axis", "cone_deg")
+    own = (*kind.keys, *kind.simulation_keys)
+    section.check_keys(("kind", "noise", "outliers", *known, *own), required=required)
+
+
+def _places(section: YamlSection, kind: type[Term]) -> dict[str, PoseSpec]:
+    read = _pose if kind.place_turns else _point
+    return _named(section, f"{kind.place}s", lambda _, each: read(each))
+
+
 def _seating(section: YamlSection) -> tuple[float, float, float]:
-    keys = ("x_mm", "y_mm", "rz_deg")
-    section.check_keys(keys)
-    scales = (_M_PER_MM, _M_PER_MM, _RAD_PER_DEG)
-    x, y, rz = (
-        section.optional_number(key, scale=scale) or 0.0
-        for key, scale in zip(keys, scales, strict=True)
-    )
+    units: dict[str, Unit] = {"x_mm": "m", "y_mm": "m", "rz_deg": "rad"}
+    section.check_keys(units)
+    x, y, rz = (stored(section.optional_number(k) or 0.0, unit) for k, unit in units.items())
     return x, y, rz
-
-
-def _required(kind: str) -> tuple[str, ...]:
-    if kind in TOUCHED_ARTEFACT:
-        return ("artefact", "placements")
-    if kind == "hand_eye":
-        return ("samples", "eye_in_tip", "target_in_base")
-    return ("points",) if kind == "fixed_point" else ("samples",)
-
-
-def _optional_pose(section: YamlSection, key: str) -> PoseSpec | None:
-    return _pose(section.section(key)) if key in section else None
 
 
 def _point(section: YamlSection) -> PoseSpec:
@@ -212,9 +202,9 @@ def _point(section: YamlSection) -> PoseSpec:
 def _pose(section: YamlSection) -> PoseSpec:
     section.check_keys(("position_mm", "rotation_rpy_deg"), required=("position_mm",))
     turned = "rotation_rpy_deg" in section
-    rpy = np.deg2rad(section.numbers("rotation_rpy_deg", 3)) if turned else np.zeros(3)
-    position = _M_PER_MM * np.array(section.numbers("position_mm", 3))
-    return PoseSpec(rotation_from_rpy(rpy), position, section.line)
+    rpy = np.array(section.numbers("rotation_rpy_deg", 3) if turned else [0.0, 0.0, 0.0])
+    position = np.array(section.numbers("position_mm", 3))
+    return PoseSpec(rotation_from_rpy(from_deg(rpy)), from_mm(position), section.line)
 
 
 def _direction(section: YamlSection) -> FloatArray:
@@ -226,7 +216,7 @@ def _direction(section: YamlSection) -> FloatArray:
 
 
 def _cone(section: YamlSection) -> float:
-    cone = section.optional_number("cone_deg", "non-negative", _RAD_PER_DEG)
-    if cone is not None and cone > math.pi:
-        raise section.refuse(f"{math.degrees(cone):g}", "at most 180 degrees", at=("cone_deg",))
-    return SetSpec.cone if cone is None else cone
+    cone = section.optional_number("cone_deg", "non-negative")
+    if cone is not None and cone > 180:
+        raise section.refuse(f"{cone:g}", "at most 180 degrees", at=("cone_deg",))
+    return SetSpec.cone if cone is None else from_deg(cone)

@@ -22,7 +22,8 @@ import numpy as np
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.solver.information import Rows, robust_jacobian
 from suta_calib.solver.problem import Problem
-from suta_calib.terms.term import Block, Term
+from suta_calib.terms.block import Block
+from suta_calib.terms.term import Term
 
 # The noise that weighs the landmarks' prior settles in so many rounds.
 ROUNDS: Final = 4
@@ -38,7 +39,7 @@ class ArtefactRows:
     """Derivatives of whitened rows by certified coordinates.
 
     Attributes:
-        keys: landmarks, as in `terms.certified.Certified`; three coordinates each.
+        keys: landmarks, as in `terms.block.Certified`; three coordinates each.
         sigma: (c,) standard deviations of the coordinates, m; all positive.
         jacobian: for each block (n·d, c), whitened as the rows are.
     """

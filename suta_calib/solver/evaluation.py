@@ -14,8 +14,8 @@ from suta_calib.batched import Batched
 from suta_calib.geometry.numbers import rotation_from_vector
 from suta_calib.solver.kernel import Kernel, RowPattern
 from suta_calib.solver.losses import huber, huber_weight, kept_curvature
+from suta_calib.terms.block import Block
 from suta_calib.terms.poses import ArmPoses, PoseSource
-from suta_calib.terms.term import Block
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,7 +16,7 @@ from scipy import sparse
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.batched import Batched
-from suta_calib.terms.term import Block, Pose, Residual
+from suta_calib.terms.block import Block, Pose, Residual
 
 
 class RowPattern:

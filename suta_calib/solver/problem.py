@@ -17,8 +17,9 @@ from suta_calib.errors import ParameterError
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import Parameter, ParameterSet
 from suta_calib.solver.evaluation import BlockView, Evaluation, Linearised
+from suta_calib.terms.block import Block
 from suta_calib.terms.poses import ArmPoses
-from suta_calib.terms.term import Block, Term
+from suta_calib.terms.term import Term
 
 # Noise of one component where a job does not say: half a millimetre, as optical trackers and seated
 # plugs scatter, and a tenth of a degree. It only matters against priors and between kinds.

@@ -11,8 +11,8 @@ from suta_calib.geometry.symbols import Symbol
 from suta_calib.solver.evaluation import BlockView
 from suta_calib.solver.losses import symbolic_huber
 from suta_calib.solver.problem import Problem
+from suta_calib.terms.block import Pose
 from suta_calib.terms.poses import ArmPoses
-from suta_calib.terms.term import Pose
 
 
 def symbolic_cost(problem: Problem, x: Symbol, sigmas: Sequence[float]) -> Symbol:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import ClassVar, Final, Self
+from dataclasses import dataclass
+from functools import cached_property
+from typing import ClassVar, Final, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,8 +14,9 @@ from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.symbols import Symbol
 from suta_calib.measurements import SampleColumns, Samples
+from suta_calib.model.parameters import Parameter
+from suta_calib.terms.block import LEARNT, Block, Noise, Pose, grouped
 from suta_calib.terms.poses import MeasuredPoses, PoseSource
-from suta_calib.terms.resimulation import Resimulation
 from suta_calib.terms.synthetic import (
     EXACT,
     NO_OUTLIERS,
@@ -21,10 +24,10 @@ from suta_calib.terms.synthetic import (
     PoseNoise,
     Simulated,
     contaminated,
+    named,
     random_turns,
-    simulated,
 )
-from suta_calib.terms.term import Block, Noise, Pose, Setup, Term, grouped, point_parameters
+from suta_calib.terms.term import Gap, Observed, Setup, Term, point_named, point_parameters
 
 # Relative eigenvalue of the normal matrix below which a direction is not determined at all.
 _ROUNDING: Final = 1e-12
@@ -42,6 +45,7 @@ def _at_tip(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
     return poses[0].inverse_act(own[3:6]) - own[0:3]
 
 
+@dataclass(frozen=True, eq=False)
 class FixedPoint(Term):
     """``R_iᵀ (c - p_i) - t`` for every touch of the unknown point c.
 
@@ -49,46 +53,76 @@ class FixedPoint(Term):
     what parallel pillars hide, such as the tool's length; it leaves the overall scale free unless
     another term fixes it. Over a tracked body, the tip t in it is unknown: pivot calibration.
 
-    Args:
+    Attributes:
         poses: samples with the label point.
         noise: scatter and robustness, m per axis.
     """
 
     kind: ClassVar[str] = "fixed_point"
+    about: ClassVar[str] = (
+        "one unknown point, touched from many directions: finds the tool's length"
+    )
     columns: ClassVar[SampleColumns] = SampleColumns(labels=("point",))
+    has_angles: ClassVar[bool] = False
+    place: ClassVar[str] = "point"
+    place_unknown: ClassVar[str] = "fixed_point"
+    place_turns: ClassVar[bool] = False
+    groupings: ClassVar[Mapping[str, tuple[str, ...]]] = {"point": ("point",), "row": ()}
+    tested: ClassVar[Literal["", "length", "articulation"]] = "articulation"
+    tells: ClassVar[Mapping[Gap, str]] = {
+        "tool": "touch one fixed point from several directions (fixed_point)"
+    }
 
-    def __init__(self, poses: PoseSource, noise: Noise = Noise()) -> None:
-        super().__init__(poses, noise)
-        labels = poses.samples.labels["point"]
-        self._points, self._point = grouped(labels)
-        self._tip = point_parameters("tip") if isinstance(poses, MeasuredPoses) else ()
-        points = (p for n in self._points for p in point_parameters(f"fixed_point[{n}]"))
-        self.own = (*self._tip, *points)
-        rows = np.arange(len(poses))
-        block = Block(
-            "position",
-            "m",
-            3,
-            _at_tip if self._tip else _at_origin,
-            rows[:, None],
-            self._own_of_rows(),
-            np.zeros((len(poses), 0)),
-            noise,
-            np.zeros(len(poses)),
-            tuple(str(n) for n in labels),
-        )
-        self.blocks = (block,)
-
-    def _own_of_rows(self) -> IntArray:
-        """Which own parameters each row looks at: the tip, if it is unknown, and its point."""
-        tip = len(self._tip)
-        point = tip + 3 * self._point[:, None] + np.arange(3)
-        return np.hstack([np.tile(np.arange(tip), (len(point), 1)), point])
+    noise: Noise = LEARNT
 
     @classmethod
     def over(cls, poses: PoseSource, setup: Setup) -> FixedPoint:
         """Build it from a row of a job file."""
         return cls(poses, setup.noise)
+
+    @cached_property
+    def own(self) -> tuple[Parameter, ...]:
+        """The tip in a tracked body, and the points."""
+        names, _ = self._points
+        points = (p for n in names for p in point_parameters(f"fixed_point[{n}]"))
+        return (*self._tip, *points)
+
+    @cached_property
+    def blocks(self) -> tuple[Block, ...]:
+        """The positions."""
+        n, tip = len(self.poses), len(self._tip)
+        point = tip + 3 * self._points[1][:, None] + np.arange(3)
+        return (
+            Block(
+                "position",
+                "m",
+                3,
+                _at_tip if tip else _at_origin,
+                np.arange(n)[:, None],
+                np.hstack([np.tile(np.arange(tip), (n, 1)), point]),
+                np.zeros((n, 0)),
+                self.noise,
+                np.zeros(n),
+                tuple(str(label) for label in self.poses.samples.labels["point"]),
+            ),
+        )
+
+    @cached_property
+    def _points(self) -> tuple[list[str], IntArray]:
+        """Names of the points, and which of them each sample has."""
+        return grouped(self.poses.samples.labels["point"])
+
+    @cached_property
+    def _tip(self) -> tuple[Parameter, ...]:
+        return point_parameters("tip") if isinstance(self.poses, MeasuredPoses) else ()
+
+    def observed(self, values: Mapping[str, float], poses: PoseSource) -> Observed:
+        """Every touch at its point; of a tracked body, where it then is."""
+        names, point = grouped(poses.samples.labels["point"])
+        target = np.array([point_named(values, f"fixed_point[{n}]") for n in names])[point]
+        if self._tip:
+            target = target - poses.at(values)[0] @ point_named(values, "tip")
+        return Observed(target)
 
     @classmethod
     def simulate(
@@ -118,35 +152,26 @@ class FixedPoint(Term):
         random, noise, errors = np.random.default_rng(seed).spawn(3)
         t, c = np.asarray(tip, dtype=float), np.atleast_2d(np.asarray(posts, dtype=float))
         R = random_turns(random, count * len(c), turn, axes)
-        poses = spread.scattered(noise, (R, np.repeat(c, count, axis=0) - R @ t))
-        poses, outliers = contaminated(errors, poses, gross, swap_orientation=False)
         labels = {"point": [f"post_{k + 1}" for k in range(len(c)) for _ in range(count)]}
         samples = Samples.from_arrays([], np.zeros((len(R), 0)), labels=labels)
-        return simulated(cls(MeasuredPoses(*poses, samples)), (t, *c), outliers)
-
-    def over_poses(self, poses: PoseSource) -> Self:
-        """The same over other poses."""
-        return type(self)(poses, self.noise)
-
-    def resimulated(
-        self, values: Mapping[str, float], noise: Sequence[float], again: Resimulation
-    ) -> Self:
-        """Every touch at its point."""
-        points = [[values[f"fixed_point[{n}].{key}"] for key in "xyz"] for n in self._points]
-        target = np.array(points)[self._point]
-        return self.over_poses(again.touched(self.poses, target, noise[0]))
+        turned = cls(MeasuredPoses(R, np.zeros((len(R), 3)), samples))
+        truth = named(turned, (t, *c))
+        scattered = spread.scattered(noise, (R, turned.observed(truth, turned.poses).position))
+        poses, outliers = contaminated(errors, scattered, gross, swap_orientation=False)
+        return Simulated(turned.over_poses(MeasuredPoses(*poses, samples)), truth, outliers)
 
     def start(self, rotation: FloatArray, position: FloatArray) -> FloatArray:
         """The tip by linear least squares, then the mean of the touches of each point."""
-        tip = stacked_pivot(rotation, position, self._point) if self._tip else np.zeros(3)
+        names, point = self._points
+        tip = stacked_pivot(rotation, position, point) if self._tip else np.zeros(3)
         touched = position + rotation @ tip
-        means = [touched[self._point == k].mean(axis=0) for k in range(len(self._points))]
+        means = [touched[point == k].mean(axis=0) for k in range(len(names))]
         return np.concatenate([tip[: len(self._tip)], *means])
 
     def check_enough(self) -> None:
         """Two touches of every point at least."""
-        for k, name in enumerate(self._points):
-            touches = int(np.sum(self._point == k))
+        names, point = self._points
+        for name, touches in zip(names, np.bincount(point), strict=True):
             if touches < 2:
                 raise SamplesError(
                     f"point {name} touched once",

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import ClassVar, Final, Self
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import ClassVar, Final
 
 import casadi as ca
 import numpy as np
@@ -14,9 +16,10 @@ from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import rotation_from_vector
 from suta_calib.geometry.symbols import Symbol, symbolic_chordal_log
 from suta_calib.measurements import SampleColumns, Samples
+from suta_calib.model.parameters import Parameter
+from suta_calib.terms.block import LEARNT, Block, Noise, Pose, flat, pose_of
 from suta_calib.terms.hand_eye_start import Poses, close_the_loop, quaternion_hand_eye
 from suta_calib.terms.poses import MeasuredPoses, PoseSource
-from suta_calib.terms.resimulation import Resimulation, pose_named
 from suta_calib.terms.synthetic import (
     EXACT,
     NO_OUTLIERS,
@@ -24,16 +27,17 @@ from suta_calib.terms.synthetic import (
     PoseNoise,
     Simulated,
     contaminated,
+    named,
     random_turns,
-    simulated,
 )
 from suta_calib.terms.term import (
-    Block,
-    Noise,
-    Pose,
+    Gap,
+    Medium,
+    Observed,
     Setup,
     Term,
-    pose_of,
+    TrueFrame,
+    pose_named,
     pose_parameters,
     pose_values,
 )
@@ -67,6 +71,7 @@ def _rotation(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
     return symbolic_chordal_log(seen.T @ _target_in_eye(poses, own).R)
 
 
+@dataclass(frozen=True, eq=False)
 class HandEye(Term):
     """``(T_base_hand,i X)⁻¹ Z`` against the measured ``T_eye_target,i``.
 
@@ -78,7 +83,7 @@ class HandEye(Term):
     what the eye sees does not. The part of the turn in each residual that is the hand's, times its
     lever, is taken out of the position: what is left is independent of it (Gauss-Markov).
 
-    Args:
+    Attributes:
         poses: samples with the measured pose of the target in the eye.
         noise: scatter and robustness of a position, m per axis.
         angular_noise: the same for the orientation, rad per axis.
@@ -91,40 +96,71 @@ class HandEye(Term):
     """
 
     kind: ClassVar[str] = "hand_eye"
+    about: ClassVar[str] = "a camera on the tip saw a target: its pose in the camera, m"
     columns: ClassVar[SampleColumns] = SampleColumns(position=True, orientation="required")
-
-    def __init__(
-        self,
-        poses: PoseSource,
-        noise: Noise = Noise(),
-        angular_noise: Noise = Noise(),
-        label: str = "default",
-        robot_noise_fraction: float = 0.0,
-    ) -> None:
-        super().__init__(poses, noise, angular_noise)
-        self.label, self.robot_noise_fraction = label, robot_noise_fraction
-        samples = poses.samples
-        if samples.position is None or samples.rotation is None:
-            raise SamplesError(
-                "no poses of the target", "columns x, y, z, qx, qy, qz, qw", where=self.kind
-            )
-        self._seen = samples.rotation, samples.position
-        suffix = "" if label == "default" else f"[{label}]"
-        self.own = pose_parameters(f"hand_eye{suffix}") + pose_parameters(f"target{suffix}")
-        n = len(poses)
-        rows, own = np.arange(n)[:, None], np.tile(np.arange(12), (n, 1))
-        zero, labels = np.zeros(n), samples.origin
-        turned = np.swapaxes(samples.rotation, 1, 2).reshape(n, 9)
-        both = np.column_stack([samples.position, turned, np.full(n, robot_noise_fraction)])
-        self.blocks = (
-            Block("position", "m", 3, _position, rows, own, both, noise, zero, labels),
-            Block("rotation", "rad", 3, _rotation, rows, own, turned, angular_noise, zero, labels),
+    medium: ClassVar[Medium] = "camera"
+    frames: ClassVar[tuple[TrueFrame, ...]] = (
+        TrueFrame("hand_eye", "eye_in_tip", required=True),
+        TrueFrame("target", "target_in_base", required=True),
+    )
+    leaves_open: ClassVar[Mapping[Gap, tuple[str, str]]] = {
+        "tool": (
+            "moves the tip in the last link, and with it nothing that the camera sees: the "
+            "camera's unknown pose on the tip makes up for it",
+            "touch one fixed point from several directions (fixed_point), or leave it at nominal "
+            "if only the camera matters",
         )
+    }
+
+    noise: Noise = LEARNT
+    angular_noise: Noise = LEARNT
+    label: str = "default"
+    robot_noise_fraction: float = 0.0
 
     @classmethod
     def over(cls, poses: PoseSource, setup: Setup) -> HandEye:
         """Build it from a row of a job file."""
         return cls(poses, setup.noise, setup.angular_noise, setup.label)
+
+    @cached_property
+    def own(self) -> tuple[Parameter, ...]:
+        """X and Z."""
+        return tuple(p for frame in self._frames for p in pose_parameters(frame))
+
+    @property
+    def _frames(self) -> tuple[str, str]:
+        suffix = "" if self.label == "default" else f"[{self.label}]"
+        return f"hand_eye{suffix}", f"target{suffix}"
+
+    @property
+    def _seen(self) -> Poses:
+        samples = self.poses.samples
+        if samples.position is None or samples.rotation is None:
+            raise SamplesError(
+                "no poses of the target", "columns x, y, z, qx, qy, qz, qw", where=self.kind
+            )
+        return samples.rotation, samples.position
+
+    @cached_property
+    def blocks(self) -> tuple[Block, ...]:
+        """Positions and rotations of the target in the eye."""
+        (rotation, position), n = self._seen, len(self.poses)
+        rows, own = np.arange(n)[:, None], np.tile(np.arange(12), (n, 1))
+        zero, labels, turned = np.zeros(n), self.poses.samples.origin, flat(rotation)
+        both = np.column_stack([position, turned, np.full(n, self.robot_noise_fraction)])
+        angular = self.angular_noise
+        return (
+            Block("position", "m", 3, _position, rows, own, both, self.noise, zero, labels),
+            Block("rotation", "rad", 3, _rotation, rows, own, turned, angular, zero, labels),
+        )
+
+    def observed(self, values: Mapping[str, float], poses: PoseSource) -> Observed:
+        """The target as the eye sees it."""
+        X, Z = (pose_named(values, frame) for frame in self._frames)
+        rotation, position = poses.at(values)
+        back = np.swapaxes(rotation @ X[0], 1, 2)
+        eye = position + rotation @ X[1]
+        return Observed(np.einsum("nij,nj->ni", back, Z[1] - eye), back @ Z[0])
 
     @classmethod
     def simulate(
@@ -157,16 +193,18 @@ class HandEye(Term):
         """
         random, noise, errors = np.random.default_rng(seed).spawn(3)
         R = random_turns(random, count, turn, axes)
-        R_base_eye = R @ X[0]
-        seen = _AHEAD + random.uniform(-_ASIDE, _ASIDE, (count, 3))
-        p = Z[1] - R @ X[1] - np.einsum("nij,nj->ni", R_base_eye, seen)
-        moved = hand.scattered(noise, (R, p))
-        exact = np.swapaxes(R_base_eye, 1, 2) @ Z[0], seen
-        (R_seen, p_seen), outliers = contaminated(errors, eye.scattered(noise, exact), gross)
-        nothing = np.zeros((count, 0))
-        samples = Samples.from_arrays([], nothing, position=p_seen, rotation=R_seen)
-        term = cls(MeasuredPoses(*moved, samples), robot_noise_fraction=robot_noise_fraction)
-        return simulated(term, (pose_values(*X), pose_values(*Z)), outliers)
+        ahead = _AHEAD + random.uniform(-_ASIDE, _ASIDE, (count, 3))
+        p = Z[1] - R @ X[1] - np.einsum("nij,nj->ni", R @ X[0], ahead)
+        samples = Samples.from_arrays([], np.zeros((count, 0)), position=ahead, rotation=R)
+        exact = cls(MeasuredPoses(R, p, samples), robot_noise_fraction=robot_noise_fraction)
+        truth = named(exact, (pose_values(*X), pose_values(*Z)))
+        moved = MeasuredPoses(*hand.scattered(noise, (R, p)), samples)
+        ideal = exact.observed(truth, exact.poses)
+        assert ideal.rotation is not None
+        seen = eye.scattered(noise, (ideal.rotation, ideal.position))
+        (R_seen, p_seen), outliers = contaminated(errors, seen, gross)
+        samples = replace(samples, position=p_seen, rotation=R_seen)
+        return Simulated(exact.over_poses(moved.with_samples(samples)), truth, outliers)
 
     def check_enough(self) -> None:
         """Three samples at least: two motions about different axes."""
@@ -176,23 +214,6 @@ class HandEye(Term):
                 "at least 3, turned about different axes",
                 where=self.kind,
             )
-
-    def over_poses(self, poses: PoseSource) -> Self:
-        """The same over other poses."""
-        return type(self)(
-            poses, self.noise, self.angular_noise, self.label, self.robot_noise_fraction
-        )
-
-    def resimulated(
-        self, values: Mapping[str, float], noise: Sequence[float], again: Resimulation
-    ) -> Self:
-        """The target as the eye sees it."""
-        X, Z = (pose_named(values, self.own[k].name.removesuffix(".x")) for k in (0, 6))
-        rotation, position = self.poses.at(values)
-        back = np.swapaxes(rotation @ X[0], 1, 2)
-        eye = position + rotation @ X[1]
-        seen = back @ Z[0], np.einsum("nij,nj->ni", back, Z[1] - eye)
-        return self.over_poses(again.seen(self.poses, seen, noise))
 
     def start(self, rotation: FloatArray, position: FloatArray) -> FloatArray:
         """Quaternions of consecutive motions for X, then the mean of the loops for Z."""

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
-from typing import ClassVar, Self
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import ClassVar, Final, Self
 
 import casadi as ca
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
 from suta_calib.arrays import FloatArray, IntArray
@@ -15,22 +17,27 @@ from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import register_points, rotation_from_vector
 from suta_calib.geometry.symbols import Symbol, symbolic_chordal_log
 from suta_calib.measurements import Artefact, SampleColumns
-from suta_calib.terms.certified import certified_rows
-from suta_calib.terms.pairwise_distance import check_landmarks
+from suta_calib.model.parameters import Parameter
+from suta_calib.terms.block import LEARNT, Block, Certified, Noise, Pose, flat, grouped, pose_of
 from suta_calib.terms.poses import PoseSource
-from suta_calib.terms.resimulation import Resimulation, pose_named
-from suta_calib.terms.seating import Seating, flat, seat_axes, seated_at, turned_about_z
+from suta_calib.terms.seating import Seating, seat_axes, seated_at, turned_about_z
 from suta_calib.terms.term import (
-    Block,
-    Noise,
-    Pose,
+    Observed,
+    Resimulation,
     Setup,
     Term,
-    grouped,
-    pose_of,
+    pose_named,
     pose_parameters,
     pose_values,
 )
+
+ARTEFACT_COLUMNS: Final = SampleColumns(labels=("placement", "repeat", "landmark"))
+# What touches of an artefact are grouped by; a set is a placement gone through once.
+ARTEFACT_GROUPINGS: Final = {
+    "landmark": ("landmark",),
+    "placement": ("placement",),
+    "set": ("placement", "repeat"),
+}
 
 
 def _position(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
@@ -55,18 +62,21 @@ def _rotation_turned(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol
     return symbolic_chordal_log(seated.T @ pose_of(own).R.T @ poses[0].R)
 
 
+@dataclass(frozen=True, eq=False)
 class TouchedLandmark(Term):
     """``T_base_artefact⁻¹ p_i - l_i`` for every touched landmark; each placement's pose is unknown.
 
     Where the artefact gives the seated orientation, the tip's rotation is compared as well.
 
-    Args:
+    Attributes:
         poses: samples with the labels placement, repeat and landmark.
         artefact: certified landmarks.
         noise: scatter and robustness of a position, m per axis.
         angular_noise: the same for the orientation, rad per axis.
         seating: what the sockets leave open; the tip fits them exactly by default.
         label: tells the seating in several artefacts apart.
+        seats: (n, 3, 3) the tip's orientation in the artefact at every touch; as certified by
+            default. Those without a certified orientation are not looked at.
 
     Raises:
         ArtefactError: a landmark without orientation where there is a seating.
@@ -74,32 +84,21 @@ class TouchedLandmark(Term):
     """
 
     kind: ClassVar[str] = "landmark"
-    columns: ClassVar[SampleColumns] = SampleColumns(labels=("placement", "repeat", "landmark"))
+    about: ClassVar[str] = (
+        "the landmarks themselves; each placement's pose is unknown and is found too"
+    )
+    columns: ClassVar[SampleColumns] = ARTEFACT_COLUMNS
+    needs_artefact: ClassVar[bool] = True
+    place: ClassVar[str] = "placement"
+    place_unknown: ClassVar[str] = "placement"
+    groupings: ClassVar[Mapping[str, tuple[str, ...]]] = ARTEFACT_GROUPINGS
 
-    def __init__(
-        self,
-        poses: PoseSource,
-        artefact: Artefact,
-        noise: Noise = Noise(),
-        angular_noise: Noise = Noise(),
-        seating: Seating | None = None,
-        label: str = "default",
-    ) -> None:
-        super().__init__(poses, noise, angular_noise)
-        self.artefact, self.seating, self.label = artefact, seating, label
-        self._certified = check_landmarks(poses, artefact)
-        self._placements, self._placement = grouped(poses.samples.labels["placement"])
-        self._seated = self._seated_rotations()
-        self.own = tuple(
-            p for name in self._placements for p in pose_parameters(f"placement[{name}]")
-        )
-        if seating is not None:
-            self._axes = seat_axes(artefact, poses.samples.labels["landmark"])
-            self.own += seating.parameters(label)
-        rows = np.arange(len(poses))
-        self.blocks = (self._position_block(rows),)
-        if len(self._oriented):
-            self.blocks += (self._rotation_block(self._oriented),)
+    artefact: Artefact
+    noise: Noise = LEARNT
+    angular_noise: Noise = LEARNT
+    seating: Seating | None = None
+    label: str = "default"
+    seats: FloatArray | None = None
 
     @classmethod
     def over(cls, poses: PoseSource, setup: Setup) -> TouchedLandmark:
@@ -107,10 +106,28 @@ class TouchedLandmark(Term):
         certified = setup.certified(cls.kind)
         return cls(poses, certified, setup.noise, setup.angular_noise, setup.seating, setup.label)
 
-    def over_poses(self, poses: PoseSource) -> Self:
-        """The same over other poses."""
-        given = (self.artefact, self.noise, self.angular_noise, self.seating, self.label)
-        return type(self)(poses, *given)
+    @cached_property
+    def own(self) -> tuple[Parameter, ...]:
+        """The pose of every placement, then the seating."""
+        names, _ = self._placements
+        poses = (p for name in names for p in pose_parameters(f"placement[{name}]"))
+        return (*poses, *(() if self.seating is None else self.seating.parameters(self.label)))
+
+    @cached_property
+    def blocks(self) -> tuple[Block, ...]:
+        """Positions, and rotations where the artefact gives the seats'."""
+        position = self._position_block(np.arange(len(self.poses)))
+        return (
+            (position, self._rotation_block(self._oriented)) if len(self._oriented) else (position,)
+        )
+
+    def observed(self, values: Mapping[str, float], poses: PoseSource) -> Observed:
+        """Every landmark where its placement's pose has it, the tip as it sits there."""
+        labels = poses.samples.labels
+        names, placement = grouped(labels["placement"])
+        frames = [pose_named(values, f"placement[{name}]") for name in names]
+        R, p = (np.array(c)[placement] for c in zip(*frames, strict=True))
+        return seated(self.artefact, labels["landmark"], R, p, *seated_at(self.own, values))
 
     def resimulated(
         self, values: Mapping[str, float], noise: Sequence[float], again: Resimulation
@@ -120,44 +137,47 @@ class TouchedLandmark(Term):
         Seats get the orientation that they would have had, rather than the arm readings that give
         both: an arm of few joints cannot reach any orientation.
         """
-        shift, turn = seated_at(self.own, values)
-        marks = self._certified if self.seating is None else self._certified + self._axes @ shift
-        frames = [pose_named(values, f"placement[{name}]") for name in self._placements]
-        R, p = (np.array(c)[self._placement] for c in zip(*frames, strict=True))
-        target = np.einsum("nij,nj->ni", R, marks) + p
-        found = self.over_poses(again.touched(self.poses, target, noise[0]))
-        if len(self._oriented):
-            rows, (rotation, _) = self._oriented, found.poses.at(values)
-            seated = again.turned(np.swapaxes(R[rows], 1, 2) @ rotation[rows], noise[1])
-            unturned = seated @ rotation_from_vector([0.0, 0.0, -turn])
-            found.blocks = (found.blocks[0], replace(found.blocks[1], data=flat(unturned)))
-        return found
+        found = super().resimulated(values, noise, again)
+        if not len(self._oriented):
+            return found
+        rows, (names, placement) = self._oriented, self._placements
+        R = np.array([pose_named(values, f"placement[{name}]")[0] for name in names])[placement]
+        rotation, _ = found.poses.at(values)
+        seats = again.turned(np.swapaxes(R[rows], 1, 2) @ rotation[rows], noise[1])
+        _, turn = seated_at(self.own, values)
+        every = np.tile(np.eye(3), (len(placement), 1, 1))
+        every[rows] = seats @ rotation_from_vector([0.0, 0.0, -turn])
+        return replace(found, seats=every)
+
+    def take(self, rows: ArrayLike) -> Self:
+        """The term over some of its samples."""
+        seats = None if self.seats is None else self.seats[np.asarray(rows)]
+        return replace(self, poses=self.poses.take(rows), seats=seats)
+
+    @property
+    def touched(self) -> Artefact:
+        """The artefact whose landmarks are touched."""
+        return self.artefact
+
+    def single_touches(self) -> TouchedLandmark:
+        """The positions alone."""
+        return TouchedLandmark(self.poses, positions_only(self.artefact))
 
     def start(self, rotation: FloatArray, position: FloatArray) -> FloatArray:
         """Arun's registration of each placement; by orientation where the landmarks are in line."""
-        values = []
-        for k in range(len(self._placements)):
-            rows = np.flatnonzero(self._placement == k)
+        values, oriented = [], frozenset(self._oriented.tolist())
+        names, placement = self._placements
+        for k in range(len(names)):
+            rows = np.flatnonzero(placement == k)
             r, p = register_points(self._certified[rows], position[rows])
-            seated = [i for i in rows if i in self._oriented_set]
-            if len(seated) and not self._spans_plane(rows):
-                r = _mean_rotation(rotation[seated], self._seated[seated])
+            seats = [i for i in rows if i in oriented]
+            if len(seats) and not self._spans_plane(rows):
+                implied = rotation[seats] @ np.swapaxes(self._seats[seats], 1, 2)
+                r = np.asarray(Rotation.from_matrix(implied).mean().as_matrix(), dtype=float)
                 p = (position[rows] - self._certified[rows] @ r.T).mean(axis=0)
             values.append(pose_values(r, p))
-        seating = len(self.own) - 6 * len(self._placements)
+        seating = len(self.own) - 6 * len(names)
         return np.concatenate([*values, np.zeros(seating)])
-
-    def _spans_plane(self, rows: IntArray) -> bool:
-        centred = self._certified[rows] - self._certified[rows].mean(axis=0)
-        singular = np.linalg.svd(centred, compute_uv=False)
-        return len(singular) > 1 and bool(singular[1] > 1e-3 * singular[0])
-
-    def _seated_rotations(self) -> FloatArray:
-        marks = [self.artefact.landmarks[str(n)] for n in self.poses.samples.labels["landmark"]]
-        has = np.array([m.rotation is not None for m in marks], dtype=bool)
-        self._oriented: IntArray = np.flatnonzero(has)
-        self._oriented_set = frozenset(self._oriented.tolist())
-        return np.array([np.eye(3) if m.rotation is None else m.rotation for m in marks])
 
     @property
     def subject(self) -> str:
@@ -166,34 +186,64 @@ class TouchedLandmark(Term):
 
     def check_enough(self) -> None:
         """Two different landmarks at every placement, or one with its orientation."""
-        names = self.poses.samples.labels["landmark"]
-        for k, placement in enumerate(self._placements):
-            touched = {str(n) for n in names[self._placement == k]}
+        marks, (names, placement) = self._marks, self._placements
+        for k, name in enumerate(names):
+            touched = {str(n) for n in marks[placement == k]}
             if len(touched) < 2 and not len(self._oriented):
                 raise SamplesError(
-                    f"only landmark {', '.join(touched)} at placement {placement}",
+                    f"only landmark {', '.join(touched)} at placement {name}",
                     "at least two different landmarks at every placement",
                     where=self.kind,
                     hint="its pose is six unknowns; use fixed_point for one point touched often",
                 )
 
-    def _own_rows(self, rows: IntArray, keys: str = "") -> IntArray:
+    @property
+    def _marks(self) -> NDArray[np.str_]:
+        return self.poses.samples.labels["landmark"]
+
+    @cached_property
+    def _placements(self) -> tuple[list[str], IntArray]:
+        """Names of the placements, and which of them each sample has."""
+        return grouped(self.poses.samples.labels["placement"])
+
+    @cached_property
+    def _certified(self) -> FloatArray:
+        return certified_positions(self.poses, self.artefact)
+
+    @cached_property
+    def _oriented(self) -> IntArray:
+        """Samples whose landmark has a certified orientation."""
+        marks = self.artefact.landmarks
+        has = [marks[str(n)].rotation is not None for n in self._marks]
+        return np.flatnonzero(np.array(has, dtype=bool))
+
+    @property
+    def _seats(self) -> FloatArray:
+        return seat_rotations(self.artefact, self._marks) if self.seats is None else self.seats
+
+    def _spans_plane(self, rows: IntArray) -> bool:
+        centred = self._certified[rows] - self._certified[rows].mean(axis=0)
+        singular = np.linalg.svd(centred, compute_uv=False)
+        return len(singular) > 1 and bool(singular[1] > 1e-3 * singular[0])
+
+    def _own_rows(self, rows: IntArray, keys: tuple[str, ...]) -> IntArray:
         """The placement's pose, and those of the seating's unknowns whose names end so."""
-        seats = range(6 * len(self._placements), len(self.own))
-        more = [k for k in seats if self.own[k].name.endswith(tuple(keys.split()) or ("?",))]
-        pose = 6 * self._placement[rows, None] + np.arange(6)
+        names, placement = self._placements
+        seats = range(6 * len(names), len(self.own))
+        more = [k for k in seats if self.own[k].name.endswith(keys)]
+        pose = 6 * placement[rows, None] + np.arange(6)
         return np.hstack([pose, np.tile(np.array(more, dtype=np.intp), (len(rows), 1))])
 
     def _labels(self, rows: IntArray) -> tuple[str, ...]:
-        return tuple(str(n) for n in self.poses.samples.labels["landmark"][rows])
+        return tuple(str(n) for n in self._marks[rows])
 
     def _position_block(self, rows: IntArray) -> Block:
-        names = self.poses.samples.labels["landmark"]
-        sigma = np.array([self.artefact.landmarks[str(n)].sigma for n in names])
-        labels, residual, data = self._labels(rows), _position, self._certified
-        own = self._own_rows(rows, ".x .y")
-        if own.shape[1] > 6:
-            residual, data = _position_shifted, np.hstack([data, flat(self._axes)])
+        certified, names = self._certified, self._marks
+        residual, data, own = _position, certified, self._own_rows(rows, (".x", ".y"))
+        if self.seating is not None:
+            axes = seat_axes(self.artefact, names)
+            if own.shape[1] > 6:
+                residual, data = _position_shifted, np.hstack([certified, flat(axes)])
         by_mark = np.tile(-np.eye(3)[:, None, :], (len(rows), 1, 1, 1))
         return Block(
             "position",
@@ -204,21 +254,71 @@ class TouchedLandmark(Term):
             own,
             data,
             self.noise,
-            sigma,
-            labels,
-            certified_rows(self.artefact, names[rows, None], by_mark),
+            np.array([self.artefact.landmarks[str(n)].sigma for n in names]),
+            self._labels(rows),
+            Certified.of(self.artefact, names[rows, None], by_mark),
         )
 
     def _rotation_block(self, rows: IntArray) -> Block:
-        own, labels = self._own_rows(rows, ".rz"), self._labels(rows)
+        own, labels = self._own_rows(rows, (".rz",)), self._labels(rows)
         residual = _rotation_turned if own.shape[1] > 6 else _rotation
-        data = flat(self._seated[rows])
-        known = np.zeros(len(rows))
+        data, known = flat(self._seats[rows]), np.zeros(len(rows))
         noise = self.angular_noise
         return Block("rotation", "rad", 3, residual, rows[:, None], own, data, noise, known, labels)
 
 
-def _mean_rotation(measured: FloatArray, seated: FloatArray) -> FloatArray:
-    """Mean of the artefact rotations that each seated tip implies."""
-    implied = measured @ np.swapaxes(seated, 1, 2)
-    return np.asarray(Rotation.from_matrix(implied).mean().as_matrix(), dtype=float)
+def seated(
+    artefact: Artefact,
+    names: Sequence[str] | NDArray[np.str_],
+    rotation: FloatArray,
+    position: FloatArray,
+    shift: FloatArray,
+    turn: float,
+) -> Observed:
+    """Where the tip is that sits on landmarks: ``T_base_artefact T_artefact_seat``.
+
+    Args:
+        artefact: where its landmarks are.
+        names: (n,) of the landmarks.
+        rotation: (n, 3, 3), or of one placement (3, 3), of the artefact in the base.
+        position: (n, 3), or of one placement (3,), of the artefact in the base, m.
+        shift: (2,) how far off the sockets' axes the tip always sits, m.
+        turn: how far it is always turned about them, rad.
+
+    Returns:
+        Poses of the tip; landmarks without a seat are taken to hold it upright in the artefact.
+    """
+    seats = seat_rotations(artefact, names)
+    marks = artefact.position_of(names) + seats[:, :, :2] @ shift
+    turned = seats @ rotation_from_vector([0.0, 0.0, turn])
+    return Observed(np.einsum("...ij,...j->...i", rotation, marks) + position, rotation @ turned)
+
+
+def seat_rotations(artefact: Artefact, names: Sequence[str] | NDArray[np.str_]) -> FloatArray:
+    """(n, 3, 3) certified orientations of a seated tip, upright where none is given."""
+    marks = [artefact.landmarks[str(name)].rotation for name in names]
+    return np.array([np.eye(3) if seat is None else seat for seat in marks])
+
+
+def certified_positions(poses: PoseSource, artefact: Artefact) -> FloatArray:
+    """Certified position (n, 3) of the landmark each sample touched, m, in the artefact.
+
+    Raises:
+        SamplesError: a landmark that is not certified; names the sample.
+    """
+    samples = poses.samples
+    for row, name in enumerate(samples.labels["landmark"]):
+        if str(name) not in artefact.landmarks:
+            raise SamplesError(
+                f"landmark '{name}'",
+                f"one of {', '.join(artefact.landmarks)}",
+                where=samples.origin[row],
+                hint=f"add it to the artefact '{artefact.name}' or correct the samples",
+            )
+    return artefact.position_of(samples.labels["landmark"])
+
+
+def positions_only(artefact: Artefact) -> Artefact:
+    """The artefact without the orientations of its seats."""
+    marks = {name: replace(mark, rotation=None) for name, mark in artefact.landmarks.items()}
+    return Artefact(artefact.name, marks)

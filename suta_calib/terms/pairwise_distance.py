@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import ClassVar, Final, Self
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import ClassVar, Literal
 
 import casadi as ca
 import numpy as np
@@ -13,15 +15,19 @@ from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import register_points
 from suta_calib.geometry.symbols import Symbol
-from suta_calib.measurements import Artefact, SampleColumns
-from suta_calib.terms.certified import certified_rows
+from suta_calib.measurements import Artefact, SampleColumns, Samples
+from suta_calib.model.parameters import Parameter
+from suta_calib.terms.block import LEARNT, Block, Certified, Noise, Pose, flat, grouped, norm
+from suta_calib.terms.landmark import (
+    ARTEFACT_COLUMNS,
+    ARTEFACT_GROUPINGS,
+    TouchedLandmark,
+    certified_positions,
+    positions_only,
+)
 from suta_calib.terms.poses import PoseSource
-from suta_calib.terms.resimulation import Resimulation
-from suta_calib.terms.seating import Seating, flat, seat_axes, seated_at
-from suta_calib.terms.term import Block, Noise, Pose, Setup, Term, grouped, no_own, norm
-
-# A distance scatters by the noise of both its ends.
-DISTANCE_NOISE_FACTOR: Final = float(np.sqrt(2.0))
+from suta_calib.terms.seating import Seating, seat_axes, seated_at
+from suta_calib.terms.term import Observed, Setup, Term, joined
 
 
 def _residual(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
@@ -35,13 +41,14 @@ def _seated(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
     return norm(poses[0].p - poses[1].p) - norm(apart)
 
 
+@dataclass(frozen=True, eq=False)
 class PairwiseDistance(Term):
     """``|p_i - p_j| - |l_i - l_j|`` for every two different landmarks of one placement and repeat.
 
     Pairs share samples, so their errors are correlated: the uncertainty of the solution accounts
     for that. A distance has no sign, so a mirrored arm would fit as well; bounds exclude it.
 
-    Args:
+    Attributes:
         poses: samples with the labels placement, repeat and landmark.
         artefact: certified landmark positions.
         noise: scatter and robustness of a distance, m.
@@ -55,21 +62,44 @@ class PairwiseDistance(Term):
     """
 
     kind: ClassVar[str] = "pairwise_distance"
-    columns: ClassVar[SampleColumns] = SampleColumns(labels=("placement", "repeat", "landmark"))
+    about: ClassVar[str] = (
+        "distances between landmarks of an artefact, seated by the tip at any number of placements "
+        "(at least two landmarks with the same placement and repeat)"
+    )
+    columns: ClassVar[SampleColumns] = ARTEFACT_COLUMNS
+    needs_artefact: ClassVar[bool] = True
+    has_angles: ClassVar[bool] = False
+    place: ClassVar[str] = "placement"
+    place_unknown: ClassVar[str] = "placement"
+    groupings: ClassVar[Mapping[str, tuple[str, ...]]] = ARTEFACT_GROUPINGS
+    # A distance scatters by the noise of both its ends.
+    noise_factor: ClassVar[float] = float(np.sqrt(2.0))
+    tested: ClassVar[Literal["", "length", "articulation"]] = "length"
 
-    def __init__(
-        self,
-        poses: PoseSource,
-        artefact: Artefact,
-        noise: Noise = Noise(),
-        seating: Seating | None = None,
-        label: str = "default",
-    ) -> None:
-        super().__init__(poses, noise)
-        self.artefact, self.seating, self.label = artefact, seating, label
+    artefact: Artefact
+    noise: Noise = LEARNT
+    seating: Seating | None = None
+    label: str = "default"
+
+    @classmethod
+    def over(cls, poses: PoseSource, setup: Setup) -> PairwiseDistance:
+        """Build it from a row of a job file."""
+        certified = setup.certified(cls.kind)
+        return cls(poses, certified, setup.noise, setup.seating, setup.label)
+
+    @cached_property
+    def own(self) -> tuple[Parameter, ...]:
+        """How the tip sits off the sockets' axes, where they leave that open."""
+        shifted = self.seating is not None and self.seating.clearance
+        return self.seating.parameters(self.label)[:2] if self.seating and shifted else ()
+
+    @cached_property
+    def blocks(self) -> tuple[Block, ...]:
+        """The distances."""
+        poses, artefact = self.poses, self.artefact
         names = poses.samples.labels["landmark"]
-        certified = check_landmarks(poses, artefact)
-        pairs = _pairs(poses)
+        certified = certified_positions(poses, artefact)
+        pairs = landmark_pairs(poses.samples)
         if not len(pairs):
             raise SamplesError(
                 f"{len(poses)} samples without two different landmarks in any set",
@@ -84,68 +114,73 @@ class PairwiseDistance(Term):
         along = (apart / length[:, None])[:, None, None, :]
         sigma = np.array([artefact.landmarks[str(name)].sigma for name in names])
         residual, data = _residual, length[:, None]
-        self.own, own = (), no_own(len(pairs))
-        if seating is not None and seating.clearance:
-            self.own = seating.parameters(label)[:2]
+        if self.own:
             axes = seat_axes(artefact, names)
             residual, data = _seated, np.hstack([apart, flat(axes[first] - axes[second])])
-            own = np.tile(np.arange(2), (len(pairs), 1))
-        self.blocks = (
+        return (
             Block(
                 "distance",
                 "m",
                 1,
                 residual,
                 pairs,
-                own,
+                np.tile(np.arange(len(self.own)), (len(pairs), 1)),
                 data,
-                noise,
+                self.noise,
                 np.hypot(sigma[first], sigma[second]),
                 tuple(f"{names[i]}-{names[j]}" for i, j in pairs),
-                certified_rows(artefact, names[pairs], np.concatenate([-along, along], axis=2)),
+                Certified.of(artefact, names[pairs], np.concatenate([-along, along], axis=2)),
             ),
         )
 
     def equations(self) -> int:
         """Distances between m points of one set fix their shape: 3 m - 6 numbers, not m²/2."""
         pairs = self.blocks[0].samples
-        sets, found = self._sets(), 0
+        sets, found = self._sets(self.poses), 0
         for name in np.unique(sets):
             mine = pairs[sets[pairs[:, 0]] == name]
             points = len(np.unique(mine))
             found += min(len(mine), max(3 * points - 6, points - 1))
         return found
 
-    @classmethod
-    def over(cls, poses: PoseSource, setup: Setup) -> PairwiseDistance:
-        """Build it from a row of a job file."""
-        certified = setup.certified(cls.kind)
-        return cls(poses, certified, setup.noise, setup.seating, setup.label)
-
-    def over_poses(self, poses: PoseSource) -> Self:
-        """The same over other poses."""
-        return type(self)(poses, self.artefact, self.noise, self.seating, self.label)
-
-    def resimulated(
-        self, values: Mapping[str, float], noise: Sequence[float], again: Resimulation
-    ) -> Self:
+    def observed(self, values: Mapping[str, float], poses: PoseSource) -> Observed:
         """Every set's landmarks where they fit best to what was touched."""
-        names = self.poses.samples.labels["landmark"]
+        names = poses.samples.labels["landmark"]
         marks = self.artefact.position_of(names)
         if self.own:
             marks = marks + seat_axes(self.artefact, names) @ seated_at(self.own, values)[0]
-        _, position = self.poses.at(values)
-        target, sets = np.empty_like(position), self._sets()
+        _, position = poses.at(values)
+        target, sets = np.empty_like(position), self._sets(poses)
         for name in np.unique(sets):
             rows = sets == name
             R, p = register_points(marks[rows], position[rows])
             target[rows] = marks[rows] @ R.T + p
-        return self.over_poses(again.touched(self.poses, target, noise[0] / DISTANCE_NOISE_FACTOR))
+        return Observed(target)
 
-    def _sets(self) -> NDArray[np.str_]:
+    @staticmethod
+    def _sets(poses: PoseSource) -> NDArray[np.str_]:
         """(n,) what tells apart the rows between which distances are formed."""
-        labels = self.poses.samples.labels
-        return np.char.add(np.char.add(labels["placement"], "/"), labels["repeat"])
+        return joined(poses.samples.labels, ARTEFACT_GROUPINGS["set"])
+
+    @property
+    def touched(self) -> Artefact:
+        """The artefact whose landmarks are touched."""
+        return self.artefact
+
+    def single_touches(self) -> TouchedLandmark:
+        """Touches of the artefact, registered set by set: which is what distances are blind to."""
+        samples = self.poses.samples
+        labels = {**samples.labels, "placement": self._sets(self.poses)}
+        poses = self.poses.with_samples(replace(samples, labels=labels))
+        return TouchedLandmark(poses, positions_only(self.artefact))
+
+    def errors_of_touches(self, displacement: FloatArray, samples: IntArray) -> FloatArray:
+        """What moves the ends of a distance along it, to first order."""
+        ends = self.artefact.position_of(self.poses.samples.labels["landmark"])[samples]
+        apart = ends[:, 0] - ends[:, 1]
+        along = apart / np.linalg.norm(apart, axis=1)[:, None]
+        moved = displacement[:, samples[:, 0]] - displacement[:, samples[:, 1]]
+        return np.asarray(np.einsum("nd,knd->kn", along, moved)[:, :, None])
 
     @property
     def subject(self) -> str:
@@ -174,23 +209,9 @@ def _check_apart(poses: PoseSource, first: IntArray, second: IntArray) -> None:
         )
 
 
-def check_landmarks(poses: PoseSource, artefact: Artefact) -> FloatArray:
-    """Certified position (n, 3) of the landmark each sample touched, m, in the artefact."""
-    samples = poses.samples
-    for row, name in enumerate(samples.labels["landmark"]):
-        if str(name) not in artefact.landmarks:
-            raise SamplesError(
-                f"landmark '{name}'",
-                f"one of {', '.join(artefact.landmarks)}",
-                where=samples.origin[row],
-                hint=f"add it to the artefact '{artefact.name}' or correct the samples",
-            )
-    return artefact.position_of(samples.labels["landmark"])
-
-
-def _pairs(poses: PoseSource) -> IntArray:
+def landmark_pairs(samples: Samples) -> IntArray:
     """(n, 2) rows of the same placement and repeat, and different landmarks."""
-    labels = poses.samples.labels
+    labels = samples.labels
     _, landmark = grouped(labels["landmark"])
     _, placement = grouped(labels["placement"])
     _, repeat = grouped(labels["repeat"])

@@ -34,6 +34,10 @@ class PoseSource(ABC):
         """Rotations (n, 3, 3) and positions (n, 3), m, for parameter values by name."""
 
     @abstractmethod
+    def with_samples(self, samples: Samples) -> PoseSource:
+        """The same poses with other things observed beside them; rows for rows."""
+
+    @abstractmethod
     def take(self, rows: ArrayLike) -> PoseSource:
         """The poses of some samples, by number or by boolean mask."""
 
@@ -48,6 +52,10 @@ class ArmPoses(PoseSource):
     def at(self, values: Mapping[str, float]) -> tuple[FloatArray, FloatArray]:
         """Forward kinematics of the samples."""
         return self.arm.forward(self.samples.q, values)
+
+    def with_samples(self, samples: Samples) -> ArmPoses:
+        """The same arm's poses at the samples' readings."""
+        return ArmPoses(self.arm, samples)
 
     def take(self, rows: ArrayLike) -> ArmPoses:
         """The poses of some samples of the same arm."""
@@ -75,6 +83,10 @@ class MeasuredPoses(PoseSource):
         """The measured poses, whatever the values."""
         del values
         return np.asarray(self.rotation), np.asarray(self.position)
+
+    def with_samples(self, samples: Samples) -> MeasuredPoses:
+        """The same measured poses."""
+        return MeasuredPoses(self.rotation, self.position, samples, exact=self.exact)
 
     def take(self, rows: ArrayLike) -> MeasuredPoses:
         """Some of the poses."""

@@ -28,6 +28,7 @@ from suta_calib.errors import ArtefactError, ParameterError
 from suta_calib.geometry.symbols import Symbol, symbolic_rotation
 from suta_calib.measurements import Artefact
 from suta_calib.model.parameters import Parameter
+from suta_calib.units import deg, mm
 
 KEYS: Final = ("x", "y", "rz")
 _OWNER: Final = "seating"
@@ -56,8 +57,7 @@ class Seating:
         sizes = (self.clearance, self.rotation)
         if min(sizes) < 0 or not max(sizes) > 0 or not all(map(math.isfinite, sizes)):
             raise ParameterError(
-                f"a clearance of {1e3 * self.clearance:g} mm and "
-                f"{math.degrees(self.rotation):g} deg",
+                f"a clearance of {mm(self.clearance):g} mm and {deg(self.rotation):g} deg",
                 "one of them positive, neither negative",
                 where="seating",
             )
@@ -107,8 +107,3 @@ def seated_at(own: Iterable[Parameter], values: Mapping[str, float]) -> tuple[Fl
 def turned_about_z(angle: Symbol) -> Symbol:
     """Rotation (3, 3) about z by an angle, rad."""
     return symbolic_rotation(ca.vertcat(0, 0, angle))
-
-
-def flat(matrices: FloatArray) -> FloatArray:
-    """Matrices (n, r, c) as rows (n, r·c), column by column, as CasADi reshapes."""
-    return np.swapaxes(matrices, 1, 2).reshape(len(matrices), -1)

@@ -17,9 +17,8 @@ from scipy.spatial.transform import Rotation
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import rotation_from_vector
-from suta_calib.model.parameters import POSITION, ROTATION
 from suta_calib.terms.hand_eye_start import Poses
-from suta_calib.terms.term import Term
+from suta_calib.terms.term import Term, point_named, pose_named
 
 # How a row is grossly wrong: its pose is anything; it is displaced, as where a tip slipped off its
 # point; it is another row's, as where two streams are out of step.
@@ -115,22 +114,17 @@ class Simulated(Generic[SimulatedTerm]):
 
     def true_point(self, prefix: str) -> FloatArray:
         """The true position (3,), m, of the own parameters ``prefix.x|y|z``."""
-        return np.array([self.truth[f"{prefix}.{axis}"] for axis in POSITION])
+        return point_named(self.truth, prefix)
 
     def true_pose(self, prefix: str) -> Poses:
         """The true rotation (3, 3) and position (3,), m, of ``prefix.x … prefix.rz``."""
-        vector = np.array([self.truth[f"{prefix}.{axis}"] for axis in ROTATION])
-        return rotation_from_vector(vector), self.true_point(prefix)
+        return pose_named(self.truth, prefix)
 
 
-def simulated(
-    term: SimulatedTerm, own: Sequence[FloatArray], outliers: tuple[int, ...]
-) -> Simulated[SimulatedTerm]:
-    """Name the true values, given in the order of the term's own parameters."""
-    values = np.concatenate(own)
+def named(term: Term, own: Sequence[FloatArray]) -> dict[str, float]:
+    """True values by name, given in the order of the term's own parameters."""
     names = (parameter.name for parameter in term.own)
-    truth = {name: float(value) for name, value in zip(names, values, strict=True)}
-    return Simulated(term, truth, outliers)
+    return {name: float(v) for name, v in zip(names, np.concatenate(own), strict=True)}
 
 
 def random_turns(

@@ -1,109 +1,45 @@
 """What every kind of observation has in common.
 
-A term says what its samples must satisfy. Its author writes three things: the residual of one row
-as a function of one or more tool poses, the term's own unknowns and the row's data; a closed-form
-start for those unknowns; and which columns a samples file must have. Jacobians, robust weights,
-uncertainty and reports follow from these.
+A term says what its samples must satisfy. Its author writes the residual of one row as a function
+of one or more tool poses, the term's own unknowns and the row's data; a closed-form start for those
+unknowns; and what an ideal measurement would have been (`Term.observed`). Jacobians, robust
+weights, uncertainty and reports follow from the first two, simulations from the last.
+
+Everything else that somebody must know of a kind (what it needs, its columns and keys, how its
+samples group, the words for it) is a class attribute: job files, `init`, simulations, searches for
+outliers, plans, guided measuring and explanations ask the kind, and name none.
 """
 
 from __future__ import annotations
 
-import math
 from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, ClassVar, Final, Self
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, ClassVar, Final, Literal, Protocol, Self
 
-import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.errors import ArtefactError, SamplesError
-from suta_calib.geometry.numbers import vector_from_rotation
-from suta_calib.geometry.symbols import Symbol, symbolic_rotation
-from suta_calib.measurements import Artefact, SampleColumns
+from suta_calib.geometry.numbers import rotation_from_vector, vector_from_rotation
+from suta_calib.measurements import Artefact, SampleColumns, YamlSection
 from suta_calib.model.parameters import PLACEMENT, POSITION, ROTATION, Parameter
+from suta_calib.terms.block import Block, Noise
 from suta_calib.terms.poses import PoseSource
 from suta_calib.terms.seating import Seating
-from suta_calib.units import Unit
-
-if TYPE_CHECKING:
-    from suta_calib.terms.certified import Certified
-    from suta_calib.terms.resimulation import Resimulation
 
 # An external frame can be anywhere: these only say when a pose counts as not determined at all.
 PLAUSIBLE_POSITION: Final = 0.5
 PLAUSIBLE_ROTATION: Final = 1.0
 
-
-@dataclass(frozen=True, eq=False)
-class Pose:
-    """A rigid transform in CasADi symbols: rotation (3, 3) and position (3), m."""
-
-    R: Symbol
-    p: Symbol
-
-    def inverse_act(self, point: Symbol) -> Symbol:
-        """Coordinates, in this frame, of a point given in the outer one."""
-        return self.R.T @ (point - self.p)
-
-
-def pose_of(own: Symbol) -> Pose:
-    """A pose from six own unknowns: x y z (m) and the rotation vector rx ry rz (rad)."""
-    return Pose(symbolic_rotation(own[3:6]), own[0:3])
-
-
-Residual = Callable[[Sequence[Pose], Symbol, Symbol], Symbol]
-
-
-@dataclass(frozen=True)
-class Noise:
-    """How a block's residuals scatter, and how much of a large one is believed.
-
-    Attributes:
-        sigma: standard deviation of one component, m or rad; None to learn it from the data.
-        huber: residual norm, m or rad, beyond which the cost grows linearly; inf for plain least
-            squares.
-    """
-
-    sigma: float | None = None
-    huber: float = math.inf
-
-
-@dataclass(frozen=True, eq=False)
-class Block:
-    """Residuals of one unit and dimension, one row an observation.
-
-    Attributes:
-        name: ``distance``, ``position`` or ``rotation``.
-        unit: m or rad.
-        size: numbers in one residual, d.
-        residual: the residual of one row in CasADi symbols.
-        samples: (n, k) which k samples' poses each row looks at.
-        own: (n, m) which of the term's own parameters each row looks at, in the residual's order.
-        data: (n, c) what was measured or certified.
-        noise: scatter and robustness.
-        known_sigma: (n,) standard deviation per row that is known beforehand, added in quadrature.
-        labels: (n,) what a person calls the row.
-        certified: the artefact's part in the residuals, where there is an artefact.
-    """
-
-    name: str
-    unit: Unit
-    size: int
-    residual: Residual
-    samples: IntArray
-    own: IntArray
-    data: FloatArray
-    noise: Noise
-    known_sigma: FloatArray
-    labels: tuple[str, ...] = field(repr=False)
-    certified: Certified | None = None
-
-    def __len__(self) -> int:
-        return len(self.samples)
+# What tells where the arm is: its tip touches something, an instrument sees the tip, or a camera
+# on the tip sees something.
+Medium = Literal["touch", "instrument", "camera"]
+# Motions that observations may leave open: of the whole arm in the base, of the tip along the tool,
+# of all that is touched at one place.
+Gap = Literal["base", "tool", "place"]
 
 
 @dataclass(frozen=True)
@@ -115,6 +51,7 @@ class Setup:
         noise, angular_noise: scatter and robustness of lengths and of angles.
         label: tells several instruments, or sockets, of one kind apart.
         seating: what the artefact's sockets leave open, or None.
+        settings: what the kind's own keys say, as its `Term.read_settings` has read them.
     """
 
     artefact: Artefact | None = None
@@ -122,6 +59,7 @@ class Setup:
     angular_noise: Noise = field(default_factory=Noise)
     label: str = "default"
     seating: Seating | None = None
+    settings: Mapping[str, Any] = field(default_factory=dict)
 
     def certified(self, kind: str) -> Artefact:
         """The artefact, or the error that it is missing."""
@@ -130,36 +68,162 @@ class Setup:
         return self.artefact
 
 
+@dataclass(frozen=True)
+class TrueFrame:
+    """A frame that a simulation of a kind may state, in place of the unknown that it is.
+
+    Attributes:
+        own: the unknowns, ``own.x … own.rz``.
+        key: of the simulation's file.
+        required: whether a simulation must state it; the frames coincide by default.
+    """
+
+    own: str
+    key: str
+    required: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Observed:
+    """What an ideal instrument would report, or where a tip that touches ideally would be.
+
+    Attributes:
+        position: (n, 3), m: of what is seen, in the instrument or the camera; of a tip that
+            touches, in the base.
+        rotation: (n, 3, 3) of the same, or None where the observation says nothing of it.
+    """
+
+    position: FloatArray
+    rotation: FloatArray | None = None
+
+
+class Resimulation(Protocol):
+    """A measurement repeated in simulation: how an arm reaches its targets, and how that scatters.
+
+    A term knows where its touches should have been, or what its instrument should have seen; the
+    rest is the resimulation's: `analysis.study.resimulation` has one.
+    """
+
+    def touched(self, poses: PoseSource, target: FloatArray, sigma: float) -> PoseSource:
+        """Poses near the given ones whose tip is at the targets (n, 3), m, plus noise.
+
+        Args:
+            poses: as they were measured.
+            target: (n, 3) where the tip should have been, m, in the base frame.
+            sigma: standard deviation of each coordinate, m.
+        """
+
+    def seen(self, poses: PoseSource, seen: Observed, noise: Sequence[float]) -> PoseSource:
+        """The same poses with what an instrument sees in their samples, plus noise.
+
+        Args:
+            poses: as they were measured.
+            seen: without noise.
+            noise: standard deviation of a coordinate, m, and, where orientations are seen, of a
+                component of their turn, rad.
+        """
+
+    def turned(self, rotation: FloatArray, sigma: float) -> FloatArray:
+        """Rotations (n, 3, 3), each turned by noise of ``sigma`` rad about every axis."""
+
+
+@dataclass(frozen=True, eq=False)
 class Term(ABC):
     """One set of observations of one kind.
 
-    Args:
-        poses: where the tool poses come from.
-        noise: scatter and robustness of lengths.
-        angular_noise: the same for orientations, where the kind has them.
-
     Attributes:
-        own: the term's own unknowns.
-        blocks: its residuals.
+        kind: its name in files.
+        about: what was measured, for whoever starts a job: follows the kind's name and a colon.
+        columns: what its samples hold beside the joints.
+        medium: what tells where the arm is.
+        needs_artefact: whether an artefact is touched.
+        has_angles: whether it looks at orientations, so that their noise means something.
+        keys: what else a row of a job may say, read by `read_settings`.
+        place: label column of what stands somewhere unknown and is touched; empty where nothing is.
+        place_unknown: name of the unknowns of one such place, before its label in brackets.
+        place_turns: whether such a place has an orientation.
+        groupings: what its samples can be grouped by: what one group is called, and the label
+            columns whose values, joined by a slash, name it; none for every row by itself.
+        noise_factor: standard deviation of a component of the first block, over that of one
+            coordinate of one touch.
+        simulation_keys: what else a set of a simulation may say, read by `read_settings`.
+        frames: what a simulation may state of what sees or is seen.
+        tested: what of an acceptance test after ISO 10360-12 its samples measure.
+        leaves_open: by what is left open, why this kind alone cannot tell, and what to do then.
+        tells: by what others leave open, how this kind tells it: an advice.
+        poses: where the tool poses come from.
     """
 
     kind: ClassVar[str]
+    about: ClassVar[str]
     columns: ClassVar[SampleColumns]
+    medium: ClassVar[Medium] = "touch"
+    needs_artefact: ClassVar[bool] = False
+    has_angles: ClassVar[bool] = True
+    keys: ClassVar[tuple[str, ...]] = ()
+    place: ClassVar[str] = ""
+    place_unknown: ClassVar[str] = ""
+    place_turns: ClassVar[bool] = True
+    groupings: ClassVar[Mapping[str, tuple[str, ...]]] = {"row": ()}
+    noise_factor: ClassVar[float] = 1.0
+    simulation_keys: ClassVar[tuple[str, ...]] = ()
+    frames: ClassVar[tuple[TrueFrame, ...]] = ()
+    tested: ClassVar[Literal["", "length", "articulation"]] = ""
+    leaves_open: ClassVar[Mapping[Gap, tuple[str, str]]] = {}
+    tells: ClassVar[Mapping[Gap, str]] = {}
 
-    own: tuple[Parameter, ...]
-    blocks: tuple[Block, ...]
+    poses: PoseSource
 
-    def __init__(
-        self, poses: PoseSource, noise: Noise = Noise(), angular_noise: Noise = Noise()
-    ) -> None:
-        self.poses = poses
-        self.noise = noise
-        self.angular_noise = angular_noise
+    def __post_init__(self) -> None:
+        # What cannot be used is refused where the term is made, not where it is first looked at.
+        _ = self.blocks
+
+    @property
+    @abstractmethod
+    def own(self) -> tuple[Parameter, ...]:
+        """The term's own unknowns."""
+
+    @property
+    @abstractmethod
+    def blocks(self) -> tuple[Block, ...]:
+        """Its residuals: of lengths first, then of angles where there are any."""
 
     @classmethod
     @abstractmethod
     def over(cls, poses: PoseSource, setup: Setup) -> Term:
         """Build the term from what a row of a job file can say, taking what this kind needs."""
+
+    @classmethod
+    def read_settings(cls, row: YamlSection) -> dict[str, Any]:
+        """The values of the kind's own `keys` and `simulation_keys` in a row or a set, in SI.
+
+        Raises:
+            InputError: one cannot be used; names the line and the key.
+        """
+        del row
+        return {}
+
+    @classmethod
+    def touches(
+        cls,
+        rotation: FloatArray,
+        position: FloatArray,
+        where: FloatArray,
+        settings: Mapping[str, Any],
+    ) -> FloatArray:
+        """Where the tip touches a place, for kinds that touch one without an artefact.
+
+        Args:
+            rotation: (3, 3) of the place in the base.
+            position: (3,) of the place in the base, m.
+            where: (n, 2) numbers from 0 to 1 that say where on it.
+            settings: as `read_settings` gives them.
+
+        Returns:
+            Positions (n, 3) of the tip in the base, m.
+        """
+        del rotation, settings
+        return np.tile(position, (len(where), 1))
 
     @abstractmethod
     def start(self, rotation: FloatArray, position: FloatArray) -> FloatArray:
@@ -168,9 +232,25 @@ class Term(ABC):
         Must be finite for any poses, also where the data leave some of them undetermined.
         """
 
-    @abstractmethod
+    def observed(self, values: Mapping[str, float], poses: PoseSource) -> Observed:
+        """What an ideal measurement of these poses would be: the kind's forward model.
+
+        Args:
+            values: what is taken for the truth: of the arm and of `own`, m or rad.
+            poses: with the labels that this kind needs; what was seen is not looked at. Of a tip
+                that touches, they say how it comes.
+
+        Raises:
+            SamplesError: the kind has none.
+        """
+        del values, poses
+        raise SamplesError(
+            f"the kind {self.kind}", "one that can be simulated again", where="observations"
+        )
+
     def over_poses(self, poses: PoseSource) -> Self:
         """The same kind of term, with the same noise, artefact and label, over other poses."""
+        return replace(self, poses=poses)
 
     def take(self, rows: ArrayLike) -> Self:
         """The term over some of its samples, by number (repeats allowed) or by boolean mask.
@@ -196,10 +276,35 @@ class Term(ABC):
         Raises:
             SamplesError: the kind has no such simulation, or a target cannot be reached.
         """
-        del values, noise, again
-        raise SamplesError(
-            f"the kind {self.kind}", "one that can be simulated again", where="observations"
-        )
+        ideal = self.observed(values, self.poses)
+        if self.medium != "touch":
+            return self.over_poses(again.seen(self.poses, ideal, noise))
+        sigma = noise[0] / self.noise_factor
+        return self.over_poses(again.touched(self.poses, ideal.position, sigma))
+
+    @property
+    def settings(self) -> Mapping[str, Any]:
+        """The values of the kind's own `keys` that this term was built with."""
+        return {}
+
+    @property
+    def touched(self) -> Artefact | None:
+        """The artefact whose landmarks are touched, if there is one."""
+        return None
+
+    def single_touches(self) -> Term:
+        """A term whose first block has one residual for each sample, over the same samples."""
+        return self
+
+    def errors_of_touches(self, displacement: FloatArray, samples: IntArray) -> FloatArray:
+        """Errors (k, n, d) of rows of the first block that random displacements of touches make.
+
+        Args:
+            displacement: (k, samples, 3) independent and alike in every direction, m. A residual
+                of d components sees d of them, whichever frame it is written in.
+            samples: (n, ·) which samples each row looks at.
+        """
+        return displacement[:, samples[:, 0], : self.blocks[0].size]
 
     @property
     def subject(self) -> str:
@@ -242,19 +347,28 @@ class Term(ABC):
         """
 
 
+def joined(labels: Mapping[str, NDArray[np.str_]], columns: Sequence[str]) -> NDArray[np.str_]:
+    """(n,) values of label columns, joined by a slash: ``P1/2`` for a placement and a repeat."""
+    found = labels[columns[0]]
+    for column in columns[1:]:
+        found = np.char.add(np.char.add(found, "/"), labels[column])
+    return found
+
+
 def pose_parameters(label: str) -> tuple[Parameter, ...]:
     """The six unknowns of an external frame, ``label.x … label.rz``."""
-    return tuple(
-        Parameter(label, key, "rad", plausible=PLAUSIBLE_ROTATION)
-        if key in ROTATION
-        else Parameter(label, key, "m", plausible=PLAUSIBLE_POSITION)
-        for key in PLACEMENT
-    )
+    return tuple(_unknown(label, key) for key in PLACEMENT)
 
 
 def point_parameters(label: str) -> tuple[Parameter, ...]:
     """The three unknowns of a point, ``label.x|y|z``."""
-    return tuple(Parameter(label, key, "m", plausible=PLAUSIBLE_POSITION) for key in POSITION)
+    return tuple(_unknown(label, key) for key in POSITION)
+
+
+def _unknown(label: str, key: str) -> Parameter:
+    if key in ROTATION:
+        return Parameter(label, key, "rad", plausible=PLAUSIBLE_ROTATION)
+    return Parameter(label, key, "m", plausible=PLAUSIBLE_POSITION)
 
 
 def pose_values(rotation: FloatArray, position: FloatArray) -> FloatArray:
@@ -262,20 +376,12 @@ def pose_values(rotation: FloatArray, position: FloatArray) -> FloatArray:
     return np.concatenate([position, vector_from_rotation(rotation)])
 
 
-def grouped(labels: NDArray[Any]) -> tuple[list[str], IntArray]:
-    """Distinct labels in order of first appearance, and which of them each row has."""
-    names, first, inverse = np.unique(labels, return_index=True, return_inverse=True)
-    order = np.argsort(first)
-    rank = np.empty_like(order)
-    rank[order] = np.arange(len(order))
-    return [str(names[i]) for i in order], rank[inverse].astype(np.intp)
+def pose_named(values: Mapping[str, float], label: str) -> tuple[FloatArray, FloatArray]:
+    """Rotation (3, 3) and position (3,), m, of the unknowns ``label.x … label.rz``."""
+    six = np.array([values[f"{label}.{key}"] for key in PLACEMENT])
+    return rotation_from_vector(six[3:]), six[:3]
 
 
-def no_own(rows: int) -> IntArray:
-    """Row indices of a block whose residual has no unknowns of its own."""
-    return np.zeros((rows, 0), dtype=np.intp)
-
-
-def norm(vector: Symbol) -> Symbol:
-    """Euclidean norm of a CasADi vector."""
-    return ca.sqrt(ca.dot(vector, vector))
+def point_named(values: Mapping[str, float], label: str) -> FloatArray:
+    """Position (3,), m, of the unknowns ``label.x|y|z``."""
+    return np.array([values[f"{label}.{key}"] for key in POSITION])

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import ClassVar, Final, Self
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import ClassVar, Final
 
 import casadi as ca
 import numpy as np
@@ -14,9 +16,10 @@ from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import register_points, rotation_from_vector
 from suta_calib.geometry.symbols import Symbol, symbolic_chordal_log
 from suta_calib.measurements import SampleColumns, Samples
+from suta_calib.model.parameters import Parameter
+from suta_calib.terms.block import LEARNT, Block, Noise, Pose, flat, pose_of
 from suta_calib.terms.hand_eye_start import Poses
 from suta_calib.terms.poses import MeasuredPoses, PoseSource
-from suta_calib.terms.resimulation import Resimulation, pose_named
 from suta_calib.terms.synthetic import (
     EXACT,
     NO_OUTLIERS,
@@ -24,15 +27,16 @@ from suta_calib.terms.synthetic import (
     PoseNoise,
     Simulated,
     contaminated,
-    simulated,
+    named,
 )
 from suta_calib.terms.term import (
-    Block,
-    Noise,
-    Pose,
+    Gap,
+    Medium,
+    Observed,
     Setup,
     Term,
-    pose_of,
+    TrueFrame,
+    pose_named,
     pose_parameters,
     pose_values,
 )
@@ -50,10 +54,11 @@ def _rotation(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
     return symbolic_chordal_log(ca.reshape(data, 3, 3).T @ pose_of(own).R @ poses[0].R)
 
 
+@dataclass(frozen=True, eq=False)
 class TrackedPoint(Term):
     """``T_instrument_base p_i - z_i``; the instrument-to-base pose is unknown.
 
-    Args:
+    Attributes:
         poses: samples with a measured position, and an orientation of the tip if there is one.
         noise: scatter and robustness of a position, m per axis.
         angular_noise: the same for the orientation, rad per axis.
@@ -64,36 +69,72 @@ class TrackedPoint(Term):
     """
 
     kind: ClassVar[str] = "tracked_point"
+    about: ClassVar[str] = (
+        "an external instrument saw the tip at x, y, z (m; columns qx, qy, qz, qw may be added); "
+        "where the instrument stands is found too"
+    )
     columns: ClassVar[SampleColumns] = SampleColumns(position=True, orientation="optional")
+    medium: ClassVar[Medium] = "instrument"
+    frames: ClassVar[tuple[TrueFrame, ...]] = (
+        TrueFrame("base", "base_in_instrument", required=False),
+    )
+    leaves_open: ClassVar[Mapping[Gap, tuple[str, str]]] = {
+        "base": (
+            "the unknown pose of the instrument makes up for it",
+            "choose it by convention (leave it at nominal), or survey the base with the instrument",
+        )
+    }
+    tells: ClassVar[Mapping[Gap, str]] = {
+        "base": "see the tip with an external instrument (tracked_point)",
+        "place": "see the tip with an external instrument (tracked_point)",
+    }
 
-    def __init__(
-        self,
-        poses: PoseSource,
-        noise: Noise = Noise(),
-        angular_noise: Noise = Noise(),
-        label: str = "default",
-    ) -> None:
-        super().__init__(poses, noise, angular_noise)
-        self.label = label
-        samples = poses.samples
-        if samples.position is None:
-            raise SamplesError("no positions", "columns x, y, z", where=self.kind)
-        self._seen = samples.position
-        name = "base" if label == "default" else f"base[{label}]"
-        self.own = pose_parameters(name)
-        n = len(poses)
+    noise: Noise = LEARNT
+    angular_noise: Noise = LEARNT
+    label: str = "default"
+
+    @classmethod
+    def over(cls, poses: PoseSource, setup: Setup) -> TrackedPoint:
+        """Build it from a row of a job file."""
+        return cls(poses, setup.noise, setup.angular_noise, setup.label)
+
+    @cached_property
+    def own(self) -> tuple[Parameter, ...]:
+        """``T_instrument_base``."""
+        return pose_parameters(self._frame)
+
+    @property
+    def _frame(self) -> str:
+        return "base" if self.label == "default" else f"base[{self.label}]"
+
+    @cached_property
+    def blocks(self) -> tuple[Block, ...]:
+        """Positions, and rotations where they were seen."""
+        n, samples = len(self.poses), self.poses.samples
         rows, own = np.arange(n)[:, None], np.tile(np.arange(6), (n, 1))
         zero, labels = np.zeros(n), samples.origin
-        self.blocks = (
-            Block("position", "m", 3, _position, rows, own, self._seen, noise, zero, labels),
+        position = Block(
+            "position", "m", 3, _position, rows, own, self._seen, self.noise, zero, labels
         )
-        if samples.rotation is not None:
-            data = np.swapaxes(samples.rotation, 1, 2).reshape(n, 9)
-            self.blocks += (
-                Block(
-                    "rotation", "rad", 3, _rotation, rows, own, data, angular_noise, zero, labels
-                ),
-            )
+        if samples.rotation is None:
+            return (position,)
+        turned, noise = flat(samples.rotation), self.angular_noise
+        return (
+            position,
+            Block("rotation", "rad", 3, _rotation, rows, own, turned, noise, zero, labels),
+        )
+
+    @property
+    def _seen(self) -> FloatArray:
+        if self.poses.samples.position is None:
+            raise SamplesError("no positions", "columns x, y, z", where=self.kind)
+        return self.poses.samples.position
+
+    def observed(self, values: Mapping[str, float], poses: PoseSource) -> Observed:
+        """The tip as the instrument sees it."""
+        R, p = pose_named(values, self._frame)
+        rotation, position = poses.at(values)
+        return Observed(position @ R.T + p, R @ rotation)
 
     def check_enough(self) -> None:
         """Three samples at least: the pose of the instrument is six unknowns."""
@@ -129,28 +170,13 @@ class TrackedPoint(Term):
         random, noise, errors = np.random.default_rng(seed).spawn(3)
         points = (random.random((count, 3)) - 0.5) * np.asarray(size, dtype=float)
         upright = np.tile(np.eye(3), (count, 1, 1))
-        seen = spread.scattered(noise, (upright, points @ T[0].T + T[1]))
-        (_, position), outliers = contaminated(errors, seen, gross)
-        samples = Samples.from_arrays([], np.zeros((count, 0)), position=position)
-        term = cls(MeasuredPoses(upright, points, samples))
-        return simulated(term, (pose_values(*T),), outliers)
-
-    @classmethod
-    def over(cls, poses: PoseSource, setup: Setup) -> TrackedPoint:
-        """Build it from a row of a job file."""
-        return cls(poses, setup.noise, setup.angular_noise, setup.label)
-
-    def over_poses(self, poses: PoseSource) -> Self:
-        """The same over other poses."""
-        return type(self)(poses, self.noise, self.angular_noise, self.label)
-
-    def resimulated(
-        self, values: Mapping[str, float], noise: Sequence[float], again: Resimulation
-    ) -> Self:
-        """The tip as the instrument sees it."""
-        R, p = pose_named(values, self.own[0].name.removesuffix(".x"))
-        rotation, position = self.poses.at(values)
-        return self.over_poses(again.seen(self.poses, (R @ rotation, position @ R.T + p), noise))
+        samples = Samples.from_arrays([], np.zeros((count, 0)), position=points)
+        exact = cls(MeasuredPoses(upright, points, samples))
+        truth = named(exact, (pose_values(*T),))
+        ideal = exact.observed(truth, exact.poses).position
+        seen, outliers = contaminated(errors, spread.scattered(noise, (upright, ideal)), gross)
+        samples = replace(samples, position=seen[1])
+        return Simulated(cls(MeasuredPoses(upright, points, samples)), truth, outliers)
 
     def start(self, rotation: FloatArray, position: FloatArray) -> FloatArray:
         """Arun's registration of the tip's positions to what the instrument saw."""

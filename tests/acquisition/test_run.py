@@ -17,7 +17,7 @@ from suta_calib.arrays import FloatArray
 from suta_calib.job.calibration import joint_ranges
 from suta_calib.measurements import read_samples
 from suta_calib.model.arm import ArmModel
-from suta_calib.terms import PairwiseDistance
+from suta_calib.terms import FixedPoint, PairwiseDistance
 
 
 @pytest.fixture(scope="module")
@@ -159,7 +159,7 @@ def test_a_resumed_run_goes_on_where_the_arm_is(
 
 
 def test_a_fixed_point_is_touched_in_many_postures(arm: ArmModel, tmp_path: Path) -> None:
-    plan = repeated(arm, "fixed_point", "F1", "1", 3)
+    plan = repeated(arm, FixedPoint, "F1", "1", 3)
     script = Script(POSTURE).rest(1.0)
     for k in (1, 2):
         script.move(POSTURE + 0.1 * k, 0.4).rest(1.0)

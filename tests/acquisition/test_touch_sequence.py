@@ -16,6 +16,7 @@ from suta_calib.acquisition.touch_sequence import read_arm, read_row, repeated, 
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import ArtefactError, InputError, JobError, SamplesError, UrdfError
 from suta_calib.model.arm import ArmModel
+from suta_calib.terms import FixedPoint
 
 
 @pytest.fixture(scope="module")
@@ -123,7 +124,7 @@ def test_bad_jobs_are_refused(tmp_path: Path, suta_urdf: Path, job: Path, arm: A
         touched(arm, read_row(job, None, ["pairwise_distance"]), "P1", "1", [])
     for label in ("", "a/b", " P1", "P\n1"):
         with pytest.raises(InputError, match="--point"):
-            repeated(arm, "fixed_point", label, "1", 3)
+            repeated(arm, FixedPoint, label, "1", 3)
 
 
 def test_the_device_may_have_more_joints_in_another_order() -> None:

@@ -29,7 +29,7 @@ from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.solver.solve import solve
 from suta_calib.terms import HandEye, Noise, Term
-from suta_calib.terms.term import Block
+from suta_calib.terms.block import Block
 
 # Put in by the shipped simulation: per axis, so √2 of it in a distance.
 SEATING = 0.167e-3

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -29,6 +30,7 @@ from suta_calib.analysis.study import (
     judge_spread,
     plan_study,
     run_study,
+    study_of_job,
 )
 from suta_calib.analysis.study.trial import FullDataFit, Trial, held_out_rms, nominal_rms, run_trial
 from suta_calib.diagnostics.accuracy import Accuracy, assess
@@ -287,3 +289,16 @@ def test_each_parameter_scatters_as_predicted() -> None:
     found = spread(400, kind="monte-carlo")
     assert np.all(ratios(found) > 0.8)
     assert np.all(ratios(found) < 1.25)
+
+
+def test_a_study_of_a_job_is_one_call(tmp_path: Path) -> None:
+    job, request = suta_job(), Request("size", 2, (1, 3), tolerance=0.5)
+    found = study_of_job(job, request)
+    assert isinstance(found, SizeStudy)
+    again = judge_sizes(found.plan, run_study(found.plan), 0.5)
+    for mine, other in zip(found.sizes, again.sizes, strict=True):
+        np.testing.assert_array_equal(mine.rms, other.rms)
+    log = tmp_path / request.log_name
+    resumed = study_of_job(job, request, log), study_of_job(job, request, log, resume=True)
+    assert log.is_file()
+    assert {study.recommended for study in resumed} == {found.recommended}

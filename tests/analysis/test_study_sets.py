@@ -197,7 +197,7 @@ def test_a_simulation_stays_near_the_measured_postures() -> None:
 def test_a_kind_that_cannot_be_simulated_is_named() -> None:
     class Other(type(term("tracked_point"))):  # type: ignore[misc]
         kind = "other"
-        resimulated = Term.resimulated
+        observed = Term.observed
 
     samples = term("tracked_point").poses
     with pytest.raises(SamplesError, match="kind other"):

@@ -38,7 +38,7 @@ def seats(made: Simulation, path: str) -> tuple[np.ndarray, np.ndarray]:
     """True tip positions of a file, and the places of the landmarks touched, both in the base."""
     file = next(file for file in made.files if file.path == path)
     plan = next(plan for plan in made.spec.sets if plan.name == path.split("/")[0])
-    pose = (plan.placements or {})[Path(path).stem]
+    pose = plan.places[Path(path).stem]
     truth = made.artefacts[plan.name].position_of(file.samples.labels["landmark"])
     tip = made.arm.forward(file.samples.q, made.values)[1]
     return tip, truth @ pose.rotation.T + pose.position
@@ -63,7 +63,7 @@ def test_without_noise_the_true_tip_has_the_landmarks_orientation(folder: Folder
     for row, name in enumerate(samples.labels["landmark"]):
         seat = marks[str(name)].rotation
         if seat is not None:
-            expected = (plan.placements or {})["P1"].rotation @ seat
+            expected = plan.places["P1"].rotation @ seat
             np.testing.assert_allclose(rotation[row], expected, atol=1e-10, rtol=0)
 
 
@@ -81,9 +81,8 @@ def test_the_fixed_point_is_touched_from_directions_within_the_cone(folder: Fold
 def test_the_instrument_sees_the_true_tip(folder: Folder) -> None:
     made = folder.simulate()
     samples = made.files[3].samples
-    base = made.spec.sets[2].base_in_instrument
+    base = made.spec.sets[2].frames["base_in_instrument"]
     rotation, tip = made.arm.forward(samples.q, made.values)
-    assert base is not None
     assert samples.position is not None
     assert samples.rotation is not None
     T = homogeneous(base.rotation, base.position)

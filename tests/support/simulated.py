@@ -116,6 +116,7 @@ class Scene:
     labels: dict[str, list[str]] = field(default_factory=dict)
     seen: tuple[str, ...] = ()
     artefact: Artefact | None = None
+    settings: dict[str, Any] = field(default_factory=dict)
 
     def samples(self, spread: Spread = Spread(), seed: int = 0, trials: int = 1) -> list[Samples]:
         """Independent repetitions of the measurement."""
@@ -135,7 +136,7 @@ class Scene:
         return [self._observed(*rows) for rows in zip(q, position, rotation, strict=True)]
 
     def term(self, samples: Samples, noise: Noise = PLAIN, angular: Noise = PLAIN) -> Term:
-        setup = Setup(self.artefact, noise, angular)
+        setup = Setup(self.artefact, noise, angular, settings=self.settings)
         return KINDS[self.kind].over(ArmPoses(self.arm, samples), setup)
 
     def exact(self, noise: Noise = PLAIN, angular: Noise = PLAIN) -> Term:
@@ -226,6 +227,40 @@ def fixed_point_scene(
     labels = {"point": [f"F{k}" for k in range(len(points)) for _ in range(directions)]}
     q = readings_for(arm, truth, position, rotation)
     return Scene("fixed_point", arm, truth, q, True, position, rotation, labels)
+
+
+def plane_scene(
+    arm: ArmModel,
+    truth: dict[str, float],
+    touches: int = 12,
+    radius: float = 0.0,
+    planes: Sequence[tuple[Sequence[float], Sequence[float]]] = (
+        ((0.45, 0.05, -0.05), (0.0, 0.1, 0.0)),
+        ((-0.05, 0.45, 0.1), (0.4, 0.0, 0.3)),
+        ((-0.4, -0.2, 0.0), (-0.1, -0.3, 0.0)),
+        ((0.2, -0.45, 0.15), (0.5, 0.3, 0.0)),
+    ),
+) -> Scene:
+    """Planes of several attitudes (position, rpy), touched all over from a cone of directions."""
+    rng = np.random.default_rng(4)
+    kinematics, settings = InverseKinematics(arm, truth), {"radius": radius}
+    found = []
+    for k, (centre, rpy) in enumerate(planes):
+        R, tried = rotation_from_rpy(list(rpy)), 4 * touches
+        where = rng.random((tried, 2))
+        position = KINDS["plane"].touches(R, np.array(centre), where, settings)
+        lean = np.zeros((tried, 3))
+        lean[:, :2] = rng.uniform(-0.7, 0.7, (tried, 2))
+        yaw = rng.uniform(-3, 3, tried)
+        down = np.array([rotation_from_rpy([math.pi, 0.0, each]) for each in yaw])
+        rotation = R @ rotation_from_vector(lean) @ down
+        answer = kinematics.solve(Targets(position, rotation), kinematics.middle, rng)
+        rows = np.flatnonzero(answer.reached)[:touches]
+        assert len(rows) == touches, f"plane {k} is out of reach"
+        found.append((position[rows], rotation[rows], answer.q[rows]))
+    position, rotation, q = (np.concatenate(column) for column in zip(*found, strict=True))
+    labels = {"plane": [f"S{k}" for k in range(len(planes)) for _ in range(touches)]}
+    return Scene("plane", arm, truth, q, True, position, rotation, labels, settings=settings)
 
 
 def tracked_scene(

@@ -19,6 +19,7 @@ from simulated import (
     hand_eye_scene,
     perturbed,
     placements,
+    plane_scene,
     tracked_scene,
 )
 
@@ -59,6 +60,10 @@ CASES = {
     "landmark": case("landmark", over_artefact("landmark", False), "tip.y"),
     "landmark with seats": case("landmark", over_artefact("landmark", True), "tip.y"),
     "fixed_point": case("fixed_point", fixed_point_scene, "joint_4.z"),
+    "plane": case("plane", plane_scene, "joint_4.z"),
+    "plane with a ball": case(
+        "plane", lambda arm, truth: plane_scene(arm, truth, radius=0.02), "joint_4.z"
+    ),
     "tracked_point": case("tracked_point", tracked_scene),
     "tracked_point with orientation": case(
         "tracked_point", lambda arm, truth: tracked_scene(arm, truth, oriented=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from cli_job import cli, write_simulated_job
 from simulated import arm_named, dh_parameters, perturbed, random_readings
 
 from suta_calib.analysis.planning import Region
-from suta_calib.analysis.tip_map import Figures, tip_map
+from suta_calib.analysis.tip_map import Figures, TipMapOptions, tip_map, tip_map_of_result
 from suta_calib.analysis.tip_sections import Knowledge
 from suta_calib.analysis.tip_uncertainty import Sensitivity, sensitivity
 from suta_calib.arrays import FloatArray
@@ -114,6 +115,19 @@ def test_a_region_out_of_reach_or_without_volume_is_refused() -> None:
         far.postures(known.kinematics, known.visited, ARM.forward(known.visited)[1], 0)
     with pytest.raises(JobError, match="a lower corner below"):
         Region(np.zeros(3), np.array([1.0, 0.0, 1.0]), DOWN)
+
+
+def test_a_map_says_whether_it_is_good_enough() -> None:
+    known = knowledge()
+    box = np.array([[0.15, -0.3, 0.0], [0.6, 0.3, 0.4]])
+    found = tip_map_of_result(known, TipMapOptions(box, tolerance=1e-6, grid=7))
+    assert found.assessment.level == "bad"
+    assert found.assessment.notes[0] == "That is more than the 0.001 mm asked for."
+    enough = replace(found, tolerance=1.0).assessment
+    assert enough.usable
+    assert any(note.startswith("tip.y is held, not measured") for note in enough.notes)
+    with pytest.raises(JobError, match="a box for the tip"):
+        tip_map_of_result(known, TipMapOptions())
 
 
 def test_figures() -> None:

@@ -14,8 +14,8 @@ from scipy.optimize import least_squares
 from suta_calib.analysis.repeatability import PositionScatter
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.errors import SamplesError
-from suta_calib.terms import PairwiseDistance
-from suta_calib.terms.term import grouped
+from suta_calib.terms import Term
+from suta_calib.terms.block import grouped
 
 LEAST_POINTS: Final = 4
 _ROUNDING: Final = 1e-9
@@ -134,8 +134,8 @@ class LengthErrors:
     calibration_std: FloatArray
 
     @classmethod
-    def of(cls, term: PairwiseDistance) -> LengthErrors:
-        """Over the poses of a term, the arm held as it is."""
+    def of(cls, term: Term) -> LengthErrors:
+        """Over the poses of distances between landmarks, the arm held as it is."""
         block = term.blocks[0]
         _, position = term.poses.at({})
         first, second = block.samples.T

@@ -24,7 +24,7 @@ from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.solver.solve import solve
 from suta_calib.terms import Term
-from suta_calib.terms.term import grouped
+from suta_calib.terms.block import grouped
 from suta_calib.threads import single_threaded
 
 MOST_FOLDS: Final = 10

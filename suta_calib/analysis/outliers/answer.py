@@ -11,6 +11,7 @@ import numpy as np
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment
 from suta_calib.solver.solution import Solution
+from suta_calib.terms import GROUPINGS
 from suta_calib.units import mm
 
 Metric = Literal["contribution", "cooks_distance", "leave_one_out", "bias"]
@@ -21,13 +22,7 @@ METRICS: Final[tuple[Metric, ...]] = ("contribution", "cooks_distance", "leave_o
 # take for noise has no certain bias. Three of four leaves room for one blind spot, and no single
 # metric convicts.
 AGREEMENT: Final = 3
-GROUPING_NOUN: Final = {
-    "landmarks": "landmark",
-    "placements": "placement",
-    "sets": "set",
-    "points": "point",
-    "rows": "row",
-}
+GROUPING_NOUN: Final = {f"{noun}s": noun for noun in GROUPINGS}
 WORDS: Final = {
     "contribution": "error contribution",
     "cooks_distance": "Cook's distance",

@@ -23,7 +23,6 @@ from suta_calib.analysis.outliers.registration import Registered, systematic
 from suta_calib.analysis.outliers.touches import Touches
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.solver.information import Rows, whitened_rows
-from suta_calib.terms import PairwiseDistance
 
 DRAWS: Final = 1000
 # Information, relative to the whole, that is a difference of equal numbers.
@@ -126,15 +125,7 @@ class _Imitation:
     def _errors(self, noise: FloatArray) -> None:
         """Whitened errors (draws, rows, d) after the fit, and the registered touches."""
         term, sigma = self._scene.reference.term, self._fit.sigma
-        error = noise[:, self._fit.samples[:, 0]]
-        if isinstance(term, PairwiseDistance):
-            names = term.poses.samples.labels["landmark"]
-            ends = term.artefact.position_of(names)[self._fit.samples]
-            apart = ends[:, 0] - ends[:, 1]
-            along = apart / np.linalg.norm(apart, axis=1)[:, None]
-            error = error - noise[:, self._fit.samples[:, 1]]
-            error = np.einsum("nd,knd->kn", along, error)[:, :, None]
-        white = error / sigma[:, None]
+        white = term.errors_of_touches(noise, self._fit.samples) / sigma[:, None]
         step = _by_parameter(white, self._jacobian) @ inverse(self._hessian)
         flat = self._jacobian.reshape(-1, len(self._free))
         self._error = white - (step @ flat.T).reshape(white.shape)

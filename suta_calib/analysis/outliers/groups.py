@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from suta_calib.arrays import IntArray
-from suta_calib.terms.term import Term, grouped
+from suta_calib.terms.block import grouped
+from suta_calib.terms.term import Term, joined
 
 # With fewer, "unlike the others" means nothing.
 FEWEST: Final = 3
@@ -22,7 +23,7 @@ class Grouping:
     """A partition of a term's samples.
 
     Attributes:
-        name: ``landmarks``, ``placements``, ``sets``, ``points`` or ``rows``.
+        name: what one group is called, in the plural: ``landmarks``, ``rows``.
         labels: of the groups.
         member: (samples,) number of the group each sample is in.
     """
@@ -40,27 +41,17 @@ class Grouping:
 
 
 def groupings(term: Term) -> tuple[Grouping, ...]:
-    """Every partition that makes sense for a term, at least three groups each.
+    """Every partition that the term's kind knows, at least three groups each.
 
-    Touches of an artefact: by landmark, by placement, by set (a placement gone through once).
-    Touches of fixed points: by point, and row by row. What was seen from afar: row by row.
+    Sets, where every placement was gone through once, are placements.
     """
-    labels = term.poses.samples.labels
-    found = []
-    if "landmark" in labels:
-        sets = np.char.add(np.char.add(labels["placement"], "/"), labels["repeat"])
-        found = [
-            _by("landmarks", labels["landmark"]),
-            _by("placements", labels["placement"]),
-            _by("sets", sets),
-        ]
-        if len(found[2]) == len(found[1]):
-            found.pop()
-    else:
-        if "point" in labels:
-            found.append(_by("points", labels["point"]))
-        found.append(_by("rows", row_names(term)))
-    return tuple(g for g in found if len(g) >= FEWEST)
+    labels, found = term.poses.samples.labels, dict[tuple[str, ...], Grouping]()
+    for noun, columns in term.groupings.items():
+        grouping = _by(f"{noun}s", joined(labels, columns) if columns else row_names(term))
+        coarser = found.get(columns[:-1])
+        if coarser is None or len(coarser) < len(grouping):
+            found[columns] = grouping
+    return tuple(g for g in found.values() if len(g) >= FEWEST)
 
 
 def row_names(term: Term) -> NDArray[np.str_]:
@@ -77,9 +68,9 @@ def row_names(term: Term) -> NDArray[np.str_]:
 def touch_name(term: Term, row: int) -> str:
     """What was touched, for a sentence."""
     labels = term.poses.samples.labels
-    if "landmark" in labels:
+    if term.touched is not None:
         return "{} at {}/{}".format(*(labels[k][row] for k in ("landmark", "placement", "repeat")))
-    return str(labels["point"][row]) if "point" in labels else f"row {row}"
+    return str(labels[term.place][row]) if term.place else f"row {row}"
 
 
 def _by(name: str, labels: NDArray[np.str_]) -> Grouping:

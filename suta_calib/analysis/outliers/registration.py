@@ -10,9 +10,9 @@ from scipy.linalg import orth
 
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.geometry.numbers import register_points
-from suta_calib.terms import PairwiseDistance, TouchedLandmark
-from suta_calib.terms.pairwise_distance import check_landmarks
-from suta_calib.terms.term import Term, grouped
+from suta_calib.terms.block import grouped
+from suta_calib.terms.landmark import certified_positions
+from suta_calib.terms.term import Term
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,9 +36,9 @@ class Registered:
     @classmethod
     def of(cls, term: Term, used: BoolArray) -> Registered | None:
         """None where the term knows no artefact."""
-        if not isinstance(term, PairwiseDistance | TouchedLandmark):
+        if term.touched is None:
             return None
-        certified = check_landmarks(term.poses, term.artefact)
+        certified = certified_positions(term.poses, term.touched)
         labels = term.poses.samples.labels
         placement = grouped(labels["placement"])[1]
         names, landmark = grouped(labels["landmark"])

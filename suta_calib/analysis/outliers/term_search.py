@@ -28,7 +28,6 @@ from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.model.parameters import ParameterSet
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
-from suta_calib.terms import PairwiseDistance, TouchedLandmark
 from suta_calib.terms.term import Term
 
 # Rows beyond which only those with the largest errors are refitted one by one.
@@ -211,9 +210,9 @@ def _placed(group: Group, number: int, touches: Touches) -> Group:
 
 
 def _positions(term: Term, landmarks: Grouping | None) -> FloatArray | None:
-    if landmarks is None or not isinstance(term, PairwiseDistance | TouchedLandmark):
+    if landmarks is None or term.touched is None:
         return None
-    return term.artefact.position_of(landmarks.labels)
+    return term.touched.position_of(landmarks.labels)
 
 
 def arm_of(problem: Problem) -> ParameterSet:

@@ -9,11 +9,10 @@ given a displacement one at a time, the most significant first, so that none hid
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import chi2
 from scipy.stats import f as f_distribution
 
@@ -22,13 +21,9 @@ from suta_calib.analysis.outliers.groups import Grouping
 from suta_calib.analysis.outliers.reference import ReferenceFit
 from suta_calib.analysis.outliers.robust import RobustLinearFit, scatter
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
-from suta_calib.measurements import Artefact, Samples
 from suta_calib.model.parameters import ParameterSet
 from suta_calib.solver.information import whitened_rows
 from suta_calib.solver.problem import Problem
-from suta_calib.terms import ArmPoses, PairwiseDistance, TouchedLandmark
-from suta_calib.terms.poses import MeasuredPoses, PoseSource
-from suta_calib.terms.term import Term
 
 # Probability that data without gross touches lose one, and without displaced landmarks gain one.
 FALSE_ALARM: Final = 0.01
@@ -43,7 +38,7 @@ class Touches:
     """The touches of one term.
 
     Attributes:
-        rest: (n, 3) what is left of each residual, m.
+        rest: (n, d) what is left of each residual, m.
         sigma: standard deviation of one component of one touch, m.
         shared: of what repeats of a touch have in common, m; part of ``sigma``.
         gross: (n,) touches far beyond that.
@@ -67,46 +62,17 @@ def explained_touches(
         arm: the arm's unknowns that may explain, with their priors.
         landmarks: whose displacement is looked for, or None.
     """
-    vehicle = single_touches(reference.term)
+    vehicle = reference.term.single_touches()
     problem = Problem([vehicle], arm)
     own = {n: v for n, v in reference.values.items() if n in problem.parameters}
     values = {p.name: p.nominal for p in arm.values()} | own
     start = problem.start(values)
     x = np.array([values.get(n, float(s)) for n, s in zip(problem.names, start, strict=True)])
     rows = whitened_rows(problem, x, problem.assumed_sigmas())[0]
-    jacobian = rows.jacobian * np.repeat(rows.line.sigma, 3)[:, None]
+    jacobian = rows.jacobian * np.repeat(rows.line.sigma, vehicle.blocks[0].size)[:, None]
     deviation = x - problem.parameters.array("nominal")
     fit = RobustLinearFit(jacobian, rows.line.residual.copy(), problem.prior_precision(), deviation)
     return _with_displacements(fit, reference.term.repeats(), landmarks)
-
-
-def single_touches(term: Term) -> Term:
-    """A term with one residual vector for each touch, over the same samples.
-
-    Distances between touches become touches of the artefact registered set by set, which is what
-    distances are blind to.
-    """
-    if isinstance(term, PairwiseDistance):
-        labels = dict(term.poses.samples.labels)
-        labels["placement"] = np.char.add(np.char.add(labels["placement"], "/"), labels["repeat"])
-        return TouchedLandmark(_relabelled(term.poses, labels), _positions_only(term.artefact))
-    if isinstance(term, TouchedLandmark):
-        return TouchedLandmark(term.poses, _positions_only(term.artefact))
-    return term
-
-
-def _relabelled(poses: PoseSource, labels: dict[str, NDArray[np.str_]]) -> PoseSource:
-    s = poses.samples
-    samples = Samples(s.joints, s.q, labels, s.position, s.rotation, s.origin)
-    if isinstance(poses, ArmPoses):
-        return ArmPoses(poses.arm, samples)
-    rotation, position = poses.at({})
-    return MeasuredPoses(rotation, position, samples, exact=True)
-
-
-def _positions_only(artefact: Artefact) -> Artefact:
-    marks = {name: replace(m, rotation=None) for name, m in artefact.landmarks.items()}
-    return Artefact(artefact.name, marks)
 
 
 def _with_displacements(
@@ -114,7 +80,7 @@ def _with_displacements(
 ) -> Touches:
     """Free one landmark after the other for as long as one is significantly displaced."""
     if landmarks is None:
-        rest, sigma, _ = fit.solve(np.zeros((3 * len(cells), 0)))
+        rest, sigma, _ = fit.solve(np.zeros((fit.residual.size, 0)))
         return Touches(rest, sigma, _shared(rest, cells, sigma), _gross(fit, rest, sigma))
     chosen: list[int] = []
     while True:
@@ -137,7 +103,7 @@ def _with_displacements(
 def _gross(fit: RobustLinearFit, rest: FloatArray, sigma: float) -> BoolArray:
     if fit.saturated:
         return np.zeros(len(rest), dtype=bool)
-    limit = max(sigma, SMALLEST) * np.sqrt(chi2.ppf(1.0 - FALSE_ALARM / len(rest), 3))
+    limit = max(sigma, SMALLEST) * np.sqrt(chi2.ppf(1.0 - FALSE_ALARM / len(rest), rest.shape[1]))
     return np.asarray(np.linalg.norm(rest, axis=1) > limit)
 
 
@@ -178,7 +144,7 @@ def _shared(rest: FloatArray, cells: IntArray, sigma: float) -> float:
     _, index, count = np.unique(cells, return_inverse=True, return_counts=True)
     if not np.any(count > 1):
         return 0.0
-    mean = np.zeros((len(count), 3))
+    mean = np.zeros((len(count), rest.shape[1]))
     np.add.at(mean, index, rest)
     inside = rest - (mean / count[:, None])[index]
     freed = inside / np.sqrt(1.0 - 1.0 / np.maximum(count, 2))[index, None]

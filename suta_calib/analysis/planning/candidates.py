@@ -22,7 +22,6 @@ from suta_calib.measurements.suggestion import did_you_mean
 from suta_calib.model.arm import ArmModel
 from suta_calib.units import Unit, deg, from_deg, from_mm, key, stored
 
-CandidateKind = Literal["placement", "point", "pose"]
 # Angle between the artefact's z axis and the vertical below which it stands flat, rad.
 FLAT: Final = from_deg(1.0)
 # Of ``candidates.yaml``.
@@ -59,15 +58,16 @@ class Placement:
 
 @dataclass(frozen=True, eq=False)
 class Point:
-    """One point touched from many directions.
+    """One point, or another place without an artefact, touched from many directions.
 
     Attributes:
-        name: of the point, for the samples' column.
+        name: of the place, for the samples' column.
         position: (3,) in the base, m.
         directions: how many touches.
         axis: (3,) unit vector in the base, the middle of the tip's z axes.
         cone: largest angle between a tip's z axis and ``axis``, rad.
         line: line of the candidates file it comes from.
+        kind: the sort of place, as its column is called; a plane is square to ``axis``.
     """
 
     name: str
@@ -76,7 +76,7 @@ class Point:
     axis: FloatArray
     cone: float
     line: int | None = None
-    kind: Literal["point"] = "point"
+    kind: str = "point"
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,7 +130,9 @@ class Candidate:
         if isinstance(self.place, Placement):
             tilt = self.place.tilt
             return "placement, flat" if tilt < FLAT else "placement, tilted"
-        return "point from many directions" if isinstance(self.place, Point) else "pose"
+        if isinstance(self.place, Point):
+            return f"{self.place.kind} from many directions"
+        return "pose"
 
 
 @dataclass(frozen=True)
@@ -138,7 +140,7 @@ class Unreachable:
     """A place that is no candidate, and why."""
 
     name: str
-    kind: CandidateKind
+    kind: str
     reason: str
 
 

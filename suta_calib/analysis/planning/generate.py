@@ -117,7 +117,14 @@ def _points(
         (region.lower + u * (region.upper - region.lower)) / _LENGTH_STEP
     )
     return [
-        Point(f"F{next(names)}", position, max(2, touches), region.axis, DEFAULT_CONE)
+        Point(
+            f"F{next(names)}",
+            position,
+            max(2, touches),
+            region.axis,
+            DEFAULT_CONE,
+            kind=situation.places.place,
+        )
         for position in where
     ]
 

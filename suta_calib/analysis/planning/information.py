@@ -21,9 +21,10 @@ from suta_calib.model.parameters import ParameterSet
 from suta_calib.solver.identifiability import Identification, identify, schur_complement
 from suta_calib.solver.information import Information, predicted_information
 from suta_calib.solver.problem import Problem
+from suta_calib.terms import KINDS
 
 # Unknowns that belong to one place: another place has its own.
-_PRIVATE: Final = ("placement[", "fixed_point[")
+_PRIVATE: Final = tuple(f"{kind.place_unknown}[" for kind in KINDS.values() if kind.place_unknown)
 
 
 @dataclass(frozen=True, eq=False)

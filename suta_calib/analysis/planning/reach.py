@@ -19,7 +19,7 @@ from suta_calib.analysis.planning.candidates import (
     Unreachable,
 )
 from suta_calib.analysis.planning.links import Collisions
-from suta_calib.analysis.planning.region import directions, nearest
+from suta_calib.analysis.planning.region import directions, nearest, turning_z_to
 from suta_calib.analysis.planning.situation import Situation
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import JobError
@@ -138,7 +138,13 @@ class Reach:
         if not places:
             return {}
         counts = [_TRIED * place.directions for place in places]
-        position = np.repeat([place.position for place in places], counts, axis=0)
+        kind, settings = self.situation.places, self.situation.place_settings
+        position = np.concatenate(
+            [
+                kind.touches(turning_z_to(-p.axis), p.position, _all_over(n), settings)
+                for p, n in zip(places, counts, strict=True)
+            ]
+        )
         rotation = np.concatenate([_spiral(p, n) for p, n in zip(places, counts, strict=True)])
         answer, reached = self._solve(Targets(position, rotation, "axis"))
         found: dict[str, Candidate | Unreachable] = {}
@@ -176,7 +182,7 @@ class Reach:
         free = collisions.free(candidate.q)
         if free.all():
             return candidate
-        if candidate.place.kind == "point" and free.mean() >= _ENOUGH:
+        if isinstance(candidate.place, Point) and free.mean() >= _ENOUGH:
             rows = np.resize(np.flatnonzero(free), len(free))
             return Candidate(candidate.place, candidate.q[rows], (), candidate.repeats)
         reason = f"the arm touches itself in {int((~free).sum())} of {len(free)} postures"
@@ -187,3 +193,10 @@ def _spiral(place: Point, count: int) -> FloatArray:
     """Orientations (count, 3, 3) with z axes spread evenly over the point's cone."""
     k = np.arange(count, dtype=np.float64)
     return directions(place.axis, place.cone, (k + 0.5) / count, (k * _GOLDEN) % 1.0)
+
+
+def _all_over(count: int) -> FloatArray:
+    """(count, 2) numbers that fill the unit square evenly, in another order than the spiral's."""
+    k = np.arange(count, dtype=np.float64)[:, None]
+    # Roberts' sequence: powers of the root of x³ = x + 1, as the golden ratio is of x² = x + 1.
+    return np.asarray((0.5 + k * np.array([0.7548776662466927, 0.5698402909980532])) % 1.0)

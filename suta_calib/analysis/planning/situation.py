@@ -2,28 +2,23 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
-from suta_calib.analysis.planning.candidates import Candidate, Placement
+from suta_calib.analysis.planning.candidates import Candidate, Placement, Point, Posture
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import JobError
-from suta_calib.geometry.numbers import register_points, rotation_from_vector
+from suta_calib.geometry.numbers import register_points
 from suta_calib.measurements import Artefact, Samples
 from suta_calib.model.arm import ArmModel
 from suta_calib.simulation.inverse_kinematics import InverseKinematics
 from suta_calib.solver.problem import DEFAULT_SIGMA, Problem
 from suta_calib.solver.solution import Solution
-from suta_calib.terms import KINDS, ArmPoses, Setup, Term
-from suta_calib.terms.landmark import TouchedLandmark
-from suta_calib.terms.pairwise_distance import PairwiseDistance
-
-# Kinds whose unknowns all samples share, wherever they are taken.
-SEEN = ("tracked_point", "hand_eye")
+from suta_calib.terms import ArmPoses, Setup, Term, first_kind
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,20 +85,31 @@ class Situation:
         return self.arm.forward(self.readings, self.values)
 
     @property
-    def touching(self) -> PairwiseDistance | TouchedLandmark | None:
+    def touching(self) -> Term | None:
         """The first term that touches an artefact."""
-        found = [t for t in self.problem.terms if isinstance(t, PairwiseDistance | TouchedLandmark)]
-        return found[0] if found else None
+        return next((t for t in self.problem.terms if t.touched is not None), None)
 
     @property
     def artefact(self) -> Artefact | None:
         """What is put down at a placement."""
-        return None if self.touching is None else self.touching.artefact
+        return None if self.touching is None else self.touching.touched
 
     @property
     def seen(self) -> Term | None:
         """The first term of an instrument or a camera."""
-        return next((t for t in self.problem.terms if t.kind in SEEN), None)
+        return next((t for t in self.problem.terms if t.medium != "touch"), None)
+
+    @property
+    def places(self) -> Term | type[Term]:
+        """The first term that touches places without an artefact, or the kind that would."""
+        touching = (t for t in self.problem.terms if t.medium == "touch" and t.touched is None)
+        return next(touching, None) or first_kind(artefact=False)
+
+    @property
+    def place_settings(self) -> Mapping[str, Any]:
+        """What `Term.touches` must know of them."""
+        places = self.places
+        return places.settings if isinstance(places, Term) else {}
 
     @cached_property
     def repeats(self) -> int:
@@ -117,11 +123,11 @@ class Situation:
     @cached_property
     def placements(self) -> tuple[Placement, ...]:
         """Where the artefact stood, by registration to the touches."""
-        term = self.touching
-        if term is None:
+        term, artefact = self.touching, self.artefact
+        if term is None or artefact is None:
             return ()
         labels = term.poses.samples.labels
-        certified = term.artefact.position_of(labels["landmark"])
+        certified = artefact.position_of(labels["landmark"])
         _, position = term.poses.at(self.values)
         found = []
         for name in dict.fromkeys(map(str, labels["placement"])):
@@ -133,20 +139,21 @@ class Situation:
     @property
     def labels(self) -> frozenset[str]:
         """Names of placements and points that are taken."""
-        terms = [term.poses.samples.labels for term in self.problem.terms]
-        used = [labels[key] for labels in terms for key in ("placement", "point") if key in labels]
+        used = [t.poses.samples.labels[t.place] for t in self.problem.terms if t.place]
         return frozenset(str(name) for column in used for name in column)
 
     def term(self, candidate: Candidate) -> Term:
         """The candidate as observations that meet the present arm exactly, gone through once."""
-        q, n = candidate.q, len(candidate.q)
-        if candidate.place.kind == "pose":
+        q, n, place = candidate.q, len(candidate.q), candidate.place
+        if isinstance(place, Posture):
             return self._seen_from(q)
-        if candidate.place.kind == "point":
-            samples = Samples.from_arrays(
-                self.arm.joints, q, labels={"point": [candidate.name] * n}
+        if isinstance(place, Point):
+            labels = {self.places.place: [candidate.name] * n}
+            poses = ArmPoses(self.arm, Samples.from_arrays(self.arm.joints, q, labels=labels))
+            known = self.places
+            return (
+                known.over_poses(poses) if isinstance(known, Term) else known.over(poses, Setup())
             )
-            return KINDS["fixed_point"].over(ArmPoses(self.arm, samples), Setup())
         labels = {
             "placement": [candidate.name] * n,
             "repeat": ["1"] * n,
@@ -174,36 +181,16 @@ class Situation:
             for block in term.blocks:
                 levels.setdefault((term.kind, block.name), self.sigmas[k])
                 if block.unit == "m":
-                    share = math.sqrt(2.0) if term.kind == "pairwise_distance" else 1.0
-                    levels.setdefault(("touch", "m"), self.sigmas[k] / share)
+                    levels.setdefault(("touch", "m"), self.sigmas[k] / term.noise_factor)
                 k += 1
         return levels
 
     def _seen_from(self, q: FloatArray) -> Term:
         """What the instrument or the camera would report in these postures."""
         assert self.seen is not None
-        rotation, position = _expected(self.seen, *self.arm.forward(q, self.values), self.values)
+        poses = ArmPoses(self.arm, Samples.from_arrays(self.arm.joints, q))
+        ideal = self.seen.observed(self.values, poses)
         oriented = self.seen.poses.samples.rotation is not None
-        samples = Samples.from_arrays(
-            self.arm.joints, q, position=position, rotation=rotation if oriented else None
-        )
+        rotation = ideal.rotation if oriented else None
+        samples = replace(poses.samples, position=ideal.position, rotation=rotation)
         return self.seen.over_poses(ArmPoses(self.arm, samples))
-
-
-def _expected(
-    term: Term, rotation: FloatArray, position: FloatArray, values: Mapping[str, float]
-) -> tuple[FloatArray, FloatArray]:
-    """Measurements that agree with the parameters: of the tip, or of the target in the camera."""
-
-    def pose(names: Sequence[str]) -> tuple[FloatArray, FloatArray]:
-        six = np.array([values[name] for name in names])
-        return rotation_from_vector(six[3:]), six[:3]
-
-    own = [p.name for p in term.own]
-    R, p = pose(own[:6])
-    if term.kind == "tracked_point":
-        return R @ rotation, position @ R.T + p
-    target_R, target_p = pose(own[6:])
-    eye_R, eye_p = rotation @ R, rotation @ p + position
-    back = np.swapaxes(eye_R, 1, 2)
-    return back @ target_R, np.einsum("nij,nj->ni", back, target_p - eye_p)

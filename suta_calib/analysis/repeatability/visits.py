@@ -31,7 +31,7 @@ from suta_calib.errors import SamplesError
 from suta_calib.measurements import Samples
 from suta_calib.model.arm import ArmModel
 from suta_calib.pose_calibration.serial_correlation import correlation_length
-from suta_calib.terms.term import grouped
+from suta_calib.terms.block import grouped
 from suta_calib.threads import single_threaded
 from suta_calib.units import Unit, from_deg, mm
 

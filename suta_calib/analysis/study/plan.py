@@ -15,7 +15,7 @@ from typing import Final
 
 from suta_calib.analysis.study.log import StudyLog
 from suta_calib.analysis.study.runner import Task, run_trials
-from suta_calib.analysis.study.sets import ResampledUnit, Sets, sets_of
+from suta_calib.analysis.study.sets import Sets, sets_of
 from suta_calib.analysis.study.trial import (
     NAMES,
     FullDataFit,
@@ -91,7 +91,7 @@ class Request:
     kind: Kind = "size"
     trials: int = 100
     sizes: tuple[int, ...] | None = None
-    unit: ResampledUnit | None = None
+    unit: str | None = None
     seed: int = 0
     tolerance: float = 0.05
 
@@ -213,7 +213,7 @@ def _sizes(
     return possible, tuple(size for size in wanted if size > largest)
 
 
-def _suitable(largest: int, unit: ResampledUnit) -> tuple[int, ...]:
+def _suitable(largest: int, unit: str) -> tuple[int, ...]:
     """One to ten sets; of single samples ten sizes over the whole range."""
     if unit != "sample":
         return tuple(range(1, min(largest, 10) + 1))

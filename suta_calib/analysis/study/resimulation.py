@@ -3,7 +3,7 @@
 Samples that touched something get readings that bring the calibrated tip to where it should have
 been, plus noise: the nearest posture to the measured one. Samples that were seen from afar get what
 the instrument would have seen, plus noise. Noise is normal, of the size the residuals showed. What
-each kind touches or sees is its own to say (`Term.resimulated`).
+each kind touches or sees is its own to say (`Term.observed`).
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from suta_calib.simulation.inverse_kinematics import InverseKinematics, Targets
 from suta_calib.simulation.noise import scattered_rotations
 from suta_calib.terms import Term
 from suta_calib.terms.poses import ArmPoses, PoseSource
+from suta_calib.terms.term import Observed
 
 
 def resimulated(
@@ -47,7 +48,7 @@ def resimulated(
 
 @dataclass(frozen=True, eq=False)
 class _Noisy:
-    """A `Rehearsal` by inverse kinematics and normal noise."""
+    """A `Resimulation` by inverse kinematics and normal noise."""
 
     values: Mapping[str, float]
     random: np.random.Generator
@@ -65,18 +66,14 @@ class _Noisy:
                 "an arm that can move its tip in all three directions there",
                 where=poses.samples.origin[row],
             )
-        return ArmPoses(poses.arm, replace(poses.samples, q=found.q))
+        return poses.with_samples(replace(poses.samples, q=found.q))
 
-    def seen(
-        self, poses: PoseSource, seen: tuple[FloatArray, FloatArray], noise: Sequence[float]
-    ) -> PoseSource:
-        assert isinstance(poses, ArmPoses)
-        rotation, position = seen
-        position = position + noise[0] * self.random.standard_normal(position.shape)
-        samples = replace(poses.samples, position=position)
-        if len(noise) > 1:
-            samples = replace(samples, rotation=self.turned(rotation, noise[1]))
-        return ArmPoses(poses.arm, samples)
+    def seen(self, poses: PoseSource, seen: Observed, noise: Sequence[float]) -> PoseSource:
+        scatter = noise[0] * self.random.standard_normal(seen.position.shape)
+        samples = replace(poses.samples, position=seen.position + scatter)
+        if len(noise) > 1 and seen.rotation is not None:
+            samples = replace(samples, rotation=self.turned(seen.rotation, noise[1]))
+        return poses.with_samples(samples)
 
     def turned(self, rotation: FloatArray, sigma: float) -> FloatArray:
         return np.asarray(rotation @ scattered_rotations(self.random, sigma, len(rotation)))

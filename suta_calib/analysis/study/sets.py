@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Final, Literal
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,20 +17,23 @@ from numpy.typing import NDArray
 from suta_calib.arrays import IntArray
 from suta_calib.errors import SamplesError
 from suta_calib.measurements import Samples
+from suta_calib.measurements.suggestion import did_you_mean
+from suta_calib.terms import KINDS
 from suta_calib.terms.poses import ArmPoses
 from suta_calib.terms.term import Term
 
-ResampledUnit = Literal["set", "placement", "point", "sample"]
-UNITS: Final[tuple[ResampledUnit, ...]] = ("set", "placement", "point", "sample")
-# Which label columns make two samples belong together.
-LABELS: Final[dict[ResampledUnit, tuple[str, ...]]] = {
-    "set": ("placement", "repeat"),
-    "placement": ("placement",),
-    "point": ("point",),
-    "sample": (),
-}
-# Fewer points than this leave too few subsets to choose from: then touches are drawn one by one.
-ENOUGH_POINTS: Final = 4
+SAMPLE: Final = "sample"
+# What may be drawn, and which label columns make two samples belong together: whatever the kinds
+# group by where they touched, or samples one by one.
+UNITS: Final[dict[str, tuple[str, ...]]] = {
+    noun: columns
+    for kind in KINDS.values()
+    for noun, columns in kind.groupings.items()
+    if kind.place in columns
+} | {SAMPLE: ()}
+# Fewer points than this, or other places, leave too few subsets to choose from: then touches are
+# drawn one by one.
+ENOUGH_PLACES: Final = 4
 # Fewer sets cannot be chosen from.
 FEWEST_SETS: Final = 2
 
@@ -41,13 +44,13 @@ class Sets:
 
     Attributes:
         unit: what one set is: ``set`` (one placement and repeat), ``placement`` (all its repeats),
-            ``point`` (all touches of one fixed point) or ``sample``.
+            ``point`` (all touches of it), … or ``sample``.
         names: of the sets, in order of first appearance.
         members: for each term the set (samples,) each of its samples belongs to, or None for a
             term without such sets, which is kept whole.
     """
 
-    unit: ResampledUnit
+    unit: str
     names: tuple[str, ...]
     members: tuple[IntArray | None, ...]
 
@@ -106,23 +109,26 @@ class Sets:
         return term.over_poses(ArmPoses(term.poses.arm, samples))
 
 
-def sets_of(terms: Sequence[Term], unit: ResampledUnit | None = None) -> Sets:
+def sets_of(terms: Sequence[Term], unit: str | None = None) -> Sets:
     """The sets that samples of these terms form.
 
     Args:
         terms: observations. The same label in two terms is one set: it was measured at once.
-        unit: what one set is. By default ``set`` where any term has placements; else ``point``
-            where there are four points or more; else ``sample``.
+        unit: what one set is. By default ``set`` where any term has placements; else ``point``,
+            or what else is touched, where there are four or more; else ``sample``.
 
     Raises:
-        SamplesError: no term has such labels, or there are fewer than two sets.
+        SamplesError: an unknown unit, no term with such labels, or fewer than two sets.
     """
     unit = _natural(terms) if unit is None else unit
+    if unit not in UNITS:
+        hint = did_you_mean(unit, UNITS)
+        raise SamplesError(repr(unit), f"one of {', '.join(UNITS)}", where="unit", hint=hint)
     labelled = [_labels(term, unit, k) for k, term in enumerate(terms)]
     names = tuple(dict.fromkeys(name for labels in labelled for name in labels or ()))
     if not names:
         raise SamplesError(
-            f"no samples with {' and '.join(LABELS[unit])}",
+            f"no samples with {' and '.join(UNITS[unit])}",
             "an observation whose samples have them",
             where="observations",
             hint="draw other units, for example sample",
@@ -142,22 +148,38 @@ def sets_of(terms: Sequence[Term], unit: ResampledUnit | None = None) -> Sets:
     return Sets(unit, names, members)
 
 
-def _natural(terms: Sequence[Term]) -> ResampledUnit:
-    columns = [term.poses.samples.labels for term in terms]
-    if any("placement" in labels for labels in columns):
-        return "set"
-    points = {str(p) for labels in columns for p in labels.get("point", ())}
-    return "point" if len(points) >= ENOUGH_POINTS else "sample"
+def _natural(terms: Sequence[Term]) -> str:
+    """The smallest sets of the first kind that touches an artefact; else places, if enough."""
+    artefacts = [list(term.groupings) for term in terms if term.needs_artefact]
+    if artefacts:
+        return next(unit for unit in reversed(artefacts[0]) if unit in UNITS)
+    places: dict[str, set[str]] = {}
+    for term in terms:
+        if term.place:
+            names = term.poses.samples.labels[term.place]
+            places.setdefault(term.place, set()).update(map(str, names))
+    return next((place for place in places if len(places[place]) >= ENOUGH_PLACES), SAMPLE)
 
 
-def _labels(term: Term, unit: ResampledUnit, number: int) -> list[str] | None:
+def described(unit: str) -> str:
+    """What one set is, for a sentence."""
+    columns = UNITS[unit]
+    if len(columns) > 1:
+        return f"one {' and '.join(columns)}"
+    if not columns:
+        return f"one {unit}"
+    on_artefact = any(kind.needs_artefact for kind in KINDS.values() if kind.place == unit)
+    return f"one {unit} with all its repeats" if on_artefact else f"all touches of one {unit}"
+
+
+def _labels(term: Term, unit: str, number: int) -> list[str] | None:
     """Which set each sample belongs to, by name; None for a term without such labels."""
     samples = term.poses.samples
-    if unit == "sample":
+    if unit == SAMPLE:
         return [f"{number + 1}:{k + 1}" for k in range(len(samples))]
-    if not all(name in samples.labels for name in LABELS[unit]):
+    if not all(name in samples.labels for name in UNITS[unit]):
         return None
-    return ["/".join(row) for row in _rows(samples, LABELS[unit])]
+    return ["/".join(row) for row in _rows(samples, UNITS[unit])]
 
 
 def _rows(samples: Samples, names: Sequence[str]) -> list[tuple[str, ...]]:

@@ -1,0 +1,140 @@
+"""What a term is made of: residuals of one unit, their noise, and the artefact's part in them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from suta_calib.arrays import FloatArray, IntArray
+from suta_calib.geometry.symbols import Symbol, symbolic_rotation
+from suta_calib.measurements import Artefact
+from suta_calib.units import Unit
+
+
+@dataclass(frozen=True, eq=False)
+class Pose:
+    """A rigid transform in CasADi symbols: rotation (3, 3) and position (3), m."""
+
+    R: Symbol
+    p: Symbol
+
+    def inverse_act(self, point: Symbol) -> Symbol:
+        """Coordinates, in this frame, of a point given in the outer one."""
+        return self.R.T @ (point - self.p)
+
+
+def pose_of(own: Symbol) -> Pose:
+    """A pose from six own unknowns: x y z (m) and the rotation vector rx ry rz (rad)."""
+    return Pose(symbolic_rotation(own[3:6]), own[0:3])
+
+
+Residual = Callable[[Sequence[Pose], Symbol, Symbol], Symbol]
+
+
+@dataclass(frozen=True)
+class Noise:
+    """How a block's residuals scatter, and how much of a large one is believed.
+
+    Attributes:
+        sigma: standard deviation of one component, m or rad; None to learn it from the data.
+        huber: residual norm, m or rad, beyond which the cost grows linearly; inf for plain least
+            squares.
+    """
+
+    sigma: float | None = None
+    huber: float = math.inf
+
+
+# Least squares, and a scatter that is learnt.
+LEARNT: Final = Noise()
+
+
+@dataclass(frozen=True, eq=False)
+class Certified:
+    """Coordinates that somebody else measured once and that every touch of a landmark shares.
+
+    Attributes:
+        keys: what identifies a landmark, also in another term over the same artefact.
+        sigma: (marks,) standard deviation of each coordinate, m.
+        marks: (n, k) which landmarks each row looks at.
+        derivative: (n, d, k, 3) of the residual by their coordinates in the artefact.
+    """
+
+    keys: tuple[tuple[Any, ...], ...]
+    sigma: FloatArray
+    marks: IntArray
+    derivative: FloatArray
+
+    @classmethod
+    def of(cls, artefact: Artefact, touched: NDArray[Any], derivative: FloatArray) -> Certified:
+        """The artefact's part in a block.
+
+        Args:
+            artefact: certified landmarks.
+            touched: (n, k) names of the landmarks each row looks at.
+            derivative: (n, d, k, 3) of the residual by their coordinates.
+        """
+        names, marks = grouped(touched.reshape(-1))
+        found = [artefact.landmark(name) for name in names]
+        keys = tuple((artefact.name, mark.name, *mark.position.tolist()) for mark in found)
+        sigma = np.array([mark.sigma for mark in found])
+        return cls(keys, sigma, marks.reshape(touched.shape), derivative)
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """Residuals of one unit and dimension, one row an observation.
+
+    Attributes:
+        name: ``distance``, ``position`` or ``rotation``.
+        unit: m or rad.
+        size: numbers in one residual, d.
+        residual: the residual of one row in CasADi symbols.
+        samples: (n, k) which k samples' poses each row looks at.
+        own: (n, m) which of the term's own parameters each row looks at, in the residual's order.
+        data: (n, c) what was measured or certified.
+        noise: scatter and robustness.
+        known_sigma: (n,) standard deviation per row that is known beforehand, added in quadrature.
+        labels: (n,) what a person calls the row.
+        certified: the artefact's part in the residuals, where there is an artefact.
+    """
+
+    name: str
+    unit: Unit
+    size: int
+    residual: Residual
+    samples: IntArray
+    own: IntArray
+    data: FloatArray
+    noise: Noise
+    known_sigma: FloatArray
+    labels: tuple[str, ...] = field(repr=False)
+    certified: Certified | None = None
+
+    def __len__(self) -> int:
+        return len(self.samples)
+
+
+def grouped(labels: NDArray[Any]) -> tuple[list[str], IntArray]:
+    """Distinct labels in order of first appearance, and which of them each row has."""
+    names, first, inverse = np.unique(labels, return_index=True, return_inverse=True)
+    order = np.argsort(first)
+    rank = np.empty_like(order)
+    rank[order] = np.arange(len(order))
+    return [str(names[i]) for i in order], rank[inverse].astype(np.intp)
+
+
+def flat(matrices: FloatArray) -> FloatArray:
+    """Matrices (n, r, c) as rows (n, r·c), column by column, as CasADi reshapes."""
+    return np.swapaxes(matrices, 1, 2).reshape(len(matrices), -1)
+
+
+def norm(vector: Symbol) -> Symbol:
+    """Euclidean norm of a CasADi vector."""
+    return ca.sqrt(ca.dot(vector, vector))

@@ -1,0 +1,193 @@
+"""Unknown planes, touched anywhere: a surface plate, a machined face, a wall."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, ClassVar, Final
+
+import casadi as ca
+import numpy as np
+
+from suta_calib.arrays import FloatArray, IntArray
+from suta_calib.errors import SamplesError
+from suta_calib.geometry.numbers import rotation_from_vector
+from suta_calib.geometry.symbols import Symbol, symbolic_rotation
+from suta_calib.measurements import SampleColumns, YamlSection
+from suta_calib.model.parameters import Parameter
+from suta_calib.terms.block import LEARNT, Block, Noise, Pose, grouped
+from suta_calib.terms.poses import PoseSource
+from suta_calib.terms.term import Observed, Setup, Term, pose_parameters
+from suta_calib.units import from_mm
+
+# Three touches lie on some plane whatever the arm is: the fourth is the first that tells.
+FEWEST: Final = 4
+# Second over first singular value of touches that lie on a line.
+_LINE: Final = 1e-3
+# Edge of the square that simulated touches fill where the file does not say, m.
+_SIZE: Final = 0.2
+
+
+def _signed_distance(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
+    """Of the ball's surface to the plane ``nᵀ x = d``; turns and shifts of the base leave it alone.
+
+    The arm is on the side that the tip comes from, against its z axis, whichever way n points: so
+    one plane has two descriptions, and both give this distance, but for its sign.
+    """
+    normal = symbolic_rotation(ca.vertcat(own[1], own[2], 0))[:, 2]
+    side = -ca.sign(ca.dot(normal, poses[0].R[:, 2]))
+    return ca.dot(normal, poses[0].p) - own[0] - side * data[0]
+
+
+@dataclass(frozen=True, eq=False)
+class TouchedPlane(Term):
+    """``nᵀ p_i - d ∓ r`` for every touch of an unknown plane, with a ball of radius r at the tip.
+
+    A plane has three unknowns: ``z``, its distance d from the base's origin along its normal, and
+    ``rx``, ``ry``, the rotation vector (rx, ry, 0) that turns the base's z axis into the normal n.
+    The start takes the normal that points up; a vertical plane is nothing special.
+
+    Planes that face several ways, each touched with the tool in several directions, find what a
+    point touched from many directions does, and need nothing that a tip can rest in; the overall
+    scale is free, unless another term fixes it, or one plane is touched with a ball on both sides.
+
+    Attributes:
+        poses: samples with the label plane; the tip is the ball's centre.
+        noise: scatter and robustness of a distance to the plane, m.
+        radius: of the ball, m; 0 for a point. The centre is that far off, on the arm's side: the
+            side from which the tip's z axis points to the plane.
+    """
+
+    kind: ClassVar[str] = "plane"
+    about: ClassVar[str] = (
+        "an unknown plane, touched anywhere and from several directions; with a ball at the tip, "
+        "say probe_radius_mm: the centre of the ball is the tip"
+    )
+    columns: ClassVar[SampleColumns] = SampleColumns(labels=("plane",))
+    has_angles: ClassVar[bool] = False
+    keys: ClassVar[tuple[str, ...]] = ("probe_radius_mm",)
+    place: ClassVar[str] = "plane"
+    place_unknown: ClassVar[str] = "plane"
+    groupings: ClassVar[Mapping[str, tuple[str, ...]]] = {"plane": ("plane",), "row": ()}
+    simulation_keys: ClassVar[tuple[str, ...]] = ("size_mm",)
+
+    noise: Noise = LEARNT
+    radius: float = 0.0
+
+    @classmethod
+    def over(cls, poses: PoseSource, setup: Setup) -> TouchedPlane:
+        """Build it from a row of a job file."""
+        return cls(poses, setup.noise, setup.settings.get("radius", 0.0))
+
+    @classmethod
+    def read_settings(cls, row: YamlSection) -> dict[str, Any]:
+        """``probe_radius_mm`` of the ball, and ``size_mm`` of the square that is touched."""
+        radius = row.optional_number("probe_radius_mm", "non-negative") or 0.0
+        size = row.optional_number("size_mm", "positive")
+        return {"radius": from_mm(radius), "size": _SIZE if size is None else from_mm(size)}
+
+    @classmethod
+    def touches(
+        cls,
+        rotation: FloatArray,
+        position: FloatArray,
+        where: FloatArray,
+        settings: Mapping[str, Any],
+    ) -> FloatArray:
+        """All over a square about the position, across the place's z axis."""
+        aside = (where - 0.5) * settings.get("size", _SIZE)
+        above = np.full(len(where), settings.get("radius", 0.0))
+        return np.asarray(position + np.column_stack([aside, above]) @ rotation.T)
+
+    @cached_property
+    def own(self) -> tuple[Parameter, ...]:
+        """Distance and direction of every plane."""
+        return tuple(
+            p
+            for name in self._planes[0]
+            for p in pose_parameters(f"plane[{name}]")
+            if p.name.endswith((".z", ".rx", ".ry"))
+        )
+
+    @cached_property
+    def blocks(self) -> tuple[Block, ...]:
+        """The signed distances."""
+        n = len(self.poses)
+        return (
+            Block(
+                "distance",
+                "m",
+                1,
+                _signed_distance,
+                np.arange(n)[:, None],
+                3 * self._planes[1][:, None] + np.arange(3),
+                np.full((n, 1), self.radius),
+                self.noise,
+                np.zeros(n),
+                tuple(str(label) for label in self.poses.samples.labels["plane"]),
+            ),
+        )
+
+    @cached_property
+    def _planes(self) -> tuple[list[str], IntArray]:
+        """Names of the planes, and which of them each sample has."""
+        return grouped(self.poses.samples.labels["plane"])
+
+    @property
+    def settings(self) -> Mapping[str, Any]:
+        """The ball's radius."""
+        return {"radius": self.radius}
+
+    def observed(self, values: Mapping[str, float], poses: PoseSource) -> Observed:
+        """The tips as they are, shifted along the normal to where the ball touches."""
+        names, plane = grouped(poses.samples.labels["plane"])
+        own = np.array([[values[f"plane[{n}].{k}"] for k in ("z", "rx", "ry")] for n in names])
+        turns = np.column_stack([own[:, 1:], np.zeros(len(names))])
+        normal, distance = rotation_from_vector(turns)[plane, :, 2], own[plane, 0]
+        rotation, position = poses.at(values)
+        height = np.sum(normal * position, axis=1) - distance - self._side(normal, rotation)
+        return Observed(position - height[:, None] * normal)
+
+    def _side(self, normal: FloatArray, rotation: FloatArray) -> FloatArray:
+        """(n,) height of the ball's centre over the plane, m, for normals (n, 3) or one of them."""
+        towards = np.sum(normal * rotation[:, :, 2], axis=1)
+        return np.asarray(-np.sign(towards) * self.radius)
+
+    def start(self, rotation: FloatArray, position: FloatArray) -> FloatArray:
+        """The plane of least squares through the touches, by singular value decomposition."""
+        found = []
+        for rows, centred in self._by_plane(position):
+            normal = np.linalg.svd(centred)[2][2]
+            normal = -normal if normal[2] < 0 else normal
+            heights = position[rows] @ normal - self._side(normal, rotation[rows])
+            sine = float(np.hypot(normal[0], normal[1]))
+            turn = np.arctan2(sine, normal[2]) / sine if sine > 0 else 0.0
+            found.append([heights.mean(), -turn * normal[1], turn * normal[0]])
+        return np.concatenate(found)
+
+    def _by_plane(self, position: FloatArray) -> Iterator[tuple[IntArray, FloatArray]]:
+        """Rows of every plane, and their positions (k, 3) about their mean."""
+        names, plane = self._planes
+        for k in range(len(names)):
+            rows = np.flatnonzero(plane == k)
+            yield rows, position[rows] - position[rows].mean(axis=0)
+
+    def check_enough(self) -> None:
+        """Four touches of every plane at least, not on one line at nominal."""
+        _, position = self.poses.at({})
+        for name, (rows, centred) in zip(self._planes[0], self._by_plane(position), strict=True):
+            if len(rows) < FEWEST:
+                raise SamplesError(
+                    f"plane {name} touched {len(rows)} times",
+                    f"every plane touched at least {FEWEST} times: three touches make any plane",
+                    where=self.kind,
+                )
+            singular = np.linalg.svd(centred, compute_uv=False)
+            if singular[1] < _LINE * singular[0]:
+                raise SamplesError(
+                    f"all touches of plane {name} on one line",
+                    "touches all over the plane",
+                    where=self.kind,
+                    hint="touches on a line do not say how the plane turns about it",
+                )
