@@ -14,9 +14,8 @@ from suta_calib.certification.heading import Heading, side_heading
 from suta_calib.certification.measuring import MeasuredArtefact, ProbingNoise
 from suta_calib.certification.options import CertificationOptions
 from suta_calib.certification.points import RawPoints
-from suta_calib.errors import ArtefactError, SamplesError
+from suta_calib.errors import ArtefactError, SamplesError, did_you_mean
 from suta_calib.measurements import Artefact
-from suta_calib.measurements.suggestion import did_you_mean
 
 ORIGIN: Final = "O"
 

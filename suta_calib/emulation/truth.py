@@ -6,9 +6,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
-from suta_calib.errors import JobError
+from suta_calib.errors import JobError, did_you_mean
 from suta_calib.measurements import YamlSection, read_yaml
-from suta_calib.measurements.suggestion import did_you_mean
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import OFFSET, POSITION, Parameter
 from suta_calib.simulation import ErrorRow, SimulationSpec, read_simulation, true_values

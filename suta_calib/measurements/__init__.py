@@ -63,12 +63,12 @@ if TYPE_CHECKING:
         write_samples as write_samples,
     )
     from suta_calib.measurements.samples import Samples as Samples
-    from suta_calib.measurements.yaml_document import (
+    from suta_calib.measurements.yaml_file import (
         YamlDocument as YamlDocument,
     )
-    from suta_calib.measurements.yaml_document import (
+    from suta_calib.measurements.yaml_file import YamlSection as YamlSection
+    from suta_calib.measurements.yaml_file import (
         read_yaml as read_yaml,
     )
-    from suta_calib.measurements.yaml_section import YamlSection as YamlSection
 
 __getattr__, __all__ = public(__name__)

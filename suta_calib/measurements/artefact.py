@@ -14,13 +14,11 @@ from ruamel.yaml.comments import CommentedMap
 from ruamel.yaml.scalarstring import DoubleQuotedScalarString
 
 from suta_calib.arrays import FloatArray
-from suta_calib.errors import ArtefactError, SamplesError
+from suta_calib.errors import ArtefactError, SamplesError, did_you_mean
 from suta_calib.geometry.numbers import rotation_from_rpy, rpy_from_rotation
 from suta_calib.measurements.files import write_text
 from suta_calib.measurements.samples import Samples
-from suta_calib.measurements.suggestion import did_you_mean
-from suta_calib.measurements.yaml_document import read_yaml
-from suta_calib.measurements.yaml_section import YamlSection
+from suta_calib.measurements.yaml_file import YamlSection, read_yaml
 
 # A distance of zero has no gradient, and no artefact is made or certified this fine (m).
 _COINCIDENT = 1e-6
