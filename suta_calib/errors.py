@@ -7,6 +7,8 @@ A message says what was found, where, what was expected and what to do about it,
 
 from __future__ import annotations
 
+import difflib
+from collections.abc import Iterable
 from pathlib import Path
 
 
@@ -121,3 +123,14 @@ class MissingExtraError(SutaCalibError):
 
 class OutputError(SutaCalibError):
     """A result could not be written; nothing was left half-written."""
+
+
+def did_you_mean(word: str, known: Iterable[str]) -> str:
+    """``did you mean 'x'?`` for the known word closest to ``word``, upper or lower case alike.
+
+    Returns an empty string where nothing is close, so that the answer can go straight into
+    `InputError`'s ``hint``.
+    """
+    by_lower_case = {name.lower(): name for name in known}
+    close = difflib.get_close_matches(word.lower(), by_lower_case, n=1)
+    return f"did you mean {by_lower_case[close[0]]!r}?" if close else ""

@@ -84,7 +84,7 @@ def test_imports_are_seen_however_they_are_written() -> None:
         ("units, assessment, errors, arrays", ("casadi", "scipy", "pinocchio", "ruamel")),
         ("device, device.bus, device.description", ("casadi", "scipy", "pinocchio")),
         ("measurements.samples, measurements.sample_files", ("casadi", "scipy", "pinocchio")),
-        ("measurements.artefact, measurements.yaml_section", ("casadi", "scipy", "pinocchio")),
+        ("measurements.artefact, measurements.yaml_file", ("casadi", "scipy", "pinocchio")),
         ("geometry.numbers, model.parameters", ("casadi", "scipy", "pinocchio")),
         ("cli._app", ("casadi", "scipy", "pinocchio", "numpy", "matplotlib")),
     ],

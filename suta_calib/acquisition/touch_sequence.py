@@ -12,10 +12,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from suta_calib.errors import InputError, JobError
+from suta_calib.errors import InputError, JobError, did_you_mean
 from suta_calib.job.outline import read_outline
 from suta_calib.measurements import Artefact, read_artefact
-from suta_calib.measurements.suggestion import did_you_mean
 from suta_calib.model.arm import ArmModel
 from suta_calib.terms import KINDS, Term
 

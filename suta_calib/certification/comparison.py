@@ -9,10 +9,9 @@ from typing import Final
 import numpy as np
 
 from suta_calib.arrays import FloatArray
-from suta_calib.errors import ArtefactError, SamplesError
+from suta_calib.errors import ArtefactError, SamplesError, did_you_mean
 from suta_calib.geometry.numbers import register_points, rpy_from_rotation
 from suta_calib.measurements import Artefact
-from suta_calib.measurements.suggestion import did_you_mean
 from suta_calib.pose_calibration.registration import Registration, register
 
 QUARTER: Final = np.pi / 2

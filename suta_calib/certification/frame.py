@@ -22,11 +22,10 @@ from suta_calib.certification.measuring import MeasuredArtefact, ProbingNoise
 from suta_calib.certification.pillar import GROUND, YAW, PillarGeometry, X, Y, Z, levelled
 from suta_calib.certification.plane import Plane, agreeing
 from suta_calib.certification.points import CertificationOptions, RawPoints
-from suta_calib.errors import ArtefactError, SamplesError
+from suta_calib.errors import ArtefactError, SamplesError, did_you_mean
 from suta_calib.geometry.numbers import skew
 from suta_calib.geometry.symbols import Symbol
 from suta_calib.measurements import Artefact
-from suta_calib.measurements.suggestion import did_you_mean
 
 Source = Literal["side plane", "farthest landmark"]
 # Heights of the side's touches that differ less say nothing of how upright it is (m).

@@ -14,9 +14,8 @@ from typing import Final
 import numpy as np
 
 from suta_calib.arrays import FloatArray
-from suta_calib.errors import SamplesError
+from suta_calib.errors import SamplesError, did_you_mean
 from suta_calib.measurements import Artefact, CsvTable, positions, read_csv_table
-from suta_calib.measurements.suggestion import did_you_mean
 
 FEATURES: Final = ("ground", "top", "hole", "flat", "side", "spacer")
 HOLES: Final = 4

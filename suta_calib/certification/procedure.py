@@ -43,8 +43,7 @@ from suta_calib.certification.result import (
     PlaneQuality,
     SpacerLength,
 )
-from suta_calib.errors import SamplesError
-from suta_calib.measurements.suggestion import did_you_mean
+from suta_calib.errors import SamplesError, did_you_mean
 
 
 def certify(raw: RawPoints, options: CertificationOptions = PLAIN) -> Certification:

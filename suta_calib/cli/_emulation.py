@@ -26,8 +26,7 @@ from suta_calib.emulation.trajectories import (
 )
 from suta_calib.emulation.truth import drawn_truth, nominal_values, read_truth
 from suta_calib.emulation.within_reach import placement_within_reach
-from suta_calib.errors import InputError
-from suta_calib.measurements.suggestion import did_you_mean
+from suta_calib.errors import InputError, did_you_mean
 from suta_calib.model.arm import ArmModel
 from suta_calib.simulation import NoiseLevels, PoseSpec, SetSpec
 from suta_calib.simulation.schema import PostureRow

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from suta_calib.errors import DeviceFileError
+from suta_calib.errors import DeviceFileError, did_you_mean
 
 if TYPE_CHECKING:
     from suta_calib.measurements import YamlSection
@@ -94,8 +94,6 @@ def read_device(path: Path) -> DeviceSpec:
 
 def misnamed(given: Sequence[str], wanted: Sequence[str]) -> str:
     """``'jiont_3': did you mean 'joint_3'?`` about the first name that is given and not wanted."""
-    from suta_calib.measurements.suggestion import did_you_mean
-
     missing = [name for name in wanted if name not in given]
     others = (name for name in given if name not in wanted)
     return next((f"{n!r}: {hint}" for n in others if (hint := did_you_mean(n, missing))), "")

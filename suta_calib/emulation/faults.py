@@ -8,8 +8,7 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any, Final, TypeVar
 
-from suta_calib.errors import InputError
-from suta_calib.measurements.suggestion import did_you_mean
+from suta_calib.errors import InputError, did_you_mean
 
 WORDS: Final = {
     "corrupt=SHARE": "that share of all bytes is replaced by other ones",

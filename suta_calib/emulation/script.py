@@ -15,10 +15,9 @@ import numpy as np
 
 from suta_calib.emulation.motion import Stops, continuous
 from suta_calib.emulation.truth import error_rows
-from suta_calib.errors import InputError
+from suta_calib.errors import InputError, did_you_mean
 from suta_calib.geometry.numbers import rotation_from_rpy
 from suta_calib.measurements import read_artefact
-from suta_calib.measurements.suggestion import did_you_mean
 from suta_calib.model.arm import ArmModel
 from suta_calib.simulation import (
     NoiseLevels,

@@ -11,9 +11,8 @@ import numpy as np
 
 from suta_calib.arrays import FloatArray
 from suta_calib.emulation.motion import Curve, Sweep, continuous
-from suta_calib.errors import InputError
+from suta_calib.errors import InputError, did_you_mean
 from suta_calib.measurements.csv_table import read_csv_table
-from suta_calib.measurements.suggestion import did_you_mean
 from suta_calib.model.arm import ArmModel
 from suta_calib.simulation import InverseKinematics
 from suta_calib.simulation.noise import full_circle

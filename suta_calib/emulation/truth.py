@@ -6,9 +6,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
-from suta_calib.errors import JobError
+from suta_calib.errors import JobError, did_you_mean
 from suta_calib.measurements import YamlSection, read_yaml
-from suta_calib.measurements.suggestion import did_you_mean
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import OFFSET, POSITION, Parameter
 from suta_calib.simulation import ErrorRow, SimulationSpec, read_simulation, true_values
@@ -88,7 +87,9 @@ def drawn_truth(arm: ArmModel, seed: int, select: Sequence[str] = ()) -> dict[st
     """
     names = arm.select(*select).names if select else _usual(arm)
     rows = tuple(
-        ErrorRow((name,), {}, _OFFSET_STD if _is_offset_or_length(name) else _TILT_STD)
+        ErrorRow(
+            (name,), {}, _OFFSET_STD if arm.offered[name].key in (OFFSET, *POSITION) else _TILT_STD
+        )
         for name in names
     )
     return true_values(arm, _only_errors(arm, rows), seed)
@@ -111,10 +112,6 @@ def _usual(arm: ArmModel) -> tuple[str, ...]:
         if parameter.key == OFFSET
         or (name in arm.geometric and parameter.key in POSITION and parameter.nominal)
     )
-
-
-def _is_offset_or_length(name: str) -> bool:
-    return name.rpartition(".")[2] in ("offset", "x", "y", "z")
 
 
 def _only_errors(arm: ArmModel, rows: tuple[ErrorRow, ...]) -> SimulationSpec:

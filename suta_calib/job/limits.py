@@ -12,7 +12,7 @@ from typing import Final, Literal, cast
 import numpy as np
 
 from suta_calib.arrays import FloatArray
-from suta_calib.measurements.yaml_section import Sign, YamlSection
+from suta_calib.measurements.yaml_file import Sign, YamlSection
 from suta_calib.units import from_mm
 
 Decision = Literal["pass", "undecided", "fail", "no limit"]

@@ -12,13 +12,10 @@ from pathlib import Path
 from typing import Any, Final, Literal, cast
 
 from suta_calib.errors import JobError
-from suta_calib.measurements.encoder_section import EncoderSpec, read_encoders
 from suta_calib.measurements.exclusion import Exclusion, read_exclusion
-from suta_calib.measurements.yaml_document import read_yaml
-from suta_calib.measurements.yaml_section import YamlSection
+from suta_calib.measurements.yaml_file import YamlSection, read_yaml
 from suta_calib.model.parameters import Selection
 from suta_calib.terms import GROUPINGS, KINDS, Term
-from suta_calib.units import from_deg, from_mm
 
 _TOP_KEYS: Final = ("arm", "parameters", "observations", "validation", "solver", "encoders")
 _ARM_KEYS: Final = ("urdf", "tip", "base")
@@ -34,6 +31,8 @@ _OBSERVATION_KEYS: Final = (
 )
 _SEATING_KEYS: Final = ("clearance_mm", "rotation_deg")
 _SOLVER_KEYS: Final = ("starts", "seed", "hessian", "max_iterations")
+_ENCODER_KEYS: Final = ("bits", "noise_deg", "noise_mm")
+_MOST_BITS: Final = 52
 
 Hessian = Literal["gauss-newton", "exact"]
 
@@ -113,6 +112,21 @@ class SolverSpec:
 
 
 @dataclass(frozen=True)
+class EncoderSpec:
+    """What is known of the encoders beforehand: only the error budget asks.
+
+    Attributes:
+        bits: revolute joints read whole steps of 2π / 2^bits; None where that is not known.
+        noise_rad: standard deviation of a revolute joint's reading, rad, beside the steps.
+        noise_m: the same of a prismatic joint's, m.
+    """
+
+    bits: int | None = None
+    noise_rad: float = 0.0
+    noise_m: float = 0.0
+
+
+@dataclass(frozen=True)
 class JobSpec:
     """A whole ``calibration.yaml``.
 
@@ -152,7 +166,7 @@ def read_job(path: Path) -> JobSpec:
         _observations(top, "observations"),
         _observations(top, "validation") if "validation" in top else (),
         _solver(top.section("solver")) if "solver" in top else SolverSpec(),
-        read_encoders(top.section("encoders")) if "encoders" in top else None,
+        _encoders(top.section("encoders")) if "encoders" in top else None,
     )
 
 
@@ -258,11 +272,23 @@ def _solver(section: YamlSection) -> SolverSpec:
     )
 
 
+def _encoders(section: YamlSection) -> EncoderSpec:
+    section.check_keys(_ENCODER_KEYS)
+    bits = section.integer("bits", 0, minimum=1) if "bits" in section else None
+    if bits is not None and bits > _MOST_BITS:
+        raise section.refuse(str(bits), f"at most {_MOST_BITS} bits", at=("bits",))
+    return EncoderSpec(
+        bits,
+        section.optional_number("noise_deg", "non-negative", unit="rad") or 0.0,
+        section.optional_number("noise_mm", "non-negative", unit="m") or 0.0,
+    )
+
+
 def _length(section: YamlSection, key: str) -> float | None:
     """A positive length in mm as m, or None."""
-    return section.optional_number(key, "positive", scale=from_mm(1.0))
+    return section.optional_number(key, "positive", unit="m")
 
 
 def _angle(section: YamlSection, key: str) -> float | None:
     """A positive angle in degrees as rad, or None."""
-    return section.optional_number(key, "positive", scale=from_deg(1.0))
+    return section.optional_number(key, "positive", unit="rad")

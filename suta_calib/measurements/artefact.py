@@ -14,13 +14,12 @@ from ruamel.yaml.comments import CommentedMap
 from ruamel.yaml.scalarstring import DoubleQuotedScalarString
 
 from suta_calib.arrays import FloatArray
-from suta_calib.errors import ArtefactError, SamplesError
+from suta_calib.errors import ArtefactError, SamplesError, did_you_mean
 from suta_calib.geometry.numbers import rotation_from_rpy, rpy_from_rotation
 from suta_calib.measurements.files import write_text
 from suta_calib.measurements.samples import Samples
-from suta_calib.measurements.suggestion import did_you_mean
-from suta_calib.measurements.yaml_document import read_yaml
-from suta_calib.measurements.yaml_section import YamlSection
+from suta_calib.measurements.yaml_file import YamlSection, read_yaml
+from suta_calib.units import deg, from_deg, from_mm, mm
 
 # A distance of zero has no gradient, and no artefact is made or certified this fine (m).
 _COINCIDENT = 1e-6
@@ -136,7 +135,7 @@ def read_artefact(path: Path) -> Artefact:
     span = float(np.ptp([each.position for each in landmarks.values()], axis=0).max())
     if len(landmarks) > 1 and span < _SMALLEST:
         raise listed.refuse(
-            f"landmarks that lie within {1e3 * span:.3g} mm of one another",
+            f"landmarks that lie within {mm(span):.3g} mm of one another",
             "positions in mm; these look like metres",
         )
     return Artefact(name, landmarks)
@@ -148,12 +147,13 @@ def _landmark(name: str, section: YamlSection) -> Landmark:
     section.check_keys(_LANDMARK_KEYS, required=("position_mm",))
     rotation = None
     if "rotation_rpy_deg" in section:
-        rotation = _read_only(rotation_from_rpy(np.deg2rad(section.numbers("rotation_rpy_deg", 3))))
+        rpy = from_deg(np.array(section.numbers("rotation_rpy_deg", 3)))
+        rotation = _read_only(rotation_from_rpy(rpy))
     return Landmark(
         name,
-        _read_only(1e-3 * np.array(section.numbers("position_mm", 3))),
+        _read_only(from_mm(np.array(section.numbers("position_mm", 3)))),
         rotation,
-        section.optional_number("sigma_mm", "non-negative", scale=1e-3) or 0.0,
+        section.optional_number("sigma_mm", "non-negative", unit="m") or 0.0,
     )
 
 
@@ -170,11 +170,11 @@ def artefact_text(artefact: Artefact) -> str:
     """Content of ``artefact.yaml``: millimetres to 1 pm, degrees to 1e-9."""
     landmarks = CommentedMap()
     for name, landmark in artefact.landmarks.items():
-        row = CommentedMap(position_mm=_rounded(1e3 * landmark.position))
+        row = CommentedMap(position_mm=_rounded(mm(landmark.position)))
         if landmark.rotation is not None:
-            row["rotation_rpy_deg"] = _rounded(np.rad2deg(rpy_from_rotation(landmark.rotation)))
+            row["rotation_rpy_deg"] = _rounded(deg(rpy_from_rotation(landmark.rotation)))
         if landmark.sigma:
-            row["sigma_mm"] = _rounded([1e3 * landmark.sigma])[0]
+            row["sigma_mm"] = _rounded([mm(landmark.sigma)])[0]
         row.fa.set_flow_style()
         landmarks[_quotable(name)] = row
     yaml, text = YAML(), io.StringIO()

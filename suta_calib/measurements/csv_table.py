@@ -11,9 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from suta_calib.arrays import FloatArray
-from suta_calib.errors import SamplesError
+from suta_calib.errors import SamplesError, did_you_mean
 from suta_calib.measurements.files import read_text
-from suta_calib.measurements.suggestion import did_you_mean
 
 
 @dataclass(frozen=True)

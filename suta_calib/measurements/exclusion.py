@@ -9,10 +9,9 @@ from pathlib import PurePath
 import numpy as np
 from numpy.typing import NDArray
 
-from suta_calib.errors import SamplesError
+from suta_calib.errors import SamplesError, did_you_mean
 from suta_calib.measurements.samples import Samples
-from suta_calib.measurements.suggestion import did_you_mean
-from suta_calib.measurements.yaml_section import YamlSection
+from suta_calib.measurements.yaml_file import YamlSection
 
 
 @dataclass(frozen=True)

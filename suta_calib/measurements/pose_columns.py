@@ -14,6 +14,7 @@ from suta_calib.arrays import FloatArray
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import rotation_from_quaternion
 from suta_calib.measurements.csv_table import CsvTable
+from suta_calib.units import from_mm
 
 _QUATERNION = ("qx", "qy", "qz", "qw")
 _UNIT_NORM_TOLERANCE = 0.01
@@ -51,8 +52,9 @@ def positions(table: CsvTable, prefix: str = "") -> FloatArray:
             line=table.header_line,
         )
     expected = f"columns {', '.join(metres)} in m, or {', '.join(millimetres)}"
-    chosen, scale = (millimetres, 1e-3) if in_mm else (metres, 1.0)
-    return scale * np.stack([table.numbers(name, expected) for name in chosen], axis=-1)
+    chosen = millimetres if in_mm else metres
+    read = np.stack([table.numbers(name, expected) for name in chosen], axis=-1)
+    return from_mm(read) if in_mm else read
 
 
 def has_rotations(table: CsvTable, prefix: str = "") -> bool:

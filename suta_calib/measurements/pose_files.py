@@ -17,14 +17,15 @@ from suta_calib.arrays import FloatArray
 from suta_calib.errors import SamplesError
 from suta_calib.measurements.csv_table import CsvTable, read_csv_table
 from suta_calib.measurements.pose_columns import SutaCalibWarning, positions, rotations
+from suta_calib.units import from_mm, mm
 
 # Different rows that any of these problems needs.
 LEAST_ROWS: Final = 3
 # m; beyond it is no position, and the sums of its squares must stay numbers.
 LARGEST: Final = 1e6
 # Typical distances that speak of the other unit: no tracker looks 30 m far, nor 3 mm only.
-FAR_M: Final = 30.0
-NEAR_MM: Final = 3.0
+FAR: Final = 30.0
+NEAR: Final = from_mm(3.0)
 # A rigid body keeps its size: between these factors one of two sets is in another unit.
 OTHER_UNIT: Final = (300.0, 3000.0)
 
@@ -195,14 +196,14 @@ def _hint_at_unit(table: CsvTable, found: FloatArray, prefix: str = "") -> tuple
 
 
 def _other_unit(in_mm: bool, distance: float, prefix: str) -> str | None:
-    if not in_mm and distance > FAR_M:
+    if not in_mm and distance > FAR:
         return (
             f"found positions some {distance:.0f} m away; looks like millimetres: name "
             f"the columns {prefix}x_mm, {prefix}y_mm, {prefix}z_mm"
         )
-    if in_mm and 0.0 < 1e3 * distance < NEAR_MM:
+    if in_mm and 0.0 < distance < NEAR:
         return (
-            f"found positions some {1e3 * distance:.2g} mm away; looks like metres: name "
+            f"found positions some {mm(distance):.2g} mm away; looks like metres: name "
             f"the columns {prefix}x, {prefix}y, {prefix}z"
         )
     return None

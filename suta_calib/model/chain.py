@@ -17,8 +17,16 @@ import numpy as np
 
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import UrdfError
-from suta_calib.model.urdf_tree import TreeJoint, UrdfTree, read_tree
-from suta_calib.model.urdf_xml import Element, attribute, children, quoted, suggestion
+from suta_calib.model.urdf_tree import (
+    Element,
+    TreeJoint,
+    UrdfTree,
+    attribute,
+    children,
+    quoted,
+    read_tree,
+    suggestion,
+)
 
 _MOVING_TYPES: Final = ("revolute", "continuous", "prismatic")
 _SUPPORTED_TYPES: Final = (*_MOVING_TYPES, "fixed")

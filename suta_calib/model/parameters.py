@@ -243,9 +243,9 @@ def _matches(
 
 def _refuse_sliding(pattern: str, available: ParameterSet, row: Selection) -> None:
     """Say so where a prismatic joint is asked for what only revolute ones have."""
-    joint, _, key = pattern.rpartition(".")
+    joint, _, _ = pattern.rpartition(".")
     offset = f"{joint}.{OFFSET}"
-    if key.startswith(_NONGEOMETRIC) and offset in available and available[offset].unit == "m":
+    if _beside_geometry(pattern) and offset in available and available[offset].unit == "m":
         raise ParameterError(
             f"'{pattern}', and {joint} slides",
             "a revolute joint: only what turns has an eccentric encoder, or yields to a torque",
@@ -256,9 +256,14 @@ def _refuse_sliding(pattern: str, available: ParameterSet, row: Selection) -> No
 
 def _reachable(pattern: str, available: ParameterSet, geometric: frozenset[str]) -> list[str]:
     """What a glob may mean: errors that are no geometry only where it says so itself."""
-    if pattern.rpartition(".")[2].startswith(_NONGEOMETRIC):
+    if _beside_geometry(pattern):
         return [name for name, p in available.items() if not p.geometric]
     return [name for name, p in available.items() if name in geometric or p.key == OFFSET]
+
+
+def _beside_geometry(pattern: str) -> bool:
+    """Whether a glob, whose key may be one too, asks for what is no geometry."""
+    return pattern.rpartition(".")[2].startswith(_NONGEOMETRIC)
 
 
 def _check_units(row: Selection, units: set[Unit]) -> None:

@@ -23,7 +23,7 @@ from suta_calib.atomic import write_bytes_atomically
 from suta_calib.errors import OutputError, UrdfError
 from suta_calib.geometry.numbers import rotation_from_rpy, rotation_from_vector, rpy_from_rotation
 from suta_calib.model.chain import ChainJoint
-from suta_calib.model.urdf_xml import quoted, read_urdf_bytes, suggestion
+from suta_calib.model.urdf_tree import quoted, read_urdf_bytes, suggestion
 
 Origin = tuple[ArrayLike, ArrayLike]
 

@@ -8,12 +8,12 @@ from typing import Final
 from matplotlib.figure import Figure as Picture
 
 from suta_calib.measurements.pose_files import PosePairs
+from suta_calib.model.parameters import PLACEMENT
 from suta_calib.pose_calibration.hand_eye import HandEyeCalibration
 from suta_calib.report.document import Document, Figure, Part
 from suta_calib.report.listing import Column, Json, Listing, Table
 from suta_calib.report.poses import (
     LARGE,
-    POSE_KEYS,
     covariance_record,
     draw_axes,
     draw_residuals,
@@ -73,7 +73,7 @@ def _pose(found: HandEyeCalibration, name: str) -> Table:
 def _data(found: HandEyeCalibration, data: PosePairs) -> Json:
     names = found.unknowns
     size = 6 * len(names)
-    order = [f"{name}.{key}" for name in names for key in POSE_KEYS]
+    order = [f"{name}.{key}" for name in names for key in PLACEMENT]
     poses: Json = {}
     for name in names:
         poses |= {name: getattr(found, name), **pose_record(getattr(found, name), f"{name}_")}

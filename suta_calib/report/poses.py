@@ -17,6 +17,7 @@ from matplotlib.ticker import MaxNLocator
 
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.geometry.numbers import quaternion_from_rotation, rpy_from_rotation
+from suta_calib.model.parameters import PLACEMENT
 from suta_calib.report.document import File, Text
 from suta_calib.report.listing import Column, Json, Listing, Table, csv_text, plain
 from suta_calib.report.svg import BLUE, GREY, ORANGE, WIDTH, plain_log, shown_array
@@ -164,7 +165,6 @@ def fit_texts(figures: str, what: str, inliers: BoolArray, lines: Sequence[int])
 
 
 # ── poses ────────────────────────────────────────────────────────────────────────────────────
-POSE_KEYS: Final = ("x", "y", "z", "rx", "ry", "rz")
 _POSE: Final = Listing[tuple[str, Sequence[str]]](
     "",
     (
@@ -212,7 +212,7 @@ def pose_std_record(std: FloatArray) -> Json:
     units: tuple[Unit, ...] = ("m", "m", "m", "rad", "rad", "rad")
     return {
         key(name, unit): plain(value, unit)
-        for name, unit, value in zip(POSE_KEYS, units, std, strict=True)
+        for name, unit, value in zip(PLACEMENT, units, std, strict=True)
     }
 
 

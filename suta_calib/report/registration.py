@@ -12,6 +12,7 @@ from matplotlib.figure import Figure as Picture
 
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.measurements.pose_files import Points
+from suta_calib.model.parameters import PLACEMENT
 from suta_calib.pose_calibration.registration import Registration
 from suta_calib.report.document import Document, Figure, Part, Text
 from suta_calib.report.listing import Column, Json, Listing, components, written
@@ -19,7 +20,6 @@ from suta_calib.report.poses import (
     INLIER,
     LARGE,
     OUTLIER,
-    POSE_KEYS,
     ROUNDING,
     covariance_record,
     draw_residuals,
@@ -108,7 +108,7 @@ def register_document(
         "std_at_centre": pose_std_record(np.sqrt(np.diag(found.covariance))),
         **fitted_rows(found.inliers, a.lines),
         "covariance": covariance_record(
-            found.covariance, POSE_KEYS, "m, rad; at the centre, axes of b"
+            found.covariance, PLACEMENT, "m, rad; at the centre, axes of b"
         ),
         "input": {"a": str(a.path), "b": str(b.path)},
     }

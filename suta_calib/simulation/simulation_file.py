@@ -13,7 +13,7 @@ from suta_calib.arrays import FloatArray
 from suta_calib.errors import JobError
 from suta_calib.geometry.numbers import rotation_from_rpy
 from suta_calib.measurements import YamlSection, read_yaml
-from suta_calib.measurements.yaml_section import Sign
+from suta_calib.measurements.yaml_file import Sign
 from suta_calib.simulation.noise import NoiseLevels, OutlierSpec
 from suta_calib.simulation.schema import (
     SUFFIX,

@@ -11,33 +11,15 @@ from suta_calib.lazy import public
 
 if TYPE_CHECKING:
     from suta_calib.solver.covariance import predicted_covariance as predicted_covariance
-    from suta_calib.solver.identifiability import (
-        Combination as Combination,
-    )
-    from suta_calib.solver.identifiability import (
-        Identification as Identification,
-    )
-    from suta_calib.solver.identifiability import (
-        identify as identify,
-    )
-    from suta_calib.solver.information import (
-        Information as Information,
-    )
-    from suta_calib.solver.information import (
-        predicted_information as predicted_information,
-    )
-    from suta_calib.solver.information import (
-        whitened_rows as whitened_rows,
-    )
-    from suta_calib.solver.ipopt import (
-        Minimum as Minimum,
-    )
-    from suta_calib.solver.ipopt import (
-        RobustNlp as RobustNlp,
-    )
-    from suta_calib.solver.ipopt import (
-        SolverOptions as SolverOptions,
-    )
+    from suta_calib.solver.identifiability import Combination as Combination
+    from suta_calib.solver.identifiability import Identification as Identification
+    from suta_calib.solver.identifiability import identify as identify
+    from suta_calib.solver.information import Information as Information
+    from suta_calib.solver.information import predicted_information as predicted_information
+    from suta_calib.solver.information import whitened_rows as whitened_rows
+    from suta_calib.solver.ipopt import Minimum as Minimum
+    from suta_calib.solver.ipopt import RobustNlp as RobustNlp
+    from suta_calib.solver.ipopt import SolverOptions as SolverOptions
     from suta_calib.solver.losses import huber_threshold as huber_threshold
     from suta_calib.solver.problem import Problem as Problem
     from suta_calib.solver.solution import Estimate as Estimate

@@ -15,8 +15,9 @@ from hypothesis import strategies as st
 from lxml import html
 
 from suta_calib.errors import JobError
+from suta_calib.job import AcceptanceJob
 from suta_calib.job.limits import read_limits, read_rule, read_uncertainty
-from suta_calib.measurements import YamlSection, read_yaml
+from suta_calib.measurements import CsvTable, YamlSection, read_csv_table, read_yaml
 
 Capture = pytest.CaptureFixture[str]
 
@@ -90,6 +91,18 @@ def test_files_are_written_and_the_text_is_readable(folder: Path, capsys: Captur
     assert names == {"iso10360.json", "iso10360.svg", "report.html"}
     page = html.fromstring((folder / "out" / "report.html").read_text())
     assert [each.get("id") for each in page.iter("section")] == ["iso10360"]
+
+
+def test_every_file_is_read_once(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    read: list[str] = []
+
+    def counted(path: Path) -> CsvTable:
+        read.append(path.name)
+        return read_csv_table(path)
+
+    monkeypatch.setattr("suta_calib.measurements.sample_files.read_csv_table", counted)
+    AcceptanceJob.load(folder / "job.yaml")
+    assert sorted(read) == ["articulation.csv", "lengths.csv", "probing.csv", "repeated.csv"]
 
 
 def test_parts_of_the_test_may_be_left_out(folder: Path, capsys: Capture) -> None:

@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 from suta_calib.geometry.numbers import (
     extent,
     homogeneous,
+    quaternion_from_rotation,
     register_points,
     rms_length,
     rotation_from_quaternion,
@@ -216,3 +217,13 @@ def test_lengths_and_extents() -> None:
     assert rms_length(points) == pytest.approx(rms_length(points.reshape(-1, 3)))
     assert extent(points[0] + 7.0) == pytest.approx(math.sqrt(points[0].var(axis=0).sum()))
     assert extent(np.ones((5, 3))) == 0.0
+
+
+@given(VECTOR)
+def test_quaternions_give_back_their_rotation_and_have_one_sign(vector: np.ndarray) -> None:
+    R = rotation_from_vector(vector)
+    quaternion = quaternion_from_rotation(R)
+    assert quaternion.shape == (4,)
+    assert quaternion[3] >= 0
+    np.testing.assert_allclose(rotation_from_quaternion(quaternion), R, atol=1e-12)
+    assert quaternion_from_rotation(np.tile(R, (2, 3, 1, 1))).shape == (2, 3, 4)

@@ -166,3 +166,15 @@ def test_arbitrary_rows(scratch: Path, rows: list[list[str]], tail: str) -> None
     text = "\n".join(["j1,point,x,y,z,qx,qy,qz,qw", *(",".join(row) for row in rows), tail])
     scratch.write_text(text, encoding="utf-8")
     read_or_refuse(scratch)
+
+
+def test_optional_labels_are_read_where_every_file_has_them(tmp_path: Path) -> None:
+    (tmp_path / "with.csv").write_text("j1,point,articulation\n0.1,A,left\n")
+    (tmp_path / "without.csv").write_text("j1,point\n0.2,A\n")
+    joints = [JointRange("j1", "rad", -1.0, 1.0)]
+    columns = SampleColumns(labels=("point",), optional_labels=("articulation",))
+    alone = read_samples([tmp_path / "with.csv"], joints, columns)
+    assert alone.labels["articulation"].tolist() == ["left"]
+    both = read_samples([tmp_path / "with.csv", tmp_path / "without.csv"], joints, columns)
+    assert set(both.labels) == {"point"}
+    assert both.labels["point"].tolist() == ["A", "A"]

@@ -15,10 +15,9 @@ from typing import Any, Final, Literal
 import numpy as np
 
 from suta_calib.arrays import FloatArray
-from suta_calib.errors import JobError
+from suta_calib.errors import JobError, did_you_mean
 from suta_calib.geometry.numbers import rotation_from_rpy, rotation_from_vector
 from suta_calib.measurements import YamlSection, read_yaml
-from suta_calib.measurements.suggestion import did_you_mean
 from suta_calib.model.arm import ArmModel
 from suta_calib.units import Unit, deg, from_deg, from_mm, key, stored
 

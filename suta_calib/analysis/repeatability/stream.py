@@ -14,10 +14,9 @@ from typing import Any, Final
 import numpy as np
 
 from suta_calib.arrays import FloatArray
-from suta_calib.errors import SamplesError
+from suta_calib.errors import SamplesError, did_you_mean
 from suta_calib.extras import load
 from suta_calib.measurements.csv_table import CsvTable, read_csv_table
-from suta_calib.measurements.suggestion import did_you_mean
 
 LEAST_ROWS: Final = 100
 # Columns of recordings that are no joints.

@@ -15,9 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from suta_calib.arrays import IntArray
-from suta_calib.errors import SamplesError
+from suta_calib.errors import SamplesError, did_you_mean
 from suta_calib.measurements import Samples
-from suta_calib.measurements.suggestion import did_you_mean
 from suta_calib.terms import KINDS
 from suta_calib.terms.poses import ArmPoses
 from suta_calib.terms.term import Term

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import pytest
@@ -104,3 +105,22 @@ tokens = st.sampled_from([*"-:?[]{},&*!|>%@`#'\"~ \n\t", "a", "1", "...", "---",
 @given(parts=st.lists(tokens, max_size=30))
 def test_arbitrary_yaml_tokens(scratch: Path, parts: list[str]) -> None:
     test_arbitrary_content.hypothesis.inner_test(scratch, "".join(parts).encode())
+
+
+def test_files_are_those_of_all_patterns_each_once(tmp_path: Path) -> None:
+    for name in ("b.csv", "a.csv", "c.txt"):
+        (tmp_path / name).touch()
+    text = "one: a.csv\nseveral: [b.csv, '*.csv']\nnone: ['*.csv', '*.tsv']\n"
+    section = YamlSection(read_yaml(write(tmp_path, text), JobError), JobError)
+    assert section.files("one") == (tmp_path / "a.csv",)
+    assert [path.name for path in section.files("several")] == ["b.csv", "a.csv"]
+    with pytest.raises(JobError, match=r"file\.yaml:3: none: found no file that matches '\*\.tsv'"):
+        section.files("none")
+
+
+def test_an_optional_number_is_converted_by_its_unit(tmp_path: Path) -> None:
+    path = write(tmp_path, "length_mm: 250\nangle_deg: 180\n")
+    section = YamlSection(read_yaml(path, JobError), JobError)
+    assert section.optional_number("length_mm", unit="m") == 0.25
+    assert section.optional_number("angle_deg", unit="rad") == pytest.approx(math.pi)
+    assert section.optional_number("width_mm", unit="m") is None

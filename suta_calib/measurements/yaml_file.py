@@ -1,28 +1,142 @@
-"""One mapping of a YAML file, and checked access to its values.
+"""YAML files: plain data that remembers the line of every key, and checked access to it.
 
-What every reader of a YAML file needs: a value of the right type, or one error that names the
-file, the line and the key. Keys are written as a path: ``observations[0].huber_mm``.
+The node graph is read instead of constructed objects: nothing a file says is ever executed, a
+key such as ``01`` or ``null`` keeps its text, and every scalar has a line to point at. What every
+reader of a file then needs is a value of the right type, or one error that names the file, the
+line and the key. Keys are written as a path: ``observations[0].huber_mm``.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, Literal
 
-from suta_calib.errors import InputError, SamplesError
-from suta_calib.measurements.files import expand
-from suta_calib.measurements.suggestion import did_you_mean
-from suta_calib.measurements.yaml_document import KeyPath, YamlDocument
+from ruamel.yaml import YAML
+from ruamel.yaml.error import MarkedYAMLError, YAMLError
+from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
+
+from suta_calib.errors import InputError, SamplesError, did_you_mean
+from suta_calib.measurements.files import expand, read_text
 from suta_calib.units import Unit, stored
 
+KeyPath = tuple[str | int, ...]
+_SPECIAL_FLOATS = {".inf": "inf", "+.inf": "inf", "-.inf": "-inf", ".nan": "nan"}
 Sign = Literal["any", "non-negative", "positive"]
 _LONGEST_QUOTE = 60
 
 # No length, angle or count of this field is larger; its square would soon be infinite.
 LARGEST: Final = 1e12
+
+
+@dataclass(frozen=True)
+class YamlDocument:
+    """A YAML file as plain data, with the line every key came from.
+
+    Attributes:
+        path: the file.
+        data: dict, list, str, int, float, bool and None; keys are the text in the file.
+        lines: line number, from 1, of every key or list index.
+    """
+
+    path: Path
+    data: dict[str, Any]
+    lines: Mapping[KeyPath, int]
+
+    def line_of(self, *keys: str | int) -> int | None:
+        """Line of a key, or of the nearest key around it that is in the file."""
+        while keys and keys not in self.lines:
+            keys = keys[:-1]
+        return self.lines.get(keys)
+
+
+def read_yaml(path: Path, error: type[InputError] = InputError) -> YamlDocument:
+    """Read a YAML file whose top level is a mapping.
+
+    Raises:
+        InputError: (as ``error``) unreadable, empty, not YAML, a key twice, a reference to
+            itself, or another top level; with the line where there is one.
+    """
+    text = read_text(path, error)
+    try:
+        node = _compose(text)
+        if node is None:
+            raise error("an empty file", "a mapping of keys to values", file=path)
+        lines: dict[KeyPath, int] = {}
+        data = _Plain(path, error, lines).value(node, (), ())
+    except RecursionError:
+        raise error("lists nested too deeply", "a few levels", file=path) from None
+    except MarkedYAMLError as problem:
+        mark = problem.problem_mark
+        line = None if mark is None else mark.line + 1
+        raise error(_first_line(problem.problem), "YAML", file=path, line=line) from None
+    except YAMLError as problem:
+        raise error(_first_line(problem), "YAML", file=path) from None
+    if not isinstance(data, dict):
+        raise error("no keys at the top level", "a mapping of keys to values", file=path, line=1)
+    return YamlDocument(path, data, lines)
+
+
+def _compose(text: str) -> Node | None:
+    yaml = YAML(typ="rt", pure=True)
+    yaml.composer.warn_double_anchors = False
+    node: Node | None = yaml.compose(text)
+    return node
+
+
+def _first_line(problem: object) -> str:
+    lines = str(problem).splitlines()
+    return f"text that is not YAML ({lines[0]})" if lines else "text that is not YAML"
+
+
+@dataclass(frozen=True)
+class _Plain:
+    """Turns YAML nodes into plain values and records their lines."""
+
+    path: Path
+    error: type[InputError]
+    lines: dict[KeyPath, int]
+
+    def value(self, node: Node, keys: KeyPath, inside: tuple[Node, ...]) -> Any:
+        if keys:  # what is missing from the whole file is on no line of it
+            self.lines.setdefault(keys, node.start_mark.line + 1)
+        if any(node is outer for outer in inside):
+            raise self._refuse("a reference to itself", "a value", node)
+        if isinstance(node, MappingNode):
+            return self._mapping(node, keys, (*inside, node))
+        if isinstance(node, SequenceNode):
+            items = enumerate(node.value)
+            return [self.value(item, (*keys, i), (*inside, node)) for i, item in items]
+        return self._scalar(node)
+
+    def _mapping(self, node: MappingNode, keys: KeyPath, inside: tuple[Node, ...]) -> Any:
+        mapping: dict[str, Any] = {}
+        for key, value in node.value:
+            if not isinstance(key, ScalarNode):
+                raise self._refuse("a list or mapping as a key", "a word as a key", key)
+            if key.value in mapping:
+                raise self._refuse(f"the key {key.value!r} a second time", "each key once", key)
+            self.lines[(*keys, key.value)] = key.start_mark.line + 1
+            mapping[key.value] = self.value(value, (*keys, key.value), inside)
+        return mapping
+
+    def _scalar(self, node: Node) -> Any:
+        kind, text = str(node.tag).rpartition(":")[2], str(node.value)
+        try:
+            if kind == "int":
+                return int(text.replace("_", ""))
+            if kind == "float":
+                return float(_SPECIAL_FLOATS.get(text.lower(), text.replace("_", "")))
+        except ValueError:
+            raise self._refuse(repr(text), "a decimal number", node) from None
+        if kind == "bool":
+            return text.lower() in ("true", "yes", "on", "y")
+        return None if kind == "null" else text
+
+    def _refuse(self, found: str, expected: str, node: Node) -> InputError:
+        return self.error(found, expected, file=self.path, line=node.start_mark.line + 1)
 
 
 @dataclass(frozen=True)
