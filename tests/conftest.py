@@ -21,9 +21,15 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 settings.register_profile("suta_calib", derandomize=True, deadline=None, print_blob=True)
 settings.load_profile("suta_calib")
 
-
 # Modules with tests of many seconds each, the longest first.
-LONG = ("test_notebooks",)
+LONG = (
+    "test_notebooks",
+    "test_hand_eye_accuracy",
+    "test_model_selection",
+    "test_covariance",
+    "test_nongeometric",
+    "test_motion",
+)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -252,7 +252,7 @@ def _segment(model: pin.Model, joint: ChainJoint, owner: str) -> Segment:
         index = model.getJointId(joint.name)
         placement = model.jointPlacements[index]
         jacobian = pin.computeJointJacobian(model, model.createData(), pin.neutral(model), index)
-        subspace = jacobian[:, model.joints[index].idx_v]
+        subspace = jacobian.reshape(6, model.nv)[:, model.joints[index].idx_v]
         axis = subspace[:3] + subspace[3:]
     else:
         kinds = pin.FrameType.FIXED_JOINT

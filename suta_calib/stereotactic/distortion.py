@@ -18,8 +18,8 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import NdBSpline
 from scipy.spatial import ConvexHull, QhullError
+from scipy.special import comb
 from scipy.stats import chi2
 
 from suta_calib.arrays import BoolArray, FloatArray
@@ -232,13 +232,11 @@ def _scaled(points: FloatArray, lower: FloatArray, upper: FloatArray) -> FloatAr
 
 
 def _basis(scaled: FloatArray, degree: int) -> FloatArray:
-    """Values of the Bernstein polynomials at points of the unit box: (N, 3) → (N, (n + 1)³).
-
-    B-splines on knots that are all at the ends are Bernstein polynomials.
-    """
-    knots = np.repeat([0.0, 1.0], degree + 1)
-    matrix = NdBSpline.design_matrix(scaled, (knots,) * 3, degree)
-    return np.asarray(matrix.toarray())
+    """Values of the Bernstein polynomials at points of the unit box: (N, 3) → (N, (n + 1)³)."""
+    k = np.arange(degree + 1)
+    at = scaled[..., None]
+    x, y, z = np.swapaxes(comb(degree, k) * at**k * (1.0 - at) ** (degree - k), 0, 1)
+    return np.asarray(np.einsum("ni,nj,nk->nijk", x, y, z).reshape(len(scaled), -1))
 
 
 MAX_ROUNDS: Final = 10

@@ -206,7 +206,7 @@ def test_exact_data_are_drawn_at_zero(tmp_path: Path) -> None:
         np.zeros((8, 3)),
     )
     exact = calibrate_pivot(data.rotation, data.position - data.rotation @ [0, 0, 0.1])
-    assert re.search("1e[−-]06", drawn(pivot_plot(exact, data)))  # Matplotlib 3.6: a hyphen
+    assert re.search("1e[−-]06", drawn(pivot_plot(exact, data)))  # Matplotlib 3.7: a hyphen
 
 
 def test_an_outlier_beyond_the_rings_is_told(tmp_path: Path) -> None:
