@@ -22,7 +22,7 @@ from suta_calib.pose_calibration.arrays import checked_poses
 from suta_calib.pose_calibration.consensus import Consensus
 from suta_calib.pose_calibration.hand_eye_causes import refuse_misread, refuse_strangers
 from suta_calib.pose_calibration.hand_eye_consensus import plain_start, robust_start
-from suta_calib.pose_calibration.robot_noise import HandShare
+from suta_calib.pose_calibration.robot_noise import EYE, HandShare
 from suta_calib.pose_calibration.robust_fit import RobustFit, objections, outlier_rows, robust_fit
 from suta_calib.pose_calibration.rotation_covariance import tangent_of_vector
 from suta_calib.pose_calibration.undetermined import axis_of_all_turns, refuse_undetermined
@@ -184,7 +184,7 @@ def calibrate_hand_eye(
     refuse_strangers(fit, start, length)
     refuse_undetermined(
         fit.solution,
-        "hand_eye",
+        EYE,
         "X",
         "turn the hand about at least two axes that are not parallel",
         axis_of_all_turns(A[0][fit.inliers], fit.sigmas[1]),

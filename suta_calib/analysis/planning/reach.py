@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -25,6 +25,7 @@ from suta_calib.arrays import FloatArray
 from suta_calib.errors import JobError
 from suta_calib.measurements import Landmark
 from suta_calib.simulation.inverse_kinematics import Matching, Targets
+from suta_calib.terms import KINDS, Term
 
 _STARTS: Final = 8
 # Of the directions of a point, the part that must be reached; more are tried than are needed.
@@ -80,14 +81,16 @@ class Reach:
         if isinstance(place, Placement) and self.situation.touching is None:
             raise JobError(
                 f"placement {place.name!r}",
-                "a job with pairwise_distance or landmark observations, which say what is put down",
+                f"a job with {_kinds(lambda kind: kind.needs_artefact)} observations, which say "
+                "what is put down",
                 line=place.line,
                 where="candidates",
             )
         if isinstance(place, Posture) and self.situation.seen is None:
             raise JobError(
                 f"pose {place.name!r}",
-                "a job with tracked_point or hand_eye observations, which say what sees the arm",
+                f"a job with {_kinds(lambda kind: kind.medium != 'touch')} observations, which say "
+                "what sees the arm",
                 line=place.line,
                 where="candidates",
             )
@@ -187,6 +190,10 @@ class Reach:
             return Candidate(candidate.place, candidate.q[rows], (), candidate.repeats)
         reason = f"the arm touches itself in {int((~free).sum())} of {len(free)} postures"
         return Unreachable(candidate.name, candidate.place.kind, reason)
+
+
+def _kinds(which: Callable[[type[Term]], bool]) -> str:
+    return " or ".join(name for name, kind in KINDS.items() if which(kind))
 
 
 def _spiral(place: Point, count: int) -> FloatArray:
