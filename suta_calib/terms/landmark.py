@@ -272,8 +272,8 @@ def seated(
     names: Sequence[str] | NDArray[np.str_],
     rotation: FloatArray,
     position: FloatArray,
-    shift: FloatArray,
-    turn: float,
+    shift: ArrayLike = (0.0, 0.0),
+    turn: float = 0.0,
 ) -> Observed:
     """Where the tip is that sits on landmarks: ``T_base_artefact T_artefact_seat``.
 
@@ -289,7 +289,7 @@ def seated(
         Poses of the tip; landmarks without a seat are taken to hold it upright in the artefact.
     """
     seats = seat_rotations(artefact, names)
-    marks = artefact.position_of(names) + seats[:, :, :2] @ shift
+    marks = artefact.position_of(names) + seats[:, :, :2] @ np.asarray(shift)
     turned = seats @ rotation_from_vector([0.0, 0.0, turn])
     return Observed(np.einsum("...ij,...j->...i", rotation, marks) + position, rotation @ turned)
 

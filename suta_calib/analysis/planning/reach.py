@@ -23,9 +23,10 @@ from suta_calib.analysis.planning.region import directions, nearest, turning_z_t
 from suta_calib.analysis.planning.situation import Situation
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import JobError
-from suta_calib.measurements import Landmark
+from suta_calib.measurements import Artefact
 from suta_calib.simulation.inverse_kinematics import Matching, Targets
 from suta_calib.terms import KINDS, Term
+from suta_calib.terms.landmark import seated
 
 _STARTS: Final = 8
 # Of the directions of a point, the part that must be reached; more are tried than are needed.
@@ -100,7 +101,7 @@ class Reach:
         if artefact is None or not places:
             return {}
         marks = list(artefact.landmarks.values())
-        q, ok = self._touch(places, marks)
+        q, ok = self._touch(places, artefact)
         found: dict[str, Candidate | Unreachable] = {}
         names = tuple(mark.name for mark in marks)
         for place, readings, good in zip(places, q, ok, strict=True):
@@ -113,19 +114,18 @@ class Reach:
         return found
 
     def _touch(
-        self, places: Sequence[Placement], marks: Sequence[Landmark]
+        self, places: Sequence[Placement], artefact: Artefact
     ) -> tuple[FloatArray, NDArray[np.bool_]]:
         """Postures (places, marks, joints) and whether they reach; seats fix the orientation."""
-        certified = np.array([mark.position for mark in marks])
-        position = np.array([certified @ p.rotation.T + p.position for p in places])
-        seats = np.array([np.eye(3) if m.rotation is None else m.rotation for m in marks])
-        rotation = np.array([place.rotation @ seats for place in places])
+        tips = [seated(artefact, [*artefact.landmarks], p.rotation, p.position) for p in places]
+        position = np.array([tip.position for tip in tips])
+        rotation = np.array([tip.rotation for tip in tips])
         q = np.zeros((*position.shape[:2], len(self.situation.arm.joints)))
         ok = np.zeros(position.shape[:2], dtype=bool)
-        seated = np.array([mark.rotation is not None for mark in marks])
+        oriented = np.array([mark.rotation is not None for mark in artefact.landmarks.values()])
         kinds: tuple[tuple[Matching, NDArray[np.bool_]], ...] = (
-            ("pose", seated),
-            ("position", ~seated),
+            ("pose", oriented),
+            ("position", ~oriented),
         )
         for matching, rows in kinds:
             if rows.any():
