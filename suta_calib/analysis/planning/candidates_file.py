@@ -18,6 +18,7 @@ from suta_calib.geometry.numbers import rotation_from_rpy, rotation_from_vector
 from suta_calib.measurements import YamlSection, read_yaml
 from suta_calib.measurements.suggestion import did_you_mean
 from suta_calib.model.arm import ArmModel
+from suta_calib.units import Unit, from_deg, from_mm, key, stored
 
 KEYS: Final = ("repeats", "placements", "grids", "points", "poses")
 _GRID_KEYS: Final = ("x_mm", "y_mm", "z_mm", "yaw_deg", "tilt_deg", "towards_deg")
@@ -110,15 +111,15 @@ def _check(top: YamlSection, found: Sequence[Place]) -> None:
 def _position(section: YamlSection) -> FloatArray:
     if "position" in section:
         raise section.refuse("a position without a unit", "position_mm", at=("position",))
-    return 1e-3 * np.array(section.numbers("position_mm", 3))
+    return from_mm(np.array(section.numbers("position_mm", 3)))
 
 
 def _placement(name: str, section: YamlSection) -> Placement:
     position = _position(section)
     section.check_keys(("position_mm", "rotation_rpy_deg"))
     turned = "rotation_rpy_deg" in section
-    rpy = np.deg2rad(section.numbers("rotation_rpy_deg", 3)) if turned else np.zeros(3)
-    return Placement(name, position, rotation_from_rpy(rpy), section.line)
+    rpy = np.array(section.numbers("rotation_rpy_deg", 3) if turned else [0.0, 0.0, 0.0])
+    return Placement(name, position, rotation_from_rpy(from_deg(rpy)), section.line)
 
 
 def _point(name: str, section: YamlSection, directions: int) -> Point:
@@ -127,24 +128,26 @@ def _point(name: str, section: YamlSection, directions: int) -> Point:
     axis = np.array(section.numbers("axis", 3) if "axis" in section else DOWN)
     if not np.linalg.norm(axis) > 0:
         raise section.refuse("a vector without direction", "a direction", at=("axis",))
-    cone = section.optional_number("cone_deg", "positive", math.pi / 180)
-    if cone is not None and cone > math.pi:
-        raise section.refuse(f"{math.degrees(cone):g}", "at most 180 degrees", at=("cone_deg",))
+    degrees = section.optional_number("cone_deg", "positive")
+    if degrees is not None and degrees > 180:
+        raise section.refuse(f"{degrees:g}", "at most 180 degrees", at=("cone_deg",))
+    cone = DEFAULT_CONE if degrees is None else from_deg(degrees)
     count = section.integer("directions", directions, minimum=2)
     unit = axis / np.linalg.norm(axis)
-    return Point(name, position, count, unit, cone or DEFAULT_CONE, section.line)
+    return Point(name, position, count, unit, cone, section.line)
 
 
 def _posture(name: str, section: YamlSection, arm: ArmModel) -> Posture:
     section.check_keys(("posture_deg", "posture_mm"))
     readings: dict[str, float] = {}
-    for key, unit, scale in (("posture_deg", "rad", math.pi / 180), ("posture_mm", "m", 1e-3)):
-        if key not in section:
+    units: tuple[Unit, ...] = ("rad", "m")
+    for unit in units:
+        if (where := key("posture", unit)) not in section:
             continue
-        listed = section.section(key)
+        listed = section.section(where)
         for joint in listed.data:
             _check_joint(listed, joint, unit, arm)
-            readings[joint] = scale * listed.number(joint)
+            readings[joint] = stored(listed.number(joint), unit)
     if missing := [joint for joint in arm.joints if joint not in readings]:
         raise section.refuse(f"no reading of {missing[0]}", f"all of {', '.join(arm.joints)}")
     return Posture(name, np.array([readings[joint] for joint in arm.joints]), section.line)
@@ -161,14 +164,14 @@ def _check_joint(listed: YamlSection, joint: str, unit: str, arm: ArmModel) -> N
 
 def _grid(name: str, section: YamlSection) -> list[Place]:
     section.check_keys(_GRID_KEYS, required=_GRID_KEYS[:3])
-    axes = [_values(section, key, None if key in _GRID_KEYS[:3] else 0.0) for key in _GRID_KEYS]
+    axes = [_values(section, name, None if name in _GRID_KEYS[:3] else 0.0) for name in _GRID_KEYS]
     count = math.prod(len(values) for values in axes)
     if count > _MOST:
         raise section.refuse(f"{count} placements", f"at most {_MOST}", hint="use a coarser grid")
     found: list[Place] = []
     for x, y, z, yaw, tilt, towards in itertools.product(*axes):
-        turned = tilted(*(math.radians(angle) for angle in (yaw, tilt, towards)))
-        where = 1e-3 * np.array([x, y, z])
+        turned = tilted(*(from_deg(angle) for angle in (yaw, tilt, towards)))
+        where = from_mm(np.array([x, y, z]))
         found.append(Placement(f"{name}_{len(found) + 1}", where, turned, section.line))
     return found
 

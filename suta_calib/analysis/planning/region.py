@@ -16,6 +16,7 @@ from suta_calib.arrays import FloatArray
 from suta_calib.errors import JobError
 from suta_calib.geometry.numbers import rotation_from_vector
 from suta_calib.simulation.inverse_kinematics import InverseKinematics, Targets
+from suta_calib.units import mm
 
 # Beyond what was touched: a hand's breadth and a half, and as much above as an artefact is wide.
 _BESIDE: Final = 0.15
@@ -151,4 +152,4 @@ def nearest(visited: FloatArray, wanted: FloatArray) -> FloatArray:
 
 
 def _mm(corner: FloatArray) -> str:
-    return "({:.0f}, {:.0f}, {:.0f})".format(*(1e3 * corner))
+    return "({:.0f}, {:.0f}, {:.0f})".format(*mm(corner))
