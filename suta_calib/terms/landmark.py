@@ -217,7 +217,7 @@ class TouchedLandmark(Term):
         has = [marks[str(n)].rotation is not None for n in self._marks]
         return np.flatnonzero(np.array(has, dtype=bool))
 
-    @property
+    @cached_property
     def _seats(self) -> FloatArray:
         return seat_rotations(self.artefact, self._marks) if self.seats is None else self.seats
 
