@@ -117,9 +117,9 @@ class TouchedLandmark(Term):
     def blocks(self) -> tuple[Block, ...]:
         """Positions, and rotations where the artefact gives the seats'."""
         position = self._position_block(np.arange(len(self.poses)))
-        return (
-            (position, self._rotation_block(self._oriented)) if len(self._oriented) else (position,)
-        )
+        if not len(self._oriented):
+            return (position,)
+        return position, self._rotation_block(self._oriented)
 
     def observed(self, values: Mapping[str, float], poses: PoseSource) -> Observed:
         """Every landmark where its placement's pose has it, the tip as it sits there."""
