@@ -56,13 +56,10 @@ class MeasureOptions:
     @property
     def rest(self) -> RestSettings:
         """What counts as rest."""
-        import math
-
         from suta_calib.acquisition.rest import RestSettings
+        from suta_calib.units import from_deg
 
-        return RestSettings(
-            drift=math.radians(self.drift_deg), tremble=math.radians(self.tremble_deg)
-        )
+        return RestSettings(drift=from_deg(self.drift_deg), tremble=from_deg(self.tremble_deg))
 
 
 class PlaceCommand(click.Command):

@@ -12,10 +12,11 @@ from suta_calib.arrays import FloatArray
 from suta_calib.emulation.trajectories import posture_of
 from suta_calib.errors import JobError
 from suta_calib.geometry.numbers import rotation_from_rpy
-from suta_calib.measurements import Artefact, Landmark, read_artefact
+from suta_calib.measurements import Artefact, read_artefact
 from suta_calib.model.arm import ArmModel
 from suta_calib.simulation import InverseKinematics, PoseSpec, Targets
 from suta_calib.simulation.noise import stream
+from suta_calib.terms.landmark import seated
 
 _TRIES: Final = 300
 _STARTS: Final = 3
@@ -74,12 +75,10 @@ def _reached(
 ) -> bool:
     """Whether every landmark can be: one after the other, for most poses fail at the first."""
     marks = sorted(artefact.landmarks.values(), key=lambda mark: mark.rotation is None)
-    targets = (_target(mark, pose) for mark in marks)
+    tips = seated(artefact, [mark.name for mark in marks], pose.rotation, pose.position)
+    assert tips.rotation is not None
+    targets = (
+        Targets(p[None], R[None], "position" if mark.rotation is None else "pose")
+        for mark, p, R in zip(marks, tips.position, tips.rotation, strict=True)
+    )
     return all(kinematics.solve(each, start, rng, _STARTS).reached[0] for each in targets)
-
-
-def _target(mark: Landmark, pose: PoseSpec) -> Targets:
-    position = pose.rotation @ mark.position + pose.position
-    if mark.rotation is None:
-        return Targets(position[None], np.eye(3)[None], "position")
-    return Targets(position[None], (pose.rotation @ mark.rotation)[None])

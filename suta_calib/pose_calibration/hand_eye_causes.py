@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from suta_calib.errors import SamplesError
 from suta_calib.pose_calibration.consensus import Consensus
+from suta_calib.pose_calibration.robot_noise import EYE
 from suta_calib.pose_calibration.robust_fit import RobustFit
 from suta_calib.pose_calibration.undetermined import undetermined_directions
 from suta_calib.terms.hand_eye_start import Poses, inverse
@@ -99,7 +100,7 @@ def refuse_strangers(fit: RobustFit, start: Consensus, length: float) -> None:
         )
     slid, turned = start.sigmas
     apart = (slid > STRANGERS and turned > TURNED) or turned > NO_AGREEMENT
-    if apart and undetermined_directions(fit.solution, "hand_eye"):
+    if apart and undetermined_directions(fit.solution, EYE):
         raise disagreement(start, length)
 
 

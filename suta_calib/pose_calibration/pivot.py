@@ -202,7 +202,7 @@ def _turns(R: FloatArray) -> FloatArray:
 
 
 def _parameters(names: Sequence[str]) -> list[str]:
-    labels = ["tip", *(f"fixed_point[{n}]" for n in names)]
+    labels = ["tip", *(f"{FixedPoint.place_unknown}[{n}]" for n in names)]
     return [f"{label}.{axis}" for label in labels for axis in "xyz"]
 
 

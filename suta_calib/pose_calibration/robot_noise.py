@@ -16,11 +16,14 @@ from suta_calib.terms.block import Noise
 from suta_calib.terms.hand_eye import HandEye
 from suta_calib.terms.hand_eye_start import Poses
 from suta_calib.terms.poses import MeasuredPoses
+from suta_calib.model.parameters import PLACEMENT
 
 # Before the data are asked: anything from none to all.
 EXPECTED: Final = 0.5
 SPREAD: Final = 0.29
 UNKNOWNS: Final = 12
+# What the pose of the eye in the hand is called among the unknowns.
+EYE: Final = HandEye.frames[0].own
 
 
 def estimate_robot_noise_fraction(position: FloatArray, swept: FloatArray) -> float:
@@ -68,7 +71,7 @@ class RobotNoise:
         """Estimate the fraction from the inliers' residuals at the values found."""
         rows = np.flatnonzero(inliers)
         at_target = evaluate(self._term(rows, (Noise(), Noise()), 0.0), values)
-        x = np.array([values[f"hand_eye.{key}"] for key in ("x", "y", "z", "rx", "ry", "rz")])
+        x = np.array([values[f"{EYE}.{key}"] for key in PLACEMENT])
         R_seen, p_seen = self._seen[0][rows], self._seen[1][rows]
         in_eye = np.einsum("nij,nj->ni", R_seen, at_target[1])
         lever = p_seen + rotation_from_vector(x[3:]).T @ x[:3]

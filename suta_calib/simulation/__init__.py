@@ -8,10 +8,9 @@ from suta_calib.simulation.schema import (
     PoseSpec,
     SetSpec,
     SimulationSpec,
+    read_simulation,
 )
-from suta_calib.simulation.simulate import SimulatedFile, Simulation, simulate
-from suta_calib.simulation.simulation_file import read_simulation
-from suta_calib.simulation.truth import true_values
+from suta_calib.simulation.simulate import SimulatedFile, Simulation, simulate, true_values
 
 __all__ = [
     "ErrorRow",

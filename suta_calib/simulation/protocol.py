@@ -79,9 +79,7 @@ class Visitor:
         """
         landmarks = list(truth.landmarks.values())
         names = [mark.name for mark in landmarks]
-        sits = seated(
-            truth, names, pose.rotation, pose.position, np.array(plan.seating[:2]), plan.seating[2]
-        )
+        sits = seated(truth, names, pose.rotation, pose.position, plan.seating[:2], plan.seating[2])
         assert sits.rotation is not None
         targets = Targets(sits.position, sits.rotation)
         oriented = np.array([mark.rotation is not None for mark in landmarks])

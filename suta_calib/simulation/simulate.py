@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from suta_calib.arrays import FloatArray
-from suta_calib.errors import JobError
+from suta_calib.errors import JobError, ParameterError
 from suta_calib.measurements import Artefact, Samples, read_artefact
 from suta_calib.model.arm import ArmModel
+from suta_calib.model.parameters import Parameter
 from suta_calib.simulation.inverse_kinematics import InverseKinematics, Targets
 from suta_calib.simulation.noise import (
     encoder_readings,
@@ -22,10 +23,10 @@ from suta_calib.simulation.noise import (
     wrapped,
 )
 from suta_calib.simulation.protocol import Visitor, Visits
-from suta_calib.simulation.schema import PoseSpec, SetSpec, SimulationSpec
-from suta_calib.simulation.truth import true_values
+from suta_calib.simulation.schema import ErrorRow, PoseSpec, SetSpec, SimulationSpec
 from suta_calib.terms import ArmPoses, Observed, Setup
 from suta_calib.terms.term import pose_parameters, pose_values
+from suta_calib.units import key
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,6 +105,67 @@ def simulate(
                 visits = visitor.place(plan, label, plan.places[label])
                 files.append(_touched(plan, visits, visitor))
     return Simulation(spec, seed, arm, values, artefacts, tuple(files))
+
+
+def true_values(arm: ArmModel, spec: SimulationSpec, seed: int) -> dict[str, float]:
+    """True values of all the arm's placements and offsets, nominal where no row names them.
+
+    Eccentricity and compliance are among them only where a row gives them.
+
+    A parameter's random number depends on the seed and its name alone, so a change to one row
+    leaves the others' parameters as they were.
+
+    Args:
+        arm: the nominal arm.
+        spec: whose ``errors`` are applied; later rows win.
+        seed: of the drawn errors.
+
+    Returns:
+        Values by name, m, rad or rad/(N·m), in the arm's order.
+
+    Raises:
+        JobError: a row selects nothing, or gives no size in the unit of one it selects.
+    """
+    errors: dict[str, float] = {}
+    for index, row in enumerate(spec.errors):
+        for name in _selected(arm, row, index, spec):
+            errors[name] = _error(arm.offered[name], row, index, seed, spec)
+    told = [n for n in arm.offered if n in errors or n in arm.parameters]
+    return {n: arm.offered[n].nominal + errors.get(n, 0.0) for n in told}
+
+
+def _selected(arm: ArmModel, row: ErrorRow, index: int, spec: SimulationSpec) -> tuple[str, ...]:
+    """Names a row means; ``geometric`` and globs reach units the row gives no size for."""
+    try:
+        names = arm.select(*row.select).names
+    except ParameterError as problem:
+        where = f"errors[{index}].select"
+        raise JobError(
+            problem.found,
+            problem.expected,
+            file=spec.path,
+            line=row.line,
+            where=where,
+            hint=problem.hint,
+        ) from None
+    sized = {*row.value, *row.std}
+    return tuple(n for n in names if n in row.select or arm.offered[n].unit in sized)
+
+
+def _error(
+    parameter: Parameter, row: ErrorRow, index: int, seed: int, spec: SimulationSpec
+) -> float:
+    if parameter.unit in row.value:
+        return row.value[parameter.unit]
+    if parameter.unit in row.std:
+        return row.std[parameter.unit] * float(stream(seed, parameter.name).standard_normal())
+    raise JobError(
+        f"no size of the error of {parameter.name}",
+        f"{key('value', parameter.unit)} or {key('std', parameter.unit)}",
+        file=spec.path,
+        line=row.line,
+        where=f"errors[{index}]",
+    )
 
 
 def _posture(spec: SimulationSpec, kinematics: InverseKinematics) -> FloatArray:

@@ -117,9 +117,9 @@ class TouchedLandmark(Term):
     def blocks(self) -> tuple[Block, ...]:
         """Positions, and rotations where the artefact gives the seats'."""
         position = self._position_block(np.arange(len(self.poses)))
-        return (
-            (position, self._rotation_block(self._oriented)) if len(self._oriented) else (position,)
-        )
+        if not len(self._oriented):
+            return (position,)
+        return position, self._rotation_block(self._oriented)
 
     def observed(self, values: Mapping[str, float], poses: PoseSource) -> Observed:
         """Every landmark where its placement's pose has it, the tip as it sits there."""
@@ -217,7 +217,7 @@ class TouchedLandmark(Term):
         has = [marks[str(n)].rotation is not None for n in self._marks]
         return np.flatnonzero(np.array(has, dtype=bool))
 
-    @property
+    @cached_property
     def _seats(self) -> FloatArray:
         return seat_rotations(self.artefact, self._marks) if self.seats is None else self.seats
 
@@ -272,8 +272,8 @@ def seated(
     names: Sequence[str] | NDArray[np.str_],
     rotation: FloatArray,
     position: FloatArray,
-    shift: FloatArray,
-    turn: float,
+    shift: ArrayLike = (0.0, 0.0),
+    turn: float = 0.0,
 ) -> Observed:
     """Where the tip is that sits on landmarks: ``T_base_artefact T_artefact_seat``.
 
@@ -289,7 +289,7 @@ def seated(
         Poses of the tip; landmarks without a seat are taken to hold it upright in the artefact.
     """
     seats = seat_rotations(artefact, names)
-    marks = artefact.position_of(names) + seats[:, :, :2] @ shift
+    marks = artefact.position_of(names) + seats[:, :, :2] @ np.asarray(shift)
     turned = seats @ rotation_from_vector([0.0, 0.0, turn])
     return Observed(np.einsum("...ij,...j->...i", rotation, marks) + position, rotation @ turned)
 

@@ -24,6 +24,7 @@ from suta_calib.terms.landmark import (
     TouchedLandmark,
     certified_positions,
     positions_only,
+    seated,
 )
 from suta_calib.terms.poses import PoseSource
 from suta_calib.terms.seating import Seating, seat_axes, seated_at
@@ -146,9 +147,8 @@ class PairwiseDistance(Term):
     def observed(self, values: Mapping[str, float], poses: PoseSource) -> Observed:
         """Every set's landmarks where they fit best to what was touched."""
         names = poses.samples.labels["landmark"]
-        marks = self.artefact.position_of(names)
-        if self.own:
-            marks = marks + seat_axes(self.artefact, names) @ seated_at(self.own, values)[0]
+        sits = seated_at(self.own, values)
+        marks = seated(self.artefact, names, np.eye(3), np.zeros(3), *sits).position
         _, position = poses.at(values)
         target, sets = np.empty_like(position), self._sets(poses)
         for name in np.unique(sets):

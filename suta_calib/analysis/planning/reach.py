@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -23,8 +23,10 @@ from suta_calib.analysis.planning.region import directions, nearest, turning_z_t
 from suta_calib.analysis.planning.situation import Situation
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import JobError
-from suta_calib.measurements import Landmark
+from suta_calib.measurements import Artefact
 from suta_calib.simulation.inverse_kinematics import Matching, Targets
+from suta_calib.terms import KINDS, Term
+from suta_calib.terms.landmark import seated
 
 _STARTS: Final = 8
 # Of the directions of a point, the part that must be reached; more are tried than are needed.
@@ -80,14 +82,16 @@ class Reach:
         if isinstance(place, Placement) and self.situation.touching is None:
             raise JobError(
                 f"placement {place.name!r}",
-                "a job with pairwise_distance or landmark observations, which say what is put down",
+                f"a job with {_kinds(lambda kind: kind.needs_artefact)} observations, which say "
+                "what is put down",
                 line=place.line,
                 where="candidates",
             )
         if isinstance(place, Posture) and self.situation.seen is None:
             raise JobError(
                 f"pose {place.name!r}",
-                "a job with tracked_point or hand_eye observations, which say what sees the arm",
+                f"a job with {_kinds(lambda kind: kind.medium != 'touch')} observations, which say "
+                "what sees the arm",
                 line=place.line,
                 where="candidates",
             )
@@ -97,7 +101,7 @@ class Reach:
         if artefact is None or not places:
             return {}
         marks = list(artefact.landmarks.values())
-        q, ok = self._touch(places, marks)
+        q, ok = self._touch(places, artefact)
         found: dict[str, Candidate | Unreachable] = {}
         names = tuple(mark.name for mark in marks)
         for place, readings, good in zip(places, q, ok, strict=True):
@@ -110,19 +114,18 @@ class Reach:
         return found
 
     def _touch(
-        self, places: Sequence[Placement], marks: Sequence[Landmark]
+        self, places: Sequence[Placement], artefact: Artefact
     ) -> tuple[FloatArray, NDArray[np.bool_]]:
         """Postures (places, marks, joints) and whether they reach; seats fix the orientation."""
-        certified = np.array([mark.position for mark in marks])
-        position = np.array([certified @ p.rotation.T + p.position for p in places])
-        seats = np.array([np.eye(3) if m.rotation is None else m.rotation for m in marks])
-        rotation = np.array([place.rotation @ seats for place in places])
+        tips = [seated(artefact, [*artefact.landmarks], p.rotation, p.position) for p in places]
+        position = np.array([tip.position for tip in tips])
+        rotation = np.array([tip.rotation for tip in tips])
         q = np.zeros((*position.shape[:2], len(self.situation.arm.joints)))
         ok = np.zeros(position.shape[:2], dtype=bool)
-        seated = np.array([mark.rotation is not None for mark in marks])
+        oriented = np.array([mark.rotation is not None for mark in artefact.landmarks.values()])
         kinds: tuple[tuple[Matching, NDArray[np.bool_]], ...] = (
-            ("pose", seated),
-            ("position", ~seated),
+            ("pose", oriented),
+            ("position", ~oriented),
         )
         for matching, rows in kinds:
             if rows.any():
@@ -187,6 +190,10 @@ class Reach:
             return Candidate(candidate.place, candidate.q[rows], (), candidate.repeats)
         reason = f"the arm touches itself in {int((~free).sum())} of {len(free)} postures"
         return Unreachable(candidate.name, candidate.place.kind, reason)
+
+
+def _kinds(which: Callable[[type[Term]], bool]) -> str:
+    return " or ".join(name for name, kind in KINDS.items() if which(kind))
 
 
 def _spiral(place: Point, count: int) -> FloatArray:

@@ -1,0 +1,93 @@
+"""Who knows the kinds of observation: `suta_calib.terms`, and nobody else."""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from simulated import arm_named
+
+from suta_calib.job.new_job import new_job
+from suta_calib.job.schema import read_job
+from suta_calib.terms import KINDS, Term, first_kind
+
+# Files that state a problem of their own over measured poses, or offer the classes: what they use.
+BY_NAME = {
+    "__init__.py": {"FixedPoint", "PairwiseDistance", "TrackedPoint"},
+    "pose_calibration/pivot.py": {"FixedPoint"},
+    "pose_calibration/registration.py": {"TrackedPoint"},
+    "pose_calibration/robot_noise.py": {"HandEye"},
+}
+# Kinds that are called like something else too: a label column, a figure of a report.
+COLUMNS = {column for kind in KINDS.values() for column in kind.columns.labels}
+# What else is called hand_eye: the command's module, and its pictures.
+OTHERS = {
+    "cli/_app.py": {"suta_calib.cli.hand_eye"},
+    "report/poses/files.py": {"hand_eye.svg"},
+    "report/poses/plots.py": {"hand_eye"},
+}
+
+each_kind = pytest.mark.parametrize("kind", KINDS.values(), ids=KINDS)
+
+
+def literals(tree: ast.AST) -> Iterator[str]:
+    """Text in the code, docstrings apart."""
+    documented = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
+    docstrings = {
+        id(node.body[0].value)
+        for node in ast.walk(tree)
+        if isinstance(node, documented) and node.body and isinstance(node.body[0], ast.Expr)
+    }
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Constant) and id(node) not in docstrings:
+            yield str(node.value)
+
+
+def test_no_file_outside_terms_names_a_kind(repository: Path) -> None:
+    package = repository / "suta_calib"
+    names = re.compile(rf"\b({'|'.join(sorted(KINDS.keys() - COLUMNS))})\b")
+    classes = {kind.__name__ for kind in KINDS.values()}
+    found = []
+    for file in sorted(package.rglob("*.py")):
+        place = file.relative_to(package).as_posix()
+        if place.startswith("terms/"):
+            continue
+        tree = ast.parse(file.read_text(encoding="utf-8"))
+        used = {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
+        used |= {a.name for n in ast.walk(tree) if isinstance(n, ast.ImportFrom) for a in n.names}
+        found += [f"{place}: {name}" for name in sorted(used & classes - BY_NAME.get(place, set()))]
+        named = {text for text in literals(tree) if names.search(text)}
+        found += [f"{place}: {text!r}" for text in sorted(named - OTHERS.get(place, set()))]
+    assert not found, "\n".join(found)
+
+
+@each_kind
+def test_a_kind_is_described(kind: type[Term]) -> None:
+    assert kind.about
+    assert not kind.about.endswith(".")
+    assert kind.medium in ("touch", "instrument", "camera")
+    assert bool(kind.place) == bool(kind.place_unknown) == (kind.medium == "touch")
+    assert not kind.place or kind.place in kind.columns.labels
+    for noun, columns in kind.groupings.items():
+        assert set(columns) <= set(kind.columns.labels), noun
+    assert kind.columns.position == (kind.medium != "touch")
+
+
+@each_kind
+def test_a_job_of_any_kind_can_be_begun(kind: type[Term], tmp_path: Path) -> None:
+    urdf = arm_named("suta").chain.path
+    for file in new_job(urdf, "tip", tmp_path, kinds=[kind.kind]):
+        file.path.parent.mkdir(parents=True, exist_ok=True)
+        file.path.write_text(file.text)
+    (row,) = read_job(tmp_path / "calibration.yaml").observations
+    assert row.kind == kind.kind
+    assert (row.artefact is not None) == kind.needs_artefact
+
+
+def test_the_first_of_each_sort_is_offered_first() -> None:
+    assert first_kind(artefact=True).needs_artefact
+    assert not first_kind(artefact=False).needs_artefact
+    assert first_kind(artefact=False).medium == "touch"
