@@ -24,11 +24,10 @@ from suta_calib.emulation import EmulatedArm, Emulation, sweep
 from suta_calib.model.arm import ArmModel
 from suta_calib.report.path_accuracy.latency_plots import latency_figure
 from suta_calib.tracking.igtl import IgtlPublisher
+from suta_calib.tracking.publisher import UdpPublisher
 from suta_calib.tracking.recording import CsvRecorder
 from suta_calib.tracking.session import TrackingSession
-from suta_calib.tracking.tip_kinematics import TipKinematics
-from suta_calib.tracking.tracker import Tracker
-from suta_calib.tracking.udp import UdpPublisher
+from suta_calib.tracking.tracker import TipKinematics, Tracker
 
 URDF = Path(__file__).parents[1] / "urdf" / "suta.urdf"
 RATES = (768.0, 5000.0)

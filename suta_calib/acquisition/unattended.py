@@ -12,9 +12,8 @@ from typing import Final
 import numpy as np
 
 from suta_calib.acquisition.averaging import Average, wrap
-from suta_calib.acquisition.naming import CERTAIN, likelier
 from suta_calib.acquisition.run import Run
-from suta_calib.acquisition.seating_check import ANOTHER
+from suta_calib.acquisition.seating_check import ANOTHER, CERTAIN, likelier
 from suta_calib.acquisition.stops import (
     Began,
     Complete,

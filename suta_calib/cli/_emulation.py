@@ -15,18 +15,25 @@ from suta_calib.device.description import DeviceSpec
 from suta_calib.emulation.device import device_of
 from suta_calib.emulation.faults import Faults
 from suta_calib.emulation.motion import Motion, Still
-from suta_calib.emulation.pivot import pivoting
-from suta_calib.emulation.script import Timing, artefact_set, parse_pose, point_set, stops
-from suta_calib.emulation.script_file import ScriptFile, read_script
+from suta_calib.emulation.script import (
+    ScriptFile,
+    Timing,
+    artefact_set,
+    parse_pose,
+    placement_within_reach,
+    point_set,
+    read_script,
+    stops,
+)
 from suta_calib.emulation.stream import Emulation
 from suta_calib.emulation.trajectories import (
     parse_posture,
+    pivoting,
     posture_of,
     recorded,
     sweep,
 )
 from suta_calib.emulation.truth import drawn_truth, nominal_values, read_truth
-from suta_calib.emulation.within_reach import placement_within_reach
 from suta_calib.errors import InputError
 from suta_calib.measurements.suggestion import did_you_mean
 from suta_calib.model.arm import ArmModel

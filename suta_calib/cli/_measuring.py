@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from suta_calib.acquisition.continuous import Continuous
-from suta_calib.acquisition.guided import Guided
-from suta_calib.acquisition.keyboard import Keyboard
+from suta_calib.acquisition.guided import Guided, Keyboard
 from suta_calib.acquisition.raw import RawRecorder
 from suta_calib.acquisition.run import Run
 from suta_calib.acquisition.samples_file import SamplesFile

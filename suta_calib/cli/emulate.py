@@ -85,7 +85,7 @@ def emulate(
 def _write_descriptions(
     made: Emulated, port: str, device_out: Path | None, truth_out: Path | None
 ) -> None:
-    from suta_calib.emulation.output import device_text, truth_text
+    from suta_calib.emulation.truth import device_text, truth_text
     from suta_calib.measurements import write_text
 
     emulation = made.emulation
@@ -98,7 +98,7 @@ def _write_descriptions(
 
 
 def _finish(made: Emulated, player: Player, trajectory_out: Path | None) -> None:
-    from suta_calib.emulation.output import write_trajectory
+    from suta_calib.emulation.truth import write_trajectory
 
     played = player.played
     _tell(

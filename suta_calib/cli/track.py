@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from suta_calib.model.arm import ArmModel
     from suta_calib.tracking.publisher import Publisher
     from suta_calib.tracking.session import TrackingSession
-    from suta_calib.tracking.tool import Tool
+    from suta_calib.tracking.tracker import Tool
     from suta_calib.tracking.uncertainty import CalibrationUncertainty
 
 NO_POSE: Final = 1
@@ -127,9 +127,7 @@ def track(
     """
     from suta_calib.device import read_device
     from suta_calib.model.arm import ArmModel
-    from suta_calib.tracking.tip_kinematics import TipKinematics
-    from suta_calib.tracking.tool import Tool, read_tool
-    from suta_calib.tracking.tracker import Tracker
+    from suta_calib.tracking.tracker import TipKinematics, Tool, Tracker, read_tool
     from suta_calib.tracking.uncertainty import read_uncertainty
 
     model = ArmModel.from_urdf(arm, tip, base)
@@ -160,9 +158,9 @@ def _session(
     tracker: Any, wanted: _Wanted, rate: float | None, stack: ExitStack, model: ArmModel
 ) -> TrackingSession:
     from suta_calib.tracking.igtl import IgtlPublisher
+    from suta_calib.tracking.publisher import UdpPublisher
     from suta_calib.tracking.recording import CsvRecorder, ParquetRecorder
     from suta_calib.tracking.session import TrackingSession
-    from suta_calib.tracking.udp import UdpPublisher
 
     publishers: list[Publisher] = []
     if wanted.igtl is not None:
@@ -183,7 +181,7 @@ def _run(
     """Track; what the device did, what was said, and whether Ctrl-C ended it."""
     from suta_calib.cli._track_view import TrackView, track_line, track_table
     from suta_calib.device import Bus
-    from suta_calib.tracking.pace import Pace
+    from suta_calib.tracking.session import Pace
 
     pace = Pace(lambda: session.latency.count)
     view = TrackView(
@@ -222,7 +220,7 @@ def _about(
 
 
 def _answer(session: TrackingSession, device: Statistics, view: TrackView) -> dict[str, Any]:
-    from suta_calib.tracking.udp import pose_dict
+    from suta_calib.tracking.publisher import pose_dict
 
     counts = {key: value for key, value in vars(device).items() if isinstance(value, int)}
     flags = {

@@ -9,26 +9,32 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 
+from suta_calib.arrays import FloatArray
 from suta_calib.emulation.motion import Stops, continuous
+from suta_calib.emulation.trajectories import posture_of
 from suta_calib.emulation.truth import error_rows
-from suta_calib.errors import InputError
+from suta_calib.errors import InputError, JobError
 from suta_calib.geometry.numbers import rotation_from_rpy
-from suta_calib.measurements import read_artefact
+from suta_calib.measurements import Artefact, Landmark, YamlSection, read_artefact, read_yaml
 from suta_calib.measurements.suggestion import did_you_mean
 from suta_calib.model.arm import ArmModel
 from suta_calib.simulation import (
+    InverseKinematics,
     NoiseLevels,
     PoseSpec,
     SetSpec,
     SimulatedFile,
     SimulationSpec,
+    Targets,
+    read_simulation,
     simulate,
 )
-from suta_calib.simulation.noise import full_circle
-from suta_calib.simulation.schema import PostureRow
+from suta_calib.simulation.noise import full_circle, stream
+from suta_calib.simulation.schema import SEEN_FROM_AFAR, PostureRow
 
 
 @dataclass(frozen=True)
@@ -184,3 +190,145 @@ def parse_pose(text: str, where: str = "") -> tuple[str, PoseSpec]:
         raise InputError(repr(text), expected, where=where)
     rotation = rotation_from_rpy(np.deg2rad(numbers[3:])) if numbers[3:] else np.eye(3)
     return label.strip(), PoseSpec(rotation, 1e-3 * np.array(numbers[:3]))
+
+
+@dataclass(frozen=True, eq=False)
+class ScriptFile:
+    """A ``calibration.yaml`` or ``simulation.yaml``, as far as an emulated arm needs it.
+
+    Attributes:
+        path: the file.
+        tip, base: ends of its arm's chain; base None for the root link.
+        artefact: the artefact's file, if the script has one.
+        unknowns: names and globs of the parameters a job looks for; empty for a simulation.
+        simulation: the whole file, if it is a simulation.
+    """
+
+    path: Path
+    tip: str
+    base: str | None
+    artefact: Path | None
+    unknowns: tuple[str, ...]
+    simulation: SimulationSpec | None = None
+
+    def set(self, name: str | None = None) -> SetSpec:
+        """One of a simulation's sets: that of this name, or the first that a tip can touch.
+
+        Raises:
+            JobError: no such set, or one that is seen from afar.
+        """
+        assert self.simulation is not None
+        sets = {each.name: each for each in self.simulation.sets}
+        touched = [n for n, each in sets.items() if each.kind not in SEEN_FROM_AFAR]
+        if name is None and touched:
+            return sets[touched[0]]
+        if name not in touched:
+            raise JobError(
+                "nothing that a tip touches" if name is None else f"{name!r}",
+                f"a set whose tip touches something: {', '.join(touched) or 'none here'}",
+                file=self.path,
+                where="sets",
+            )
+        return sets[name]
+
+
+def read_script(path: Path) -> ScriptFile:
+    """Read a script.
+
+    Raises:
+        JobError: the file cannot be read, is neither a job nor a simulation, or names an
+            artefact that does not exist; names the line and the key.
+    """
+    path = Path(path)
+    top = YamlSection(read_yaml(path, JobError), JobError)
+    if "sets" in top:
+        spec = read_simulation(path)
+        return ScriptFile(path, spec.tip, spec.base, None, (), spec)
+    if "observations" not in top:
+        raise top.refuse(
+            "neither a job nor a simulation",
+            "'observations' as in a calibration.yaml, or 'sets' as in a simulation.yaml",
+        )
+    arm = top.section("arm")
+    base = arm.text("base") if "base" in arm else None
+    return ScriptFile(path, arm.text("tip"), base, _artefact(top), _unknowns(top))
+
+
+def _artefact(top: YamlSection) -> Path | None:
+    rows = (row for row in top.sections("observations") if "artefact" in row)
+    return next((row.existing_file("artefact") for row in rows), None)
+
+
+def _unknowns(top: YamlSection) -> tuple[str, ...]:
+    if "parameters" not in top:
+        return ()
+    rows = top.sections("parameters")
+    return tuple(name for row in rows if not row.flag("fixed") for name in row.texts("select"))
+
+
+_TRIES: Final = 300
+_STARTS: Final = 3
+
+
+def placement_within_reach(
+    arm: ArmModel,
+    values: Mapping[str, float],
+    artefact: Path,
+    label: str,
+    *,
+    posture: FloatArray | None = None,
+    seed: int = 0,
+) -> PoseSpec:
+    """An upright pose of an artefact, drawn at random, in which every landmark can be reached.
+
+    Args:
+        arm: the nominal arm.
+        values: its true parameters, m or rad.
+        artefact: the artefact's file.
+        label: of the placement; others are drawn for other labels.
+        posture: (joints,) readings about which it is looked for; the middle of the ranges.
+        seed: of the pose.
+
+    Raises:
+        JobError: none was found.
+    """
+    rng = stream(seed, label, "placement")
+    kinematics = InverseKinematics(arm, values)
+    start = posture_of(arm) if posture is None else posture
+    read = read_artefact(artefact)
+    near = start + 0.4 * (kinematics.random_readings(rng, _TRIES) - start)
+    _, tips = arm.forward(near, values)
+    for tip in tips:
+        rotation = rotation_from_rpy([0.0, 0.0, rng.uniform(-np.pi, np.pi)])
+        centre = np.mean([mark.position for mark in read.landmarks.values()], axis=0)
+        # Rounded to what somebody would write down, and not below the table the arm stands on.
+        position = np.round(tip - rotation @ centre, 4)
+        pose = PoseSpec(rotation, np.array([*position[:2], max(0.0, position[2])]))
+        if _reached(kinematics, read, pose, start, rng):
+            return pose
+    raise JobError(
+        f"no place for placement {label!r} in {_TRIES} tries",
+        "an upright pose in which every landmark is within reach",
+        file=artefact,
+        hint=f"give one: --placement {label}=x,y,z,roll,pitch,yaw in mm and degrees",
+    )
+
+
+def _reached(
+    kinematics: InverseKinematics,
+    artefact: Artefact,
+    pose: PoseSpec,
+    start: FloatArray,
+    rng: np.random.Generator,
+) -> bool:
+    """Whether every landmark can be: one after the other, for most poses fail at the first."""
+    marks = sorted(artefact.landmarks.values(), key=lambda mark: mark.rotation is None)
+    targets = (_target(mark, pose) for mark in marks)
+    return all(kinematics.solve(each, start, rng, _STARTS).reached[0] for each in targets)
+
+
+def _target(mark: Landmark, pose: PoseSpec) -> Targets:
+    position = pose.rotation @ mark.position + pose.position
+    if mark.rotation is None:
+        return Targets(position[None], np.eye(3)[None], "position")
+    return Targets(position[None], (pose.rotation @ mark.rotation)[None])

@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.device.description import DeviceSpec
-from suta_calib.emulation.damage import Damage
 from suta_calib.emulation.encoders import encoder_for
-from suta_calib.emulation.faults import Faults, Flag
+from suta_calib.emulation.faults import Damage, Faults, Flag
 from suta_calib.emulation.motion import Motion
 from suta_calib.errors import InputError
 

@@ -5,17 +5,18 @@ from __future__ import annotations
 import gc
 import sys
 import time
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, Final, Protocol
 
 from suta_calib.tracking.latency import LatencyStatistics
-from suta_calib.tracking.pose import TrackedPose
 from suta_calib.tracking.publisher import Publisher
-from suta_calib.tracking.tracker import Tracker
+from suta_calib.tracking.tracker import TrackedPose, Tracker
 
 if TYPE_CHECKING:
     from suta_calib.device.reading import Reading
+
 
 # s; how long one look at the bus may last: the run's end is not noticed before.
 _LOOK: Final = 0.05
@@ -143,3 +144,27 @@ def prompt() -> Iterator[None]:
     finally:
         gc.unfreeze()
         sys.setswitchinterval(before)
+
+
+_WINDOW_S: Final = 1.5
+
+
+class Pace:
+    """Counts a second over the last second or two, from whenever it is asked.
+
+    Args:
+        count: a number that only grows.
+    """
+
+    def __init__(self, count: Callable[[], int]) -> None:
+        self._count = count
+        self._seen: deque[tuple[float, int]] = deque([(time.perf_counter(), count())])
+
+    def __call__(self) -> float:
+        """Growth per second since the oldest look within the window."""
+        now = time.perf_counter()
+        self._seen.append((now, self._count()))
+        while len(self._seen) > 2 and now - self._seen[0][0] > _WINDOW_S:
+            self._seen.popleft()
+        (then, before), (now, after) = self._seen[0], self._seen[-1]
+        return (after - before) / max(now - then, 1e-9)

@@ -12,10 +12,9 @@ from tracking_scene import reading, suta_tracker
 
 from suta_calib.device import Reading
 from suta_calib.tracking.latency import LatencyStatistics
-from suta_calib.tracking.pace import Pace
-from suta_calib.tracking.pose import TrackedPose
 from suta_calib.tracking.publisher import Publisher
-from suta_calib.tracking.session import TrackingSession
+from suta_calib.tracking.session import Pace, TrackingSession
+from suta_calib.tracking.tracker import TrackedPose
 
 
 class Kept(Publisher):
