@@ -14,7 +14,7 @@ from rich.text import Text
 
 from suta_calib.cli._output import console
 from suta_calib.device.diagnosis import remarks
-from suta_calib.device.words import ERROR_MEANING, WARNING_MEANING
+from suta_calib.device.reading import ERROR_MEANING, WARNING_MEANING
 from suta_calib.geometry.numbers import rpy_from_rotation
 from suta_calib.model.arm import ArmModel
 from suta_calib.tracking.tracker import matched_joints

@@ -12,6 +12,7 @@ import numpy as np
 
 from suta_calib.arrays import BoolArray
 from suta_calib.device.description import DeviceSpec
+from suta_calib.device.formats import format_of
 from suta_calib.device.reading import Reading
 
 if TYPE_CHECKING:
@@ -55,7 +56,7 @@ class Monitor:
 
     def __init__(self, spec: DeviceSpec, window: float = 1.0) -> None:
         self._names, self._window = spec.names, window
-        self._has_clock = spec.format == "frames"
+        self._has_clock = format_of(spec).has_clock
         self._recent: deque[Reading] = deque()
         self._first: Reading | None = None
         self._last: Reading | None = None

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Final
 
 from suta_calib.device.description import FRAME_COUNTS_PER_TURN, DeviceSpec, JointSpec
+from suta_calib.device.formats import FORMATS
 from suta_calib.errors import InputError
 from suta_calib.model.arm import ArmModel
 
@@ -26,21 +27,20 @@ def device_of(
 
     Args:
         arm: whose joints.
-        form: ``frames`` or ``lines``.
+        form: one of `FORMATS`.
         unit: of lines: ``counts``, ``rad`` or ``deg``.
         counts_per_turn: of one turn, in counts.
         signs: +1 or -1 for each joint; all +1 by default.
         baudrate: for ``device.yaml``: a pseudo-terminal has none.
 
     Raises:
-        InputError: frames with anything but counts of 22 bits, a number of signs that is not that
+        InputError: a unit or counts that the format cannot have, a number of signs that is not that
             of the joints, or a joint that slides where angles are sent.
     """
-    if form == "frames" and (unit, counts_per_turn) != ("counts", FRAME_COUNTS_PER_TURN):
-        found = f"frames with {counts_per_turn} counts per turn, in {unit}"
-        expected = f"{FRAME_COUNTS_PER_TURN} counts: their words have 22 bits"
-        raise InputError(found, expected, hint="lines can have others")
-    if (form, unit) != ("lines", "rad"):
+    if (refused := FORMATS[form].refusal(unit, counts_per_turn)) is not None:
+        found = f"{form} with {counts_per_turn} counts per turn, in {unit}"
+        raise InputError(found, refused[1], where=refused[0])
+    if unit != "rad":
         _check_turning(arm)
     chosen = list(signs) or [1] * len(arm.joints)
     if len(chosen) != len(arm.joints):
