@@ -26,7 +26,7 @@ from suta_calib.report.path_accuracy.latency_plots import latency_figure
 from suta_calib.tracking.igtl import IgtlPublisher
 from suta_calib.tracking.publisher import UdpPublisher
 from suta_calib.tracking.recording import CsvRecorder
-from suta_calib.tracking.session import TrackingSession
+from suta_calib.tracking.session import TrackingSession, low_latency
 from suta_calib.tracking.tracker import TipKinematics, Tracker
 
 URDF = Path(__file__).parents[1] / "urdf" / "suta.urdf"
@@ -74,7 +74,7 @@ def measure(rate: float, seconds: float, folder: Path) -> Run:
         ]
         tracker = Tracker(arm, arm.joints, TipKinematics(arm))
         session = TrackingSession(tracker, publishers)
-        with Bus(emulator.device) as bus:
+        with low_latency(), Bus(emulator.device) as bus:
             session.run(bus, seconds)
         igtl.close()
         received = int(client.communicate(timeout=10)[0])

@@ -14,7 +14,7 @@ from suta_calib.cli._output import console, json_option, print_json
 from suta_calib.cli._signals import ended_by_sigterm
 
 INCOMPLETE: Final = 1
-# As `acquisition.measure.UNATTENDED_PATIENCE`, which --help must not wait for.
+# As `acquisition.measuring.UNATTENDED_PATIENCE`, which --help must not wait for.
 _PATIENCE_S: Final = 60.0
 
 
@@ -102,8 +102,8 @@ def measure(context: click.Context, /, **options: Any) -> None:
     with ExitStack() as stack:
         if port is not None:
             stack.callback(port.close)
-        from suta_calib.acquisition.measure import MeasureOptions
-        from suta_calib.acquisition.measure import measure as run
+        from suta_calib.acquisition.measuring import MeasureOptions
+        from suta_calib.acquisition.measuring import measure as run
         from suta_calib.acquisition.rest import RestSettings
         from suta_calib.units import from_deg
 

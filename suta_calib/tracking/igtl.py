@@ -14,16 +14,15 @@ import threading
 from typing import Any, Final
 
 import numpy as np
+import pyigtl
 
 from suta_calib.errors import InputError, OutputError
-from suta_calib.extras import load
 from suta_calib.tracking.publisher import Publisher
 from suta_calib.tracking.tracker import TrackedPose
+from suta_calib.units import mm
 
 # The field's size in the protocol's header.
 LONGEST_NAME: Final = 20
-DEFAULT_NAME: Final = "TipToBase"
-_MM: Final = 1e3
 
 
 class IgtlPublisher(Publisher):
@@ -43,15 +42,13 @@ class IgtlPublisher(Publisher):
     Raises:
         InputError: a device name that does not fit.
         OutputError: the port cannot be listened at.
-        MissingExtraError: pyigtl is not installed.
     """
 
     name = "igtl"
 
-    def __init__(self, port: int, device_name: str = DEFAULT_NAME, host: str = "") -> None:
+    def __init__(self, port: int, device_name: str = "TipToBase", host: str = "") -> None:
         super().__init__()
         check_device_name(device_name)
-        self._message = load("pyigtl", "device").TransformMessage
         self._device_name = device_name
         self.invalid = 0
         self._broadcast = Broadcast(host, port)
@@ -80,8 +77,10 @@ class IgtlPublisher(Publisher):
     def _packed(self, pose: TrackedPose) -> bytes:
         matrix = np.eye(4)
         matrix[:3, :3] = pose.rotation
-        matrix[:3, 3] = _MM * pose.position
-        message = self._message(matrix, timestamp=pose.host_time, device_name=self._device_name)
+        matrix[:3, 3] = mm(pose.position)
+        message = pyigtl.TransformMessage(
+            matrix, timestamp=pose.host_time, device_name=self._device_name
+        )
         return bytes(message.pack())
 
 

@@ -23,6 +23,7 @@ from suta_calib.geometry.symbols import Symbol, symbolic_skew
 from suta_calib.model.arm import ArmModel
 from suta_calib.tracking.json_files import numbers, read_json_object
 from suta_calib.tracking.uncertainty import CalibrationUncertainty
+from suta_calib.units import from_mm
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -67,7 +68,6 @@ class TrackedPose:
         return not self.errors
 
 
-_MM = 1e-3
 # m; a pivot offset beyond this is one in another unit.
 _LARGEST = 10.0
 
@@ -105,7 +105,7 @@ def read_tool(path: str | Path) -> Tool:
             file=path,
             where="tip_mm",
         )
-    tip = _MM * numbers(data["tip_mm"], (3,), path, "tip_mm")
+    tip = from_mm(numbers(data["tip_mm"], (3,), path, "tip_mm"))
     if abs(tip).max() > _LARGEST:
         raise InputError(
             repr(data["tip_mm"]), f"mm, within {_LARGEST:g} m", file=path, where="tip_mm"
@@ -113,7 +113,7 @@ def read_tool(path: str | Path) -> Tool:
     std = data.get("tip_std_mm")
     if std is None:
         return Tool(tip)
-    return Tool(tip, _MM * numbers(std, (3,), path, "tip_std_mm"))
+    return Tool(tip, from_mm(numbers(std, (3,), path, "tip_std_mm")))
 
 
 _NOTHING: Final = Tool.none()
