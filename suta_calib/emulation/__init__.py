@@ -15,6 +15,12 @@ from suta_calib.lazy import lazily
 
 if TYPE_CHECKING:
     from suta_calib.emulation.device import device_of
+    from suta_calib.emulation.emulated import (
+        EmulatedDevice,
+        EmulationOptions,
+        PlayOptions,
+        emulated_device,
+    )
     from suta_calib.emulation.emulated_arm import EmulatedArm
     from suta_calib.emulation.faults import Faults, Flag, Gap, Window
     from suta_calib.emulation.motion import Curve, Motion, Still, Stops, Sweep, ThereAndBack
@@ -34,6 +40,7 @@ if TYPE_CHECKING:
 
 _HOMES = {
     "device": ("device_of",),
+    "emulated": ("EmulatedDevice", "EmulationOptions", "PlayOptions", "emulated_device"),
     "emulated_arm": ("EmulatedArm",),
     "faults": ("Faults", "Flag", "Gap", "Window"),
     "motion": ("Curve", "Motion", "Still", "Stops", "Sweep", "ThereAndBack"),
@@ -55,11 +62,14 @@ _HOMES = {
 __all__ = [
     "Curve",
     "EmulatedArm",
+    "EmulatedDevice",
     "Emulation",
+    "EmulationOptions",
     "Faults",
     "Flag",
     "Gap",
     "Motion",
+    "PlayOptions",
     "Played",
     "Player",
     "PseudoTerminal",
@@ -73,6 +83,7 @@ __all__ = [
     "artefact_set",
     "device_of",
     "drawn_truth",
+    "emulated_device",
     "frames",
     "nominal_values",
     "pivoting",

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from suta_calib.device.description import FRAME_COUNTS_PER_TURN, DeviceSpec, JointSpec
 from suta_calib.device.formats import FORMATS
+from suta_calib.emulation.truth import one_line, yaml_text
 from suta_calib.errors import InputError
 from suta_calib.model.arm import ArmModel
 
-_BAUDRATE: Final = 921600
+BAUDRATE: Final = 921600
+_DEVICE_HEADING: Final = "# An emulated arm: there is no hardware behind this port.\n"
 
 
 def device_of(
@@ -21,7 +23,7 @@ def device_of(
     unit: str = "counts",
     counts_per_turn: int = FRAME_COUNTS_PER_TURN,
     signs: Sequence[int] = (),
-    baudrate: int = _BAUDRATE,
+    baudrate: int = BAUDRATE,
 ) -> DeviceSpec:
     """One encoder for each joint of an arm, from base to tip; it has no port yet.
 
@@ -59,3 +61,16 @@ def _check_turning(arm: ArmModel) -> None:
                 line=joint.line,
                 hint="send it as lines in rad, which carry metres as they are",
             )
+
+
+def device_text(device: DeviceSpec) -> str:
+    """``device.yaml`` of a device."""
+    document: dict[str, Any] = {
+        "port": device.port,
+        "baudrate": device.baudrate,
+        "format": device.format,
+        "unit": device.unit,
+        "counts_per_turn": device.counts_per_turn,
+        "joints": [one_line({"name": joint.name, "sign": joint.sign}) for joint in device.joints],
+    }
+    return _DEVICE_HEADING + yaml_text(document)

@@ -43,6 +43,12 @@ class Played:
         """Packets in all."""
         return self.sent + self.unheard + self.silent
 
+    def __str__(self) -> str:
+        return (
+            f"{self.sent} frames sent, {self.unheard} that nobody read, {self.silent} withheld "
+            f"by faults; at most {1e3 * self.late:.1f} ms late"
+        )
+
 
 class Player:
     """Streams an emulation at its rate.

@@ -35,6 +35,9 @@ from suta_calib.simulation import (
 )
 from suta_calib.simulation.noise import full_circle, stream
 from suta_calib.simulation.schema import SEEN_FROM_AFAR, PostureRow
+from suta_calib.units import from_deg, from_mm
+
+PLACE_FORM: Final = "LABEL=x,y,z or LABEL=x,y,z,roll,pitch,yaw in mm and degrees"
 
 
 @dataclass(frozen=True)
@@ -186,10 +189,9 @@ def parse_pose(text: str, where: str = "") -> tuple[str, PoseSpec]:
         numbers = []
     usable = len(numbers) in (3, 6) and np.isfinite(numbers).all()
     if not (equals and label.strip() and usable):
-        expected = "LABEL=x,y,z or LABEL=x,y,z,roll,pitch,yaw in mm and degrees"
-        raise InputError(repr(text), expected, where=where)
-    rotation = rotation_from_rpy(np.deg2rad(numbers[3:])) if numbers[3:] else np.eye(3)
-    return label.strip(), PoseSpec(rotation, 1e-3 * np.array(numbers[:3]))
+        raise InputError(repr(text), PLACE_FORM, where=where)
+    rotation = rotation_from_rpy(from_deg(np.array(numbers[3:]))) if numbers[3:] else np.eye(3)
+    return label.strip(), PoseSpec(rotation, from_mm(np.array(numbers[:3])))
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,6 @@ from ruamel.yaml import YAML
 from ruamel.yaml.comments import CommentedMap, CommentedSeq
 from scipy.spatial.transform import Rotation
 
-from suta_calib.device.description import DeviceSpec
 from suta_calib.emulation.motion import Motion, Stops
 from suta_calib.emulation.player import TrueTrajectory
 from suta_calib.errors import JobError
@@ -134,24 +133,10 @@ def _only_errors(arm: ArmModel, rows: tuple[ErrorRow, ...]) -> SimulationSpec:
     return SimulationSpec(chain.path, chain.path, chain.tip, chain.base, 0, (), rows, ())
 
 
-_DEVICE_HEADING: Final = "# An emulated arm: there is no hardware behind this port.\n"
 _TRUTH_HEADING: Final = (
     "# Simulated: the truth behind an emulated arm, for judging a calibration. Nothing here was\n"
     "# measured. Parameters that are not listed are nominal.\n"
 )
-
-
-def device_text(device: DeviceSpec) -> str:
-    """``device.yaml`` of a device."""
-    document: dict[str, Any] = {
-        "port": device.port,
-        "baudrate": device.baudrate,
-        "format": device.format,
-        "unit": device.unit,
-        "counts_per_turn": device.counts_per_turn,
-        "joints": [_row({"name": joint.name, "sign": joint.sign}) for joint in device.joints],
-    }
-    return _DEVICE_HEADING + _yaml(document)
 
 
 def truth_text(
@@ -180,7 +165,7 @@ def truth_text(
     if plan is not None:
         places = plan.placements if plan.placements is not None else plan.points or {}
         document[plan.places] = {
-            name: _row(
+            name: one_line(
                 {
                     "position_mm": _rounded(1e3 * pose.position),
                     "rotation_rpy_deg": _rounded(np.rad2deg(rpy_from_rotation(pose.rotation))),
@@ -190,10 +175,10 @@ def truth_text(
         }
     if isinstance(motion, Stops):
         document["rests"] = [
-            _row({"arrival_s": round(motion.arrival(k), 6), **labels})
+            one_line({"arrival_s": round(motion.arrival(k), 6), **labels})
             for k, labels in enumerate(motion.labels)
         ]
-    return _TRUTH_HEADING + _yaml(document)
+    return _TRUTH_HEADING + yaml_text(document)
 
 
 def write_trajectory(
@@ -238,10 +223,10 @@ def _parameter(arm: ArmModel, name: str, value: float) -> CommentedMap:
     parameter = arm.parameters[name]
     unit, scale = ("mm", 1e3) if parameter.unit == "m" else ("deg", 180 / math.pi)
     error = round(scale * (value - parameter.nominal), 9)
-    return _row({f"value_{unit}": scale * value, f"error_{unit}": error})
+    return one_line({f"value_{unit}": scale * value, f"error_{unit}": error})
 
 
-def _row(values: dict[str, Any]) -> CommentedMap:
+def one_line(values: dict[str, Any]) -> CommentedMap:
     """A mapping that is written on one line."""
     row = CommentedMap(values)
     row.fa.set_flow_style()
@@ -252,7 +237,8 @@ def _rounded(values: np.ndarray) -> CommentedSeq:
     return CommentedSeq([round(float(value), 9) + 0.0 for value in values])
 
 
-def _yaml(document: dict[str, Any]) -> str:
+def yaml_text(document: dict[str, Any]) -> str:
+    """A mapping as YAML, every row on its line."""
     yaml, text = YAML(), io.StringIO()
     yaml.width = 1000
     yaml.dump(document, text)
