@@ -14,6 +14,8 @@ import click
 
 from suta_calib.cli._numbers import FiniteRange
 from suta_calib.cli._output import check_folder
+from suta_calib.device.description import UNITS
+from suta_calib.device.formats import FORMATS
 from suta_calib.emulation.faults import WORDS
 from suta_calib.errors import InputError
 
@@ -109,8 +111,8 @@ _SIGNS: Final = {"1": 1, "+1": 1, "+": 1, "-1": -1, "-": -1}
 @click.option("--seed", default=0, type=_SEED, help="Of noise, seating and faults.")
 @click.option("--encoder-deg", default=0.001, type=_NOT_NEGATIVE, help="Noise of a reading.")
 # What is sent.
-@click.option("--format", "form", type=click.Choice(["frames", "lines"]), default="frames")
-@click.option("--unit", type=click.Choice(["counts", "rad", "deg"]), default="counts")
+@click.option("--format", "form", type=click.Choice(list(FORMATS)), default="frames")
+@click.option("--unit", type=click.Choice(UNITS), default="counts")
 @click.option("--counts-per-turn", default=1 << 22, type=click.IntRange(min=2))
 @click.option(
     "--signs", default="", show_default=False, metavar="1,-1,…", help="Of the encoders; all 1."
