@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from suta_calib.acquisition.averaging import unwrapped_about_median, wrap
-from suta_calib.acquisition.run import Say
-from suta_calib.acquisition.samples_file import SamplesFile
+from suta_calib.acquisition.run import SamplesFile, Say
 from suta_calib.acquisition.session import STALL
 from suta_calib.acquisition.stops import Event
 from suta_calib.acquisition.touch_sequence import TouchSequence
 from suta_calib.arrays import FloatArray
+from suta_calib.units import from_deg
 
 if TYPE_CHECKING:
     from suta_calib.device.reading import Reading
@@ -24,7 +24,7 @@ _MEDIAN_OF: Final = 5
 # Spread over more time than this they are different postures, s.
 _SIMULTANEOUS: Final = 0.02
 # Samples in one posture tell nothing new, rad.
-_NEW_POSTURE: Final = np.radians(0.5)
+_NEW_POSTURE: Final = from_deg(0.5)
 
 
 class Continuous:

@@ -12,7 +12,6 @@ from typing import Any, Final, Self
 from suta_calib.acquisition.averaging import Average
 from suta_calib.acquisition.run import Run
 from suta_calib.acquisition.stops import Complete, Ended, Event, Interrupted, Rejected, StopFinder
-from suta_calib.acquisition.unattended import MOTION
 
 ENTER: Final = "\n"
 _WAITING: Final = "Enter records now, s skips, b goes back, q quits"
@@ -54,7 +53,8 @@ class Guided:
     def handle(self, event: Event) -> None:
         """React to what the stream told."""
         if isinstance(event, Complete):
-            if self._sample is None and (self._asked or self._finder.excursion > MOTION):
+            moved = self._finder.excursion > self._finder.settings.motion
+            if self._sample is None and (self._asked or moved):
                 self._show(event.average)
         elif isinstance(event, Ended) and self._sample is None and self._asked:
             what = ", ".join(event.joints) or "seen only after a gap"

@@ -13,8 +13,7 @@ from suta_calib.acquisition.continuous import Continuous
 from suta_calib.acquisition.guided import Guided, Keyboard
 from suta_calib.acquisition.raw import RawRecorder
 from suta_calib.acquisition.rest import DEFAULT_REST, RestSettings
-from suta_calib.acquisition.run import Run
-from suta_calib.acquisition.samples_file import SamplesFile
+from suta_calib.acquisition.run import Run, SamplesFile
 from suta_calib.acquisition.session import (
     ArmReadings,
     Finder,

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -25,12 +25,6 @@ from suta_calib.arrays import FloatArray
 
 if TYPE_CHECKING:
     from suta_calib.device.reading import Reading
-
-
-# What happened before the detector saw the arm move again is already motion, s.
-_ONSET: Final = 0.15
-# A tremor as slow as 4 Hz does not average out of less than half its period, s.
-_TREMOR: Final = 0.1
 
 
 @dataclass(frozen=True)
@@ -98,6 +92,7 @@ class StopFinder:
         even: see `RestDetector`.
 
     Attributes:
+        settings: what counts as rest.
         excursion: how far any joint has been from `reference` since that was set, rad.
         restless: names of the joints that last kept the arm from resting.
     """
@@ -110,7 +105,7 @@ class StopFinder:
         *,
         even: bool = False,
     ) -> None:
-        self._joints, self._seconds, self._settings = tuple(joints), seconds, settings
+        self._joints, self._seconds, self.settings = tuple(joints), seconds, settings
         self._detector = RestDetector(settings, even=even)
         self._window: StopWindow | None = None
         self._flagged: set[int] = set()
@@ -195,7 +190,7 @@ class StopFinder:
         if self._window.angles:
             away = np.abs(wrap(look.angles - self._window.average().angles))
             # Where it is now is one moment of its tremor.
-            if np.all(away <= self._settings.tremble + self._limit()):
+            if np.all(away <= self.settings.tremble + self._limit()):
                 return []
         return self._end(())
 
@@ -203,13 +198,15 @@ class StopFinder:
         window, self._window = self._window, None
         if window is None or window.complete or not window.angles:
             return []
-        return [Ended(window.average(window.seconds - _ONSET), joints, window.interrupted)]
+        return [
+            Ended(window.average(window.seconds - self.settings.onset), joints, window.interrupted)
+        ]
 
     def _record(self, window: StopWindow, look: Look) -> list[Event]:
         if window.complete:
             return []
         for reading in look.readings:
-            window.add(reading, self._settings.gap)
+            window.add(reading, self.settings.gap)
         if window.seconds < self._seconds:
             return []
         crept = self._crept(np.array(window.angles))
@@ -224,12 +221,12 @@ class StopFinder:
         _, deviation = unwrapped_about_median(angles)
         quarter = max(1, len(deviation) // 4)
         drift = np.median(deviation[-quarter:], axis=0) - np.median(deviation[:quarter], axis=0)
-        tremor = 2 * spread(deviation) * min(1.0, 4 * _TREMOR / self._seconds)
+        tremor = 2 * spread(deviation) * min(1.0, 4 * self.settings.tremor / self._seconds)
         return self._names(np.flatnonzero(np.abs(drift) > self._limit() + tremor).tolist())
 
     def _limit(self) -> FloatArray:
         """(n,) by how much two looks at an arm that stands still may differ, rad."""
-        s = self._settings
+        s = self.settings
         return 2.0 * np.maximum(s.drift, s.noises * self._detector.noise)
 
     def _names(self, indices: Sequence[int]) -> tuple[str, ...]:

@@ -25,8 +25,6 @@ from suta_calib.acquisition.stops import (
 )
 from suta_calib.arrays import FloatArray
 
-# A joint must have turned this far for it to be a motion and no bump, rad.
-MOTION: Final = np.radians(0.25)
 # A rest cut short counts if it lasted this part of what was asked for.
 _ENOUGH: Final = 0.5
 # And this part, if the stream left out some of it, or began during it.
@@ -108,7 +106,7 @@ class Unattended:
         if last is None:
             return True
         moved = max(self._finder.excursion, _away(average.angles, last))
-        if moved < MOTION:
+        if moved < self._finder.settings.motion:
             return False
         seating, stations = self._run.seating, self._run.plan.stations
         if seating is None or self._run.done or self._run.index == 0:
@@ -180,7 +178,7 @@ class Unattended:
         return seating.disagreement(names, [seating.tips[name] for name in names]) < _AGREED
 
     def _same(self, angles: FloatArray, other: FloatArray) -> bool:
-        if _away(angles, other) < MOTION:
+        if _away(angles, other) < self._finder.settings.motion:
             return True
         seating = self._run.seating
         return seating is not None and seating.same_place(angles, other)

@@ -19,6 +19,7 @@ from suta_calib.model.arm import ArmModel
 from suta_calib.simulation import InverseKinematics, Targets
 from suta_calib.simulation.inverse_kinematics import Matching
 from suta_calib.simulation.noise import full_circle, stream
+from suta_calib.units import deg, from_deg, mm, stored
 
 # A prismatic joint swings by this much for every rad of the others.
 _M_PER_RAD: Final = 0.2
@@ -51,7 +52,7 @@ def sweep(
     arm: ArmModel,
     posture: FloatArray | None = None,
     *,
-    amplitude: float = math.radians(20),
+    amplitude: float = from_deg(20.0),
     slowest: float = 0.05,
     fastest: float = 0.5,
     duration: float = 60.0,
@@ -116,7 +117,7 @@ def _si(arm: ArmModel, name: str, equals: str, value: str) -> float:
             where="posture",
         )
     prismatic = [joint.name for joint in arm.chain.moving if joint.type == "prismatic"]
-    return 1e-3 * number if name in prismatic else math.radians(number)
+    return stored(number, "m" if name in prismatic else "rad")
 
 
 # So dense that a cubic between two of them keeps the tip within a micrometre.
@@ -132,7 +133,7 @@ def pivoting(
     point: FloatArray | None = None,
     *,
     posture: FloatArray | None = None,
-    cone: float = math.radians(30),
+    cone: float = from_deg(30.0),
     period: float = 40.0,
     seed: int = 0,
 ) -> ThereAndBack:
@@ -243,8 +244,8 @@ def _reached(
     answer = kinematics.solve(target, start, rng, starts)
     if answer.reached[0]:
         return np.asarray(answer.q[0], dtype=float)
-    x, y, z = 1e3 * position
-    off = f"{1e3 * answer.distance[0]:.3g} mm and {math.degrees(answer.angle[0]):.3g} deg away"
+    x, y, z = mm(position)
+    off = f"{mm(answer.distance[0]):.3g} mm and {deg(answer.angle[0]):.3g} deg away"
     raise JobError(
         f"a tilt about ({x:.1f}, {y:.1f}, {z:.1f}) mm out of the arm's reach (closest: {off})",
         "a point that the tip can be tilted on",

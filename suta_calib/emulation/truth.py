@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -23,11 +22,11 @@ from suta_calib.measurements.suggestion import did_you_mean
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import Parameter
 from suta_calib.simulation import ErrorRow, SetSpec, SimulationSpec, read_simulation, true_values
+from suta_calib.units import Unit, deg, key, mm, shown, stored
 
 # Sizes of drawn errors: those of a well-made arm whose encoders were set by eye.
 _OFFSET_STD: Final = {"rad": 0.013, "m": 1e-3}  # 0.75°
 _TILT_STD: Final = {"rad": 0.0017}  # 0.1°
-_RAD_PER_DEG: Final = 0.017453292519943295
 
 
 def nominal_values(arm: ArmModel) -> dict[str, float]:
@@ -76,8 +75,8 @@ def _values(listed: YamlSection, arm: ArmModel) -> dict[str, float]:
 
 
 def _value(row: YamlSection, parameter: Parameter) -> float:
-    key, scale = ("value_mm", 1e-3) if parameter.unit == "m" else ("value_deg", _RAD_PER_DEG)
-    return scale * row.number(key)
+    unit = _written(parameter)
+    return stored(row.number(key("value", unit)), unit)
 
 
 def drawn_truth(arm: ArmModel, seed: int, select: Sequence[str] = ()) -> dict[str, float]:
@@ -167,8 +166,8 @@ def truth_text(
         document[plan.places] = {
             name: one_line(
                 {
-                    "position_mm": _rounded(1e3 * pose.position),
-                    "rotation_rpy_deg": _rounded(np.rad2deg(rpy_from_rotation(pose.rotation))),
+                    "position_mm": _rounded(mm(pose.position)),
+                    "rotation_rpy_deg": _rounded(deg(rpy_from_rotation(pose.rotation))),
                 }
             )
             for name, pose in places.items()
@@ -221,9 +220,14 @@ def _resting(motion: Motion | None, trajectory: TrueTrajectory) -> dict[str, lis
 
 def _parameter(arm: ArmModel, name: str, value: float) -> CommentedMap:
     parameter = arm.parameters[name]
-    unit, scale = ("mm", 1e3) if parameter.unit == "m" else ("deg", 180 / math.pi)
-    error = round(scale * (value - parameter.nominal), 9)
-    return one_line({f"value_{unit}": scale * value, f"error_{unit}": error})
+    unit = _written(parameter)
+    error = round(shown(value - parameter.nominal, unit), 9)
+    return one_line({key("value", unit): shown(value, unit), key("error", unit): error})
+
+
+def _written(parameter: Parameter) -> Unit:
+    """How a truth.yaml gives a parameter: mm, or degrees (a compliance per Nm)."""
+    return "m" if parameter.unit == "m" else "rad"
 
 
 def one_line(values: dict[str, Any]) -> CommentedMap:

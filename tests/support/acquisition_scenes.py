@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 from device_stand_in import Replay, Script
 
-from suta_calib.acquisition.run import Run
-from suta_calib.acquisition.samples_file import SamplesFile
+from suta_calib.acquisition.run import Run, SamplesFile
 from suta_calib.acquisition.session import ArmReadings, StreamEvents, run_session
 from suta_calib.acquisition.stops import StopFinder
 from suta_calib.acquisition.touch_sequence import TouchSequence, read_row, touched
