@@ -3,10 +3,6 @@
 from __future__ import annotations
 
 import math
-import signal
-import threading
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -14,6 +10,7 @@ import click
 
 from suta_calib.cli._numbers import FiniteRange
 from suta_calib.cli._output import check_folder
+from suta_calib.cli._signals import noted_sigterm
 from suta_calib.device.description import UNITS
 from suta_calib.device.formats import FORMATS
 from suta_calib.emulation.faults import WORDS
@@ -168,7 +165,7 @@ def emulate(**options: Any) -> None:
         **options,
     )
     playing.check(arm.faults)
-    with _terminated() as stopped:
+    with noted_sigterm() as stopped:
         emulated_device(arm).play(playing, announce=click.echo, say=_say, stopped=stopped)
 
 
@@ -188,20 +185,6 @@ def _places(texts: tuple[str, ...], where: str) -> dict[str, PoseSpec | None]:
     from suta_calib.emulation.script import parse_pose
 
     return dict(parse_pose(text, where) if "=" in text else (text, None) for text in texts)
-
-
-@contextmanager
-def _terminated() -> Iterator[Callable[[], bool]]:
-    """Whether this process was asked to end: then files are still written."""
-    asked = threading.Event()
-    if threading.current_thread() is not threading.main_thread():
-        yield asked.is_set
-        return
-    before = signal.signal(signal.SIGTERM, lambda *_: asked.set())
-    try:
-        yield asked.is_set
-    finally:
-        signal.signal(signal.SIGTERM, before)
 
 
 def _say(text: str) -> None:
