@@ -23,11 +23,15 @@ from suta_calib.device import Bus, DeviceSpec, JointSpec, Statistics
 from suta_calib.emulation import EmulatedArm, Emulation, sweep
 from suta_calib.model.arm import ArmModel
 from suta_calib.report.path_accuracy.latency_plots import latency_figure
-from suta_calib.tracking.igtl import IgtlPublisher
-from suta_calib.tracking.publisher import UdpPublisher
-from suta_calib.tracking.recording import CsvRecorder
-from suta_calib.tracking.session import TrackingSession, low_latency
-from suta_calib.tracking.tracker import TipKinematics, Tracker
+from suta_calib.tracking import (
+    CsvRecorder,
+    IgtlPublisher,
+    TipKinematics,
+    Tracker,
+    TrackingSession,
+    UdpPublisher,
+    low_latency,
+)
 
 URDF = Path(__file__).parents[1] / "urdf" / "suta.urdf"
 RATES = (768.0, 5000.0)

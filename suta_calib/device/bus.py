@@ -125,8 +125,10 @@ class Bus:
                 return readings
 
     def _read_once(self, timeout: float) -> list[Reading]:
-        if self._port is None or self._lost:
-            self._look_again(timeout)
+        if self._port is None:
+            raise DisconnectedError(f"{self.spec.port}: not open")
+        if self._lost:
+            self._look_again(self._port, timeout)
             return []
         try:
             data = self._port.read(timeout)
@@ -191,17 +193,17 @@ class Bus:
         self._next_try = self._lost_at + _RETRY_S
         self._say(f"{error}; waiting for it")
 
-    def _look_again(self, timeout: float) -> None:
+    def _look_again(self, port: PortReader, timeout: float) -> None:
         now = time.perf_counter()
-        if self._port is None or now < self._next_try:
-            time.sleep(min(timeout, max(self._next_try - now, 0.0)))
+        if now < self._next_try:
+            time.sleep(min(timeout, self._next_try - now))
             return
         self._next_try = now + _RETRY_S
         try:
-            self._port.open()
+            port.open()
         except DeviceError:
             return  # a port that appears may be forbidden, or busy, for a moment
         self._lost = False
-        self._begin(self._port.arrived)
+        self._begin(port.arrived)
         self._decoder.resume(self._fresh.last)
         self._say(f"{self.spec.port}: connected again after {now - self._lost_at:.1f} s")

@@ -326,7 +326,7 @@ def _set(options: EmulationOptions, script: ScriptFile) -> SetSpec:
     plan = script.set(options.set_name)
     if options.seating is not None:
         plan = replace(plan, noise=replace(plan.noise, seating=options.seating))
-    if plan.kind == "fixed_point":
+    if plan.points is not None:
         chosen = _places(options.points, plan.points or {}, "--point")
         return replace(plan, points=chosen, directions=options.directions or plan.directions)
     chosen = _places(options.placements, plan.placements or {}, "--placement")
