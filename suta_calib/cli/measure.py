@@ -14,8 +14,6 @@ from suta_calib.cli._output import console, json_option, print_json
 from suta_calib.cli._signals import ended_by_sigterm
 
 INCOMPLETE: Final = 1
-# As `acquisition.measuring.UNATTENDED_PATIENCE`, which --help must not wait for.
-_PATIENCE_S: Final = 60.0
 
 
 @click.command()
@@ -63,7 +61,7 @@ _PATIENCE_S: Final = 60.0
     "--patience",
     type=FiniteRange(min=1),
     metavar="S",
-    help=f"Give up when nothing happens for S seconds; {_PATIENCE_S:g} with --yes, else never.",
+    help="Give up when nothing happens for S seconds; 60 with --yes, else never.",
 )
 @click.option("--raw", type=click.Path(path_type=Path), help="The whole stream, as Parquet.")
 @click.option(
