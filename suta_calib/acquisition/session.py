@@ -16,19 +16,11 @@ from suta_calib.errors import InputError
 
 if TYPE_CHECKING:
     from suta_calib.device.description import DeviceSpec
-    from suta_calib.device.reading import Reading, Statistics
+    from suta_calib.device.reading import Reading, ReadingSource, Statistics
 
 # A pause between readings that is worth telling, s.
 STALL: Final = 0.5
 _READ_TIMEOUT: Final = 0.05
-
-
-class Source(Protocol):
-    """Where readings come from: `suta_calib.device.bus.Bus`, or a test."""
-
-    def read(self, timeout: float = ...) -> list[Reading]:
-        """Whatever has arrived."""
-        ...
 
 
 class Finder(Protocol):
@@ -109,7 +101,7 @@ class StreamEvents:
 
 
 def run_session(
-    source: Source,
+    source: ReadingSource,
     choose: ArmReadings,
     finder: Finder,
     sampler: Sampler,

@@ -26,7 +26,8 @@ def describe_bytes(data: bytes, spec: DeviceSpec) -> str:
         spec: what was expected, and where the file is that says so.
     """
     form, text = format_of(spec), is_text(data)
-    found = f"text such as {_quoted(data)}" if text else f"bytes such as {_hexadecimal(data)}"
+    hexadecimal = data[:_BYTES_SHOWN].hex(" ").upper()
+    found = f"text such as {_quoted(data)}" if text else f"bytes such as {hexadecimal}"
     baud = f"baudrate ({spec.baudrate}) in {spec.path}"
     others = (each for each in FORMATS.values() if each is not form and each.recognises(data))
     if (other := next(others, None)) is not None:
@@ -38,10 +39,6 @@ def describe_bytes(data: bytes, spec: DeviceSpec) -> str:
         if len(set(data)) <= _FEW_VALUES and not text:
             hint += " (so few different values: most likely another speed)"
     return f"found {found}; expected {form.expected(len(spec.joints))}; {hint}"
-
-
-def _hexadecimal(data: bytes) -> str:
-    return data[:_BYTES_SHOWN].hex(" ").upper()
 
 
 def _quoted(data: bytes) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Final, Self
+from typing import Final, Protocol, Self
 
 import numpy as np
 
@@ -34,6 +34,14 @@ class Reading:
     error: BoolArray
     warning: BoolArray
     arrival: float
+
+
+class ReadingSource(Protocol):
+    """Where readings come from: `Bus`, or something that stands for one."""
+
+    def read(self, timeout: float = 0.1) -> list[Reading]:
+        """Whatever has arrived, oldest first; nothing after the timeout, s."""
+        ...
 
 
 @dataclass(eq=False)

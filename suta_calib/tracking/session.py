@@ -8,14 +8,14 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any, Final, Protocol
+from typing import TYPE_CHECKING, Any, Final
 
 from suta_calib.tracking.latency import LatencyStatistics
 from suta_calib.tracking.publisher import Publisher
 from suta_calib.tracking.tracker import TrackedPose, Tracker
 
 if TYPE_CHECKING:
-    from suta_calib.device.reading import Reading
+    from suta_calib.device.reading import Reading, ReadingSource
 
 
 # s; how long one look at the bus may last: the run's end is not noticed before.
@@ -25,13 +25,6 @@ _SWITCH: Final = 2e-5
 
 # Of a period, that a frame may come early: clocks count in whole microseconds.
 _EARLY: Final = 0.05
-
-
-class ReadingSource(Protocol):
-    """What the tracker needs of a bus."""
-
-    def read(self, timeout: float = 0.1) -> list[Reading]:
-        """Whatever has arrived, in order; nothing after the timeout."""
 
 
 class TrackingSession:
