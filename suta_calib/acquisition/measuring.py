@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Literal
 
-from suta_calib.acquisition.continuous import Continuous
 from suta_calib.acquisition.guided import Guided, Keyboard
 from suta_calib.acquisition.raw import RawRecorder
 from suta_calib.acquisition.rest import DEFAULT_REST, RestSettings
@@ -34,7 +33,7 @@ from suta_calib.acquisition.touch_sequence import (
     repeated,
     touched,
 )
-from suta_calib.acquisition.unattended import Unattended
+from suta_calib.acquisition.unattended import Continuous, Unattended
 from suta_calib.atomic import check_folder
 from suta_calib.device.bus import Bus
 from suta_calib.device.description import DeviceSpec, read_device
