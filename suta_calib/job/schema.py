@@ -261,9 +261,7 @@ def _solver(section: YamlSection) -> SolverSpec:
     return SolverSpec(
         starts=section.integer("starts", SolverSpec.starts, minimum=1),
         seed=section.integer("seed", SolverSpec.seed, minimum=0),
-        hessian=cast(
-            "Hessian", section.choice("hessian", ("gauss-newton", "exact"), "gauss-newton")
-        ),
+        hessian=cast(Hessian, section.choice("hessian", ("gauss-newton", "exact"), "gauss-newton")),
         max_iterations=section.integer("max_iterations", SolverSpec.max_iterations, minimum=1),
     )
 

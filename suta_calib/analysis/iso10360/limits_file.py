@@ -76,7 +76,7 @@ def read_uncertainty(top: YamlSection) -> StatedUncertainty:
 
 def read_rule(top: YamlSection) -> DecisionRule:
     """The keys ``decision_rule`` (guarded, the default, or simple) and ``coverage_factor``."""
-    kind = cast("Rule", top.choice("decision_rule", ("guarded", "simple"), "guarded"))
+    kind = cast(Rule, top.choice("decision_rule", ("guarded", "simple"), "guarded"))
     factor = top.optional_number("coverage_factor", "positive")
     if kind == "simple" and factor is not None:
         raise top.refuse(
