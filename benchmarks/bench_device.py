@@ -19,8 +19,8 @@ from rich.table import Table
 from scipy.stats import poisson
 
 from suta_calib.device import Bus, DeviceSpec, JointSpec, Reading, decoder_for
-from suta_calib.device.crc import frame_crc
-from suta_calib.device.protocol import encode_frame, encode_line
+from suta_calib.device.formats import encode_frame, encode_line
+from suta_calib.device.formats.words import frame_crc
 from suta_calib.device.units import angles_from_counts
 from suta_calib.emulation import EmulatedArm, Emulation, Still
 

@@ -26,13 +26,16 @@ from suta_calib import ArmModel
 from suta_calib.device import Bus, DeviceSpec, JointSpec, Statistics
 from suta_calib.emulation import EmulatedArm, Emulation, sweep
 from suta_calib.report.svg import BLUE, GREY, ORANGE, WIDTH, plain_log, style, svg_text
-from suta_calib.tracking.igtl import IgtlPublisher
+from suta_calib.tracking import (
+    CsvRecorder,
+    IgtlPublisher,
+    TipKinematics,
+    Tracker,
+    TrackingSession,
+    UdpPublisher,
+    low_latency,
+)
 from suta_calib.tracking.latency import LatencyStatistics
-from suta_calib.tracking.recording import CsvRecorder
-from suta_calib.tracking.session import TrackingSession
-from suta_calib.tracking.tip_kinematics import TipKinematics
-from suta_calib.tracking.tracker import Tracker
-from suta_calib.tracking.udp import UdpPublisher
 from suta_calib.units import ms
 
 URDF = Path(__file__).parents[1] / "urdf" / "suta.urdf"
@@ -81,7 +84,7 @@ def measure(rate: float, seconds: float, folder: Path) -> Run:
         ]
         tracker = Tracker(arm, arm.joints, TipKinematics(arm))
         session = TrackingSession(tracker, publishers)
-        with Bus(emulator.device) as bus:
+        with low_latency(), Bus(emulator.device) as bus:
             session.run(bus, seconds)
         igtl.close()
         received = int(client.communicate(timeout=10)[0])

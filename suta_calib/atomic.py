@@ -39,6 +39,27 @@ def write_bytes_atomically(path: str | Path, data: bytes) -> None:
             temporary.unlink(missing_ok=True)
 
 
+def check_folder(folder: Path) -> None:
+    """Refuse an output folder that cannot be written, before any work is done.
+
+    Raises:
+        OutputError: it, or the nearest folder above it that exists, is a file or write-protected.
+    """
+    existing = Path(os.path.abspath(folder))  # noqa: PTH100 (resolve() would follow links)
+    while not os.path.lexists(existing):
+        existing = existing.parent
+    if not existing.is_dir():
+        raise OutputError(
+            f"{folder}: found {existing}, which is no folder; expected a folder to write into; "
+            "choose another with --out"
+        )
+    if not os.access(existing, os.W_OK | os.X_OK):
+        raise OutputError(
+            f"{folder}: found {existing} write-protected; expected a folder to write into; "
+            "choose another with --out"
+        )
+
+
 def _write_to_disk(path: Path, data: bytes) -> None:
     with path.open("xb") as file:
         file.write(data)

@@ -12,7 +12,7 @@ def load(module: str, extra: str) -> Any:
     """Import ``module``, which the optional extra ``extra`` of this package installs.
 
     Args:
-        module: dotted name, as ``serial.tools.list_ports``.
+        module: dotted name, as ``pyarrow.parquet``.
         extra: a name under ``[project.optional-dependencies]``.
 
     Returns:

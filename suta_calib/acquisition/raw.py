@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
 
-from suta_calib.errors import InputError, MissingExtraError, OutputError
+from suta_calib.errors import InputError, OutputError
+from suta_calib.extras import load
 
 if TYPE_CHECKING:
     from suta_calib.device.reading import Reading
@@ -51,7 +52,7 @@ class RawRecorder:
         self._part = path.with_name(f"{path.name}.part")
         self._readings: list[Reading] = []
         self._flushed = time.monotonic()
-        self._arrow = _arrow()
+        self._arrow = load("pyarrow", "parquet")
         self._schema = self._arrow.schema(
             [("sequence", self._arrow.int64()), ("time", self._arrow.float64())]
             + [("arrival", self._arrow.float64())]
@@ -161,13 +162,3 @@ def _whole(file: Any) -> Iterator[Any]:
         reader = pyarrow.ipc.open_stream(file)
         yield reader.schema
         yield from reader
-
-
-def _arrow() -> Any:
-    try:
-        import pyarrow
-    except ImportError:
-        raise MissingExtraError(
-            "found no package pyarrow; expected it for --raw; pip install 'suta_calib[parquet]'"
-        ) from None
-    return pyarrow

@@ -18,6 +18,7 @@ import numpy as np
 
 from suta_calib.acquisition.averaging import spread, steps, unwrapped_about_median, wrap
 from suta_calib.arrays import FloatArray
+from suta_calib.units import from_deg
 
 if TYPE_CHECKING:
     from suta_calib.device.reading import Reading
@@ -41,16 +42,22 @@ class RestSettings:
         hysteresis: how many times as much ends a rest as begins one.
         gap: pause in the stream after which nothing is known of the arm, s.
         hop: how often the window is looked at, s.
+        motion: how far a joint must have turned for it to be a motion and no bump, rad.
+        onset: what happened so long before the arm is seen to move is already motion, s.
+        tremor: one as slow as 4 Hz does not average out of less than half its period, s.
     """
 
     window: float = 0.25
     least: int = 8
-    drift: float = np.radians(0.02)
-    tremble: float = np.radians(0.1)
+    drift: float = from_deg(0.02)
+    tremble: float = from_deg(0.1)
     noises: float = 3.0
     hysteresis: float = 2.0
     gap: float = 0.5
     hop: float = 0.025
+    motion: float = from_deg(0.25)
+    onset: float = 0.15
+    tremor: float = 0.1
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,23 +11,16 @@ import numpy as np
 
 from suta_calib.acquisition.stops import Event
 from suta_calib.device.description import misnamed
+from suta_calib.device.formats import format_of
 from suta_calib.errors import InputError
 
 if TYPE_CHECKING:
     from suta_calib.device.description import DeviceSpec
-    from suta_calib.device.reading import Reading, Statistics
+    from suta_calib.device.reading import Reading, ReadingSource, Statistics
 
 # A pause between readings that is worth telling, s.
 STALL: Final = 0.5
 _READ_TIMEOUT: Final = 0.05
-
-
-class Source(Protocol):
-    """Where readings come from: `suta_calib.device.bus.Bus`, or a test."""
-
-    def read(self, timeout: float = ...) -> list[Reading]:
-        """Whatever has arrived."""
-        ...
 
 
 class Finder(Protocol):
@@ -38,7 +31,7 @@ class Finder(Protocol):
         ...
 
 
-class Taker(Protocol):
+class Sampler(Protocol):
     """Who decides which stop is which sample: `Unattended`, `Guided` or `Continuous`."""
 
     @property
@@ -91,7 +84,7 @@ class ArmReadings:
 
 
 @dataclass(eq=False)
-class Happenings:
+class StreamEvents:
     """What went wrong in the stream, for the summary at the end.
 
     Attributes:
@@ -108,12 +101,12 @@ class Happenings:
 
 
 def run_session(
-    source: Source,
+    source: ReadingSource,
     choose: ArmReadings,
     finder: Finder,
-    taker: Taker,
+    sampler: Sampler,
     *,
-    happenings: Happenings,
+    events: StreamEvents,
     idle: Callable[[], None] = lambda: None,
     record: Callable[[Sequence[Reading]], None] = lambda _: None,
     patience: float = np.inf,
@@ -124,8 +117,8 @@ def run_session(
         source: of the readings.
         choose: picks the arm's joints.
         finder: of the stops.
-        taker: of the samples.
-        happenings: filled as it goes on.
+        sampler: of the samples.
+        events: filled as it goes on.
         idle: called after every read: keys, and what is on the screen.
         record: gets every reading with all joints, as it came.
         patience: how long nothing may happen before it is given up, s.
@@ -137,40 +130,39 @@ def run_session(
         DeviceError: as the source raises it.
         OutputError: a sample could not be written.
     """
-    began = since = last = time.monotonic()
-    came: float | None = None
-    while not taker.done:
+    since = time.monotonic()
+    first: Reading | None = None
+    last: Reading | None = None
+    while not sampler.done:
         readings = source.read(_READ_TIMEOUT)
         now = time.monotonic()
-        if readings:
-            happenings.stalls += [now - last] if now - last > STALL and last > began else []
-            last = now
         record(readings)
-        events = finder.feed(choose(readings))
-        for event in events:
-            if not taker.done:
-                taker.handle(event)
-        since = now if events else since
+        found = finder.feed(choose(readings))
+        for event in found:
+            if not sampler.done:
+                sampler.handle(event)
+        since = now if found else since
         if readings:
-            came = readings[0].arrival if came is None else came
-            happenings.readings += len(readings)
-            happenings.seconds = readings[-1].arrival - came
+            if last is not None and (pause := readings[0].arrival - last.arrival) > STALL:
+                events.stalls.append(pause)
+            first, last = first or readings[0], readings[-1]
+            events.readings += len(readings)
+            events.seconds = last.arrival - first.arrival
         idle()
         if now - since > patience:
-            taker.finish()
-            return taker.done
+            sampler.finish()
+            return sampler.done
     return True
 
 
-def told(happenings: Happenings, statistics: Statistics, spec: DeviceSpec) -> list[str]:
+def summary_lines(events: StreamEvents, statistics: Statistics, spec: DeviceSpec) -> list[str]:
     """The summary of a stream in sentences, worst things last."""
     joints = [joint.name for joint in spec.joints]
-    damaged = "lines that cannot be read" if spec.format == "lines" else "frames with a wrong CRC"
-    rate = happenings.readings / max(happenings.seconds, 1e-9)
-    lines = [f"{happenings.readings} readings in {happenings.seconds:.1f} s ({rate:.0f} per s)"]
+    rate = events.readings / max(events.seconds, 1e-9)
+    lines = [f"{events.readings} readings in {events.seconds:.1f} s ({rate:.0f} per s)"]
     counted = {
         "lost frames": statistics.lost_frames,
-        damaged: statistics.frame_crc_errors,
+        format_of(spec).damaged: statistics.frame_crc_errors,
         "words with a wrong CRC": statistics.word_crc_errors,
         "bytes of garbage": statistics.garbage_bytes,
     }
@@ -178,9 +170,9 @@ def told(happenings: Happenings, statistics: Statistics, spec: DeviceSpec) -> li
     lines[0] += f": {', '.join(happened)}" if happened else ": nothing lost, no CRC errors"
     if statistics.stale_readings:
         lines.append(f"{statistics.stale_readings} stale readings dropped")
-    if happenings.stalls:
-        each = ", ".join(f"{length:.1f} s" for length in happenings.stalls)
-        times = "once" if len(happenings.stalls) == 1 else f"{len(happenings.stalls)} times"
+    if events.stalls:
+        each = ", ".join(f"{length:.1f} s" for length in events.stalls)
+        times = "once" if len(events.stalls) == 1 else f"{len(events.stalls)} times"
         lines.append(f"the stream paused {times}: {each}")
     for what, flags in (("error", statistics.error_flags), ("warning", statistics.warning_flags)):
         raised = [
@@ -189,4 +181,4 @@ def told(happenings: Happenings, statistics: Statistics, spec: DeviceSpec) -> li
             if n
         ]
         lines += [f"{what} flag raised: {', '.join(raised)}"] if raised else []
-    return lines + happenings.messages
+    return lines + events.messages

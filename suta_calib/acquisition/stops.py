@@ -8,28 +8,23 @@ found where it was.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from suta_calib.acquisition.averaging import (
     Average,
+    average,
     spread,
     unwrapped_about_median,
     wrap,
 )
 from suta_calib.acquisition.rest import DEFAULT_REST, Look, RestDetector, RestSettings
-from suta_calib.acquisition.stop_window import StopWindow
 from suta_calib.arrays import FloatArray
 
 if TYPE_CHECKING:
     from suta_calib.device.reading import Reading
-
-# What happened before the detector saw the arm move again is already motion, s.
-_ONSET: Final = 0.15
-# A tremor as slow as 4 Hz does not average out of less than half its period, s.
-_TREMOR: Final = 0.1
 
 
 @dataclass(frozen=True)
@@ -97,6 +92,7 @@ class StopFinder:
         even: see `RestDetector`.
 
     Attributes:
+        settings: what counts as rest.
         excursion: how far any joint has been from `reference` since that was set, rad.
         restless: names of the joints that last kept the arm from resting.
     """
@@ -109,7 +105,7 @@ class StopFinder:
         *,
         even: bool = False,
     ) -> None:
-        self._joints, self._seconds, self._settings = tuple(joints), seconds, settings
+        self._joints, self._seconds, self.settings = tuple(joints), seconds, settings
         self._detector = RestDetector(settings, even=even)
         self._window: StopWindow | None = None
         self._flagged: set[int] = set()
@@ -194,7 +190,7 @@ class StopFinder:
         if self._window.angles:
             away = np.abs(wrap(look.angles - self._window.average().angles))
             # Where it is now is one moment of its tremor.
-            if np.all(away <= self._settings.tremble + self._limit()):
+            if np.all(away <= self.settings.tremble + self._limit()):
                 return []
         return self._end(())
 
@@ -202,13 +198,15 @@ class StopFinder:
         window, self._window = self._window, None
         if window is None or window.complete or not window.angles:
             return []
-        return [Ended(window.average(window.seconds - _ONSET), joints, window.interrupted)]
+        return [
+            Ended(window.average(window.seconds - self.settings.onset), joints, window.interrupted)
+        ]
 
     def _record(self, window: StopWindow, look: Look) -> list[Event]:
         if window.complete:
             return []
         for reading in look.readings:
-            window.add(reading, self._settings.gap)
+            window.add(reading, self.settings.gap)
         if window.seconds < self._seconds:
             return []
         crept = self._crept(np.array(window.angles))
@@ -223,13 +221,54 @@ class StopFinder:
         _, deviation = unwrapped_about_median(angles)
         quarter = max(1, len(deviation) // 4)
         drift = np.median(deviation[-quarter:], axis=0) - np.median(deviation[:quarter], axis=0)
-        tremor = 2 * spread(deviation) * min(1.0, 4 * _TREMOR / self._seconds)
+        tremor = 2 * spread(deviation) * min(1.0, 4 * self.settings.tremor / self._seconds)
         return self._names(np.flatnonzero(np.abs(drift) > self._limit() + tremor).tolist())
 
     def _limit(self) -> FloatArray:
         """(n,) by how much two looks at an arm that stands still may differ, rad."""
-        s = self._settings
+        s = self.settings
         return 2.0 * np.maximum(s.drift, s.noises * self._detector.noise)
 
     def _names(self, indices: Sequence[int]) -> tuple[str, ...]:
         return tuple(self._joints[i] for i in indices)
+
+
+@dataclass(eq=False)
+class StopWindow:
+    """What has been recorded of a stop.
+
+    Attributes:
+        angles, ends: each reading's angles, (n,) rad, and the time recorded up to it, s.
+        last: time of the last reading, s, the device's clock.
+        suspended: whether the stream paused and it is not yet known where the arm is.
+        interrupted: whether it has paused during this rest, or paused or began just before.
+        complete: whether it was long enough.
+    """
+
+    angles: list[FloatArray] = field(default_factory=list)
+    ends: list[float] = field(default_factory=list)
+    last: float | None = None
+    suspended: bool = False
+    interrupted: bool = False
+    complete: bool = False
+
+    @property
+    def seconds(self) -> float:
+        """How long has been recorded, s."""
+        return self.ends[-1] if self.ends else 0.0
+
+    def add(self, reading: Reading, gap: float) -> None:
+        """Take a reading; after a pause of more than ``gap`` s none of it counts."""
+        step = 0.0 if self.last is None else reading.time - self.last
+        self.angles.append(reading.angles)
+        self.ends.append(self.seconds + (step if 0 <= step <= gap else 0.0))
+        self.last = reading.time
+
+    def average(self, until: float = np.inf) -> Average:
+        """Of the first ``until`` s."""
+        kept = max(1, int(np.searchsorted(self.ends, until, side="right")))
+        return average(self.angles[:kept], min(self.seconds, max(until, 0.0)))
+
+    def clear(self) -> None:
+        """Begin again."""
+        self.angles, self.ends, self.last, self.complete = [], [], None, False

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -14,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Final, Self
 import click
 
 from suta_calib.assessment import NOT_USABLE
-from suta_calib.errors import OutputError
+from suta_calib.atomic import check_folder as check_folder
 
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
@@ -48,27 +47,6 @@ def console(*, stderr: bool = False) -> Console:
 def print_json(data: Mapping[str, Any]) -> None:
     """One JSON object on stdout; what is not a finite number becomes null."""
     click.echo(json.dumps(_finite(data), indent=2, ensure_ascii=False, allow_nan=False))
-
-
-def check_folder(folder: Path) -> None:
-    """Refuse an output folder that cannot be written, before any work is done.
-
-    Raises:
-        OutputError: it, or the nearest folder above it that exists, is a file or write-protected.
-    """
-    existing = Path(os.path.abspath(folder))  # noqa: PTH100 (resolve() would follow links)
-    while not os.path.lexists(existing):
-        existing = existing.parent
-    if not existing.is_dir():
-        raise OutputError(
-            f"{folder}: found {existing}, which is no folder; expected a folder to write into; "
-            "choose another with --out"
-        )
-    if not os.access(existing, os.W_OK | os.X_OK):
-        raise OutputError(
-            f"{folder}: found {existing} write-protected; expected a folder to write into; "
-            "choose another with --out"
-        )
 
 
 def folder_of(job: Path, out: Path | None) -> Path:

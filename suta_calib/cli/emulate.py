@@ -3,29 +3,121 @@
 from __future__ import annotations
 
 import math
-import signal
-import threading
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 import click
 
-from suta_calib.cli._emulate_options import FAULTS_HELP, FILE, POSITIVE, EmulationOptions, described
+from suta_calib.cli._numbers import FiniteRange
 from suta_calib.cli._output import check_folder
+from suta_calib.cli._signals import noted_sigterm
+from suta_calib.device.description import UNITS
+from suta_calib.device.formats import FORMATS
+from suta_calib.emulation.faults import WORDS
 from suta_calib.errors import InputError
 
 if TYPE_CHECKING:
-    from suta_calib.cli._emulation import Emulated
-    from suta_calib.emulation.player import Player
+    from suta_calib.simulation import PoseSpec
+
+_FILE: Final = click.Path(path_type=Path)
+_POSITIVE: Final = FiniteRange(min=0, min_open=True)
+_NOT_NEGATIVE: Final = FiniteRange(min=0)
+_SEED: Final = click.IntRange(min=0)
+_COUNT: Final = click.IntRange(min=1)
+_EPILOG: Final = "\b\nFaults, separated by commas; times are s after the port was first opened:\n"
+_FAULTS_HELP: Final = _EPILOG + "\n".join(f"  {k:<20} {v}" for k, v in WORDS.items())
 
 
-@click.command(epilog=FAULTS_HELP, context_settings={"show_default": True})
-@described
-@click.option("--link", type=FILE, metavar="PATH", help="Symbolic link to keep to the port.")
-@click.option("--seconds", type=POSITIVE, help="Stop after so long, waiting included.")
+_SIGNS: Final = {"1": 1, "+1": 1, "+": 1, "-1": -1, "-": -1}
+
+
+@click.command(epilog=_FAULTS_HELP, context_settings={"show_default": True})
+@click.argument("urdf", type=_FILE, metavar="ARM.urdf")
+@click.option("--tip", metavar="FRAME", help="Tip of the arm; the script's by default.")
+@click.option("--base", metavar="LINK", help="First link; the root by default.")
+@click.option("--rate", default=768.0, type=_POSITIVE, help="Frames per second.")
+# What it does.
+@click.option(
+    "--script",
+    type=_FILE,
+    metavar="JOB.yaml",
+    help="Rest on the landmarks (or points) of a calibration.yaml or simulation.yaml, "
+    "one after the other. After each placement the arm waits until the port is closed "
+    "and opened again.",
+)
+@click.option(
+    "--motion",
+    type=click.Choice(["still", "pivot", "trajectory"]),
+    help="Without a script: rest (default), pivot on a point, or swing every joint.",
+)
+@click.option("--set", "set_name", help="Which set of a simulation; the first.")
+@click.option(
+    "--placement",
+    "placements",
+    multiple=True,
+    metavar="P1=x,y,z,roll,pitch,yaw",
+    help="Where the artefact stands, mm and degrees. A label alone: as in the simulation, "
+    "or for a job somewhere within reach.",
+)
+@click.option(
+    "--point",
+    "points",
+    multiple=True,
+    metavar="F1=x,y,z",
+    help="A fixed point, mm: to be touched (script) or pivoted on.",
+)
+@click.option(
+    "--sequence", default="", show_default=False, help="Landmarks in order; as in the artefact."
+)
+@click.option("--repeats", type=_COUNT, help="How often each placement is gone through.")
+@click.option("--directions", type=_COUNT, help="Rests on each fixed point; 20.")
+@click.option("--rest", default=4.0, type=_POSITIVE, help="Duration of a rest, s.")
+@click.option("--move", default=1.5, type=_POSITIVE, help="Of a motion between two, s.")
+@click.option("--seating-mm", type=_NOT_NEGATIVE, help="Seating noise per axis; 0.05.")
+@click.option(
+    "--posture",
+    default="",
+    show_default=False,
+    metavar="JOINT=DEG,…",
+    help="Where it rests or starts, or the search does; the middle of the ranges.",
+)
+@click.option("--cone", default=30.0, type=_POSITIVE, help="Largest tilt, degrees.")
+@click.option("--period", default=40.0, type=_POSITIVE, help="Of a pivoting, s.")
+@click.option("--amplitude", default=20.0, type=_POSITIVE, help="Of swings, degrees.")
+@click.option(
+    "--frequency",
+    default=(0.05, 0.5),
+    type=(_POSITIVE, _POSITIVE),
+    metavar="FROM TO",
+    help="Of swings at the start and at the end, Hz.",
+)
+@click.option("--duration", default=60.0, type=_POSITIVE, help="Of the swings, s.")
+@click.option("--csv", type=_FILE, help="A trajectory: time (s) and every joint (rad).")
+# What is true, and what is read.
+@click.option(
+    "--truth",
+    type=_FILE,
+    help="True parameters: a truth.yaml, or a simulation.yaml for its errors.",
+)
+@click.option(
+    "--errors-seed",
+    type=_SEED,
+    help="Draw the true parameters: a job's unknowns, or offsets and lengths "
+    "(0.75 deg, 1 mm, tilts 0.1 deg).",
+)
+@click.option("--seed", default=0, type=_SEED, help="Of noise, seating and faults.")
+@click.option("--encoder-deg", default=0.001, type=_NOT_NEGATIVE, help="Noise of a reading.")
+# What is sent.
+@click.option("--format", "form", type=click.Choice(list(FORMATS)), default="frames")
+@click.option("--unit", type=click.Choice(UNITS), default="counts")
+@click.option("--counts-per-turn", default=1 << 22, type=click.IntRange(min=2))
+@click.option(
+    "--signs", default="", show_default=False, metavar="1,-1,…", help="Of the encoders; all 1."
+)
+@click.option("--baudrate", default=921600, type=_COUNT, help="For device.yaml only.")
+@click.option("--faults", multiple=True, metavar="LIST", help="What goes wrong; see below.")
+@click.option("--link", type=_FILE, metavar="PATH", help="Symbolic link to keep to the port.")
+@click.option("--seconds", type=_POSITIVE, help="Stop after so long, waiting included.")
 @click.option(
     "--start",
     type=click.Choice(["open", "now"]),
@@ -33,109 +125,67 @@ if TYPE_CHECKING:
     help="Begin when the port is first opened, or at once.",
 )
 @click.option("--continuous", is_flag=True, help="Do not wait between placements.")
-@click.option("--device-out", type=FILE, help="Write the device.yaml to read it with.")
-@click.option("--truth-out", type=FILE, help="Write the truth (YAML), to judge a result by.")
-@click.option("--trajectory-out", type=FILE, help="Write the true tip poses (CSV) at the end.")
-def emulate(
-    link: Path | None,
-    seconds: float | None,
-    start: str,
-    continuous: bool,
-    device_out: Path | None,
-    truth_out: Path | None,
-    trajectory_out: Path | None,
-    **options: Any,
-) -> None:
+@click.option("--device-out", type=_FILE, help="Write the device.yaml to read it with.")
+@click.option("--truth-out", type=_FILE, help="Write the truth (YAML), to judge a result by.")
+@click.option("--trajectory-out", type=_FILE, help="Write the true tip poses (CSV) at the end.")
+def emulate(**options: Any) -> None:
     """Emulate ARM.urdf: encoder frames on a pseudo-terminal, in real time.
 
     The first line printed is the name of the port; what happens is told on stderr. Ends after
     --seconds, or on Ctrl-C.
     """
-    from suta_calib.cli._emulation import build
-    from suta_calib.emulation.player import Player
-    from suta_calib.emulation.terminal import PseudoTerminal
+    from suta_calib.emulation.emulated import EmulationOptions, PlayOptions, emulated_device
+    from suta_calib.emulation.faults import Faults
+    from suta_calib.emulation.script import Timing
+    from suta_calib.units import from_deg, from_mm
 
-    for file in filter(None, (device_out, truth_out, trajectory_out)):
-        check_folder(file.parent)
-    made = build(EmulationOptions(**options))
-    if made.emulation.faults.absences and link is None:
-        raise InputError(
-            "a port that vanishes and comes back under another name",
-            "--link PATH, by which it is found again",
-            where="--faults",
-        )
-    with PseudoTerminal(link) as terminal:
-        _write_descriptions(made, terminal.port, device_out, truth_out)
-        click.echo(terminal.name)
-        _tell(_describe(made))
-        player = Player(
-            made.emulation,
-            terminal,
-            _tell,
-            gated=not continuous,
-            recorded=trajectory_out is not None,
-        )
-        try:
-            with _terminated() as terminated:
-                player.run(seconds or math.inf, terminated, wait=start == "open")
-        finally:
-            _finish(made, player, trajectory_out)
-
-
-def _write_descriptions(
-    made: Emulated, port: str, device_out: Path | None, truth_out: Path | None
-) -> None:
-    from suta_calib.emulation.output import device_text, truth_text
-    from suta_calib.measurements import write_text
-
-    emulation = made.emulation
-    if device_out is not None:
-        device = replace(emulation.device, port=str(Path(port).absolute()))
-        write_text(device_out, device_text(device))
-    if truth_out is not None:
-        text = truth_text(made.arm, made.values, emulation.seed, made.plan, emulation.motion)
-        write_text(truth_out, text)
-
-
-def _finish(made: Emulated, player: Player, trajectory_out: Path | None) -> None:
-    from suta_calib.emulation.output import write_trajectory
-
-    played = player.played
-    _tell(
-        f"{played.sent} frames sent, {played.unheard} that nobody read, {played.silent} withheld "
-        f"by faults; at most {1e3 * played.late:.1f} ms late"
+    playing = PlayOptions(
+        link=options.pop("link"),
+        seconds=options.pop("seconds") or math.inf,
+        wait=options.pop("start") == "open",
+        gated=not options.pop("continuous"),
+        device_out=options.pop("device_out"),
+        truth_out=options.pop("truth_out"),
+        trajectory_out=options.pop("trajectory_out"),
     )
-    if trajectory_out is not None:
-        motion = made.emulation.motion
-        write_trajectory(trajectory_out, made.arm, made.values, player.trajectory, motion)
+    for file in filter(None, (playing.device_out, playing.truth_out, playing.trajectory_out)):
+        check_folder(file.parent)
+    seating = options.pop("seating_mm")
+    arm = EmulationOptions(
+        placements=_places(options.pop("placements"), "--placement"),
+        points=_places(options.pop("points"), "--point"),
+        sequence=_listed(options.pop("sequence")),
+        timing=Timing(options.pop("rest"), options.pop("move")),
+        seating=None if seating is None else from_mm(seating),
+        cone=from_deg(options.pop("cone")),
+        amplitude=from_deg(options.pop("amplitude")),
+        encoder=from_deg(options.pop("encoder_deg")),
+        signs=_signs(options.pop("signs")),
+        faults=Faults.parse(",".join(options.pop("faults"))),
+        **options,
+    )
+    playing.check(arm.faults)
+    with noted_sigterm() as stopped:
+        emulated_device(arm).play(playing, announce=click.echo, say=_say, stopped=stopped)
 
 
-def _describe(made: Emulated) -> str:
-    from suta_calib.emulation.motion import Stops
-
-    emulation = made.emulation
-    text = f"{len(emulation.device.joints)} joints at {emulation.rate:g} Hz"
-    if isinstance(emulation.motion, Stops):
-        motion = emulation.motion
-        rounds = len(motion.rounds)
-        text += f", {len(motion.labels)} rests in {rounds} round{'s' * (rounds != 1)}"
-    departing = sum(v != made.arm.parameters[n].nominal for n, v in made.values.items())
-    return f"{text}; {departing} true parameters depart from the URDF's"
+def _listed(text: str) -> tuple[str, ...]:
+    return tuple(filter(None, (word.strip() for word in text.split(","))))
 
 
-@contextmanager
-def _terminated() -> Iterator[Callable[[], bool]]:
-    """Whether this process was asked to end: then files are still written."""
-    asked = threading.Event()
-    if threading.current_thread() is not threading.main_thread():
-        yield asked.is_set
-        return
-    before = signal.signal(signal.SIGTERM, lambda *_: asked.set())
-    try:
-        yield asked.is_set
-    finally:
-        signal.signal(signal.SIGTERM, before)
+def _signs(text: str) -> tuple[int, ...]:
+    words = _listed(text)
+    if not all(word in _SIGNS for word in words):
+        raise InputError(repr(text), "1 or -1 for each joint", where="--signs")
+    return tuple(_SIGNS[word] for word in words)
 
 
-def _tell(text: str) -> None:
+def _places(texts: tuple[str, ...], where: str) -> dict[str, PoseSpec | None]:
+    """``P1=x,y,z…`` as label and pose, ``P1`` as a label alone."""
+    from suta_calib.emulation.script import parse_pose
+
+    return dict(parse_pose(text, where) if "=" in text else (text, None) for text in texts)
+
+
+def _say(text: str) -> None:
     click.echo(f"emulate: {text}", err=True)

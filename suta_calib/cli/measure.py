@@ -2,64 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, fields
+import sys
+from contextlib import ExitStack
+from dataclasses import fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import click
 
 from suta_calib.cli._numbers import FiniteRange
-from suta_calib.cli._output import check_folder, json_option, print_json
+from suta_calib.cli._output import console, json_option, print_json
 from suta_calib.cli._signals import ended_by_sigterm
-from suta_calib.errors import InputError
-
-if TYPE_CHECKING:
-    from suta_calib.acquisition.rest import RestSettings
-    from suta_calib.acquisition.touch_sequence import TouchSequence
 
 INCOMPLETE: Final = 1
-INTERRUPTED: Final = "interrupted"
-PATIENCE_S: Final = 60.0
-_RESTS: Final = 20
-
-
-@dataclass(frozen=True)
-class MeasureOptions:
-    """What the command line asks for; see `measure`.
-
-    Attributes:
-        labels: by sort of place (``placement``, ``point``, …), the label given.
-    """
-
-    job: Path
-    device: Path
-    labels: Mapping[str, str]
-    free: bool
-    repeat: str
-    seconds: float
-    rests: int
-    continuous: float | None
-    every: float
-    out: Path | None
-    sequence: str | None
-    observation: str | None
-    resume: bool
-    yes: bool
-    patience: float | None
-    raw: Path | None
-    urdf: Path | None
-    drift_deg: float
-    tremble_deg: float
-    as_json: bool
-
-    @property
-    def rest(self) -> RestSettings:
-        """What counts as rest."""
-        from suta_calib.acquisition.rest import RestSettings
-        from suta_calib.units import from_deg
-
-        return RestSettings(drift=from_deg(self.drift_deg), tremble=from_deg(self.tremble_deg))
 
 
 class PlaceCommand(click.Command):
@@ -102,7 +57,7 @@ class PlaceCommand(click.Command):
 @click.option(
     "--rests",
     type=click.IntRange(min=1),
-    default=_RESTS,
+    default=20,
     show_default=True,
     help="How many rests, with --point or --free.",
 )
@@ -130,7 +85,7 @@ class PlaceCommand(click.Command):
     "--patience",
     type=FiniteRange(min=1),
     metavar="S",
-    help=f"Give up when nothing happens for S seconds; {PATIENCE_S:g} with --yes, else never.",
+    help="Give up when nothing happens for S seconds; 60 with --yes, else never.",
 )
 @click.option("--raw", type=click.Path(path_type=Path), help="The whole stream, as Parquet.")
 @click.option(
@@ -162,102 +117,45 @@ def measure(context: click.Context, /, **options: Any) -> None:
     that was measured is ever overwritten. Exits with 1 where --patience ended it. Until it ends,
     the file of --raw is called FILE.part.
     """
-    stated = {field.name for field in fields(MeasureOptions)}
-    labels = {name: options.pop(name) for name in [*options] if name not in stated}
-    given = {name: label for name, label in labels.items() if label is not None}
-    chosen = MeasureOptions(labels=given, **options)
-    measured = _measure(chosen)
-    if chosen.as_json:
-        print_json(measured)
-    if measured["status"] == INTERRUPTED:
-        raise KeyboardInterrupt
-    if measured["status"] == "incomplete":
-        context.exit(INCOMPLETE)
-
-
-def _measure(options: MeasureOptions) -> dict[str, Any]:
-    from suta_calib.device.description import glance, read_device
-    from suta_calib.device.remote_port import RemotePort
+    from suta_calib.device.port_process import open_ahead
 
     # The arm may rest on the first landmark already, and loading the rest takes a second.
-    glanced = glance(options.device)
-    first = None if glanced is None else RemotePort(glanced)
-    try:
-        _check(options)
-        spec = read_device(options.device)
-        from suta_calib.device.read_ahead import ReadAhead
-    except BaseException:
-        if first is not None:
-            first.close()
-        raise
-    with ended_by_sigterm(), ReadAhead(spec, reconnect=True, first=first) as source:
-        from suta_calib.acquisition.samples_file import SamplesFile
-        from suta_calib.acquisition.session import ArmReadings
-        from suta_calib.cli._measuring import Measuring
+    port = open_ahead(options["device"])
+    with ExitStack() as stack:
+        if port is not None:
+            stack.callback(port.close)
+        from suta_calib.acquisition.measuring import MeasureOptions
+        from suta_calib.acquisition.measuring import measure as run
+        from suta_calib.acquisition.rest import RestSettings
+        from suta_calib.units import from_deg
 
-        plan, out = _plan(options)
-        check_folder(out.parent)
-        joints = plan.arm.joints
-        choose = ArmReadings(spec, joints)
-        file = SamplesFile(out, joints, plan.label_columns, plan.key, resume=options.resume)
-        return Measuring(options, plan, spec, source, choose, file).run()
+        as_json = options.pop("as_json")
+        stated = {field.name for field in fields(MeasureOptions)} | {"sequence", "yes"}
+        places = [name for name in options if name not in stated and not name.endswith("_deg")]
+        labels = {name: label for name in places if (label := options.pop(name)) is not None}
+        rest = RestSettings(
+            drift=from_deg(options.pop("drift_deg")), tremble=from_deg(options.pop("tremble_deg"))
+        )
+        if (sequence := options.pop("sequence")) is not None:
+            options["sequence"] = tuple(
+                filter(None, (name.strip() for name in sequence.split(",")))
+            )
+        chosen = MeasureOptions(labels=labels, unattended=options.pop("yes"), rest=rest, **options)
+        to = console(stderr=as_json)
+        show = None
+        if to.is_terminal and chosen.continuous is None:
+            show = stack.enter_context(to.status("waiting for readings")).update
 
+        def say(line: str) -> None:
+            """Now: through a pipe, what is confirmed must not wait in a buffer."""
+            to.print(line, soft_wrap=True)
+            (sys.stderr if as_json else sys.stdout).flush()
 
-def _plan(options: MeasureOptions) -> tuple[TouchSequence, Path]:
-    """What to measure, and where it goes."""
-    from suta_calib.acquisition.touch_sequence import (
-        kinds_of,
-        read_arm,
-        read_row,
-        repeated,
-        touched,
-    )
-    from suta_calib.terms import KINDS
-
-    arm = read_arm(options.job, options.urdf)
-    if options.free:
-        out = options.out or options.job.parent / f"free_{options.repeat}.csv"
-        return repeated(arm, None, None, options.repeat, options.rests), out
-    ((place, label),) = options.labels.items()
-    row = read_row(options.job, options.observation, kinds_of(place))
-    if row.kind not in kinds_of(place):
-        raise _unfitting(options, row.kind)
-    if row.artefact is None:
-        plan = repeated(arm, KINDS[row.kind], label, options.repeat, options.rests)
-    else:
-        sequence = None if options.sequence is None else _names(options.sequence)
-        plan = touched(arm, row, label, options.repeat, sequence)
-    return plan, options.out or row.file(label, options.repeat)
-
-
-def _check(options: MeasureOptions) -> None:
-    """Options that contradict each other."""
-    from suta_calib.acquisition.touch_sequence import checked_label
-
-    if len(options.labels) + options.free != 1:
-        raise click.UsageError("expected one of --placement LABEL, --point LABEL and --free")
-    placed = "placement" in options.labels
-    if placed and options.continuous is not None:
-        raise click.UsageError("found --continuous with --placement; expected --point or --free")
-    if not placed and options.sequence is not None:
-        raise click.UsageError("found --sequence without --placement; expected both")
-    checked_label(options.repeat, "--repeat")
-
-
-def _unfitting(options: MeasureOptions, kind: str) -> InputError:
-    from suta_calib.acquisition.touch_sequence import kinds_of, place_option
-    from suta_calib.terms import KINDS
-
-    places = dict.fromkeys(each.place for each in KINDS.values() if each.place)
-    flag = place_option(KINDS[kind]) if kind in KINDS else ""
-    return InputError(
-        f"an observation of kind {kind}",
-        ", ".join(f"{' or '.join(kinds_of(place))} for --{place}" for place in places),
-        file=options.job,
-        where="--observation",
-        hint=f"use {flag or '--free, and add what was seen to the file'}",
-    )
-
-
-def _names(sequence: str) -> list[str]:
-    return [name.strip() for name in sequence.split(",") if name.strip()]
+        stack.enter_context(ended_by_sigterm())
+        measured = run(chosen, say=say, show=show, port=port)
+    if as_json:
+        print_json(measured.as_dict())
+    if measured.status == "interrupted":
+        raise KeyboardInterrupt
+    if measured.status == "incomplete":
+        context.exit(INCOMPLETE)

@@ -2,23 +2,29 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import Any, Final, Self
 
 import click
+from rich.console import Group
+from rich.live import Live
+from rich.table import Table
+from rich.text import Text
 
 from suta_calib.cli._numbers import FiniteRange
-from suta_calib.cli._output import json_option, print_json
+from suta_calib.cli._output import console, json_option, print_json
 from suta_calib.cli._signals import ended_by_sigterm
-
-if TYPE_CHECKING:
-    from suta_calib.cli._monitor_view import TipView, View
-    from suta_calib.device import Bus, DeviceSpec
-    from suta_calib.device.monitoring import Monitor
+from suta_calib.device import Bus, DeviceSpec, Reading, read_device
+from suta_calib.device.monitoring import LOSSES, Monitor, stream_report, watch
+from suta_calib.device.reading import ERROR_MEANING, WARNING_MEANING
+from suta_calib.units import deg, mm
 
 # With --json somebody waits for the answer.
 _JSON_SECONDS: Final = 3.0
-_LOOK_S: Final = 0.05
+_LIVE_S: Final = 0.25
+_LINE_S: Final = 1.0
 
 
 @click.command()
@@ -31,6 +37,14 @@ _LOOK_S: Final = 0.05
     type=FiniteRange(min=0.1),
     help=f"Stop after this long; with --json after {_JSON_SECONDS:g} by default.",
 )
+@click.option(
+    "--silence",
+    type=FiniteRange(min=0, min_open=True),
+    default=2.0,
+    show_default=True,
+    metavar="S",
+    help="A device that sends nothing for so long is silent; twice as long after the start.",
+)
 @json_option
 def monitor(
     device: Path,
@@ -38,6 +52,7 @@ def monitor(
     tip: str | None,
     base: str | None,
     seconds: float | None,
+    silence: float,
     as_json: bool,
 ) -> None:
     """Show what a device sends: the first thing to run when nothing works.
@@ -48,51 +63,181 @@ def monitor(
     what to do. A port that cannot be opened, silence, and bytes that cannot be read are errors
     that say what was seen.
     """
-    from suta_calib.cli._monitor_view import TipView
-    from suta_calib.device.description import read_device
-
     if (urdf is None) != (tip is None):
         raise click.UsageError("found one of --urdf and --tip; expected both or none")
     if base is not None and urdf is None:
         raise click.UsageError("found --base without --urdf; expected both")
     spec = read_device(device)
-    view = None if urdf is None or tip is None else TipView(urdf, tip, base, spec)
+    shown_tip = None if urdf is None or tip is None else _Tip(urdf, tip, base, spec)
     if as_json and seconds is None:
         seconds = _JSON_SECONDS
-    _monitor(spec, view, seconds, as_json)
+    watched, view = Monitor(spec), _View(spec.port, shown_tip, quiet=as_json)
+    bus = Bus(spec, reconnect=True, silence=silence, on_event=view.event)
 
+    def report() -> dict[str, Any]:
+        pose = None if shown_tip is None else shown_tip.pose(watched.last)
+        return stream_report(watched, bus.statistics, spec, pose)
 
-def _monitor(spec: DeviceSpec, tip: TipView | None, seconds: float | None, as_json: bool) -> None:
-    import time
+    def show(now: float) -> None:
+        if watched.last is not None:
+            view.show(now, report)
 
-    from suta_calib.cli._monitor_view import View, report
-    from suta_calib.device import Bus
-    from suta_calib.device.monitoring import Monitor
-
-    watched = Monitor(spec)
-    view = View(spec, tip, quiet=as_json)
-    bus = Bus(spec, reconnect=True, on_event=view.event)
     try:
         with ended_by_sigterm(), view, bus:
-            _watch(bus, watched, view, seconds)
+            watch(bus, watched, seconds=seconds, show=show)
     finally:
         # However it ended: who pressed Ctrl-C wants to know what was seen until then.
         if watched.last is not None:
-            data = report(watched, bus.statistics, spec, tip, time.perf_counter())
             if as_json:
-                print_json(data | {"events": view.events})
+                print_json(report() | {"events": view.events})
             else:
-                view.conclude(data)
+                view.conclude(report())
 
 
-def _watch(bus: Bus, watched: Monitor, view: View, seconds: float | None) -> None:
-    """Until the time is over; it begins with the first reading."""
-    import time
+class _Tip:
+    """The tip's pose of an arm, through its URDF as it stands.
 
-    end = None
-    while end is None or time.perf_counter() < end:
-        readings = bus.read(_LOOK_S)
-        if readings and end is None and seconds is not None:
-            end = readings[0].arrival + seconds
-        watched.add(readings)
-        view.show(watched, bus.statistics, time.perf_counter())
+    Raises:
+        UrdfError: no such file, frame or chain.
+        InputError: the device lacks a joint of the chain.
+    """
+
+    def __init__(self, urdf: Path, tip: str, base: str | None, spec: DeviceSpec) -> None:
+        from suta_calib.model.arm import ArmModel
+        from suta_calib.tracking.tracker import matched_joints
+
+        self._arm = ArmModel.from_urdf(urdf, tip, base)
+        self._columns = matched_joints(self._arm, spec.names, spec.path)
+        self.frames = f"{self._arm.tip} in {self._arm.chain.base}"
+
+    def pose(self, reading: Reading | None) -> dict[str, list[float]] | None:
+        """Position in mm and roll, pitch, yaw in degrees at a reading; None before the first."""
+        from suta_calib.geometry.numbers import rpy_from_rotation
+
+        if reading is None:
+            return None
+        rotation, position = self._arm.forward(reading.angles[self._columns])
+        return {
+            "position_mm": mm(position).tolist(),
+            "rotation_rpy_deg": deg(rpy_from_rotation(rotation)).tolist(),
+        }
+
+
+class _View:
+    """Shows the stream while it runs.
+
+    In a terminal a table that is drawn anew four times a second, elsewhere a line per second.
+
+    Args:
+        port: the device's.
+        tip: to show the tip's pose, or None.
+        quiet: show nothing, not even what happens.
+    """
+
+    def __init__(self, port: str, tip: _Tip | None, quiet: bool) -> None:
+        self._port, self._tip, self._quiet = port, tip, quiet
+        self._console = console()
+        self._next = 0.0
+        self._live: Live | None = None
+        self.events: list[str] = []
+
+    def __enter__(self) -> Self:
+        if self._console.is_terminal and not self._quiet:
+            waiting = Text(f"{self._port}: waiting for the first frames …")
+            self._live = Live(waiting, console=self._console, auto_refresh=False)
+            self._live.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Leave the last table where it is."""
+        if self._live is not None:
+            self._live.stop()
+            self._live = None
+
+    def event(self, sentence: str) -> None:
+        """Something went wrong, and it went on."""
+        self.events.append(sentence)
+        if not self._quiet:
+            self._console.print(sentence, style="yellow", soft_wrap=True)
+
+    def show(self, now: float, report: Callable[[], dict[str, Any]]) -> None:
+        """Draw, if it is time to."""
+        if self._quiet:
+            return
+        if not self._next:  # a rate needs some time to be one
+            self._next = now + _LIVE_S
+        if now < self._next:
+            return
+        self._next = now + (_LINE_S if self._live is None else _LIVE_S)
+        if self._live is None:
+            self._console.print(_line(report()), soft_wrap=True)
+        else:
+            self._live.update(self._picture(report()), refresh=True)
+
+    def conclude(self, data: dict[str, Any]) -> None:
+        """What was seen in all, and what is wrong."""
+        counts = ", ".join(_counted(data[key], name) for key, name in LOSSES.items())
+        self._console.print(f"{data['frames']} frames; {counts}", soft_wrap=True)
+        for remark in data["remarks"] or ["nothing wrong was seen"]:
+            self._console.print(f"· {remark}", soft_wrap=True)
+
+    def _picture(self, data: dict[str, Any]) -> Group:
+        table = Table(title=_title(data), title_justify="left")
+        table.add_column("joint")
+        for name in ("angle, °", "noise, °"):
+            table.add_column(name, justify="right")
+        table.add_column("flags")
+        for name, joint in data["joints"].items():
+            style = "red" if joint["error"] else "yellow" if joint["warning"] else ""
+            angle, noise = _number(joint["angle_deg"], 4), _number(joint["noise_deg"], 5)
+            table.add_row(name, angle, noise, Text(_meaning(joint), style=style))
+        counts = ", ".join(_counted(data[key], name) for key, name in LOSSES.items())
+        found = [Text(f"· {remark}", style="yellow") for remark in data["remarks"]]
+        return Group(table, Text(counts), *_tip_text(self._tip, data), *found)
+
+
+def _title(data: dict[str, Any]) -> str:
+    title = f"{data['port']} · {data['frame_rate_hz']:.1f} {data['format']}/s"
+    if data["clock_ppm"] is not None:
+        title += f" · device clock {data['clock_ppm']:+.0f} ppm"
+    return title
+
+
+def _line(data: dict[str, Any]) -> str:
+    angles = "  ".join(
+        f"{name} {_number(joint['angle_deg'], 3)}°{_mark(joint)}"
+        for name, joint in data["joints"].items()
+    )
+    bad = ", ".join(_counted(data[key], name) for key, name in LOSSES.items() if data[key])
+    tip = "" if data["tip"] is None else f"  tip {_vector(data['tip']['position_mm'])} mm"
+    return f"{data['frame_rate_hz']:.1f} {data['format']}/s  {angles}{tip}  {bad}".rstrip()
+
+
+def _counted(number: int, name: str) -> str:
+    return f"{number} {name.removesuffix('s') if number == 1 else name}"
+
+
+def _mark(joint: dict[str, Any]) -> str:
+    return " ERROR" if joint["error"] else " warning" if joint["warning"] else ""
+
+
+def _meaning(joint: dict[str, Any]) -> str:
+    return ERROR_MEANING if joint["error"] else WARNING_MEANING if joint["warning"] else "good"
+
+
+def _tip_text(tip: _Tip | None, data: dict[str, Any]) -> list[Text]:
+    if tip is None or data["tip"] is None:
+        return []
+    position, turn = data["tip"]["position_mm"], data["tip"]["rotation_rpy_deg"]
+    return [Text(f"{tip.frames}: {_vector(position)} mm, roll pitch yaw {_vector(turn)}°")]
+
+
+def _vector(values: list[float]) -> str:
+    return " ".join(_number(value, 2) for value in values)
+
+
+def _number(value: float, digits: int) -> str:
+    return "–" if math.isnan(value) else f"{value:.{digits}f}"

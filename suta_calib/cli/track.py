@@ -3,27 +3,32 @@
 from __future__ import annotations
 
 import re
+import threading
+import time
 from collections.abc import Callable
-from contextlib import ExitStack
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, Self
 
 import click
 
 from suta_calib.cli._numbers import FiniteRange
-from suta_calib.cli._output import anyway_option, check_folder, console, json_option, print_json
+from suta_calib.cli._output import anyway_option, console, json_option, print_json
 from suta_calib.cli._signals import ended_by_sigterm
+from suta_calib.units import deg, mm
 
 if TYPE_CHECKING:
-    from suta_calib.cli._track_view import TrackView
-    from suta_calib.device import DeviceSpec, Statistics
-    from suta_calib.model.arm import ArmModel
-    from suta_calib.tracking.publisher import Publisher
-    from suta_calib.tracking.session import TrackingSession
-    from suta_calib.tracking.tool import Tool
-    from suta_calib.tracking.uncertainty import CalibrationUncertainty
+    from rich.console import RenderableType
+    from rich.live import Live
+    from rich.table import Table
 
+    from suta_calib.device import Statistics
+    from suta_calib.tracking.live import Tracking
+    from suta_calib.tracking.session import TrackingSession
+
+_LIVE_S: Final = 0.25
+_LINE_S: Final = 1.0
+# A pose older than this is not where the arm is.
+_STALE_S: Final = 0.5
 NO_POSE: Final = 1
 _PATH = click.Path(path_type=Path)
 _ADDRESS: Final = re.compile(r"(?:\[(?P<six>[^\]]+)\]|(?P<host>[^\[\]]*)):(?P<port>\d+)")
@@ -48,17 +53,6 @@ def _address(host_needed: bool) -> Callable[..., tuple[str, int] | None]:
         return host, int(match["port"])
 
     return read
-
-
-@dataclass(frozen=True)
-class _Wanted:
-    """Where poses are to go."""
-
-    igtl: tuple[str, int] | None
-    igtl_name: str
-    udp: tuple[str, int] | None
-    csv: Path | None
-    parquet: Path | None
 
 
 @click.command()
@@ -99,25 +93,7 @@ class _Wanted:
 )
 @json_option
 @click.pass_context
-def track(
-    context: click.Context,
-    arm: Path,
-    tip: str,
-    base: str | None,
-    device: Path,
-    result: Path | None,
-    anyway: bool,
-    tool: Path | None,
-    igtl: tuple[str, int] | None,
-    igtl_name: str,
-    udp: tuple[str, int] | None,
-    csv: Path | None,
-    parquet: Path | None,
-    seconds: float | None,
-    stats: bool,
-    rate: float | None,
-    as_json: bool,
-) -> None:
+def track(context: click.Context, /, **options: Any) -> None:
     """Track the tip of ARM.urdf (a calibrated one, for raw readings) until Ctrl-C or --seconds.
 
     A pose is not valid while an encoder of the arm raises its error flag: OpenIGTLink clients then
@@ -127,132 +103,32 @@ def track(
     and the last pose is printed at the end, and nothing else. Exits with 1 where there was no
     valid pose.
     """
-    from suta_calib.device import read_device
-    from suta_calib.model.arm import ArmModel
-    from suta_calib.tracking.tip_kinematics import TipKinematics
-    from suta_calib.tracking.tool import Tool, read_tool
-    from suta_calib.tracking.tracker import Tracker
-    from suta_calib.tracking.uncertainty import read_uncertainty
+    from suta_calib.tracking.live import Tracking, TrackOptions
 
-    model = ArmModel.from_urdf(arm, tip, base)
-    spec = read_device(device)
-    uncertainty = None if result is None else read_uncertainty(result, model, anyway=anyway)
-    carried = Tool.none() if tool is None else read_tool(tool, anyway=anyway)
-    tracker = Tracker(model, spec.names, TipKinematics(model, carried, uncertainty), device)
-    wanted = _Wanted(igtl, igtl_name, udp, csv, parquet)
-    with ExitStack() as stack:
-        session = _session(tracker, wanted, rate, stack, model)
-        statistics, view, interrupted = _run(session, spec, seconds, stats, quiet=as_json)
-    about = _about(model, spec, carried, uncertainty)
-    answer = about | _answer(session, statistics, view) | {"interrupted": interrupted}
+    stats, as_json = options.pop("stats"), options.pop("as_json")
+    tracking = Tracking(TrackOptions(**options))
+    view = TrackView(tracking, stats=stats, quiet=as_json)
+    tracking.on_event = view.say
+    with tracking, ended_by_sigterm():
+        tracking.run(view, lambda: view.broken)
     if as_json:
-        print_json(answer)
+        print_json(tracking.as_dict())
     else:
-        _print_end(session, statistics, uncertainty, stats=stats)
-    if interrupted:
+        _print_end(tracking, stats=stats)
+    if tracking.interrupted:
         raise KeyboardInterrupt
     if view.broken:
         raise BrokenPipeError
-    if not session.valid:
+    if not tracking.session.valid:
         click.echo("suta-calib: no valid pose in all that time", err=True)
         context.exit(NO_POSE)
 
 
-def _session(
-    tracker: Any, wanted: _Wanted, rate: float | None, stack: ExitStack, model: ArmModel
-) -> TrackingSession:
-    from suta_calib.tracking.igtl import IgtlPublisher
-    from suta_calib.tracking.recording import CsvRecorder, ParquetRecorder
-    from suta_calib.tracking.session import TrackingSession
-    from suta_calib.tracking.udp import UdpPublisher
-
-    publishers: list[Publisher] = []
-    if wanted.igtl is not None:
-        host, port = wanted.igtl
-        publishers.append(stack.enter_context(IgtlPublisher(port, wanted.igtl_name, host)))
-    if wanted.udp is not None:
-        publishers.append(stack.enter_context(UdpPublisher(*wanted.udp)))
-    for path, recorder in ((wanted.csv, CsvRecorder), (wanted.parquet, ParquetRecorder)):
-        if path is not None:
-            check_folder(path.parent)
-            publishers.append(stack.enter_context(recorder(path, model.joints)))
-    return TrackingSession(tracker, publishers, rate)
-
-
-def _run(
-    session: TrackingSession, spec: DeviceSpec, seconds: float | None, stats: bool, *, quiet: bool
-) -> tuple[Statistics, TrackView, bool]:
-    """Track; what the device did, what was said, and whether Ctrl-C ended it."""
-    from suta_calib.cli._track_view import TrackView, track_line, track_table
-    from suta_calib.device import Bus
-    from suta_calib.tracking.pace import Pace
-
-    pace = Pace(lambda: session.latency.count)
-    view = TrackView(
-        lambda: track_table(session, bus.statistics, pace(), stats=stats),
-        lambda: track_line(session, pace(), stats=stats),
-        quiet=quiet,
-    )
-    bus = Bus(spec, reconnect=True, on_event=view.say)
-    try:
-        with ended_by_sigterm(), bus, view:
-            session.run(bus, seconds, lambda: view.broken)
-    except KeyboardInterrupt:
-        return bus.statistics, view, True
-    return bus.statistics, view, False
-
-
-def _about(
-    model: ArmModel, spec: DeviceSpec, tool: Tool, known: CalibrationUncertainty | None
-) -> dict[str, Any]:
+def _print_end(tracking: Tracking, *, stats: bool) -> None:
     from suta_calib.tracking.uncertainty import SOURCE_WORDS
 
-    uncertainty = known and {
-        "source": SOURCE_WORDS[known.source],
-        "parameters": list(known.names),
-        "held": list(known.fixed),
-        "tool_included": tool.std is not None,
-    }
-    return {
-        "arm": str(model.chain.path),
-        "base": model.chain.base,
-        "tip": model.tip,
-        "device": str(spec.path),
-        "tool_mm": [1e3 * float(v) for v in tool.tip],
-        "uncertainty": uncertainty,
-    }
-
-
-def _answer(session: TrackingSession, device: Statistics, view: TrackView) -> dict[str, Any]:
-    from suta_calib.tracking.udp import pose_dict
-
-    counts = {key: value for key, value in vars(device).items() if isinstance(value, int)}
-    flags = {
-        name: {"errors": int(errors), "warnings": int(warnings)}
-        for name, errors, warnings in zip(
-            device.joints, device.error_flags, device.warning_flags, strict=True
-        )
-    }
-    last = session.last_valid
-    return session.summary() | {
-        "last": None if last is None else pose_dict(last),
-        "stream": counts | {"flags": flags},
-        "events": view.events,
-    }
-
-
-def _print_end(
-    session: TrackingSession,
-    device: Statistics,
-    known: CalibrationUncertainty | None,
-    *,
-    stats: bool,
-) -> None:
-    from suta_calib.cli._track_view import track_table
-    from suta_calib.tracking.uncertainty import SOURCE_WORDS
-
-    to = console()
-    to.print(track_table(session, device, session.summary()["rate_hz"], stats=stats))
+    to, session, known = console(), tracking.session, tracking.uncertainty
+    to.print(_table(tracking, session.summary()["rate_hz"], stats=stats))
     if known is not None:
         were = "was" if len(known.fixed) == 1 else "were"
         fixed = f"; relative to {', '.join(known.fixed)}, which {were} held" if known.fixed else ""
@@ -261,3 +137,164 @@ def _print_end(
         path = getattr(publisher, "path", None)
         if path is not None and publisher.published:
             to.print(f"Written: {path}", soft_wrap=True)
+
+
+class TrackView:
+    """Shows a session from a thread of its own; a context manager.
+
+    On a terminal the table renews itself; elsewhere there is one plain line a second; with
+    ``quiet`` nothing. Events are lines on stderr.
+
+    Args:
+        tracking: what is shown.
+        stats: show latency too.
+        quiet: show nothing but events.
+
+    Attributes:
+        broken: whether nobody reads what is shown any more.
+    """
+
+    def __init__(self, tracking: Tracking, *, stats: bool, quiet: bool) -> None:
+        self._tracking, self._stats, self._quiet = tracking, stats, quiet
+        self._to = console()
+        self._live: Live | None = None
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=self._show, name="view", daemon=True)
+        self.broken = False
+
+    def say(self, event: str) -> None:
+        """An event: above the table, or on stderr."""
+        if self._live is not None:
+            self._live.console.print(event, soft_wrap=True)
+        else:
+            click.echo(f"suta-calib: {event}", err=True)
+
+    def __enter__(self) -> Self:
+        if not self._quiet and self._to.is_terminal:
+            from rich.live import Live
+
+            self._live = Live(console=self._to, auto_refresh=False, transient=True)
+            self._live.start()
+        if not self._quiet:
+            self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._over.set()
+        if self._thread.is_alive():
+            self._thread.join()
+        if self._live is not None:
+            self._live.stop()
+            self._live = None
+
+    def _show(self) -> None:
+        from suta_calib.tracking.session import Pace
+
+        session = self._tracking.session
+        pace = Pace(lambda: session.latency.count)
+        while not self._over.wait(_LINE_S if self._live is None else _LIVE_S):
+            try:
+                if self._live is None:
+                    click.echo(_line(session, pace(), stats=self._stats))
+                else:
+                    table = _table(self._tracking, pace(), stats=self._stats)
+                    self._live.update(table, refresh=True)
+            except OSError:
+                self.broken = True
+                return
+
+
+def _line(session: TrackingSession, rate: float, *, stats: bool) -> str:
+    """One line: where the tip is, how sure that is, how many poses a second."""
+    pose = session.last
+    if pose is None:
+        return "no reading yet"
+    if stale := _stale(session):
+        return stale
+    if not pose.valid:
+        return f"not valid: error flag of {', '.join(pose.errors)}   {rate:.0f} Hz"
+    said = "tip {:9.3f} {:9.3f} {:9.3f} mm".format(*mm(pose.position))
+    if pose.std is not None:
+        said += " ± {:.3f} {:.3f} {:.3f}".format(*mm(pose.std))
+    said += f"   {rate:.0f} Hz"
+    if pose.warnings:
+        said += f"   warning of {', '.join(pose.warnings)}"
+    if stats:
+        latency = session.latency.summary()
+        said += f"   latency p50 {latency['p50_ms']:.3f} p99 {latency['p99_ms']:.3f} ms"
+    return said
+
+
+def _table(tracking: Tracking, rate: float, *, stats: bool) -> RenderableType:
+    """The pose, what publishers did, what the device lost."""
+    from rich.console import Group
+
+    session = tracking.session
+    counts = _counts(session, tracking.statistics, rate)
+    parts: list[RenderableType] = [_pose_table(session), *counts]
+    if stats:
+        parts.append(_latency_table(session))
+    return Group(*parts)
+
+
+def _latency_table(session: TrackingSession) -> RenderableType:
+    """Percentiles of latency, and of the interval between frames."""
+    table = _titled("From the frame's arrival to publication, ms")
+    for name in ("", "p50", "p95", "p99", "max", "mean", "jitter"):
+        table.add_column(name, justify="right" if name else "left")
+    for name, each in (("latency", session.latency), ("interval", session.interval)):
+        figures = each.summary()
+        keys = ("p50", "p95", "p99", "max", "mean", "jitter")
+        table.add_row(name, *(f"{figures[f'{key}_ms']:.3f}" for key in keys))
+    return table
+
+
+def _pose_table(session: TrackingSession) -> RenderableType:
+    from rich.text import Text
+
+    from suta_calib.geometry.numbers import rpy_from_rotation
+
+    pose = session.last
+    if pose is None:
+        return Text("no reading yet", style="yellow")
+    if not pose.valid:
+        return Text(f"NOT VALID: error flag of {', '.join(pose.errors)}", style="bold red")
+    stale = _stale(session)
+    table = _titled(f"Tip in the base{f': {stale.upper()}' if stale else ''}")
+    for name in ("", "x", "y", "z"):
+        table.add_column(name, justify="right" if name else "left", min_width=10 if name else 0)
+    table.add_row("position, mm", *(f"{v:.3f}" for v in mm(pose.position)), style="bold")
+    if pose.std is not None:
+        table.add_row("± std, mm", *(f"{v:.3f}" for v in mm(pose.std)))
+    angles = deg(rpy_from_rotation(pose.rotation))
+    table.add_row("roll pitch yaw, deg", *(f"{v:.3f}" for v in angles))
+    return table
+
+
+def _stale(session: TrackingSession) -> str:
+    """What to say of a pose that is old, empty for a fresh one."""
+    now = time.perf_counter() if session.running else session.ended
+    age = 0.0 if session.last is None else now - session.last.arrival
+    return f"no reading for {age:.1f} s" if age > _STALE_S else ""
+
+
+def _counts(session: TrackingSession, device: Statistics, rate: float) -> list[RenderableType]:
+    from rich.text import Text
+
+    lost = f"{device.lost_frames} lost, {device.frame_crc_errors} damaged frames"
+    lost += f", {device.word_crc_errors} damaged words"
+    lines = [f"{rate:.0f} poses a second, {session.valid} valid, {session.invalid} not; {lost}"]
+    pose = session.last
+    if pose is not None and pose.warnings:
+        lines.append(f"warning flag of {', '.join(pose.warnings)}")
+    for publisher in session.publishers:
+        counts = ", ".join(f"{name} {value}" for name, value in publisher.statistics().items())
+        lines.append(f"{publisher.name}: {counts}")
+    return [Text(line) for line in lines]
+
+
+def _titled(title: str) -> Table:
+    from rich import box
+    from rich.table import Table
+
+    return Table(title=title, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD)

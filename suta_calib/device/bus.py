@@ -2,44 +2,46 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from typing import Final, Self
 
+from suta_calib.device.clock import Freshness
 from suta_calib.device.description import DeviceSpec
-from suta_calib.device.freshness import Freshness
-from suta_calib.device.port import Port
-from suta_calib.device.protocol import decoder_for
+from suta_calib.device.diagnosis import Watch
+from suta_calib.device.formats import decoder_for
+from suta_calib.device.port_process import PortProcess, PortReader
 from suta_calib.device.reading import Reading, Statistics
-from suta_calib.device.remote_port import RemotePort
-from suta_calib.device.watch import Watch
 from suta_calib.errors import DeviceError, DisconnectedError, WrongFormatError
 
 # How often a port that is gone is looked for.
 _RETRY_S: Final = 0.2
-# Who has not asked for so long would get what the operating system still holds of that time.
-_ABSENCE_S: Final = 1.0
-# A device whose clock has not run with this computer's by then never will.
-_SETTLING_S: Final = 5.0
 
 
 class Bus:
     """An open device; a context manager.
 
+    A process of its own reads the port, so that nothing is lost while this one is busy: what came
+    meanwhile is read later, with the time at which it arrived.
+
     Data that was waiting when the port is opened is old and thrown away; then readings are left
     out until the device's clock has run with this computer's for ``settle`` s. The same happens
-    after a reconnection, when the device's clock jumps (it was restarted), and when `read` was
-    not called for a second.
+    after a reconnection, and when the device's clock jumps (it was restarted).
 
     Args:
         spec: the device.
         reconnect: wait for a device that is gone, or silent, instead of raising; a device that
             was never heard is an error all the same.
-        silence: after this long without a byte, or without a frame, something is wrong, s.
-        on_event: called with one sentence for everything that was wrong and went on.
+        silence: after this long without a byte, or without a frame, something is wrong, s; for
+            the first byte twice as long, as many boards restart when their port is opened.
         settle: how long the clocks must agree before readings are believed to be fresh, s;
             0 takes everything that comes once the port is open.
-        open_port: opens the port; in this process by default.
+        settling: a device whose clock has not run with this computer's for so long never will, s.
+        absence: whoever has not read for so long wants to know where the arm is now, and gets
+            nothing of that time, s; by default nothing is left out, however late it is read.
+        on_event: called with one sentence for everything that was wrong and went on.
+        port: its port, where somebody began to open it even before ``spec`` was read; closed here.
 
     Attributes:
         spec: the device.
@@ -52,21 +54,26 @@ class Bus:
         *,
         reconnect: bool = False,
         silence: float = 2.0,
-        on_event: Callable[[str], None] | None = None,
         settle: float = 0.1,
-        open_port: Callable[[DeviceSpec], Port | RemotePort] = Port,
+        settling: float = 5.0,
+        absence: float = math.inf,
+        on_event: Callable[[str], None] = lambda _: None,
+        port: PortReader | None = None,
     ) -> None:
         self.spec = spec
-        self._reconnect, self._settle = reconnect, settle
-        self._say = on_event or _ignore
+        self._reconnect, self._silence = reconnect, silence
+        self._settling, self._absence = settling, absence
+        self._say = on_event
         self._decoder = decoder_for(spec)
         self.statistics: Statistics = self._decoder.statistics
         self._fresh = Freshness(settle, self.statistics, self._leapt)
         self._watch = Watch(spec, silence, reconnect, self._say)
-        self._open_port = open_port
-        self._port: Port | RemotePort | None = None
+        self._port: PortReader | None = port
+        self._lost = False
         self._asked = self._lost_at = self._next_try = self._since = 0.0
         self._last_arrival = 0.0
+        # What came before is old, `time.perf_counter`, s.
+        self._wanted_from = -math.inf
 
     def __enter__(self) -> Self:
         """Open the port.
@@ -74,9 +81,17 @@ class Bus:
         Raises:
             PortNotFoundError, PortBusyError, PortPermissionError: it cannot be opened.
             DeviceFileError: port or baud rate mean nothing to pyserial.
-            MissingExtraError: pyserial is not installed.
         """
-        self._open(time.perf_counter())
+        if isinstance(self._port, PortProcess) and not self._port.serves(self.spec):
+            self.close()
+        if self._port is None:
+            self._port = PortProcess(self.spec)
+        try:
+            self._port.open()
+        except BaseException:
+            self.close()
+            raise
+        self._begin(self._port.arrived)
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -90,8 +105,6 @@ class Bus:
 
     def read(self, timeout: float = 0.1) -> list[Reading]:
         """Whatever has arrived, oldest first; waits for the first up to ``timeout`` s.
-
-        Call it again and again: after a second without a call, what waits is old and left out.
 
         Returns:
             Readings; none if none came in time.
@@ -113,14 +126,17 @@ class Bus:
 
     def _read_once(self, timeout: float) -> list[Reading]:
         if self._port is None:
-            self._look_again(timeout)
+            raise DisconnectedError(f"{self.spec.port}: not open")
+        if self._lost:
+            self._look_again(self._port, timeout)
             return []
         try:
             data = self._port.read(timeout)
         except DisconnectedError as error:
             self._disconnected(error)
             return []
-        return self._take(data, self._port.arrived)
+        arrival = self._port.arrived
+        return self._take(data if arrival >= self._wanted_from else b"", arrival)
 
     def _take(self, data: bytes, arrival: float) -> list[Reading]:
         if not data:
@@ -130,7 +146,7 @@ class Bus:
         readings, leapt = self._fresh.take(decoded)
         if leapt:
             self._decoder.resume(self._fresh.last)
-        if leapt or arrival - self._last_arrival > _ABSENCE_S:
+        if leapt or arrival - self._last_arrival > self._silence:
             self._since = arrival
         self._last_arrival = arrival
         self._watch.saw(data, bool(decoded), arrival)
@@ -141,39 +157,24 @@ class Bus:
     def _check_clock(self, now: float) -> None:
         if self._fresh.settled:
             self._since = now
-        elif now - self._since > _SETTLING_S:
+        elif now - self._since > self._settling:
             raise WrongFormatError(
                 f"{self.spec.port}: found frames whose time does not run with this computer's "
                 f"clock, watched for {now - self._since:.0f} s; expected microseconds; "
                 "check what the device sends as its time"
             )
 
-    def _open(self, now: float) -> None:
-        if self._port is not None:
-            return
-        self._port = self._open_port(self.spec)
-        try:
-            self._begin(now)
-        except DisconnectedError:
-            self.close()
-            raise
-
     def _begin(self, now: float) -> None:
         """What comes from now on has nothing to do with what came before."""
-        if self._settle > 0 and self._port is not None:
-            self._port.flush()
         self._asked = self._since = self._last_arrival = now
         self._watch.restart(now)
         self._fresh.restart()
 
     def _notice_absence(self, now: float) -> None:
-        if now - self._asked <= _ABSENCE_S or self._port is None or self._port.keeps:
-            return
-        try:
+        if now - self._asked > self._absence and not self._lost:
+            self._wanted_from = now
             self._decoder.resume(None)
             self._begin(now)
-        except DisconnectedError as error:
-            self._disconnected(error)
 
     def _leapt(self, leap: float) -> None:
         self.statistics.interruptions += 1
@@ -183,27 +184,26 @@ class Bus:
         )
 
     def _disconnected(self, error: DisconnectedError) -> None:
-        self.close()
+        self._lost = True
         self.statistics.interruptions += 1
         if not self._reconnect:
+            self.close()
             raise error
         self._lost_at = time.perf_counter()
         self._next_try = self._lost_at + _RETRY_S
         self._say(f"{error}; waiting for it")
 
-    def _look_again(self, timeout: float) -> None:
+    def _look_again(self, port: PortReader, timeout: float) -> None:
         now = time.perf_counter()
         if now < self._next_try:
             time.sleep(min(timeout, self._next_try - now))
             return
         self._next_try = now + _RETRY_S
         try:
-            self._open(now)
+            port.open()
         except DeviceError:
             return  # a port that appears may be forbidden, or busy, for a moment
+        self._lost = False
+        self._begin(port.arrived)
         self._decoder.resume(self._fresh.last)
         self._say(f"{self.spec.port}: connected again after {now - self._lost_at:.1f} s")
-
-
-def _ignore(event: str) -> None:
-    del event

@@ -11,13 +11,12 @@ from typing import TYPE_CHECKING, Final
 from suta_calib.errors import DeviceFileError, did_you_mean
 
 if TYPE_CHECKING:
+    from suta_calib.device.formats import Format
     from suta_calib.measurements import YamlSection
 
+# Of an encoder's word, and of a device that does not say.
 FRAME_COUNTS_PER_TURN: Final = 1 << 22
-FORMATS: Final = ("frames", "lines")
 UNITS: Final = ("counts", "rad", "deg")
-# A frame says how many words it has in one byte.
-MOST_JOINTS: Final = 255
 _DEFAULT_BAUDRATE: Final = 921600
 _KEYS: Final = ("port", "baudrate", "format", "unit", "counts_per_turn", "joints")
 _URL: Final = re.compile(r"[a-z][a-z0-9+.-]*://", re.IGNORECASE)
@@ -75,20 +74,27 @@ def read_device(path: Path) -> DeviceSpec:
         DeviceFileError: unreadable, an unknown, missing or unusable key (with its line), one
             joint twice, or counts that do not fit the format.
     """
-    # Whoever only streams, as an emulated arm does, need not wait for what the files need.
+    # Whoever only reads a port, or streams, need not wait for what the files need.
+    from suta_calib.device.formats import FORMATS
     from suta_calib.measurements import YamlSection, read_yaml
 
     top = YamlSection(read_yaml(path, DeviceFileError), DeviceFileError)
     top.check_keys(_KEYS, required=("port", "joints"))
-    form = top.choice("format", FORMATS, default="frames")
+    form = FORMATS[top.choice("format", tuple(FORMATS), default="frames")]
+    unit = top.choice("unit", UNITS, default=form.units[0])
+    counts = _counts_per_turn(top, form, unit)
+    if (refused := form.refusal(unit, counts)) is not None:
+        key, expected = refused
+        found = {"unit": repr(unit), "counts_per_turn": str(counts)}[key]
+        raise top.refuse(found, expected, at=(key,))
     return DeviceSpec(
         path=path,
         port=_port(top),
         baudrate=top.integer("baudrate", _DEFAULT_BAUDRATE, 1),
-        format=form,
-        unit=_unit(top, form),
-        counts_per_turn=_counts_per_turn(top, form),
-        joints=_joints(top),
+        format=form.name,
+        unit=unit,
+        counts_per_turn=counts,
+        joints=_joints(top, form),
     )
 
 
@@ -134,37 +140,21 @@ def _beside(path: Path, port: str) -> str:
     return port
 
 
-def _unit(top: YamlSection, form: str) -> str:
-    unit = top.choice("unit", UNITS, default="counts")
-    if form == "frames" and unit != "counts":
-        raise top.refuse(repr(unit), "counts: frames carry encoder words", at=("unit",))
-    return unit
-
-
-def _counts_per_turn(top: YamlSection, form: str) -> int:
-    counts = top.integer("counts_per_turn", FRAME_COUNTS_PER_TURN, 2)
-    if form == "frames" and counts != FRAME_COUNTS_PER_TURN:
-        expected = f"{FRAME_COUNTS_PER_TURN}: the words of a frame hold 22-bit positions"
-        raise top.refuse(str(counts), expected, at=("counts_per_turn",))
-    if form == "lines" and "counts_per_turn" not in top and top.data.get("unit") != "rad":
-        _require_counts(top)
-    return counts
-
-
-def _require_counts(top: YamlSection) -> None:
+def _counts_per_turn(top: YamlSection, form: Format, unit: str) -> int:
     """Nobody's laboratory arm has 22 bits by default: lines in counts must say how many."""
-    if top.data.get("unit", "counts") == "counts":
+    if form.counts_per_turn is None and unit == "counts" and "counts_per_turn" not in top:
         raise top.refuse(
             "no such key",
-            "the counts of one turn: lines in counts need it",
+            f"the counts of one turn: {form.name} in counts need it",
             at=("counts_per_turn",),
         )
+    return top.integer("counts_per_turn", form.counts_per_turn or FRAME_COUNTS_PER_TURN, 2)
 
 
-def _joints(top: YamlSection) -> tuple[JointSpec, ...]:
+def _joints(top: YamlSection, form: Format) -> tuple[JointSpec, ...]:
     sections = top.sections("joints")
-    if len(sections) > MOST_JOINTS:
-        raise top.refuse(f"{len(sections)} joints", f"at most {MOST_JOINTS}", at=("joints",))
+    if form.most_joints is not None and len(sections) > form.most_joints:
+        raise top.refuse(f"{len(sections)} joints", f"at most {form.most_joints}", at=("joints",))
     joints: list[JointSpec] = []
     for section in sections:
         section.check_keys(("name", "sign"), required=("name",))

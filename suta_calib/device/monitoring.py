@@ -1,24 +1,40 @@
-"""What a stream of readings looks like at the moment: for somebody who watches it."""
+"""What a device sends, for somebody who watches it: at the moment, and in all."""
 
 from __future__ import annotations
 
 import math
+import time
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from suta_calib.arrays import BoolArray
+from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.device.description import DeviceSpec
-from suta_calib.device.reading import Reading
+from suta_calib.device.diagnosis import remarks
+from suta_calib.device.formats import format_of
+from suta_calib.device.reading import Reading, Statistics
+from suta_calib.units import deg
 
 if TYPE_CHECKING:
-    from suta_calib.arrays import FloatArray
+    from suta_calib.device.bus import Bus
 
 # Before that, late reading by this computer is larger than any clock's error.
 _CLOCK_AFTER_S: Final = 5.0
+_LOOK_S: Final = 0.05
+# A pause at the end that is no chance, s.
+_SILENT_S: Final = 1.0
+# What was lost or damaged, by its name in `Statistics`, and what it is called.
+LOSSES: Final = {
+    "lost_frames": "lost",
+    "gaps": "gaps",
+    "frame_crc_errors": "frame CRC errors",
+    "word_crc_errors": "word CRC errors",
+    "garbage_bytes": "stray bytes",
+    "interruptions": "interruptions",
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +71,7 @@ class Monitor:
 
     def __init__(self, spec: DeviceSpec, window: float = 1.0) -> None:
         self._names, self._window = spec.names, window
-        self._has_clock = spec.format == "frames"
+        self._has_clock = format_of(spec).has_clock
         self._recent: deque[Reading] = deque()
         self._first: Reading | None = None
         self._last: Reading | None = None
@@ -106,6 +122,78 @@ class Monitor:
         if host < _CLOCK_AFTER_S:
             return None
         return 1e6 * ((self._last.time - self._first.time) / host - 1.0)
+
+
+def watch(
+    bus: Bus,
+    monitor: Monitor,
+    *,
+    seconds: float | None = None,
+    show: Callable[[float], None] = lambda _: None,
+) -> None:
+    """Read a device until the time is over, which begins with the first reading.
+
+    Args:
+        bus: the device, open.
+        monitor: gets its readings.
+        seconds: how long, s; for ever by default.
+        show: called after every look, with the time (`time.perf_counter`, s).
+
+    Raises:
+        DeviceError: as the bus raises it.
+    """
+    end = None
+    while end is None or time.perf_counter() < end:
+        readings = bus.read(_LOOK_S)
+        if readings and end is None and seconds is not None:
+            end = readings[0].arrival + seconds
+        monitor.add(readings)
+        show(time.perf_counter())
+
+
+def stream_report(
+    monitor: Monitor,
+    statistics: Statistics,
+    spec: DeviceSpec,
+    tip: dict[str, list[float]] | None = None,
+) -> dict[str, Any]:
+    """Everything there is to say of a stream at this moment, as JSON data.
+
+    Args:
+        monitor: the last second of it.
+        statistics: all of it.
+        spec: the device.
+        tip: the pose of the arm's tip, where that is known.
+    """
+    now, last = time.perf_counter(), monitor.last
+    seen = monitor.snapshot(now)
+    joints = {
+        name: {
+            "angle_deg": deg(float(seen.angles[k])),
+            "noise_deg": deg(float(seen.noise[k])),
+            "error": bool(seen.error[k]),
+            "warning": bool(seen.warning[k]),
+            "error_flags": int(statistics.error_flags[k]),
+            "warning_flags": int(statistics.warning_flags[k]),
+            "crc_errors": int(statistics.joint_crc_errors[k]),
+        }
+        for k, name in enumerate(spec.names)
+    }
+    since = 0.0 if last is None else now - last.arrival
+    silent = f"nothing has come for {since:.1f} s: is the cable plugged in, is the device on?"
+    return {
+        "device": str(spec.path),
+        "port": spec.port,
+        "format": spec.format,
+        "frame_rate_hz": seen.rate,
+        "clock_ppm": seen.clock_ppm,
+        "frames": statistics.frames,
+        **{key: int(getattr(statistics, key)) for key in LOSSES},
+        "stale_readings": statistics.stale_readings,
+        "joints": joints,
+        "tip": tip,
+        "remarks": [*([silent] if since >= _SILENT_S else []), *remarks(statistics, spec)],
+    }
 
 
 def _deviation(angles: FloatArray, error: BoolArray) -> FloatArray:

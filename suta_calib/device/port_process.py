@@ -1,8 +1,13 @@
 """A port that a process of its own reads, so that nothing this one does can lose bytes.
 
 A program that loads its libraries holds up all of its threads, for a second on a busy computer;
-a pseudo-terminal keeps 4 kB, 0.15 s of six joints at 768 Hz. This process keeps what arrives, and
-when it did, until it is asked for. It ends with its parent, however that ends.
+a pseudo-terminal keeps 4 kB, 0.15 s of six joints at 768 Hz. The process keeps what arrives, and
+when it did, until it is asked for. It opens the port when it is asked to, again and again, and
+ends with its parent, however that ends.
+
+Through its standard input come the device, pickled, which is opened at once, and later `AGAIN` for
+every further opening; through its standard output go messages: what happened, when, and how many
+bytes follow.
 """
 
 from __future__ import annotations
@@ -13,43 +18,209 @@ import pickle
 import select
 import signal
 import struct
+import subprocess
 import sys
 import time
 from collections import deque
 from collections.abc import Iterator
-from typing import IO, Final
+from pathlib import Path
+from typing import TYPE_CHECKING, Final, Protocol
 
-from suta_calib.device.description import DeviceSpec
-from suta_calib.device.port import Port
+from suta_calib import errors
 from suta_calib.errors import DeviceError, DisconnectedError, PortBusyError, SutaCalibError
 
-# What a message is, its time of arrival (`time.perf_counter`, s), and how many bytes follow.
-HEAD: Final = struct.Struct("<cdI")
-OPENED: Final = b"O"
-DATA: Final = b"D"
-FAILED: Final = b"F"
+if TYPE_CHECKING:
+    from suta_calib.device.description import DeviceSpec
+    from suta_calib.device.port import Port
+
+AGAIN: Final = b"A"
+# What a message is, its time (`time.perf_counter`, s), and how many bytes follow.
+_HEAD: Final = struct.Struct("<cdI")
+_OPENED: Final = b"O"
+_DATA: Final = b"D"
+_FAILED: Final = b"F"
+# How often the child looks whether its parent is still there while nothing arrives, s.
 _LOOK_S: Final = 0.05
+# A port whose last reader was killed a moment ago is busy for so long, s.
 _BUSY_S: Final = 0.5
-# A pause after each read: fewer and larger pieces, for so little that no buffer fills up.
-_COLLECT_S: Final = 0.002
-# Who has not asked for so many bytes will not ask any more.
-_MOST: Final = 1 << 28
+# A parent that has not asked for so many bytes will not ask any more.
+_LARGEST_BACKLOG: Final = 1 << 28
+_AT_ONCE: Final = 1 << 20
+# Who lags behind gets so much at once, s: ten frames are decoded nearly as fast as one.
+_PIECE_S: Final = 0.002
+_ROOT: Final = Path(__file__).parents[2]
+_ENDING_S: Final = 2.0
 
 
-def error_to_bytes(error: SutaCalibError) -> bytes:
+class PortReader(Protocol):
+    """What `Bus` reads: a port that can be opened again and again.
+
+    Attributes:
+        arrived: when the bytes that `read` gave last had come, `time.perf_counter`, s.
+    """
+
+    arrived: float
+
+    def open(self) -> None:
+        """Open the port; raises what `Port` raises."""
+        ...
+
+    def read(self, timeout: float) -> bytes:
+        """Bytes that came in one piece; waits for them up to ``timeout`` s, then gives none."""
+        ...
+
+    def close(self) -> None:
+        """Let go of the port, gone or not."""
+        ...
+
+
+class PortProcess:
+    """`PortReader` in a process of its own, which begins to open the port at once.
+
+    Args:
+        spec: gives the port, any pyserial URL, and the baud rate.
+
+    Attributes:
+        arrived: when the bytes that `read` gave last had come, `time.perf_counter`, s.
+    """
+
+    def __init__(self, spec: DeviceSpec) -> None:
+        self._spec = spec
+        self.arrived = time.perf_counter()
+        self._opening = False
+        self._start()
+
+    def serves(self, spec: DeviceSpec) -> bool:
+        """Whether this is that device's port."""
+        return (self._spec.port, self._spec.baudrate) == (spec.port, spec.baudrate)
+
+    def open(self) -> None:
+        """Wait until the port is open; where it was lost, it is looked for once.
+
+        Raises:
+            PortNotFoundError, PortBusyError, PortPermissionError: it cannot be opened.
+            DeviceFileError: port or baud rate mean nothing to pyserial.
+        """
+        if self._process.poll() is not None:
+            self.close()
+            self._start()
+        elif not self._opening:
+            self._send(AGAIN)
+        self._opening = False
+        while not self._waiting:
+            self._fill(None)
+        kind, self.arrived, data = self._waiting.popleft()
+        if kind == _FAILED:
+            raise _error(data)
+        assert kind == _OPENED
+
+    def read(self, timeout: float) -> bytes:
+        """Bytes that came together; waits for them up to ``timeout`` s, then gives none.
+
+        Raises:
+            DisconnectedError: the port is gone.
+        """
+        if not self._waiting:
+            self._fill(timeout)
+        if not self._waiting:
+            self.arrived = time.perf_counter()
+            return b""
+        kind, self.arrived, data = self._waiting.popleft()
+        if kind == _FAILED:
+            raise _error(data)
+        assert kind == _DATA
+        first, pieces = self.arrived, [data]
+        while self._waiting and self._waiting[0][0] == _DATA:
+            if self._waiting[0][1] - first > _PIECE_S:
+                break
+            _, self.arrived, data = self._waiting.popleft()
+            pieces.append(data)
+        return b"".join(pieces)
+
+    def close(self) -> None:
+        """Let go of the port, gone or not, and end the process."""
+        for end in (self._out, self._in):
+            with contextlib.suppress(OSError):
+                end.close()
+        try:
+            self._process.wait(_ENDING_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+
+    def _start(self) -> None:
+        paths = [str(_ROOT), *filter(None, [os.environ.get("PYTHONPATH")])]
+        self._process = subprocess.Popen(
+            # -P: a file of the user's folder must not stand in for a library.
+            [sys.executable, "-P", "-m", "suta_calib.device.port_process"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            env=os.environ | {"PYTHONPATH": os.pathsep.join(paths)},
+        )
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        self._out, self._in = self._process.stdin, self._process.stdout
+        self._data = bytearray()
+        self._waiting: deque[tuple[bytes, float, bytes]] = deque()
+        self._opening = True
+        self._send(pickle.dumps(self._spec))
+
+    def _send(self, data: bytes) -> None:
+        with contextlib.suppress(BrokenPipeError):
+            self._out.write(data)
+            self._out.flush()
+
+    def _fill(self, timeout: float | None) -> None:
+        if not select.select([self._in], [], [], timeout)[0]:
+            return
+        data = os.read(self._in.fileno(), _AT_ONCE)
+        if not data:
+            raise DisconnectedError(
+                f"{self._spec.port}: the process that read it has ended; try again"
+            )
+        self._data += data
+        self._waiting.extend(_messages(self._data))
+
+
+def _messages(data: bytearray) -> Iterator[tuple[bytes, float, bytes]]:
+    """Take the whole messages from the front of what has come through the pipe."""
+    at = 0
+    while len(data) - at >= _HEAD.size:
+        kind, arrival, size = _HEAD.unpack_from(data, at)
+        end = at + _HEAD.size + size
+        if len(data) < end:
+            break
+        yield kind, arrival, bytes(data[at + _HEAD.size : end])
+        at = end
+    del data[:at]
+
+
+def _error_to_bytes(error: SutaCalibError) -> bytes:
     """An error as it goes through a pipe: its class's name and its sentence."""
     return f"{type(error).__name__}\n{error}".encode()
 
 
-def messages(data: bytearray) -> Iterator[tuple[bytes, float, bytes]]:
-    """Take the whole messages from the front of what has come through the pipe."""
-    while len(data) >= HEAD.size:
-        kind, arrival, size = HEAD.unpack_from(data)
-        end = HEAD.size + size
-        if len(data) < end:
-            return
-        yield kind, arrival, bytes(data[HEAD.size : end])
-        del data[:end]
+def _error(data: bytes) -> SutaCalibError:
+    """The error that `_error_to_bytes` told of."""
+    name, _, sentence = data.decode().partition("\n")
+    kind = getattr(errors, name, DeviceError)
+    # Its sentence is complete: whatever else the class would make of it is not wanted again.
+    error: SutaCalibError = kind.__new__(kind)
+    Exception.__init__(error, sentence)
+    return error
+
+
+def open_ahead(device: Path) -> PortProcess | None:
+    """Begin to open the port of a ``device.yaml`` before anything else is loaded or checked.
+
+    Returns:
+        For `Bus`; None where there is anything to complain of, which `read_device` will do.
+    """
+    from suta_calib.device.description import glance
+
+    spec = glance(device)
+    return None if spec is None else PortProcess(spec)
 
 
 class _Outbox:
@@ -62,7 +233,7 @@ class _Outbox:
         self._size = 0
 
     def put(self, kind: bytes, data: bytes = b"") -> None:
-        message = HEAD.pack(kind, time.perf_counter(), len(data)) + data
+        message = _HEAD.pack(kind, time.perf_counter(), len(data)) + data
         self._waiting.append(message)
         self._size += len(message)
         self.send()
@@ -80,67 +251,73 @@ class _Outbox:
                 self._waiting.popleft()
 
     @property
-    def empty(self) -> bool:
-        return not self._waiting
-
-    @property
     def full(self) -> bool:
-        return self._size > _MOST
+        return self._size > _LARGEST_BACKLOG
 
 
-def serve(spec: DeviceSpec, parent: IO[bytes], out: int) -> None:
-    """Read the port until the parent's end of ``parent`` is closed, or the port is gone."""
-    outbox = _Outbox(out)
-    try:
-        _pump(spec, outbox, parent)
-    except SutaCalibError as error:
-        outbox.put(FAILED, error_to_bytes(error))
-    except Exception as error:  # noqa: BLE001 (told by the parent, who alone has a user)
-        outbox.put(FAILED, error_to_bytes(DeviceError(f"{spec.port}: {error or type(error)}")))
-    while not outbox.empty and not _left(parent):
-        time.sleep(_COLLECT_S)
-        outbox.send()
+class _Child:
+    """The process: opens and reads the port until the parent's end of the pipe is closed."""
 
+    def __init__(self, spec: DeviceSpec, parent: int, out: int) -> None:
+        self._spec, self._parent, self._outbox = spec, parent, _Outbox(out)
 
-def _pump(spec: DeviceSpec, outbox: _Outbox, parent: IO[bytes]) -> None:
-    with contextlib.closing(_opened(spec)) as port:
-        # What waited before is not where the arm is now.
-        port.flush()
-        outbox.put(OPENED)
-        while not _left(parent) and not outbox.full:
-            data = port.read(_LOOK_S)
-            if data:
-                outbox.put(DATA, data)
-                time.sleep(_COLLECT_S)
-            else:
-                outbox.send()
-    raise DisconnectedError(f"{spec.port}: its readings were not asked for any more")
+    def serve(self) -> None:
+        """Until the parent is no more."""
+        asked = True
+        while asked:
+            try:
+                self._pump()
+            except SutaCalibError as error:
+                self._outbox.put(_FAILED, _error_to_bytes(error))
+            except Exception as error:  # noqa: BLE001 (told by the parent, who alone has a user)
+                told = DeviceError(f"{self._spec.port}: {error or type(error)}")
+                self._outbox.put(_FAILED, _error_to_bytes(told))
+            asked = self._asked_again()
 
+    def _asked_again(self) -> bool:
+        """Wait for the parent's next word, and pass on meanwhile what it has not yet taken."""
+        while not self._parent_spoke(_LOOK_S):
+            self._outbox.send()
+        return os.read(self._parent, 1) == AGAIN
 
-def _opened(spec: DeviceSpec) -> Port:
-    """The port; one whose reader was killed a moment ago is free a moment later."""
-    give_up = time.perf_counter() + _BUSY_S
-    while True:
-        try:
-            return Port(spec)
-        except PortBusyError:
-            if time.perf_counter() > give_up:
-                raise
-            time.sleep(_LOOK_S)
+    def _parent_spoke(self, timeout: float) -> bool:
+        """Whether there is something to read from the parent, its end included."""
+        return bool(select.select([self._parent], [], [], timeout)[0])
 
+    def _pump(self) -> None:
+        with contextlib.closing(self._opened()) as port:
+            # What waited before is not where the arm is now.
+            port.flush()
+            self._outbox.put(_OPENED)
+            while not self._parent_spoke(0) and not self._outbox.full:
+                data = port.read(_LOOK_S)
+                if data:
+                    self._outbox.put(_DATA, data)
+                else:
+                    self._outbox.send()
+        if self._outbox.full:
+            raise DisconnectedError(f"{self._spec.port}: its readings were not asked for any more")
 
-def _left(parent: IO[bytes]) -> bool:
-    """Whether the parent has closed its end, or is no more."""
-    return bool(select.select([parent], [], [], 0)[0])
+    def _opened(self) -> Port:
+        from suta_calib.device.port import Port
+
+        give_up = time.perf_counter() + _BUSY_S
+        while True:
+            try:
+                return Port(self._spec)
+            except PortBusyError:
+                if time.perf_counter() > give_up:
+                    raise
+                time.sleep(_LOOK_S)
 
 
 def main() -> None:
-    """Entry point of the process; the device comes pickled through its standard input."""
+    """Entry point of the process."""
     # Ctrl-C is meant for the parent, who then closes the pipe.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     spec = pickle.load(sys.stdin.buffer)
     with contextlib.suppress(BrokenPipeError):
-        serve(spec, sys.stdin.buffer, sys.stdout.fileno())
+        _Child(spec, sys.stdin.fileno(), sys.stdout.fileno()).serve()
     os._exit(0)
 
 

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Self
+from typing import Final, Protocol, Self
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from suta_calib.arrays import BoolArray, IntArray
-from suta_calib.arrays import FloatArray
+from suta_calib.arrays import BoolArray, FloatArray, IntArray
+
+ERROR_MEANING: Final = "error: the encoder's position is not valid"
+WARNING_MEANING: Final = "warning: the position is valid, but the encoder is near its limits"
+ERROR_ADVICE: Final = "check the magnet's (or scale's) distance and place, and the encoder's supply"
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -32,6 +34,14 @@ class Reading:
     error: BoolArray
     warning: BoolArray
     arrival: float
+
+
+class ReadingSource(Protocol):
+    """Where readings come from: `Bus`, or something that stands for one."""
+
+    def read(self, timeout: float = 0.1) -> list[Reading]:
+        """Whatever has arrived, oldest first; nothing after the timeout, s."""
+        ...
 
 
 @dataclass(eq=False)

@@ -15,45 +15,61 @@ from suta_calib.lazy import lazily
 
 if TYPE_CHECKING:
     from suta_calib.emulation.device import device_of
+    from suta_calib.emulation.emulated import (
+        EmulatedDevice,
+        EmulationOptions,
+        PlayOptions,
+        emulated_device,
+    )
     from suta_calib.emulation.emulated_arm import EmulatedArm
     from suta_calib.emulation.faults import Faults, Flag, Gap, Window
     from suta_calib.emulation.motion import Curve, Motion, Still, Stops, Sweep, ThereAndBack
-    from suta_calib.emulation.pivot import pivoting
-    from suta_calib.emulation.player import Played, Player
-    from suta_calib.emulation.recorder import TrueTrajectory
-    from suta_calib.emulation.script import Timing, artefact_set, point_set, stops
-    from suta_calib.emulation.script_file import read_script
+    from suta_calib.emulation.player import Played, Player, TrueTrajectory
+    from suta_calib.emulation.script import (
+        Timing,
+        artefact_set,
+        placement_within_reach,
+        point_set,
+        read_script,
+        stops,
+    )
     from suta_calib.emulation.stream import Emulation, frames
     from suta_calib.emulation.terminal import PseudoTerminal
-    from suta_calib.emulation.trajectories import posture_of, recorded, sweep
+    from suta_calib.emulation.trajectories import pivoting, posture_of, recorded, sweep
     from suta_calib.emulation.truth import drawn_truth, nominal_values, read_truth
-    from suta_calib.emulation.within_reach import placement_within_reach
 
 _HOMES = {
     "device": ("device_of",),
+    "emulated": ("EmulatedDevice", "EmulationOptions", "PlayOptions", "emulated_device"),
     "emulated_arm": ("EmulatedArm",),
     "faults": ("Faults", "Flag", "Gap", "Window"),
     "motion": ("Curve", "Motion", "Still", "Stops", "Sweep", "ThereAndBack"),
-    "pivot": ("pivoting",),
-    "player": ("Played", "Player"),
-    "recorder": ("TrueTrajectory",),
-    "script": ("Timing", "artefact_set", "point_set", "stops"),
-    "script_file": ("read_script",),
+    "player": ("Played", "Player", "TrueTrajectory"),
+    "script": (
+        "Timing",
+        "artefact_set",
+        "placement_within_reach",
+        "point_set",
+        "read_script",
+        "stops",
+    ),
     "stream": ("Emulation", "frames"),
     "terminal": ("PseudoTerminal",),
-    "trajectories": ("posture_of", "recorded", "sweep"),
+    "trajectories": ("pivoting", "posture_of", "recorded", "sweep"),
     "truth": ("drawn_truth", "nominal_values", "read_truth"),
-    "within_reach": ("placement_within_reach",),
 }
 
 __all__ = [
     "Curve",
     "EmulatedArm",
+    "EmulatedDevice",
     "Emulation",
+    "EmulationOptions",
     "Faults",
     "Flag",
     "Gap",
     "Motion",
+    "PlayOptions",
     "Played",
     "Player",
     "PseudoTerminal",
@@ -67,6 +83,7 @@ __all__ = [
     "artefact_set",
     "device_of",
     "drawn_truth",
+    "emulated_device",
     "frames",
     "nominal_values",
     "pivoting",

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from suta_calib.device.description import FRAME_COUNTS_PER_TURN, DeviceSpec, JointSpec
+from suta_calib.device.formats import FORMATS
+from suta_calib.emulation.truth import one_line, yaml_text
 from suta_calib.errors import InputError
 from suta_calib.model.arm import ArmModel
 
-_BAUDRATE: Final = 921600
+BAUDRATE: Final = 921600
+_DEVICE_HEADING: Final = "# An emulated arm: there is no hardware behind this port.\n"
 
 
 def device_of(
@@ -20,27 +23,26 @@ def device_of(
     unit: str = "counts",
     counts_per_turn: int = FRAME_COUNTS_PER_TURN,
     signs: Sequence[int] = (),
-    baudrate: int = _BAUDRATE,
+    baudrate: int = BAUDRATE,
 ) -> DeviceSpec:
     """One encoder for each joint of an arm, from base to tip; it has no port yet.
 
     Args:
         arm: whose joints.
-        form: ``frames`` or ``lines``.
+        form: one of `FORMATS`.
         unit: of lines: ``counts``, ``rad`` or ``deg``.
         counts_per_turn: of one turn, in counts.
         signs: +1 or -1 for each joint; all +1 by default.
         baudrate: for ``device.yaml``: a pseudo-terminal has none.
 
     Raises:
-        InputError: frames with anything but counts of 22 bits, a number of signs that is not that
+        InputError: a unit or counts that the format cannot have, a number of signs that is not that
             of the joints, or a joint that slides where angles are sent.
     """
-    if form == "frames" and (unit, counts_per_turn) != ("counts", FRAME_COUNTS_PER_TURN):
-        found = f"frames with {counts_per_turn} counts per turn, in {unit}"
-        expected = f"{FRAME_COUNTS_PER_TURN} counts: their words have 22 bits"
-        raise InputError(found, expected, hint="lines can have others")
-    if (form, unit) != ("lines", "rad"):
+    if (refused := FORMATS[form].refusal(unit, counts_per_turn)) is not None:
+        found = f"{form} with {counts_per_turn} counts per turn, in {unit}"
+        raise InputError(found, refused[1], where=refused[0])
+    if unit != "rad":
         _check_turning(arm)
     chosen = list(signs) or [1] * len(arm.joints)
     if len(chosen) != len(arm.joints):
@@ -59,3 +61,16 @@ def _check_turning(arm: ArmModel) -> None:
                 line=joint.line,
                 hint="send it as lines in rad, which carry metres as they are",
             )
+
+
+def device_text(device: DeviceSpec) -> str:
+    """``device.yaml`` of a device."""
+    document: dict[str, Any] = {
+        "port": device.port,
+        "baudrate": device.baudrate,
+        "format": device.format,
+        "unit": device.unit,
+        "counts_per_turn": device.counts_per_turn,
+        "joints": [one_line({"name": joint.name, "sign": joint.sign}) for joint in device.joints],
+    }
+    return _DEVICE_HEADING + yaml_text(document)

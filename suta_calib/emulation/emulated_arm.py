@@ -17,9 +17,8 @@ import numpy as np
 
 from suta_calib.device.description import DeviceSpec
 from suta_calib.emulation.child import Orders
-from suta_calib.emulation.output import device_text
-from suta_calib.emulation.player import Played
-from suta_calib.emulation.recorder import TrueTrajectory
+from suta_calib.emulation.device import device_text
+from suta_calib.emulation.player import Played, TrueTrajectory
 from suta_calib.emulation.stream import Emulation
 from suta_calib.errors import SutaCalibError
 from suta_calib.measurements import write_text

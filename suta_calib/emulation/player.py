@@ -9,8 +9,11 @@ from functools import partial
 from heapq import merge
 from typing import Final
 
-from suta_calib.emulation.recorder import Recorder, TrueTrajectory
-from suta_calib.emulation.rounds import RoundClock
+import numpy as np
+from numpy.typing import NDArray
+
+from suta_calib.arrays import FloatArray
+from suta_calib.emulation.motion import Motion, Stops
 from suta_calib.emulation.stream import Emulation, MotionTime, forget, packets, unchanged
 from suta_calib.emulation.terminal import PseudoTerminal
 
@@ -39,6 +42,12 @@ class Played:
     def periods(self) -> int:
         """Packets in all."""
         return self.sent + self.unheard + self.silent
+
+    def __str__(self) -> str:
+        return (
+            f"{self.sent} frames sent, {self.unheard} that nobody read, {self.silent} withheld "
+            f"by faults; at most {1e3 * self.late:.1f} ms late"
+        )
 
 
 class Player:
@@ -142,3 +151,103 @@ def _sleep_until(due: float, end: float, stopped: Callable[[], bool]) -> bool:
             return False
         time.sleep(min(min(due, end) - now, _LONGEST_SLEEP))
     return False
+
+
+@dataclass(frozen=True, eq=False)
+class TrueTrajectory:
+    """True readings at the time stamps of the frames, sent or not.
+
+    Attributes:
+        time: (n,) device clock, s, not wrapped; a reboot does not show in it.
+        motion_time: (n,) time of the motion, s.
+        q: (n, joints) true readings, without noise, rad (m).
+    """
+
+    time: FloatArray
+    motion_time: FloatArray
+    q: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    def at(self, time: FloatArray) -> FloatArray:
+        """(n, joints) true readings at times of the device's clock (n,), s, interpolated."""
+        columns = [np.interp(time, self.time, column) for column in self.q.T]
+        return np.stack(columns, axis=-1)
+
+
+class Recorder:
+    """Collects a trajectory block by block.
+
+    Args:
+        emulation: the arm.
+        first_period: of its stream.
+    """
+
+    def __init__(self, emulation: Emulation, first_period: int = 0) -> None:
+        self._emulation, self._first = emulation, first_period
+        self._blocks: list[tuple[int, FloatArray, FloatArray]] = []
+
+    def __call__(self, number: int, motion_time: FloatArray, q: FloatArray) -> None:
+        """Take the next block: number of its first frame, times and readings."""
+        self._blocks.append((number, motion_time, q))
+
+    def trajectory(self, count: int) -> TrueTrajectory:
+        """The first ``count`` frames: what is computed ahead has not happened."""
+        joints = len(self._emulation.device.joints)
+        first = self._first
+        numbers: NDArray[np.int64] = np.arange(first, first + count)
+        time = np.array([self._emulation.time_us(int(number)) for number in numbers]) / 1e6
+        at = np.concatenate([np.empty(0), *(block[1] for block in self._blocks)])
+        q = np.concatenate([np.empty((0, joints)), *(block[2] for block in self._blocks)])
+        return TrueTrajectory(time, at[:count], q[:count])
+
+
+class RoundClock:
+    """Time of the motion: the stream's, but it waits at the end of each round.
+
+    A round is one placement gone through once. Its last rest lasts until the port is closed after
+    at least half of it; then the arm is on the first place of the next round, and goes on when
+    the port is opened again. So one emulated arm serves one ``measure`` after the other, however
+    long they take to start.
+
+    Args:
+        motion: what the arm does; motions without rounds are never held.
+        heard: whether anybody has the port open.
+    """
+
+    def __init__(self, motion: Motion, heard: Callable[[], bool]) -> None:
+        self._heard = heard
+        self._origin = 0.0
+        self._gates: list[tuple[float, float]] = []
+        self._between = False
+        if isinstance(motion, Stops):
+            # After the last round the arm rests for good: no gate there.
+            self._gates = [
+                (motion.arrival(stop) + motion.rest / 2, motion.arrival(stop + 1))
+                for stop in motion.rounds[:-1]
+            ]
+            self._half = motion.rest / 2
+
+    def __call__(self, time: FloatArray) -> FloatArray:
+        """(n,) time of the motion at (n,) times of the stream, increasing from call to call."""
+        if not self._gates:
+            return time - self._origin
+        leave, resume = self._gates[0]
+        if self._between:
+            return self._waiting(time, resume)
+        at = np.asarray(time - self._origin, dtype=float)
+        if at[-1] >= leave and not self._heard():
+            self._between = True
+            return np.full_like(time, resume)
+        held: FloatArray = np.minimum(at, leave + self._half)
+        return held
+
+    def _waiting(self, time: FloatArray, resume: float) -> FloatArray:
+        """Resting on the first place of the next round."""
+        if not self._heard():
+            return np.full_like(time, resume)
+        self._between = False
+        self._gates.pop(0)
+        self._origin = float(time[0]) - resume
+        return time - self._origin

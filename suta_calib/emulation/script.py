@@ -13,26 +13,34 @@ from typing import Final
 
 import numpy as np
 
+from suta_calib.arrays import FloatArray
 from suta_calib.emulation.motion import Stops, continuous
+from suta_calib.emulation.trajectories import posture_of
 from suta_calib.emulation.truth import error_rows
-from suta_calib.errors import InputError, did_you_mean
+from suta_calib.errors import InputError, JobError, did_you_mean
 from suta_calib.geometry.numbers import rotation_from_rpy
-from suta_calib.measurements import read_artefact
+from suta_calib.job.outline import JobOutline
+from suta_calib.measurements import Artefact, YamlSection, read_artefact, read_yaml
 from suta_calib.model.arm import ArmModel
 from suta_calib.simulation import (
+    InverseKinematics,
     NoiseLevels,
     PoseSpec,
     SetSpec,
     SimulatedFile,
     SimulationSpec,
+    Targets,
+    read_simulation,
     simulate,
 )
-from suta_calib.simulation.noise import full_circle
+from suta_calib.simulation.noise import full_circle, stream
 from suta_calib.simulation.schema import PostureRow
 from suta_calib.terms import first_kind
+from suta_calib.terms.landmark import seated
 from suta_calib.units import from_deg, from_mm
 
 SEATING: Final = NoiseLevels(seating=5e-5)
+PLACE_FORM: Final = "LABEL=x,y,z or LABEL=x,y,z,roll,pitch,yaw in mm and degrees"
 
 
 @dataclass(frozen=True)
@@ -192,7 +200,135 @@ def parse_pose(text: str, where: str = "") -> tuple[str, PoseSpec]:
         numbers = []
     usable = len(numbers) in (3, 6) and np.isfinite(numbers).all()
     if not (equals and label.strip() and usable):
-        expected = "LABEL=x,y,z or LABEL=x,y,z,roll,pitch,yaw in mm and degrees"
-        raise InputError(repr(text), expected, where=where)
+        raise InputError(repr(text), PLACE_FORM, where=where)
     rotation = rotation_from_rpy(from_deg(np.array(numbers[3:]))) if numbers[3:] else np.eye(3)
     return label.strip(), PoseSpec(rotation, from_mm(np.array(numbers[:3])))
+
+
+@dataclass(frozen=True, eq=False)
+class ScriptFile:
+    """A ``calibration.yaml`` or ``simulation.yaml``, as far as an emulated arm needs it.
+
+    Attributes:
+        path: the file.
+        tip, base: ends of its arm's chain; base None for the root link.
+        artefact: the artefact's file, if the script has one.
+        unknowns: names and globs of the parameters a job looks for; empty for a simulation.
+        simulation: the whole file, if it is a simulation.
+    """
+
+    path: Path
+    tip: str
+    base: str | None
+    artefact: Path | None
+    unknowns: tuple[str, ...]
+    simulation: SimulationSpec | None = None
+
+    def set(self, name: str | None = None) -> SetSpec:
+        """One of a simulation's sets: that of this name, or the first that a tip can touch.
+
+        Raises:
+            JobError: no such set, or one that is seen from afar.
+        """
+        assert self.simulation is not None
+        sets = {each.name: each for each in self.simulation.sets}
+        touched = [n for n, each in sets.items() if each.term.medium == "touch"]
+        if name is None and touched:
+            return sets[touched[0]]
+        if name not in touched:
+            raise JobError(
+                "nothing that a tip touches" if name is None else f"{name!r}",
+                f"a set whose tip touches something: {', '.join(touched) or 'none here'}",
+                file=self.path,
+                where="sets",
+            )
+        return sets[name]
+
+
+def read_script(path: Path) -> ScriptFile:
+    """Read a script.
+
+    Raises:
+        JobError: the file cannot be read, is neither a job nor a simulation, or names an
+            artefact that does not exist; names the line and the key.
+    """
+    path = Path(path)
+    top = YamlSection(read_yaml(path, JobError), JobError)
+    if "sets" in top:
+        spec = read_simulation(path)
+        return ScriptFile(path, spec.tip, spec.base, None, (), spec)
+    if "observations" not in top:
+        raise top.refuse(
+            "neither a job nor a simulation",
+            "'observations' as in a calibration.yaml, or 'sets' as in a simulation.yaml",
+        )
+    job = JobOutline.of(top)
+    artefacts = (row.artefact() for row in job.rows if not row.held_out)
+    artefact = next(filter(None, artefacts), None)
+    return ScriptFile(path, job.tip, job.base, artefact, job.unknowns)
+
+
+_TRIES: Final = 300
+_STARTS: Final = 3
+
+
+def placement_within_reach(
+    arm: ArmModel,
+    values: Mapping[str, float],
+    artefact: Path,
+    label: str,
+    *,
+    posture: FloatArray | None = None,
+    seed: int = 0,
+) -> PoseSpec:
+    """An upright pose of an artefact, drawn at random, in which every landmark can be reached.
+
+    Args:
+        arm: the nominal arm.
+        values: its true parameters, m or rad.
+        artefact: the artefact's file.
+        label: of the placement; others are drawn for other labels.
+        posture: (joints,) readings about which it is looked for; the middle of the ranges.
+        seed: of the pose.
+
+    Raises:
+        JobError: none was found.
+    """
+    rng = stream(seed, label, "placement")
+    kinematics = InverseKinematics(arm, values)
+    start = posture_of(arm) if posture is None else posture
+    read = read_artefact(artefact)
+    near = start + 0.4 * (kinematics.random_readings(rng, _TRIES) - start)
+    _, tips = arm.forward(near, values)
+    for tip in tips:
+        rotation = rotation_from_rpy([0.0, 0.0, rng.uniform(-np.pi, np.pi)])
+        centre = np.mean([mark.position for mark in read.landmarks.values()], axis=0)
+        # Rounded to what somebody would write down, and not below the table the arm stands on.
+        position = np.round(tip - rotation @ centre, 4)
+        pose = PoseSpec(rotation, np.array([*position[:2], max(0.0, position[2])]))
+        if _reached(kinematics, read, pose, start, rng):
+            return pose
+    raise JobError(
+        f"no place for placement {label!r} in {_TRIES} tries",
+        "an upright pose in which every landmark is within reach",
+        file=artefact,
+        hint=f"give one: --placement {label}=x,y,z,roll,pitch,yaw in mm and degrees",
+    )
+
+
+def _reached(
+    kinematics: InverseKinematics,
+    artefact: Artefact,
+    pose: PoseSpec,
+    start: FloatArray,
+    rng: np.random.Generator,
+) -> bool:
+    """Whether every landmark can be: one after the other, for most poses fail at the first."""
+    marks = sorted(artefact.landmarks.values(), key=lambda mark: mark.rotation is None)
+    tips = seated(artefact, [mark.name for mark in marks], pose.rotation, pose.position)
+    assert tips.rotation is not None
+    targets = (
+        Targets(p[None], R[None], "position" if mark.rotation is None else "pose")
+        for mark, p, R in zip(marks, tips.position, tips.rotation, strict=True)
+    )
+    return all(kinematics.solve(each, start, rng, _STARTS).reached[0] for each in targets)

@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.device.description import DeviceSpec
-from suta_calib.emulation.damage import Damage
-from suta_calib.emulation.encoders import encoder_for
-from suta_calib.emulation.faults import Faults, Flag
+from suta_calib.device.formats import format_of
+from suta_calib.emulation.faults import Damage, Faults, Flag
 from suta_calib.emulation.motion import Motion
 from suta_calib.errors import InputError
 
@@ -125,7 +124,7 @@ class _Source:
 
     def __init__(self, emulation: Emulation, first_period: int) -> None:
         self._emulation, self._first = emulation, first_period
-        self._encoder = encoder_for(emulation.device)
+        self._encoder = format_of(emulation.device).encoder(emulation.device)
         self._noise = np.random.default_rng([emulation.seed, 1])
         self._skips = np.random.default_rng([emulation.seed, 2])
         self._damage = Damage(emulation.faults, emulation.seed)

@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 
 from suta_calib.arrays import FloatArray
-from suta_calib.emulation.motion import Curve, Sweep, continuous
-from suta_calib.errors import InputError, did_you_mean
+from suta_calib.emulation.motion import Curve, Sweep, ThereAndBack, continuous
+from suta_calib.errors import InputError, JobError, did_you_mean
+from suta_calib.geometry.numbers import rotation_from_vector
 from suta_calib.measurements.csv_table import read_csv_table
 from suta_calib.model.arm import ArmModel
-from suta_calib.simulation import InverseKinematics
-from suta_calib.simulation.noise import full_circle
+from suta_calib.simulation import InverseKinematics, Targets
+from suta_calib.simulation.inverse_kinematics import Matching
+from suta_calib.simulation.noise import full_circle, stream
+from suta_calib.units import deg, from_deg, mm, stored
 
 # A prismatic joint swings by this much for every rad of the others.
 _M_PER_RAD: Final = 0.2
@@ -48,7 +51,7 @@ def sweep(
     arm: ArmModel,
     posture: FloatArray | None = None,
     *,
-    amplitude: float = math.radians(20),
+    amplitude: float = from_deg(20.0),
     slowest: float = 0.05,
     fastest: float = 0.5,
     duration: float = 60.0,
@@ -113,4 +116,139 @@ def _si(arm: ArmModel, name: str, equals: str, value: str) -> float:
             where="posture",
         )
     prismatic = [joint.name for joint in arm.chain.moving if joint.type == "prismatic"]
-    return 1e-3 * number if name in prismatic else math.radians(number)
+    return stored(number, "m" if name in prismatic else "rad")
+
+
+# So dense that a cubic between two of them keeps the tip within a micrometre.
+_KNOTS: Final = 1000
+_FEWEST_JOINTS: Final = 5
+# So many postures are tried where none is asked for.
+_OTHERS: Final = 20
+
+
+def pivoting(
+    arm: ArmModel,
+    values: Mapping[str, float],
+    point: FloatArray | None = None,
+    *,
+    posture: FloatArray | None = None,
+    cone: float = from_deg(30.0),
+    period: float = 40.0,
+    seed: int = 0,
+) -> ThereAndBack:
+    """Readings that keep the tip of the true arm on a point.
+
+    Args:
+        arm: the nominal arm.
+        values: its true parameters, m or rad.
+        point: (3,) in the base, m; by default where the tip is at ``posture``.
+        posture: (joints,) readings from which the first posture is searched; the middle of every
+            joint's range by default, and others where that does not allow the tilts, as with many
+            an arm that is stretched there.
+        cone: largest angle by which the tool is tilted, rad.
+        period: of going through all tilts and back, s.
+        seed: of the search.
+
+    Raises:
+        JobError: too few joints to tilt the tool, or the point or a tilt is out of reach.
+    """
+    kinematics = InverseKinematics(arm, values)
+    matching, tilts = _matching(arm), rotation_from_vector(_tilts(cone))
+    start = kinematics.middle if posture is None else np.asarray(posture, dtype=float)
+    rng = stream(seed, "pivot")
+    others = kinematics.random_readings(stream(seed, "pivot from"), _OTHERS)
+    starts = [start, *others] if posture is None else [start]
+    knots = _first_tilted(kinematics, values, point, starts, tilts, matching, rng)
+    knots = continuous(knots, full_circle(arm))
+    # By the length of the way in joint space: no joint hurries where the arm is nearly singular.
+    steps = np.linalg.norm(np.diff(knots, axis=0), axis=1)
+    length = np.concatenate([[0.0], np.cumsum(steps + 1e-3 * steps.mean())])
+    return ThereAndBack(Curve(length, knots), period)
+
+
+def _first_tilted(
+    kinematics: InverseKinematics,
+    values: Mapping[str, float],
+    point: FloatArray | None,
+    starts: Sequence[FloatArray],
+    tilts: FloatArray,
+    matching: Matching,
+    rng: np.random.Generator,
+) -> FloatArray:
+    """Postures about the point, or where the tip is, from the first of some that allows them."""
+    refused: JobError | None = None
+    for start in starts:
+        rotation, position = kinematics.arm.forward(start, values)
+        try:
+            if point is not None:
+                position = np.asarray(point, dtype=float)
+                start = _reached(kinematics, position, rotation, "position", start, rng)
+            return _tilted(kinematics, values, position, start, tilts, matching, rng)
+        except JobError as error:
+            refused = refused or error
+    assert refused is not None
+    raise refused
+
+
+def _tilted(
+    kinematics: InverseKinematics,
+    values: Mapping[str, float],
+    position: FloatArray,
+    start: FloatArray,
+    tilts: FloatArray,
+    matching: Matching,
+    rng: np.random.Generator,
+) -> FloatArray:
+    """(n, joints) postures in which the tip is on the point, tilted from the first posture's."""
+    rotation, _ = kinematics.arm.forward(start, values)
+    knots = np.empty((len(tilts), len(start)))
+    for k, tilt in enumerate(tilts):
+        start = _reached(kinematics, position, rotation @ tilt, matching, start, rng)
+        knots[k] = start
+    return knots
+
+
+def _matching(arm: ArmModel) -> Matching:
+    joints = len(arm.joints)
+    if joints < _FEWEST_JOINTS:
+        raise JobError(
+            f"an arm with {joints} joints",
+            f"at least {_FEWEST_JOINTS}: one with fewer cannot tilt its tool on a point",
+            file=arm.chain.path,
+            where="pivot",
+        )
+    return "axis" if joints == _FEWEST_JOINTS else "pose"
+
+
+def _tilts(cone: float) -> FloatArray:
+    """(n, 3) rotation vectors: a Lissajous figure over the cone, and turns about the tool."""
+    s = np.linspace(0.0, 1.0, _KNOTS)
+    two_pi = 2 * np.pi
+    figure = np.stack([np.sin(3 * two_pi * s), np.sin(2 * two_pi * s), np.sin(two_pi * s)], axis=1)
+    # The first two reach their largest values together: the corner of a square in a circle.
+    return np.asarray(cone * figure * np.array([math.sqrt(0.5), math.sqrt(0.5), 0.5]), dtype=float)
+
+
+def _reached(
+    kinematics: InverseKinematics,
+    position: FloatArray,
+    rotation: FloatArray,
+    matching: Matching,
+    start: FloatArray,
+    rng: np.random.Generator,
+) -> FloatArray:
+    """The posture next to ``start`` that reaches a pose: one start, lest another branch is met."""
+    target = Targets(position[None], rotation[None], matching)
+    starts = 40 if matching == "position" else 1
+    answer = kinematics.solve(target, start, rng, starts)
+    if answer.reached[0]:
+        return np.asarray(answer.q[0], dtype=float)
+    x, y, z = mm(position)
+    off = f"{mm(answer.distance[0]):.3g} mm and {deg(answer.angle[0]):.3g} deg away"
+    raise JobError(
+        f"a tilt about ({x:.1f}, {y:.1f}, {z:.1f}) mm out of the arm's reach (closest: {off})",
+        "a point that the tip can be tilted on",
+        file=kinematics.arm.chain.path,
+        where="pivot",
+        hint="move the point, start from another posture, or make the cone smaller",
+    )

@@ -1,21 +1,30 @@
-"""True parameters of an emulated arm: read from a file, drawn, or nominal."""
+"""The truth behind an emulated arm: read from a file or drawn, and what is left of it in files."""
 
 from __future__ import annotations
 
+import csv
+import io
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
+import numpy as np
+from ruamel.yaml import YAML
+from ruamel.yaml.comments import CommentedMap, CommentedSeq
+
+from suta_calib.emulation.motion import Motion, Stops
+from suta_calib.emulation.player import TrueTrajectory
 from suta_calib.errors import JobError, did_you_mean
-from suta_calib.measurements import YamlSection, read_yaml
+from suta_calib.geometry.numbers import quaternion_from_rotation, rpy_from_rotation
+from suta_calib.measurements import YamlSection, read_yaml, write_text
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import OFFSET, POSITION, Parameter
-from suta_calib.simulation import ErrorRow, SimulationSpec, read_simulation, true_values
+from suta_calib.simulation import ErrorRow, SetSpec, SimulationSpec, read_simulation, true_values
+from suta_calib.units import Unit, deg, key, mm, shown, stored
 
 # Sizes of drawn errors: those of a well-made arm whose encoders were set by eye.
 _OFFSET_STD: Final = {"rad": 0.013, "m": 1e-3}  # 0.75°
 _TILT_STD: Final = {"rad": 0.0017}  # 0.1°
-_RAD_PER_DEG: Final = 0.017453292519943295
 
 
 def nominal_values(arm: ArmModel) -> dict[str, float]:
@@ -64,8 +73,8 @@ def _values(listed: YamlSection, arm: ArmModel) -> dict[str, float]:
 
 
 def _value(row: YamlSection, parameter: Parameter) -> float:
-    key, scale = ("value_mm", 1e-3) if parameter.unit == "m" else ("value_deg", _RAD_PER_DEG)
-    return scale * row.number(key)
+    unit = _written(parameter)
+    return stored(row.number(key("value", unit)), unit)
 
 
 def drawn_truth(arm: ArmModel, seed: int, select: Sequence[str] = ()) -> dict[str, float]:
@@ -117,3 +126,119 @@ def _usual(arm: ArmModel) -> tuple[str, ...]:
 def _only_errors(arm: ArmModel, rows: tuple[ErrorRow, ...]) -> SimulationSpec:
     chain = arm.chain
     return SimulationSpec(chain.path, chain.path, chain.tip, chain.base, 0, (), rows, ())
+
+
+_TRUTH_HEADING: Final = (
+    "# Simulated: the truth behind an emulated arm, for judging a calibration. Nothing here was\n"
+    "# measured. Parameters that are not listed are nominal.\n"
+)
+
+
+def truth_text(
+    arm: ArmModel,
+    values: Mapping[str, float],
+    seed: int,
+    plan: SetSpec | None = None,
+    motion: Motion | None = None,
+) -> str:
+    """``truth.yaml``, as `suta_calib.simulation` writes it, and what the arm touches.
+
+    Args:
+        arm: the nominal arm.
+        values: its true parameters, m or rad.
+        seed: of the emulation.
+        plan: what is touched, for a script.
+        motion: the rests of a script.
+    """
+    nominal = arm.parameters
+    departing = {n: v for n, v in values.items() if v != nominal[n].nominal}
+    document: dict[str, Any] = {
+        "simulated": True,
+        "seed": seed,
+        "parameters": {name: _parameter(arm, name, value) for name, value in departing.items()},
+    }
+    if plan is not None:
+        document[plan.places_key] = {
+            name: one_line(
+                {
+                    "position_mm": _rounded(mm(pose.position)),
+                    "rotation_rpy_deg": _rounded(deg(rpy_from_rotation(pose.rotation))),
+                }
+            )
+            for name, pose in plan.places.items()
+        }
+    if isinstance(motion, Stops):
+        document["rests"] = [
+            one_line({"arrival_s": round(motion.arrival(k), 6), **labels})
+            for k, labels in enumerate(motion.labels)
+        ]
+    return _TRUTH_HEADING + yaml_text(document)
+
+
+def write_trajectory(
+    path: Path,
+    arm: ArmModel,
+    values: Mapping[str, float],
+    trajectory: TrueTrajectory,
+    motion: Motion | None = None,
+) -> None:
+    """Write a CSV file: ``time`` (s), true tip pose (m, quaternion x y z w), true readings (rad).
+
+    A script adds the labels of the rest the arm is on, empty while it moves.
+
+    Raises:
+        OutputError: the file cannot be written; what was there is untouched.
+    """
+    rotation, position = arm.forward(trajectory.q, values)
+    quaternion = quaternion_from_rotation(rotation)
+    numbers = np.column_stack([position, quaternion, trajectory.q])
+    labels = _resting(motion, trajectory)
+    header = ["time", "x", "y", "z", "qx", "qy", "qz", "qw", *arm.joints, *labels]
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(header)
+    for k, (time, row) in enumerate(zip(trajectory.time.tolist(), numbers.tolist(), strict=True)):
+        cells = [f"{value:.12g}" for value in row]
+        writer.writerow([f"{time:.6f}", *cells, *(column[k] for column in labels.values())])
+    write_text(path, text.getvalue())
+
+
+def _resting(motion: Motion | None, trajectory: TrueTrajectory) -> dict[str, list[str]]:
+    """Label columns of a script."""
+    if not isinstance(motion, Stops):
+        return {}
+    stop = motion.resting_on(trajectory.motion_time)
+    numbers = [None if np.isnan(each) else int(each) for each in stop]
+    names = list(motion.labels[0])
+    return {name: ["" if k is None else motion.labels[k][name] for k in numbers] for name in names}
+
+
+def _parameter(arm: ArmModel, name: str, value: float) -> CommentedMap:
+    parameter = arm.parameters[name]
+    unit = _written(parameter)
+    error = round(shown(value - parameter.nominal, unit), 9)
+    return one_line({key("value", unit): shown(value, unit), key("error", unit): error})
+
+
+def _written(parameter: Parameter) -> Unit:
+    """How a truth.yaml gives a parameter: mm, or degrees (a compliance per Nm)."""
+    return "m" if parameter.unit == "m" else "rad"
+
+
+def one_line(values: dict[str, Any]) -> CommentedMap:
+    """A mapping that is written on one line."""
+    row = CommentedMap(values)
+    row.fa.set_flow_style()
+    return row
+
+
+def _rounded(values: np.ndarray) -> CommentedSeq:
+    return CommentedSeq([round(float(value), 9) + 0.0 for value in values])
+
+
+def yaml_text(document: dict[str, Any]) -> str:
+    """A mapping as YAML, every row on its line."""
+    yaml, text = YAML(), io.StringIO()
+    yaml.width = 1000
+    yaml.dump(document, text)
+    return text.getvalue()

@@ -10,13 +10,13 @@ import numpy as np
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.geometry.numbers import rotation_from_vector
 from suta_calib.measurements.samples import Samples
+from suta_calib.model.parameters import PLACEMENT
 from suta_calib.pose_calibration.consensus import Consensus
 from suta_calib.pose_calibration.robust_fit import RobustFit, evaluate, robust_fit
 from suta_calib.terms.block import Noise
 from suta_calib.terms.hand_eye import HandEye
 from suta_calib.terms.hand_eye_start import Poses
 from suta_calib.terms.poses import MeasuredPoses
-from suta_calib.model.parameters import PLACEMENT
 
 # Before the data are asked: anything from none to all.
 EXPECTED: Final = 0.5

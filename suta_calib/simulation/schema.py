@@ -15,7 +15,7 @@ from suta_calib.arrays import FloatArray
 from suta_calib.errors import JobError
 from suta_calib.geometry.numbers import rotation_from_rpy
 from suta_calib.measurements import YamlSection, read_yaml
-from suta_calib.measurements.yaml_section import Sign
+from suta_calib.measurements.yaml_file import Sign
 from suta_calib.simulation.noise import NoiseLevels, OutlierSpec
 from suta_calib.terms import KINDS, Term
 from suta_calib.units import Unit, from_deg, from_mm, key, stored

@@ -7,20 +7,22 @@ process's signals.
 
 from __future__ import annotations
 
+import contextlib
+import selectors
+import socket
+import threading
 from typing import Any, Final
 
 import numpy as np
+import pyigtl
 
-from suta_calib.errors import InputError
-from suta_calib.extras import load
-from suta_calib.tracking.broadcast import Broadcast
-from suta_calib.tracking.pose import TrackedPose
+from suta_calib.errors import InputError, OutputError
 from suta_calib.tracking.publisher import Publisher
+from suta_calib.tracking.tracker import TrackedPose
+from suta_calib.units import mm
 
 # The field's size in the protocol's header.
 LONGEST_NAME: Final = 20
-DEFAULT_NAME: Final = "TipToBase"
-_MM: Final = 1e3
 
 
 class IgtlPublisher(Publisher):
@@ -40,15 +42,13 @@ class IgtlPublisher(Publisher):
     Raises:
         InputError: a device name that does not fit.
         OutputError: the port cannot be listened at.
-        MissingExtraError: pyigtl is not installed.
     """
 
     name = "igtl"
 
-    def __init__(self, port: int, device_name: str = DEFAULT_NAME, host: str = "") -> None:
+    def __init__(self, port: int, device_name: str = "TipToBase", host: str = "") -> None:
         super().__init__()
         check_device_name(device_name)
-        self._message = load("pyigtl", "device").TransformMessage
         self._device_name = device_name
         self.invalid = 0
         self._broadcast = Broadcast(host, port)
@@ -77,8 +77,10 @@ class IgtlPublisher(Publisher):
     def _packed(self, pose: TrackedPose) -> bytes:
         matrix = np.eye(4)
         matrix[:3, :3] = pose.rotation
-        matrix[:3, 3] = _MM * pose.position
-        message = self._message(matrix, timestamp=pose.host_time, device_name=self._device_name)
+        matrix[:3, 3] = mm(pose.position)
+        message = pyigtl.TransformMessage(
+            matrix, timestamp=pose.host_time, device_name=self._device_name
+        )
         return bytes(message.pack())
 
 
@@ -90,3 +92,150 @@ def check_device_name(name: str) -> None:
     """
     if not (0 < len(name) <= LONGEST_NAME and name.isascii() and name.isprintable()):
         raise InputError(f"{name!r}", f"1 to {LONGEST_NAME} ASCII characters", where="--igtl-name")
+
+
+# Bytes the kernel may keep for a client: a client that falls behind further loses messages, and
+# one that catches up sees nothing older than these.
+SEND_BUFFER: Final = 1 << 16
+_WAITING_CLIENTS: Final = 16
+_DISCARDED_AT_ONCE: Final = 1 << 16
+
+
+class _Client:
+    """One connection; what is left of a message that was half sent comes before the next."""
+
+    def __init__(self, connection: socket.socket) -> None:
+        self.connection = connection
+        self.rest = b""
+        self.gone = False
+        connection.setblocking(False)
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER)
+
+    def send(self, message: bytes) -> bool:
+        """Whether the message was taken; a message is sent whole or not at all."""
+        if self.rest:
+            self.rest = self._send(self.rest)
+            if self.rest:
+                return False
+        left = self._send(message)
+        self.rest = b"" if len(left) == len(message) else left
+        return len(left) < len(message)
+
+    def _send(self, data: bytes) -> bytes:
+        """What the kernel did not take of it."""
+        try:
+            return data[self.connection.send(data) :]
+        except (BlockingIOError, InterruptedError):
+            return data
+        except OSError:
+            self.gone = True
+            return data
+
+
+class Broadcast:
+    """A TCP server that sends the same messages to everybody who is connected.
+
+    Clients come and go in a thread of their own; what they send is read and ignored. A client
+    that does not read loses messages: whole ones, so that what it does receive stays readable.
+
+    Args:
+        host: address to listen at; empty for all.
+        port: port to listen at; 0 for any free one.
+
+    Attributes:
+        port: the port it listens at.
+
+    Raises:
+        OutputError: the port cannot be listened at.
+    """
+
+    def __init__(self, host: str, port: int) -> None:
+        self._listener = _listener(host, port)
+        self.port: int = self._listener.getsockname()[1]
+        self.connections = 0
+        # A tuple that one thread replaces and nobody changes: the sender walks along it unlocked.
+        self._clients: tuple[_Client, ...] = ()
+        self._wake, self._woken = socket.socketpair()
+        self._thread = threading.Thread(target=self._serve, name="broadcast", daemon=True)
+        self._thread.start()
+
+    @property
+    def clients(self) -> int:
+        """How many are connected."""
+        return len(self._clients)
+
+    def send(self, message: bytes) -> tuple[int, int]:
+        """Send to everybody without waiting; how many took it, and how many could not."""
+        clients = self._clients
+        taken = sum(client.send(message) for client in clients)
+        lost = len(clients) - taken
+        if lost:
+            for client in clients:
+                if client.gone:
+                    # The serving thread sees the end of file and takes it from its selector.
+                    with contextlib.suppress(OSError):
+                        client.connection.shutdown(socket.SHUT_RDWR)
+        return taken, lost
+
+    def close(self) -> None:
+        """Send the last rests as far as they go, hang up, stop listening."""
+        self._wake.send(b"x")
+        self._thread.join(timeout=5)
+        for end in (self._wake, self._woken, self._listener):
+            end.close()
+
+    def _serve(self) -> None:
+        with selectors.DefaultSelector() as selector:
+            selector.register(self._listener, selectors.EVENT_READ)
+            selector.register(self._woken, selectors.EVENT_READ)
+            while True:
+                for key, _ in selector.select():
+                    if key.fileobj is self._woken:
+                        self._hang_up()
+                        return
+                    if key.fileobj is self._listener:
+                        self._welcome(selector)
+                    elif not _still_there(key.data.connection):
+                        self._farewell(selector, key.data)
+
+    def _welcome(self, selector: selectors.BaseSelector) -> None:
+        try:
+            connection, _ = self._listener.accept()
+            client = _Client(connection)
+        except OSError:
+            return
+        selector.register(connection, selectors.EVENT_READ, client)
+        self.connections += 1
+        self._clients = (*self._clients, client)
+
+    def _farewell(self, selector: selectors.BaseSelector, client: _Client) -> None:
+        self._clients = tuple(c for c in self._clients if c is not client)
+        selector.unregister(client.connection)
+        client.connection.close()
+
+    def _hang_up(self) -> None:
+        clients, self._clients = self._clients, ()
+        for client in clients:
+            client.connection.close()
+
+
+def _listener(host: str, port: int) -> socket.socket:
+    try:
+        return socket.create_server((host, port), backlog=_WAITING_CLIENTS)
+    except (OSError, OverflowError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise OutputError(
+            f"--igtl: port {port} of {host or 'this machine'} cannot be listened at: {reason}; "
+            "expected a free port; choose another"
+        ) from None
+
+
+def _still_there(connection: socket.socket) -> bool:
+    """Read and forget what a client says; False when it has hung up."""
+    try:
+        return bool(connection.recv(_DISCARDED_AT_ONCE))
+    except (BlockingIOError, InterruptedError):
+        return True
+    except OSError:
+        return False

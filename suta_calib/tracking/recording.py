@@ -18,8 +18,8 @@ import numpy as np
 
 from suta_calib.errors import OutputError
 from suta_calib.extras import load
-from suta_calib.tracking.pose import TrackedPose
 from suta_calib.tracking.publisher import Publisher
+from suta_calib.tracking.tracker import TrackedPose
 
 COLUMNS: Final = (
     *("sequence", "time", "host_time", "x", "y", "z", "qx", "qy", "qz", "qw"),

@@ -5,17 +5,18 @@ from __future__ import annotations
 import gc
 import sys
 import time
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any, Final, Protocol
+from typing import TYPE_CHECKING, Any, Final
 
 from suta_calib.tracking.latency import LatencyStatistics
-from suta_calib.tracking.pose import TrackedPose
 from suta_calib.tracking.publisher import Publisher
-from suta_calib.tracking.tracker import Tracker
+from suta_calib.tracking.tracker import TrackedPose, Tracker
 
 if TYPE_CHECKING:
-    from suta_calib.device.reading import Reading
+    from suta_calib.device.reading import Reading, ReadingSource
+
 
 # s; how long one look at the bus may last: the run's end is not noticed before.
 _LOOK: Final = 0.05
@@ -24,13 +25,6 @@ _SWITCH: Final = 2e-5
 
 # Of a period, that a frame may come early: clocks count in whole microseconds.
 _EARLY: Final = 0.05
-
-
-class ReadingSource(Protocol):
-    """What the tracker needs of a bus."""
-
-    def read(self, timeout: float = 0.1) -> list[Reading]:
-        """Whatever has arrived, in order; nothing after the timeout."""
 
 
 class TrackingSession:
@@ -78,10 +72,9 @@ class TrackingSession:
         self.began, self.running = time.perf_counter(), True
         end = float("inf") if seconds is None else self.began + seconds
         try:
-            with prompt():
-                while not stop() and (left := end - time.perf_counter()) > 0:
-                    for reading in source.read(min(_LOOK, left)):
-                        self.take(reading)
+            while not stop() and (left := end - time.perf_counter()) > 0:
+                for reading in source.read(min(_LOOK, left)):
+                    self.take(reading)
         finally:
             self.ended, self.running = time.perf_counter(), False
 
@@ -132,8 +125,11 @@ class TrackingSession:
 
 
 @contextmanager
-def prompt() -> Iterator[None]:
-    """Make Python answer quickly: threads give way soon, and old objects are not looked through."""
+def low_latency() -> Iterator[None]:
+    """Make Python answer quickly: threads give way soon, and old objects are not looked through.
+
+    Enter it before the port is opened: sorting out the old objects takes a tenth of a second.
+    """
     before = sys.getswitchinterval()
     sys.setswitchinterval(_SWITCH)
     gc.collect()
@@ -143,3 +139,27 @@ def prompt() -> Iterator[None]:
     finally:
         gc.unfreeze()
         sys.setswitchinterval(before)
+
+
+_WINDOW_S: Final = 1.5
+
+
+class Pace:
+    """Counts a second over the last second or two, from whenever it is asked.
+
+    Args:
+        count: a number that only grows.
+    """
+
+    def __init__(self, count: Callable[[], int]) -> None:
+        self._count = count
+        self._seen: deque[tuple[float, int]] = deque([(time.perf_counter(), count())])
+
+    def __call__(self) -> float:
+        """Growth per second since the oldest look within the window."""
+        now = time.perf_counter()
+        self._seen.append((now, self._count()))
+        while len(self._seen) > 2 and now - self._seen[0][0] > _WINDOW_S:
+            self._seen.popleft()
+        (then, before), (now, after) = self._seen[0], self._seen[-1]
+        return (after - before) / max(now - then, 1e-9)

@@ -9,8 +9,7 @@ import pytest
 from acquisition_scenes import Attempt, check_against, file_of, plan_of, visit
 from device_stand_in import Script, postures_on
 
-from suta_calib.acquisition.naming import likelier
-from suta_calib.acquisition.seating_check import SeatingCheck
+from suta_calib.acquisition.seating_check import SeatingCheck, likelier
 from suta_calib.acquisition.touch_sequence import read_arm, read_row
 from suta_calib.arrays import FloatArray
 from suta_calib.model.arm import ArmModel

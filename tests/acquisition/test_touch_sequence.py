@@ -9,7 +9,7 @@ import pytest
 from acquisition_scenes import Attempt, check_against, device, file_of, plan_of, visit
 from device_stand_in import postures_on, reading
 
-from suta_calib.acquisition.samples_file import SamplesFile
+from suta_calib.acquisition.run import SamplesFile
 from suta_calib.acquisition.seating_check import SeatingCheck
 from suta_calib.acquisition.session import ArmReadings
 from suta_calib.acquisition.touch_sequence import read_arm, read_row, repeated, touched

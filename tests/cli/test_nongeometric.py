@@ -15,7 +15,7 @@ from suta_calib.measurements import write_samples
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import Selection
 from suta_calib.report.model_selection import row_text, wrapped
-from suta_calib.tracking.tip_kinematics import TipKinematics
+from suta_calib.tracking.tracker import TipKinematics
 from suta_calib.tracking.uncertainty import read_uncertainty
 
 ECCENTRIC = 4e-3

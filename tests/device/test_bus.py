@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import serial
-from device_streams import RATE, PtyDevice, device, frames
+from device_streams import RATE, PortHere, PtyDevice, device, frames
 
-from suta_calib.device import Bus, Reading, bus
-from suta_calib.device.protocol import encode_frame, encode_line
+from suta_calib.device import Bus, Reading
+from suta_calib.device.formats import encode_frame, encode_line
 from suta_calib.errors import (
     DeviceSilentError,
     DisconnectedError,
@@ -84,10 +84,9 @@ def test_a_read_ends_after_its_timeout(arm: PtyDevice) -> None:
         assert 0.05 <= time.perf_counter() - began < 1.0
 
 
-def test_who_was_away_gets_no_old_readings(arm: PtyDevice, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(bus, "_ABSENCE_S", 0.2)
+def test_who_was_away_can_do_without_old_readings(arm: PtyDevice) -> None:
     arm.stream()
-    with Bus(spec_of(arm)) as opened:
+    with Bus(spec_of(arm), absence=0.2) as opened:
         before = read_until(opened, lambda found: len(found) >= 10)[-1]
         time.sleep(0.3)
         back = time.perf_counter()
@@ -97,6 +96,20 @@ def test_who_was_away_gets_no_old_readings(arm: PtyDevice, monkeypatch: pytest.M
         host, own = after.arrival - before.arrival, after.time - before.time
         assert own == pytest.approx(host, abs=0.05)
         assert opened.statistics.lost_frames == 0
+
+
+def test_what_comes_while_nobody_reads_is_not_lost(arm: PtyDevice) -> None:
+    """A second and a half of six joints at 500 Hz is six times what a pseudo-terminal holds."""
+    arm.stream()
+    with Bus(spec_of(arm)) as opened:
+        before = read_until(opened, lambda found: len(found) >= 10)
+        time.sleep(1.5)
+        away = time.perf_counter()
+        after = read_until(opened, lambda found: bool(found) and found[-1].arrival > away)
+        assert opened.statistics.lost_frames == 0
+    sequences = [reading.sequence for reading in before + after]
+    assert sequences == list(range(sequences[0], sequences[0] + len(sequences)))
+    assert len(after) > 500
 
 
 def test_a_device_that_says_nothing_is_named(arm: PtyDevice) -> None:
@@ -148,10 +161,12 @@ def test_the_wrong_number_of_joints_is_named(arm: PtyDevice) -> None:
         read_until(opened, bool)
 
 
-def test_a_clock_in_another_unit_is_named(arm: PtyDevice, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(bus, "_SETTLING_S", 0.3)
+def test_a_clock_in_another_unit_is_named(arm: PtyDevice) -> None:
     arm.stream(lambda n, us: encode_frame(n, us // 1000, [0] * 6))
-    with Bus(spec_of(arm)) as opened, pytest.raises(WrongFormatError, match="microseconds"):
+    with (
+        Bus(spec_of(arm), settling=0.3) as opened,
+        pytest.raises(WrongFormatError, match="microseconds"),
+    ):
         read_until(opened, bool)
 
 
@@ -170,8 +185,9 @@ def test_it_reconnects_where_that_is_asked_for(arm: PtyDevice) -> None:
     with Bus(spec_of(arm), reconnect=True, on_event=said.append) as opened:
         before = read_until(opened, lambda found: len(found) >= 20)[-1]
         arm.unplug()
-        while not said:
-            assert opened.read(0.02) == []
+        while not said:  # what was sent before is still read
+            before = (opened.read(0.02) or [before])[-1]
+        assert opened.read(0.02) == []
         arm.plug()
         arm.stream(first=0)  # a device that was without power begins anew
         after = read_until(opened, lambda found: len(found) >= 20)
@@ -225,6 +241,8 @@ def test_a_clock_that_jumps_is_said_and_settled_again(arm: PtyDevice) -> None:
     with Bus(spec_of(arm), on_event=said.append) as opened:
         before = read_until(opened, lambda found: len(found) >= 20)[-1]
         arm.stop()
+        while rest := opened.read(0.1):
+            before = rest[-1]
         arm.stream(first=0)  # a reset that keeps the port open
         after = read_until(opened, lambda found: len(found) >= 20)
         assert opened.statistics.interruptions == 1
@@ -277,20 +295,17 @@ def test_any_other_pyserial_url_is_a_port(monkeypatch: pytest.MonkeyPatch) -> No
         return made[-1]
 
     monkeypatch.setattr(serial, "serial_for_url", remember)
-    with Bus(device(port="loop://"), settle=0) as opened:
+    spec = device(port="loop://")
+    with Bus(spec, settle=0, port=PortHere(spec)) as opened:
         made[0].write(b"".join(frames(range(30))))
         assert len(read_until(opened, lambda found: len(found) >= 30)) == 30
         assert opened.read(0.01) == []
 
 
-def test_a_device_that_was_off_for_long_is_settled_again(
-    arm: PtyDevice, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_device_that_was_off_for_long_is_settled_again(arm: PtyDevice) -> None:
     """However long that lasted: it is no reason to doubt its clock."""
-    monkeypatch.setattr(bus, "_SETTLING_S", 0.3)
-    monkeypatch.setattr(bus, "_ABSENCE_S", 0.2)
     arm.stream(first=50_000)
-    with Bus(spec_of(arm), reconnect=True, silence=0.2) as opened:
+    with Bus(spec_of(arm), reconnect=True, silence=0.2, settling=0.3) as opened:
         read_until(opened, bool)
         arm.stop()
         end = time.perf_counter() + 0.5

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from suta_calib.device import Reading, Statistics
-from suta_calib.device.freshness import Freshness
+from suta_calib.device.clock import Freshness
 
 RATE = 768.0
 NONE = np.zeros(1, dtype=bool)

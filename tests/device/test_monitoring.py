@@ -13,8 +13,8 @@ from device_streams import PtyDevice, device
 from suta_calib.cli._app import INTERRUPTED, run
 from suta_calib.device import Bus, Reading
 from suta_calib.device.diagnosis import remarks
+from suta_calib.device.formats import encode_frame
 from suta_calib.device.monitoring import Monitor
-from suta_calib.device.protocol import encode_frame
 from suta_calib.device.reading import Statistics
 from suta_calib.model.arm import ArmModel
 
@@ -161,7 +161,7 @@ def test_an_interrupt_still_says_what_was_seen(
 def test_silence_is_one_line(
     arm: PtyDevice, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("suta_calib.device.watch._START_FACTOR", 0.1)
+    monkeypatch.setattr("suta_calib.device.diagnosis._START_FACTOR", 0.1)
     for more in ((), ("--json",)):
         assert monitor(arm, *more) == 2
         said = capsys.readouterr()

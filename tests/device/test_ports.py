@@ -10,8 +10,8 @@ import serial
 from device_streams import PtyDevice, device
 
 from suta_calib import extras
-from suta_calib.device import Bus, port_errors
-from suta_calib.device.port_errors import opening_error
+from suta_calib.device import Bus, port
+from suta_calib.device.port import opening_error
 from suta_calib.errors import (
     DeviceError,
     DeviceFileError,
@@ -50,16 +50,24 @@ def test_a_port_in_use_is_named_with_its_user(arm: PtyDevice) -> None:
 
 
 def test_a_port_that_is_not_there_lists_those_that_are(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(port_errors, "existing_ports", lambda: ["/dev/ttyACM7 (encoder)"])
-    message = refused(device(port="/dev/no-such-port"), PortNotFoundError)
+    spec = device(port="/dev/no-such-port")
+
+    def said() -> str:
+        with pytest.raises(PortNotFoundError) as caught:
+            port.Port(spec)
+        return str(caught.value)
+
+    monkeypatch.setattr(port, "existing_ports", lambda: ["/dev/ttyACM7 (encoder)"])
+    message = said()
     assert "/dev/no-such-port" in message
     assert "/dev/ttyACM7 (encoder)" in message
-    monkeypatch.setattr(port_errors, "existing_ports", list)
-    assert "has none" in refused(device(port="/dev/no-such-port"), PortNotFoundError)
+    monkeypatch.setattr(port, "existing_ports", list)
+    assert "has none" in said()
+    assert "/dev/no-such-port: found no such port" in refused(spec, PortNotFoundError)
 
 
 def test_the_ports_that_are_there_are_asked_of_the_system() -> None:
-    assert all(isinstance(name, str) and name for name in port_errors.existing_ports())
+    assert all(isinstance(name, str) and name for name in port.existing_ports())
 
 
 def test_a_link_to_nowhere_says_where(tmp_path: Path) -> None:
@@ -103,16 +111,15 @@ def test_a_baud_rate_the_port_lacks_is_the_files_error() -> None:
     assert "baudrate" in str(error)
 
 
-@pytest.mark.parametrize(("module", "missing"), [("serial", "serial"), ("anycrc", "anycrc")])
 def test_a_missing_package_names_the_command_that_installs_it(
-    module: str, missing: str, monkeypatch: pytest.MonkeyPatch
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     def absent(name: str) -> None:
-        raise ModuleNotFoundError(f"No module named {missing!r}", name=missing)
+        raise ModuleNotFoundError("No module named 'pyarrow'", name="pyarrow")
 
     monkeypatch.setattr(extras, "import_module", absent)
-    with pytest.raises(MissingExtraError, match=r"pip install 'suta_calib\[device\]'") as caught:
-        extras.load(module, "device")
+    with pytest.raises(MissingExtraError, match=r"pip install 'suta_calib\[parquet\]'") as caught:
+        extras.load("pyarrow.parquet", "parquet")
     assert caught.value.exit_code == 2
 
 
@@ -124,7 +131,7 @@ def test_an_installed_package_that_is_broken_is_not_called_missing(
 
     monkeypatch.setattr(extras, "import_module", broken)
     with pytest.raises(ModuleNotFoundError):
-        extras.load("pyigtl", "device")
+        extras.load("pyarrow", "parquet")
 
 
 def test_bus_of_a_spec_keeps_nothing_open_after_an_error(arm: PtyDevice) -> None:

@@ -10,7 +10,7 @@ from emulated import TRUTH, angles, device_of, landmark_stops, listen, true_land
 
 from suta_calib.device import Bus, read_device
 from suta_calib.emulation import EmulatedArm, Emulation, Faults, Still, Sweep
-from suta_calib.emulation.rounds import RoundClock
+from suta_calib.emulation.player import RoundClock
 from suta_calib.emulation.stream import STALE_TURN
 from suta_calib.errors import SutaCalibError
 from suta_calib.model.arm import ArmModel

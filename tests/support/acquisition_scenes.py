@@ -7,9 +7,8 @@ from pathlib import Path
 import numpy as np
 from device_stand_in import Replay, Script
 
-from suta_calib.acquisition.run import Run
-from suta_calib.acquisition.samples_file import SamplesFile
-from suta_calib.acquisition.session import ArmReadings, Happenings, run_session
+from suta_calib.acquisition.run import Run, SamplesFile
+from suta_calib.acquisition.session import ArmReadings, StreamEvents, run_session
 from suta_calib.acquisition.stops import StopFinder
 from suta_calib.acquisition.touch_sequence import TouchSequence, read_row, touched
 from suta_calib.acquisition.unattended import Unattended
@@ -53,9 +52,7 @@ class Attempt:
         taker = Unattended(self.run, finder, SECONDS)
         choose = ArmReadings(device(plan.arm.joints), plan.arm.joints)
         source = Replay(readings)
-        self.done = run_session(
-            source, choose, finder, taker, happenings=Happenings(), patience=1.0
-        )
+        self.done = run_session(source, choose, finder, taker, events=StreamEvents(), patience=1.0)
 
     @property
     def landmarks(self) -> list[str]:

@@ -16,7 +16,8 @@ from typing import Self
 import numpy as np
 
 from suta_calib.device.description import DeviceSpec, JointSpec
-from suta_calib.device.protocol import encode_frame
+from suta_calib.device.formats import encode_frame
+from suta_calib.device.port import Port
 from suta_calib.device.reading import Reading
 
 RATE = 500.0
@@ -55,6 +56,24 @@ def same(first: Sequence[Reading], second: Sequence[Reading]) -> bool:
         and np.array_equal(a.warning, b.warning)
         for a, b in zip(first, second, strict=True)
     )
+
+
+class PortHere:
+    """A port that this process reads itself, for tests that hold its other end."""
+
+    def __init__(self, spec: DeviceSpec) -> None:
+        self._spec, self.arrived = spec, time.perf_counter()
+
+    def open(self) -> None:
+        self._port = Port(self._spec)
+
+    def read(self, timeout: float) -> bytes:
+        data = self._port.read(timeout)
+        self.arrived = self._port.arrived
+        return data
+
+    def close(self) -> None:
+        self._port.close()
 
 
 class PtyDevice:

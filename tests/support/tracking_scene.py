@@ -14,9 +14,7 @@ from simulated import SUTA_URDF
 from suta_calib.arrays import FloatArray
 from suta_calib.device import Reading
 from suta_calib.model.arm import ArmModel
-from suta_calib.tracking.pose import TrackedPose
-from suta_calib.tracking.tip_kinematics import TipKinematics
-from suta_calib.tracking.tracker import Tracker
+from suta_calib.tracking.tracker import TipKinematics, TrackedPose, Tracker
 
 TRUTH = {
     "joint_2.offset": 0.08,

@@ -14,9 +14,7 @@ from tracking_scene import TRUTH, Calibrated, calibrated, reading, suta_tracker
 
 from suta_calib.errors import InputError
 from suta_calib.model.arm import ArmModel
-from suta_calib.tracking.tip_kinematics import TipKinematics, quaternion
-from suta_calib.tracking.tool import Tool, read_tool
-from suta_calib.tracking.tracker import Tracker
+from suta_calib.tracking.tracker import TipKinematics, Tool, Tracker, quaternion, read_tool
 from suta_calib.tracking.uncertainty import read_uncertainty
 
 

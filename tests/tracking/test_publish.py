@@ -19,12 +19,11 @@ from tracking_scene import poses
 from suta_calib.errors import InputError, OutputError
 from suta_calib.measurements.csv_table import read_csv_table
 from suta_calib.model.arm import ArmModel
-from suta_calib.tracking.broadcast import SEND_BUFFER
-from suta_calib.tracking.igtl import IgtlPublisher
-from suta_calib.tracking.pose import TrackedPose
+from suta_calib.tracking.igtl import SEND_BUFFER, IgtlPublisher
+from suta_calib.tracking.publisher import UdpPublisher
 from suta_calib.tracking.recording import CsvRecorder, ParquetRecorder
+from suta_calib.tracking.tracker import TrackedPose
 from suta_calib.tracking.trajectory import read_trajectory
-from suta_calib.tracking.udp import UdpPublisher
 
 LOCAL = "127.0.0.1"
 JOINTS = [f"joint_{k}" for k in range(1, 7)]

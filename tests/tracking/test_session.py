@@ -12,10 +12,9 @@ from tracking_scene import reading, suta_tracker
 
 from suta_calib.device import Reading
 from suta_calib.tracking.latency import LatencyStatistics
-from suta_calib.tracking.pace import Pace
-from suta_calib.tracking.pose import TrackedPose
 from suta_calib.tracking.publisher import Publisher
-from suta_calib.tracking.session import TrackingSession
+from suta_calib.tracking.session import Pace, TrackingSession
+from suta_calib.tracking.tracker import TrackedPose
 
 
 class Kept(Publisher):
@@ -70,7 +69,9 @@ def test_every_reading_is_published_once_and_in_order(tracker):
     session = TrackingSession(tracker, [kept])
     bad = burst(10, 5, error=(0,))
     source = Source([burst(0, 10), bad, [], burst(15, 5)])
+    before = time.perf_counter()
     session.run(source, stop=lambda: source.empty)
+    after = time.perf_counter()
     assert [pose.sequence for pose in kept.poses] == list(range(20))
     assert (session.readings, session.valid, session.invalid) == (20, 15, 5)
     assert session.last_valid is kept.poses[-1]
@@ -78,7 +79,9 @@ def test_every_reading_is_published_once_and_in_order(tracker):
     assert summary["poses"] == {"valid": 15, "invalid": 5}
     assert summary["latency"]["count"] == 20
     assert summary["publishers"] == {"kept": {"published": 20, "dropped": 0}}
-    assert summary["seconds"] == pytest.approx(0.2, abs=0.15)
+    # The run and nothing but the run, however long a busy machine takes for it.
+    assert before <= session.began < session.ended <= after
+    assert summary["seconds"] == session.ended - session.began
 
 
 def test_latency_ends_when_the_last_publisher_has_taken_the_pose(tracker):

@@ -8,11 +8,14 @@ from device_streams import device
 from hypothesis import given
 from hypothesis import strategies as st
 
-from suta_calib.device.crc import frame_crc, word_crc
 from suta_calib.device.description import JointSpec
-from suta_calib.device.protocol import counts_from_angles, values_from_angles
-from suta_calib.device.units import angles_from_counts, angles_from_values
-from suta_calib.device.words import pack_words, unpack_words
+from suta_calib.device.formats.words import frame_crc, pack_words, unpack_words, word_crc
+from suta_calib.device.units import (
+    angles_from_counts,
+    angles_from_values,
+    counts_from_angles,
+    values_from_angles,
+)
 
 TURN = 1 << 22
 

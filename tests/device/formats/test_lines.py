@@ -9,7 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from suta_calib.device.description import JointSpec
-from suta_calib.device.protocol import decoder_for, encode_line, values_from_angles
+from suta_calib.device.formats import decoder_for, encode_line
+from suta_calib.device.units import values_from_angles
 from suta_calib.errors import WrongFormatError
 
 JOINTS = tuple(JointSpec(name, sign) for name, sign in (("a", 1), ("b", -1), ("c", 1)))

@@ -9,9 +9,9 @@ from device_streams import device, frames, same
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from suta_calib.device.crc import frame_crc
 from suta_calib.device.description import JointSpec
-from suta_calib.device.protocol import decoder_for, encode_frame
+from suta_calib.device.formats import decoder_for, encode_frame
+from suta_calib.device.formats.words import frame_crc
 from suta_calib.device.reading import Reading
 from suta_calib.errors import WrongFormatError
 

@@ -14,9 +14,9 @@ from pathlib import Path
 import pytest
 from device_streams import RATE, PtyDevice, device
 
+from suta_calib.device import Bus
 from suta_calib.device.description import glance
-from suta_calib.device.read_ahead import ReadAhead
-from suta_calib.device.remote_port import RemotePort
+from suta_calib.device.port_process import PortProcess
 from suta_calib.errors import DeviceFileError, PortNotFoundError
 
 
@@ -28,9 +28,9 @@ def arm(tmp_path: Path) -> Iterator[PtyDevice]:
 
 def test_what_comes_while_nobody_reads_is_kept_with_its_time(arm: PtyDevice) -> None:
     """Half a second of six joints at 500 Hz is twice what a pseudo-terminal holds."""
-    port = RemotePort(device(port=str(arm.link)))
+    port = PortProcess(device(port=str(arm.link)))
     try:
-        port.wait_open()
+        port.open()
         began = time.perf_counter()
         arm.stream(lambda n, _: b"%09d\n" % n * 4)
         while time.perf_counter() - began < 0.5:
@@ -59,15 +59,15 @@ def test_what_comes_while_nobody_reads_is_kept_with_its_time(arm: PtyDevice) -> 
 def test_a_port_that_cannot_be_opened_is_told_as_anywhere(
     change: dict[str, object], kind: type[Exception], said: str
 ) -> None:
-    with ReadAhead(device(**change)) as source, pytest.raises(kind, match=said):
-        source.read(10.0)
+    with pytest.raises(kind, match=said), Bus(device(**change)):
+        pass
 
 
 def test_another_port_than_the_one_glanced_at_is_opened_instead(arm: PtyDevice) -> None:
     arm.stream()
-    first = RemotePort(device(port="/dev/no_such_port"))
+    first = PortProcess(device(port="/dev/no_such_port"))
     found = []
-    with ReadAhead(device(port=str(arm.link)), first=first) as source:
+    with Bus(device(port=str(arm.link)), port=first) as source:
         for _ in range(100):
             found += source.read(0.1)
             if found:
@@ -80,9 +80,9 @@ def test_its_process_ends_with_this_one_even_if_that_is_killed(arm: PtyDevice) -
     arm.stream()
     code = (
         "import pickle, sys\n"
-        "from suta_calib.device.remote_port import RemotePort\n"
-        "port = RemotePort(pickle.load(sys.stdin.buffer))\n"
-        "port.wait_open()\n"
+        "from suta_calib.device.port_process import PortProcess\n"
+        "port = PortProcess(pickle.load(sys.stdin.buffer))\n"
+        "port.open()\n"
         "print(port._process.pid, flush=True)\n"
         "sys.stdin.buffer.read()\n"
     )

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING, Final
+from typing import Any, ClassVar, Final
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
+from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.device.description import DeviceSpec
+from suta_calib.device.formats.base import Decoder, Encoder, Format, is_text
 from suta_calib.device.reading import Reading, Statistics
-from suta_calib.device.units import ONE_TURN, angles_from_values, signs, turn
+from suta_calib.device.units import ONE_TURN, angles_from_values, signs, turn, values_from_angles
 from suta_calib.errors import WrongFormatError
-
-if TYPE_CHECKING:
-    from suta_calib.arrays import FloatArray
 
 _NUMBER: Final = rb"[ \t]*[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]{1,3})?[ \t]*"
 _VALUES: Final = re.compile(_NUMBER + rb"(?:," + _NUMBER + rb")*")
@@ -127,3 +126,52 @@ class LinesDecoder:
             Reading(first + index, arrival, row, flags, flags, arrival)
             for index, row in enumerate(angles)
         ]
+
+
+class LinesEncoder:
+    """`Encoder` of the line format, which carries neither clock nor flags."""
+
+    def __init__(self, spec: DeviceSpec) -> None:
+        self._spec = spec
+
+    def values(self, angles: FloatArray) -> NDArray[Any]:
+        """Counts, or signed angles in (-π, π], in the device's unit."""
+        return np.asarray(values_from_angles(self._spec, angles))
+
+    def packet(
+        self,
+        sequence: int,
+        time_us: int,
+        values: NDArray[Any],
+        error: BoolArray,
+        warning: BoolArray,
+    ) -> bytes:
+        """One line."""
+        del sequence, time_us, error, warning
+        return encode_line(values.tolist(), self._spec)
+
+
+class LinesFormat(Format):
+    """Lines of text, a number per joint."""
+
+    name: ClassVar[str] = "lines"
+    units: ClassVar[tuple[str, ...]] = ("counts", "rad", "deg")
+    has_clock: ClassVar[bool] = False
+    damaged: ClassVar[str] = "lines that cannot be read"
+    damage: ClassVar[str] = "lines are no lists of numbers"
+
+    def decoder(self, spec: DeviceSpec) -> Decoder:
+        """A `LinesDecoder`."""
+        return LinesDecoder(spec)
+
+    def encoder(self, spec: DeviceSpec) -> Encoder:
+        """A `LinesEncoder`."""
+        return LinesEncoder(spec)
+
+    def expected(self, joints: int) -> str:
+        """``lines of 6 numbers with commas between``."""
+        return f"lines of {joints} numbers with commas between"
+
+    def recognises(self, data: bytes) -> bool:
+        """Printable text."""
+        return is_text(data)

@@ -6,22 +6,48 @@ when its bit is 0, so that a dead line does not look like a good position.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Final, NamedTuple
+from collections.abc import Callable, Sequence
+from functools import cache
+from typing import Any, Final, NamedTuple
 
+import anycrc
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from suta_calib.arrays import BoolArray
-from suta_calib.device.crc import WordArray, word_crc
+from suta_calib.device.description import FRAME_COUNTS_PER_TURN
 
-POSITIONS: Final = 1 << 22
+WordArray = NDArray[np.uint32]
+POSITIONS: Final = FRAME_COUNTS_PER_TURN
 _NO_ERROR: Final = np.uint32(1 << 7)
 _NO_WARNING: Final = np.uint32(1 << 6)
 
-ERROR_MEANING: Final = "error: the encoder's position is not valid"
-WARNING_MEANING: Final = "warning: the position is valid, but the encoder is near its limits"
-ERROR_ADVICE: Final = "check the magnet's (or scale's) distance and place, and the encoder's supply"
+
+@cache
+def frame_crc() -> Callable[[Any], int]:
+    """CRC-16/CCITT-FALSE of bytes: polynomial 0x1021, init 0xFFFF (check value 0x29B1)."""
+    calculate: Callable[[Any], int] = anycrc.Model("CRC16-CCITT-FALSE").calc
+    return calculate
+
+
+@cache
+def _tables() -> tuple[WordArray, WordArray]:
+    """CRC-6 of 24 bits by their upper and lower twelve: it is linear before the inversion."""
+    crc = anycrc.CRC(6, 0x03, 0, False, False, 0)
+    upper = [crc.calc((value << 12).to_bytes(3, "big")) for value in range(1 << 12)]
+    lower = [crc.calc(value.to_bytes(3, "big")) for value in range(1 << 12)]
+    return np.array(upper, dtype=np.uint32), np.array(lower, dtype=np.uint32)
+
+
+def word_crc(payload: WordArray) -> WordArray:
+    """CRC-6 as encoders send it: polynomial x⁶ + x + 1 (0x43), init 0, MSB first, inverted.
+
+    Args:
+        payload: any shape; 24 bits each: position, nError, nWarning.
+    """
+    upper, lower = _tables()
+    crc: WordArray = upper[payload >> 12] ^ lower[payload & 0xFFF] ^ np.uint32(0x3F)
+    return crc
 
 
 class Words(NamedTuple):

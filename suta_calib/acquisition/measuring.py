@@ -1,0 +1,355 @@
+"""Measuring one placement of an artefact, or one fixed point, with an arm on a cable."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack, closing
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, Literal
+
+from suta_calib.acquisition.guided import Guided, Keyboard
+from suta_calib.acquisition.raw import RawRecorder
+from suta_calib.acquisition.rest import DEFAULT_REST, RestSettings
+from suta_calib.acquisition.run import Run, SamplesFile
+from suta_calib.acquisition.session import (
+    ArmReadings,
+    Finder,
+    Sampler,
+    StreamEvents,
+    run_session,
+    summary_lines,
+)
+from suta_calib.acquisition.stops import StopFinder
+from suta_calib.acquisition.touch_sequence import (
+    TouchSequence,
+    checked_label,
+    kinds_of,
+    place_option,
+    read_arm,
+    read_row,
+    repeated,
+    touched,
+)
+from suta_calib.acquisition.unattended import Continuous, Unattended
+from suta_calib.atomic import check_folder
+from suta_calib.device.bus import Bus
+from suta_calib.device.description import DeviceSpec, read_device
+from suta_calib.device.formats import format_of
+from suta_calib.errors import InputError
+from suta_calib.terms import KINDS
+from suta_calib.units import deg
+
+if TYPE_CHECKING:
+    from suta_calib.device.port_process import PortReader
+
+# Nobody is there to see that nothing happens any more, s.
+UNATTENDED_PATIENCE: Final = 60.0
+Status = Literal["complete", "incomplete", "interrupted"]
+
+
+@dataclass(frozen=True)
+class MeasureOptions:
+    """What is to be measured, and how: one label, or ``free``.
+
+    Attributes:
+        job: the calibration.yaml that samples are taken for; they need not exist yet.
+        device: the device.yaml.
+        labels: by sort of place (``placement``, ``point``, ``plane``, …), the label of the one
+            that is touched: ``{"placement": "P1"}``.
+        free: readings only, with no label: wherever the arm rests.
+        repeat: which time this is measured.
+        seconds: how long the arm's rest on each landmark is recorded, s: so long that a hand's
+            tremor and the encoders' noise average out.
+        rests: how many rests, where no artefact is touched.
+        continuous: sample for so long while the arm moves, s, in place of rests.
+        every: time between two samples of ``continuous``, s.
+        out: the CSV; among the job's samples by default.
+        sequence: landmarks in order; all of the artefact's by default.
+        observation: which of the job's: a number, a name such as ``validation[0]``, or a kind.
+        resume: go on after the last confirmed landmark.
+        unattended: ask nothing: each rest after a motion is the next one.
+        patience: how long nothing may happen before it is given up, s; a minute where nobody
+            is asked, for ever otherwise.
+        raw: where the whole stream goes, as Parquet.
+        urdf: for the distances that are shown; the job's by default.
+        rest: what counts as rest.
+    """
+
+    job: Path
+    device: Path
+    labels: Mapping[str, str] = field(default_factory=dict)
+    free: bool = False
+    repeat: str = "1"
+    seconds: float = 2.0
+    rests: int = 20
+    continuous: float | None = None
+    every: float = 0.1
+    out: Path | None = None
+    sequence: tuple[str, ...] | None = None
+    observation: str | None = None
+    resume: bool = False
+    unattended: bool = False
+    patience: float | None = None
+    raw: Path | None = None
+    urdf: Path | None = None
+    rest: RestSettings = DEFAULT_REST
+
+    @property
+    def lasting_patience(self) -> float:
+        """The patience there is, s."""
+        if self.patience is not None:
+            return self.patience
+        return UNATTENDED_PATIENCE if self.unattended else math.inf
+
+    def check(self) -> None:
+        """Refuse options that contradict each other.
+
+        Raises:
+            InputError: they do.
+        """
+        given = [*(f"--{place}" for place in self.labels), *(["--free"] if self.free else [])]
+        if len(given) != 1:
+            found = " and ".join(given) or "none of them"
+            raise InputError(found, "one of --placement LABEL, --point LABEL and --free")
+        placed = "placement" in self.labels
+        if placed and self.continuous is not None:
+            raise InputError("--continuous with --placement", "--point or --free")
+        if not placed and self.sequence is not None:
+            raise InputError("--sequence without --placement", "both")
+        checked_label(self.repeat, "--repeat")
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What one call of `measure` left behind.
+
+    Attributes:
+        status: ``complete``; ``incomplete`` where patience ended it; ``interrupted`` by Ctrl-C.
+        file: the samples file.
+        samples: how many rows of it are this run's.
+        happened: what became of the stream, in sentences.
+        missing: names of the stations without a sample; None while sampling a motion.
+        look_at: what the user should look at again, by station; None likewise.
+    """
+
+    status: Status
+    file: Path
+    samples: int
+    happened: tuple[str, ...] = ()
+    missing: tuple[str, ...] | None = None
+    look_at: dict[str, str] | None = None
+
+    def as_dict(self) -> dict[str, Any]:
+        """As JSON data."""
+        found: dict[str, Any] = {
+            "status": self.status,
+            "file": str(self.file),
+            "samples": self.samples,
+            "happened": list(self.happened),
+        }
+        if self.missing is not None:
+            found |= {"missing": list(self.missing), "look_at": self.look_at}
+        return found
+
+
+def measure(
+    options: MeasureOptions,
+    *,
+    say: Callable[[str], None] = print,
+    show: Callable[[str], None] | None = None,
+    keyboard: Keyboard | None = None,
+    port: PortReader | None = None,
+) -> Measured:
+    """Wait until the arm rests on each landmark, record it, and write it to the samples file.
+
+    Whatever happens then, what was confirmed is there. Nothing that was measured is ever
+    overwritten.
+
+    Args:
+        options: what is to be measured.
+        say: shows the user a line.
+        show: shows what the arm does at the moment, again and again, in place of the last.
+        keyboard: where keys come from unless ``options.unattended``; standard input by default.
+        port: the device's, where somebody has begun to open it; closed in the end.
+
+    Returns:
+        What was measured; also after Ctrl-C, once the port was opened.
+
+    Raises:
+        InputError, JobError: options that contradict each other, or files that cannot be used.
+        DeviceError: a device that does not answer.
+        OutputError: a disk that is full.
+    """
+    with ExitStack() as stack:
+        if port is not None:
+            stack.callback(port.close)
+        options.check()
+        spec = read_device(options.device)
+        plan, out = _plan(options)
+        check_folder(out.parent)
+        joints = plan.arm.joints
+        choose = ArmReadings(spec, joints)
+        file = SamplesFile(out, joints, plan.label_columns, plan.key, resume=options.resume)
+        session = _Session(options, plan, spec, file, say, show)
+        bus = Bus(spec, reconnect=True, on_event=session.note, port=port)
+        return session.run(stack.enter_context(closing(bus)), choose, keyboard)
+
+
+class _Session:
+    """One call of `measure`: who takes samples of what, and what is said of it."""
+
+    def __init__(
+        self,
+        options: MeasureOptions,
+        plan: TouchSequence,
+        spec: DeviceSpec,
+        file: SamplesFile,
+        say: Callable[[str], None],
+        show: Callable[[str], None] | None,
+    ) -> None:
+        self._options, self._plan, self._spec, self._file = options, plan, spec, file
+        self._say, self._show = say, show
+        self._events = StreamEvents()
+        self._lines: list[str] = []
+        self._run: Run | None = None
+        self._sampler: Sampler
+        self._finder: Finder
+        if options.continuous is not None:
+            both = Continuous(plan, file, say, options.continuous, options.every)
+            self._sampler = self._finder = both
+            return
+        even = not format_of(spec).has_clock
+        finder = StopFinder(plan.arm.joints, options.seconds, options.rest, even=even)
+        self._run = Run(plan, file, say)
+        kind = Unattended if options.unattended else Guided
+        self._finder, self._sampler = finder, kind(self._run, finder, options.seconds)
+
+    def note(self, message: str) -> None:
+        """Something went wrong with the device, and it went on."""
+        self._events.messages.append(message)
+        # A clock that was set anew hides how long the stream was cut.
+        if isinstance(self._finder, StopFinder):
+            self._finder.interrupt()
+        self._say(message)
+
+    def run(self, bus: Bus, choose: ArmReadings, keyboard: Keyboard | None) -> Measured:
+        if self._sampler.done:
+            self._say(f"nothing left to measure: {self._file.path} has every station")
+            return self._measured("complete")
+        try:
+            finished = self._measure(bus, choose, keyboard)
+        except KeyboardInterrupt:
+            return self._measured("interrupted")
+        return self._measured("complete" if finished else "incomplete")
+
+    def _measure(self, bus: Bus, choose: ArmReadings, keyboard: Keyboard | None) -> bool:
+        options = self._options
+        with ExitStack() as stack:
+            record = None
+            if options.raw is not None:
+                recorder = RawRecorder(options.raw, self._spec.names, self._say)
+                record = stack.enter_context(recorder).write
+            if isinstance(self._sampler, Guided):
+                keyboard = stack.enter_context(keyboard or Keyboard())
+            stack.callback(self._conclude, bus)
+            return run_session(
+                stack.enter_context(bus),
+                choose,
+                self._finder,
+                self._sampler,
+                events=self._events,
+                idle=lambda: self._idle(keyboard),
+                record=record or (lambda _: None),
+                patience=options.lasting_patience,
+            )
+
+    def _idle(self, keyboard: Keyboard | None) -> None:
+        """Between two reads: keys, and what the arm does."""
+        sampler = self._sampler
+        if isinstance(sampler, Guided) and keyboard is not None:
+            # Where no one sits at the keys, a line waits until it is asked for.
+            key = keyboard.key() if keyboard.terminal or sampler.asking else None
+            if key is not None:
+                sampler.press(key)
+        if self._show is not None and isinstance(self._finder, StopFinder):
+            self._show(self._doing(self._finder))
+
+    def _doing(self, finder: StopFinder) -> str:
+        name = "" if self._run is None or self._run.done else f" · next: {self._run.station.name}"
+        if not finder.resting:
+            return f"moving{name}"
+        if isinstance(self._sampler, Guided) and self._sampler.asking:
+            return f"resting, waiting for a key{name}"
+        return f"resting {finder.recorded:.1f} of {self._options.seconds:g} s{name}"
+
+    def _conclude(self, bus: Bus) -> None:
+        """Also after Ctrl-C or a lost device: say what there is."""
+        if not self._events.readings:
+            return
+        self._lines = summary_lines(self._events, bus.statistics, self._spec)
+        count = len(self._file.rows)
+        recorded = f"{count} sample{'s' * (count != 1)} in {self._file.path}"
+        self._say(recorded if count else "no samples recorded")
+        if not count and isinstance(self._finder, StopFinder) and self._finder.restless:
+            rest = self._options.rest
+            self._say(
+                f"the arm was not seen at rest: within {rest.window:g} s, "
+                f"{', '.join(self._finder.restless)} drifted by more than {deg(rest.drift):.2g} "
+                f"deg or trembled by more than {deg(rest.tremble):.2g} deg; seat it firmly and "
+                "let go, or allow more with --drift-deg or --tremble-deg"
+            )
+        if count and self._run is not None and not self._run.done:
+            self._say("the same command with --resume goes on after the last one")
+        for line in self._lines:
+            self._say(line)
+
+    def _measured(self, status: Status) -> Measured:
+        run, file = self._run, self._file
+        if run is None:
+            return Measured(status, file.path, len(file.rows), tuple(self._lines))
+        if run.missing:
+            self._say(f"missing: {', '.join(run.missing)}; {_how_to_go_on(run)}")
+        for name, note in run.notes.items():
+            self._say(f"look at {name}: {note}")
+        return Measured(
+            status, file.path, len(file.rows), tuple(self._lines), tuple(run.missing), run.notes
+        )
+
+
+def _how_to_go_on(run: Run) -> str:
+    if not run.done:
+        return "they can still be measured"
+    if run.seating is None:
+        return "--resume takes more"
+    return f"--resume --sequence {','.join(run.missing)} measures them"
+
+
+def _plan(options: MeasureOptions) -> tuple[TouchSequence, Path]:
+    """What to measure, and where it goes."""
+    arm = read_arm(options.job, options.urdf)
+    if options.free:
+        out = options.out or options.job.parent / f"free_{options.repeat}.csv"
+        return repeated(arm, None, None, options.repeat, options.rests), out
+    ((place, label),) = options.labels.items()
+    row = read_row(options.job, options.observation, kinds_of(place))
+    if row.kind not in kinds_of(place):
+        raise _unfitting(options, row.kind)
+    if row.artefact is None:
+        plan = repeated(arm, KINDS[row.kind], label, options.repeat, options.rests)
+    else:
+        plan = touched(arm, row, label, options.repeat, options.sequence)
+    return plan, options.out or row.file(label, options.repeat)
+
+
+def _unfitting(options: MeasureOptions, kind: str) -> InputError:
+    places = dict.fromkeys(each.place for each in KINDS.values() if each.place)
+    flag = place_option(KINDS[kind]) if kind in KINDS else ""
+    return InputError(
+        f"an observation of kind {kind}",
+        ", ".join(f"{' or '.join(kinds_of(place))} for --{place}" for place in places),
+        file=options.job,
+        where="--observation",
+        hint=f"use {flag or '--free, and add what was seen to the file'}",
+    )

@@ -1,0 +1,126 @@
+"""What a format says of itself: how its bytes become readings, and readings become its bytes.
+
+A new format is one file with a subclass of `Format`, and its line in `FORMATS` (``__init__.py``).
+"""
+
+from __future__ import annotations
+
+import re
+from abc import ABC, abstractmethod
+from typing import Any, ClassVar, Final, Protocol
+
+from numpy.typing import NDArray
+
+from suta_calib.arrays import BoolArray, FloatArray
+from suta_calib.device.description import DeviceSpec
+from suta_calib.device.reading import Reading, Statistics
+
+_TEXT: Final = re.compile(rb"[\t\r\n\x20-\x7e]*")
+
+
+class Decoder(Protocol):
+    """Turns bytes into readings; the pieces they arrive in make no difference.
+
+    Attributes:
+        statistics: what has passed through so far.
+    """
+
+    statistics: Statistics
+
+    def feed(self, data: bytes, arrival: float) -> list[Reading]:
+        """Take the next bytes and give the readings they complete.
+
+        Args:
+            data: any number of bytes, cut anywhere.
+            arrival: `time.perf_counter` when the last of them had been read, s.
+
+        Raises:
+            WrongFormatError: good frames of another number of joints, or counts that do not fit.
+        """
+        ...
+
+    def resume(self, after: Reading | None) -> None:
+        """Begin anew after an interruption: bytes of before do not belong to bytes to come.
+
+        Args:
+            after: the last good reading; time goes on from it by this computer's clock, whatever
+                the device's clock says, and sequence numbers by one.
+        """
+        ...
+
+
+class Encoder(Protocol):
+    """Turns angles into bytes: what the device would send."""
+
+    def values(self, angles: FloatArray) -> NDArray[Any]:
+        """What is sent for angles (n, joints), rad: as many values."""
+        ...
+
+    def packet(
+        self,
+        sequence: int,
+        time_us: int,
+        values: NDArray[Any],
+        error: BoolArray,
+        warning: BoolArray,
+    ) -> bytes:
+        """The bytes of one sample.
+
+        Args:
+            sequence: number of the sample.
+            time_us: the device's clock, µs.
+            values: (joints,) as `values` gives them.
+            error: (joints,) where the encoder raises its error flag.
+            warning: (joints,) the same for its warning flag.
+        """
+        ...
+
+
+class Format(ABC):
+    """One way in which a device says where its joints are.
+
+    Attributes:
+        name: ``format`` in device.yaml.
+        units: what ``unit`` in device.yaml may be, the default first.
+        counts_per_turn: the default of that key; None where lines in counts must say it.
+        most_joints: how many joints it can carry; None for any number.
+        has_clock: whether it carries the device's own clock and a number for every sample.
+        damaged: what samples are called that came damaged, in the plural.
+        damage: the same as a predicate: ``5 % of`` …
+        near_miss: what was seen where bytes look like this format and none can be believed.
+    """
+
+    name: ClassVar[str]
+    units: ClassVar[tuple[str, ...]] = ("counts",)
+    counts_per_turn: ClassVar[int | None] = None
+    most_joints: ClassVar[int | None] = None
+    has_clock: ClassVar[bool]
+    damaged: ClassVar[str]
+    damage: ClassVar[str]
+    near_miss: ClassVar[str] = ""
+
+    @abstractmethod
+    def decoder(self, spec: DeviceSpec) -> Decoder:
+        """Its decoder for a device."""
+
+    @abstractmethod
+    def encoder(self, spec: DeviceSpec) -> Encoder:
+        """The other direction, for an emulated device."""
+
+    @abstractmethod
+    def expected(self, joints: int) -> str:
+        """What bytes of a device with so many joints should be, in words."""
+
+    @abstractmethod
+    def recognises(self, data: bytes) -> bool:
+        """Whether these bytes are likelier to be of this format than noise."""
+
+    def refusal(self, unit: str, counts_per_turn: int) -> tuple[str, str] | None:
+        """The key of device.yaml that this format cannot have, and what it expects there."""
+        del counts_per_turn
+        return None if unit in self.units else ("unit", " or ".join(self.units))
+
+
+def is_text(data: bytes) -> bool:
+    """Whether these bytes are printable ASCII."""
+    return _TEXT.fullmatch(data) is not None

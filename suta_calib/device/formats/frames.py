@@ -1,0 +1,318 @@
+"""The framed format: ``AA 55 | seq u16 | time_us u32 | n u8 | n x u32 | crc16``, little-endian.
+
+A frame is believed when its header, its number of words, its CRC-16 and the CRC-6 and spare bits
+of every word fit: of random bytes, at one position in 2^(40 + 8n); 2^88 for six joints.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Sequence
+from typing import Any, ClassVar, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from suta_calib.arrays import BoolArray, FloatArray
+from suta_calib.device.clock import DeviceClock
+from suta_calib.device.description import DeviceSpec
+from suta_calib.device.formats.base import Decoder, Encoder, Format
+from suta_calib.device.formats.words import (
+    POSITIONS,
+    WordArray,
+    Words,
+    frame_crc,
+    pack_words,
+    unpack_words,
+)
+from suta_calib.device.reading import Reading, Statistics
+from suta_calib.device.units import angles_from_counts, counts_from_angles, signs
+from suta_calib.errors import WrongFormatError
+
+HEADER: Final = b"\xaa\x55"
+FIELDS: Final = struct.Struct("<HIB")  # sequence number, time in µs, number of words
+CRC: Final = struct.Struct("<H")
+FIELDS_AT: Final = len(HEADER)
+WORDS_AT: Final = FIELDS_AT + FIELDS.size
+SEQUENCES: Final = 1 << 16
+MICROSECONDS: Final = 1 << 32
+# A frame says how many words it has in one byte.
+MOST_JOINTS: Final = 255
+
+
+def frame_size(count: int) -> int:
+    """Bytes of a frame of ``count`` words."""
+    return WORDS_AT + 4 * count + CRC.size
+
+
+def encode_frame(
+    sequence: int,
+    time_us: int,
+    counts: Sequence[int],
+    error: Sequence[bool] | BoolArray | None = None,
+    warning: Sequence[bool] | BoolArray | None = None,
+) -> bytes:
+    """One frame, as a device would send it.
+
+    Args:
+        sequence: any whole number; its lowest 16 bits are sent.
+        time_us: µs; its lowest 32 bits are sent.
+        counts: one encoder position per joint, 0 … 2²² - 1.
+        error: joints whose error flag is raised; none by default.
+        warning: joints whose warning flag is raised; none by default.
+
+    Raises:
+        ValueError: a position that 22 bits do not hold, or more than 255 joints.
+    """
+    if len(counts) > MOST_JOINTS:
+        raise ValueError(f"at most {MOST_JOINTS} joints expected, found {len(counts)}")
+    words = pack_words(counts, error, warning).astype("<u4").tobytes()
+    body = FIELDS.pack(sequence % SEQUENCES, time_us % MICROSECONDS, len(counts)) + words
+    return HEADER + body + CRC.pack(frame_crc()(body))
+
+
+# Once a device has sent frames of the right count, damage is likelier than a change of device.
+_ENOUGH_LATER: Final = 3
+
+
+class OtherCount:
+    """Watches for frames of another number of joints while none of the right number come."""
+
+    def __init__(self, spec: DeviceSpec) -> None:
+        self._spec = spec
+        self._buffer = bytearray()
+        self._enough = 1
+        self._in_a_row = 0
+
+    def feed(self, data: bytes, *, seen: bool) -> None:
+        """Take the next bytes; ``seen``: frames of the right number ended among them.
+
+        Raises:
+            WrongFormatError: names both counts.
+        """
+        if seen:
+            self._buffer.clear()
+            self._enough, self._in_a_row = _ENOUGH_LATER, 0
+        else:
+            self._buffer += data
+            del self._buffer[: self._search()]
+
+    def _search(self) -> int:
+        """Look at every frame that is complete; up to where the buffer is done with."""
+        buffer, at = self._buffer, 0
+        while (at := buffer.find(HEADER, at)) >= 0:
+            if at + WORDS_AT > len(buffer):
+                return at
+            count = buffer[at + WORDS_AT - 1]
+            end = at + frame_size(count)
+            if end > len(buffer):
+                return at
+            at = self._found(count, end) if self._is_other_frame(at, end, count) else at + 1
+        return len(buffer) - buffer.endswith(HEADER[:1])
+
+    def _is_other_frame(self, at: int, end: int, count: int) -> bool:
+        if count in (0, len(self._spec.joints)):
+            return False
+        (crc,) = CRC.unpack_from(self._buffer, end - CRC.size)
+        if frame_crc()(self._buffer[at + FIELDS_AT : end - CRC.size]) != crc:
+            return False
+        words = np.frombuffer(bytes(self._buffer[at + WORDS_AT : end - CRC.size]), dtype="<u4")
+        return bool(unpack_words(words).good.all())
+
+    def _found(self, count: int, end: int) -> int:
+        self._in_a_row += 1
+        if self._in_a_row >= self._enough:
+            self._buffer.clear()
+            expected = len(self._spec.joints)
+            raise WrongFormatError(
+                f"{self._spec.port}: found frames of {count} joint{'s' * (count != 1)}; "
+                f"expected {expected}, as many as {self._spec.path} lists under 'joints'; "
+                "list there every joint the device sends, in its order"
+            )
+        return end
+
+
+_COUNT_AT: Final = WORDS_AT - 1
+
+
+class FramesDecoder:
+    """`Decoder` of the framed format.
+
+    After a frame that cannot be believed the search goes on one byte further, so that ``AA 55``
+    inside data never costs the true frame behind it.
+
+    Attributes:
+        statistics: what has passed through so far.
+    """
+
+    def __init__(self, spec: DeviceSpec) -> None:
+        self.statistics = Statistics(spec.names)
+        self._signs = signs(spec)
+        self._count = len(spec.joints)
+        self._size = frame_size(self._count)
+        self._crc = frame_crc()
+        self._clock = DeviceClock()
+        self._other_count = OtherCount(spec)
+        self._buffer = bytearray()
+        # Where in the buffer the bytes begin that are in no frame so far, nor counted as garbage.
+        self._claimed = 0
+
+    def feed(self, data: bytes, arrival: float) -> list[Reading]:
+        """Take the next bytes and give the readings they complete.
+
+        Raises:
+            WrongFormatError: good frames with another number of joints.
+        """
+        self._buffer += data
+        starts, end = self._scan()
+        readings = self._readings(starts, arrival) if starts else []
+        self._claim(end, end)
+        self._claimed -= end
+        del self._buffer[:end]
+        self._other_count.feed(data, seen=bool(readings))
+        return readings
+
+    def resume(self, after: Reading | None) -> None:
+        """Begin anew after an interruption; time goes on by this computer's clock."""
+        self._buffer.clear()
+        self._claimed = 0
+        if after is not None:
+            self._clock.resume(after.sequence, after.time, after.arrival)
+
+    def _scan(self) -> tuple[list[int], int]:
+        """Frames with a good CRC-16, and where the search is to go on when more bytes are there."""
+        buffer, size, length = self._buffer, self._size, len(self._buffer)
+        starts: list[int] = []
+        at = 0
+        while (at := buffer.find(HEADER, at)) >= 0:
+            if at + _COUNT_AT >= length:
+                return starts, at
+            if buffer[at + _COUNT_AT] != self._count:
+                at += 1
+            elif at + size > length:
+                return starts, at
+            else:
+                at = self._examine(at, starts)
+        return starts, length - buffer.endswith(HEADER[:1])
+
+    def _examine(self, at: int, starts: list[int]) -> int:
+        """Note the frame at ``at`` if its CRC-16 fits; where to look for the next one."""
+        end = at + self._size
+        self._claim(at, end)
+        (crc,) = CRC.unpack_from(self._buffer, end - CRC.size)
+        if self._crc(self._buffer[at + FIELDS_AT : end - CRC.size]) != crc:
+            self.statistics.frame_crc_errors += 1
+            return at + 1
+        starts.append(at)
+        # A frame whose words do not fit may be none, and a true one may begin inside it.
+        inside = self._buffer.find(HEADER, at + 1, end)
+        if inside < 0 and self._buffer[end - 1] == HEADER[0]:
+            inside = end - 1
+        if inside >= 0 and not unpack_words(self._words([at])).good.all():
+            return inside
+        return end
+
+    def _claim(self, start: int, end: int) -> None:
+        """Bytes before ``start`` that no frame has claimed are garbage; claim up to ``end``."""
+        self.statistics.garbage_bytes += max(start - self._claimed, 0)
+        self._claimed = max(self._claimed, end)
+
+    def _words(self, starts: list[int]) -> WordArray:
+        """(frames, joints) words of the frames that begin at ``starts``."""
+        buffer, span = self._buffer, 4 * self._count
+        data = b"".join([buffer[at + WORDS_AT : at + WORDS_AT + span] for at in starts])
+        return np.frombuffer(data, dtype="<u4").reshape(len(starts), self._count)
+
+    def _readings(self, starts: list[int], arrival: float) -> list[Reading]:
+        words = unpack_words(self._words(starts))
+        if not words.good.all():
+            starts, words = self._without_bad(starts, words)
+        self._count_flags(words)
+        angles = angles_from_counts(words.counts, self._signs, POSITIONS)
+        angles.setflags(write=False)
+        return [
+            Reading(*self._moment(at, arrival), row, error, warning, arrival)
+            for at, row, error, warning in zip(
+                starts, angles, words.error, words.warning, strict=True
+            )
+        ]
+
+    def _without_bad(self, starts: list[int], words: Words) -> tuple[list[int], Words]:
+        good: BoolArray = np.asarray(words.good.all(axis=1))
+        self.statistics.word_crc_errors += int((~good).sum())
+        self.statistics.joint_crc_errors += (~words.good).sum(axis=0)
+        kept = [at for at, fits in zip(starts, good.tolist(), strict=True) if fits]
+        return kept, words.take(good)
+
+    def _count_flags(self, words: Words) -> None:
+        if words.error.any():
+            self.statistics.error_flags += words.error.sum(axis=0)
+        if words.warning.any():
+            self.statistics.warning_flags += words.warning.sum(axis=0)
+
+    def _moment(self, at: int, arrival: float) -> tuple[int, float]:
+        """Unwrapped sequence number and time of the frame at ``at``, which is a good one."""
+        sequence, time_us, _ = FIELDS.unpack_from(self._buffer, at + FIELDS_AT)
+        sequence, time, lost = self._clock.unwrap(sequence, time_us, arrival)
+        self.statistics.frames += 1
+        self.statistics.gaps += lost > 0
+        self.statistics.lost_frames += lost
+        return sequence, time
+
+
+class FramesEncoder:
+    """`Encoder` of the framed format."""
+
+    def __init__(self, spec: DeviceSpec) -> None:
+        self._spec = spec
+
+    def values(self, angles: FloatArray) -> NDArray[Any]:
+        """Positions in counts."""
+        return np.asarray(counts_from_angles(self._spec, angles))
+
+    def packet(
+        self,
+        sequence: int,
+        time_us: int,
+        values: NDArray[Any],
+        error: BoolArray,
+        warning: BoolArray,
+    ) -> bytes:
+        """One frame."""
+        return encode_frame(sequence, time_us, values.tolist(), error, warning)
+
+
+class FramesFormat(Format):
+    """Binary frames with a number, a clock, flags and checksums, of encoder words of 22 bits."""
+
+    name: ClassVar[str] = "frames"
+    counts_per_turn: ClassVar[int | None] = POSITIONS
+    most_joints: ClassVar[int | None] = MOST_JOINTS
+    has_clock: ClassVar[bool] = True
+    damaged: ClassVar[str] = "frames with a wrong CRC"
+    damage: ClassVar[str] = "frames are damaged"
+    near_miss: ClassVar[str] = "frame headers AA 55, but no frame whose CRC fits"
+
+    def decoder(self, spec: DeviceSpec) -> Decoder:
+        """A `FramesDecoder`."""
+        return FramesDecoder(spec)
+
+    def encoder(self, spec: DeviceSpec) -> Encoder:
+        """A `FramesEncoder`."""
+        return FramesEncoder(spec)
+
+    def expected(self, joints: int) -> str:
+        """``frames AA 55 … of 6 joints``."""
+        return f"frames AA 55 … of {joints} joints"
+
+    def recognises(self, data: bytes) -> bool:
+        """More headers than chance explains."""
+        return data.count(HEADER) > 1 + len(data) // 1000
+
+    def refusal(self, unit: str, counts_per_turn: int) -> tuple[str, str] | None:
+        """Its words are counts of 22 bits."""
+        if unit not in self.units:
+            return "unit", "counts: frames carry encoder words of 22 bits"
+        if counts_per_turn != POSITIONS:
+            return "counts_per_turn", f"{POSITIONS}: the words of a frame hold 22-bit positions"
+        return None

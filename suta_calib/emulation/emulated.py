@@ -1,0 +1,432 @@
+"""An emulated arm from options: its device, its truth, its motion; and playing it on a port."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from suta_calib.arrays import FloatArray
+from suta_calib.device.description import DeviceSpec
+from suta_calib.emulation.device import BAUDRATE, device_of, device_text
+from suta_calib.emulation.faults import Faults
+from suta_calib.emulation.motion import Motion, Still, Stops
+from suta_calib.emulation.player import Played, Player, TrueTrajectory
+from suta_calib.emulation.script import (
+    PLACE_FORM,
+    ScriptFile,
+    Timing,
+    artefact_set,
+    placement_within_reach,
+    point_set,
+    read_script,
+    stops,
+)
+from suta_calib.emulation.stream import Emulation
+from suta_calib.emulation.terminal import PseudoTerminal
+from suta_calib.emulation.trajectories import parse_posture, pivoting, posture_of, recorded, sweep
+from suta_calib.emulation.truth import (
+    drawn_truth,
+    nominal_values,
+    read_truth,
+    truth_text,
+    write_trajectory,
+)
+from suta_calib.errors import InputError, did_you_mean
+from suta_calib.measurements import write_text
+from suta_calib.model.arm import ArmModel
+from suta_calib.simulation import NoiseLevels, PoseSpec, SetSpec
+from suta_calib.simulation.schema import PostureRow
+from suta_calib.units import from_deg
+
+# A place by its label: where it is, or None for where a simulation or a search puts it.
+Places = Mapping[str, PoseSpec | None]
+
+
+@dataclass(frozen=True, eq=False)
+class EmulationOptions:
+    """What is emulated, in SI units; a script, or one of the free motions.
+
+    Attributes:
+        urdf: the nominal arm.
+        tip, base: ends of its chain; those of the script by default.
+        rate: frames per second, Hz.
+        script: a calibration.yaml or simulation.yaml whose landmarks or points are rested on.
+        motion: without a script: ``still``, ``pivot`` or ``trajectory``.
+        set_name: which set of a simulation; the first by default.
+        placements: where the artefact stands, by label.
+        points: fixed points by label: to be touched (script) or pivoted on.
+        sequence: landmarks in order; as in the artefact by default.
+        repeats: how often each placement is gone through.
+        directions: rests on each fixed point.
+        timing: of rests and of the motions between them.
+        seating: noise per axis, m; the script's by default.
+        posture: where it rests or starts, or a search does: ``joint_1=15,joint_3=160`` in degrees
+            and mm; the middle of the ranges by default.
+        cone: largest tilt, rad.
+        period: of a pivoting, s.
+        amplitude: of swings, rad.
+        frequency: of swings at the start and at the end, Hz.
+        duration: of the swings, s.
+        csv: a trajectory: time (s) and every joint (rad).
+        truth: true parameters: a truth.yaml, or a simulation.yaml for its errors.
+        errors_seed: draws the true parameters.
+        seed: of noise, seating and faults.
+        encoder: noise of a reading, rad.
+        form, unit, counts_per_turn, signs, baudrate: of the device; see `device_of`.
+        faults: what goes wrong.
+    """
+
+    urdf: Path
+    tip: str | None = None
+    base: str | None = None
+    rate: float = 768.0
+    script: Path | None = None
+    motion: Literal["still", "pivot", "trajectory"] | None = None
+    set_name: str | None = None
+    placements: Places = field(default_factory=dict)
+    points: Places = field(default_factory=dict)
+    sequence: tuple[str, ...] = ()
+    repeats: int | None = None
+    directions: int | None = None
+    timing: Timing = field(default_factory=Timing)
+    seating: float | None = None
+    posture: str = ""
+    cone: float = from_deg(30.0)
+    period: float = 40.0
+    amplitude: float = from_deg(20.0)
+    frequency: tuple[float, float] = (0.05, 0.5)
+    duration: float = 60.0
+    csv: Path | None = None
+    truth: Path | None = None
+    errors_seed: int | None = None
+    seed: int = 0
+    encoder: float = from_deg(0.001)
+    form: str = "frames"
+    unit: str = "counts"
+    counts_per_turn: int = 1 << 22
+    signs: tuple[int, ...] = ()
+    baudrate: int = BAUDRATE
+    faults: Faults = field(default_factory=Faults)
+
+    def check(self) -> None:
+        """Refuse options that the others leave without meaning.
+
+        Raises:
+            InputError: there are such.
+        """
+        if self.script is not None and (self.motion or self.csv):
+            raise InputError("--script beside --motion or --csv", "one of them")
+        if self.csv is not None and self.motion not in (None, "trajectory"):
+            raise InputError(f"--csv beside --motion {self.motion}", "--motion trajectory")
+        if self.script is None and self.placements:
+            raise InputError(
+                "--placement without --script", "the job whose artefact is placed there"
+            )
+        if self.script is None and self.points and self.motion != "pivot":
+            raise InputError("--point without --script", "--script, or --motion pivot")
+
+
+@dataclass(frozen=True)
+class PlayOptions:
+    """How an emulated arm is played, and what it leaves behind.
+
+    Attributes:
+        link: symbolic link that is kept to the port.
+        seconds: how long at most, waiting included, s.
+        wait: for somebody to open the port before anything moves.
+        gated: whether the arm waits between placements; see `RoundClock`.
+        device_out: where the device.yaml goes to read it with.
+        truth_out: where the truth goes (YAML), to judge a result by.
+        trajectory_out: where the true tip poses go (CSV) at the end.
+    """
+
+    link: Path | None = None
+    seconds: float = math.inf
+    wait: bool = True
+    gated: bool = True
+    device_out: Path | None = None
+    truth_out: Path | None = None
+    trajectory_out: Path | None = None
+
+    def check(self, faults: Faults) -> None:
+        """Refuse faults that need a link where there is none.
+
+        Raises:
+            InputError: so it is.
+        """
+        if faults.absences and self.link is None:
+            raise InputError(
+                "a port that vanishes and comes back under another name",
+                "--link PATH, by which it is found again",
+                where="--faults",
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class EmulatedDevice:
+    """An emulated arm, and the truth behind it.
+
+    Attributes:
+        arm: the nominal arm.
+        values: its true parameters, m or rad.
+        plan: what a script touches.
+        emulation: what it sends; its device has no port yet.
+    """
+
+    arm: ArmModel
+    values: dict[str, float]
+    plan: SetSpec | None
+    emulation: Emulation
+
+    def __str__(self) -> str:
+        emulation, motion = self.emulation, self.emulation.motion
+        text = f"{len(emulation.device.joints)} joints at {emulation.rate:g} Hz"
+        if isinstance(motion, Stops):
+            rounds = len(motion.rounds)
+            text += f", {len(motion.labels)} rests in {rounds} round{'s' * (rounds != 1)}"
+        departing = sum(v != self.arm.parameters[n].nominal for n, v in self.values.items())
+        return f"{text}; {departing} true parameters depart from the URDF's"
+
+    def write_device(self, path: Path, port: str) -> None:
+        """Write a device.yaml; ``port`` is what to open.
+
+        Raises:
+            OutputError: it cannot be written.
+        """
+        device = replace(self.emulation.device, port=str(Path(port).absolute()))
+        write_text(path, device_text(device))
+
+    def write_truth(self, path: Path) -> None:
+        """Write a truth.yaml: true parameters, and what is touched.
+
+        Raises:
+            OutputError: it cannot be written.
+        """
+        emulation = self.emulation
+        text = truth_text(self.arm, self.values, emulation.seed, self.plan, emulation.motion)
+        write_text(path, text)
+
+    def write_trajectory(self, path: Path, trajectory: TrueTrajectory) -> None:
+        """Write the true tip poses as CSV; see `truth.write_trajectory`.
+
+        Raises:
+            OutputError: it cannot be written.
+        """
+        write_trajectory(path, self.arm, self.values, trajectory, self.emulation.motion)
+
+    def play(
+        self,
+        options: PlayOptions,
+        *,
+        announce: Callable[[str], None] = print,
+        say: Callable[[str], None] = print,
+        stopped: Callable[[], bool] = lambda: False,
+    ) -> Played:
+        """Send frames on a pseudo-terminal, in real time, until the time is up.
+
+        Args:
+            options: how, and what is left behind.
+            announce: given the name of the port once it is there.
+            say: told what happens.
+            stopped: whether somebody asks to stop.
+
+        Returns:
+            What was sent.
+
+        Raises:
+            InputError: a port that shall vanish without a link.
+            OutputError: a file or link that cannot be made.
+        """
+        options.check(self.emulation.faults)
+        with PseudoTerminal(options.link) as terminal:
+            if options.device_out is not None:
+                self.write_device(options.device_out, terminal.port)
+            if options.truth_out is not None:
+                self.write_truth(options.truth_out)
+            announce(terminal.name)
+            say(str(self))
+            kept = options.trajectory_out is not None
+            player = Player(self.emulation, terminal, say, gated=options.gated, recorded=kept)
+            try:
+                player.run(options.seconds, stopped, wait=options.wait)
+            finally:
+                say(str(player.played))
+                if options.trajectory_out is not None:
+                    self.write_trajectory(options.trajectory_out, player.trajectory)
+        return player.played
+
+
+def emulated_device(options: EmulationOptions) -> EmulatedDevice:
+    """The emulated arm that the options describe.
+
+    Raises:
+        InputError: options that contradict each other, or a file that cannot be used.
+    """
+    options.check()
+    script = None if options.script is None else read_script(options.script)
+    arm = _arm(options, script)
+    device = _device(options, arm)
+    options.faults.check_joints(device.names)
+    values = _values(options, script, arm)
+    plan = None
+    if script is None:
+        motion = _free_motion(options, arm, values)
+    else:
+        if script.simulation is None:
+            plan = _job_plan(options, script, arm, values)
+        else:
+            plan = _set(options, script)
+        motion = _script_motion(options, script, arm, values, plan)
+    emulation = Emulation(
+        device, motion, options.rate, options.encoder, options.faults, options.seed
+    )
+    return EmulatedDevice(arm, values, plan, emulation)
+
+
+def _arm(options: EmulationOptions, script: ScriptFile | None) -> ArmModel:
+    if options.tip is not None:
+        return ArmModel.from_urdf(options.urdf, options.tip, options.base)
+    if script is None:
+        raise InputError("no tip", "--tip FRAME, the link or frame whose pose matters")
+    return ArmModel.from_urdf(options.urdf, script.tip, options.base or script.base)
+
+
+def _values(
+    options: EmulationOptions, script: ScriptFile | None, arm: ArmModel
+) -> dict[str, float]:
+    seed = options.errors_seed
+    if options.truth is not None:
+        return read_truth(options.truth, arm, seed)
+    if script is not None and script.simulation is not None:
+        return read_truth(script.path, arm, seed)
+    if seed is None:
+        return nominal_values(arm)
+    return drawn_truth(arm, seed, () if script is None else script.unknowns)
+
+
+def _device(options: EmulationOptions, arm: ArmModel) -> DeviceSpec:
+    return device_of(
+        arm,
+        form=options.form,
+        unit=options.unit,
+        counts_per_turn=options.counts_per_turn,
+        signs=options.signs,
+        baudrate=options.baudrate,
+    )
+
+
+def _set(options: EmulationOptions, script: ScriptFile) -> SetSpec:
+    """A set of a simulation, with what the options change of it."""
+    plan = script.set(options.set_name)
+    if options.seating is not None:
+        plan = replace(plan, noise=replace(plan.noise, seating=options.seating))
+    if plan.term.needs_artefact:
+        chosen = _places(options.placements, plan.places, "--placement")
+        return replace(plan, places=chosen, repeats=options.repeats or plan.repeats)
+    chosen = _places(options.points, plan.places, "--point")
+    return replace(plan, places=chosen, directions=options.directions or plan.directions)
+
+
+def _job_plan(
+    options: EmulationOptions, script: ScriptFile, arm: ArmModel, values: dict[str, float]
+) -> SetSpec:
+    """What a job's arm shall touch: the job itself does not say where anything stands."""
+    seating = options.seating
+    noise = None if seating is None else NoiseLevels(seating=seating)
+    if options.points:
+        points = _places(options.points, {}, "--point")
+        directions = options.directions or SetSpec.directions
+        return point_set(points, directions, options.cone, noise)
+    if script.artefact is None:
+        raise InputError(
+            "no artefact in the job",
+            "--point F1=x,y,z of a fixed point, in mm in the base frame",
+            file=script.path,
+        )
+    posture = posture_of(arm, parse_posture(arm, options.posture))
+    placements = {
+        label: placement_within_reach(
+            arm, values, script.artefact, label, seed=options.seed, posture=posture
+        )
+        if pose is None
+        else pose
+        for label, pose in (options.placements or {"P1": None}).items()
+    }
+    return artefact_set(script.artefact, placements, options.repeats or 1, noise)
+
+
+def _places(wanted: Places, known: Mapping[str, PoseSpec], where: str) -> dict[str, PoseSpec]:
+    """The places asked for, by label from those known or with a pose; those known by default."""
+    chosen: dict[str, PoseSpec] = {}
+    for label, pose in wanted.items():
+        if pose is None and label not in known:
+            expected = f"one of {', '.join(known)}" if known else PLACE_FORM
+            raise InputError(repr(label), expected, where=where, hint=did_you_mean(label, known))
+        chosen[label] = known[label] if pose is None else pose
+    return chosen or dict(known)
+
+
+def _script_motion(
+    options: EmulationOptions,
+    script: ScriptFile,
+    arm: ArmModel,
+    values: dict[str, float],
+    plan: SetSpec,
+) -> Motion:
+    posture = () if script.simulation is None else script.simulation.posture
+    units = {name: arm.parameters[f"{name}.offset"].unit for name in arm.joints}
+    # Checked here too: below, a wrong joint would be blamed on the script's file.
+    given = parse_posture(arm, options.posture)
+    posture_of(arm, given)
+    posture += tuple(PostureRow(name, q, units[name]) for name, q in given.items())
+    return stops(
+        arm,
+        values,
+        plan,
+        seed=options.seed,
+        sequence=options.sequence,
+        posture=posture,
+        timing=options.timing,
+        path=script.path,
+    )
+
+
+def _free_motion(options: EmulationOptions, arm: ArmModel, values: dict[str, float]) -> Motion:
+    if options.csv is not None:
+        return recorded(options.csv, arm)
+    posture = posture_of(arm, parse_posture(arm, options.posture))
+    if options.motion == "pivot":
+        return _pivot(options, arm, values, posture if options.posture else None)
+    if options.motion == "trajectory":
+        slowest, fastest = options.frequency
+        return sweep(
+            arm,
+            posture,
+            amplitude=options.amplitude,
+            slowest=slowest,
+            fastest=fastest,
+            duration=options.duration,
+        )
+    return Still(posture)
+
+
+def _pivot(
+    options: EmulationOptions, arm: ArmModel, values: dict[str, float], posture: FloatArray | None
+) -> Motion:
+    if len(options.points) > 1:
+        raise InputError(f"{len(options.points)} points", "one to pivot on", where="--point")
+    points = [pose.position for pose in _places(options.points, {}, "--point").values()]
+    return pivoting(
+        arm,
+        values,
+        np.array(points[0]) if points else None,
+        posture=posture,
+        cone=options.cone,
+        period=options.period,
+        seed=options.seed,
+    )

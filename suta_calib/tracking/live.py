@@ -1,0 +1,201 @@
+"""Tracking an arm on a cable: from files and addresses to published poses."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import AbstractContextManager, ExitStack, nullcontext
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any, Self
+
+from suta_calib.atomic import check_folder
+from suta_calib.device.bus import Bus
+from suta_calib.device.description import read_device
+from suta_calib.device.reading import Statistics
+from suta_calib.model.arm import ArmModel
+from suta_calib.tracking.publisher import Publisher, UdpPublisher, pose_dict
+from suta_calib.tracking.recording import CsvRecorder, ParquetRecorder
+from suta_calib.tracking.session import TrackingSession, low_latency
+from suta_calib.tracking.tracker import TipKinematics, Tool, Tracker, read_tool
+from suta_calib.tracking.uncertainty import SOURCE_WORDS, read_uncertainty
+from suta_calib.units import mm
+
+
+@dataclass(frozen=True)
+class TrackOptions:
+    """Which arm is tracked, and where its poses go.
+
+    Attributes:
+        arm: the calibrated URDF, for raw readings.
+        tip: link or frame of the arm that is tracked.
+        device: the device.yaml.
+        base: link the pose is relative to; the root by default.
+        result: result.json of the calibration that wrote ``arm``: for the tip's uncertainty.
+        anyway: take a result or a tool that says of itself that it must not be used.
+        tool: tip.json of a pivot calibration: a tool on the tip.
+        igtl: host (empty for all) and port at which OpenIGTLink clients are served.
+        igtl_name: the device name of these messages.
+        udp: host and port to which JSON datagrams are sent.
+        csv, parquet: files that record every pose.
+        seconds: how long, s; until it is stopped by default.
+        rate: most poses a second of the device's clock; one for every frame by default.
+    """
+
+    arm: Path
+    tip: str
+    device: Path
+    base: str | None = None
+    result: Path | None = None
+    anyway: bool = False
+    tool: Path | None = None
+    igtl: tuple[str, int] | None = None
+    igtl_name: str = "TipToBase"
+    udp: tuple[str, int] | None = None
+    csv: Path | None = None
+    parquet: Path | None = None
+    seconds: float | None = None
+    rate: float | None = None
+
+
+class Tracking:
+    """Tracks an arm; a context manager, which ends with complete files.
+
+    For example::
+
+        with Tracking(TrackOptions(urdf, "tip", device, csv=log, seconds=10)) as tracking:
+            tracking.run()
+        tracking.session.last_valid
+
+    Args:
+        options: which arm, and where its poses go.
+
+    Attributes:
+        on_event: called with one sentence for everything that went wrong and went on; may be set.
+        arm: the calibrated arm.
+        device: the device.
+        tool: on the tip.
+        uncertainty: of the arm's calibration, or None.
+        session: counts, latency and the latest poses; there once the context is entered.
+        events: everything that went wrong and went on, in order.
+        interrupted: whether Ctrl-C ended it.
+
+    Raises:
+        UrdfError, DeviceFileError, InputError: a file that cannot be used, or a device that lacks
+            a joint of the arm.
+    """
+
+    session: TrackingSession
+
+    def __init__(self, options: TrackOptions) -> None:
+        self.options = options
+        self.on_event: Callable[[str], None] = lambda _: None
+        self.arm = ArmModel.from_urdf(options.arm, options.tip, options.base)
+        self.device = read_device(options.device)
+        result = options.result
+        anyway, tool = options.anyway, options.tool
+        self.uncertainty = (
+            None if result is None else read_uncertainty(result, self.arm, anyway=anyway)
+        )
+        self.tool = Tool.none() if tool is None else read_tool(tool, anyway=anyway)
+        kinematics = TipKinematics(self.arm, self.tool, self.uncertainty)
+        self._tracker = Tracker(self.arm, self.device.names, kinematics, options.device)
+        self.events: list[str] = []
+        self.interrupted = False
+        self._bus = Bus(self.device, reconnect=True, on_event=self._note)
+
+    @property
+    def statistics(self) -> Statistics:
+        """What was lost or damaged so far."""
+        return self._bus.statistics
+
+    def __enter__(self) -> Self:
+        """Create the files, open the network's ports.
+
+        Raises:
+            OutputError: one of them cannot be had.
+            InputError: a name of an OpenIGTLink device, or a host, that cannot be used.
+            MissingExtraError: Parquet is asked for and pyarrow is not installed.
+        """
+        with ExitStack() as stack:
+            publishers = [stack.enter_context(each()) for each in self._wanted()]
+            self.session = TrackingSession(self._tracker, publishers, self.options.rate)
+            self._publishers = stack.pop_all()
+        return self
+
+    def __exit__(self, *error: Any) -> None:
+        self._publishers.__exit__(*error)
+
+    def run(
+        self,
+        view: AbstractContextManager[object] | None = None,
+        stop: Callable[[], bool] = lambda: False,
+    ) -> None:
+        """Track until the time is over, ``stop`` says so, or Ctrl-C ends it.
+
+        Args:
+            view: shows the session; entered once the port is open.
+            stop: asked again and again.
+
+        Raises:
+            DeviceError: the device cannot be opened, was never heard, or cannot be understood.
+            OutputError: a file that cannot be written any more.
+        """
+        try:
+            with low_latency(), self._bus as bus, view or nullcontext():
+                self.session.run(bus, self.options.seconds, stop)
+        except KeyboardInterrupt:
+            self.interrupted = True
+
+    def as_dict(self) -> dict[str, Any]:
+        """What was tracked, and what happened, as JSON data."""
+        known, statistics = self.uncertainty, self.statistics
+        last = self.session.last_valid
+        counts = {key: value for key, value in vars(statistics).items() if isinstance(value, int)}
+        flags = {
+            name: {"errors": int(errors), "warnings": int(warnings)}
+            for name, errors, warnings in zip(
+                statistics.joints, statistics.error_flags, statistics.warning_flags, strict=True
+            )
+        }
+        uncertainty = known and {
+            "source": SOURCE_WORDS[known.source],
+            "parameters": list(known.names),
+            "held": list(known.fixed),
+            "tool_included": self.tool.std is not None,
+        }
+        return {
+            "arm": str(self.arm.chain.path),
+            "base": self.arm.chain.base,
+            "tip": self.arm.tip,
+            "device": str(self.device.path),
+            "tool_mm": mm(self.tool.tip).tolist(),
+            "uncertainty": uncertainty,
+            **self.session.summary(),
+            "last": None if last is None else pose_dict(last),
+            "stream": counts | {"flags": flags},
+            "events": self.events,
+            "interrupted": self.interrupted,
+        }
+
+    def _wanted(self) -> list[Callable[[], Publisher]]:
+        """The publishers that were asked for, not yet open."""
+        options, joints = self.options, self.arm.joints
+        wanted: list[Callable[[], Publisher]] = []
+        if options.igtl is not None:
+            from suta_calib.tracking.igtl import IgtlPublisher
+
+            host, port = options.igtl
+            wanted.append(lambda: IgtlPublisher(port, options.igtl_name, host))
+        if options.udp is not None:
+            to = options.udp
+            wanted.append(lambda: UdpPublisher(*to))
+        for path, recorder in ((options.csv, CsvRecorder), (options.parquet, ParquetRecorder)):
+            if path is not None:
+                check_folder(path.parent)
+                wanted.append(partial(recorder, path, joints))
+        return wanted
+
+    def _note(self, event: str) -> None:
+        self.events.append(event)
+        self.on_event(event)

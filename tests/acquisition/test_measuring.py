@@ -1,0 +1,54 @@
+"""Measuring from Python, without the command line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from measuring_bench import Bench
+
+from suta_calib.acquisition import MeasureOptions, measure
+from suta_calib.emulation import EmulatedArm
+from suta_calib.errors import InputError
+
+
+@pytest.fixture
+def bench(tmp_path: Path, repository: Path) -> Bench:
+    return Bench.made(tmp_path, repository)
+
+
+def test_a_placement_is_measured_by_a_call(bench: Bench) -> None:
+    said: list[str] = []
+    shown: list[str] = []
+    with EmulatedArm(bench.emulation(bench.stops("O,M1", rest=0.9))) as emulator:
+        options = MeasureOptions(
+            job=bench.job,
+            device=emulator.write_device(bench.folder / "device.yaml"),
+            placement="P1",
+            sequence=("O", "M1"),
+            seconds=0.4,
+            unattended=True,
+        )
+        measured = measure(options, say=said.append, show=shown.append)
+    assert (measured.status, measured.samples, measured.missing) == ("complete", 2, ())
+    assert measured.file == bench.folder / "calibration" / "P1_1.csv"
+    assert "nothing lost" in measured.happened[0]
+    assert any(line.startswith("M1: recorded") for line in said)
+    assert any(line.startswith("resting") for line in shown)
+    bench.check(bench.samples())
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({}, "one of --placement"),
+        ({"point": "F1", "free": True}, "--point and --free"),
+        ({"placement": "P1", "continuous": 3.0}, "--continuous with --placement"),
+    ],
+)
+def test_options_that_contradict_each_other_are_refused(
+    given: dict[str, object], said: str
+) -> None:
+    options = MeasureOptions(Path("job.yaml"), Path("device.yaml"), **given)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match=said):
+        measure(options)
