@@ -15,7 +15,7 @@ from matplotlib.figure import Figure as Picture
 from suta_calib.arrays import FloatArray
 from suta_calib.geometry.numbers import homogeneous
 from suta_calib.report.document import Document, Figure, Part, Text
-from suta_calib.report.listing import Column, Json, Listing, plain
+from suta_calib.report.listing import Column, Json, Listing, plain, shown_as
 from suta_calib.report.poses import LARGE, pose_record
 from suta_calib.report.svg import BLUE, GREY, ORANGE, shown_array, style, svg_text
 from suta_calib.tracking.path_accuracy import ErrorFigures, PathAccuracy
@@ -62,7 +62,7 @@ ERRORS: Final = Listing[ErrorKind](
     (
         Column("", "", lambda each: f"{each.name}, {unit_name(each.unit)}"),
         *(
-            Column[ErrorKind]("", column.heading, cell=_figure(k), numeric=True)
+            shown_as(column.heading, _figure(k))
             for k, column in enumerate(FIGURES["m"].columns)
             if column.heading
         ),
@@ -111,7 +111,7 @@ JOINTS: Final = Listing[Reversals](
     (
         replace(AXES.columns[0], heading="joint"),
         *AXES.columns[1:],
-        Column("", "hysteresis", cell=lambda each: each.hysteresis_text, numeric=True),
+        shown_as("hysteresis", lambda each: each.hysteresis_text),
     ),
 )
 

@@ -33,6 +33,11 @@ class Interval:
     low: float
     high: float
 
+    @property
+    def ends(self) -> tuple[float, float]:
+        """Lower and upper end."""
+        return self.low, self.high
+
     def __contains__(self, value: float) -> bool:
         return self.low <= value <= self.high
 
