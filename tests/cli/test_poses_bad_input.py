@@ -234,7 +234,7 @@ def test_an_output_folder_that_is_a_file(
     def solving(*_: object, **__: object) -> None:
         raise AssertionError("it began to solve")
 
-    monkeypatch.setattr(f"suta_calib.navigation.{module}", solving)
+    monkeypatch.setattr(f"suta_calib.pose_calibration.{module}", solving)
     taken = folder / "taken"
     taken.write_text("mine")
     assert str(taken) in refused(capsys, folder, command, "--out", taken / below)
