@@ -22,7 +22,6 @@ from suta_calib.report.poses import (
     draw_residuals,
     fit_texts,
     fitted_rows,
-    residual_rows,
     residuals_file,
 )
 from suta_calib.report.svg import style, svg_text
@@ -78,14 +77,14 @@ def pivot_document(found: PivotCalibration, data: ToolPoses) -> Document:
     parts: list[Part] = [PLACES.of([Place("tip", found.tip, found.tip_std), *posts], title)]
     if (more := len(found.posts) - MOST_POSTS) > 0:
         parts.append(Text(f"and {more} more posts: --json has them"))
+    touched = {} if data.point is None else {"point": data.point.tolist()}
     fit = (
         f"rms {text(found.rms, 'm', with_unit=True)} (3-D); "
         f"the tool was turned by {deg(found.turn):.0f}° RMS"
     )
-    rows = residual_rows(found.inliers, data.lines, found.residuals, beside=_touched(data))
     parts += [
         *fit_texts(fit, "pose", found.inliers, data.lines),
-        residuals_file(rows, beside="" if data.point is None else "point"),
+        residuals_file(found.inliers, {"line": data.lines, **touched}, found.residuals),
         Figure(partial(pivot_plot, found, data)),
     ]
     if found.assessment.usable:
@@ -93,10 +92,6 @@ def pivot_document(found: PivotCalibration, data: ToolPoses) -> Document:
     return Document(
         NAME, "Pivot calibration", found.assessment, parts, _data(found, data), "result"
     )
-
-
-def _touched(data: ToolPoses) -> list[str] | None:
-    return None if data.point is None else [str(label) for label in data.point]
 
 
 def _data(found: PivotCalibration, data: ToolPoses) -> Json:

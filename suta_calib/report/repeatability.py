@@ -226,9 +226,7 @@ def _allan(unit: Unit) -> Listing[AllanDeviation]:
         "",
         (
             Column("tau", unit="s"),
-            Column(f"deviation_{unit_name(unit)}", value=lambda a: shown(a.deviation, unit)),
-            Column(f"low_{unit_name(unit)}", value=lambda a: shown(a.low, unit)),
-            Column(f"high_{unit_name(unit)}", value=lambda a: shown(a.high, unit)),
+            *written("deviation", "low", "high", unit=unit),
             Column("best_tau", value=lambda a: a.tau[a.best], unit="s"),
             Column("best", value=lambda a: a.deviation[a.best], unit=unit),
             Column("rises_again", value=lambda a: a.bottomed),
