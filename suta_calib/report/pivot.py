@@ -17,6 +17,7 @@ from suta_calib.report.files import json_text
 from suta_calib.report.listing import Column, Json, Listing, plain, written
 from suta_calib.report.poses import (
     LARGE,
+    axes_with_std,
     covariance_record,
     draw_directions,
     draw_residuals,
@@ -52,18 +53,12 @@ class Place:
     std: FloatArray
 
 
-def _coordinate(axis: str) -> Column[Place]:
-    k = "xyz".index(axis)
-
-    def cell(place: Place) -> str:
-        return f"{text(place.position[k], 'm')} ± {text(place.std[k], 'm')}"
-
-    return Column("", axis, lambda place: place.position[k], "m", cell=cell)
-
-
 PLACES: Final = Listing[Place](
     "Tip in the tool, post in the tracker, mm",
-    (Column("", "", lambda place: place.name), *map(_coordinate, "xyz")),
+    (
+        Column("", "", lambda place: place.name),
+        *axes_with_std(lambda place: place.position, lambda place: place.std),
+    ),
 )
 
 

@@ -18,7 +18,7 @@ from matplotlib.ticker import MaxNLocator
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.geometry.numbers import quaternion_from_rotation, rpy_from_rotation
 from suta_calib.report.document import File, Text
-from suta_calib.report.listing import Column, Json, Listing, Table, csv_text, plain, shown_as
+from suta_calib.report.listing import Column, Json, Listing, Row, Table, csv_text, plain, shown_as
 from suta_calib.report.svg import BLUE, GREY, ORANGE, WIDTH, plain_log, shown_array
 from suta_calib.report.verdict import listed
 from suta_calib.units import Unit, deg, from_deg, key, shown, text, unit_name
@@ -134,6 +134,22 @@ def pose_table(title: str, pose: FloatArray, std: FloatArray, axes: str) -> Tabl
         ("quaternion x y z w", *(f"{round(v, 6) + 0.0:.6f}" for v in quaternion.tolist())),
     )
     return _POSE.of(rows, title)
+
+
+def axes_with_std(
+    position: Callable[[Row], FloatArray], std: Callable[[Row], FloatArray]
+) -> tuple[Column[Row], ...]:
+    """Columns x, y, z that show each coordinate of a place ± its standard deviation, mm.
+
+    Args:
+        position: (3,) of a row, m.
+        std: (3,) of the same row, m.
+    """
+
+    def cell(k: int) -> Callable[[Row], str]:
+        return lambda row: f"{text(position(row)[k], 'm')} ± {text(std(row)[k], 'm')}"
+
+    return tuple(shown_as(axis, cell(k)) for k, axis in enumerate("xyz"))
 
 
 def pose_record(pose: FloatArray, prefix: str = "") -> Json:
