@@ -36,6 +36,12 @@ RCOND: Final = 1e-6
 # Left-out points that the other frames do not determine: leverage this close to one.
 UNDETERMINED: Final = 1e-9
 Mask = NDArray[np.bool_]
+MAX_ROUNDS: Final = 10
+# Times the limit for normal errors: what a polynomial cannot follow is no outlier.
+GROSS: Final = 3.0
+# m, error of an EM reading that is none: a tenth of what such trackers promise.
+HARMLESS: Final = 1e-4
+INVERSIONS: Final = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -239,14 +245,6 @@ def _basis(scaled: FloatArray, degree: int) -> FloatArray:
     knots = np.repeat([0.0, 1.0], degree + 1)
     matrix = NdBSpline.design_matrix(scaled, (knots,) * 3, degree)
     return np.asarray(matrix.toarray())
-
-
-MAX_ROUNDS: Final = 10
-# Times the limit for normal errors: what a polynomial cannot follow is no outlier.
-GROSS: Final = 3.0
-# m, error of an EM reading that is none: a tenth of what such trackers promise.
-HARMLESS: Final = 1e-4
-INVERSIONS: Final = 4
 
 
 def fit_distortion_robustly(

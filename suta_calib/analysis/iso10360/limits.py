@@ -17,6 +17,16 @@ Rule = Literal["guarded", "simple"]
 # Expanded uncertainties are given, as usual, for twice the standard uncertainty.
 EXPANDED: Final = 2.0
 _WORST: Final[tuple[Decision, ...]] = ("fail", "undecided", "pass", "no limit")
+JUDGED_KEYS: Final = ("mpe", "uncertainty", "decision_rule", "coverage_factor")
+# What is limited, and the section of the job that tests it.
+_TESTED_BY: Final = {
+    "length": "lengths",
+    "location": "articulation",
+    "size": "probing",
+    "form": "probing",
+    "repeatability": "repeatability",
+}
+_PLACES: Final = ("location", "size", "form", "repeatability")
 
 
 @dataclass(frozen=True)
@@ -122,18 +132,6 @@ class DecisionRule:
 def worst(decisions: Sequence[Decision]) -> Decision:
     """Of several: all must pass."""
     return min(decisions, key=_WORST.index, default="no limit")
-
-
-JUDGED_KEYS: Final = ("mpe", "uncertainty", "decision_rule", "coverage_factor")
-# What is limited, and the section of the job that tests it.
-_TESTED_BY: Final = {
-    "length": "lengths",
-    "location": "articulation",
-    "size": "probing",
-    "form": "probing",
-    "repeatability": "repeatability",
-}
-_PLACES: Final = ("location", "size", "form", "repeatability")
 
 
 def read_limits(top: YamlSection) -> Limits:
