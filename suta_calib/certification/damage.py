@@ -42,6 +42,8 @@ RISK: Final = 0.025
 ENOUGH: Final = 5
 # Scatter among the pillars, beyond the touches', that one must exceed so many times.
 STANDS_OUT: Final = 6.0
+# An uneven top is one whose touches no plane explains; what a reader is given to compare with.
+SIGMAS = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,10 +115,6 @@ def _usual(quantity: Quantity, enough: bool) -> tuple[FloatArray, FloatArray]:
     spread = MAD * np.nanmedian(np.abs(quantity.value - usual), axis=0)
     noise = np.nanmedian(quantity.std, axis=0)
     return usual, np.sqrt(np.maximum(spread**2 - noise**2, 0.0))
-
-
-# An uneven top is one whose touches no plane explains; what a reader is given to compare with.
-SIGMAS = 3.0
 
 
 def judged(

@@ -30,6 +30,7 @@ from suta_calib.measurements import Artefact
 Source = Literal["side plane", "farthest landmark"]
 # Heights of the side's touches that differ less say nothing of how upright it is (m).
 UPRIGHT: Final = 2e-3
+ORIGIN: Final = "O"
 
 
 @dataclass(frozen=True, eq=False)
@@ -258,9 +259,6 @@ def shape_covariance(position: FloatArray, covariance: FloatArray) -> FloatArray
     motion = np.concatenate([np.tile(np.eye(3), (n, 1, 1)), lever], axis=2).reshape(3 * n, 6)
     keep = np.eye(3 * n) - motion @ np.linalg.pinv(motion)
     return np.asarray(keep @ covariance @ keep.T)
-
-
-ORIGIN: Final = "O"
 
 
 def origin_of(names: Sequence[str], options: CertificationOptions) -> int:

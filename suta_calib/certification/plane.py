@@ -26,6 +26,8 @@ MOST_WRONG: Final = 0.3
 FINEST: Final = 1e-8
 # From MAD to standard deviation of a normal distribution.
 MAD: Final = float(1.0 / norm.ppf(0.75))
+# Chance that any top of an artefact with nothing wrong is called uneven.
+UNEVEN_FALSE_ALARM: Final = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,10 +137,6 @@ def _principal(points: FloatArray) -> tuple[FloatArray, FloatArray]:
     axes = np.linalg.svd(points - centre)[2]
     axes[2] *= np.linalg.det(axes)
     return centre, axes
-
-
-# Chance that any top of an artefact with nothing wrong is called uneven.
-UNEVEN_FALSE_ALARM: Final = 0.01
 
 
 @dataclass(frozen=True, eq=False)

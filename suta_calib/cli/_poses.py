@@ -1,4 +1,4 @@
-"""What the commands on poses share: options, waiting, writing, the exit code."""
+"""What the commands on poses share: options, and a word while they work."""
 
 from __future__ import annotations
 

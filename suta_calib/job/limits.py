@@ -31,6 +31,16 @@ _TESTED_BY: Final = {
 _PLACES: Final = ("location", "size", "form", "repeatability")
 _M_PER_UM: Final = from_mm(1e-3)
 _WORST: Final[tuple[Decision, ...]] = ("fail", "undecided", "pass", "no limit")
+JUDGED_KEYS: Final = ("mpe", "uncertainty", "decision_rule", "coverage_factor")
+# What is limited, and the section of the job that tests it.
+_TESTED_BY: Final = {
+    "length": "lengths",
+    "location": "articulation",
+    "size": "probing",
+    "form": "probing",
+    "repeatability": "repeatability",
+}
+_PLACES: Final = ("location", "size", "form", "repeatability")
 
 
 @dataclass(frozen=True)

@@ -38,40 +38,6 @@ from suta_calib.terms.poses import MeasuredPoses
 from suta_calib.terms.tracked_point import TrackedPoint
 from suta_calib.units import deg, from_deg, mm
 
-
-def distinct_rows(a: FloatArray, b: FloatArray) -> tuple[IntArray, IntArray]:
-    """Pairs of points without their exact copies.
-
-    Args:
-        a: (n, 3) points in one frame.
-        b: (n, 3) the same points in another.
-
-    Returns:
-        (k,) rows that are not copies of one before, in their order; and (n,) for every row the
-        index of its like among them.
-    """
-    _, first, copies = np.unique(np.hstack([a, b]), axis=0, return_index=True, return_inverse=True)
-    order = np.argsort(first)
-    rank = np.argsort(order)
-    return first[order], rank[copies.reshape(-1)]
-
-
-def determining_rows(a: FloatArray, b: FloatArray) -> int:
-    """Rows (n, 3) of which every choice has three different points, as long as some have.
-
-    Two points fit any pair of their like: where the two that occur most are many rows, what most
-    rows agree on says nothing of the turn about them. In the words of robust regression, the rows
-    are not in general position (Rousseeuw and Leroy 1987, section 3.4). Three where no point
-    occurs twice in either frame.
-    """
-    return 1 + max(_two_most_frequent(points) for points in (a, b))
-
-
-def _two_most_frequent(points: FloatArray) -> int:
-    counts = np.unique(points, axis=0, return_counts=True)[1]
-    return int(np.sort(counts)[-2:].sum())
-
-
 LEAST_POINTS: Final = 3
 # Second singular value of centred points, relative to the first, of points on a line.
 ON_A_LINE: Final = 1e-6
@@ -82,58 +48,6 @@ UNRELATED: Final = 0.25
 # Extent across a line, in units of the scatter, from which on it is more than noise.
 OFF_LINE: Final = 2.5
 _NOT_ON_A_LINE: Final = "at least three points that are not on one line"
-
-
-def check_points(a: FloatArray, b: FloatArray) -> None:
-    """Refuse sets that no data could register: sizes, too few, one point, one line."""
-    if a.shape != b.shape:
-        raise SamplesError(
-            f"{len(a)} points and {len(b)} points", "as many of each, row for row the same"
-        )
-    if len(a) < LEAST_POINTS:
-        raise SamplesError(f"{len(a)} points", f"at least {LEAST_POINTS}, not on one line")
-    for points, which in ((a, "first"), (b, "second")):
-        spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
-        if spread[0] <= 1e-12 * np.abs(points).max():
-            raise SamplesError(f"the same point in every row of the {which} set", _NOT_ON_A_LINE)
-        if spread[1] < ON_A_LINE * spread[0]:
-            raise SamplesError(f"points on a line in the {which} set", _NOT_ON_A_LINE)
-
-
-def check_handedness(start: Consensus, mirrored: Consensus, extent: float) -> None:
-    """Refuse mirror images: Arun's third case, unless noise may be what turned the sign."""
-    found, reflected = float(start.sigmas[0]), float(mirrored.sigmas[0])
-    if found > MIRRORED * reflected and found > ROUNDING * extent:
-        raise SamplesError(
-            "points that are the mirror image of each other",
-            "two right-handed frames",
-            hint="swap two axes or turn the sign of one in one of the files",
-        )
-
-
-def check_correspondence(fit: RobustFit, length: float) -> None:
-    """Refuse points that do not lie on each other whatever the transform."""
-    if fit.sigmas[0] > UNRELATED:
-        raise SamplesError(
-            f"points that stay {mm(length * fit.sigmas[0]):.1f} mm per axis apart when they are "
-            f"laid over each other, which themselves lie {mm(length):.1f} mm about their middle",
-            "the same points, row for row",
-            hint="is the order of the rows the same, and the unit?",
-        )
-
-
-def check_line(moved: FloatArray, fit: RobustFit) -> None:
-    """Points off a line by no more than noise do not tell the turn about it."""
-    centred = moved - moved.mean(axis=0)
-    off_line = np.linalg.svd(centred, compute_uv=False)[1] / np.sqrt(len(moved))
-    if off_line < OFF_LINE * fit.sigmas[0] or len(fit.solution.identification.fixed):
-        raise SamplesError(
-            "points that hardly differ from a line, given how they scatter: the turn about it "
-            "is not determined",
-            _NOT_ON_A_LINE,
-        )
-
-
 # Points from which on one that does not fit can be told from the others.
 ENOUGH_TO_JUDGE: Final = 5
 # Standard deviations, m and rad, that deserve a word.
@@ -382,3 +296,86 @@ def _everything(a: FloatArray, b: FloatArray) -> Consensus:
     R, p = register_points(a, b)
     sigma = np.sqrt(np.mean((a @ R.T + p - b) ** 2))
     return Consensus(np.ones(len(a), dtype=np.bool_), np.array([sigma]))
+
+
+def check_points(a: FloatArray, b: FloatArray) -> None:
+    """Refuse sets that no data could register: sizes, too few, one point, one line."""
+    if a.shape != b.shape:
+        raise SamplesError(
+            f"{len(a)} points and {len(b)} points", "as many of each, row for row the same"
+        )
+    if len(a) < LEAST_POINTS:
+        raise SamplesError(f"{len(a)} points", f"at least {LEAST_POINTS}, not on one line")
+    for points, which in ((a, "first"), (b, "second")):
+        spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+        if spread[0] <= 1e-12 * np.abs(points).max():
+            raise SamplesError(f"the same point in every row of the {which} set", _NOT_ON_A_LINE)
+        if spread[1] < ON_A_LINE * spread[0]:
+            raise SamplesError(f"points on a line in the {which} set", _NOT_ON_A_LINE)
+
+
+def check_handedness(start: Consensus, mirrored: Consensus, extent: float) -> None:
+    """Refuse mirror images: Arun's third case, unless noise may be what turned the sign."""
+    found, reflected = float(start.sigmas[0]), float(mirrored.sigmas[0])
+    if found > MIRRORED * reflected and found > ROUNDING * extent:
+        raise SamplesError(
+            "points that are the mirror image of each other",
+            "two right-handed frames",
+            hint="swap two axes or turn the sign of one in one of the files",
+        )
+
+
+def check_correspondence(fit: RobustFit, length: float) -> None:
+    """Refuse points that do not lie on each other whatever the transform."""
+    if fit.sigmas[0] > UNRELATED:
+        raise SamplesError(
+            f"points that stay {mm(length * fit.sigmas[0]):.1f} mm per axis apart when they are "
+            f"laid over each other, which themselves lie {mm(length):.1f} mm about their middle",
+            "the same points, row for row",
+            hint="is the order of the rows the same, and the unit?",
+        )
+
+
+def check_line(moved: FloatArray, fit: RobustFit) -> None:
+    """Points off a line by no more than noise do not tell the turn about it."""
+    centred = moved - moved.mean(axis=0)
+    off_line = np.linalg.svd(centred, compute_uv=False)[1] / np.sqrt(len(moved))
+    if off_line < OFF_LINE * fit.sigmas[0] or len(fit.solution.identification.fixed):
+        raise SamplesError(
+            "points that hardly differ from a line, given how they scatter: the turn about it "
+            "is not determined",
+            _NOT_ON_A_LINE,
+        )
+
+
+def distinct_rows(a: FloatArray, b: FloatArray) -> tuple[IntArray, IntArray]:
+    """Pairs of points without their exact copies.
+
+    Args:
+        a: (n, 3) points in one frame.
+        b: (n, 3) the same points in another.
+
+    Returns:
+        (k,) rows that are not copies of one before, in their order; and (n,) for every row the
+        index of its like among them.
+    """
+    _, first, copies = np.unique(np.hstack([a, b]), axis=0, return_index=True, return_inverse=True)
+    order = np.argsort(first)
+    rank = np.argsort(order)
+    return first[order], rank[copies.reshape(-1)]
+
+
+def determining_rows(a: FloatArray, b: FloatArray) -> int:
+    """Rows (n, 3) of which every choice has three different points, as long as some have.
+
+    Two points fit any pair of their like: where the two that occur most are many rows, what most
+    rows agree on says nothing of the turn about them. In the words of robust regression, the rows
+    are not in general position (Rousseeuw and Leroy 1987, section 3.4). Three where no point
+    occurs twice in either frame.
+    """
+    return 1 + max(_two_most_frequent(points) for points in (a, b))
+
+
+def _two_most_frequent(points: FloatArray) -> int:
+    counts = np.unique(points, axis=0, return_counts=True)[1]
+    return int(np.sort(counts)[-2:].sum())

@@ -25,7 +25,7 @@ from suta_calib.certification.result import (
     noise_source,
 )
 from suta_calib.report.document import Document, Figure, Part, ShownOnly, Text
-from suta_calib.report.listing import Column, Json, Listing, components, written
+from suta_calib.report.listing import Column, Json, Listing, components, shown_as, written
 from suta_calib.report.svg import BLUE, GREY, ORANGE, WIDTH, style, svg_text
 from suta_calib.units import deg, mm, um
 
@@ -102,7 +102,7 @@ def _mark(row: Judged) -> CertifiedLandmark:
 
 
 def _micrometres(heading: str, value: Callable[[Judged], float], form: str) -> Column[Judged]:
-    return Column("", heading, cell=lambda row: f"{um(value(row)):{form}}", numeric=True)
+    return shown_as(heading, lambda row: f"{um(value(row)):{form}}")
 
 
 TOP: Final = Listing[CertifiedLandmark](

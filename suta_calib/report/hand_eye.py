@@ -22,7 +22,6 @@ from suta_calib.report.poses import (
     pose_record,
     pose_std_record,
     pose_table,
-    residual_rows,
     residuals_file,
 )
 from suta_calib.report.svg import style, svg_text
@@ -50,12 +49,15 @@ def hand_eye_document(found: HandEyeCalibration, data: PosePairs) -> Document:
         f"rms {text(found.rms, 'm', with_unit=True)} (3-D), "
         f"{text(found.rms_angle, 'rad', with_unit=True)}"
     )
-    turns = found.rotation_residuals
-    rows = residual_rows(found.inliers, data.lines, found.position_residuals, turns)
     parts: list[Part] = [
         *(_pose(found, name) for name in found.unknowns),
         *fit_texts(fit, "pair", found.inliers, data.lines),
-        residuals_file(rows, turned=True),
+        residuals_file(
+            found.inliers,
+            {"line": data.lines},
+            found.position_residuals,
+            found.rotation_residuals,
+        ),
         Figure(partial(hand_eye_plot, found)),
     ]
     return Document(

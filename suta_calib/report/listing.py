@@ -222,6 +222,11 @@ def written(*names: str, unit: Unit | None = None) -> tuple[Column[Any], ...]:
     return tuple(Column(name, unit=unit) for name in names)
 
 
+def shown_as(heading: str, cell: Callable[[Row], str]) -> Column[Row]:
+    """A column of numbers that is only shown, as the text that ``cell`` makes."""
+    return Column("", heading, cell=cell, numeric=True)
+
+
 def components(
     headings: Sequence[str],
     vector: Callable[[Row], Any],

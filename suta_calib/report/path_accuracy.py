@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, Final
@@ -15,7 +14,7 @@ from matplotlib.figure import Figure as Picture
 from suta_calib.arrays import FloatArray
 from suta_calib.geometry.numbers import homogeneous
 from suta_calib.report.document import Document, Figure, Part, Text
-from suta_calib.report.listing import Column, Json, Listing, plain
+from suta_calib.report.listing import Column, Json, Listing, in_own_units, plain, shown_as
 from suta_calib.report.poses import LARGE, pose_record
 from suta_calib.report.svg import BLUE, GREY, ORANGE, shown_array, style, svg_text
 from suta_calib.tracking.path_accuracy import ErrorFigures, PathAccuracy
@@ -25,22 +24,6 @@ from suta_calib.units import NOTHING, Unit, key, mm, ms, text, unit_name
 # Of its picture too: what the command was called at first.
 NAME: Final = "dynamics"
 _MOST_POINTS: Final = 2000
-
-
-def _figures(unit: Unit) -> Listing[ErrorFigures]:
-    return Listing(
-        "",
-        (
-            Column("rms", "RMS", unit=unit),
-            Column("mean", "mean", unit=unit),
-            Column("p95", "95 %", unit=unit),
-            Column("max", "max", lambda each: each.maximum, unit),
-            Column("count"),
-        ),
-    )
-
-
-FIGURES: Final[dict[Unit, Listing[ErrorFigures]]] = {"m": _figures("m"), "rad": _figures("rad")}
 
 
 @dataclass(frozen=True)
@@ -53,19 +36,25 @@ class ErrorKind:
     figures: ErrorFigures
 
 
-def _figure(k: int) -> Callable[[ErrorKind], str]:
-    return lambda each: FIGURES[each.unit].columns[k].text(each.figures)
+def _figures(unit: Unit) -> Listing[ErrorKind]:
+    return Listing(
+        "Distance from the reference",
+        (
+            Column("rms", "RMS", lambda each: each.figures.rms, unit),
+            Column("mean", "mean", lambda each: each.figures.mean, unit),
+            Column("p95", "95 %", lambda each: each.figures.p95, unit),
+            Column("max", "max", lambda each: each.figures.maximum, unit),
+            Column("count", None, lambda each: each.figures.count),
+        ),
+    )
 
 
+FIGURES: Final[dict[Unit, Listing[ErrorKind]]] = {"m": _figures("m"), "rad": _figures("rad")}
 ERRORS: Final = Listing[ErrorKind](
-    "Distance from the reference",
+    FIGURES["m"].title,
     (
         Column("", "", lambda each: f"{each.name}, {unit_name(each.unit)}"),
-        *(
-            Column[ErrorKind]("", column.heading, cell=_figure(k), numeric=True)
-            for k, column in enumerate(FIGURES["m"].columns)
-            if column.heading
-        ),
+        *in_own_units(FIGURES, lambda each: each.unit),
     ),
 )
 
@@ -111,7 +100,7 @@ JOINTS: Final = Listing[Reversals](
     (
         replace(AXES.columns[0], heading="joint"),
         *AXES.columns[1:],
-        Column("", "hysteresis", cell=lambda each: each.hysteresis_text, numeric=True),
+        shown_as("hysteresis", lambda each: each.hysteresis_text),
     ),
 )
 
@@ -145,7 +134,7 @@ def path_accuracy_document(found: PathAccuracy) -> Document:
             "std_ms": ms(alignment.latency_std),
             "searched_ms": ms(float(alignment.shifts[-1])),
         },
-        "errors": {each.key: FIGURES[each.unit].record(each.figures) for each in errors},
+        "errors": {each.key: FIGURES[each.unit].record(each) for each in errors},
         "reversals": {"per": found.per, "channels": channels},
         "registration": _registration(found),
         "samples": {"compared": len(found.time), "recorded": len(found.recorded.time)},

@@ -17,12 +17,12 @@ from suta_calib.report.files import json_text
 from suta_calib.report.listing import Column, Json, Listing, plain, written
 from suta_calib.report.poses import (
     LARGE,
+    axes_with_std,
     covariance_record,
     draw_directions,
     draw_residuals,
     fit_texts,
     fitted_rows,
-    residual_rows,
     residuals_file,
 )
 from suta_calib.report.svg import style, svg_text
@@ -53,18 +53,12 @@ class Place:
     std: FloatArray
 
 
-def _coordinate(axis: str) -> Column[Place]:
-    k = "xyz".index(axis)
-
-    def cell(place: Place) -> str:
-        return f"{text(place.position[k], 'm')} ± {text(place.std[k], 'm')}"
-
-    return Column("", axis, lambda place: place.position[k], "m", cell=cell)
-
-
 PLACES: Final = Listing[Place](
     "Tip in the tool, post in the tracker, mm",
-    (Column("", "", lambda place: place.name), *map(_coordinate, "xyz")),
+    (
+        Column("", "", lambda place: place.name),
+        *axes_with_std(lambda place: place.position, lambda place: place.std),
+    ),
 )
 
 
@@ -78,14 +72,14 @@ def pivot_document(found: PivotCalibration, data: ToolPoses) -> Document:
     parts: list[Part] = [PLACES.of([Place("tip", found.tip, found.tip_std), *posts], title)]
     if (more := len(found.posts) - MOST_POSTS) > 0:
         parts.append(Text(f"and {more} more posts: --json has them"))
+    touched = {} if data.point is None else {"point": data.point.tolist()}
     fit = (
         f"rms {text(found.rms, 'm', with_unit=True)} (3-D); "
         f"the tool was turned by {deg(found.turn):.0f}° RMS"
     )
-    rows = residual_rows(found.inliers, data.lines, found.residuals, beside=_touched(data))
     parts += [
         *fit_texts(fit, "pose", found.inliers, data.lines),
-        residuals_file(rows, beside="" if data.point is None else "point"),
+        residuals_file(found.inliers, {"line": data.lines, **touched}, found.residuals),
         Figure(partial(pivot_plot, found, data)),
     ]
     if found.assessment.usable:
@@ -93,10 +87,6 @@ def pivot_document(found: PivotCalibration, data: ToolPoses) -> Document:
     return Document(
         NAME, "Pivot calibration", found.assessment, parts, _data(found, data), "result"
     )
-
-
-def _touched(data: ToolPoses) -> list[str] | None:
-    return None if data.point is None else [str(label) for label in data.point]
 
 
 def _data(found: PivotCalibration, data: ToolPoses) -> Json:

@@ -6,8 +6,8 @@ places are crowded on the sphere too; rings tell the angle from the middle.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from operator import itemgetter
 from typing import Any, Final
 
 import numpy as np
@@ -19,7 +19,7 @@ from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.geometry.numbers import quaternion_from_rotation, rpy_from_rotation
 from suta_calib.model.parameters import PLACEMENT
 from suta_calib.report.document import File, Text
-from suta_calib.report.listing import Column, Json, Listing, Table, csv_text, plain
+from suta_calib.report.listing import Column, Json, Listing, Row, Table, csv_text, plain, shown_as
 from suta_calib.report.svg import BLUE, GREY, ORANGE, WIDTH, plain_log, shown_array
 from suta_calib.units import Unit, deg, from_deg, key, shown, text, unit_name
 from suta_calib.words import listed
@@ -44,98 +44,42 @@ OUTLIER: Final[dict[str, Any]] = {
     "markeredgewidth": 0.6,
 }
 _DIGITS: Final = 6  # of residuals in files
-_SLIDE: Final = ("x", "y", "z", "norm")
-_TURN: Final = ("rx", "ry", "rz", "norm")
 _SPREAD: Final[dict[str, Any]] = {"marker": "o", "facecolor": BLUE, "edgecolor": "white"}
 _ASTRAY: Final[dict[str, Any]] = {"marker": "X", "facecolor": ORANGE, "edgecolor": "black"}
 
 
 # ── rows ─────────────────────────────────────────────────────────────────────────────────────
-@dataclass(frozen=True, eq=False)
-class Residual:
-    """One row of the input against the answer.
-
-    Attributes:
-        row: from 0.
-        line: in the file.
-        beside: what else names the row: the post it touched, or its line in a second file.
-        fitted: whether it is no outlier.
-        slide: (3,) m.
-        turn: (3,) rad, where orientations are compared.
-    """
-
-    row: int
-    line: int
-    beside: str | int
-    fitted: bool
-    slide: FloatArray
-    turn: FloatArray
-
-
-def residual_rows(
+def residuals_file(
     inliers: BoolArray,
-    lines: Sequence[int],
+    names: Mapping[str, Sequence[str] | Sequence[int]],
     slides: FloatArray,
     turns: FloatArray | None = None,
-    beside: Sequence[str] | Sequence[int] | None = None,
-) -> list[Residual]:
-    """One for every row of the input.
-
-    Args:
-        inliers: (n,) rows that were fitted.
-        lines: (n,) of the file.
-        slides: (n, 3) residuals, m.
-        turns: (n, 3) the same of orientations, rad.
-        beside: (n,) what else names the rows.
-    """
-    return [
-        Residual(
-            row,
-            line,
-            "" if beside is None else beside[row],
-            bool(inliers[row]),
-            slides[row],
-            np.zeros(3) if turns is None else turns[row],
-        )
-        for row, line in enumerate(lines)
-    ]
-
-
-def residuals_file(
-    rows: Sequence[Residual], *, line: str = "line", beside: str = "", turned: bool = False
 ) -> File:
     """``residuals.csv``: one row for every row of the input, mm and degrees.
 
     Args:
-        rows: of the input.
-        line: heading of the lines.
-        beside: heading of what else names the rows; no such column without one.
-        turned: whether turns are written too.
+        inliers: (n,) rows that were fitted.
+        names: what names the rows, (n,) each, such as ``line``.
+        slides: (n, 3) residuals, m.
+        turns: (n, 3) the same of orientations, rad.
     """
-    named = [Column[Residual](beside, value=lambda each: each.beside)] if beside else []
-    turns = [Column[Residual](name, value=_turn(k), unit="rad") for k, name in enumerate(_TURN)]
-    columns = (
-        Column[Residual]("row"),
-        Column[Residual](line, value=lambda each: each.line),
-        *named,
-        *(Column[Residual](name, value=_slide(k), unit="m") for k, name in enumerate(_SLIDE)),
-        *(turns if turned else ()),
-        Column[Residual]("status", value=lambda each: "inlier" if each.fitted else "outlier"),
-    )
-    return File("residuals.csv", lambda: csv_text(Listing("", columns), rows, _DIGITS))
+    columns = [Column[int]("row", value=int)]
+    columns += [Column(name, value=cells.__getitem__) for name, cells in names.items()]
+    columns += _vector_columns(("x", "y", "z", "norm"), slides, "m")
+    if turns is not None:
+        columns += _vector_columns(("rx", "ry", "rz", "norm"), turns, "rad")
+    columns.append(Column("status", value=lambda k: "inlier" if inliers[k] else "outlier"))
+    rows = Listing("", tuple(columns))
+    return File("residuals.csv", lambda: csv_text(rows, range(len(inliers)), _DIGITS))
 
 
-def _slide(k: int) -> Callable[[Residual], float]:
-    return lambda each: _component(each.slide, k)
-
-
-def _turn(k: int) -> Callable[[Residual], float]:
-    return lambda each: _component(each.turn, k)
-
-
-def _component(vector: FloatArray, k: int) -> float:
-    """One of its three, or its length after these."""
-    return float(vector[k] if k < len(vector) else np.linalg.norm(vector))
+def _vector_columns(keys: Sequence[str], vectors: FloatArray, unit: Unit) -> list[Column[int]]:
+    """Components and length of vectors (n, 3), by row."""
+    parts = np.column_stack([vectors, np.linalg.norm(vectors, axis=1)]).T
+    return [
+        Column(key, value=part.__getitem__, unit=unit)
+        for key, part in zip(keys, parts, strict=True)
+    ]
 
 
 def fitted_rows(inliers: BoolArray, lines: Sequence[int]) -> Json:
@@ -165,15 +109,10 @@ def fit_texts(figures: str, what: str, inliers: BoolArray, lines: Sequence[int])
 
 
 # ── poses ────────────────────────────────────────────────────────────────────────────────────
-_POSE: Final = Listing[tuple[str, Sequence[str]]](
-    "",
-    (
-        Column("", "", lambda row: row[0]),
-        Column("", "", lambda row: row[1][0], numeric=True),
-        Column("", "", lambda row: row[1][1], numeric=True),
-        Column("", "", lambda row: row[1][2], numeric=True),
-        Column("", "", lambda row: row[1][3] if len(row[1]) > 3 else "", numeric=True),
-    ),
+_Words = tuple[str, ...]  # a label and four cells
+_CELLS: Final[list[Callable[[_Words], str]]] = [itemgetter(k) for k in range(5)]
+_POSE: Final = Listing[_Words](
+    "", (Column("", "", _CELLS[0]), *(shown_as("", cell) for cell in _CELLS[1:]))
 )
 
 
@@ -188,13 +127,29 @@ def pose_table(title: str, pose: FloatArray, std: FloatArray, axes: str) -> Tabl
     """
     rpy, quaternion = rpy_from_rotation(pose[:3, :3]), quaternion_from_rotation(pose[:3, :3])
     rows = (
-        ("position x y z, mm", [text(v, "m") for v in pose[:3, 3]]),
-        ("  ± std", [text(v, "m") for v in std[:3]]),
-        ("roll pitch yaw, deg", [text(v, "rad") for v in rpy]),
-        (f"  ± turn about {axes}", [text(v, "rad") for v in std[3:]]),
-        ("quaternion x y z w", [f"{round(v, 6) + 0.0:.6f}" for v in quaternion.tolist()]),
+        ("position x y z, mm", *(text(v, "m") for v in pose[:3, 3]), ""),
+        ("  ± std", *(text(v, "m") for v in std[:3]), ""),
+        ("roll pitch yaw, deg", *(text(v, "rad") for v in rpy), ""),
+        (f"  ± turn about {axes}", *(text(v, "rad") for v in std[3:]), ""),
+        ("quaternion x y z w", *(f"{round(v, 6) + 0.0:.6f}" for v in quaternion.tolist())),
     )
     return _POSE.of(rows, title)
+
+
+def axes_with_std(
+    position: Callable[[Row], FloatArray], std: Callable[[Row], FloatArray]
+) -> tuple[Column[Row], ...]:
+    """Columns x, y, z that show each coordinate of a place ± its standard deviation, mm.
+
+    Args:
+        position: (3,) of a row, m.
+        std: (3,) of the same row, m.
+    """
+
+    def cell(k: int) -> Callable[[Row], str]:
+        return lambda row: f"{text(position(row)[k], 'm')} ± {text(std(row)[k], 'm')}"
+
+    return tuple(shown_as(axis, cell(k)) for k, axis in enumerate("xyz"))
 
 
 def pose_record(pose: FloatArray, prefix: str = "") -> Json:

@@ -28,7 +28,6 @@ from suta_calib.report.poses import (
     pose_record,
     pose_std_record,
     pose_table,
-    residual_rows,
     residuals_file,
 )
 from suta_calib.report.svg import style, svg_text
@@ -88,11 +87,11 @@ def register_document(
         f"rms {text(found.rms, 'm', with_unit=True)} (3-D, fiducial registration error); "
         f"in the middle of the points ± {text(centre, 'm', with_unit=True)} (3-D)"
     )
-    rows = residual_rows(found.inliers, a.lines, found.residuals, beside=b.lines)
+    lines = {"line_a": a.lines, "line_b": b.lines}
     parts: list[Part] = [
         pose_table("T_b_a: frame a in frame b", found.matrix, found.origin_std, "b's axes"),
         *fit_texts(fit, "point", found.inliers, a.lines),
-        residuals_file(rows, line="line_a", beside="line_b"),
+        residuals_file(found.inliers, lines, found.residuals),
         Figure(partial(register_plot, found, b)),
         TARGETS.of(at[:MOST_TARGETS]),
     ]

@@ -23,7 +23,7 @@ from suta_calib.analysis.repeatability import (
     Stream,
 )
 from suta_calib.report.document import Document, Figure, Part, Text
-from suta_calib.report.listing import Column, Json, Listing, Row, in_own_units, written
+from suta_calib.report.listing import Column, Json, Listing, Row, in_own_units, shown_as, written
 from suta_calib.report.repeatability_plots import stationary_plot, visits_plot
 from suta_calib.units import NOTHING, Unit, shown, text, thousandths, unit_name
 
@@ -51,7 +51,7 @@ _REST: Final = (
 
 # ── visits ───────────────────────────────────────────────────────────────────────────────────
 @dataclass(frozen=True, eq=False)
-class Visits:
+class NamedScatter:
     """Some visits to the point, by name, with the confidence of intervals."""
 
     name: str
@@ -69,15 +69,11 @@ class Visits:
         return self.scatter.rms.interval(self.confidence)
 
 
-def _ends(each: Interval) -> tuple[float, float]:
-    return each.low, each.high
-
-
 def _interval(each: Interval, *, sign: bool = False) -> str:
     return f"{text(each.low, 'm', sign=sign)} to {text(each.high, 'm', sign=sign)}"
 
 
-POSITION: Final = Listing[Visits](
+POSITION: Final = Listing[NamedScatter](
     "Position repeatability of the tip, mm (ISO 9283: RP = mean + 3 std)",
     (
         Column("", "", lambda each: each.name),
@@ -86,14 +82,14 @@ POSITION: Final = Listing[Visits](
         Column(
             "rp_interval",
             "interval",
-            lambda each: _ends(each.rp_interval),
+            lambda each: each.rp_interval.ends,
             "m",
             cell=lambda each: _interval(each.rp_interval),
         ),
         Column("mean", "mean", lambda each: each.scatter.mean, "m"),
         Column("std", "std", lambda each: each.scatter.std, "m"),
         Column("rms", "RMS", lambda each: each.scatter.rms.value, "m"),
-        Column("rms_interval", None, lambda each: _ends(each.rms_interval), "m"),
+        Column("rms_interval", None, lambda each: each.rms_interval.ends, "m"),
         Column("max", "max", lambda each: each.scatter.maximum, "m"),
         Column("axis_std", None, lambda each: each.scatter.axis_std, "m"),
         Column("barycentre", None, lambda each: each.scatter.barycentre, "m"),
@@ -124,7 +120,7 @@ def _joints(unit: Unit) -> Listing[Joint]:
             Column(
                 "std_interval",
                 None,
-                lambda each: _ends(each.scatter.std.interval(each.confidence)),
+                lambda each: each.scatter.std.interval(each.confidence).ends,
                 unit,
             ),
             Column("tip", "tip, mm", lambda each: each.scatter.tip, "m"),
@@ -139,16 +135,16 @@ CHANGE: Final = Listing[Change](
         Column("first", unit="m"),
         Column("second", unit="m"),
         Column("ratio", value=lambda each: each.factor),
-        Column("ratio_interval", value=lambda each: _ends(each.ratio)),
+        Column("ratio_interval", value=lambda each: each.ratio.ends),
         Column("difference", value=lambda each: each.second - each.first, unit="m"),
-        Column("difference_interval", value=lambda each: _ends(each.difference), unit="m"),
+        Column("difference_interval", value=lambda each: each.difference.ends, unit="m"),
         Column("proved"),
     ),
 )
 
 
 @dataclass(frozen=True, eq=False)
-class Compared:
+class ComparedFigure:
     """One figure of two protocols."""
 
     protocols: str
@@ -156,30 +152,19 @@ class Compared:
     change: Change
 
 
-COMPARISONS: Final = Listing[Compared](
+COMPARISONS: Final = Listing[ComparedFigure](
     "Protocols compared",
     (
         Column("", "protocols", lambda row: row.protocols),
         Column("", "", lambda row: row.figure),
-        Column(
-            "",
-            "mm",
-            cell=lambda row: f"{text(row.change.first, 'm')} → {text(row.change.second, 'm')}",
-            numeric=True,
+        shown_as(
+            "mm", lambda row: f"{text(row.change.first, 'm')} → {text(row.change.second, 'm')}"
         ),
         Column("", "ratio", lambda row: row.change.factor, form=".2f"),
-        Column(
-            "",
-            "interval",
-            cell=lambda row: f"{row.change.ratio.low:.2f} to {row.change.ratio.high:.2f}",
-            numeric=True,
+        shown_as(
+            "interval", lambda row: f"{row.change.ratio.low:.2f} to {row.change.ratio.high:.2f}"
         ),
-        Column(
-            "",
-            "difference, mm",
-            cell=lambda row: _interval(row.change.difference, sign=True),
-            numeric=True,
-        ),
+        shown_as("difference, mm", lambda row: _interval(row.change.difference, sign=True)),
     ),
 )
 
@@ -241,9 +226,7 @@ def _allan(unit: Unit) -> Listing[AllanDeviation]:
         "",
         (
             Column("tau", unit="s"),
-            Column(f"deviation_{unit_name(unit)}", value=lambda a: shown(a.deviation, unit)),
-            Column(f"low_{unit_name(unit)}", value=lambda a: shown(a.low, unit)),
-            Column(f"high_{unit_name(unit)}", value=lambda a: shown(a.high, unit)),
+            *written("deviation", "low", "high", unit=unit),
             Column("best_tau", value=lambda a: a.tau[a.best], unit="s"),
             Column("best", value=lambda a: a.deviation[a.best], unit=unit),
             Column("rises_again", value=lambda a: a.bottomed),
@@ -294,7 +277,7 @@ def _noise(unit: Unit) -> Listing[JointNoise]:
                 cell=lambda each: _small(each.allan.deviation[each.allan.best], unit),
                 numeric=True,
             ),
-            Column("", "at, s", cell=_best_time, numeric=True),
+            shown_as("at, s", _best_time),
         ),
     )
 
@@ -360,7 +343,7 @@ def _visits_parts(found: Repeatability) -> list[Part]:
         ),
         COMPARISONS.of(
             (
-                Compared(f"{each.first} → {each.second}", name, change)
+                ComparedFigure(f"{each.first} → {each.second}", name, change)
                 for each in found.comparisons
                 for name, change in (("RP", each.rp), ("RMS", each.rms))
             ),
@@ -407,7 +390,7 @@ def _visits_data(found: Repeatability) -> Json:
     ]
     return {
         **REPEATABILITY.record(found),
-        "position": POSITION.record(Visits("", found.position, confidence)),
+        "position": POSITION.record(NamedScatter("", found.position, confidence)),
         "joints": _by_joint(JOINTS, joints),
         "protocols": _positions(found.protocols, confidence),
         "comparisons": comparisons,
@@ -415,8 +398,8 @@ def _visits_data(found: Repeatability) -> Json:
     }
 
 
-def _named(scatter: Mapping[str, PositionScatter], confidence: float) -> list[Visits]:
-    return [Visits(name, each, confidence) for name, each in scatter.items()]
+def _named(scatter: Mapping[str, PositionScatter], confidence: float) -> list[NamedScatter]:
+    return [NamedScatter(name, each, confidence) for name, each in scatter.items()]
 
 
 def _positions(scatter: Mapping[str, PositionScatter], confidence: float) -> Json:

@@ -15,7 +15,17 @@ from suta_calib.arrays import FloatArray
 from suta_calib.errors import OutputError
 from suta_calib.pose_calibration.pivot import PivotCalibration
 from suta_calib.report.document import Document, Figure, File, Part, Text
-from suta_calib.report.listing import Column, Json, Listing, Table, components, plain
+from suta_calib.report.listing import (
+    Column,
+    Json,
+    Listing,
+    Table,
+    components,
+    plain,
+    shown_as,
+    written,
+)
+from suta_calib.report.poses import axes_with_std
 from suta_calib.report.svg import BLUE, GREY, ORANGE, WIDTH, plain_log, style, svg_text
 from suta_calib.stereotactic.cis_files import output1_text, output2_text
 from suta_calib.stereotactic.distortion import DistortionCorrection
@@ -33,10 +43,6 @@ class Pivot:
     name: str
     found: PivotCalibration
 
-    def coordinate(self, k: int) -> str:
-        """Of the post, as it is shown."""
-        return f"{text(self.found.post[k], 'm')} ± {text(self.found.post_std()[k], 'm')}"
-
     @property
     def frames(self) -> str:
         """How many, and how many of them were left out."""
@@ -48,14 +54,11 @@ PIVOTS: Final = Listing[Pivot](
     "Posts in the EM tracker, mm",
     (
         Column("", "pivot", lambda each: each.name),
-        Column("post", "x", lambda each: each.found.post, "m", cell=lambda p: p.coordinate(0)),
-        Column("", "y", cell=lambda each: each.coordinate(1), numeric=True),
-        Column("", "z", cell=lambda each: each.coordinate(2), numeric=True),
-        Column("post_std", None, lambda each: each.found.post_std(), "m"),
-        Column("tip", None, lambda each: each.found.tip, "m"),
-        Column("tip_std", None, lambda each: each.found.tip_std, "m"),
+        *axes_with_std(lambda each: each.found.post, lambda each: each.found.post_std()),
         Column("pivot_rms", "rms", lambda each: each.found.rms, "m"),
-        Column("", "frames", cell=lambda each: each.frames, numeric=True),
+        shown_as("frames", lambda each: each.frames),
+        Column("post_std", None, lambda each: each.found.post_std(), "m"),
+        *(c.over(lambda each: each.found) for c in written("post", "tip", "tip_std", unit="m")),
         Column("pivot_outliers", None, lambda each: each.found.outliers),
     ),
 )
@@ -105,7 +108,7 @@ REGISTRATION: Final = Listing[Navigation](
 
 
 @dataclass(frozen=True, eq=False)
-class Compared:
+class ComparedOutput:
     """Distances (n,), m, of something from where the given files have it; one of a single thing."""
 
     key: str
@@ -119,7 +122,7 @@ class Compared:
         return {f"{self.key}_{c.written_key}": c.plain(self.sizes) for c in SIZES[1:3]}
 
 
-COMPARISON: Final = Listing[Compared](
+COMPARISON: Final = Listing[ComparedOutput](
     "Against the output files given, mm",
     (
         Column("", "distance of", lambda each: each.name),
@@ -243,7 +246,7 @@ def _navigation(found: Navigation) -> list[Table | Text]:
     return [NAVIGATION.of(tips), Text(fiducials)]
 
 
-def _compared(errors: StereotacticErrors) -> list[Compared]:
+def _compared(errors: StereotacticErrors) -> list[ComparedOutput]:
     given = (
         ("c_expected", "expected EM markers", errors.expected),
         ("em_post", "EM post", errors.em_post),
@@ -251,7 +254,7 @@ def _compared(errors: StereotacticErrors) -> list[Compared]:
         ("nav", "tip in CT", errors.navigation),
     )
     return [
-        Compared(key, name, np.atleast_1d(np.asarray(sizes, dtype=float)).ravel())
+        ComparedOutput(key, name, np.atleast_1d(np.asarray(sizes, dtype=float)).ravel())
         for key, name, sizes in given
         if sizes is not None
     ]

@@ -8,7 +8,7 @@ from typing import Final
 
 from suta_calib.acquisition.zero_offsets import Branch, ZeroOffsets
 from suta_calib.report.document import Document, Part, Text
-from suta_calib.report.listing import Column, Json, Listing
+from suta_calib.report.listing import Column, Json, Listing, shown_as
 from suta_calib.units import deg, mm
 
 NAME: Final = "zero_offsets"
@@ -67,10 +67,7 @@ def _branches(found: ZeroOffsets) -> Listing[Branch]:
             return lambda _: "?"
         return lambda branch: f"{shown(float(branch.offsets[k])):.3f}"
 
-    joints = (
-        Column[Branch]("", joint, cell=cell(k), numeric=True)
-        for k, joint in enumerate(found.arm.joints)
-    )
+    joints = (shown_as(joint, cell(k)) for k, joint in enumerate(found.arm.joints))
     return Listing(
         "Offsets, deg (mm)",
         (

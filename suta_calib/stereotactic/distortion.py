@@ -36,6 +36,12 @@ RCOND: Final = 1e-6
 # Left-out points that the other frames do not determine: leverage this close to one.
 UNDETERMINED: Final = 1e-9
 Mask = NDArray[np.bool_]
+MAX_ROUNDS: Final = 10
+# Times the limit for normal errors: what a polynomial cannot follow is no outlier.
+GROSS: Final = 3.0
+# m, error of an EM reading that is none: a tenth of what such trackers promise.
+HARMLESS: Final = 1e-4
+INVERSIONS: Final = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -237,14 +243,6 @@ def _basis(scaled: FloatArray, degree: int) -> FloatArray:
     at = scaled[..., None]
     x, y, z = np.swapaxes(comb(degree, k) * at**k * (1.0 - at) ** (degree - k), 0, 1)
     return np.asarray(np.einsum("ni,nj,nk->nijk", x, y, z).reshape(len(scaled), -1))
-
-
-MAX_ROUNDS: Final = 10
-# Times the limit for normal errors: what a polynomial cannot follow is no outlier.
-GROSS: Final = 3.0
-# m, error of an EM reading that is none: a tenth of what such trackers promise.
-HARMLESS: Final = 1e-4
-INVERSIONS: Final = 4
 
 
 def fit_distortion_robustly(

@@ -24,7 +24,7 @@ def test_a_placement_is_measured_by_a_call(bench: Bench) -> None:
         options = MeasureOptions(
             job=bench.job,
             device=emulator.write_device(bench.folder / "device.yaml"),
-            placement="P1",
+            labels={"placement": "P1"},
             sequence=("O", "M1"),
             seconds=0.4,
             unattended=True,
@@ -42,8 +42,8 @@ def test_a_placement_is_measured_by_a_call(bench: Bench) -> None:
     ("given", "said"),
     [
         ({}, "one of --placement"),
-        ({"point": "F1", "free": True}, "--point and --free"),
-        ({"placement": "P1", "continuous": 3.0}, "--continuous with --placement"),
+        ({"labels": {"point": "F1"}, "free": True}, "--point and --free"),
+        ({"labels": {"placement": "P1"}, "continuous": 3.0}, "--continuous with --placement"),
     ],
 )
 def test_options_that_contradict_each_other_are_refused(

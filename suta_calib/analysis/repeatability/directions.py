@@ -26,6 +26,17 @@ from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.terms.block import grouped
 from suta_calib.units import Unit
 
+# Noise names a joint in this share of arms without any play.
+FALSE_ALARM: Final = 0.01
+PERMUTATIONS: Final = 1999
+# Twice the logarithm of a hundred: odds that are no longer worth mentioning.
+_AS_WELL: Final = 9.2
+_FEW: Final = 500
+# What noise exceeds in the other share of permutations.
+_CHANCE: Final = 0.95
+# Share of its variance that a joint has to itself at least: rounding, and joints that never move.
+_OWN: Final = 1e-7
+
 
 @dataclass(frozen=True, eq=False)
 class DirectionGroups:
@@ -79,18 +90,6 @@ class DirectionGroups:
         for rows in self.strata:
             order[rows] = random.permutation(rows)
         return order
-
-
-# Noise names a joint in this share of arms without any play.
-FALSE_ALARM: Final = 0.01
-PERMUTATIONS: Final = 1999
-# Twice the logarithm of a hundred: odds that are no longer worth mentioning.
-_AS_WELL: Final = 9.2
-_FEW: Final = 500
-# What noise exceeds in the other share of permutations.
-_CHANCE: Final = 0.95
-# Share of its variance that a joint has to itself at least: rounding, and joints that never move.
-_OWN: Final = 1e-7
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,6 +24,10 @@ CONFIDENCE: Final = 0.95
 # More rows than this are left out in blocks of neighbours: the error is known well enough.
 _MOST_PARTS: Final = 400
 _LEAST_FREEDOM: Final = 2.0
+# ISO 9283: thirty cycles; and how many standard deviations make a repeatability.
+CYCLES: Final = 30
+SIGMAS: Final = 3.0
+LEAST_VISITS: Final = 3
 
 
 @dataclass(frozen=True)
@@ -32,6 +36,11 @@ class Interval:
 
     low: float
     high: float
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """Lower and upper end."""
+        return self.low, self.high
 
     def __contains__(self, value: float) -> bool:
         return self.low <= value <= self.high
@@ -122,12 +131,6 @@ def _centre(each: ScatterEstimate) -> float:
 
 def _factor(confidence: float, freedom: float) -> float:
     return float(t.ppf(0.5 + confidence / 2, freedom))
-
-
-# ISO 9283: thirty cycles; and how many standard deviations make a repeatability.
-CYCLES: Final = 30
-SIGMAS: Final = 3.0
-LEAST_VISITS: Final = 3
 
 
 @dataclass(frozen=True)

@@ -26,6 +26,21 @@ from suta_calib.units import Unit, from_deg
 _PER_DECADE: Final = 8
 # Of a record shorter than this many averages little is known.
 _LEAST_AVERAGES: Final = 9
+# Of the drift: few batches, so that each is longer than what correlates within it.
+_BATCHES: Final = 20
+_CONFIDENCE: Final = 0.95
+# Half intervals of 95 % that noise all but never exceeds, on however many joints.
+_SURE: Final = 2.0
+# A joint whose batches differ by more than this was moved, rad or m.
+_MOVED: Final[dict[Unit, float]] = {"rad": from_deg(0.5), "m": 1e-3}
+# Readings farther out than this many robust standard deviations, and steps, are gross errors.
+_GROSS: Final = 8.0
+_NORMAL: Final = 1.4826
+# An encoder's steps are seen where every level occurs this often.
+_ROWS_PER_LEVEL: Final = 4
+# Levels are whole steps apart to this share of one.
+_WHOLE: Final = 0.1
+_ROUNDING: Final = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,23 +100,6 @@ def _freedom(n: int, m: FloatArray) -> FloatArray:
     return np.asarray(
         (3 * (n - 1) / (2 * m) - 2 * (n - 2) / n) * 4 * m**2 / (4 * m**2 + 5), dtype=float
     )
-
-
-# Of the drift: few batches, so that each is longer than what correlates within it.
-_BATCHES: Final = 20
-_CONFIDENCE: Final = 0.95
-# Half intervals of 95 % that noise all but never exceeds, on however many joints.
-_SURE: Final = 2.0
-# A joint whose batches differ by more than this was moved, rad or m.
-_MOVED: Final[dict[Unit, float]] = {"rad": from_deg(0.5), "m": 1e-3}
-# Readings farther out than this many robust standard deviations, and steps, are gross errors.
-_GROSS: Final = 8.0
-_NORMAL: Final = 1.4826
-# An encoder's steps are seen where every level occurs this often.
-_ROWS_PER_LEVEL: Final = 4
-# Levels are whole steps apart to this share of one.
-_WHOLE: Final = 0.1
-_ROUNDING: Final = 1e-12
 
 
 @dataclass(frozen=True, eq=False)

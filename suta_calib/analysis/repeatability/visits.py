@@ -40,6 +40,10 @@ _POSTURE: Final = from_deg(5.0)
 _UNUSUAL: Final = 10.0
 # Farther from the median than this many times the median distance: another point, or a slip.
 _ELSEWHERE: Final = 6.0
+DIRECTION: Final = "direction"
+PROTOCOL: Final = "protocol"
+# Share of visits that read as the one before, from which on somebody should ask.
+MANY_COPIES: Final = 0.1
 
 
 def elsewhere(away: FloatArray) -> tuple[int, ...]:
@@ -68,12 +72,6 @@ def white(away: FloatArray) -> FloatArray:
     """Deviations (n, 3) along their principal axes, all of one size."""
     vectors, sizes, _ = np.linalg.svd(away - away.mean(axis=0), full_matrices=False)
     return np.array(vectors[:, sizes > 1e-9 * max(float(sizes[0]), 1e-300)], dtype=float)
-
-
-DIRECTION: Final = "direction"
-PROTOCOL: Final = "protocol"
-# Share of visits that read as the one before, from which on somebody should ask.
-MANY_COPIES: Final = 0.1
 
 
 @dataclass(frozen=True, eq=False)
