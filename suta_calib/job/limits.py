@@ -13,7 +13,7 @@ import numpy as np
 
 from suta_calib.arrays import FloatArray
 from suta_calib.measurements.yaml_file import Sign, YamlSection
-from suta_calib.units import from_mm
+from suta_calib.units import from_um
 
 Decision = Literal["pass", "undecided", "fail", "no limit"]
 Rule = Literal["guarded", "simple"]
@@ -29,18 +29,7 @@ _TESTED_BY: Final = {
     "repeatability": "repeatability",
 }
 _PLACES: Final = ("location", "size", "form", "repeatability")
-_M_PER_UM: Final = from_mm(1e-3)
 _WORST: Final[tuple[Decision, ...]] = ("fail", "undecided", "pass", "no limit")
-JUDGED_KEYS: Final = ("mpe", "uncertainty", "decision_rule", "coverage_factor")
-# What is limited, and the section of the job that tests it.
-_TESTED_BY: Final = {
-    "length": "lengths",
-    "location": "articulation",
-    "size": "probing",
-    "form": "probing",
-    "repeatability": "repeatability",
-}
-_PLACES: Final = ("location", "size", "form", "repeatability")
 
 
 @dataclass(frozen=True)
@@ -178,8 +167,8 @@ def _length(section: YamlSection) -> LengthLimit:
         raise section.refuse("neither a_um nor max_um", "A + L/K, at most B: a_um and k, or max_um")
     # A in µm and L in mm make the usual K a thousandth of what it is in one unit.
     slope = 1e-3 / section.number("k", "positive") if "k" in section else 0.0
-    constant = section.optional_number("a_um", "non-negative", _M_PER_UM)
-    return LengthLimit(constant, slope, section.optional_number("max_um", "positive", _M_PER_UM))
+    constant = section.optional_number("a_um", "non-negative", from_um(1.0))
+    return LengthLimit(constant, slope, section.optional_number("max_um", "positive", from_um(1.0)))
 
 
 def read_uncertainty(top: YamlSection) -> StatedUncertainty:
@@ -190,7 +179,7 @@ def read_uncertainty(top: YamlSection) -> StatedUncertainty:
     names = ("length", *_PLACES)
     section.check_keys((*(f"{name}_mm" for name in names), "length_um_per_m"))
     lengths = {name: _mm(section, f"{name}_mm", "non-negative") or 0.0 for name in names}
-    slope = section.optional_number("length_um_per_m", "non-negative", _M_PER_UM) or 0.0
+    slope = section.optional_number("length_um_per_m", "non-negative", from_um(1.0)) or 0.0
     return StatedUncertainty(per_length=slope, **lengths)
 
 
