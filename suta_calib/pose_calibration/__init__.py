@@ -7,41 +7,19 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from suta_calib.lazy import lazily
+from suta_calib.lazy import public
 
 if TYPE_CHECKING:
-    from suta_calib.pose_calibration.hand_eye import (
-        HandEyeCalibration,
-        calibrate_hand_eye,
-        hand_eye_from_pairs,
-    )
-    from suta_calib.pose_calibration.pivot import (
-        PivotCalibration,
-        calibrate_pivot,
-        pivot_from_poses,
-    )
+    from suta_calib.pose_calibration.hand_eye import HandEyeCalibration as HandEyeCalibration
+    from suta_calib.pose_calibration.hand_eye import calibrate_hand_eye as calibrate_hand_eye
+    from suta_calib.pose_calibration.hand_eye import hand_eye_from_pairs as hand_eye_from_pairs
+    from suta_calib.pose_calibration.pivot import PivotCalibration as PivotCalibration
+    from suta_calib.pose_calibration.pivot import calibrate_pivot as calibrate_pivot
+    from suta_calib.pose_calibration.pivot import pivot_from_poses as pivot_from_poses
+    from suta_calib.pose_calibration.registration import Registration as Registration
+    from suta_calib.pose_calibration.registration import register as register
     from suta_calib.pose_calibration.registration import (
-        Registration,
-        register,
-        registration_from_points,
+        registration_from_points as registration_from_points,
     )
 
-_HOMES = {
-    "hand_eye": ("HandEyeCalibration", "calibrate_hand_eye", "hand_eye_from_pairs"),
-    "pivot": ("PivotCalibration", "calibrate_pivot", "pivot_from_poses"),
-    "registration": ("Registration", "register", "registration_from_points"),
-}
-
-__all__ = [
-    "HandEyeCalibration",
-    "PivotCalibration",
-    "Registration",
-    "calibrate_hand_eye",
-    "calibrate_pivot",
-    "hand_eye_from_pairs",
-    "pivot_from_poses",
-    "register",
-    "registration_from_points",
-]
-
-__getattr__ = lazily(__name__, _HOMES)
+__getattr__, __all__ = public(__name__)

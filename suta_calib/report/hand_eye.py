@@ -94,7 +94,7 @@ def _data(found: HandEyeCalibration, data: PosePairs) -> Json:
 
 def hand_eye_plot(found: HandEyeCalibration) -> str:
     """An SVG: residuals by pair in length and angle, and the axes of the motions."""
-    with style("hand_eye"):
+    with style(NAME):
         figure = Picture(figsize=(LARGE, 4.6), layout="constrained")
         panels = figure.subplot_mosaic("LA;TA", width_ratios=(1.5, 1))
         length, turn, inliers = panels["L"], panels["T"], found.inliers
@@ -112,4 +112,4 @@ def hand_eye_plot(found: HandEyeCalibration) -> str:
             f"Axes of the motions from row to row,\nin the {frame} (angle from its z);\n"
             "large marks: large turns"
         )
-        return svg_text(figure, "hand_eye", "Hand-eye calibration: residuals and axes of motion")
+        return svg_text(figure, NAME, "Hand-eye calibration: residuals and axes of motion")

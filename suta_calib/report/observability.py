@@ -17,7 +17,8 @@ NAME: Final = "observability"
 MOST_SENTENCES: Final = 3
 
 EXPLANATIONS: Final = Listing[Explanation](
-    "Why parameters are held", (Column("held"), Column("sentence"), Column("remedy"))
+    "Why parameters are held",
+    (Column("held", value=lambda each: each.fixed), Column("sentence"), Column("remedy")),
 )
 
 
