@@ -8,6 +8,8 @@ import numpy as np
 
 from suta_calib.assessment import Assessment
 from suta_calib.diagnostics.accuracy import Accuracy
+from suta_calib.diagnostics.causes import find_cause
+from suta_calib.diagnostics.contradictions import contradictions
 from suta_calib.diagnostics.lack_of_fit import LackOfFit, lack_of_fit
 from suta_calib.diagnostics.score_tests import score_tests
 from suta_calib.solver.solution import Solution, State
@@ -34,13 +36,20 @@ def assess_calibration(solution: Solution, accuracy: Accuracy) -> Assessment:
         nominal one on held-out data; ``care`` where something must be known.
     """
     if not solution.converged:
-        return Assessment("bad", solution.sentence)
+        return Assessment("bad", solution.sentence, tuple(_cause(solution)))
+    held_out = [each.term for each in accuracy.validation]
+    found = contradictions(solution, held_out)
     worse = "The calibrated arm is worse than the nominal one on the validation data."
     fitted_only = "There are no validation data: the errors shown are those of the fitted data."
     return Assessment.of(
         solution.sentence,
-        bad=[worse] if accuracy.worse else [],
+        bad=[
+            *(_cause(solution) if found else []),
+            *([worse] if accuracy.worse else []),
+            *(each.sentence for each in found if each.bad),
+        ],
         care=[
+            *(each.sentence for each in found if not each.bad),
             *([] if accuracy.validation else [fitted_only]),
             *_on_parameters(solution),
             *_on_redundancy(solution),
@@ -49,6 +58,16 @@ def assess_calibration(solution: Solution, accuracy: Accuracy) -> Assessment:
             *_on_noise(solution),
         ],
     )
+
+
+def _cause(solution: Solution) -> list[str]:
+    """The data read in another way, where that explains them far better."""
+    cause = find_cause(solution)
+    if cause is None:
+        return []
+    unit = solution.problem.blocks[0].unit
+    before, after = (text(v, unit, with_unit=True) for v in (cause.before, cause.after))
+    return [f"The data agree far better ({after} in place of {before}) if {cause.sentence}."]
 
 
 def _on_parameters(solution: Solution) -> list[str]:

@@ -1,0 +1,221 @@
+"""What contradicts an answer: its residuals, its priors, its held-out samples, its own starts.
+
+Converged is not true: with enough unknowns and priors a solver explains rows in the wrong order.
+Each check compares two things that agree for honest data, whatever the arm, in units of what is
+known of them; robustly, so that a few gross rows accuse nobody.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from suta_calib.arrays import FloatArray
+from suta_calib.diagnostics.held_out import HeldOutErrors, held_out_errors, robust_level
+from suta_calib.measurements import Samples
+from suta_calib.solver.solution import SAME_COST, Solution
+from suta_calib.terms import Term
+from suta_calib.units import text
+
+MOST_NAMES: Final = 3
+
+
+@dataclass(frozen=True)
+class ContradictionOptions:
+    """From where on two things that should agree do not.
+
+    Attributes:
+        residual: residuals' level over the noise that the job states, or that is assumed: ten times
+            as much is no matter of a careful or a careless hand.
+        residual_care: the same of a stated level, from which on it must be known.
+        gross_level: times the level of all beyond which a row is gross: one in 10⁹ of normal noise,
+            and a hand's measurement some in a hundred.
+        gross_care, gross_bad: shares of them from which on it must be known, and that no touch
+            explains.
+        pull, pull_care: parameters this many prior standard deviations from nominal; two in 10⁶ of
+            what a prior means is five off.
+        held_out, held_out_care: held-out errors over what noise and covariance make one expect;
+            another day or another hand may double them.
+        significance: standard errors that a ratio must be off before it says anything.
+        starts: share of the starts that must end in the same minimum.
+        travel: of a joint, rad, below which it is as good as dead where others move ten times more.
+    """
+
+    residual: float = 10.0
+    residual_care: float = 3.0
+    gross_level: float = 6.0
+    gross_care: float = 0.1
+    gross_bad: float = 0.35
+    pull: float = 10.0
+    pull_care: float = 5.0
+    held_out: float = 3.0
+    held_out_care: float = 1.7
+    significance: float = 4.0
+    starts: float = 0.5
+    travel: float = 1e-4
+
+
+@dataclass(frozen=True)
+class Contradiction:
+    """One disagreement.
+
+    Attributes:
+        bad: whether the answer must not be used because of it.
+        sentence: what disagrees, and by how much.
+    """
+
+    bad: bool
+    sentence: str
+
+
+def contradictions(
+    solution: Solution,
+    validation: Sequence[Term] = (),
+    options: ContradictionOptions = ContradictionOptions(),
+) -> tuple[Contradiction, ...]:
+    """Everything that disagrees with a converged answer, the worst first.
+
+    Args:
+        solution: of terms over an arm.
+        validation: held-out terms over the same arm.
+        options: from where on it counts.
+    """
+    found = [
+        *_residuals(solution, options),
+        *_held_out(held_out_errors(solution, validation), options),
+        *_priors(solution, options),
+        *_starts(solution, options),
+        *_dead_joints(solution, options),
+        *_repeated(solution, validation),
+    ]
+    return tuple(sorted(found, key=lambda each: not each.bad))
+
+
+def _residuals(solution: Solution, options: ContradictionOptions) -> Iterator[Contradiction]:
+    """Of each block against the noise that is stated, and against one another."""
+    problem = solution.problem
+    for line, assumed in zip(
+        problem.linearise(solution.x, solution.sigmas), solution.sigmas, strict=True
+    ):
+        block, level = line.view.block, robust_level(line.residual)
+        given = block.noise.sigma is not None
+        expected = float(np.median(line.sigma))
+        times = level / expected
+        if times > (options.residual_care if given else options.residual):
+            stated = "the job states" if given else "is assumed where a job states no noise"
+            yield Contradiction(
+                times > options.residual,
+                f"The {block.name} residuals are {text(level, block.unit, with_unit=True)} per "
+                f"axis, {times:.0f} times the {text(assumed, block.unit, with_unit=True)} that "
+                f"{stated}: the data do not fit this arm. If the instrument is truly so coarse, "
+                f"say so (sigma_{'mm' if block.unit == 'm' else 'deg'}).",
+            )
+        norms = np.linalg.norm(line.residual, axis=1) / math.sqrt(line.residual.shape[1])
+        share = float(np.mean(norms > options.gross_level * max(level, 1e-12)))
+        if share > options.gross_care and level > 1e-9:
+            yield Contradiction(
+                share > options.gross_bad,
+                f"{100 * share:.0f} % of the {block.name} residuals are more than "
+                f"{options.gross_level:.0f} times as large as most: run suta-calib outliers, which "
+                "says what they have in common.",
+            )
+
+
+def _held_out(
+    errors: Sequence[HeldOutErrors], options: ContradictionOptions
+) -> Iterator[Contradiction]:
+    for each in errors:
+        sure = math.log(max(each.ratio, 1e-9)) > options.significance * each.ratio_std
+        if not sure or each.ratio < options.held_out_care:
+            continue
+        moved = each.placed_anew < each.level / options.held_out
+        cause = (
+            "fitting where the instrument or the artefact stood to the held-out rows alone removes "
+            "them: it was moved; give these rows another label or placement"
+            if moved
+            else "another unit or day, other conditions, or unknowns that only fit the fitted rows"
+        )
+        yield Contradiction(
+            each.ratio > options.held_out,
+            f"Held-out {each.name} errors of {each.term.kind.replace('_', ' ')} are "
+            f"{text(each.level, each.unit, with_unit=True)} per axis, {each.ratio:.1f} times what "
+            f"noise and the covariance explain (fitted: "
+            f"{text(each.fitted, each.unit, with_unit=True)}): {cause}.",
+        )
+
+
+def _priors(solution: Solution, options: ContradictionOptions) -> Iterator[Contradiction]:
+    problem = solution.problem
+    pulls: list[tuple[float, str]] = []
+    for name, p in list(problem.parameters.items())[: problem.arm_count]:
+        if p.prior and p.free:
+            pulls.append((abs(solution.estimates[name].value - p.nominal) / p.prior, name))
+    far = sorted((each for each in pulls if each[0] > options.pull_care), reverse=True)
+    if not far:
+        return
+    worst, name = far[0]
+    e, p = solution.estimates[name], problem.parameters[name]
+    others = f" and {len(far) - 1} more" if len(far) > 1 else ""
+    yield Contradiction(
+        worst > options.pull,
+        f"{name}{others} ended {worst:.0f} standard deviations from what the priors say (by "
+        f"{text(e.value - e.nominal, e.unit, with_unit=True)}, prior "
+        f"{text(p.prior, p.unit, with_unit=True)}): the prior is wrong, or the data are.",
+    )
+
+
+def _starts(solution: Solution, options: ContradictionOptions) -> Iterator[Contradiction]:
+    attempts = solution.attempts
+    lowest = min(a.cost for a in attempts)
+    same = sum(a.cost <= lowest * (1 + 1e-6) + SAME_COST for a in attempts)
+    if len(attempts) > 1 and same < options.starts * len(attempts):
+        yield Contradiction(
+            False,
+            f"Only {same} of {len(attempts)} starts ended in this minimum: there may be a better "
+            "one, or the data fit none well. Tighten the bounds, or raise solver.starts.",
+        )
+
+
+def _dead_joints(solution: Solution, options: ContradictionOptions) -> Iterator[Contradiction]:
+    problem = solution.problem
+    if problem.arm is None:
+        return
+    q = np.vstack([term.poses.samples.q for term in problem.terms])
+    travel = np.ptp(q, axis=0)
+    dead = [
+        joint
+        for joint, moved in zip(problem.arm.joints, travel, strict=True)
+        if moved < options.travel and np.sort(travel)[-2:].min() > 10 * options.travel
+    ]
+    if dead:
+        yield Contradiction(
+            False,
+            f"{', '.join(dead)} reads the same in every row, to "
+            f"{np.degrees(options.travel):.3f} deg: is its encoder alive? If it was locked, say "
+            "so by leaving its parameters out.",
+        )
+
+
+def _repeated(solution: Solution, validation: Sequence[Term]) -> Iterator[Contradiction]:
+    fitted = {row for term in solution.problem.terms for row in _rows(term.poses.samples)}
+    rows = [row for term in validation for row in _rows(term.poses.samples)]
+    again = sum(row in fitted for row in rows)
+    if again:
+        yield Contradiction(
+            False,
+            f"{again} of {len(rows)} validation rows were fitted too: "
+            + ("nothing was held out." if again == len(rows) else "they were not held out."),
+        )
+
+
+def _rows(samples: Samples) -> list[bytes]:
+    """Readings and what was observed with them, as something to compare."""
+    parts: list[FloatArray] = [samples.q]
+    if samples.position is not None:
+        parts.append(samples.position)
+    numbers = np.ascontiguousarray(np.hstack(parts))
+    return [row.tobytes() for row in numbers]
