@@ -42,7 +42,7 @@ from suta_calib.terms import KINDS
 from suta_calib.units import deg
 
 if TYPE_CHECKING:
-    from suta_calib.device.port_process import PortReader
+    from suta_calib.device.port_process import PortProcess
 
 # Nobody is there to see that nothing happens any more, s.
 UNATTENDED_PATIENCE: Final = 60.0
@@ -160,7 +160,7 @@ def measure(
     say: Callable[[str], None] = print,
     show: Callable[[str], None] | None = None,
     keyboard: Keyboard | None = None,
-    port: PortReader | None = None,
+    port: PortProcess | None = None,
 ) -> Measured:
     """Wait until the arm rests on each landmark, record it, and write it to the samples file.
 
