@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING, Final, Protocol
 import numpy as np
 
 from suta_calib.acquisition.stops import Event
-from suta_calib.device.description import misnamed
+from suta_calib.device.description import columns_of
 from suta_calib.device.formats import format_of
-from suta_calib.errors import InputError
 
 if TYPE_CHECKING:
     from suta_calib.device.description import DeviceSpec
@@ -60,18 +59,11 @@ class ArmReadings:
     """
 
     def __init__(self, spec: DeviceSpec, joints: Sequence[str]) -> None:
-        names = [joint.name for joint in spec.joints]
-        missing = [joint for joint in joints if joint not in names]
-        if missing:
-            raise InputError(
-                f"joints {', '.join(names)}",
-                f"the arm's joints {', '.join(joints)}",
-                file=spec.path,
-                where="joints",
-                hint=misnamed(names, joints) or f"add {', '.join(missing)}",
-            )
-        self._columns = np.array([names.index(joint) for joint in joints], dtype=np.intp)
-        self._same = names == list(joints)
+        found = f"joints {', '.join(spec.names)}"
+        expected = f"the arm's joints {', '.join(joints)}"
+        columns = columns_of(joints, spec.names, found, expected, spec.path)
+        self._columns = np.array(columns, dtype=np.intp)
+        self._same = spec.names == tuple(joints)
 
     def __call__(self, readings: Iterable[Reading]) -> list[Reading]:
         """The same readings with the arm's joints only."""
@@ -157,7 +149,6 @@ def run_session(
 
 def summary_lines(events: StreamEvents, statistics: Statistics, spec: DeviceSpec) -> list[str]:
     """The summary of a stream in sentences, worst things last."""
-    joints = [joint.name for joint in spec.joints]
     rate = events.readings / max(events.seconds, 1e-9)
     lines = [f"{events.readings} readings in {events.seconds:.1f} s ({rate:.0f} per s)"]
     counted = {
@@ -172,13 +163,12 @@ def summary_lines(events: StreamEvents, statistics: Statistics, spec: DeviceSpec
         lines.append(f"{statistics.stale_readings} stale readings dropped")
     if events.stalls:
         each = ", ".join(f"{length:.1f} s" for length in events.stalls)
-        times = "once" if len(events.stalls) == 1 else f"{len(events.stalls)} times"
-        lines.append(f"the stream paused {times}: {each}")
+        lines.append(f"the stream paused {_times(len(events.stalls))}: {each}")
     for what, flags in (("error", statistics.error_flags), ("warning", statistics.warning_flags)):
-        raised = [
-            f"{j} {'once' if n == 1 else f'{n} times'}"
-            for j, n in zip(joints, flags, strict=True)
-            if n
-        ]
+        raised = [f"{j} {_times(n)}" for j, n in zip(spec.names, flags, strict=True) if n]
         lines += [f"{what} flag raised: {', '.join(raised)}"] if raised else []
     return lines + events.messages
+
+
+def _times(count: int) -> str:
+    return "once" if count == 1 else f"{count} times"

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from suta_calib.errors import DeviceFileError, did_you_mean
+from suta_calib.errors import DeviceFileError, InputError, did_you_mean
 
 if TYPE_CHECKING:
     from suta_calib.device.formats import Format
@@ -98,11 +98,28 @@ def read_device(path: Path) -> DeviceSpec:
     )
 
 
-def misnamed(given: Sequence[str], wanted: Sequence[str]) -> str:
-    """``'jiont_3': did you mean 'joint_3'?`` about the first name that is given and not wanted."""
-    missing = [name for name in wanted if name not in given]
-    others = (name for name in given if name not in wanted)
-    return next((f"{n!r}: {hint}" for n in others if (hint := did_you_mean(n, missing))), "")
+def columns_of(
+    joints: Sequence[str], given: Sequence[str], found: str, expected: str, file: Path | None
+) -> list[int]:
+    """For each joint of an arm, its place among those of a device.
+
+    Args:
+        joints: names of the arm's.
+        given: names of the device's.
+        found: what to say where one is missing.
+        expected: likewise.
+        file: the device's, for messages.
+
+    Raises:
+        InputError: the device lacks one; ``'jiont_3': did you mean 'joint_3'?`` where it can.
+    """
+    missing = [name for name in joints if name not in given]
+    if missing:
+        others = (name for name in given if name not in joints)
+        said = (f"{n!r}: {hint}" for n in others if (hint := did_you_mean(n, missing)))
+        hint = next(said, f"add {', '.join(missing)}")
+        raise InputError(found, expected, file=file, where="joints", hint=hint)
+    return [given.index(name) for name in joints]
 
 
 def glance(path: Path) -> DeviceSpec | None:

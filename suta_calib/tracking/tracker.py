@@ -15,10 +15,10 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 
-from suta_calib.arrays import FloatArray
+from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.assessment import refuse_unusable
 from suta_calib.batched import Batched
-from suta_calib.device.description import misnamed
+from suta_calib.device.description import columns_of
 from suta_calib.errors import InputError
 from suta_calib.geometry.symbols import Symbol, symbolic_skew
 from suta_calib.model.arm import ArmModel
@@ -226,7 +226,7 @@ class Tracker:
     ) -> None:
         self.joints = arm.joints
         self.kinematics = kinematics
-        self._columns = np.array(matched_joints(arm, device_joints, device), dtype=np.intp)
+        self._columns = matched_joints(arm, device_joints, device)
         self._since_1970 = time.time() - time.perf_counter()
 
     def pose(self, reading: Reading) -> TrackedPose:
@@ -261,20 +261,12 @@ class Tracker:
 
 def matched_joints(
     arm: ArmModel, device_joints: Sequence[str], device: Path | None = None
-) -> list[int]:
-    """For each joint of the chain, its place among the device's.
+) -> IntArray:
+    """(n,) for each joint of the chain, its place among the device's.
 
     Raises:
         InputError: the device lacks one; names it and what the device has.
     """
-    order = {name: k for k, name in enumerate(device_joints)}
-    missing = [name for name in arm.joints if name not in order]
-    if missing:
-        raise InputError(
-            f"the joints {', '.join(device_joints)}",
-            f"those of the chain {arm.chain.base} → {arm.tip}: {', '.join(arm.joints)}",
-            file=device,
-            where="joints",
-            hint=misnamed(device_joints, arm.joints) or f"add {', '.join(missing)}",
-        )
-    return [order[name] for name in arm.joints]
+    found = f"the joints {', '.join(device_joints)}"
+    expected = f"those of the chain {arm.chain.base} → {arm.tip}: {', '.join(arm.joints)}"
+    return np.array(columns_of(arm.joints, device_joints, found, expected, device), dtype=np.intp)
