@@ -58,12 +58,10 @@ class Guided:
                 self._sample = event.average
                 for line in [*self._run.described(event.average), _ASKING]:
                     self._run.say(line)
-        elif isinstance(event, Rejected):
+        elif isinstance(event, Rejected | Interrupted) or (
+            isinstance(event, Ended) and self._sample is None and self._asked
+        ):
             self._run.say(str(event))
-        elif isinstance(event, Ended) and self._sample is None and self._asked:
-            self._run.say(str(event))
-        elif isinstance(event, Interrupted):
-            self._run.say(f"nothing came for {event.seconds:.1f} s")
 
     def press(self, key: str) -> None:
         """React to a key; others than those offered only show the offer again."""

@@ -85,6 +85,9 @@ class Interrupted:
 
     seconds: float
 
+    def __str__(self) -> str:
+        return f"nothing came for {self.seconds:.1f} s"
+
 
 Event = Began | Complete | Ended | Rejected | Interrupted
 

@@ -10,8 +10,6 @@ from typing import Literal
 
 import numpy as np
 
-from suta_calib.arrays import FloatArray
-from suta_calib.device.description import DeviceSpec
 from suta_calib.emulation.device import BAUDRATE, device_of, device_text
 from suta_calib.emulation.faults import Faults
 from suta_calib.emulation.motion import Motion, Still, Stops
@@ -270,17 +268,22 @@ def emulated_device(options: EmulationOptions) -> EmulatedDevice:
     options.check()
     script = None if options.script is None else read_script(options.script)
     arm = _arm(options, script)
-    device = _device(options, arm)
+    device = device_of(
+        arm,
+        form=options.form,
+        unit=options.unit,
+        counts_per_turn=options.counts_per_turn,
+        signs=options.signs,
+        baudrate=options.baudrate,
+    )
     options.faults.check_joints(device.names)
     values = _values(options, script, arm)
     plan = None
     if script is None:
         motion = _free_motion(options, arm, values)
     else:
-        if script.simulation is None:
-            plan = _job_plan(options, script, arm, values)
-        else:
-            plan = _set(options, script)
+        job = script.simulation is None
+        plan = _job_plan(options, script, arm, values) if job else _set(options, script)
         motion = _script_motion(options, script, arm, values, plan)
     emulation = Emulation(
         device, motion, options.rate, options.encoder, options.faults, options.seed
@@ -307,17 +310,6 @@ def _values(
     if seed is None:
         return nominal_values(arm)
     return drawn_truth(arm, seed, () if script is None else script.unknowns)
-
-
-def _device(options: EmulationOptions, arm: ArmModel) -> DeviceSpec:
-    return device_of(
-        arm,
-        form=options.form,
-        unit=options.unit,
-        counts_per_turn=options.counts_per_turn,
-        signs=options.signs,
-        baudrate=options.baudrate,
-    )
 
 
 def _set(options: EmulationOptions, script: ScriptFile) -> SetSpec:
@@ -401,7 +393,18 @@ def _free_motion(options: EmulationOptions, arm: ArmModel, values: dict[str, flo
         return recorded(options.csv, arm)
     posture = posture_of(arm, parse_posture(arm, options.posture))
     if options.motion == "pivot":
-        return _pivot(options, arm, values, posture if options.posture else None)
+        points = [pose.position for pose in _places(options.points, {}, "--point").values()]
+        if len(points) > 1:
+            raise InputError(f"{len(points)} points", "one to pivot on", where="--point")
+        return pivoting(
+            arm,
+            values,
+            np.array(points[0]) if points else None,
+            posture=posture if options.posture else None,
+            cone=options.cone,
+            period=options.period,
+            seed=options.seed,
+        )
     if options.motion == "trajectory":
         slowest, fastest = options.frequency
         return sweep(
@@ -413,20 +416,3 @@ def _free_motion(options: EmulationOptions, arm: ArmModel, values: dict[str, flo
             duration=options.duration,
         )
     return Still(posture)
-
-
-def _pivot(
-    options: EmulationOptions, arm: ArmModel, values: dict[str, float], posture: FloatArray | None
-) -> Motion:
-    if len(options.points) > 1:
-        raise InputError(f"{len(options.points)} points", "one to pivot on", where="--point")
-    points = [pose.position for pose in _places(options.points, {}, "--point").values()]
-    return pivoting(
-        arm,
-        values,
-        np.array(points[0]) if points else None,
-        posture=posture,
-        cone=options.cone,
-        period=options.period,
-        seed=options.seed,
-    )

@@ -80,10 +80,6 @@ class Stops:
         """When a rest begins, s."""
         return stop * (self.rest + self.move)
 
-    def departure(self, stop: int) -> float:
-        """When the motion that ends a rest begins, s."""
-        return self.arrival(stop) + self.rest
-
     def resting_on(self, time: FloatArray) -> FloatArray:
         """(n,) number of the rest at each time, NaN while the arm moves."""
         stop, share = self._phase(time)
@@ -207,6 +203,5 @@ def continuous(posture: FloatArray, turns: np.ndarray) -> FloatArray:
         turns: (joints,) which joints can turn a full circle: they go the shorter way.
     """
     step = np.diff(posture, axis=0)
-    shorter = step - _TURN * np.round(step / _TURN)
-    step = np.where(turns, shorter, step)
+    step -= np.where(turns, _TURN * np.round(step / _TURN), 0.0)
     return np.concatenate([posture[:1], posture[0] + np.cumsum(step, axis=0)])

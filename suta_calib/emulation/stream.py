@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from itertools import count
 from typing import Any, Final
 
 import numpy as np
@@ -55,7 +56,7 @@ class Emulation:
     def __post_init__(self) -> None:
         if not 0 < self.rate <= _HIGHEST_RATE:
             raise InputError(f"{self.rate:g} Hz", f"a rate up to {_HIGHEST_RATE:g} Hz")
-        names = [joint.name for joint in self.device.joints]
+        names = self.device.names
         self.faults.check_joints(names)
         joints = self.motion.readings(np.zeros(1)).shape[1]
         if joints != len(names):
@@ -109,14 +110,12 @@ def packets(
             readings (n, joints).
     """
     source = _Source(emulation, first_period)
-    number = 0
-    while True:
+    for number in count(0, _BLOCK):
         time = np.arange(number, number + _BLOCK) / emulation.rate
         at = motion_time(time)
         true = emulation.motion.readings(at)
         log(number, at, true)
         yield from source.block(number, time, true)
-        number += _BLOCK
 
 
 class _Source:
@@ -143,12 +142,17 @@ class _Source:
         packets = []
         for k, t in enumerate(time.tolist()):
             data = b"" if skipped[k] else self._packet(number + k, t, values[k])
-            packets.append((_due(t, emulation.faults), data))
+            # What is held back is sent later.
+            held = [window.end for window in emulation.faults.holds if t in window]
+            packets.append((max([t, *held]), data))
         return packets
 
     def _packet(self, number: int, time: float, values: NDArray[Any]) -> bytes:
         faults = self._emulation.faults
-        if self._silent(number, time):
+        firsts = (math.ceil(gap.start * self._emulation.rate) for gap in faults.gaps)
+        if any(0 <= number - n < g.count for n, g in zip(firsts, faults.gaps, strict=True)):
+            return b""
+        if any(time in window for window in (*faults.stalls, *faults.absences)):
             return b""
         if faults.stale and number <= self._stale_at:
             return self._old_frames() if number == self._stale_at else b""
@@ -158,13 +162,6 @@ class _Source:
         if any(time in window for window in faults.bursts):
             return self._damage.garbage(len(data))
         return self._damage(data)
-
-    def _silent(self, number: int, time: float) -> bool:
-        faults = self._emulation.faults
-        firsts = (math.ceil(gap.start * self._emulation.rate) for gap in faults.gaps)
-        if any(0 <= number - n < g.count for n, g in zip(firsts, faults.gaps, strict=True)):
-            return True
-        return any(time in window for window in (*faults.stalls, *faults.absences))
 
     def _clock(self, number: int, time: float) -> tuple[int, int]:
         """Sequence number and device clock, µs; anew after a reboot."""
@@ -188,9 +185,4 @@ class _Source:
 
     def _flags(self, flags: Sequence[Flag], time: float) -> BoolArray:
         raised = {flag.joint for flag in flags if time in flag.window}
-        return np.array([joint.name in raised for joint in self._emulation.device.joints])
-
-
-def _due(time: float, faults: Faults) -> float:
-    """When a packet of this time is sent: later, if it is held back."""
-    return max([time, *(window.end for window in faults.holds if time in window)])
+        return np.array([name in raised for name in self._emulation.device.names])
