@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 
 from suta_calib.arrays import FloatArray
-from suta_calib.geometry.numbers import register_points
+from suta_calib.geometry.numbers import register_points, rms_length
 from suta_calib.measurements import Artefact
 from suta_calib.model.arm import ArmModel
 
@@ -106,7 +106,7 @@ class SeatingCheck:
         """RMS distance of tips from landmarks of these names, laid over each other, m."""
         source, target = self._artefact.position_of(list(names)), np.array(tips)
         R, p = register_points(source, target)
-        return float(np.sqrt(np.mean(np.sum((source @ R.T + p - target) ** 2, axis=1))))
+        return rms_length(source @ R.T + p - target)
 
     def which(self, expected: str, candidates: Iterable[str], angles: FloatArray) -> str:
         """The landmark the arm rests on, where it may not be the expected one.

@@ -20,15 +20,13 @@ from suta_calib.assessment import refuse_unusable
 from suta_calib.batched import Batched
 from suta_calib.device.description import columns_of
 from suta_calib.errors import InputError
-from suta_calib.geometry.symbols import Symbol, symbolic_skew
+from suta_calib.geometry.symbols import symbolic_skew
 from suta_calib.model.arm import ArmModel
 from suta_calib.tracking.json_files import numbers, read_json_object
 from suta_calib.tracking.uncertainty import CalibrationUncertainty
 from suta_calib.units import from_mm
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from suta_calib.device.reading import Reading
 
 
@@ -118,9 +116,7 @@ def read_tool(path: str | Path, *, anyway: bool = False) -> Tool:
             repr(data["tip_mm"]), f"mm, within {_LARGEST:g} m", file=path, where="tip_mm"
         )
     std = data.get("tip_std_mm")
-    if std is None:
-        return Tool(tip)
-    return Tool(tip, from_mm(numbers(std, (3,), path, "tip_std_mm")))
+    return Tool(tip, None if std is None else from_mm(numbers(std, (3,), path, "tip_std_mm")))
 
 
 _NOTHING: Final = Tool.none()
@@ -181,23 +177,14 @@ def _compiled(arm: ArmModel, tool: Tool, uncertainty: CalibrationUncertainty | N
     R = ca.reshape(flat, 3, 3)
     lever = R @ ca.DM(tool.tip)
     by_error = (jacobian[:, :3].T - symbolic_skew(lever) @ jacobian[:, 3:].T) @ ca.DM(factor)
-    std = ca.sqrt(_row_squares(by_error) + _tool_variance(R, tool))
+    by_tool = R @ ca.diag(ca.DM(np.zeros(3) if tool.std is None else tool.std))
+    std = ca.sqrt(ca.sum2(ca.horzcat(by_error, by_tool) ** 2))
     outputs = [ca.densify(o) for o in (flat, tip + lever, std)]
     return ca.Function("tip", [q], outputs, ["q"], ["rotation", "position", "std"], {"cse": True})
 
 
-def _tool_variance(R: Symbol, tool: Tool) -> Symbol:
-    return ca.DM.zeros(3, 1) if tool.std is None else _row_squares(R @ ca.diag(ca.DM(tool.std)))
-
-
-def _row_squares(matrix: Symbol) -> Symbol:
-    """Sum of squares of each row; zeros where there is no column."""
-    return ca.sum2(matrix**2) if matrix.shape[1] else ca.DM.zeros(3, 1)
-
-
-_NO_ROTATION = np.full((3, 3), np.nan)
-_NO_POSITION = np.full(3, np.nan)
-_NO_QUATERNION = np.full(4, np.nan)
+_NO_POSE: Final = (np.full((3, 3), np.nan), np.full(3, np.nan), None)
+_NO_QUATERNION: Final = np.full(4, np.nan)
 
 
 class Tracker:
@@ -233,11 +220,8 @@ class Tracker:
         """The tip's pose at this reading."""
         angles = reading.angles[self._columns]
         errors, warnings = self._flagged(reading.error), self._flagged(reading.warning)
-        if errors:
-            rotation, position, turn, std = _NO_ROTATION, _NO_POSITION, _NO_QUATERNION, None
-        else:
-            rotation, position, std = self.kinematics(angles)
-            turn = quaternion(rotation)
+        rotation, position, std = _NO_POSE if errors else self.kinematics(angles)
+        turn = _NO_QUATERNION if errors else quaternion(rotation)
         return TrackedPose(
             reading.sequence,
             reading.time,

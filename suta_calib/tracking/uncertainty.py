@@ -89,7 +89,9 @@ class CalibrationUncertainty:
             rows.append(name)
             blocks.append(np.array([[float(n == name) for n in self.names]]))
         derivative = np.vstack([np.zeros((0, len(self.names))), *blocks])
-        return tuple(rows), derivative @ _factor(self.covariance)
+        # Also where rounding made the covariance not quite positive.
+        values, vectors = np.linalg.eigh((self.covariance + self.covariance.T) / 2)
+        return tuple(rows), derivative @ (vectors * np.sqrt(np.maximum(values, 0.0)))
 
     def _of_joint(self, joint: ChainJoint, segment: Segment) -> FloatArray:
         """(6, n) change of the calibrated joint's placement per change of each parameter."""
@@ -195,12 +197,6 @@ def _covariance(
         return names, matrix * np.outer(std, std), "correlations"
     std = np.array([numbers(own[name]["std"], (), path, name) for name in estimated])
     return tuple(estimated), np.diag(std**2), "std"
-
-
-def _factor(covariance: FloatArray) -> FloatArray:
-    """F (n, n) with F Fᵀ = covariance, also where rounding made it not quite positive."""
-    values, vectors = np.linalg.eigh((covariance + covariance.T) / 2)
-    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
 
 
 def _unfolded(joint: ChainJoint, vector: FloatArray, offset: float) -> ChainJoint:
