@@ -82,14 +82,24 @@ def read_device(path: Path) -> DeviceSpec:
     top.check_keys(_KEYS, required=("port", "joints"))
     form = FORMATS[top.choice("format", tuple(FORMATS), default="frames")]
     unit = top.choice("unit", UNITS, default=form.units[0])
-    counts = _counts_per_turn(top, form, unit)
+    if form.counts_per_turn is None and unit == "counts" and "counts_per_turn" not in top:
+        # Nobody's laboratory arm has 22 bits by default: lines in counts must say how many.
+        raise top.refuse(
+            "no such key",
+            f"the counts of one turn: {form.name} in counts need it",
+            at=("counts_per_turn",),
+        )
+    counts = top.integer("counts_per_turn", form.counts_per_turn or FRAME_COUNTS_PER_TURN, 2)
     if (refused := form.refusal(unit, counts)) is not None:
         key, expected = refused
         found = {"unit": repr(unit), "counts_per_turn": str(counts)}[key]
         raise top.refuse(found, expected, at=(key,))
+    port = top.text("port")
+    if port.lower().startswith("socket://") and not _SOCKET.fullmatch(port):
+        raise top.refuse(repr(port), "socket://host:port", at=("port",))
     return DeviceSpec(
         path=path,
-        port=_port(top),
+        port=_beside(top.document.path, port),
         baudrate=top.integer("baudrate", _DEFAULT_BAUDRATE, 1),
         format=form.name,
         unit=unit,
@@ -142,30 +152,12 @@ def glance(path: Path) -> DeviceSpec | None:
     return DeviceSpec(path, port, baudrate, "frames", "counts", FRAME_COUNTS_PER_TURN, ())
 
 
-def _port(top: YamlSection) -> str:
-    port = top.text("port")
-    if port.lower().startswith("socket://") and not _SOCKET.fullmatch(port):
-        raise top.refuse(repr(port), "socket://host:port", at=("port",))
-    return _beside(top.document.path, port)
-
-
 def _beside(path: Path, port: str) -> str:
     """A relative port is meant from the file's folder if there is something of that name."""
     beside = path.parent / port
     if not _URL.match(port) and not Path(port).is_absolute() and beside.exists():
         return str(beside)
     return port
-
-
-def _counts_per_turn(top: YamlSection, form: Format, unit: str) -> int:
-    """Nobody's laboratory arm has 22 bits by default: lines in counts must say how many."""
-    if form.counts_per_turn is None and unit == "counts" and "counts_per_turn" not in top:
-        raise top.refuse(
-            "no such key",
-            f"the counts of one turn: {form.name} in counts need it",
-            at=("counts_per_turn",),
-        )
-    return top.integer("counts_per_turn", form.counts_per_turn or FRAME_COUNTS_PER_TURN, 2)
 
 
 def _joints(top: YamlSection, form: Format) -> tuple[JointSpec, ...]:

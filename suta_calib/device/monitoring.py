@@ -98,30 +98,23 @@ class Monitor:
         error = np.array([r.error for r in recent]) if recent else none[None]
         warning = np.array([r.warning for r in recent]) if recent else none[None]
         angles = np.array([r.angles for r in recent]).reshape(-1, count)
+        rate, clock_ppm = 0.0, None
+        if self._first is not None and self._last is not None:
+            # Shortly after the start the window is not full yet.
+            span = min(now - self._first.arrival, self._window)
+            rate = len(recent) / span if span > 0 else 0.0
+            host = self._last.arrival - self._first.arrival
+            if self._has_clock and host >= _CLOCK_AFTER_S:
+                clock_ppm = 1e6 * ((self._last.time - self._first.time) / host - 1.0)
         return Snapshot(
             names=self._names,
             angles=np.full(count, np.nan) if self._last is None else self._last.angles,
             noise=_deviation(angles, error[: len(angles)]),
             error=np.asarray(error.any(axis=0)),
             warning=np.asarray(warning.any(axis=0)),
-            rate=self._rate(now),
-            clock_ppm=self._clock_ppm(),
+            rate=rate,
+            clock_ppm=clock_ppm,
         )
-
-    def _rate(self, now: float) -> float:
-        if not self._recent or self._first is None:
-            return 0.0
-        # Shortly after the start the window is not full yet.
-        span = min(now - self._first.arrival, self._window)
-        return len(self._recent) / span if span > 0 else 0.0
-
-    def _clock_ppm(self) -> float | None:
-        if not self._has_clock or self._first is None or self._last is None:
-            return None
-        host = self._last.arrival - self._first.arrival
-        if host < _CLOCK_AFTER_S:
-            return None
-        return 1e6 * ((self._last.time - self._first.time) / host - 1.0)
 
 
 def watch(

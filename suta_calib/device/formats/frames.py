@@ -231,21 +231,15 @@ class FramesDecoder(Decoder):
             counts.warning_flags += words.warning.sum(axis=0)
         angles = angles_from_counts(words.counts, self._signs, POSITIONS)
         angles.setflags(write=False)
-        return [
-            Reading(*self._moment(at, arrival), row, error, warning, arrival)
-            for at, row, error, warning in zip(
-                starts, angles, words.error, words.warning, strict=True
-            )
-        ]
-
-    def _moment(self, at: int, arrival: float) -> tuple[int, float]:
-        """Unwrapped sequence number and time of the frame at ``at``, which is a good one."""
-        sequence, time_us, _ = FIELDS.unpack_from(self._buffer, at + FIELDS_AT)
-        sequence, time, lost = self._clock.unwrap(sequence, time_us, arrival)
-        self.statistics.frames += 1
-        self.statistics.gaps += lost > 0
-        self.statistics.lost_frames += lost
-        return sequence, time
+        readings = []
+        for at, row, error, warning in zip(starts, angles, words.error, words.warning, strict=True):
+            sequence, time_us, _ = FIELDS.unpack_from(self._buffer, at + FIELDS_AT)
+            sequence, time, lost = self._clock.unwrap(sequence, time_us, arrival)
+            counts.gaps += lost > 0
+            counts.lost_frames += lost
+            readings.append(Reading(sequence, time, row, error, warning, arrival))
+        counts.frames += len(readings)
+        return readings
 
 
 class FramesEncoder(Encoder):
