@@ -96,13 +96,6 @@ class MeasureOptions:
     urdf: Path | None = None
     rest: RestSettings = DEFAULT_REST
 
-    @property
-    def lasting_patience(self) -> float:
-        """The patience there is, s."""
-        if self.patience is not None:
-            return self.patience
-        return UNATTENDED_PATIENCE if self.unattended else math.inf
-
     def check(self) -> None:
         """Refuse options that contradict each other.
 
@@ -239,6 +232,9 @@ class _Session:
         if self._sampler.done:
             self._say(f"nothing left to measure: {self._file.path} has every station")
             return self._measured("complete")
+        patience = options.patience
+        if patience is None:
+            patience = UNATTENDED_PATIENCE if options.unattended else math.inf
         try:
             with ExitStack() as stack:
                 recorder = None
@@ -256,7 +252,7 @@ class _Session:
                     events=self._events,
                     idle=lambda: self._idle(keyboard),
                     record=recorder.write if recorder else lambda _: None,
-                    patience=options.lasting_patience,
+                    patience=patience,
                 )
         except KeyboardInterrupt:
             return self._measured("interrupted")

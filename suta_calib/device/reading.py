@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import deepcopy
 from dataclasses import dataclass, field
 from typing import Final, Protocol, Self
 
@@ -77,16 +78,12 @@ class Statistics:
     joint_crc_errors: IntArray = field(init=False)
 
     def __post_init__(self) -> None:
-        count = len(self.joints)
-        self.error_flags = np.zeros(count, dtype=np.int64)
-        self.warning_flags = np.zeros(count, dtype=np.int64)
-        self.joint_crc_errors = np.zeros(count, dtype=np.int64)
+        for name in ("error_flags", "warning_flags", "joint_crc_errors"):
+            setattr(self, name, np.zeros(len(self.joints), dtype=np.int64))
 
     def copy(self) -> Self:
         """An independent snapshot."""
-        other = type(self)(self.joints)
-        other.restore(self)
-        return other
+        return deepcopy(self)
 
     def restore(self, other: Statistics) -> None:
         """Take over the counts of a snapshot, in place."""

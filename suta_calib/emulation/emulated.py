@@ -13,7 +13,7 @@ import numpy as np
 from suta_calib.emulation.device import BAUDRATE, device_of, device_text
 from suta_calib.emulation.faults import Faults
 from suta_calib.emulation.motion import Motion, Still, Stops
-from suta_calib.emulation.player import Played, Player, TrueTrajectory
+from suta_calib.emulation.player import Played, Player
 from suta_calib.emulation.script import (
     PLACE_FORM,
     ScriptFile,
@@ -190,33 +190,6 @@ class EmulatedDevice:
         departing = sum(v != self.arm.parameters[n].nominal for n, v in self.values.items())
         return f"{text}; {departing} true parameters depart from the URDF's"
 
-    def write_device(self, path: Path, port: str) -> None:
-        """Write a device.yaml; ``port`` is what to open.
-
-        Raises:
-            OutputError: it cannot be written.
-        """
-        device = replace(self.emulation.device, port=str(Path(port).absolute()))
-        write_text(path, device_text(device))
-
-    def write_truth(self, path: Path) -> None:
-        """Write a truth.yaml: true parameters, and what is touched.
-
-        Raises:
-            OutputError: it cannot be written.
-        """
-        emulation = self.emulation
-        text = truth_text(self.arm, self.values, emulation.seed, self.plan, emulation.motion)
-        write_text(path, text)
-
-    def write_trajectory(self, path: Path, trajectory: TrueTrajectory) -> None:
-        """Write the true tip poses as CSV; see `truth.write_trajectory`.
-
-        Raises:
-            OutputError: it cannot be written.
-        """
-        write_trajectory(path, self.arm, self.values, trajectory, self.emulation.motion)
-
     def play(
         self,
         options: PlayOptions,
@@ -240,22 +213,25 @@ class EmulatedDevice:
             InputError: a port that shall vanish without a link.
             OutputError: a file or link that cannot be made.
         """
-        options.check(self.emulation.faults)
+        emulation, arm, values = self.emulation, self.arm, self.values
+        options.check(emulation.faults)
         with PseudoTerminal(options.link) as terminal:
             if options.device_out is not None:
-                self.write_device(options.device_out, terminal.port)
+                device = replace(emulation.device, port=str(Path(terminal.port).absolute()))
+                write_text(options.device_out, device_text(device))
             if options.truth_out is not None:
-                self.write_truth(options.truth_out)
+                truth = truth_text(arm, values, emulation.seed, self.plan, emulation.motion)
+                write_text(options.truth_out, truth)
             announce(terminal.name)
             say(str(self))
-            kept = options.trajectory_out is not None
-            player = Player(self.emulation, terminal, say, gated=options.gated, recorded=kept)
+            out = options.trajectory_out
+            player = Player(emulation, terminal, say, gated=options.gated, recorded=out is not None)
             try:
                 player.run(options.seconds, stopped, wait=options.wait)
             finally:
                 say(str(player.played))
-                if options.trajectory_out is not None:
-                    self.write_trajectory(options.trajectory_out, player.trajectory)
+                if out is not None:
+                    write_trajectory(out, arm, values, player.trajectory, emulation.motion)
         return player.played
 
 
