@@ -14,6 +14,7 @@ from typing import Final, Literal
 import numpy as np
 from scipy.optimize import least_squares
 
+from suta_calib.acquisition.averaging import wrap
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.assessment import Assessment
 from suta_calib.batched import Batched
@@ -302,5 +303,4 @@ class _OffsetFit:
 def wrapped_offsets(arm: ArmModel, offsets: FloatArray) -> FloatArray:
     """Offsets of joints that turn, wrapped to (-π, π]; (n,) or (k, n)."""
     turning = np.array([joint.type != "prismatic" for joint in arm.chain.moving])
-    turns = np.where(turning, np.ceil((offsets - np.pi) / (2 * np.pi)), 0.0)
-    return np.asarray(offsets - 2 * np.pi * turns, dtype=float)
+    return np.where(turning, wrap(offsets), offsets)

@@ -193,11 +193,8 @@ def _deviation(angles: FloatArray, error: BoolArray) -> FloatArray:
     """Standard deviation on the circle, column by column, of the angles without error, rad."""
     if len(angles) < 2:
         return np.full(angles.shape[1], np.nan)
-    valid = ~error
     # About a valid angle, the differences do not wrap.
-    about = angles[valid.argmax(axis=0), np.arange(angles.shape[1])]
-    difference = np.where(valid, np.remainder(angles - about + math.pi, math.tau) - math.pi, 0.0)
-    count = valid.sum(axis=0)
-    mean = difference.sum(axis=0) / np.maximum(count, 1)
-    squares = np.where(valid, (difference - mean) ** 2, 0.0).sum(axis=0)
-    return np.where(count > 1, np.sqrt(squares / np.maximum(count - 1, 1)), np.nan)
+    about = angles[(~error).argmax(axis=0), np.arange(angles.shape[1])]
+    difference = np.remainder(angles - about + math.pi, math.tau) - math.pi
+    valid = np.ma.masked_array(difference, mask=error)
+    return np.asarray(np.ma.filled(valid.std(axis=0, ddof=1), np.nan))

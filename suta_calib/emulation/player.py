@@ -14,7 +14,7 @@ import numpy as np
 
 from suta_calib.arrays import FloatArray
 from suta_calib.emulation.motion import Motion, Stops
-from suta_calib.emulation.stream import Emulation, forget, packets, unchanged
+from suta_calib.emulation.stream import Emulation, packets
 from suta_calib.emulation.terminal import PseudoTerminal
 
 # How often somebody who opens the port, or asks to stop, is looked for, s.
@@ -108,8 +108,8 @@ class Player:
         stream = packets(
             self._emulation,
             first,
-            clock if self._gated else unchanged,
-            self._recorder if self._recorded else forget,
+            clock if self._gated else None,
+            self._recorder if self._recorded else None,
         )
         sending = ((due, partial(self._send, data)) for due, data in stream)
         absences = self._emulation.faults.absences

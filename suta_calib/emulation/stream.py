@@ -67,19 +67,6 @@ class Emulation:
         return self.first_time_us + round(_US * period / self.rate)
 
 
-MotionTime = Callable[[FloatArray], FloatArray]
-Log = Callable[[int, FloatArray, FloatArray], None]
-
-
-def unchanged(time: FloatArray) -> FloatArray:
-    """Time of a motion that nothing holds up."""
-    return time
-
-
-def forget(number: int, motion_time: FloatArray, q: FloatArray) -> None:
-    """Keep nothing of what is streamed."""
-
-
 def frames(emulation: Emulation, seconds: float = math.inf) -> Iterator[tuple[float, bytes]]:
     """What an arm sends: when (s after the start, non-decreasing), and the bytes.
 
@@ -97,24 +84,25 @@ def frames(emulation: Emulation, seconds: float = math.inf) -> Iterator[tuple[fl
 def packets(
     emulation: Emulation,
     first_period: int = 0,
-    motion_time: MotionTime = unchanged,
-    log: Log = forget,
+    motion_time: Callable[[FloatArray], FloatArray] | None = None,
+    log: Callable[[int, FloatArray, FloatArray], None] | None = None,
 ) -> Iterator[tuple[float, bytes]]:
     """One packet for every period: when it is due, and its bytes, empty where nothing is sent.
 
     Args:
         emulation: the arm.
         first_period: periods that passed since the device was switched on.
-        motion_time: from time on this stream, (n,) s, to time of the motion.
+        motion_time: from time on this stream, (n,) s, to time of a motion that is held up.
         log: told of every block: number of its first packet, times of the motion (n,), and true
             readings (n, joints).
     """
     source = _Source(emulation, first_period)
     for number in count(0, _BLOCK):
         time = np.arange(number, number + _BLOCK) / emulation.rate
-        at = motion_time(time)
+        at = motion_time(time) if motion_time else time
         true = emulation.motion.readings(at)
-        log(number, at, true)
+        if log:
+            log(number, at, true)
         yield from source.block(number, time, true)
 
 
