@@ -15,8 +15,6 @@ from suta_calib.acquisition.rest import DEFAULT_REST, RestSettings
 from suta_calib.acquisition.run import Run, SamplesFile
 from suta_calib.acquisition.session import (
     ArmReadings,
-    Finder,
-    Sampler,
     StreamEvents,
     run_session,
     summary_lines,
@@ -42,6 +40,7 @@ from suta_calib.terms import KINDS
 from suta_calib.units import deg
 
 if TYPE_CHECKING:
+    from suta_calib.acquisition.session import Finder, Sampler
     from suta_calib.device.port_process import PortProcess
 
 # Nobody is there to see that nothing happens any more, s.

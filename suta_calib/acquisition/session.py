@@ -5,46 +5,28 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Final, Protocol
+from typing import TYPE_CHECKING, Final, TypeAlias
 
 import numpy as np
 
-from suta_calib.acquisition.stops import Event
 from suta_calib.device.description import columns_of
 from suta_calib.device.formats import format_of
 
 if TYPE_CHECKING:
+    from suta_calib.acquisition.guided import Guided
+    from suta_calib.acquisition.stops import StopFinder
+    from suta_calib.acquisition.unattended import Continuous, Unattended
+    from suta_calib.device.bus import Bus
     from suta_calib.device.description import DeviceSpec
-    from suta_calib.device.reading import Reading, ReadingSource, Statistics
+    from suta_calib.device.reading import Reading, Statistics
+
+    # What makes events of readings, and who decides which stop is which sample.
+    Finder: TypeAlias = StopFinder | Continuous
+    Sampler: TypeAlias = Guided | Unattended | Continuous
 
 # A pause between readings that is worth telling, s.
 STALL: Final = 0.5
 _READ_TIMEOUT: Final = 0.05
-
-
-class Finder(Protocol):
-    """What makes events of readings: `StopFinder`."""
-
-    def feed(self, readings: Iterable[Reading]) -> list[Event]:
-        """What new readings tell."""
-        ...
-
-
-class Sampler(Protocol):
-    """Who decides which stop is which sample: `Unattended`, `Guided` or `Continuous`."""
-
-    @property
-    def done(self) -> bool:
-        """Whether nothing is left to take."""
-        ...
-
-    def handle(self, event: Event) -> None:
-        """React to what the stream told."""
-        ...
-
-    def finish(self) -> None:
-        """Nothing more comes."""
-        ...
 
 
 class ArmReadings:
@@ -93,7 +75,7 @@ class StreamEvents:
 
 
 def run_session(
-    source: ReadingSource,
+    source: Bus,
     choose: ArmReadings,
     finder: Finder,
     sampler: Sampler,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from copy import deepcopy
 from dataclasses import dataclass, field
-from typing import Final, Protocol, Self
+from typing import Final, Self
 
 import numpy as np
 
@@ -35,14 +35,6 @@ class Reading:
     error: BoolArray
     warning: BoolArray
     arrival: float
-
-
-class ReadingSource(Protocol):
-    """Where readings come from: `Bus`, or something that stands for one."""
-
-    def read(self, timeout: float = 0.1) -> list[Reading]:
-        """Whatever has arrived, oldest first; nothing after the timeout, s."""
-        ...
 
 
 @dataclass(eq=False)

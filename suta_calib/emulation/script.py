@@ -292,15 +292,15 @@ def placement_within_reach(
     kinematics = InverseKinematics(arm, values)
     start = posture_of(arm) if posture is None else posture
     read = read_artefact(artefact)
+    centre = np.mean([mark.position for mark in read.landmarks.values()], axis=0)
     near = start + 0.4 * (kinematics.random_readings(rng, _TRIES) - start)
     _, tips = arm.forward(near, values)
     for tip in tips:
         rotation = rotation_from_rpy([0.0, 0.0, rng.uniform(-np.pi, np.pi)])
-        centre = np.mean([mark.position for mark in read.landmarks.values()], axis=0)
         # Rounded to what somebody would write down, and not below the table the arm stands on.
         position = np.round(tip - rotation @ centre, 4)
         pose = PoseSpec(rotation, np.array([*position[:2], max(0.0, position[2])]))
-        if _reached(kinematics, read, pose, start, rng):
+        if _every_landmark_reached(kinematics, read, pose, start, rng):
             return pose
     raise JobError(
         f"no place for placement {label!r} in {_TRIES} tries",
@@ -310,14 +310,14 @@ def placement_within_reach(
     )
 
 
-def _reached(
+def _every_landmark_reached(
     kinematics: InverseKinematics,
     artefact: Artefact,
     pose: PoseSpec,
     start: FloatArray,
     rng: np.random.Generator,
 ) -> bool:
-    """Whether every landmark can be: one after the other, for most poses fail at the first."""
+    """One after the other, for most poses fail at the first."""
     marks = sorted(artefact.landmarks.values(), key=lambda mark: mark.rotation is None)
     tips = seated(artefact, [mark.name for mark in marks], pose.rotation, pose.position)
     assert tips.rotation is not None

@@ -15,7 +15,8 @@ from suta_calib.tracking.publisher import Publisher
 from suta_calib.tracking.tracker import TrackedPose, Tracker
 
 if TYPE_CHECKING:
-    from suta_calib.device.reading import Reading, ReadingSource
+    from suta_calib.device.bus import Bus
+    from suta_calib.device.reading import Reading
 
 
 # s; how long one look at the bus may last: the run's end is not noticed before.
@@ -64,7 +65,7 @@ class TrackingSession:
 
     def run(
         self,
-        source: ReadingSource,
+        source: Bus,
         seconds: float | None = None,
         stop: Callable[[], bool] = lambda: False,
     ) -> None:
