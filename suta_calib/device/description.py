@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from suta_calib.errors import DeviceFileError, did_you_mean
+from suta_calib.errors import DeviceFileError, InputError, did_you_mean
 
 if TYPE_CHECKING:
     from suta_calib.device.formats import Format
@@ -82,14 +82,24 @@ def read_device(path: Path) -> DeviceSpec:
     top.check_keys(_KEYS, required=("port", "joints"))
     form = FORMATS[top.choice("format", tuple(FORMATS), default="frames")]
     unit = top.choice("unit", UNITS, default=form.units[0])
-    counts = _counts_per_turn(top, form, unit)
+    if form.counts_per_turn is None and unit == "counts" and "counts_per_turn" not in top:
+        # Nobody's laboratory arm has 22 bits by default: lines in counts must say how many.
+        raise top.refuse(
+            "no such key",
+            f"the counts of one turn: {form.name} in counts need it",
+            at=("counts_per_turn",),
+        )
+    counts = top.integer("counts_per_turn", form.counts_per_turn or FRAME_COUNTS_PER_TURN, 2)
     if (refused := form.refusal(unit, counts)) is not None:
         key, expected = refused
         found = {"unit": repr(unit), "counts_per_turn": str(counts)}[key]
         raise top.refuse(found, expected, at=(key,))
+    port = top.text("port")
+    if port.lower().startswith("socket://") and not _SOCKET.fullmatch(port):
+        raise top.refuse(repr(port), "socket://host:port", at=("port",))
     return DeviceSpec(
         path=path,
-        port=_port(top),
+        port=_beside(top.document.path, port),
         baudrate=top.integer("baudrate", _DEFAULT_BAUDRATE, 1),
         format=form.name,
         unit=unit,
@@ -98,11 +108,28 @@ def read_device(path: Path) -> DeviceSpec:
     )
 
 
-def misnamed(given: Sequence[str], wanted: Sequence[str]) -> str:
-    """``'jiont_3': did you mean 'joint_3'?`` about the first name that is given and not wanted."""
-    missing = [name for name in wanted if name not in given]
-    others = (name for name in given if name not in wanted)
-    return next((f"{n!r}: {hint}" for n in others if (hint := did_you_mean(n, missing))), "")
+def columns_of(
+    joints: Sequence[str], given: Sequence[str], found: str, expected: str, file: Path | None
+) -> list[int]:
+    """For each joint of an arm, its place among those of a device.
+
+    Args:
+        joints: names of the arm's.
+        given: names of the device's.
+        found: what to say where one is missing.
+        expected: likewise.
+        file: the device's, for messages.
+
+    Raises:
+        InputError: the device lacks one; ``'jiont_3': did you mean 'joint_3'?`` where it can.
+    """
+    missing = [name for name in joints if name not in given]
+    if missing:
+        others = (name for name in given if name not in joints)
+        said = (f"{n!r}: {hint}" for n in others if (hint := did_you_mean(n, missing)))
+        hint = next(said, f"add {', '.join(missing)}")
+        raise InputError(found, expected, file=file, where="joints", hint=hint)
+    return [given.index(name) for name in joints]
 
 
 def glance(path: Path) -> DeviceSpec | None:
@@ -125,30 +152,12 @@ def glance(path: Path) -> DeviceSpec | None:
     return DeviceSpec(path, port, baudrate, "frames", "counts", FRAME_COUNTS_PER_TURN, ())
 
 
-def _port(top: YamlSection) -> str:
-    port = top.text("port")
-    if port.lower().startswith("socket://") and not _SOCKET.fullmatch(port):
-        raise top.refuse(repr(port), "socket://host:port", at=("port",))
-    return _beside(top.document.path, port)
-
-
 def _beside(path: Path, port: str) -> str:
     """A relative port is meant from the file's folder if there is something of that name."""
     beside = path.parent / port
     if not _URL.match(port) and not Path(port).is_absolute() and beside.exists():
         return str(beside)
     return port
-
-
-def _counts_per_turn(top: YamlSection, form: Format, unit: str) -> int:
-    """Nobody's laboratory arm has 22 bits by default: lines in counts must say how many."""
-    if form.counts_per_turn is None and unit == "counts" and "counts_per_turn" not in top:
-        raise top.refuse(
-            "no such key",
-            f"the counts of one turn: {form.name} in counts need it",
-            at=("counts_per_turn",),
-        )
-    return top.integer("counts_per_turn", form.counts_per_turn or FRAME_COUNTS_PER_TURN, 2)
 
 
 def _joints(top: YamlSection, form: Format) -> tuple[JointSpec, ...]:
