@@ -33,7 +33,8 @@ from suta_calib.acquisition.touch_sequence import (
 from suta_calib.acquisition.unattended import Continuous, Unattended
 from suta_calib.atomic import check_folder
 from suta_calib.device.bus import Bus
-from suta_calib.device.description import DeviceSpec, read_device
+from suta_calib.device.description import DeviceSpec
+from suta_calib.device.device_file import read_device
 from suta_calib.device.formats import format_of
 from suta_calib.errors import InputError
 from suta_calib.terms import KINDS

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from suta_calib.device.bus import Bus as Bus
     from suta_calib.device.description import DeviceSpec as DeviceSpec
     from suta_calib.device.description import JointSpec as JointSpec
-    from suta_calib.device.description import read_device as read_device
+    from suta_calib.device.device_file import read_device as read_device
     from suta_calib.device.formats import FORMATS as FORMATS
     from suta_calib.device.formats import Decoder as Decoder
     from suta_calib.device.formats import Encoder as Encoder

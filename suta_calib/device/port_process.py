@@ -184,7 +184,7 @@ def open_ahead(device: Path) -> PortProcess | None:
     Returns:
         For `Bus`; None where there is anything to complain of, which `read_device` will do.
     """
-    from suta_calib.device.description import glance
+    from suta_calib.device.device_file import glance
 
     spec = glance(device)
     return None if spec is None else PortProcess(spec)

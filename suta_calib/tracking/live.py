@@ -11,7 +11,7 @@ from typing import Any, Self
 
 from suta_calib.atomic import check_folder
 from suta_calib.device.bus import Bus
-from suta_calib.device.description import read_device
+from suta_calib.device.device_file import read_device
 from suta_calib.device.reading import Statistics
 from suta_calib.model.arm import ArmModel
 from suta_calib.tracking.publisher import Publisher, UdpPublisher, pose_dict
