@@ -29,6 +29,8 @@ _GROSS: Final = 6.0
 # Readings after which the window is looked at, whatever their clock says; looks that tell noise.
 _MOST_FRESH: Final = 400
 _SEEN: Final = 400
+# A pause between readings that is worth telling, s.
+STALL: Final = 0.5
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Final, TypeAlias
 
 import numpy as np
 
+from suta_calib.acquisition.rest import STALL
 from suta_calib.device.description import columns_of
 from suta_calib.device.formats import format_of
 
@@ -24,8 +25,6 @@ if TYPE_CHECKING:
     Finder: TypeAlias = StopFinder | Continuous
     Sampler: TypeAlias = Guided | Unattended | Continuous
 
-# A pause between readings that is worth telling, s.
-STALL: Final = 0.5
 _READ_TIMEOUT: Final = 0.05
 
 

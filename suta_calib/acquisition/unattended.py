@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from suta_calib.acquisition.averaging import Average, unwrapped_about_median, wrap
+from suta_calib.acquisition.rest import STALL
 from suta_calib.acquisition.run import Run, SamplesFile, Say
 from suta_calib.acquisition.seating_check import ANOTHER, CERTAIN, likelier
-from suta_calib.acquisition.session import STALL
 from suta_calib.acquisition.stops import (
     Complete,
     Ended,
