@@ -110,7 +110,16 @@ def read_csv_table(path: Path) -> CsvTable:
         raise SamplesError("a header and no data", "at least one row", file=path, line=header_line)
     for line, row in rows:
         if len(row) != len(header):
-            raise _ragged_row(path, line, len(row), len(header), last=line == rows[-1][0])
+            cut_off = line == rows[-1][0] and len(row) < len(header)
+            raise SamplesError(
+                f"{len(row)} cells",
+                f"{len(header)}, as in the header",
+                file=path,
+                line=line,
+                hint="the file ends in the middle of a row: record it again or delete that row"
+                if cut_off
+                else "",
+            )
     cells = zip(*(row for _, row in rows), strict=True)
     columns = {name: column for name, column in zip(header, cells, strict=True) if name}
     return CsvTable(path, columns, header_line, tuple(line for line, _ in rows))
@@ -153,14 +162,3 @@ def _check_header(path: Path, line: int, header: list[str]) -> None:
             raise SamplesError(
                 f"the column {name!r} more than once", "each column once", file=path, line=line
             )
-
-
-def _ragged_row(path: Path, line: int, found: int, expected: int, *, last: bool) -> SamplesError:
-    cut_off = "the file ends in the middle of a row: record it again or delete that row"
-    return SamplesError(
-        f"{found} cells",
-        f"{expected}, as in the header",
-        file=path,
-        line=line,
-        hint=cut_off if last and found < expected else "",
-    )

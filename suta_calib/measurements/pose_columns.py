@@ -79,16 +79,12 @@ def rotations(table: CsvTable, prefix: str = "") -> FloatArray:
     for row in np.flatnonzero((length < _ZERO_NORM) | ~np.isfinite(length)):
         found = f"a quaternion of length {length[row]:.3g}"
         raise table.refuse(int(row), names[0], found, "a quaternion of length 1")
-    _warn_about_lengths(table, length)
-    return rotation_from_quaternion(quaternion / length[:, None])
-
-
-def _warn_about_lengths(table: CsvTable, length: FloatArray) -> None:
     odd = np.flatnonzero(np.abs(length - 1) > _UNIT_NORM_TOLERANCE)
     if odd.size:
         warnings.warn(
             f"{table.path}:{table.lines[odd[0]]}: found a quaternion of length "
             f"{length[odd[0]]:.3f} ({odd.size} such rows); expected length 1; normalised",
             SutaCalibWarning,
-            stacklevel=4,
+            stacklevel=3,
         )
+    return rotation_from_quaternion(quaternion / length[:, None])

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
 from suta_calib.arrays import FloatArray, IntArray
-from suta_calib.errors import SamplesError
+from suta_calib.errors import SamplesError, did_you_mean
 from suta_calib.geometry.numbers import register_points, rotation_from_vector
 from suta_calib.geometry.symbols import Symbol, symbolic_chordal_log
 from suta_calib.measurements import Artefact, SampleColumns
@@ -313,7 +313,8 @@ def certified_positions(poses: PoseSource, artefact: Artefact) -> FloatArray:
                 f"landmark '{name}'",
                 f"one of {', '.join(artefact.landmarks)}",
                 where=samples.origin[row],
-                hint=f"add it to the artefact '{artefact.name}' or correct the samples",
+                hint=did_you_mean(str(name), artefact.landmarks)
+                or f"add it to the artefact '{artefact.name}' or correct the samples",
             )
     return artefact.position_of(samples.labels["landmark"])
 

@@ -19,7 +19,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, Final, Literal, Protocol, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.errors import ArtefactError, SamplesError
@@ -345,14 +345,6 @@ class Term(ABC):
         Raises:
             SamplesError: too few samples, and how many are needed.
         """
-
-
-def joined(labels: Mapping[str, NDArray[np.str_]], columns: Sequence[str]) -> NDArray[np.str_]:
-    """(n,) values of label columns, joined by a slash: ``P1/2`` for a placement and a repeat."""
-    found = labels[columns[0]]
-    for column in columns[1:]:
-        found = np.char.add(np.char.add(found, "/"), labels[column])
-    return found
 
 
 def pose_parameters(label: str) -> tuple[Parameter, ...]:
