@@ -40,6 +40,17 @@ def vector_from_rotation(rotation: ArrayLike) -> FloatArray:
     return np.asarray(flat.reshape(*rotation.shape[:-2], 3), dtype=float)
 
 
+def vector_turning_z_to(axis: ArrayLike) -> FloatArray:
+    """Shortest rotation vectors, rad, that turn z to unit vectors (..., 3); π about x to -z."""
+    axis = np.asarray(axis, dtype=float)
+    x, y, z = np.moveaxis(axis, -1, 0)
+    sine = np.hypot(x, y)
+    factor = np.where(sine > 0, np.arctan2(sine, z) / np.maximum(sine, 1e-300), 1.0)
+    vector = np.stack([-y * factor, x * factor, 0 * sine], axis=-1)
+    vector[(sine == 0) & (z < 0)] = [np.pi, 0.0, 0.0]
+    return vector
+
+
 def rotation_from_quaternion(quaternion: ArrayLike) -> FloatArray:
     """Rotation matrices of quaternions x y z w, which need not be normalised: (..., 4)."""
     from scipy.spatial.transform import Rotation
