@@ -21,7 +21,6 @@ from suta_calib.units import Unit, shown
 
 _NO_REMEDY: Final = "none needed: only the combination matters"
 _MOST_NAMES: Final = 4
-_ON_ARTEFACT: Final = tuple(kind for kind in KINDS.values() if kind.needs_artefact)
 
 
 @dataclass(frozen=True)
@@ -60,13 +59,9 @@ class _Case:
     def others(self) -> str:
         """The parameters that move with the fixed one; empty where it is alone."""
         names = [n for n in self.motion.main if n != self.fixed]
-        more = ", …" if len(names) > _MOST_NAMES else ""
-        *most, last = names[:_MOST_NAMES] or [""]
-        return (
-            f"{', '.join(most)} and {last}"
-            if most and not more
-            else ", ".join([*most, last]) + more
-        )
+        if len(names) > _MOST_NAMES:
+            return ", ".join([*names[:_MOST_NAMES], "…"])
+        return " and ".join(filter(None, (", ".join(names[:-1]), *names[-1:])))
 
     def says(self, does: str, remedy: str) -> Explanation:
         """``does`` follows the fixed parameter, and whatever changes with it."""
@@ -103,30 +98,28 @@ def _explain(
     spread = _spread(problem, combination.direction, information)
     case = _Case(problem, combination, motion, spread)
     for rule in (_beside_geometry, _same_thing, _turns_tip, _rigid, _per_placement):
-        found = rule(case)
-        if found is not None:
+        if (found := rule(case)) is not None:
             return found
     return _hardly(case)
 
 
 def _own(parameter: Parameter, combination: Combination) -> Explanation:
     """An unknown of a term: where the artefact or the instrument stands."""
-    label = parameter.owner
-    others = [name for name in combination.direction if name != combination.fixed]
-    together = f" together with {', '.join(others)}" if others else ""
-    subject = f"{combination.fixed}{together}"
-    if any(label.startswith(f"{kind.place_unknown}[") for kind in _ON_ARTEFACT):
-        return Explanation(
-            combination.fixed,
-            f"{subject} turns the artefact about a line through the landmarks touched at {label}, "
-            "which moves none of them",
-            "none needed for the arm; to know this pose too, touch a landmark off that line",
+    label, fixed = parameter.owner, combination.fixed
+    others = [name for name in combination.direction if name != fixed]
+    subject = f"{fixed} together with {', '.join(others)}" if others else fixed
+    does = f"changes {label} in a way that its samples hardly show"
+    remedy = "to know it too, spread its samples wider"
+    if any(
+        kind.needs_artefact and label.startswith(f"{kind.place_unknown}[")
+        for kind in KINDS.values()
+    ):
+        does = (
+            f"turns the artefact about a line through the landmarks touched at {label}, which "
+            "moves none of them"
         )
-    return Explanation(
-        combination.fixed,
-        f"{subject} changes {label} in a way that its samples hardly show",
-        "none needed for the arm; to know it too, spread its samples wider",
-    )
+        remedy = "to know this pose too, touch a landmark off that line"
+    return Explanation(fixed, f"{subject} {does}", f"none needed for the arm; {remedy}")
 
 
 def _beside_geometry(case: _Case) -> Explanation | None:
@@ -134,16 +127,13 @@ def _beside_geometry(case: _Case) -> Explanation | None:
     parameter = case.parameter
     if not case.motion.vanishes or parameter.geometric:
         return None
-    if not case.others and parameter.key != COMPLIANCE:
-        return None
     if case.others:
         does = f"does the same as {case.others} at the readings visited"
         return Explanation(case.fixed, f"{case.fixed} {does}", f"turn {parameter.owner} farther")
-    return Explanation(
-        case.fixed,
-        f"{case.fixed} does nothing at the postures visited: gravity has no torque about its axis",
-        "none needed while the arm stands so",
-    )
+    if parameter.key != COMPLIANCE:
+        return None
+    does = "does nothing at the postures visited: gravity has no torque about its axis"
+    return Explanation(case.fixed, f"{case.fixed} {does}", "none needed while the arm stands so")
 
 
 def _same_thing(case: _Case) -> Explanation | None:
@@ -176,7 +166,11 @@ def _rigid(case: _Case) -> Explanation | None:
     in_base, in_tool = base_misfit < NOISE, tool_misfit < NOISE
     # With a tool that never tilts both fit: then the parameters' place in the chain decides.
     if in_base and in_tool:
-        in_base = _place(case) < 0.5
+        assert case.problem.arm is not None
+        order = [segment.owner for segment in case.problem.arm.segments]
+        main = case.motion.main
+        strongest = case.problem.parameters[main[0]].owner if main else order[0]
+        in_base = order.index(strongest) < 0.5 * max(len(order) - 1, 1)
         in_tool = not in_base
     if in_base:
         return _base(case, v_base, w_base)
@@ -242,33 +236,19 @@ def _hardly(case: _Case) -> Explanation:
         if math.isfinite(case.spread)
         else f"±{plausible} plausible, and nothing measured changes with it"
     )
-    joint = _joint(case)
+    assert case.problem.arm is not None
+    # The moving joint whose excitation would tell: the last one at or before the parameter.
+    segments, joint = case.problem.arm.segments, ""
+    for segment in segments:
+        joint = joint if segment.motion == "fixed" else segment.owner
+        if segment.owner == parameter.owner and joint:
+            break
+    else:
+        joint = case.problem.arm.joints[0]
     return case.says(
         f"hardly changes anything measured at the visited poses ({would})",
         f"visit poses that differ more in {joint}, or hold it by a prior",
     )
-
-
-def _joint(case: _Case) -> str:
-    """The moving joint whose excitation would tell: the last one at or before the parameter."""
-    assert case.problem.arm is not None
-    arm = case.problem.arm
-    before: list[str] = []
-    for segment in arm.segments:
-        if segment.motion != "fixed":
-            before.append(segment.owner)
-        if segment.owner == case.parameter.owner and before:
-            return before[-1]
-    return arm.joints[0]
-
-
-def _place(case: _Case) -> float:
-    """Where in the chain the strongest parameters sit: 0 at the base, 1 at the tip."""
-    assert case.problem.arm is not None
-    order = [segment.owner for segment in case.problem.arm.segments]
-    main = case.motion.main
-    owner = case.problem.parameters[main[0]].owner if main else order[0]
-    return order.index(owner) / max(len(order) - 1, 1)
 
 
 def _spread(problem: Problem, direction: Mapping[str, float], information: Information) -> float:

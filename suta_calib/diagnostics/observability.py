@@ -13,7 +13,6 @@ import numpy as np
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.assessment import Assessment
 from suta_calib.diagnostics.explanation import Explanation, explain
-from suta_calib.model.parameters import Parameter
 from suta_calib.solver.covariance import predicted_covariance
 from suta_calib.solver.identifiability import Identification, schur_complement
 from suta_calib.solver.information import Information, predicted_information
@@ -203,6 +202,13 @@ def _prospects(
     for k, p in enumerate(problem.parameters.values()):
         known = float(std[k]) if k in will_be else None
         given = identification.given(p.name) if k in will_be else ()
+        state: State = "identified"
+        if not p.free:
+            state = "fixed"
+        elif known is None:
+            state = "unidentified"
+        elif p.prior is not None and known**2 > INFORMED * p.prior**2:
+            state = "prior"
         found[p.name] = Prospect(
             p.name,
             p.owner,
@@ -212,20 +218,10 @@ def _prospects(
             p.upper - p.nominal if np.isfinite(p.upper) else None,
             p.prior,
             known,
-            _state(p, known),
+            state,
             given,
         )
     return found
-
-
-def _state(p: Parameter, std: float | None) -> State:
-    if not p.free:
-        return "fixed"
-    if std is None:
-        return "unidentified"
-    if p.prior is not None and std**2 > INFORMED * p.prior**2:
-        return "prior"
-    return "identified"
 
 
 def _singular_values(

@@ -151,8 +151,8 @@ def _repeat_scatter(block: Block, residual: FloatArray, touch: IntArray) -> floa
     group, count = repeat_groups(block, touch)
     if np.sum(count > 1) < ENOUGH_GROUPS:
         return None
-    freed = (
-        _about_mean(residual, group, count) / np.sqrt(1.0 - 1.0 / np.maximum(count, 2))[group, None]
-    )
+    # The mean has taken one of every group's residuals.
+    lost = np.sqrt(1.0 - 1.0 / np.maximum(count, 2))[group, None]
+    freed = _about_mean(residual, group, count) / lost
     scatter = float(np.median(np.abs(freed[count[group] > 1]))) / NORMAL_MEDIAN
     return scatter if scatter > 0 else None

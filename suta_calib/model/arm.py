@@ -62,9 +62,10 @@ class ArmModel:
     def __init__(self, chain: Chain, model: pin.Model) -> None:
         self.chain = chain
         self.model = model
-        self.segments = tuple(
-            _segment(model, joint, _owner(chain, joint)) for joint in chain.joints
-        )
+        # A fixed joint that carries the tip is known by the tip's name, all others by their own.
+        last = chain.joints[-1]
+        tip = {} if last.moving else {last.name: chain.tip}
+        self.segments = tuple(_segment(model, j, tip.get(j.name, j.name)) for j in chain.joints)
         self.parameters = ParameterSet(p for s in self.segments for p in _geometric(s))
         self.nongeometric = ParameterSet(p for s in self.segments for p in _nongeometric(s))
 
@@ -176,10 +177,13 @@ class ArmModel:
             Rotations (n, 3, 3) and positions (n, 3), m; without n for a single reading.
         """
         readings = np.asarray(q, dtype=float)
-        own = {k: v for k, v in (values or {}).items() if k in self.offered}
         # What is no geometry and stays as it is needs no masses, which it may not have.
-        still = [k for k in own if k in self.nongeometric and own[k] == self.offered[k].nominal]
-        own = {k: v for k, v in own.items() if k not in still}
+        beside = self.nongeometric
+        own = {
+            name: value
+            for name, value in (values or {}).items()
+            if name in self.parameters or (name in beside and value != beside[name].nominal)
+        }
         rows = np.atleast_2d(readings)
         if rows.shape[1] != len(self.joints):
             raise ParameterError(
@@ -236,12 +240,6 @@ def _kinematics(arm: ArmModel, names: tuple[str, ...]) -> Symbol:
     nominal = {p.name: p.nominal for p in arm.offered.values()}
     gravity = gravity_in_base(arm.chain, arm.model)
     return forward_kinematics(arm.segments, names, nominal, arm.loads, gravity)
-
-
-def _owner(chain: Chain, joint: ChainJoint) -> str:
-    """A fixed joint that carries the tip is known by the tip's name, all others by their own."""
-    is_tip = joint is chain.joints[-1] and not joint.moving
-    return chain.tip if is_tip else joint.name
 
 
 def _segment(model: pin.Model, joint: ChainJoint, owner: str) -> Segment:

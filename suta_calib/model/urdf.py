@@ -78,21 +78,20 @@ class _JointFinder:
         self._depth += 1
         position = self._parser.CurrentByteIndex
         if self._depth == _JOINT_DEPTH:
-            self._joint = self._new_joint(attributes, position) if tag == "joint" else None
+            self._joint = None
+            if tag == "joint":
+                name = attributes.get("name", "")
+                if name in self.found:
+                    line = self._parser.CurrentLineNumber
+                    found = f"the joint name {quoted(name)} a second time"
+                    raise UrdfError(found, "one joint of that name", file=self.path, line=line)
+                self._joint = self.found[name] = _JointTags(position)
         elif self._depth == _JOINT_DEPTH + 1 and tag == "origin" and self._joint is not None:
             # The first counts where there are several, as in URDF readers.
             self._joint.origin = position if self._joint.origin is None else self._joint.origin
 
     def _end(self, _: str) -> None:
         self._depth -= 1
-
-    def _new_joint(self, attributes: dict[str, str], position: int) -> _JointTags:
-        name = attributes.get("name", "")
-        if name in self.found:
-            line = self._parser.CurrentLineNumber
-            found = f"the joint name {quoted(name)} a second time"
-            raise UrdfError(found, "one joint of that name", file=self.path, line=line)
-        return self.found.setdefault(name, _JointTags(position))
 
 
 def urdf_bytes(source: str | Path, origins: Mapping[str, Origin]) -> bytes:
@@ -120,7 +119,11 @@ def urdf_bytes(source: str | Path, origins: Mapping[str, Origin]) -> bytes:
             raise UrdfError("no joint of that name", file=source, where=quoted(name), hint=hint)
         values = {b"xyz": _finite(name, xyz), b"rpy": _finite(name, rpy)}
         splices.extend(_origin_splices(data, tags[name], values))
-    return _spliced(data, splices)
+    pieces, position = [], 0
+    for splice in sorted(splices, key=lambda splice: splice.start):
+        pieces += [data[position : splice.start], splice.text]
+        position = splice.stop
+    return b"".join([*pieces, data[position:]])
 
 
 def write_urdf(source: str | Path, destination: str | Path, origins: Mapping[str, Origin]) -> None:
@@ -217,26 +220,13 @@ def _attribute_text(key: bytes, numbers: list[float]) -> bytes:
 def _numbers_text(numbers: list[float], old: bytes) -> bytes:
     """New text of an attribute, in which a number that did not change is spelled as before."""
     words = old.split()
-    before = [_number(word) for word in words]
+    try:
+        before = [float(word) for word in words]
+    except ValueError:
+        before = []
     if before == numbers:
         return old
-    if len(words) != len(numbers):
+    if len(before) != len(numbers):
         return " ".join(map(repr, numbers)).encode()
     kept = zip(words, before, numbers, strict=True)
     return b" ".join(word if was == new else repr(new).encode() for word, was, new in kept)
-
-
-def _number(word: bytes) -> float:
-    """The number a word spells; NaN, which equals nothing, where it spells none."""
-    try:
-        return float(word)
-    except ValueError:
-        return math.nan
-
-
-def _spliced(data: bytes, splices: list[_Splice]) -> bytes:
-    pieces, position = [], 0
-    for splice in sorted(splices, key=lambda splice: splice.start):
-        pieces += [data[position : splice.start], splice.text]
-        position = splice.stop
-    return b"".join([*pieces, data[position:]])
