@@ -19,7 +19,7 @@ from suta_calib.batched import Batched
 from suta_calib.errors import ParameterError, UrdfError
 from suta_calib.geometry.symbols import Symbol
 from suta_calib.model.chain import Chain, ChainJoint, read_chain
-from suta_calib.model.gravity import Load, check_masses, gravity_in_base, loads
+from suta_calib.model.gravity import Load
 from suta_calib.model.kinematics import Motion, Segment, forward_kinematics
 from suta_calib.model.parameters import (
     COMPLIANCE,
@@ -139,7 +139,12 @@ class ArmModel:
     @cached_property
     def loads(self) -> tuple[Load, ...]:
         """The masses on the moving joints, base → tip, as the URDF has them."""
-        return loads(self.chain, self.model)
+        names = [joint.name for joint in self.chain.moving]
+        bodies = [self.model.inertias[self.model.getJointId(name)] for name in names]
+        return tuple(
+            Load(name, float(body.mass), body.lever.copy())
+            for name, body in zip(names, bodies, strict=True)
+        )
 
     def select(self, *rows: Selection | str) -> ParameterSet:
         """The parameters that are to be estimated; strings stand for unbounded selections.
@@ -154,9 +159,19 @@ class ArmModel:
         return chosen
 
     def _check_masses(self, names: Iterable[str]) -> None:
-        asked = (self.offered[name] for name in names)
-        yielding = [p.owner for p in asked if p.key == COMPLIANCE]
-        check_masses(self.chain, self.loads, yielding)
+        """Refuse joints on which nothing hangs: their compliance would do nothing."""
+        for parameter in (self.offered[name] for name in names):
+            if parameter.key != COMPLIANCE:
+                continue
+            beyond = self.loads[self.joints.index(parameter.owner) :]
+            if not any(load.mass > 0 for load in beyond):
+                raise UrdfError(
+                    f"no mass in any link beyond {parameter.owner}",
+                    "<inertial> with <mass> in the links, which gravity's torque is computed from",
+                    file=self.chain.path,
+                    where=parameter.name,
+                    hint="add the masses, or do not select this parameter",
+                )
 
     def function(self, names: Sequence[str]) -> Symbol:
         """CasADi function of `kinematics.forward_kinematics`, built once for each set of names."""
@@ -238,7 +253,8 @@ class ArmModel:
 def _kinematics(arm: ArmModel, names: tuple[str, ...]) -> Symbol:
     arm._check_masses(names)
     nominal = {p.name: p.nominal for p in arm.offered.values()}
-    gravity = gravity_in_base(arm.chain, arm.model)
+    base = arm.model.frames[arm.model.getFrameId(arm.chain.base, pin.FrameType.BODY)].placement
+    gravity = base.rotation.T @ arm.model.gravity.linear
     return forward_kinematics(arm.segments, names, nominal, arm.loads, gravity)
 
 
