@@ -12,7 +12,7 @@ from typing import Final, NamedTuple
 
 from suta_calib.errors import JobError, OutputError
 from suta_calib.measurements import write_text
-from suta_calib.measurements.pose_columns import rotation_columns
+from suta_calib.measurements.csv_table import rotation_columns
 from suta_calib.model.arm import ArmModel
 from suta_calib.terms import KINDS, first_kind
 

@@ -15,8 +15,13 @@ from numpy.typing import NDArray
 
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import SamplesError
-from suta_calib.measurements.csv_table import CsvTable, read_csv_table
-from suta_calib.measurements.pose_columns import SutaCalibWarning, positions, rotations
+from suta_calib.measurements.csv_table import (
+    CsvTable,
+    SutaCalibWarning,
+    positions,
+    read_csv_table,
+    rotations,
+)
 from suta_calib.units import from_mm, mm
 
 # Different rows that any of these problems needs.

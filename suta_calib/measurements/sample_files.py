@@ -16,15 +16,16 @@ from numpy.typing import NDArray
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import quaternion_from_rotation
-from suta_calib.measurements.csv_table import CsvTable, read_csv_table
-from suta_calib.measurements.files import write_text
-from suta_calib.measurements.pose_columns import (
+from suta_calib.measurements.csv_table import (
+    CsvTable,
     has_rotations,
     position_columns,
     positions,
+    read_csv_table,
     rotation_columns,
     rotations,
 )
+from suta_calib.measurements.files import write_text
 from suta_calib.measurements.samples import Samples
 
 # Encoders report raw readings, which may lie outside the joint's limits: only what no arm in

@@ -135,13 +135,12 @@ class TouchedLandmark(Term):
             return (position,)
         own = self._own_rows(oriented, (".rz",))
         residual = _rotation_turned if own.shape[1] > 6 else _rotation
-        data, noise, known = (
-            flat(self._seats[oriented]),
-            self.angular_noise,
-            np.zeros(len(oriented)),
+        data, known = flat(self._seats[oriented]), np.zeros(len(oriented))
+        labels, noise = tuple(labels[row] for row in oriented), self.angular_noise
+        seen = oriented[:, None]
+        return position, Block(
+            "rotation", "rad", 3, residual, seen, own, data, noise, known, labels
         )
-        names, seen = tuple(labels[row] for row in oriented), oriented[:, None]
-        return position, Block("rotation", "rad", 3, residual, seen, own, data, noise, known, names)
 
     def observed(self, values: Mapping[str, float], poses: PoseSource) -> Observed:
         """Every landmark where its placement's pose has it, the tip as it sits there."""
