@@ -162,7 +162,7 @@ def left_out(unmoved: int, own: Sequence[Estimate] | Sequence[Prospect]) -> list
     parts = [f"{unmoved} of the arm that were not moved"] if unmoved else []
     if own:
         told = sum(each.state in ("identified", "prior") for each in own)
-        frames = listed(sorted({each.name.rpartition(".")[0] for each in own}), 2)
+        frames = listed(sorted({each.owner for each in own}), 2)
         parts.append(f"{told} of {len(own)} unknowns of the observations ({frames})")
     said = f"and {', '.join(parts)}: --verbose shows them"
     return [Text(said, place="console")] if parts else []

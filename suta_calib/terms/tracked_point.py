@@ -16,8 +16,7 @@ from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import register_points, rotation_from_vector
 from suta_calib.geometry.symbols import Symbol, symbolic_chordal_log
 from suta_calib.measurements import SampleColumns, Samples
-from suta_calib.model.parameters import Parameter
-from suta_calib.terms.block import LEARNT, Block, Noise, Pose, flat, pose_of
+from suta_calib.terms.block import Block, Pose, flat, pose_of
 from suta_calib.terms.hand_eye_start import Poses
 from suta_calib.terms.poses import MeasuredPoses, PoseSource
 from suta_calib.terms.synthetic import (
@@ -33,11 +32,9 @@ from suta_calib.terms.term import (
     Gap,
     Medium,
     Observed,
-    Setup,
-    Term,
+    SeenTerm,
     TrueFrame,
     pose_named,
-    pose_parameters,
     pose_values,
 )
 
@@ -55,13 +52,11 @@ def _rotation(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
 
 
 @dataclass(frozen=True, eq=False)
-class TrackedPoint(Term):
+class TrackedPoint(SeenTerm):
     """``T_instrument_base p_i - z_i``; the instrument-to-base pose is unknown.
 
     Attributes:
         poses: samples with a measured position, and an orientation of the tip if there is one.
-        noise: scatter and robustness of a position, m per axis.
-        angular_noise: the same for the orientation, rad per axis.
         label: instruments with the same label stand at the same place.
 
     Raises:
@@ -89,40 +84,16 @@ class TrackedPoint(Term):
         "place": "see the tip with an external instrument (tracked_point)",
     }
 
-    noise: Noise = LEARNT
-    angular_noise: Noise = LEARNT
-    label: str = "default"
-
-    @classmethod
-    def over(cls, poses: PoseSource, setup: Setup) -> TrackedPoint:
-        """Build it from a row of a job file."""
-        return cls(poses, setup.noise, setup.angular_noise, setup.label)
-
-    @cached_property
-    def own(self) -> tuple[Parameter, ...]:
-        """``T_instrument_base``."""
-        return pose_parameters(self._frame)
-
-    @property
-    def _frame(self) -> str:
-        return "base" if self.label == "default" else f"base[{self.label}]"
-
     @cached_property
     def blocks(self) -> tuple[Block, ...]:
         """Positions, and rotations where they were seen."""
-        n, samples = len(self.poses), self.poses.samples
-        rows, own = np.arange(n)[:, None], np.tile(np.arange(6), (n, 1))
-        zero, labels = np.zeros(n), samples.origin
-        position = Block(
-            "position", "m", 3, _position, rows, own, self._seen, self.noise, zero, labels
-        )
+        samples, own = self.poses.samples, np.tile(np.arange(6), (len(self.poses), 1))
+        block, labels, angular = Block.per_sample, samples.origin, self.angular_noise
+        position = block("position", "m", 3, _position, own, self._seen, self.noise, labels)
         if samples.rotation is None:
             return (position,)
-        turned, noise = flat(samples.rotation), self.angular_noise
-        return (
-            position,
-            Block("rotation", "rad", 3, _rotation, rows, own, turned, noise, zero, labels),
-        )
+        turned = flat(samples.rotation)
+        return position, block("rotation", "rad", 3, _rotation, own, turned, angular, labels)
 
     @property
     def _seen(self) -> FloatArray:
@@ -132,7 +103,8 @@ class TrackedPoint(Term):
 
     def observed(self, values: Mapping[str, float], poses: PoseSource) -> Observed:
         """The tip as the instrument sees it."""
-        R, p = pose_named(values, self._frame)
+        (frame,) = self._frames
+        R, p = pose_named(values, frame)
         rotation, position = poses.at(values)
         return Observed(position @ R.T + p, R @ rotation)
 

@@ -10,11 +10,12 @@ import numpy as np
 
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import SamplesError
-from suta_calib.measurements.csv_table import CsvTable, read_csv_table
-from suta_calib.measurements.pose_columns import (
+from suta_calib.measurements.csv_table import (
+    CsvTable,
     has_rotations,
     position_columns,
     positions,
+    read_csv_table,
     rotations,
 )
 from suta_calib.model.arm import ArmModel

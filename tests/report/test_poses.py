@@ -200,10 +200,10 @@ def test_exact_data_are_drawn_at_zero(tmp_path: Path) -> None:
     assert "enlarged 1 times" in drawn(register_plot(found, b))
     random = np.random.default_rng(0)
     data = ToolPoses(
-        tmp_path,
-        tuple(range(8)),
-        np.asarray(Rotation.random(8, random).as_matrix()),
-        np.zeros((8, 3)),
+        path=tmp_path,
+        lines=tuple(range(8)),
+        rotation=np.asarray(Rotation.random(8, random).as_matrix()),
+        position=np.zeros((8, 3)),
     )
     exact = calibrate_pivot(data.rotation, data.position - data.rotation @ [0, 0, 0.1])
     assert re.search("1e[−-]06", drawn(pivot_plot(exact, data)))  # Matplotlib 3.7: a hyphen

@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from suta_calib.arrays import IntArray
+from suta_calib.measurements.samples import joined
 from suta_calib.terms.block import grouped
-from suta_calib.terms.term import Term, joined
+from suta_calib.terms.term import Term
 
 # With fewer, "unlike the others" means nothing.
 FEWEST: Final = 3
