@@ -12,7 +12,7 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final, TypeVar
+from typing import Final
 
 import numpy as np
 
@@ -25,7 +25,6 @@ from suta_calib.units import from_mm, mm
 LARGEST: Final = 1e9
 _COUNT: Final = re.compile(r"[0-9]{1,9}")
 Counts = tuple[int, ...]
-Block = TypeVar("Block")
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,41 +163,42 @@ def _split(points: FloatArray, counts: Counts | list[int]) -> list[FloatArray]:
 def _read(
     path: Path, names: tuple[str, ...], expected: Callable[[Counts], int]
 ) -> tuple[Counts, FloatArray]:
-    """Counts of the header, and the rows below it.
-
-    Args:
-        path: the file.
-        names: of the counts, for messages.
-        expected: number of rows that follow from the counts.
-
-    Returns:
-        the counts; (rows, 3) points, m.
-
-    Raises:
-        SamplesError: the file cannot be read, or is not as its header says.
-    """
+    """Counts of the header, and the ``expected(counts)`` points (rows, 3), m, below it."""
     # Not splitlines(): it also breaks at form feeds, and line numbers must be an editor's.
+    layout = f"'{', '.join((*names, 'name'))}'"
     lines = re.split(r"\r\n|\r|\n", read_text(path, SamplesError).rstrip())
     if lines == [""]:
-        raise SamplesError("an empty file", f"a header {_layout(names)} and points", file=path)
-    counts = _header(path, lines[0], names)
-    rows = lines[1:]
-    for number, row in enumerate(rows[: expected(counts)], 2):
-        _check_row(path, number, row, last=number == len(lines))
-    if len(rows) != expected(counts):
-        raise _wrong_length(path, len(rows), expected(counts), names, counts)
-    return counts, from_mm(np.array([_numbers(row) for row in rows]))
+        raise SamplesError("an empty file", f"a header {layout} and points", file=path)
+    counts = _counts(path, lines[0], names, layout)
+    rows, wanted = lines[1:], expected(counts)
+    points = [_numbers(row) for row in rows]
+    for line, values in enumerate(points[:wanted], 2):
+        if len(values) != 3 or not all(abs(value) <= LARGEST for value in values):
+            cut = line == len(lines) and len(values) < 3
+            raise SamplesError(
+                repr(rows[line - 2][:60]),
+                "three numbers x, y, z in mm",
+                file=path,
+                line=line,
+                hint="the file ends in the middle of a row" if cut else "",
+            )
+    if len(rows) != wanted:
+        said = ", ".join(f"{name} = {count}" for name, count in zip(names, counts, strict=True))
+        raise SamplesError(
+            f"{len(rows)} rows of points",
+            f"{wanted}, for the header says {said}",
+            file=path,
+            line=min(len(rows), wanted) + 2,
+            hint="the file was cut off" if len(rows) < wanted else "delete the surplus rows",
+        )
+    return counts, from_mm(np.array(points))
 
 
-def _layout(names: tuple[str, ...]) -> str:
-    return f"'{', '.join((*names, 'name'))}'"
-
-
-def _header(path: Path, line: str, names: tuple[str, ...]) -> Counts:
-    cells = [cell.strip() for cell in line.split(",", len(names))]
+def _counts(path: Path, header: str, names: tuple[str, ...], layout: str) -> Counts:
+    cells = [cell.strip() for cell in header.split(",", len(names))]
     if len(cells) <= len(names):
         raise SamplesError(
-            f"the header {line[:60]!r}", f"{_layout(names)}, separated by commas", file=path, line=1
+            f"the header {header[:60]!r}", f"{layout}, separated by commas", file=path, line=1
         )
     for name, cell in zip(names, cells[:-1], strict=True):
         if not _COUNT.fullmatch(cell) or int(cell) == 0:
@@ -208,32 +208,9 @@ def _header(path: Path, line: str, names: tuple[str, ...]) -> Counts:
     return tuple(map(int, cells[:-1]))
 
 
-def _check_row(path: Path, line: int, row: str, *, last: bool) -> None:
-    values = _numbers(row)
-    if len(values) == 3 and all(abs(value) <= LARGEST for value in values):
-        return
-    hint = "the file ends in the middle of a row" if last and len(values) < 3 else ""
-    raise SamplesError(
-        repr(row[:60]), "three numbers x, y, z in mm", file=path, line=line, hint=hint
-    )
-
-
 def _numbers(row: str) -> list[float]:
     """Cells as numbers, NaN where there is none; Python's ``1_000`` is not a number here."""
     try:
         return [float("nan" if "_" in cell else cell) for cell in row.split(",")]
     except ValueError:
         return [math.nan] * (row.count(",") + 1)
-
-
-def _wrong_length(
-    path: Path, found: int, expected: int, names: tuple[str, ...], counts: Counts
-) -> SamplesError:
-    said = ", ".join(f"{name} = {count}" for name, count in zip(names, counts, strict=True))
-    return SamplesError(
-        f"{found} rows of points",
-        f"{expected}, for the header says {said}",
-        file=path,
-        line=min(found, expected) + 2,
-        hint="the file was cut off" if found < expected else "delete the surplus rows",
-    )

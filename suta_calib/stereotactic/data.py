@@ -90,30 +90,32 @@ class StereotacticData:
                 hint="PREFIX is what stands before -calbody.txt",
             )
         body = read_calibration_body(calbody)
-        data = cls(
-            Path(prefix),
-            body,
-            _readings(prefix, body),
-            read_em_frames(path_of(prefix, "empivot")),
-            _optical_pivot(prefix, body),
-        )
-        return data if not navigation else data._with_navigation(prefix)
+        path = path_of(prefix, "calreadings")
+        readings = read_calibration_readings(path)
+        for name, part in (("N_D", "base"), ("N_A", "optical"), ("N_C", "em")):
+            found, expected = getattr(readings, part).shape[1], len(getattr(body, part))
+            _agree(path, name, found, "markers", expected, calbody)
+        em_pivot = read_em_frames(path_of(prefix, "empivot"))
+        path = path_of(prefix, "optpivot")
+        optical_pivot = read_optical_pivot(path)
+        _agree(path, "N_D", optical_pivot.base.shape[1], "markers", len(body.base), calbody)
+        data = cls(Path(prefix), body, readings, em_pivot, optical_pivot)
+        return data._with_navigation(prefix) if navigation else data
 
     def _with_navigation(self, prefix: str | Path) -> Self:
-        paths = {"ct-fiducials": path_of(prefix, "ct-fiducials")}
-        paths["em-fiducials"] = _first_there([path_of(prefix, kind) for kind in EM_FIDUCIALS])
-        paths["EM-nav"] = path_of(prefix, "EM-nav")
-        if missing := [str(path) for path in paths.values() if not os.path.lexists(path)]:
+        ct_path, nav_path = path_of(prefix, "ct-fiducials"), path_of(prefix, "EM-nav")
+        spellings = [path_of(prefix, kind) for kind in EM_FIDUCIALS]
+        em_path = next(filter(os.path.lexists, spellings), spellings[0])
+        paths = (ct_path, em_path, nav_path)
+        if missing := [str(path) for path in paths if not os.path.lexists(path)]:
             if len(missing) < len(paths):
                 warnings.warn(f"no navigation: there is no {', no '.join(missing)}", stacklevel=2)
             return self
-        ct = read_points(paths["ct-fiducials"])
-        fiducials, nav = (read_em_frames(paths[kind]) for kind in ("em-fiducials", "EM-nav"))
-        path = paths["em-fiducials"]
-        _agree(path, "N_frames", len(fiducials), "fiducials", len(ct), paths["ct-fiducials"])
+        ct, fiducials, nav = read_points(ct_path), read_em_frames(em_path), read_em_frames(nav_path)
+        _agree(em_path, "N_frames", len(fiducials), "fiducials", len(ct), ct_path)
         markers, pivot = self.em_pivot.shape[1], path_of(prefix, "empivot")
-        _agree(path, "N_G", fiducials.shape[1], "markers", markers, pivot)
-        _agree(paths["EM-nav"], "N_G", nav.shape[1], "markers", markers, pivot)
+        _agree(em_path, "N_G", fiducials.shape[1], "markers", markers, pivot)
+        _agree(nav_path, "N_G", nav.shape[1], "markers", markers, pivot)
         return replace(self, navigation=NavigationData(ct, fiducials, nav))
 
 
@@ -122,56 +124,26 @@ def path_of(prefix: str | Path, kind: str) -> Path:
     return Path(f"{prefix}-{kind}.txt")
 
 
-def read_given_output1(prefix: str | Path, data: StereotacticData) -> Output1 | None:
-    """The ``-output1.txt`` that came with the inputs; None where there is none.
+def read_given_outputs(data: StereotacticData) -> tuple[Output1 | None, FloatArray | None]:
+    """``-output1.txt`` and, where there is a navigation, ``-output2.txt`` beside the inputs.
+
+    Returns:
+        The first; of the second the (N_frames, 3) tips in CT, m; None where there is none.
 
     Raises:
-        SamplesError: malformed, or its counts are not those of the readings.
+        SamplesError: one is malformed, or its counts are not those of the inputs.
     """
-    path = path_of(prefix, "output1")
-    if not os.path.lexists(path):
-        return None
-    given, em = read_output1(path), data.readings.em
-    other = path_of(prefix, "calreadings")
-    _agree(path, "N_C", given.expected.shape[1], "EM markers", em.shape[1], other)
-    _agree(path, "N_frames", len(given.expected), "frames", len(em), other)
-    return given
-
-
-def read_given_output2(prefix: str | Path, data: StereotacticData) -> FloatArray | None:
-    """(N_frames, 3) tips in CT, m, of the ``-output2.txt`` given; None where there is none.
-
-    Raises:
-        SamplesError: malformed, or its count is not that of the navigation frames.
-    """
-    path = path_of(prefix, "output2")
-    if data.navigation is None or not os.path.lexists(path):
-        return None
-    given = read_points(path)
-    frames = len(data.navigation.em_nav)
-    _agree(path, "N_frames", len(given), "frames", frames, path_of(prefix, "EM-nav"))
-    return given
-
-
-def _readings(prefix: str | Path, body: CalibrationBody) -> CalibrationReadings:
-    path, calbody = path_of(prefix, "calreadings"), path_of(prefix, "calbody")
-    readings = read_calibration_readings(path)
-    for name, part in (("N_D", "base"), ("N_A", "optical"), ("N_C", "em")):
-        found, expected = getattr(readings, part).shape[1], len(getattr(body, part))
-        _agree(path, name, found, "markers", expected, calbody)
-    return readings
-
-
-def _optical_pivot(prefix: str | Path, body: CalibrationBody) -> OpticalPivot:
-    path = path_of(prefix, "optpivot")
-    pivot = read_optical_pivot(path)
-    found, expected = pivot.base.shape[1], len(body.base)
-    _agree(path, "N_D", found, "markers", expected, path_of(prefix, "calbody"))
-    return pivot
-
-
-def _first_there(paths: list[Path]) -> Path:
-    return next((path for path in paths if os.path.lexists(path)), paths[0])
+    output1, output2 = None, None
+    path, readings = path_of(data.prefix, "output1"), path_of(data.prefix, "calreadings")
+    if os.path.lexists(path):
+        output1, em = read_output1(path), data.readings.em
+        _agree(path, "N_C", output1.expected.shape[1], "EM markers", em.shape[1], readings)
+        _agree(path, "N_frames", len(output1.expected), "frames", len(em), readings)
+    path = path_of(data.prefix, "output2")
+    if data.navigation is not None and os.path.lexists(path):
+        output2, frames = read_points(path), len(data.navigation.em_nav)
+        _agree(path, "N_frames", len(output2), "frames", frames, path_of(data.prefix, "EM-nav"))
+    return output1, output2
 
 
 def _agree(path: Path, name: str, found: int, what: str, expected: int, other: Path) -> None:

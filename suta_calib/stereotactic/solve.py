@@ -24,8 +24,7 @@ from suta_calib.stereotactic.data import (
     EM_FIDUCIALS,
     StereotacticData,
     path_of,
-    read_given_output1,
-    read_given_output2,
+    read_given_outputs,
 )
 from suta_calib.stereotactic.distortion import (
     DistortionCorrection,
@@ -149,8 +148,11 @@ def solve_stereotactic(
     corrected = correction.correct if correction is not None else np.asarray
     frames = corrected(data.em_pivot)
     probe = MarkerCloud.from_frame(frames[0])
-    em_pivot = _pivot(bodies.poses("empivot", probe, frames), data, "empivot", robust=robust)
-    optical_pivot = _optical_pivot(bodies)
+    em_pivot = bodies.pivot("empivot", probe, frames)
+    # The base may move between frames: the optical pivot is solved in the EM tracker's frame.
+    base = bodies.poses("optpivot", MarkerCloud(data.body.base), data.optical_pivot.base)
+    frames = base.to_body(data.optical_pivot.probe)
+    optical_pivot = bodies.pivot("optpivot", MarkerCloud.from_frame(frames[0]), frames)
     navigation = _navigate(bodies, corrected, probe, em_pivot.tip)
     return StereotacticResult(
         data,
@@ -179,6 +181,12 @@ class _Bodies:
             self.outliers[kind] = self.outliers.get(kind, 0) + poses.outliers
         return poses
 
+    def pivot(self, kind: str, cloud: MarkerCloud, frames: FloatArray) -> PivotCalibration:
+        """Pivot calibration of one body; an error names the file."""
+        poses = self.poses(kind, cloud, frames)
+        with error_context(path_of(self.data.prefix, kind)):
+            return calibrate_pivot(poses.rotation, poses.position, robust=self.robust)
+
 
 def _expected_markers(bodies: _Bodies) -> FloatArray:
     """Where the EM markers on the calibration object were: ``F_D⁻¹ F_A c``, every frame.
@@ -195,29 +203,13 @@ def _expected_markers(bodies: _Bodies) -> FloatArray:
 
 
 def _correction(bodies: _Bodies, expected: FloatArray) -> DistortionCorrection:
-    measured, kind = bodies.data.readings.em, "calreadings"
-    with error_context(path_of(bodies.data.prefix, kind)):
+    measured = bodies.data.readings.em
+    with error_context(path_of(bodies.data.prefix, "calreadings")):
         if not bodies.robust:
             return fit_distortion(measured, expected)
         correction, wrong = fit_distortion_robustly(measured, expected)
-    bodies.outliers[kind] += int(wrong.sum())
+    bodies.outliers["calreadings"] += int(wrong.sum())
     return correction
-
-
-def _optical_pivot(bodies: _Bodies) -> PivotCalibration:
-    """The optical pivot in the EM tracker's frame, whose base may move between frames."""
-    data = bodies.data
-    base = bodies.poses("optpivot", MarkerCloud(data.body.base), data.optical_pivot.base)
-    frames = base.to_body(data.optical_pivot.probe)
-    poses = bodies.poses("optpivot", MarkerCloud.from_frame(frames[0]), frames)
-    return _pivot(poses, data, "optpivot", robust=bodies.robust)
-
-
-def _pivot(
-    poses: BodyPoses, data: StereotacticData, kind: str, *, robust: bool
-) -> PivotCalibration:
-    with error_context(path_of(data.prefix, kind)):
-        return calibrate_pivot(poses.rotation, poses.position, robust=robust)
 
 
 def _navigate(
@@ -245,9 +237,7 @@ def _extrapolated(
     """Count, and tell, markers outside what the correction is fitted to."""
     if correction is None:
         return {}
-    uses = {"em_pivot": data.em_pivot}
-    if data.navigation is not None:
-        uses |= {k: getattr(data.navigation, k) for k in ("em_fiducials", "em_nav")}
+    uses = _uses(data)
     counts = {use: int(np.sum(~correction.inside(points))) for use, points in uses.items()}
     for use, count in counts.items():
         if count:
@@ -257,6 +247,21 @@ def _extrapolated(
                 stacklevel=3,
             )
     return counts
+
+
+def _uses(data: StereotacticData) -> dict[str, FloatArray]:
+    """Markers (N_frames, n, 3) that the EM tracker saw, by what they were used for."""
+    given = data.navigation
+    uses = {"em_pivot": data.em_pivot}
+    return (
+        uses
+        if given is None
+        else uses
+        | {
+            "em_fiducials": given.em_fiducials,
+            "em_nav": given.em_nav,
+        }
+    )
 
 
 def _on_shapes(result: StereotacticResult) -> list[str]:
@@ -299,17 +304,13 @@ def _on_distortion(result: StereotacticResult) -> list[str]:
             f"The EM tracker's readings are {mm(rms_length(result.em_error)):.2f} mm off where "
             "the optical tracker says, most of it distortion: --dewarp corrects it."
         ]
+    seen = _uses(result.data)
     return [
-        f"{count} of {_markers(result, use)} markers of {USES[use]} lie outside the calibrated "
+        f"{count} of {seen[use][..., 0].size} markers of {USES[use]} lie outside the calibrated "
         "volume, where the distortion is not known."
         for use, count in result.extrapolated.items()
         if count
     ]
-
-
-def _markers(result: StereotacticResult, use: str) -> int:
-    owner: object = result.data if use == "em_pivot" else result.data.navigation
-    return int(getattr(owner, use)[..., 0].size)
 
 
 @dataclass(frozen=True, eq=False)
@@ -334,41 +335,29 @@ class StereotacticErrors:
         return self.expected is None and self.navigation is None
 
 
-@dataclass(frozen=True, eq=False)
-class GivenOutputs:
-    """Output files that stand beside the inputs; None where there is none.
-
-    Attributes:
-        output1: of the first assignment.
-        output2: (N_frames, 3) tips in CT, m.
-    """
-
-    output1: Output1 | None
-    output2: FloatArray | None
+GivenOutputs = tuple[Output1 | None, FloatArray | None]
 
 
 def read_given(result: StereotacticResult) -> GivenOutputs:
-    """Read ``-output1.txt`` and, where there is a navigation, ``-output2.txt`` if they are there.
+    """What ``-output1.txt`` and ``-output2.txt`` beside the inputs say, of those that are there.
 
     Raises:
         SamplesError: one is malformed or its counts are not those of the inputs.
     """
-    prefix = result.data.prefix
-    output1 = read_given_output1(prefix, result.data)
-    return GivenOutputs(output1, read_given_output2(prefix, result.data))
+    return read_given_outputs(result.data)
 
 
 def compare(result: StereotacticResult, given: GivenOutputs) -> StereotacticErrors:
     """Distances of the result from what is given."""
-    other, found = given.output1, result.navigation
+    (output1, output2), found = given, result.navigation
     navigation = None
-    if found is not None and given.output2 is not None:
-        navigation = np.asarray(np.linalg.norm(found.ct - given.output2, axis=1))
-    if other is None:
+    if found is not None and output2 is not None:
+        navigation = np.asarray(np.linalg.norm(found.ct - output2, axis=1))
+    if output1 is None:
         return StereotacticErrors(navigation=navigation)
     return StereotacticErrors(
-        np.asarray(np.linalg.norm(result.expected - other.expected, axis=-1)),
-        float(np.linalg.norm(result.em_pivot.post - other.em_post)),
-        float(np.linalg.norm(result.optical_pivot.post - other.optical_post)),
+        np.asarray(np.linalg.norm(result.expected - output1.expected, axis=-1)),
+        float(np.linalg.norm(result.em_pivot.post - output1.em_post)),
+        float(np.linalg.norm(result.optical_pivot.post - output1.optical_post)),
         navigation,
     )
