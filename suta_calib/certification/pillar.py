@@ -19,7 +19,6 @@ from suta_calib.geometry.symbols import Symbol, symbolic_rotation
 
 # Rows of a pillar's answer.
 X, Y, Z, SLOPE_X, SLOPE_Y, UNEVEN_X, UNEVEN_Y, DIAGONAL_02, DIAGONAL_13, YAW, WIDTH = range(11)
-WITHOUT_FLATS: Final = 9
 # Inputs about the ground: turns about x and y (rad), height (m).
 GROUND: Final = 3
 # Conditioning of the top's fit: its touches are millimetres apart.
@@ -53,12 +52,9 @@ def pillar_geometry(
         holes: (4, 3) in order around.
         flats: front and back (3,), or None.
     """
-    parts = [top, holes, *(() if flats is None else (f[None] for f in flats))]
-    touches = np.vstack(parts)
-    function = _pillar(len(top), flats is not None)
-    values, by_touch, by_ground = (
-        np.asarray(o.full(), dtype=float) for o in function(touches.T, np.zeros(GROUND))
-    )
+    touches = np.vstack([top, holes, *(flats or ())])
+    outputs = _pillar(len(top), flats is not None)(touches.T, np.zeros(GROUND))
+    values, by_touch, by_ground = (np.asarray(o.full(), dtype=float) for o in outputs)
     # CasADi's columns run over coordinates first: touches were given as 3 x k for that.
     return PillarGeometry(values[:, 0], by_touch, by_ground)
 
@@ -70,10 +66,13 @@ def _pillar(tops: int, flats: bool) -> Any:
     level = levelled(touches, ground)
     top, hole = level[:, :tops], level[:2, tops : tops + 4]
     centre = crossing(hole)
-    plane = _plane(top, centre)
+    # Least squares plane through the top: its height at the centre, and its slopes.
+    across = (top[:2, :] - ca.repmat(centre, 1, tops)).T / _MM
+    design = ca.horzcat(ca.SX.ones(tops, 1), across)
+    plane = ca.inv(design.T @ design) @ (design.T @ top[2, :].T)
     middle = (hole[:, 0] + hole[:, 2] - hole[:, 1] - hole[:, 3]) / 2
     diagonals = [ca.norm_2(hole[:, 2] - hole[:, 0]), ca.norm_2(hole[:, 3] - hole[:, 1])]
-    rows = [centre, plane[0], plane[1:], middle, *diagonals]
+    rows = [centre, plane[0], plane[1:] / _MM, middle, *diagonals]
     if flats:
         ahead = level[:2, tops + 4] - level[:2, tops + 5]
         rows += [ca.atan2(ahead[1], ahead[0]), ca.norm_2(ahead)]
@@ -94,14 +93,6 @@ def crossing(hole: Symbol) -> Symbol:
     start = hole[:, 1] - hole[:, 0]
     share = (start[0] * b[1] - start[1] * b[0]) / (a[0] * b[1] - a[1] * b[0])
     return hole[:, 0] + share * a
-
-
-def _plane(top: Symbol, centre: Symbol) -> Symbol:
-    """Height at the centre and the slopes of the least squares plane through (3, k) touches."""
-    across = (top[:2, :] - ca.repmat(centre, 1, top.shape[1])).T / _MM
-    design = ca.horzcat(ca.SX.ones(top.shape[1], 1), across)
-    found = ca.inv(design.T @ design) @ (design.T @ top[2, :].T)
-    return ca.vertcat(found[0], found[1:] / _MM)
 
 
 def diagonals_cross(holes: FloatArray, least: float) -> bool:
