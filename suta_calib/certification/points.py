@@ -116,7 +116,15 @@ def read_raw_points(path: Path) -> RawPoints:
     if 0 < len(side) < LEAST_ON_SIDE:
         raise rows.missing("1 touch of the side", "two or more along it, or none")
     pillars = tuple(_pillar(rows, name) for name in names)
-    _check_extent(rows)
+    # A typing error may be too large to be squared.
+    with np.errstate(over="ignore"):
+        extent = float(np.linalg.norm(np.ptp(rows.position, axis=0)))
+    if not SMALLEST_EXTENT < extent < LARGEST_EXTENT:
+        raise rows.missing(
+            f"points within {extent:.4g} m",
+            f"an artefact of {SMALLEST_EXTENT:g} to {LARGEST_EXTENT:g} m",
+            hint="columns x,y,z are in metres and x_mm,y_mm,z_mm in millimetres: which are these?",
+        )
     return RawPoints(
         path=path,
         ground=rows.touches(ground),
@@ -213,18 +221,6 @@ def _spacers(rows: _Rows) -> Iterable[SpacerEnds]:
             if np.ptp(rows.position[list(pair)], axis=0).max() < COINCIDENT:
                 raise rows.missing("both ends in one place", "two ends", f"spacer {label!r}")
             yield SpacerEnds(label, rows.position[list(pair)])
-
-
-def _check_extent(rows: _Rows) -> None:
-    # A typing error may be too large to be squared.
-    with np.errstate(over="ignore"):
-        extent = float(np.linalg.norm(np.ptp(rows.position, axis=0)))
-    if not SMALLEST_EXTENT < extent < LARGEST_EXTENT:
-        raise rows.missing(
-            f"points within {extent:.4g} m",
-            f"an artefact of {SMALLEST_EXTENT:g} to {LARGEST_EXTENT:g} m",
-            hint="columns x,y,z are in metres and x_mm,y_mm,z_mm in millimetres: which are these?",
-        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,12 +14,10 @@ from suta_calib.stereotactic.cis_files import (
     CalibrationBody,
     CalibrationReadings,
     OpticalPivot,
-    Output1,
     read_calibration_body,
     read_calibration_readings,
     read_em_frames,
     read_optical_pivot,
-    read_output1,
     read_points,
 )
 
@@ -94,11 +92,11 @@ class StereotacticData:
         readings = read_calibration_readings(path)
         for name, part in (("N_D", "base"), ("N_A", "optical"), ("N_C", "em")):
             found, expected = getattr(readings, part).shape[1], len(getattr(body, part))
-            _agree(path, name, found, "markers", expected, calbody)
+            agree(path, name, found, "markers", expected, calbody)
         em_pivot = read_em_frames(path_of(prefix, "empivot"))
         path = path_of(prefix, "optpivot")
         optical_pivot = read_optical_pivot(path)
-        _agree(path, "N_D", optical_pivot.base.shape[1], "markers", len(body.base), calbody)
+        agree(path, "N_D", optical_pivot.base.shape[1], "markers", len(body.base), calbody)
         data = cls(Path(prefix), body, readings, em_pivot, optical_pivot)
         return data._with_navigation(prefix) if navigation else data
 
@@ -112,10 +110,10 @@ class StereotacticData:
                 warnings.warn(f"no navigation: there is no {', no '.join(missing)}", stacklevel=2)
             return self
         ct, fiducials, nav = read_points(ct_path), read_em_frames(em_path), read_em_frames(nav_path)
-        _agree(em_path, "N_frames", len(fiducials), "fiducials", len(ct), ct_path)
+        agree(em_path, "N_frames", len(fiducials), "fiducials", len(ct), ct_path)
         markers, pivot = self.em_pivot.shape[1], path_of(prefix, "empivot")
-        _agree(em_path, "N_G", fiducials.shape[1], "markers", markers, pivot)
-        _agree(nav_path, "N_G", nav.shape[1], "markers", markers, pivot)
+        agree(em_path, "N_G", fiducials.shape[1], "markers", markers, pivot)
+        agree(nav_path, "N_G", nav.shape[1], "markers", markers, pivot)
         return replace(self, navigation=NavigationData(ct, fiducials, nav))
 
 
@@ -124,29 +122,20 @@ def path_of(prefix: str | Path, kind: str) -> Path:
     return Path(f"{prefix}-{kind}.txt")
 
 
-def read_given_outputs(data: StereotacticData) -> tuple[Output1 | None, FloatArray | None]:
-    """``-output1.txt`` and, where there is a navigation, ``-output2.txt`` beside the inputs.
+def agree(path: Path, name: str, found: int, what: str, expected: int, other: Path) -> None:
+    """Refuse a file whose header gives another count than there is in another file.
 
-    Returns:
-        The first; of the second the (N_frames, 3) tips in CT, m; None where there is none.
+    Args:
+        path: the file.
+        name: of the count in its header.
+        found: what it says.
+        what: is counted, as a reader is told.
+        expected: the other file's count.
+        other: the other file.
 
     Raises:
-        SamplesError: one is malformed, or its counts are not those of the inputs.
+        SamplesError: the counts differ.
     """
-    output1, output2 = None, None
-    path, readings = path_of(data.prefix, "output1"), path_of(data.prefix, "calreadings")
-    if os.path.lexists(path):
-        output1, em = read_output1(path), data.readings.em
-        _agree(path, "N_C", output1.expected.shape[1], "EM markers", em.shape[1], readings)
-        _agree(path, "N_frames", len(output1.expected), "frames", len(em), readings)
-    path = path_of(data.prefix, "output2")
-    if data.navigation is not None and os.path.lexists(path):
-        output2, frames = read_points(path), len(data.navigation.em_nav)
-        _agree(path, "N_frames", len(output2), "frames", frames, path_of(data.prefix, "EM-nav"))
-    return output1, output2
-
-
-def _agree(path: Path, name: str, found: int, what: str, expected: int, other: Path) -> None:
     if found != expected:
         raise SamplesError(
             str(found),

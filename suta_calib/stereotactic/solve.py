@@ -6,6 +6,7 @@ its own markers. Frames: ``T_em_base`` is what the optical tracker says of the E
 
 from __future__ import annotations
 
+import os
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -19,12 +20,12 @@ from suta_calib.geometry.numbers import extent, rms_length
 from suta_calib.pose_calibration.inputs import error_context
 from suta_calib.pose_calibration.pivot import PivotCalibration, calibrate_pivot
 from suta_calib.pose_calibration.registration import Registration, kabsch, register
-from suta_calib.stereotactic.cis_files import Output1
+from suta_calib.stereotactic.cis_files import Output1, read_output1, read_points
 from suta_calib.stereotactic.data import (
     EM_FIDUCIALS,
     StereotacticData,
+    agree,
     path_of,
-    read_given_outputs,
 )
 from suta_calib.stereotactic.distortion import (
     DistortionCorrection,
@@ -339,12 +340,25 @@ GivenOutputs = tuple[Output1 | None, FloatArray | None]
 
 
 def read_given(result: StereotacticResult) -> GivenOutputs:
-    """What ``-output1.txt`` and ``-output2.txt`` beside the inputs say, of those that are there.
+    """``-output1.txt`` and, where there is a navigation, ``-output2.txt`` beside the inputs.
+
+    Returns:
+        The first; of the second the (N_frames, 3) tips in CT, m; None for what is not there.
 
     Raises:
         SamplesError: one is malformed or its counts are not those of the inputs.
     """
-    return read_given_outputs(result.data)
+    data, output1, output2 = result.data, None, None
+    path, readings = path_of(data.prefix, "output1"), path_of(data.prefix, "calreadings")
+    if os.path.lexists(path):
+        output1, em = read_output1(path), data.readings.em
+        agree(path, "N_C", output1.expected.shape[1], "EM markers", em.shape[1], readings)
+        agree(path, "N_frames", len(output1.expected), "frames", len(em), readings)
+    path = path_of(data.prefix, "output2")
+    if data.navigation is not None and os.path.lexists(path):
+        output2, frames = read_points(path), len(data.navigation.em_nav)
+        agree(path, "N_frames", len(output2), "frames", frames, path_of(data.prefix, "EM-nav"))
+    return output1, output2
 
 
 def compare(result: StereotacticResult, given: GivenOutputs) -> StereotacticErrors:
