@@ -21,8 +21,7 @@ from scipy.stats import norm, t
 from suta_calib.arrays import FloatArray
 from suta_calib.certification.comparison import DrawingComparison
 from suta_calib.certification.frame import Sources
-from suta_calib.certification.measuring import MeasuredArtefact
-from suta_calib.certification.pillar import (
+from suta_calib.certification.measuring import (
     DIAGONAL_02,
     DIAGONAL_13,
     SLOPE_X,
@@ -30,6 +29,7 @@ from suta_calib.certification.pillar import (
     UNEVEN_X,
     UNEVEN_Y,
     WIDTH,
+    MeasuredArtefact,
 )
 from suta_calib.certification.plane import MAD
 from suta_calib.certification.result import CertifiedLandmark, Fault

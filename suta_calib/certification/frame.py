@@ -18,8 +18,17 @@ import numpy as np
 
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.certification.comparison import QUARTER, quarter_turns, wrapped
-from suta_calib.certification.measuring import MeasuredArtefact, ProbingNoise
-from suta_calib.certification.pillar import GROUND, YAW, PillarGeometry, X, Y, Z, levelled
+from suta_calib.certification.measuring import (
+    GROUND,
+    YAW,
+    MeasuredArtefact,
+    PillarGeometry,
+    ProbingNoise,
+    X,
+    Y,
+    Z,
+    levelled,
+)
 from suta_calib.certification.plane import agreeing
 from suta_calib.certification.points import CertificationOptions, RawPoints
 from suta_calib.errors import ArtefactError, SamplesError, did_you_mean

@@ -24,8 +24,7 @@ from suta_calib.certification.frame import (
     shape_covariance,
     sources_of,
 )
-from suta_calib.certification.measuring import MeasuredArtefact, measure, noise_of
-from suta_calib.certification.pillar import (
+from suta_calib.certification.measuring import (
     DIAGONAL_02,
     DIAGONAL_13,
     SLOPE_X,
@@ -33,6 +32,9 @@ from suta_calib.certification.pillar import (
     UNEVEN_X,
     UNEVEN_Y,
     WIDTH,
+    MeasuredArtefact,
+    measure,
+    noise_of,
 )
 from suta_calib.certification.plane import Plane
 from suta_calib.certification.points import PLAIN, CertificationOptions, ProbedPoints, RawPoints

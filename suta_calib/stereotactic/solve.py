@@ -20,12 +20,14 @@ from suta_calib.geometry.numbers import extent, rms_length
 from suta_calib.pose_calibration.inputs import error_context
 from suta_calib.pose_calibration.pivot import PivotCalibration, calibrate_pivot
 from suta_calib.pose_calibration.registration import Registration, kabsch, register
-from suta_calib.stereotactic.cis_files import Output1, read_output1, read_points
-from suta_calib.stereotactic.data import (
+from suta_calib.stereotactic.cis_files import (
     EM_FIDUCIALS,
+    Output1,
     StereotacticData,
     agree,
     path_of,
+    read_output1,
+    read_points,
 )
 from suta_calib.stereotactic.distortion import (
     DistortionCorrection,
@@ -252,17 +254,10 @@ def _extrapolated(
 
 def _uses(data: StereotacticData) -> dict[str, FloatArray]:
     """Markers (N_frames, n, 3) that the EM tracker saw, by what they were used for."""
-    given = data.navigation
-    uses = {"em_pivot": data.em_pivot}
-    return (
-        uses
-        if given is None
-        else uses
-        | {
-            "em_fiducials": given.em_fiducials,
-            "em_nav": given.em_nav,
-        }
-    )
+    uses, given = {"em_pivot": data.em_pivot}, data.navigation
+    if given is not None:
+        uses |= {"em_fiducials": given.em_fiducials, "em_nav": given.em_nav}
+    return uses
 
 
 def _on_shapes(result: StereotacticResult) -> list[str]:

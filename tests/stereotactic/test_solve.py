@@ -11,8 +11,8 @@ import pytest
 from stereotactic_scenes import distance, spoilt
 
 from suta_calib.geometry.numbers import rms_length
+from suta_calib.stereotactic.cis_files import StereotacticData
 from suta_calib.stereotactic.cis_simulation import SimulatedSet, simulate_stereotactic
-from suta_calib.stereotactic.data import StereotacticData
 from suta_calib.stereotactic.distortion import fit_distortion_robustly
 from suta_calib.stereotactic.solve import (
     StereotacticResult,
