@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING
 from suta_calib.lazy import public
 
 if TYPE_CHECKING:
+    from suta_calib.stereotactic.cis_files import StereotacticData as StereotacticData
     from suta_calib.stereotactic.cis_simulation import SimulatedSet as SimulatedSet
     from suta_calib.stereotactic.cis_simulation import (
         simulate_stereotactic as simulate_stereotactic,
     )
-    from suta_calib.stereotactic.data import StereotacticData as StereotacticData
     from suta_calib.stereotactic.distortion import DistortionCorrection as DistortionCorrection
     from suta_calib.stereotactic.distortion import fit_distortion as fit_distortion
     from suta_calib.stereotactic.solve import StereotacticErrors as StereotacticErrors
