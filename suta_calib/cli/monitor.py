@@ -13,9 +13,8 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from suta_calib.cli._numbers import FiniteRange
-from suta_calib.cli._output import console, json_option, print_json
-from suta_calib.cli._signals import ended_by_sigterm
+from suta_calib.cli._options import PATH, POSITIVE, FiniteRange, json_option
+from suta_calib.cli._output import console, ended_by_sigterm, print_json
 from suta_calib.device import Bus, DeviceSpec, Reading, read_device
 from suta_calib.device.monitoring import LOSSES, Monitor, stream_report, watch
 from suta_calib.device.reading import ERROR_MEANING, WARNING_MEANING
@@ -28,8 +27,8 @@ _LINE_S: Final = 1.0
 
 
 @click.command()
-@click.option("--device", type=click.Path(path_type=Path), required=True, help="The device.yaml.")
-@click.option("--urdf", type=click.Path(path_type=Path), help="Show this arm's tip pose too.")
+@click.option("--device", type=PATH, required=True, help="The device.yaml.")
+@click.option("--urdf", type=PATH, help="Show this arm's tip pose too.")
 @click.option("--tip", help="With --urdf: any link or frame of the arm.")
 @click.option("--base", help="With --urdf: the link poses are given in; the root by default.")
 @click.option(
@@ -39,9 +38,8 @@ _LINE_S: Final = 1.0
 )
 @click.option(
     "--silence",
-    type=FiniteRange(min=0, min_open=True),
+    type=POSITIVE,
     default=2.0,
-    show_default=True,
     metavar="S",
     help="A device that sends nothing for so long is silent; twice as long after the start.",
 )

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Final
 import click
 import numpy as np
 
-from suta_calib.cli._numbers import FiniteRange
-from suta_calib.cli._output import check_folder, finish, json_option
+from suta_calib.atomic import check_folder
+from suta_calib.cli._options import PATH, POSITIVE, json_option
+from suta_calib.cli._output import finish
 from suta_calib.errors import InputError
 from suta_calib.units import from_deg, from_mm
 
@@ -24,12 +25,12 @@ _POSE_NUMBERS: Final = (3, 6)
 
 
 @click.command()
-@click.argument("urdf", type=click.Path(path_type=Path), metavar="ARM.urdf")
+@click.argument("urdf", type=PATH, metavar="ARM.urdf")
 @click.option("--tip", required=True, help="Link or frame whose poses are known.")
 @click.option("--base", help="Link the poses are given in; the root link by default.")
 @click.option(
     "--readings",
-    type=click.Path(path_type=Path),
+    type=PATH,
     required=True,
     help="CSV: a column per joint, and x,y,z[,qx,qy,qz,qw] (m) unless --pose is given.",
 )
@@ -42,12 +43,11 @@ _POSE_NUMBERS: Final = (3, 6)
 @click.option(
     "--branch", type=click.IntRange(min=1), default=1, help="Which of the answers that fit."
 )
-@click.option("--out", type=click.Path(path_type=Path), help="URDF to write, with the offsets.")
+@click.option("--out", type=PATH, help="URDF to write, with the offsets.")
 @click.option(
     "--tolerance-mm",
-    type=FiniteRange(min=0, min_open=True),
+    type=POSITIVE,
     default=_TOLERANCE_MM,
-    show_default=True,
     help="How far the tip may stay from where it is known to be (RMS).",
 )
 @json_option

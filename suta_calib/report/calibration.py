@@ -74,25 +74,21 @@ class BlockNoise:
 
 NOISE: Final = Listing[BlockNoise](
     "Noise",
-    (
-        Column("kind"),
-        Column("", "residuals", lambda row: f"{row.kind.replace('_', ' ')}: {row.block.name}"),
-        Column("label", "label"),
-        Column("block", None, lambda row: row.block.name),
-        Column("unit", "unit", cell=lambda row: unit_name(row.unit)),
-        Column("assumed", "assumed", own_unit=lambda row: row.unit),
-        Column("given", "from", cell=lambda row: "the job" if row.given else "default"),
-        Column("found", "found", own_unit=lambda row: row.unit),
-    ),
+    Column("kind"),
+    Column("", "residuals", lambda row: f"{row.kind.replace('_', ' ')}: {row.block.name}"),
+    Column("label", "label"),
+    Column("block", None, lambda row: row.block.name),
+    Column("unit", "unit", cell=lambda row: unit_name(row.unit)),
+    Column("assumed", "assumed", unit=lambda row: row.unit, si=True),
+    Column("given", "from", cell=lambda row: "the job" if row.given else "default"),
+    Column("found", "found", unit=lambda row: row.unit, si=True),
 )
 STARTS: Final = Listing[tuple[int, Minimum]](
     "How it was computed",
-    (
-        Column("", "start", lambda row: row[0], form="d"),
-        Column("status", "status", lambda row: row[1].status),
-        Column("iterations", "iterations", lambda row: row[1].iterations, form="d"),
-        Column("cost", "cost", lambda row: row[1].cost, form=".6g"),
-    ),
+    Column("", "start", lambda row: row[0], form="d"),
+    Column("status", "status", lambda row: row[1].status),
+    Column("iterations", "iterations", lambda row: row[1].iterations, form="d"),
+    Column("cost", "cost", lambda row: row[1].cost, form=".6g"),
 )
 
 

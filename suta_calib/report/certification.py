@@ -107,65 +107,55 @@ def _micrometres(heading: str, value: Callable[[Judged], float], form: str) -> C
 
 TOP: Final = Listing[CertifiedLandmark](
     "",
-    (
-        *written("tilt", "tilt_std", unit="rad"),
-        *written("flatness", unit="m"),
-        *written("touches", "wrong_touches"),
-    ),
+    *written("tilt", "tilt_std", unit="rad"),
+    *written("flatness", unit="m"),
+    *written("touches", "wrong_touches"),
 )
 HOLES: Final = Listing[CertifiedLandmark](
     "",
-    (
-        Column("middles_apart", value=lambda mark: mark.symmetry, unit="m"),
-        Column("diagonals", unit="m"),
-    ),
+    Column("middles_apart", value=lambda mark: mark.symmetry, unit="m"),
+    Column("diagonals", unit="m"),
 )
 DRAWN: Final = Listing[Drawn](
     "",
-    (
-        *written("position", "deviation", unit="m"),
-        Column("distance", value=lambda each: np.linalg.norm(each.deviation), unit="m"),
-        Column("turn", unit="rad"),
-    ),
+    *written("position", "deviation", unit="m"),
+    Column("distance", value=lambda each: np.linalg.norm(each.deviation), unit="m"),
+    Column("turn", unit="rad"),
 )
-FAULTS: Final = Listing[Fault]("", (Column("what"), *written("size", "limit", unit="m")))
+FAULTS: Final = Listing[Fault]("", Column("what"), *written("size", "limit", unit="m"))
 # ``std`` is of each coordinate in the artefact's frame; ``shape_std`` after best superposition, as
 # distances see it.
 LANDMARKS: Final = Listing[Judged](
     "Landmarks",
-    (
-        Column("landmark", "landmark", lambda row: row.mark.name, cell=lambda row: row.label),
-        *components(("x, mm", "y, mm", "z, mm"), lambda row: row.mark.position, "m", form=_FINE),
-        _micrometres("σ, µm", lambda row: row.mark.sigma, ".2f"),
-        Column("", "turn, deg", lambda row: row.mark.yaw, "rad", form=_TURN),
-        Column("", "tilt, deg", lambda row: row.mark.tilt, "rad", form=_TURN),
-        Column("position", None, lambda row: row.mark.position + 0.0, "m"),
-        *(c.over(_mark) for c in written("std", "shape_std", "sigma", unit="m")),
-        *(c.over(_mark) for c in written("rotation_rpy", "yaw_std", unit="rad")),
-        Column("height", None, lambda row: row.mark.position[2], "m"),
-        Column("height_std", None, lambda row: row.mark.std[2], "m"),
-        Column("top", None, lambda row: TOP.record(row.mark)),
-        Column("holes", None, lambda row: HOLES.record(row.mark)),
-        Column("flats", None, lambda row: row.mark.flats, "m"),
-        Column("nominal", None, lambda row: row.drawn and DRAWN.record(row.drawn)),
-        Column("damaged", None, lambda row: bool(row.faults)),
-        Column("faults", None, lambda row: FAULTS.records(row.faults)),
-    ),
+    Column("landmark", "landmark", lambda row: row.mark.name, cell=lambda row: row.label),
+    *components(("x, mm", "y, mm", "z, mm"), lambda row: row.mark.position, "m", form=_FINE),
+    _micrometres("σ, µm", lambda row: row.mark.sigma, ".2f"),
+    Column("", "turn, deg", lambda row: row.mark.yaw, "rad", form=_TURN),
+    Column("", "tilt, deg", lambda row: row.mark.tilt, "rad", form=_TURN),
+    Column("position", None, lambda row: row.mark.position + 0.0, "m"),
+    *(c.over(_mark) for c in written("std", "shape_std", "sigma", unit="m")),
+    *(c.over(_mark) for c in written("rotation_rpy", "yaw_std", unit="rad")),
+    Column("height", None, lambda row: row.mark.position[2], "m"),
+    Column("height_std", None, lambda row: row.mark.std[2], "m"),
+    Column("top", None, lambda row: TOP.record(row.mark)),
+    Column("holes", None, lambda row: HOLES.record(row.mark)),
+    Column("flats", None, lambda row: row.mark.flats, "m"),
+    Column("nominal", None, lambda row: row.drawn and DRAWN.record(row.drawn)),
+    Column("damaged", None, lambda row: bool(row.faults)),
+    Column("faults", None, lambda row: FAULTS.records(row.faults)),
     key="landmarks",
     named=True,
 )
 PILLARS: Final = Listing[Judged](
     "Pillars",
-    (
-        LANDMARKS.columns[0],
-        _micrometres("σ x, µm", lambda row: row.mark.std[0], ".2f"),
-        _micrometres("σ y, µm", lambda row: row.mark.std[1], ".2f"),
-        _micrometres("σ z, µm", lambda row: row.mark.std[2], ".2f"),
-        _micrometres("flat to, µm", lambda row: row.mark.flatness, ".1f"),
-        _micrometres("uneven, µm", lambda row: row.mark.symmetry, ".1f"),
-        *components(("0-2, mm", "1-3, mm"), lambda row: row.mark.diagonals, "m", form=_FINE),
-        Column("", "flats, mm", lambda row: row.mark.flats, "m", form=_FINE),
-    ),
+    LANDMARKS.columns[0],
+    _micrometres("σ x, µm", lambda row: row.mark.std[0], ".2f"),
+    _micrometres("σ y, µm", lambda row: row.mark.std[1], ".2f"),
+    _micrometres("σ z, µm", lambda row: row.mark.std[2], ".2f"),
+    _micrometres("flat to, µm", lambda row: row.mark.flatness, ".1f"),
+    _micrometres("uneven, µm", lambda row: row.mark.symmetry, ".1f"),
+    *components(("0-2, mm", "1-3, mm"), lambda row: row.mark.diagonals, "m", form=_FINE),
+    Column("", "flats, mm", lambda row: row.mark.flats, "m", form=_FINE),
 )
 
 
@@ -180,12 +170,10 @@ def _length(row: Judged) -> float | None:
 
 DEVIATIONS: Final = Listing[Judged](
     "Certified less drawn",
-    (
-        LANDMARKS.columns[0],
-        *components(("dx, mm", "dy, mm", "dz, mm"), _off, "m", sign=True, form=_FINE),
-        Column("", "length, mm", _length, "m", form=_FINE),
-        Column("", "turn, deg", lambda row: row.drawn and row.drawn.turn + 0.0, "rad", form=_TURN),
-    ),
+    LANDMARKS.columns[0],
+    *components(("dx, mm", "dy, mm", "dz, mm"), _off, "m", sign=True, form=_FINE),
+    Column("", "length, mm", _length, "m", form=_FINE),
+    Column("", "turn, deg", lambda row: row.drawn and row.drawn.turn + 0.0, "rad", form=_TURN),
 )
 
 
@@ -199,66 +187,54 @@ class Spacer:
 
 SPACERS: Final = Listing[Spacer](
     "Spacers",
-    (
-        Column("name", "spacer", lambda each: each.length.name),
-        Column("length", "length, mm", lambda each: each.length.length, "m", form=_FINE),
-        Column("std", None, lambda each: each.length.std, "m"),
-        Column("u95", "± 95 %, mm", lambda each: each.u95, "m", form=_FINE),
-        Column("nominal", "nominal, mm", lambda each: each.length.nominal, "m", form=_FINE),
-        Column("deviation", "off by, mm", lambda s: s.length.deviation, "m", sign=True, form=_FINE),
-    ),
+    Column("name", "spacer", lambda each: each.length.name),
+    Column("length", "length, mm", lambda each: each.length.length, "m", form=_FINE),
+    Column("std", None, lambda each: each.length.std, "m"),
+    Column("u95", "± 95 %, mm", lambda each: each.u95, "m", form=_FINE),
+    Column("nominal", "nominal, mm", lambda each: each.length.nominal, "m", form=_FINE),
+    Column("deviation", "off by, mm", lambda s: s.length.deviation, "m", sign=True, form=_FINE),
     key="spacers",
 )
 PLANE: Final = Listing[PlaneQuality](
     "",
-    (
-        Column("touches", value=lambda plane: plane.count),
-        *written("rms", "flatness", unit="m"),
-        Column("direction_std", value=lambda plane: plane.tilt_std, unit="rad"),
-        Column("wrong_touches"),
-    ),
+    Column("touches", value=lambda plane: plane.count),
+    *written("rms", "flatness", unit="m"),
+    Column("direction_std", value=lambda plane: plane.tilt_std, unit="rad"),
+    Column("wrong_touches"),
 )
 FRAME: Final = Listing[Certification](
     "",
-    (
-        Column("definition", value=frame_sentence),
-        Column("origin"),
-        Column("x", value=lambda found: found.heading),
-        Column("quarter_turns", value=lambda found: found.turned),
-        Column("x_std", value=lambda found: found.heading_std, unit="rad"),
-    ),
+    Column("definition", value=frame_sentence),
+    Column("origin"),
+    Column("x", value=lambda found: found.heading),
+    Column("quarter_turns", value=lambda found: found.turned),
+    Column("x_std", value=lambda found: found.heading_std, unit="rad"),
 )
 NOISE: Final = Listing[Certification](
     "",
-    (
-        Column("sigma", value=lambda found: found.noise, unit="m"),
-        Column("stated", value=lambda found: found.stated_noise, unit="m"),
-        Column("degrees_of_freedom", value=lambda found: found.freedom),
-        Column("coverage_factor"),
-    ),
+    Column("sigma", value=lambda found: found.noise, unit="m"),
+    Column("stated", value=lambda found: found.stated_noise, unit="m"),
+    Column("degrees_of_freedom", value=lambda found: found.freedom),
+    Column("coverage_factor"),
 )
 COMPARISON: Final = Listing[DrawingComparison](
     "",
-    (
-        Column("drawing", value=lambda each: each.drawing.name),
-        Column("T_drawing_artefact", value=lambda each: each.registration.matrix),
-        Column("rms", unit="m"),
-        Column("max", value=lambda each: each.largest, unit="m"),
-        *written("not_drawn", "not_touched"),
-    ),
+    Column("drawing", value=lambda each: each.drawing.name),
+    Column("T_drawing_artefact", value=lambda each: each.registration.matrix),
+    Column("rms", unit="m"),
+    Column("max", value=lambda each: each.largest, unit="m"),
+    *written("not_drawn", "not_touched"),
 )
 CERTIFICATION: Final = Listing[Certification](
     "",
-    (
-        *written("name", "points"),
-        Column("frame", value=FRAME.record),
-        Column("ground", value=lambda found: PLANE.record(found.ground)),
-        Column("side", value=lambda found: found.side and PLANE.record(found.side)),
-        Column("noise", value=NOISE.record),
-        Column("comparison", value=lambda f: f.comparison and COMPARISON.record(f.comparison)),
-        Column("tolerance", unit="m"),
-        *written("damaged", "wrong_touches"),
-    ),
+    *written("name", "points"),
+    Column("frame", value=FRAME.record),
+    Column("ground", value=lambda found: PLANE.record(found.ground)),
+    Column("side", value=lambda found: found.side and PLANE.record(found.side)),
+    Column("noise", value=NOISE.record),
+    Column("comparison", value=lambda f: f.comparison and COMPARISON.record(f.comparison)),
+    Column("tolerance", unit="m"),
+    *written("damaged", "wrong_touches"),
 )
 
 

@@ -99,13 +99,3 @@ def plain_table(title: str) -> Table:
         pad_edge=False,
         header_style="bold",
     )
-
-
-def number_table(title: str, first: str, *numbers: str) -> Table:
-    """A column of names, then columns of numbers; without heads where none is given."""
-    table = plain_table(title)
-    table.show_header = any((first, *numbers))
-    table.add_column(first, overflow="fold")
-    for name in numbers:
-        table.add_column(name, justify="right", no_wrap=True)
-    return table

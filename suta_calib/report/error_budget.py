@@ -48,12 +48,10 @@ def _root(variance: float | None) -> float | None:
 
 TIP: Final = Listing[TipBudget](
     "The tip at the postures visited, relative to what the calibration held",
-    (
-        Column("encoders_rms", "encoders, one reading", lambda tip: _root(tip.encoders), "m"),
-        Column("parameters_rms", WORDS["parameters"], lambda tip: _root(tip.parameters), "m"),
-        Column("model_rms", WORDS["model"], lambda tip: _root(tip.model), "m"),
-        Column("total_rms", "total of what has a number", lambda tip: tip.rms, "m"),
-    ),
+    Column("encoders_rms", "encoders, one reading", lambda tip: _root(tip.encoders), "m"),
+    Column("parameters_rms", WORDS["parameters"], lambda tip: _root(tip.parameters), "m"),
+    Column("model_rms", WORDS["model"], lambda tip: _root(tip.model), "m"),
+    Column("total_rms", "total of what has a number", lambda tip: tip.rms, "m"),
     key="tip",
 )
 
@@ -117,16 +115,14 @@ def _shares(block: BlockBudget) -> Listing[Share]:
 
     return Listing(
         _name(block),
-        (
-            Column(
-                "sources",
-                "where it comes from",
-                cell=lambda share: share.words if share.sources else "total",
-            ),
-            Column("rms", "RMS", unit=block.unit),
-            Column("", "unit", lambda _: unit_name(block.unit)),
-            Column("share", "share, %", part, "%"),
+        Column(
+            "sources",
+            "where it comes from",
+            cell=lambda share: share.words if share.sources else "total",
         ),
+        Column("rms", "RMS", unit=block.unit),
+        Column("", "unit", lambda _: unit_name(block.unit)),
+        Column("share", "share, %", part, "%"),
     )
 
 

@@ -35,11 +35,9 @@ FRAMES: Final = {
 }
 CALIBRATION: Final = Listing[HandEyeCalibration](
     "",
-    (
-        Column("rms", unit="m"),
-        Column("rms", value=lambda found: found.rms_angle, unit="rad"),
-        Column("hand_share", value=lambda found: found.robot_noise_fraction),
-    ),
+    Column("rms", unit="m"),
+    Column("rms", value=lambda found: found.rms_angle, unit="rad"),
+    Column("hand_share", value=lambda found: found.robot_noise_fraction),
 )
 
 

@@ -47,16 +47,14 @@ def _value_text(each: Characteristic) -> str:
 
 CHARACTERISTICS: Final = Listing[Characteristic](
     _TITLE,
-    (
-        Column("symbol", "worst of each, mm", cell=lambda each: SYMBOL[each.symbol]),
-        Column("value", "value", unit="m", cell=_value_text),
-        Column("limit", "limit", unit="m"),
-        Column("expanded_uncertainty", "U", lambda each: each.expanded, "m"),
-        Column("decision"),
-        Column("where"),
-        Column("count", "of", form="d"),
-        Column("", "", lambda each: each.decision),
-    ),
+    Column("symbol", "worst of each, mm", cell=lambda each: SYMBOL[each.symbol]),
+    Column("value", "value", unit="m", cell=_value_text),
+    Column("limit", "limit", unit="m"),
+    Column("expanded_uncertainty", "U", lambda each: each.expanded, "m"),
+    Column("decision"),
+    Column("where"),
+    Column("count", "of", form="d"),
+    Column("", "", lambda each: each.decision),
     key="characteristics",
 )
 # Errors of lengths, (n,): of all, and of each placement.
@@ -69,58 +67,48 @@ ERRORS: Final = (
 )
 PLACEMENTS: Final = Listing[tuple[str, FloatArray]](
     "Errors of length, mm",
-    (
-        Column("placement", "placement", lambda row: row[0]),
-        *(c.over(lambda row: row[1]) for c in ERRORS),
-    ),
+    Column("placement", "placement", lambda row: row[0]),
+    *(c.over(lambda row: row[1]) for c in ERRORS),
     named=True,
 )
 ARTICULATIONS: Final = Listing[Articulation](
     "One point from several articulations, mm",
-    (
-        Column("point", "point"),
-        Column("articulations", "from", lambda each: len(each.names), form="d"),
-        Column("touches", "touches", form="d"),
-        Column("location", "L_Dia", lambda each: each.diameter, "m"),
-        Column("max_deviation", "max", lambda each: each.maximum, "m"),
-        Column("two_sigma", "2 sigma", unit="m"),
-        Column("axis_range", unit="m"),
-        Column("amplification"),
-        Column("centre", None, lambda each: each.centres.mean(axis=0), "m"),
-    ),
+    Column("point", "point"),
+    Column("articulations", "from", lambda each: len(each.names), form="d"),
+    Column("touches", "touches", form="d"),
+    Column("location", "L_Dia", lambda each: each.diameter, "m"),
+    Column("max_deviation", "max", lambda each: each.maximum, "m"),
+    Column("two_sigma", "2 sigma", unit="m"),
+    Column("axis_range", unit="m"),
+    Column("amplification"),
+    Column("centre", None, lambda each: each.centres.mean(axis=0), "m"),
     key="articulations",
     named=True,
 )
 SPHERES: Final = Listing[SphereProbing](
     "Probing, mm",
-    (
-        Column("sphere", "sphere"),
-        Column("touches", "touches", lambda each: len(each.radial), form="d"),
-        Column("size", "P_Size", unit="m", sign=True),
-        Column("form", "P_Form", unit="m"),
-        Column("radial", unit="m"),
-    ),
+    Column("sphere", "sphere"),
+    Column("touches", "touches", lambda each: len(each.radial), form="d"),
+    Column("size", "P_Size", unit="m", sign=True),
+    Column("form", "P_Form", unit="m"),
+    Column("radial", unit="m"),
     key="spheres",
     named=True,
 )
 REPEATS: Final = Listing[Repeats](
     "Repeatability of one point, mm",
-    (
-        Column("point", "point"),
-        Column("visits", "visits", lambda each: each.scatter.count, form="d"),
-        Column("diameter", "diameter", unit="m"),
-        Column("rp", "RP", lambda each: each.scatter.rp.value, "m"),
-        Column("rms", "RMS", lambda each: each.scatter.rms.value, "m"),
-    ),
+    Column("point", "point"),
+    Column("visits", "visits", lambda each: each.scatter.count, form="d"),
+    Column("diameter", "diameter", unit="m"),
+    Column("rp", "RP", lambda each: each.scatter.rp.value, "m"),
+    Column("rms", "RMS", lambda each: each.scatter.rms.value, "m"),
     key="repeatability",
     named=True,
 )
 LIMITS: Final = Listing[Limits](
     "Limits",
-    (
-        Column("length", None, lambda given: given.length and length_limit_text(given.length)),
-        *(Column(key, unit="m") for key in ("location", "size", "form", "repeatability")),
-    ),
+    Column("length", None, lambda given: given.length and length_limit_text(given.length)),
+    *(Column(key, unit="m") for key in ("location", "size", "form", "repeatability")),
 )
 
 
@@ -184,7 +172,7 @@ def _lengths_dict(found: AcceptanceTest, lengths: LengthErrors) -> Json:
     """The lengths one by one: columns, because there are many."""
     limit = None if found.limits.length is None else found.limits.length.at(lengths.length)
     return {
-        **Listing("", ERRORS).record(lengths.error),
+        **Listing("", *ERRORS).record(lengths.error),
         "repeat_range_mm": plain(lengths.repeat_range, "m"),
         "placements": PLACEMENTS.records(_by_placement(lengths)[0]),
         "rows": {

@@ -48,26 +48,22 @@ def _estimate_text(e: Estimate) -> str:
 # SI in JSON, as in result.json.
 ADDED: Final = Listing[Estimate](
     "What it adds",
-    (
-        Column("name", "parameter"),
-        Column("value", "value", cell=_estimate_text),
-        Column("std"),
-        Column("unit"),
-        Column("state"),
-    ),
+    Column("name", "parameter"),
+    Column("value", "value", cell=_estimate_text),
+    Column("std"),
+    Column("unit"),
+    Column("state"),
     key="estimates",
     named=True,
 )
 TESTS: Final = Listing[ScoreTest](
     "What the residuals of the job's model look like: chance of it if there is nothing",
-    (
-        Column("joint", "joint"),
-        Column("family", "looks like", cell=lambda test: LOOKS_LIKE[test.family]),
-        Column("p", "chance", form=".2g"),
-        Column("p_beside_geometry", "beside geometry", form=".2g"),
-        Column("parameters", None, lambda test: test.names),
-        Column("suspicious"),
-    ),
+    Column("joint", "joint"),
+    Column("family", "looks like", cell=lambda test: LOOKS_LIKE[test.family]),
+    Column("p", "chance", form=".2g"),
+    Column("p_beside_geometry", "beside geometry", form=".2g"),
+    Column("parameters", None, lambda test: test.names),
+    Column("suspicious"),
 )
 
 
@@ -168,34 +164,32 @@ def _models(choice: ModelSelection) -> Listing[ModelCandidate]:
 
     return Listing(
         "Models, cross-validated",
-        (
-            Column(
-                "name",
-                "unknowns beside the job's",
-                cell=lambda m: f"{m.name} ←" if m is choice.chosen else m.name,
-            ),
-            Column("fitted_rms", "fitted", lambda m: m.fitted, "m"),
-            Column("held_out_rms", "held out", lambda m: m.held_out.rms, "m"),
-            Column(
-                "held_out_variance_change",
-                "change, %",
-                lambda m: of_loss(m)[0],
-                "%",
-                cell=lambda m: against_job(m, of_loss(m)[0], sign=True),
-            ),
-            Column(
-                "standard_error",
-                "± error",
-                lambda m: of_loss(m)[1],
-                "%",
-                cell=lambda m: against_job(m, of_loss(m)[1]),
-            ),
-            Column("unknowns", None, lambda m: len(m.parameters)),
-            Column("all_geometry", None, lambda m: m.geometry),
-            Column("beside_geometry", None, lambda m: m.added),
-            Column("outdoes_job", None, lambda m: m is not choice.job and m.outdoes(choice.job)),
-            Column("chosen", None, lambda m: m is choice.chosen),
+        Column(
+            "name",
+            "unknowns beside the job's",
+            cell=lambda m: f"{m.name} ←" if m is choice.chosen else m.name,
         ),
+        Column("fitted_rms", "fitted", lambda m: m.fitted, "m"),
+        Column("held_out_rms", "held out", lambda m: m.held_out.rms, "m"),
+        Column(
+            "held_out_variance_change",
+            "change, %",
+            lambda m: of_loss(m)[0],
+            "%",
+            cell=lambda m: against_job(m, of_loss(m)[0], sign=True),
+        ),
+        Column(
+            "standard_error",
+            "± error",
+            lambda m: of_loss(m)[1],
+            "%",
+            cell=lambda m: against_job(m, of_loss(m)[1]),
+        ),
+        Column("unknowns", None, lambda m: len(m.parameters)),
+        Column("all_geometry", None, lambda m: m.geometry),
+        Column("beside_geometry", None, lambda m: m.added),
+        Column("outdoes_job", None, lambda m: m is not choice.job and m.outdoes(choice.job)),
+        Column("chosen", None, lambda m: m is choice.chosen),
         key="models",
     )
 

@@ -100,31 +100,25 @@ def _calibrated(metric: Metric) -> Column[Group]:
 AS_CALIBRATED: Final = tuple(_calibrated(metric) for metric in METRICS)
 HELD_OUT: Final = Listing[HeldOut](
     "",
-    (
-        Column("rms_before", None, lambda effect: effect.before, "m"),
-        Column("rms_after", None, lambda effect: effect.after, "m"),
-        Column("change", unit="%"),
-        Column("rms_all_after", None, lambda effect: effect.everything, "m"),
-        Column("count"),
-    ),
+    Column("rms_before", None, lambda effect: effect.before, "m"),
+    Column("rms_after", None, lambda effect: effect.after, "m"),
+    Column("change", unit="%"),
+    Column("rms_all_after", None, lambda effect: effect.everything, "m"),
+    Column("count"),
 )
 TOUCHES: Final = Listing[GrossTouch](
     "Single touches set aside for these figures",
-    (
-        Column("row", "row", lambda touch: touch.origin),
-        Column("what", "what"),
-        Column("size", "residual, mm", unit="m", form=".2f"),
-    ),
+    Column("row", "row", lambda touch: touch.origin),
+    Column("what", "what"),
+    Column("size", "residual, mm", unit="m", form=".2f"),
 )
 THRESHOLDS: Final = Listing[Thresholds](
     "",
-    (
-        Column("contribution_times_n", None, lambda limits: limits.contribution),
-        Column("cooks_distance_times_n", None, lambda limits: limits.cook),
-        Column("leave_one_out", unit="%"),
-        Column("bias", unit="m"),
-        Column("significance"),
-    ),
+    Column("contribution_times_n", None, lambda limits: limits.contribution),
+    Column("cooks_distance_times_n", None, lambda limits: limits.cook),
+    Column("leave_one_out", unit="%"),
+    Column("bias", unit="m"),
+    Column("significance"),
 )
 
 
@@ -187,18 +181,16 @@ def _groups(term: TermOutliers, level: Level) -> Listing[Group]:
 
     return Listing(
         f"{term.kind}, by {noun}",
-        (
-            Column("label", noun),
-            *(_judged(metric) for metric in METRICS),
-            Column("", "held-out %", cell=change, numeric=True),
-            Column("", "", lambda g: "outlier" if g.outlier else "suspect" if g.suspect else ""),
-            Column("p", None, lambda group: {_key(metric): group.p[metric] for metric in METRICS}),
-            Column("flags", None, lambda group: [_key(metric) for metric in group.flags]),
-            Column("outlier"),
-            Column("suspect"),
-            Column("samples"),
-            Column("as_calibrated", None, Listing("", AS_CALIBRATED).record),
-        ),
+        Column("label", noun),
+        *(_judged(metric) for metric in METRICS),
+        Column("", "held-out %", cell=change, numeric=True),
+        Column("", "", lambda g: "outlier" if g.outlier else "suspect" if g.suspect else ""),
+        Column("p", None, lambda group: {_key(metric): group.p[metric] for metric in METRICS}),
+        Column("flags", None, lambda group: [_key(metric) for metric in group.flags]),
+        Column("outlier"),
+        Column("suspect"),
+        Column("samples"),
+        Column("as_calibrated", None, Listing("", *AS_CALIBRATED).record),
         named=True,
     )
 
@@ -206,7 +198,7 @@ def _groups(term: TermOutliers, level: Level) -> Listing[Group]:
 def _as_calibrated(term: TermOutliers, level: Level) -> Table:
     noun = GROUPING_NOUN[level.name]
     title = f"{term.kind}, by {noun}, in the job's own fit: every touch counts, no flags"
-    return Listing(title, (Column[Group]("label", noun), *AS_CALIBRATED)).of(_shown(level))
+    return Listing(title, Column[Group]("label", noun), *AS_CALIBRATED).of(_shown(level))
 
 
 def _shown(level: Level) -> Sequence[Group]:

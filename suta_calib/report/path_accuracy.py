@@ -14,7 +14,7 @@ from matplotlib.figure import Figure as Picture
 from suta_calib.arrays import FloatArray
 from suta_calib.geometry.numbers import homogeneous
 from suta_calib.report.document import Document, Figure, Part, Text
-from suta_calib.report.listing import Column, Json, Listing, in_own_units, plain, shown_as
+from suta_calib.report.listing import Column, Json, Listing, plain, shown_as
 from suta_calib.report.poses import LARGE, pose_record
 from suta_calib.report.svg import BLUE, GREY, ORANGE, shown_array, style, svg_text
 from suta_calib.tracking.path_accuracy import ErrorFigures, PathAccuracy
@@ -36,26 +36,18 @@ class ErrorKind:
     figures: ErrorFigures
 
 
-def _figures(unit: Unit) -> Listing[ErrorKind]:
-    return Listing(
-        "Distance from the reference",
-        (
-            Column("rms", "RMS", lambda each: each.figures.rms, unit),
-            Column("mean", "mean", lambda each: each.figures.mean, unit),
-            Column("p95", "95 %", lambda each: each.figures.p95, unit),
-            Column("max", "max", lambda each: each.figures.maximum, unit),
-            Column("count", None, lambda each: each.figures.count),
-        ),
-    )
+def _unit(each: ErrorKind) -> Unit:
+    return each.unit
 
 
-FIGURES: Final[dict[Unit, Listing[ErrorKind]]] = {"m": _figures("m"), "rad": _figures("rad")}
 ERRORS: Final = Listing[ErrorKind](
-    FIGURES["m"].title,
-    (
-        Column("", "", lambda each: f"{each.name}, {unit_name(each.unit)}"),
-        *in_own_units(FIGURES, lambda each: each.unit),
-    ),
+    "Distance from the reference",
+    Column("", "", lambda each: f"{each.name}, {unit_name(each.unit)}"),
+    Column("rms", "RMS", lambda each: each.figures.rms, _unit),
+    Column("mean", "mean", lambda each: each.figures.mean, _unit),
+    Column("p95", "95 %", lambda each: each.figures.p95, _unit),
+    Column("max", "max", lambda each: each.figures.maximum, _unit),
+    Column("count", None, lambda each: each.figures.count),
 )
 
 
@@ -87,21 +79,17 @@ class Reversals:
 
 AXES: Final = Listing[Reversals](
     "Error where it turns back, mm RMS",
-    (
-        Column("name", "axis", lambda each: each.channel.channel.name),
-        Column("count", "times", lambda each: len(each.channel.reversals), form="d"),
-        Column("error_before", "before", lambda each: each.channel.error_before, "m"),
-        Column("error_after", "after", lambda each: each.channel.error_after, "m"),
-        Column("jump", "jump", lambda each: each.channel.jump, "m"),
-    ),
+    Column("name", "axis", lambda each: each.channel.channel.name),
+    Column("count", "times", lambda each: len(each.channel.reversals), form="d"),
+    Column("error_before", "before", lambda each: each.channel.error_before, "m"),
+    Column("error_after", "after", lambda each: each.channel.error_after, "m"),
+    Column("jump", "jump", lambda each: each.channel.jump, "m"),
 )
 JOINTS: Final = Listing[Reversals](
     AXES.title,
-    (
-        replace(AXES.columns[0], heading="joint"),
-        *AXES.columns[1:],
-        shown_as("hysteresis", lambda each: each.hysteresis_text),
-    ),
+    replace(AXES.columns[0], heading="joint"),
+    *AXES.columns[1:],
+    shown_as("hysteresis", lambda each: each.hysteresis_text),
 )
 
 
@@ -134,7 +122,7 @@ def path_accuracy_document(found: PathAccuracy) -> Document:
             "std_ms": ms(alignment.latency_std),
             "searched_ms": ms(float(alignment.shifts[-1])),
         },
-        "errors": {each.key: FIGURES[each.unit].record(each) for each in errors},
+        "errors": {each.key: ERRORS.record(each) for each in errors},
         "reversals": {"per": found.per, "channels": channels},
         "registration": _registration(found),
         "samples": {"compared": len(found.time), "recorded": len(found.recorded.time)},

@@ -13,8 +13,7 @@ from suta_calib.arrays import FloatArray
 from suta_calib.measurements.pose_files import ToolPoses
 from suta_calib.pose_calibration.pivot import PivotCalibration
 from suta_calib.report.document import Document, Figure, File, Part, Text
-from suta_calib.report.files import json_text
-from suta_calib.report.listing import Column, Json, Listing, plain, written
+from suta_calib.report.listing import Column, Json, Listing, json_text, plain, written
 from suta_calib.report.poses import (
     LARGE,
     axes_with_std,
@@ -30,17 +29,15 @@ from suta_calib.units import deg, text
 
 NAME: Final = "pivot"
 MOST_POSTS: Final = 12
-TIP: Final = Listing[PivotCalibration]("", written("tip", "tip_std", unit="m"))
+TIP: Final = Listing[PivotCalibration]("", *written("tip", "tip_std", unit="m"))
 # The post is that of the first row.
 CALIBRATION: Final = Listing[PivotCalibration](
     "",
-    (
-        *TIP.columns,
-        Column("post", unit="m"),
-        Column("post_std", value=lambda found: found.post_std(), unit="m"),
-        *written("rms", "sigma", unit="m"),
-        Column("turn", unit="rad"),
-    ),
+    *TIP.columns,
+    Column("post", unit="m"),
+    Column("post_std", value=lambda found: found.post_std(), unit="m"),
+    *written("rms", "sigma", unit="m"),
+    Column("turn", unit="rad"),
 )
 
 
@@ -55,10 +52,8 @@ class Place:
 
 PLACES: Final = Listing[Place](
     "Tip in the tool, post in the tracker, mm",
-    (
-        Column("", "", lambda place: place.name),
-        *axes_with_std(lambda place: place.position, lambda place: place.std),
-    ),
+    Column("", "", lambda place: place.name),
+    *axes_with_std(lambda place: place.position, lambda place: place.std),
 )
 
 

@@ -84,58 +84,50 @@ def _turn_text(choice: Choice) -> str:
 
 CHOSEN: Final = Listing[Choice](
     "What to measure next, best first",
-    (
-        Column("name", "", lambda choice: choice.candidate.name),
-        Column("what", "what", lambda choice: choice.candidate.sort),
-        Column("kind", None, lambda choice: choice.candidate.place.kind),
-        Column(
-            "pose",
-            "position, mm",
-            lambda choice: place_dict(choice.candidate.place),
-            cell=_position_text,
-            numeric=True,
-        ),
-        Column("", "roll pitch yaw, deg", cell=_turn_text, numeric=True),
-        Column("samples", None, lambda choice: choice.candidate.samples),
-        Column("tip", "tip, mm", unit="m"),
-        Column("gain", "gain", unit="%", cell=lambda choice: f"{shown(choice.gain, '%'):.0f} %"),
-        Column("gain_bits", None, lambda choice: choice.bits),
-        Column("identifies"),
+    Column("name", "", lambda choice: choice.candidate.name),
+    Column("what", "what", lambda choice: choice.candidate.sort),
+    Column("kind", None, lambda choice: choice.candidate.place.kind),
+    Column(
+        "pose",
+        "position, mm",
+        lambda choice: place_dict(choice.candidate.place),
+        cell=_position_text,
+        numeric=True,
     ),
+    Column("", "roll pitch yaw, deg", cell=_turn_text, numeric=True),
+    Column("samples", None, lambda choice: choice.candidate.samples),
+    Column("tip", "tip, mm", unit="m"),
+    Column("gain", "gain", unit="%", cell=lambda choice: f"{shown(choice.gain, '%'):.0f} %"),
+    Column("gain_bits", None, lambda choice: choice.bits),
+    Column("identifies"),
     key="chosen",
 )
 # Before and after; a dash where a parameter would be held.
 PARAMETERS: Final = Listing[tuple[Expected, Expected]](
     "Predicted standard deviations",
-    (
-        Column("", "parameter", lambda pair: pair[0].name),
-        Column("", "now ±", cell=lambda pair: text(pair[0].std, pair[0].unit), numeric=True),
-        Column("", "then ±", cell=lambda pair: text(pair[1].std, pair[1].unit), numeric=True),
-        Column("", "unit", lambda pair: unit_name(pair[0].unit)),
-    ),
+    Column("", "parameter", lambda pair: pair[0].name),
+    Column("", "now ±", cell=lambda pair: text(pair[0].std, pair[0].unit), numeric=True),
+    Column("", "then ±", cell=lambda pair: text(pair[1].std, pair[1].unit), numeric=True),
+    Column("", "unit", lambda pair: unit_name(pair[0].unit)),
 )
 BEST: Final = Listing[Best](
     "",
-    (
-        Column("count"),
-        Column("names"),
-        Column("tip", unit="m"),
-        Column("present_tip", None, lambda best: best.present, "m"),
-        Column("efficiency", unit="%"),
-        Column("d_efficiency", unit="%"),
-    ),
+    Column("count"),
+    Column("names"),
+    Column("tip", unit="m"),
+    Column("present_tip", None, lambda best: best.present, "m"),
+    Column("efficiency", unit="%"),
+    Column("d_efficiency", unit="%"),
 )
 STOP: Final = Listing[Stop](
     "",
-    (
-        Column("tip", None, lambda stop: stop.tips, "m"),
-        Column("least_gain", unit="%"),
-        Column("worthwhile"),
-        Column("target", unit="m"),
-        Column("needed"),
-    ),
+    Column("tip", None, lambda stop: stop.tips, "m"),
+    Column("least_gain", unit="%"),
+    Column("worthwhile"),
+    Column("target", unit="m"),
+    Column("needed"),
 )
-UNREACHABLE: Final = Listing[Unreachable]("", (Column("name"), Column("kind"), Column("reason")))
+UNREACHABLE: Final = Listing[Unreachable]("", Column("name"), Column("kind"), Column("reason"))
 
 
 def plan_document(found: Plan) -> Document:
@@ -250,16 +242,14 @@ def _bench_rows(found: Plan) -> Listing[Choice]:
 
     return Listing(
         "",
-        (
-            Column("name", None, lambda choice: choice.candidate.name),
-            Column("kind", None, lambda choice: choice.candidate.place.kind),
-            *(Column(name, None, partial(pose, k)) for k, name in enumerate(_POSE)),
-            Column("samples", None, lambda choice: choice.candidate.samples),
-            Column("tip_mm", None, lambda choice: round(mm(choice.tip), 4)),
-            *(
-                Column(key(name, unit), None, partial(reading, k, unit))
-                for k, (name, unit) in enumerate(joints.items())
-            ),
+        Column("name", None, lambda choice: choice.candidate.name),
+        Column("kind", None, lambda choice: choice.candidate.place.kind),
+        *(Column(name, None, partial(pose, k)) for k, name in enumerate(_POSE)),
+        Column("samples", None, lambda choice: choice.candidate.samples),
+        Column("tip_mm", None, lambda choice: round(mm(choice.tip), 4)),
+        *(
+            Column(key(name, unit), None, partial(reading, k, unit))
+            for k, (name, unit) in enumerate(joints.items())
         ),
     )
 

@@ -69,7 +69,7 @@ def residuals_file(
     if turns is not None:
         columns += _vector_columns(("rx", "ry", "rz", "norm"), turns, "rad")
     columns.append(Column("status", value=lambda k: "inlier" if inliers[k] else "outlier"))
-    rows = Listing("", tuple(columns))
+    rows = Listing("", *columns)
     return File("residuals.csv", lambda: csv_text(rows, range(len(inliers)), _DIGITS))
 
 
@@ -112,7 +112,7 @@ def fit_texts(figures: str, what: str, inliers: BoolArray, lines: Sequence[int])
 _Words = tuple[str, ...]  # a label and four cells
 _CELLS: Final[list[Callable[[_Words], str]]] = [itemgetter(k) for k in range(5)]
 _POSE: Final = Listing[_Words](
-    "", (Column("", "", _CELLS[0]), *(shown_as("", cell) for cell in _CELLS[1:]))
+    "", Column("", "", _CELLS[0]), *(shown_as("", cell) for cell in _CELLS[1:])
 )
 
 

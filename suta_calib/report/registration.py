@@ -37,7 +37,7 @@ NAME: Final = "register"
 MOST_TARGETS: Final = 20
 # The longest arrow, as a part of the points' extent.
 ARROW: Final = 0.25
-REGISTRATION: Final = Listing[Registration]("", written("rms", "sigma", "centre", unit="m"))
+REGISTRATION: Final = Listing[Registration]("", *written("rms", "sigma", "centre", unit="m"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,14 +62,12 @@ class Target:
 
 TARGETS: Final = Listing[Target](
     "Targets in frame b, mm",
-    (
-        Column("row", "row", form="d"),
-        Column("line"),
-        *written("a", "b", unit="m"),
-        *components("xyz", lambda each: each.b, "m"),
-        Column("std", unit="m"),
-        Column("error", "error", unit="m"),
-    ),
+    Column("row", "row", form="d"),
+    Column("line"),
+    *written("a", "b", unit="m"),
+    *components("xyz", lambda each: each.b, "m"),
+    Column("std", unit="m"),
+    Column("error", "error", unit="m"),
 )
 
 

@@ -52,15 +52,13 @@ class Pivot:
 
 PIVOTS: Final = Listing[Pivot](
     "Posts in the EM tracker, mm",
-    (
-        Column("", "pivot", lambda each: each.name),
-        *axes_with_std(lambda each: each.found.post, lambda each: each.found.post_std()),
-        Column("pivot_rms", "rms", lambda each: each.found.rms, "m"),
-        shown_as("frames", lambda each: each.frames),
-        Column("post_std", None, lambda each: each.found.post_std(), "m"),
-        *(c.over(lambda each: each.found) for c in written("post", "tip", "tip_std", unit="m")),
-        Column("pivot_outliers", None, lambda each: each.found.outliers),
-    ),
+    Column("", "pivot", lambda each: each.name),
+    *axes_with_std(lambda each: each.found.post, lambda each: each.found.post_std()),
+    Column("pivot_rms", "rms", lambda each: each.found.rms, "m"),
+    shown_as("frames", lambda each: each.frames),
+    Column("post_std", None, lambda each: each.found.post_std(), "m"),
+    *(c.over(lambda each: each.found) for c in written("post", "tip", "tip_std", unit="m")),
+    Column("pivot_outliers", None, lambda each: each.found.outliers),
 )
 # Of the lengths (n,) of errors.
 SIZES: Final = (
@@ -71,10 +69,8 @@ SIZES: Final = (
 )
 READINGS: Final = Listing[tuple[str, FloatArray]](
     "EM markers, distance from where they were, mm",
-    (
-        Column("", "readings", lambda row: row[0]),
-        *(column.over(lambda row: row[1]) for column in SIZES),
-    ),
+    Column("", "readings", lambda row: row[0]),
+    *(column.over(lambda row: row[1]) for column in SIZES),
 )
 
 
@@ -89,21 +85,17 @@ class NavigatedTip:
 
 NAVIGATION: Final = Listing[NavigatedTip](
     "EM probe's tip in CT, mm",
-    (
-        Column("", "frame", lambda tip: tip.frame, form="d"),
-        *components("xyz", lambda tip: tip.position, "m"),
-        Column("", "expected error", lambda tip: tip.error, "m"),
-    ),
+    Column("", "frame", lambda tip: tip.frame, form="d"),
+    *components("xyz", lambda tip: tip.position, "m"),
+    Column("", "expected error", lambda tip: tip.error, "m"),
 )
 REGISTRATION: Final = Listing[Navigation](
     "",
-    (
-        Column("nav", value=lambda found: found.ct, unit="m"),
-        Column("nav_expected_error", value=lambda found: found.target_error, unit="m"),
-        Column("T_ct_em", value=lambda found: found.registration.matrix),
-        Column("fiducial_rms", value=lambda found: found.registration.rms, unit="m"),
-        Column("fiducial_outliers", value=lambda found: found.registration.outliers),
-    ),
+    Column("nav", value=lambda found: found.ct, unit="m"),
+    Column("nav_expected_error", value=lambda found: found.target_error, unit="m"),
+    Column("T_ct_em", value=lambda found: found.registration.matrix),
+    Column("fiducial_rms", value=lambda found: found.registration.rms, unit="m"),
+    Column("fiducial_outliers", value=lambda found: found.registration.outliers),
 )
 
 
@@ -119,21 +111,21 @@ class ComparedOutput:
         """As JSON has it."""
         if len(self.sizes) == 1 and self.key.endswith("post"):
             return {f"{self.key}_mm": plain(self.sizes[0], "m")}
-        return {f"{self.key}_{c.written_key}": c.plain(self.sizes) for c in SIZES[1:3]}
+        return {
+            f"{self.key}_{name}": size for name, size in (c.entry(self.sizes) for c in SIZES[1:3])
+        }
 
 
 COMPARISON: Final = Listing[ComparedOutput](
     "Against the output files given, mm",
-    (
-        Column("", "distance of", lambda each: each.name),
-        Column("", "mean", lambda each: each.sizes.mean(), "m", form=".4f"),
-        Column(
-            "",
-            "max",
-            lambda each: None if each.key.endswith("post") else each.sizes.max(),
-            "m",
-            form=".4f",
-        ),
+    Column("", "distance of", lambda each: each.name),
+    Column("", "mean", lambda each: each.sizes.mean(), "m", form=".4f"),
+    Column(
+        "",
+        "max",
+        lambda each: None if each.key.endswith("post") else each.sizes.max(),
+        "m",
+        form=".4f",
     ),
 )
 
@@ -201,11 +193,11 @@ def _data(result: StereotacticResult) -> Json:
     found: Json = {"name": result.data.name}
     for pivot in _pivots_of(result):
         found |= {f"{pivot.name.lower()}_{k}": v for k, v in PIVOTS.record(pivot).items()}
-    found["em_readings"] = {"before": Listing("", SIZES).record(_sizes(result.em_error))}
+    found["em_readings"] = {"before": Listing("", *SIZES).record(_sizes(result.em_error))}
     if result.outliers:
         found["marker_outliers"] = dict(result.outliers)
     if (correction := result.correction) is not None:
-        found["em_readings"]["after"] = Listing("", SIZES).record(_sizes(correction.residuals))
+        found["em_readings"]["after"] = Listing("", *SIZES).record(_sizes(correction.residuals))
         found["degree"] = correction.degree
         found["cross_validation_mm"] = plain(correction.cross_validation, "m")
         found["extrapolated"] = dict(result.extrapolated)

@@ -51,47 +51,41 @@ def _interval_text(p: ParameterSpread) -> str:
 # SI in JSON, as in result.json.
 SPREADS: Final = Listing[ParameterSpread](
     "",
-    (
-        Column("", "parameter", lambda p: p.estimate.name),
-        Column(
-            "unit", "unit", lambda p: p.estimate.unit, cell=lambda p: unit_name(p.estimate.unit)
-        ),
-        Column("state", None, lambda p: p.estimate.state),
-        Column("value", None, lambda p: p.estimate.value),
-        Column("std", None, lambda p: p.estimate.std),
-        Column("mean", None, lambda p: p.spread.mean),
-        Column(
-            "predicted_std",
-            "predicted",
-            lambda p: p.predicted,
-            cell=lambda p: text(p.predicted, p.estimate.unit),
-            numeric=True,
-        ),
-        Column(
-            "spread",
-            "spread",
-            lambda p: p.spread.std,
-            cell=lambda p: text(p.spread.std, p.estimate.unit),
-            numeric=True,
-        ),
-        Column("ratio", "ratio", cell=_ratio_text, numeric=True),
-        Column("as_predicted", None, lambda p: p.as_predicted if math.isfinite(p.ratio) else None),
-        Column(
-            "interval",
-            "95 % interval",
-            lambda p: p.spread.interval,
-            cell=_interval_text,
-            numeric=True,
-        ),
-        Column("told", "told", lambda p: len(p.spread.values), form="d"),
+    Column("", "parameter", lambda p: p.estimate.name),
+    Column("unit", "unit", lambda p: p.estimate.unit, cell=lambda p: unit_name(p.estimate.unit)),
+    Column("state", None, lambda p: p.estimate.state),
+    Column("value", None, lambda p: p.estimate.value),
+    Column("std", None, lambda p: p.estimate.std),
+    Column("mean", None, lambda p: p.spread.mean),
+    Column(
+        "predicted_std",
+        "predicted",
+        lambda p: p.predicted,
+        cell=lambda p: text(p.predicted, p.estimate.unit),
+        numeric=True,
     ),
+    Column(
+        "spread",
+        "spread",
+        lambda p: p.spread.std,
+        cell=lambda p: text(p.spread.std, p.estimate.unit),
+        numeric=True,
+    ),
+    Column("ratio", "ratio", cell=_ratio_text, numeric=True),
+    Column("as_predicted", None, lambda p: p.as_predicted if math.isfinite(p.ratio) else None),
+    Column(
+        "interval",
+        "95 % interval",
+        lambda p: p.spread.interval,
+        cell=_interval_text,
+        numeric=True,
+    ),
+    Column("told", "told", lambda p: len(p.spread.values), form="d"),
 )
 FAILURES: Final = Listing[tuple[str, int]](
     "No result",
-    (
-        Column("problem", "why a trial had no result", lambda row: row[0]),
-        Column("count", "trials", lambda row: row[1], form="d"),
-    ),
+    Column("problem", "why a trial had no result", lambda row: row[0]),
+    Column("count", "trials", lambda row: row[1], form="d"),
     key="failures",
 )
 
@@ -125,17 +119,15 @@ def _sizes(study: SizeStudy) -> Listing[SizeResult]:
 
     return Listing(
         TITLES["size"],
-        (
-            Column("size", "sets", cell=size_text, numeric=True),
-            Column("mean", "mean, mm", unit="m"),
-            Column("std", "std, mm", unit="m"),
-            Column("min", "min, mm", lambda s: s.minimum, "m"),
-            Column("max", "max, mm", lambda s: s.maximum, "m"),
-            Column("improvement", "improvement, %", unit="%"),
-            Column("trials", "trials", cell=done_text, numeric=True),
-            Column("failed"),
-            Column("distinct"),
-        ),
+        Column("size", "sets", cell=size_text, numeric=True),
+        Column("mean", "mean, mm", unit="m"),
+        Column("std", "std, mm", unit="m"),
+        Column("min", "min, mm", lambda s: s.minimum, "m"),
+        Column("max", "max, mm", lambda s: s.maximum, "m"),
+        Column("improvement", "improvement, %", unit="%"),
+        Column("trials", "trials", cell=done_text, numeric=True),
+        Column("failed"),
+        Column("distinct"),
         key="sizes",
     )
 

@@ -57,25 +57,22 @@ def _within(k: int) -> Column[Figures]:
 
 FIGURES: Final = Listing[Figures](
     "",
-    (
-        Column("rms", "RMS", unit="m"),
-        Column("median", "median", unit="m"),
-        Column("p95", "95 %", unit="m"),
-        Column("max", "max", lambda figures: figures.maximum, "m"),
-        *(_within(k) for k in range(len(THRESHOLDS))),
-    ),
+    Column("rms", "RMS", unit="m"),
+    Column("median", "median", unit="m"),
+    Column("p95", "95 %", unit="m"),
+    Column("max", "max", lambda figures: figures.maximum, "m"),
+    *(_within(k) for k in range(len(THRESHOLDS))),
 )
 BOTH: Final = Listing[tuple[str, Figures]](
     "Uncertainty of the tip in the region, mm, and share within",
-    (Column("", "", lambda row: row[0]), *(c.over(lambda row: row[1]) for c in FIGURES.columns)),
+    Column("", "", lambda row: row[0]),
+    *(c.over(lambda row: row[1]) for c in FIGURES.columns),
 )
 OTHERS: Final = Listing[tuple[str, float, str]](
     "Beside others: figures of different kinds",
-    (
-        Column("what", "", lambda row: row[0]),
-        Column("value_mm", "mm", lambda row: row[1], form=".3g"),
-        Column("kind", "what the figure is", lambda row: row[2]),
-    ),
+    Column("what", "", lambda row: row[0]),
+    Column("value_mm", "mm", lambda row: row[1], form=".3g"),
+    Column("kind", "what the figure is", lambda row: row[2]),
 )
 
 
