@@ -90,11 +90,7 @@ def certify(
     ground; top (five per landmark); hole (four, in order around the pillar); flat (0 front, 1
     back); side; spacer (ends in pairs). Exits with 1 where a landmark is damaged.
     """
-    from suta_calib.certification import (
-        CertificationOptions,
-        read_raw_points,
-        write_certified,
-    )
+    from suta_calib.certification import CertificationOptions, read_raw_points, write_certified
     from suta_calib.certification import certify as certified
     from suta_calib.measurements import read_artefact
     from suta_calib.pose_calibration.inputs import error_context

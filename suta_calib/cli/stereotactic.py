@@ -31,12 +31,7 @@ def stereotactic(
     the inputs are compared with. Exits with 1 where the answer must not be used.
     """
     from suta_calib.report.stereotactic import check_given, stereotactic_document
-    from suta_calib.stereotactic import (
-        StereotacticData,
-        compare,
-        read_given,
-        solve_stereotactic,
-    )
+    from suta_calib.stereotactic import StereotacticData, compare, read_given, solve_stereotactic
 
     data = StereotacticData.read(prefix, navigation=dewarp)
     with LateProgress("solving"):

@@ -115,14 +115,7 @@ def study(
     from suta_calib.report.study import study_document
 
     folder = folder_of(job, out)
-    request = Request(
-        cast("Kind", kind),
-        trials,
-        sizes,
-        unit,
-        seed,
-        stored(tolerance_pct, "%"),
-    )
+    request = Request(cast("Kind", kind), trials, sizes, unit, seed, stored(tolerance_pct, "%"))
     log = folder / request.log_name
     try:
         with LateProgress("calibrating") as progress:

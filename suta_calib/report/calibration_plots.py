@@ -16,15 +16,7 @@ from matplotlib.ticker import MaxNLocator
 from suta_calib.arrays import FloatArray
 from suta_calib.diagnostics.accuracy import Metrics
 from suta_calib.report.errors import KindErrors
-from suta_calib.report.svg import (
-    BLUE,
-    GREY,
-    ORANGE,
-    WIDTH,
-    plain_log,
-    style,
-    svg_text,
-)
+from suta_calib.report.svg import BLUE, GREY, ORANGE, WIDTH, plain_log, style, svg_text
 from suta_calib.solver.identifiability import WEAK
 from suta_calib.solver.solution import Estimate
 from suta_calib.units import Unit, shown, unit_name
@@ -259,11 +251,7 @@ def _write_signs(axes: Axes, matrix: FloatArray) -> None:
         dark = abs(value) > 0.5
         sign = f"{value:+.1f}" if len(matrix) <= MOST_WRITTEN else ("+" if value > 0 else "−")
         axes.text(
-            *(j, i, sign),
-            ha="center",
-            va="center",
-            fontsize=6,
-            color="white" if dark else "black",
+            *(j, i, sign), ha="center", va="center", fontsize=6, color="white" if dark else "black"
         )
 
 

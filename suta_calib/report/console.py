@@ -14,11 +14,7 @@ from suta_calib.assessment import Assessment, Level
 from suta_calib.report import document, listing
 from suta_calib.report.listing import Tone
 
-COLOUR: Final[dict[Level, str]] = {
-    "good": "bold green",
-    "care": "bold yellow",
-    "bad": "bold red",
-}
+COLOUR: Final[dict[Level, str]] = {"good": "bold green", "care": "bold yellow", "bad": "bold red"}
 TONE: Final[dict[Tone, str]] = {
     "good": "green",
     "note": "cyan",

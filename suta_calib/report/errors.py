@@ -220,9 +220,7 @@ RESIDUALS: Final = Listing[ResidualRow](
 )
 
 
-def residual_rows(
-    sets: Mapping[str, Sequence[tuple[str, TermAccuracy]]],
-) -> Iterator[ResidualRow]:
+def residual_rows(sets: Mapping[str, Sequence[tuple[str, TermAccuracy]]]) -> Iterator[ResidualRow]:
     """Every error of terms with their labels, by what their data are."""
     for data, labelled in sets.items():
         for label, term in labelled:

@@ -51,10 +51,7 @@ def hand_eye_document(found: HandEyeCalibration, data: PosePairs) -> Document:
         *(_pose(found, name) for name in found.unknowns),
         *fit_texts(fit, "pair", found.inliers, data.lines),
         residuals_file(
-            found.inliers,
-            {"line": data.lines},
-            found.position_residuals,
-            found.rotation_residuals,
+            found.inliers, {"line": data.lines}, found.position_residuals, found.rotation_residuals
         ),
         Figure(partial(hand_eye_plot, found)),
     ]

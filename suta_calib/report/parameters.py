@@ -124,10 +124,7 @@ PROSPECTS: Final = Listing[Prospect](
     Column("std", "predicted ± std", unit=_unit, si=True),
     Column("unit", "unit", cell=lambda p: unit_name(p.unit)),
     Column(
-        "state",
-        "state",
-        cell=lambda p: p.state.replace("_", " "),
-        tone=lambda p: TONE[p.state],
+        "state", "state", cell=lambda p: p.state.replace("_", " "), tone=lambda p: TONE[p.state]
     ),
     Column("given", "given", cell=lambda p: listed(p.given, 3), optional=True),
     named=True,

@@ -89,11 +89,7 @@ def fitted_rows(inliers: BoolArray, lines: Sequence[int]) -> Json:
     return {
         "outliers": outliers,
         "outlier_lines": [lines[row] for row in outliers],
-        "counts": {
-            "rows": count,
-            "inliers": count - len(outliers),
-            "outliers": len(outliers),
-        },
+        "counts": {"rows": count, "inliers": count - len(outliers), "outliers": len(outliers)},
     }
 
 

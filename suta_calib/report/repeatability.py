@@ -185,8 +185,7 @@ REPEATABILITY: Final = Listing[Repeatability](
     Column("orientation", value=lambda found: ORIENTATION.record(found.orientation)),
     Column("elsewhere", value=lambda found: [found.samples.origin[k] for k in found.elsewhere]),
     Column(
-        "other_posture",
-        value=lambda found: [found.samples.origin[k] for k in found.other_posture],
+        "other_posture", value=lambda found: [found.samples.origin[k] for k in found.other_posture]
     ),
     Column("correlation"),
 )

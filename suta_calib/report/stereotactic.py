@@ -308,10 +308,7 @@ def _cell_means(points: FloatArray, vectors: FloatArray) -> tuple[FloatArray, Fl
 
 def _pivots(axes: Axes, result: StereotacticResult) -> None:
     """Distance of each probe's tip from its post, frame by frame."""
-    drawn = (
-        ("EM", result.em_pivot, "o", BLUE),
-        ("optical", result.optical_pivot, "s", ORANGE),
-    )
+    drawn = (("EM", result.em_pivot, "o", BLUE), ("optical", result.optical_pivot, "s", ORANGE))
     for name, pivot, marker, colour in drawn:
         residuals = np.linalg.norm(pivot.residuals, axis=1)
         frames, label = np.arange(1, len(residuals) + 1), f"{name}, rms {mm(pivot.rms):.3g} mm"
