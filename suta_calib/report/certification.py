@@ -26,7 +26,7 @@ from suta_calib.certification.result import (
 )
 from suta_calib.report.document import Document, Figure, Part, ShownOnly, Text
 from suta_calib.report.listing import Column, Json, Listing, components, shown_as, written
-from suta_calib.report.svg import BLUE, GREY, ORANGE, WIDTH, style, svg_text
+from suta_calib.report.svg import BLUE, GREY, ORANGE, WIDTH, round_down, style, svg_text
 from suta_calib.units import deg, mm, um
 
 NAME: Final = "certify"
@@ -64,6 +64,11 @@ class Drawn:
     deviation: FloatArray
     turn: float
 
+    @property
+    def distance(self) -> float:
+        """Length of the deviation, m."""
+        return float(np.linalg.norm(self.deviation))
+
 
 @dataclass(frozen=True, eq=False)
 class Judged:
@@ -80,21 +85,20 @@ class Judged:
 
 
 def _rows(found: Certification) -> list[Judged]:
+    drawn: dict[str, Drawn] = {}
+    if (compared := found.comparison) is not None:
+        for mark, off, turn in zip(found.landmarks, compared.deviation, compared.turn, strict=True):
+            if mark.name in compared.drawing.landmarks:
+                place = compared.drawing.landmark(mark.name).position
+                drawn[mark.name] = Drawn(place, off, float(turn))
     return [
         Judged(
             mark,
             tuple(fault for fault in found.faults if fault.landmark == mark.name),
-            None if found.comparison is None else _drawn(found.comparison, k, mark.name),
+            drawn.get(mark.name),
         )
-        for k, mark in enumerate(found.landmarks)
+        for mark in found.landmarks
     ]
-
-
-def _drawn(comparison: DrawingComparison, k: int, name: str) -> Drawn | None:
-    if name not in comparison.drawing.landmarks:
-        return None
-    position = comparison.drawing.landmark(name).position
-    return Drawn(position, comparison.deviation[k], float(comparison.turn[k]))
 
 
 def _mark(row: Judged) -> CertifiedLandmark:
@@ -118,8 +122,7 @@ HOLES: Final = Listing[CertifiedLandmark](
 )
 DRAWN: Final = Listing[Drawn](
     "",
-    *written("position", "deviation", unit="m"),
-    Column("distance", value=lambda each: np.linalg.norm(each.deviation), unit="m"),
+    *written("position", "deviation", "distance", unit="m"),
     Column("turn", unit="rad"),
 )
 FAULTS: Final = Listing[Fault]("", Column("what"), *written("size", "limit", unit="m"))
@@ -164,35 +167,24 @@ def _off(row: Judged) -> FloatArray | None:
     return None if row.drawn is None else np.round(row.drawn.deviation, 7)
 
 
-def _length(row: Judged) -> float | None:
-    return None if row.drawn is None else float(np.linalg.norm(row.drawn.deviation))
-
-
 DEVIATIONS: Final = Listing[Judged](
     "Certified less drawn",
     LANDMARKS.columns[0],
     *components(("dx, mm", "dy, mm", "dz, mm"), _off, "m", sign=True, form=_FINE),
-    Column("", "length, mm", _length, "m", form=_FINE),
+    Column("", "length, mm", lambda row: row.drawn and row.drawn.distance, "m", form=_FINE),
     Column("", "turn, deg", lambda row: row.drawn and row.drawn.turn + 0.0, "rad", form=_TURN),
 )
 
 
-@dataclass(frozen=True)
-class Spacer:
-    """A spacer, and half the interval that holds it with 95 %, m."""
-
-    length: SpacerLength
-    u95: float
-
-
-SPACERS: Final = Listing[Spacer](
+# A spacer, and half the interval that holds it with 95 %, m.
+SPACERS: Final = Listing[tuple[SpacerLength, float]](
     "Spacers",
-    Column("name", "spacer", lambda each: each.length.name),
-    Column("length", "length, mm", lambda each: each.length.length, "m", form=_FINE),
-    Column("std", None, lambda each: each.length.std, "m"),
-    Column("u95", "± 95 %, mm", lambda each: each.u95, "m", form=_FINE),
-    Column("nominal", "nominal, mm", lambda each: each.length.nominal, "m", form=_FINE),
-    Column("deviation", "off by, mm", lambda s: s.length.deviation, "m", sign=True, form=_FINE),
+    Column("name", "spacer", lambda row: row[0].name),
+    Column("length", "length, mm", lambda row: row[0].length, "m", form=_FINE),
+    Column("std", None, lambda row: row[0].std, "m"),
+    Column("u95", "± 95 %, mm", lambda row: row[1], "m", form=_FINE),
+    Column("nominal", "nominal, mm", lambda row: row[0].nominal, "m", form=_FINE),
+    Column("deviation", "off by, mm", lambda row: row[0].deviation, "m", sign=True, form=_FINE),
     key="spacers",
 )
 PLANE: Final = Listing[PlaneQuality](
@@ -250,9 +242,7 @@ def certification_document(found: Certification) -> Document:
     if found.comparison is not None:
         title = f"{DEVIATIONS.title} ({found.comparison.drawing.name}), best superposition"
         parts.append(DEVIATIONS.of(rows, title))
-    parts.append(
-        SPACERS.of(Spacer(each, found.coverage_factor * each.std) for each in found.spacers)
-    )
+    parts.append(SPACERS.of((each, found.coverage_factor * each.std) for each in found.spacers))
     parts += [Text(line) for line in _facts(found)]
     covariance: Json = {
         "landmarks": [mark.name for mark in found.landmarks],
@@ -289,12 +279,9 @@ def certification_plot(found: Certification) -> str:
         above, below = figure.subplots(2, 1, height_ratios=(1.9, 1))
         _from_above(above, found)
         _by_landmark(below, found)
-        return svg_text(figure, NAME, _description(found))
-
-
-def _description(found: Certification) -> str:
-    against = "" if found.comparison is None else " and their deviations from the drawing"
-    return f"The {len(found.landmarks)} landmarks of {found.name} from above{against}"
+        what = f"The {len(found.landmarks)} landmarks of {found.name} from above"
+        against = "" if found.comparison is None else " and their deviations from the drawing"
+        return svg_text(figure, NAME, what + against)
 
 
 def _from_above(axes: Axes, found: Certification) -> None:
@@ -348,7 +335,7 @@ def _ellipses(axes: Axes, found: Certification, places: FloatArray, extent: floa
     blocks = [found.covariance[3 * k : 3 * k + 2, 3 * k : 3 * k + 2] for k in range(len(places))]
     axes_of = [np.linalg.eigh(block) for block in blocks]
     longest = max(float(np.sqrt(max(values[-1], 0.0))) for values, _ in axes_of) * scale
-    factor = _round_down(LONGEST * extent / 2 / longest) if longest > 0 else 1.0
+    factor = round_down(LONGEST * extent / 2 / longest) if longest > 0 else 1.0
     for place, (values, vectors) in zip(places, axes_of, strict=True):
         size = 2 * scale * factor * np.sqrt(np.maximum(values, 0.0))
         turn = deg(float(np.arctan2(vectors[1, 1], vectors[0, 1])))
@@ -369,11 +356,10 @@ def _arrows(
     known = np.isfinite(turned[:, 0])
     judged = turned[known & sound] if (known & sound).any() else turned[known]
     longest = float(np.linalg.norm(judged[:, :2], axis=1).max())
-    factor = _round_down(LONGEST * extent / longest) if longest > 0 else 1.0
+    factor = round_down(LONGEST * extent / longest) if longest > 0 else 1.0
     vectors = turned[:, :2] * factor
-    length = np.linalg.norm(vectors, axis=1)
     # An arrow out of the picture would hide the others; its number is in the table.
-    length = np.nan_to_num(length)
+    length = np.nan_to_num(np.linalg.norm(vectors, axis=1))
     shorten = np.minimum(1.0, 2 * LONGEST * extent / np.maximum(length, 1e-12))
     drawn = (vectors * shorten[:, None])[known]
     axes.quiver(
@@ -381,12 +367,6 @@ def _arrows(
         angles="xy", scale_units="xy", scale=1.0, width=0.004, color="black", zorder=3,
     )  # fmt: skip
     return factor, bool((shorten < 1).any())
-
-
-def _round_down(value: float) -> float:
-    """1, 2 or 5 times a power of ten."""
-    decade = 10.0 ** np.floor(np.log10(value))
-    return float(decade * max(step for step in (1, 2, 5) if step * decade <= value * (1 + 1e-9)))
 
 
 def _by_landmark(axes: Axes, found: Certification) -> None:
