@@ -41,14 +41,15 @@ _SIGNED: Final = ("E_Uni", "E_Bi", "P_Size")
 _TITLE: Final = f"Acceptance test after {STANDARD}"
 
 
-def _value_text(each: Characteristic) -> str:
-    return text(each.value, "m", sign=each.symbol in _SIGNED)
-
-
 CHARACTERISTICS: Final = Listing[Characteristic](
     _TITLE,
     Column("symbol", "worst of each, mm", cell=lambda each: SYMBOL[each.symbol]),
-    Column("value", "value", unit="m", cell=_value_text),
+    Column(
+        "value",
+        "value",
+        unit="m",
+        cell=lambda each: text(each.value, "m", sign=each.symbol in _SIGNED),
+    ),
     Column("limit", "limit", unit="m"),
     Column("expanded_uncertainty", "U", lambda each: each.expanded, "m"),
     Column("decision"),

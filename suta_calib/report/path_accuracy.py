@@ -116,6 +116,10 @@ def path_accuracy_document(found: PathAccuracy) -> Document:
         Figure(partial(path_accuracy_plot, found)),
     ]
     channels = [AXES.record(each) | (each.hysteresis_record() if by_joint else {}) for each in rows]
+    registration: Json | None = None
+    if alignment.registered:
+        pose = homogeneous(alignment.rotation, alignment.position)
+        registration = {"T_reference_recorded": pose, **pose_record(pose)}
     data: Json = {
         "latency": {
             "value_ms": ms(alignment.latency),
@@ -124,7 +128,7 @@ def path_accuracy_document(found: PathAccuracy) -> Document:
         },
         "errors": {each.key: ERRORS.record(each) for each in errors},
         "reversals": {"per": found.per, "channels": channels},
-        "registration": _registration(found),
+        "registration": registration,
         "samples": {"compared": len(found.time), "recorded": len(found.recorded.time)},
         "seconds": float(found.time[-1] - found.time[0]),
         "input": {"recorded": str(found.recorded.path), "reference": str(found.reference.path)},
@@ -147,13 +151,6 @@ def _errors(found: PathAccuracy) -> list[ErrorKind]:
     return errors
 
 
-def _registration(found: PathAccuracy) -> Json | None:
-    if not found.alignment.registered:
-        return None
-    pose = homogeneous(found.alignment.rotation, found.alignment.position)
-    return {"T_reference_recorded": pose, **pose_record(pose)}
-
-
 def path_accuracy_plot(found: PathAccuracy) -> str:
     """An SVG: error over time, distance by latency, and what happens at reversals."""
     with style(NAME):
@@ -171,12 +168,15 @@ def path_accuracy_plot(found: PathAccuracy) -> str:
 
 
 def _over_time(axes: Axes, found: PathAccuracy) -> None:
+    step = max(1, len(found.time) // _MOST_POINTS)
+    rows = len(found.time) // step * step
     for error, colour, label in (
         (found.error_same_time, ORANGE, "at the same time"),
         (found.error, BLUE, "latency removed"),
     ):
-        time, size = _thinned(found.time, mm(np.linalg.norm(error, axis=1)))
-        axes.plot(time, size, color=colour, lw=0.9, label=label)
+        # The largest of every few rows: no peak is lost, and the file stays small.
+        size = mm(np.linalg.norm(error, axis=1))[:rows].reshape(-1, step).max(axis=1)
+        axes.plot(found.time[:rows:step], size, color=colour, lw=0.9, label=label)
     axes.set_ylim(bottom=0)
     axes.set_title("Distance from the reference", pad=24)
     axes.set_xlabel("time, s")
@@ -238,10 +238,3 @@ def _name(axes: Axes, found: PathAccuracy) -> None:
     axes.set_xlim(-0.6, len(names) - 0.4)
     axes.tick_params(axis="x", labelrotation=45 if len(names) > 3 else 0)
     axes.grid(axis="y")
-
-
-def _thinned(time: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """The largest of every few rows, so that no peak is lost and the file stays small."""
-    step = max(1, len(time) // _MOST_POINTS)
-    rows = len(time) // step * step
-    return time[:rows:step], values[:rows].reshape(-1, step).max(axis=1)

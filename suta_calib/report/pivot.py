@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import partial
 from typing import Final
 
@@ -41,30 +40,22 @@ CALIBRATION: Final = Listing[PivotCalibration](
 )
 
 
-@dataclass(frozen=True, eq=False)
-class Place:
-    """A point with the standard deviation of each coordinate, (3,), m."""
-
-    name: str
-    position: FloatArray
-    std: FloatArray
-
-
-PLACES: Final = Listing[Place](
+# Points by name, with the standard deviation of each coordinate, (3,), m.
+PLACES: Final = Listing[tuple[str, FloatArray, FloatArray]](
     "Tip in the tool, post in the tracker, mm",
-    Column("", "", lambda place: place.name),
-    *axes_with_std(lambda place: place.position, lambda place: place.std),
+    Column("", "", lambda row: row[0]),
+    *axes_with_std(lambda row: row[1], lambda row: row[2]),
 )
 
 
 def pivot_document(found: PivotCalibration, data: ToolPoses) -> Document:
     """Tip, posts, fit; with ``residuals.csv``, and ``tip.json`` where the tip may be used."""
     posts = [
-        Place("post" if data.point is None else f"post {name}", post, found.post_std(name))
+        ("post" if data.point is None else f"post {name}", post, found.post_std(name))
         for name, post in list(found.posts.items())[:MOST_POSTS]
     ]
     title = PLACES.title if len(found.posts) == 1 else PLACES.title.replace("post", "posts")
-    parts: list[Part] = [PLACES.of([Place("tip", found.tip, found.tip_std), *posts], title)]
+    parts: list[Part] = [PLACES.of([("tip", found.tip, found.tip_std), *posts], title)]
     if (more := len(found.posts) - MOST_POSTS) > 0:
         parts.append(Text(f"and {more} more posts: --json has them"))
     touched = {} if data.point is None else {"point": data.point.tolist()}
@@ -107,13 +98,9 @@ def pivot_plot(found: PivotCalibration, data: ToolPoses) -> str:
         draw_residuals(left, found.residuals, found.inliers, found.rms, "m", "pose (row, from 0)")
         left.set_title("Tip from post", pad=24)
         left.set_ylabel("distance, mm")
-        draw_directions(right, _tool_directions(found, data), found.inliers)
+        # From the tool's origin to its tip; the tool's z where they coincide.
+        length = float(np.linalg.norm(found.tip))
+        axis = found.tip / length if length > 1e-6 else np.array([0.0, 0.0, 1.0])
+        draw_directions(right, np.asarray(data.rotation @ axis), found.inliers)
         right.set_title("Directions of the tool in the tracker\n(angle from their mean)")
         return svg_text(figure, "pivot", "Pivot calibration: residuals and directions")
-
-
-def _tool_directions(found: PivotCalibration, data: ToolPoses) -> FloatArray:
-    """From the tool's origin to its tip, in the tracker; the tool's z where they coincide."""
-    length = float(np.linalg.norm(found.tip))
-    axis = found.tip / length if length > 1e-6 else np.array([0.0, 0.0, 1.0])
-    return np.asarray(data.rotation @ axis)
