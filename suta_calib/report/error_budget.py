@@ -18,9 +18,9 @@ from suta_calib.analysis.error_budget import (
     TipBudget,
 )
 from suta_calib.report.document import Document, Figure, Part, Text
-from suta_calib.report.listing import Column, Json, Listing
+from suta_calib.report.listing import Column, Listing, written
 from suta_calib.report.svg import BLUE, GREY, ORANGE, WIDTH, style, svg_text
-from suta_calib.units import key, shown, text, unit_name
+from suta_calib.units import shown, text, unit_name
 
 NAME: Final = "budget"
 TITLE: Final = "Error budget"
@@ -54,6 +54,12 @@ TIP: Final = Listing[TipBudget](
     Column("total_rms", "total of what has a number", lambda tip: tip.rms, "m"),
     key="tip",
 )
+BLOCK: Final = Listing[BlockBudget](
+    "",
+    *written("data", "kind", "block"),
+    Column("rms", unit=lambda block: block.unit),
+    Column("count"),
+)
 
 
 def budget_document(budget: ErrorBudget) -> Document:
@@ -63,7 +69,11 @@ def budget_document(budget: ErrorBudget) -> Document:
         total = Share((), block.variance)
         parts.append(_shares(block).of((*block.shares, total)))
     parts += [TIP.facts(budget.tip, ("where it comes from", "RMS", "unit")), Text(CAPTION)]
-    data = {"blocks": [_block_dict(b) for b in budget.blocks], "missing": list(budget.missing)}
+    blocks = [
+        {**BLOCK.record(block), "shares": _shares(block).records(block.shares)}
+        for block in budget.blocks
+    ]
+    data = {"blocks": blocks, "missing": list(budget.missing)}
     return Document(NAME, TITLE, budget.assessment, parts, data)
 
 
@@ -124,14 +134,3 @@ def _shares(block: BlockBudget) -> Listing[Share]:
         Column("", "unit", lambda _: unit_name(block.unit)),
         Column("share", "share, %", part, "%"),
     )
-
-
-def _block_dict(block: BlockBudget) -> Json:
-    return {
-        "data": block.data,
-        "kind": block.kind,
-        "block": block.block,
-        key("rms", block.unit): shown(block.rms, block.unit),
-        "count": block.count,
-        "shares": _shares(block).records(block.shares),
-    }

@@ -11,7 +11,7 @@ from suta_calib.measurements.pose_files import PosePairs
 from suta_calib.model.parameters import PLACEMENT
 from suta_calib.pose_calibration.hand_eye import HandEyeCalibration
 from suta_calib.report.document import Document, Figure, Part
-from suta_calib.report.listing import Column, Json, Listing, Table
+from suta_calib.report.listing import Column, Json, Listing
 from suta_calib.report.poses import (
     LARGE,
     covariance_record,
@@ -43,12 +43,19 @@ CALIBRATION: Final = Listing[HandEyeCalibration](
 
 def hand_eye_document(found: HandEyeCalibration, data: PosePairs) -> Document:
     """X, and Z where the model asks for it, with standard deviations; ``residuals.csv``."""
+    poses = []
+    for name in found.unknowns:
+        frames = FRAMES[found.setup][name]
+        _, base, what = frames.split("_")
+        title = f"{name} = {frames}: the {what} in the {base}, {found.setup}"
+        axes = f"the {what}'s axes"
+        poses.append(pose_table(title, getattr(found, name), found.std[name], axes))
     fit = (
         f"rms {text(found.rms, 'm', with_unit=True)} (3-D), "
         f"{text(found.rms_angle, 'rad', with_unit=True)}"
     )
     parts: list[Part] = [
-        *(_pose(found, name) for name in found.unknowns),
+        *poses,
         *fit_texts(fit, "pair", found.inliers, data.lines),
         residuals_file(
             found.inliers, {"line": data.lines}, found.position_residuals, found.rotation_residuals
@@ -58,13 +65,6 @@ def hand_eye_document(found: HandEyeCalibration, data: PosePairs) -> Document:
     return Document(
         NAME, "Hand-eye calibration", found.assessment, parts, _data(found, data), "result"
     )
-
-
-def _pose(found: HandEyeCalibration, name: str) -> Table:
-    frames = FRAMES[found.setup][name].split("_")
-    where = f"the {frames[2]} in the {frames[1]}, {found.setup}"
-    pose, std = getattr(found, name), found.std[name]
-    return pose_table(f"{name} = {'_'.join(frames)}: {where}", pose, std, f"the {frames[2]}'s axes")
 
 
 def _data(found: HandEyeCalibration, data: PosePairs) -> Json:

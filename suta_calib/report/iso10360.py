@@ -191,6 +191,10 @@ def _lengths_dict(found: AcceptanceTest, lengths: LengthErrors) -> Json:
 LARGE: Final = 1.3 * WIDTH
 # Room for a legend of two rows between a title and its axes, pt.
 _ABOVE: Final = 30
+_LEGEND: Final[dict[str, Any]] = {
+    **{"fontsize": 7, "ncols": 2, "loc": "lower left", "bbox_to_anchor": (0, 1)},
+    **{"borderaxespad": 0.2, "handletextpad": 0.2, "columnspacing": 1.0},
+}
 _LOOKS: Final = ((BLUE, "o"), (ORANGE, "s"), ("black", "D"), (GREY, "^"), (BLUE, "P"))
 
 
@@ -198,11 +202,8 @@ def acceptance_plot(found: AcceptanceTest) -> str:
     """An SVG: errors of lengths by length, deviations of places below."""
     name = f"{NAME}_errors"
     measured = found.measured
-    below = [
-        key
-        for key, given in (("articulations", measured.articulations), ("spheres", measured.spheres))
-        if given
-    ]
+    drawn = {"articulations": measured.articulations, "spheres": measured.spheres}
+    below = [key for key, given in drawn.items() if given]
     rows: Any = [["lengths"] * max(1, len(below))] if measured.lengths is not None else []
     rows += [below] if below else []
     rows = rows or [["repeats"]]
@@ -266,14 +267,14 @@ def _articulations(axes: Axes, found: AcceptanceTest) -> None:
         axes.plot(places, mm(each.deviations), marker, color=colour, ms=5, mfc="none", label=label)
         start += len(each.names)
         ticks += each.names
-    _limit_line(axes, found.limits.location, 0.5, "half the limit")
     if len(ticks) <= 12:
         axes.set_xticks(range(1, start), ticks, rotation=45, ha="right")
     else:
         axes.set_xlabel("articulation, in order")
     axes.set_title("Distance to the mean place", pad=_ABOVE)
     axes.set_ylabel("mm")
-    _finish(axes)
+    limit = found.limits.location
+    _sizes(axes, None if limit is None else limit / 2, "half the limit")
 
 
 def _spheres(axes: Axes, found: AcceptanceTest) -> None:
@@ -287,40 +288,24 @@ def _spheres(axes: Axes, found: AcceptanceTest) -> None:
     axes.set_xlabel("touch, in order")
     axes.set_ylabel("mm")
     axes.grid(axis="y")
-    _legend_above(axes)
+    axes.legend(**_LEGEND)
 
 
 def _repeats(axes: Axes, found: AcceptanceTest) -> None:
     sizes: FloatArray = np.array([each.diameter for each in found.measured.repeats])
     names = [each.point for each in found.measured.repeats]
     axes.bar(names, mm(sizes), color=BLUE, hatch="//", edgecolor="white")
-    _limit_line(axes, found.limits.repeatability, 1.0, "limit")
     axes.set_title("Smallest sphere that holds the visits", pad=_ABOVE)
     axes.set_ylabel("diameter, mm")
-    _finish(axes)
+    _sizes(axes, found.limits.repeatability, "limit")
 
 
-def _limit_line(axes: Axes, limit: float | None, share: float, label: str) -> None:
+def _sizes(axes: Axes, limit: float | None, label: str) -> None:
+    """Sizes from zero on, with their limit, and a legend between the title and the axes."""
     if limit is not None:
-        axes.axhline(share * mm(limit), color="black", ls="--", lw=1.2, label=label)
-
-
-def _finish(axes: Axes) -> None:
+        axes.axhline(mm(limit), color="black", ls="--", lw=1.2, label=label)
     axes.margins(y=0.1)
     axes.set_ylim(bottom=0)
     axes.grid(axis="y")
     if axes.get_legend_handles_labels()[0]:
-        _legend_above(axes)
-
-
-def _legend_above(axes: Axes) -> None:
-    """Between the title and the axes, where nothing is drawn."""
-    axes.legend(
-        fontsize=7,
-        ncols=2,
-        loc="lower left",
-        bbox_to_anchor=(0, 1),
-        borderaxespad=0.2,
-        handletextpad=0.2,
-        columnspacing=1.0,
-    )
+        axes.legend(**_LEGEND)
