@@ -9,7 +9,6 @@ from typing import Any, Final
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure as Picture
 from matplotlib.patches import Ellipse
 from matplotlib.patheffects import withStroke
 
@@ -26,7 +25,7 @@ from suta_calib.certification.result import (
 )
 from suta_calib.report.document import Document, Figure, Part, ShownOnly, Text
 from suta_calib.report.listing import Column, Json, Listing, components, shown_as, written
-from suta_calib.report.svg import BLUE, GREY, ORANGE, WIDTH, round_down, style, svg_text
+from suta_calib.report.svg import BLUE, GREY, ORANGE, WIDTH, picture, round_down, svg_text
 from suta_calib.units import deg, mm, um
 
 NAME: Final = "certify"
@@ -274,8 +273,7 @@ def _facts(found: Certification) -> list[str]:
 # ── the artefact from above, and every landmark's coordinates with their uncertainty ─────────
 def certification_plot(found: Certification) -> str:
     """An SVG: the artefact from above, and below it numbers by landmark."""
-    with style(NAME):
-        figure = Picture(figsize=(WIDTH, 8.2), layout="constrained")
+    with picture(NAME, (WIDTH, 8.2)) as figure:
         above, below = figure.subplots(2, 1, height_ratios=(1.9, 1))
         _from_above(above, found)
         _by_landmark(below, found)

@@ -7,7 +7,6 @@ from functools import partial
 from typing import Any, Final
 
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure as Picture
 
 from suta_calib.analysis.error_budget import (
     WORDS,
@@ -19,7 +18,7 @@ from suta_calib.analysis.error_budget import (
 )
 from suta_calib.report.document import Document, Figure, Part, Text
 from suta_calib.report.listing import Column, Listing, written
-from suta_calib.report.svg import BLUE, GREY, ORANGE, WIDTH, style, svg_text
+from suta_calib.report.svg import BLUE, GREY, ORANGE, WIDTH, picture, svg_text
 from suta_calib.units import shown, text, unit_name
 
 NAME: Final = "budget"
@@ -80,8 +79,7 @@ def budget_document(budget: ErrorBudget) -> Document:
 def budget_plot(budget: ErrorBudget) -> str:
     """An SVG: shares of every block's mean square as a horizontal bar; gross errors left out."""
     blocks = [b for b in budget.blocks if b.variance > 0]
-    with style(NAME):
-        figure = Picture(figsize=(WIDTH, 1.9 + 0.55 * len(blocks)), layout="constrained")
+    with picture(NAME, (WIDTH, 1.9 + 0.55 * len(blocks))) as figure:
         axes = figure.subplots()
         labelled: set[str] = set()
         for place, block in enumerate(blocks):

@@ -5,8 +5,6 @@ from __future__ import annotations
 from functools import partial
 from typing import Final
 
-from matplotlib.figure import Figure as Picture
-
 from suta_calib.measurements.pose_files import PosePairs
 from suta_calib.model.parameters import PLACEMENT
 from suta_calib.pose_calibration.hand_eye import HandEyeCalibration
@@ -24,7 +22,7 @@ from suta_calib.report.poses import (
     pose_table,
     residuals_file,
 )
-from suta_calib.report.svg import style, svg_text
+from suta_calib.report.svg import picture, svg_text
 from suta_calib.units import text
 
 NAME: Final = "hand_eye"
@@ -89,8 +87,7 @@ def _data(found: HandEyeCalibration, data: PosePairs) -> Json:
 
 def hand_eye_plot(found: HandEyeCalibration) -> str:
     """An SVG: residuals by pair in length and angle, and the axes of the motions."""
-    with style(NAME):
-        figure = Picture(figsize=(LARGE, 4.6), layout="constrained")
+    with picture(NAME, (LARGE, 4.6)) as figure:
         panels = figure.subplot_mosaic("LA;TA", width_ratios=(1.5, 1))
         length, turn, inliers = panels["L"], panels["T"], found.inliers
         draw_residuals(length, found.position_residuals, inliers, found.rms, "m", "")

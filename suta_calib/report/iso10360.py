@@ -7,7 +7,6 @@ from typing import Any, Final
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure as Picture
 
 from suta_calib.analysis.iso10360 import (
     AcceptanceTest,
@@ -23,7 +22,7 @@ from suta_calib.arrays import FloatArray
 from suta_calib.diagnostics.accuracy import Metrics
 from suta_calib.report.document import Document, Figure, Part, Text
 from suta_calib.report.listing import Column, Json, Listing, plain
-from suta_calib.report.svg import BLUE, GREY, ORANGE, WIDTH, style, svg_text
+from suta_calib.report.svg import BLUE, GREY, ORANGE, WIDTH, picture, svg_text
 from suta_calib.units import from_mm, mm, text, um
 
 NAME: Final = "iso10360"
@@ -207,8 +206,7 @@ def acceptance_plot(found: AcceptanceTest) -> str:
     rows: Any = [["lengths"] * max(1, len(below))] if measured.lengths is not None else []
     rows += [below] if below else []
     rows = rows or [["repeats"]]
-    with style(name):
-        figure = Picture(figsize=(LARGE, 3.1 * len(rows)), layout="constrained")
+    with picture(name, (LARGE, 3.1 * len(rows))) as figure:
         panels = figure.subplot_mosaic(rows)
         if measured.lengths is not None:
             _lengths(panels["lengths"], found, measured.lengths)

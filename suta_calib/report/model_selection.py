@@ -7,14 +7,13 @@ from textwrap import fill
 from typing import Final
 
 import numpy as np
-from matplotlib.figure import Figure as Picture
 
 from suta_calib.analysis.model_selection import ModelCandidate, ModelSelection
 from suta_calib.diagnostics.score_tests import ScoreTest
 from suta_calib.model.parameters import Family, Selection
 from suta_calib.report.document import Document, Figure, Part, ShownOnly, Text
 from suta_calib.report.listing import Column, Json, Listing
-from suta_calib.report.svg import BLUE, ORANGE, WIDTH, style, svg_text
+from suta_calib.report.svg import BLUE, ORANGE, WIDTH, picture, svg_text
 from suta_calib.solver.solution import Estimate
 from suta_calib.units import mm, shown, text, unit_name
 
@@ -123,8 +122,7 @@ def models_plot(choice: ModelSelection) -> str:
     models = sorted(_best(choice), key=lambda c: c.held_out.rms)
     names = [f"→ {short(m.name)}" if m is choice.chosen else short(m.name) for m in models]
     places = np.arange(len(models))
-    with style(NAME):
-        figure = Picture(figsize=(WIDTH, 1.3 + 0.3 * len(models)), layout="constrained")
+    with picture(NAME, (WIDTH, 1.3 + 0.3 * len(models))) as figure:
         axes = figure.subplots()
         for values, colour, mark, label in (
             ([m.fitted for m in models], ORANGE, "s", "fitted data"),

@@ -27,7 +27,7 @@ from suta_calib.analysis.outliers import (
 from suta_calib.arrays import FloatArray
 from suta_calib.report.document import Document, Figure, Part, ShownOnly, Text
 from suta_calib.report.listing import Column, Json, Listing, plain
-from suta_calib.report.svg import BLUE, GREY, ORANGE, WIDTH, style, svg_text
+from suta_calib.report.svg import BLUE, GREY, ORANGE, WIDTH, picture, svg_text
 from suta_calib.units import NOTHING, Unit, key, mm, shown, text, unit_name
 
 NAME: Final = "outliers"
@@ -282,8 +282,7 @@ def _over_artefact(term: TermOutliers, level: Level, name: str) -> str:
     spread = np.ptp(term.position, axis=0)
     axes = sorted(np.argsort(-spread, kind="stable")[:2].tolist())
     place = mm(term.position[:, axes])
-    with style(name):
-        figure = Picture(figsize=(WIDTH * 1.25, WIDTH * 1.25), layout="constrained")
+    with picture(name, (WIDTH * 1.25, WIDTH * 1.25)) as figure:
         panels = figure.subplots(2, 2)
         for panel, metric in zip(panels.flat, METRICS, strict=True):
             _map(figure, panel, place, level, metric)
@@ -339,8 +338,7 @@ def _map(figure: Picture, axes: Axes, place: FloatArray, level: Level, metric: M
 
 def _by_group(level: Level, name: str) -> str:
     """One panel a metric, groups in the order of the file, with the threshold."""
-    with style(name):
-        figure = Picture(figsize=(WIDTH * 1.25, 6.4), layout="constrained")
+    with picture(name, (WIDTH * 1.25, 6.4)) as figure:
         for panel, metric in zip(figure.subplots(2, 2).flat, METRICS, strict=True):
             _stems(panel, level, metric)
         return svg_text(figure, name, f"The four outlier metrics of every {level.name[:-1]}") + "\n"

@@ -9,14 +9,13 @@ from typing import Any, Final
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure as Picture
 
 from suta_calib.arrays import FloatArray
 from suta_calib.geometry.numbers import homogeneous
 from suta_calib.report.document import Document, Figure, Part, Text
 from suta_calib.report.listing import Column, Json, Listing, plain, shown_as
 from suta_calib.report.poses import LARGE, pose_record
-from suta_calib.report.svg import BLUE, GREY, ORANGE, shown_array, style, svg_text
+from suta_calib.report.svg import BLUE, GREY, ORANGE, picture, shown_array, svg_text
 from suta_calib.tracking.path_accuracy import ErrorFigures, PathAccuracy
 from suta_calib.tracking.reversals import ChannelReversals
 from suta_calib.units import NOTHING, Unit, key, mm, ms, text, unit_name
@@ -153,8 +152,7 @@ def _errors(found: PathAccuracy) -> list[ErrorKind]:
 
 def path_accuracy_plot(found: PathAccuracy) -> str:
     """An SVG: error over time, distance by latency, and what happens at reversals."""
-    with style(NAME):
-        figure = Picture(figsize=(LARGE, 5.6), layout="constrained")
+    with picture(NAME, (LARGE, 5.6)) as figure:
         below = ["latency", "reversals"] + ["hysteresis"] * (found.per == "joint")
         layout: Any = [["time"] * len(below), below]
         panels = figure.subplot_mosaic(layout)

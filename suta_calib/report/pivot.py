@@ -6,7 +6,6 @@ from functools import partial
 from typing import Final
 
 import numpy as np
-from matplotlib.figure import Figure as Picture
 
 from suta_calib.arrays import FloatArray
 from suta_calib.measurements.pose_files import ToolPoses
@@ -23,7 +22,7 @@ from suta_calib.report.poses import (
     fitted_rows,
     residuals_file,
 )
-from suta_calib.report.svg import style, svg_text
+from suta_calib.report.svg import picture, svg_text
 from suta_calib.units import deg, text
 
 NAME: Final = "pivot"
@@ -92,8 +91,7 @@ def _data(found: PivotCalibration, data: ToolPoses) -> Json:
 
 def pivot_plot(found: PivotCalibration, data: ToolPoses) -> str:
     """An SVG: residuals by pose, and the directions of the tool in the tracker."""
-    with style("pivot"):
-        figure = Picture(figsize=(LARGE, 3.6), layout="constrained")
+    with picture("pivot", (LARGE, 3.6)) as figure:
         left, right = figure.subplots(1, 2, width_ratios=(1.7, 1))
         draw_residuals(left, found.residuals, found.inliers, found.rms, "m", "pose (row, from 0)")
         left.set_title("Tip from post", pad=24)

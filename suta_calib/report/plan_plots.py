@@ -6,14 +6,13 @@ from typing import Final
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure as Picture
 from matplotlib.patches import Polygon
 from scipy.spatial import ConvexHull
 
 from suta_calib.analysis.planning import Candidate, Placement, Plan, Point
 from suta_calib.analysis.planning.links import link_points
 from suta_calib.arrays import FloatArray
-from suta_calib.report.svg import BLUE, GREY, ORANGE, WIDTH, plain_log, style, svg_text
+from suta_calib.report.svg import BLUE, GREY, ORANGE, WIDTH, picture, plain_log, svg_text
 from suta_calib.units import mm, shown
 
 VIEWS: Final = {"seen from above": (0, 1), "seen from the side": (0, 2)}
@@ -24,8 +23,7 @@ _TICKS: Final = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100)
 
 def bench_drawing(found: Plan, name: str = "plan_bench") -> str:
     """An SVG element: the arm, what was measured, and what to measure next; mm in the base."""
-    with style(name):
-        figure = Picture(figsize=(1.25 * WIDTH, 5.0), layout="constrained")
+    with picture(name, (1.25 * WIDTH, 5.0)) as figure:
         for axes, (title, plane) in zip(
             figure.subplots(1, 2, width_ratios=(1, 1)), VIEWS.items(), strict=True
         ):
@@ -40,8 +38,7 @@ def gain_curve(found: Plan, name: str = "plan_gain") -> str:
     """An SVG element: predicted uncertainty of the tip by the number of further candidates."""
     stop = found.stop
     tips = mm(np.array(stop.tips))
-    with style(name):
-        figure = Picture(figsize=(WIDTH, 3.2), layout="constrained")
+    with picture(name, (WIDTH, 3.2)) as figure:
         axes = figure.subplots()
         axes.plot(range(len(tips)), tips, "o-", color=BLUE, ms=5, label="best choice")
         spread = mm(np.percentile(found.random, [5, 50, 95]))

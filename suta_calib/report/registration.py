@@ -8,7 +8,6 @@ from typing import Final
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure as Picture
 
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.measurements.pose_files import Points
@@ -30,7 +29,7 @@ from suta_calib.report.poses import (
     pose_table,
     residuals_file,
 )
-from suta_calib.report.svg import round_down, style, svg_text
+from suta_calib.report.svg import picture, round_down, svg_text
 from suta_calib.units import mm, text
 
 NAME: Final = "register"
@@ -124,8 +123,7 @@ def register_document(
 
 def register_plot(found: Registration, b: Points) -> str:
     """An SVG: residuals by point, and as arrows at the points, seen from two sides."""
-    with style("register"):
-        figure = Picture(figsize=(LARGE, 6.4), layout="constrained")
+    with picture("register", (LARGE, 6.4)) as figure:
         panels = figure.subplot_mosaic("NN;PA", height_ratios=(1, 1.5))
         top = panels["N"]
         draw_residuals(top, found.residuals, found.inliers, found.rms, "m", "point (row, from 0)")

@@ -26,7 +26,7 @@ from suta_calib.report.listing import (
     written,
 )
 from suta_calib.report.poses import axes_with_std
-from suta_calib.report.svg import BLUE, GREY, ORANGE, WIDTH, plain_log, style, svg_text
+from suta_calib.report.svg import BLUE, GREY, ORANGE, WIDTH, picture, plain_log, svg_text
 from suta_calib.stereotactic.cis_files import output1_text, output2_text
 from suta_calib.stereotactic.distortion import DistortionCorrection
 from suta_calib.stereotactic.solve import Navigation, StereotacticErrors, StereotacticResult
@@ -235,9 +235,8 @@ def stereotactic_plot(result: StereotacticResult) -> str:
 
     With a correction also its effect and its cross-validation.
     """
-    with style(NAME):
-        rows = 1 if result.correction is None else 2
-        figure = Picture(figsize=(1.25 * WIDTH, 3.7 * rows), layout="constrained")
+    rows = 1 if result.correction is None else 2
+    with picture(NAME, (1.25 * WIDTH, 3.7 * rows)) as figure:
         panels = figure.subplots(rows, 2, squeeze=False)
         _map(figure, panels[0, 0], result)
         _pivots(panels[0, 1], result)

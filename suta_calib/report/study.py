@@ -8,7 +8,6 @@ from typing import Any, Final
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure as Picture
 from matplotlib.ticker import MaxNLocator
 
 from suta_calib.analysis.study import (
@@ -23,7 +22,7 @@ from suta_calib.analysis.study.sets import described
 from suta_calib.analysis.study.trial import ESTIMATED, NAMES, Kind
 from suta_calib.report.document import Document, Figure, Part, ShownOnly, Text
 from suta_calib.report.listing import Column, Json, Listing, plain
-from suta_calib.report.svg import BLUE, GREY, ORANGE, WIDTH, style, svg_text
+from suta_calib.report.svg import BLUE, GREY, ORANGE, WIDTH, picture, svg_text
 from suta_calib.units import NOTHING, Unit, key, mm, shown, text, unit_name
 from suta_calib.words import listed
 
@@ -261,8 +260,7 @@ def _against_own(study: SpreadStudy) -> list[str]:
 def size_plot(study: SizeStudy) -> str:
     """An SVG element: mean, scatter and range of the held-out error over the number of sets."""
     name = NAMES["size"]
-    with style(name):
-        figure = Picture(figsize=(WIDTH, 4.2), layout="constrained")
+    with picture(name, (WIDTH, 4.2)) as figure:
         axes = figure.subplots()
         _bands(axes, study)
         if study.levelled and (chosen := _recommended(study)) is not None:
@@ -282,9 +280,8 @@ def spread_plot(study: SpreadStudy) -> str:
     name = NAMES[study.plan.data.kind]
     estimated = {n: p for n, p in study.parameters.items() if np.isfinite(p.ratio)}
     with_errors = study.validation.enough
-    with style(name):
-        size = (1.3 * WIDTH if with_errors else WIDTH, 1.8 + 0.28 * len(estimated))
-        figure = Picture(figsize=size, layout="constrained")
+    size = (1.3 * WIDTH if with_errors else WIDTH, 1.8 + 0.28 * len(estimated))
+    with picture(name, size) as figure:
         ratios = (3, 2) if with_errors else (1,)
         first, *others = figure.subplots(1, len(ratios), width_ratios=ratios, squeeze=False)[0]
         _intervals(first, estimated)

@@ -57,6 +57,18 @@ def style(name: str) -> Iterator[None]:
         yield
 
 
+@contextmanager
+def picture(name: str, size: tuple[float, float]) -> Iterator[Figure]:
+    """An empty figure in that look, for `svg_text`.
+
+    Args:
+        name: of the plot, unique on the page.
+        size: width and height, inch.
+    """
+    with style(name):
+        yield Figure(figsize=size, layout="constrained")
+
+
 def svg_text(figure: Figure, name: str, description: str) -> str:
     """A figure as an SVG element, without XML declaration, metadata or clashing ids.
 

@@ -11,7 +11,6 @@ import numpy as np
 from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.colors import BoundaryNorm
-from matplotlib.figure import Figure as Picture
 
 from suta_calib.analysis.tip_map import THRESHOLDS, Figures, OpenDirection, TipMap
 from suta_calib.analysis.tip_sections import Slice
@@ -20,7 +19,7 @@ from suta_calib.report.document import Document, Figure, Part, Text
 from suta_calib.report.listing import Column, Listing, plain, written
 from suta_calib.report.plan import region_record, region_text
 from suta_calib.report.plan_plots import draw_arm
-from suta_calib.report.svg import ORANGE, WIDTH, style, svg_text
+from suta_calib.report.svg import ORANGE, WIDTH, picture, svg_text
 from suta_calib.units import deg, mm, shown
 
 NAME: Final = "tip_map"
@@ -126,8 +125,7 @@ def tip_map_plot(found: TipMap, name: str = NAME, *, absolute: bool = False) -> 
     """
     grids = [each.absolute if absolute else each.registered for each in found.sections]
     levels = _levels(mm(np.concatenate([grid[np.isfinite(grid)] for grid in grids])))
-    with style(name):
-        figure = Picture(figsize=(1.35 * WIDTH, 5.4), layout="constrained")
+    with picture(name, (1.35 * WIDTH, 5.4)) as figure:
         panels = figure.subplots(1, len(grids))
         for axes, each, grid in zip(panels, found.sections, grids, strict=True):
             filled = _map(axes, each, mm(grid), levels)
