@@ -47,18 +47,23 @@ PATH: Final = click.Path(path_type=Path)
 POSITIVE: Final = FiniteRange(min=0, min_open=True)
 
 
+def numbers_of(text: str) -> list[float]:
+    """Finite numbers with commas between them; none where there is anything else."""
+    try:
+        numbers = [float(part) for part in text.split(",")]
+    except ValueError:
+        return []
+    return numbers if all(map(math.isfinite, numbers)) else []
+
+
 def _place(
     context: click.Context, parameter: click.Parameter, value: str | None
 ) -> FloatArray | None:
     """As many finite numbers as the option's metavar names, with commas between them, in m."""
     if value is None:
         return None
-    names = str(parameter.metavar)
-    try:
-        numbers = [float(part) for part in value.split(",")]
-    except ValueError:
-        numbers = []
-    if len(numbers) != names.count(",") + 1 or not all(map(math.isfinite, numbers)):
+    names, numbers = str(parameter.metavar), numbers_of(value)
+    if len(numbers) != names.count(",") + 1:
         raise click.BadParameter(f"found {value!r}; expected {names} in mm", context, parameter)
     place = from_mm(np.array(numbers))
     # Six are a lower and an upper corner, (2, 3).
