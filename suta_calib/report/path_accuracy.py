@@ -13,12 +13,12 @@ from matplotlib.axes import Axes
 from suta_calib.arrays import FloatArray
 from suta_calib.geometry.numbers import homogeneous
 from suta_calib.report.document import Document, Figure, Part, Text
-from suta_calib.report.listing import Column, Json, Listing, plain, shown_as
+from suta_calib.report.listing import Column, Json, Listing
 from suta_calib.report.poses import LARGE, pose_record
 from suta_calib.report.svg import BLUE, GREY, ORANGE, picture, shown_array, svg_text
 from suta_calib.tracking.path_accuracy import ErrorFigures, PathAccuracy
 from suta_calib.tracking.reversals import ChannelReversals
-from suta_calib.units import NOTHING, Unit, key, mm, ms, text, unit_name
+from suta_calib.units import NOTHING, Unit, mm, ms, text, unit_name
 
 # Of its picture too: what the command was called at first.
 NAME: Final = "dynamics"
@@ -52,28 +52,27 @@ ERRORS: Final = Listing[ErrorKind](
 
 @dataclass(frozen=True, eq=False)
 class Reversals:
-    """What happens where one joint or axis turns back; its hysteresis and standard uncertainty."""
+    """What happens where one joint or axis turns back.
+
+    Attributes:
+        channel: the joint or axis.
+        hysteresis, hysteresis_std: of it, with its standard uncertainty; NaN where not known.
+    """
 
     channel: ChannelReversals
-    hysteresis: tuple[float, float] | None
+    hysteresis: float
+    hysteresis_std: float
 
-    @property
-    def hysteresis_text(self) -> str:
-        """As it is shown; a dash where it is not known."""
-        if self.hysteresis is None:
-            return NOTHING
-        size, std = self.hysteresis
-        unit = self.channel.channel.unit
-        return f"{text(size, unit)} ± {text(std, unit, with_unit=True)}"
 
-    def hysteresis_record(self) -> Json:
-        """As JSON has it."""
-        size, std = self.hysteresis or (math.nan, math.nan)
-        unit = self.channel.channel.unit
-        return {
-            key("hysteresis", unit): plain(size, unit),
-            key("hysteresis_std", unit): plain(std, unit),
-        }
+def _joint_unit(each: Reversals) -> Unit:
+    return each.channel.channel.unit
+
+
+def _hysteresis_text(each: Reversals) -> str:
+    if math.isnan(each.hysteresis):
+        return NOTHING
+    unit = _joint_unit(each)
+    return f"{text(each.hysteresis, unit)} ± {text(each.hysteresis_std, unit, with_unit=True)}"
 
 
 AXES: Final = Listing[Reversals](
@@ -88,7 +87,8 @@ JOINTS: Final = Listing[Reversals](
     AXES.title,
     replace(AXES.columns[0], heading="joint"),
     *AXES.columns[1:],
-    shown_as("hysteresis", lambda each: each.hysteresis_text),
+    Column("hysteresis", "hysteresis", unit=_joint_unit, cell=_hysteresis_text),
+    Column("hysteresis_std", unit=_joint_unit),
 )
 
 
@@ -100,8 +100,12 @@ def path_accuracy_document(found: PathAccuracy) -> Document:
     ``orientation``.
     """
     alignment, errors = found.alignment, _errors(found)
-    rows = [Reversals(each, found.hysteresis.get(each.channel.name)) for each in found.reversals]
-    by_joint = found.per == "joint"
+    reversals = JOINTS if found.per == "joint" else AXES
+    unknown = (math.nan, math.nan)
+    rows = [
+        Reversals(each, *found.hysteresis.get(each.channel.name, unknown))
+        for each in found.reversals
+    ]
     late = "later" if alignment.latency >= 0 else "earlier"
     latency = (
         f"Latency {ms(alignment.latency):.3f} ± {ms(alignment.latency_std):.3f} ms: the "
@@ -111,10 +115,9 @@ def path_accuracy_document(found: PathAccuracy) -> Document:
     parts: list[Part] = [
         Text(latency),
         ERRORS.of(errors),
-        (JOINTS if by_joint else AXES).of(rows),
+        reversals.of(rows),
         Figure(partial(path_accuracy_plot, found)),
     ]
-    channels = [AXES.record(each) | (each.hysteresis_record() if by_joint else {}) for each in rows]
     registration: Json | None = None
     if alignment.registered:
         pose = homogeneous(alignment.rotation, alignment.position)
@@ -126,7 +129,7 @@ def path_accuracy_document(found: PathAccuracy) -> Document:
             "searched_ms": ms(float(alignment.shifts[-1])),
         },
         "errors": {each.key: ERRORS.record(each) for each in errors},
-        "reversals": {"per": found.per, "channels": channels},
+        "reversals": {"per": found.per, "channels": reversals.records(rows)},
         "registration": registration,
         "samples": {"compared": len(found.time), "recorded": len(found.recorded.time)},
         "seconds": float(found.time[-1] - found.time[0]),

@@ -235,9 +235,8 @@ def _noise(found: Plan) -> list[Json]:
 
 def _bench_rows(found: Plan) -> Listing[Choice]:
     """Columns of ``plan.csv``: those of a pose, and those of joints where a posture is planned."""
-    joints = (
-        _joints(found) if any(isinstance(c.candidate.place, Posture) for c in found.chosen) else {}
-    )
+    postures = any(isinstance(choice.candidate.place, Posture) for choice in found.chosen)
+    joints = _joints(found) if postures else {}
 
     def pose(k: int, choice: Choice) -> float | None:
         place = choice.candidate.place
@@ -299,12 +298,12 @@ def _remedy_sentences(found: Plan) -> list[str]:
     sentences = []
     for remedy in found.remedies:
         named = listed(remedy.candidates, MOST_NAMES)
-        able = (
-            f"Determined by a {' or '.join(remedy.sorts)}: {named}; by no other sort of candidate."
-        )
         why = f" ({remedy.why})" if remedy.why else ""
         if remedy.by_all and remedy.candidates:
-            sentences.append(f"{remedy.parameter} is open{why}. {able}")
+            sentences.append(
+                f"{remedy.parameter} is open{why}. Determined by a {' or '.join(remedy.sorts)}: "
+                f"{named}; by no other sort of candidate."
+            )
         elif remedy.by_all:
             together = "only several candidates together determine it."
             sentences.append(f"{remedy.parameter} is open{why}; {together}")
