@@ -23,7 +23,7 @@ from pose_scenes import (
 from rich.console import Console
 from scipy.spatial.transform import Rotation
 
-from suta_calib.cli import _poses
+from suta_calib.cli import _output
 
 
 # ── all three ────────────────────────────────────────────────────────────────────────────────
@@ -66,9 +66,9 @@ def test_long_work_says_so_on_a_terminal_only(
 ) -> None:
     written = io.StringIO()
     there = Console(file=written, force_terminal=terminal)
-    monkeypatch.setattr(_poses, "console", lambda **_: there)
-    monkeypatch.setattr(_poses, "PATIENCE_S", patience)
-    with _poses.LateStatus("calibrating") as status:
+    monkeypatch.setattr(_output, "console", lambda **_: there)
+    monkeypatch.setattr(_output, "PATIENCE_S", patience)
+    with _output.LateProgress("calibrating") as status:
         for _ in range(100):
             if "calibrating" in written.getvalue():
                 break

@@ -36,8 +36,9 @@ from suta_calib.pose_calibration.pivot import PivotCalibration, calibrate_pivot
 from suta_calib.pose_calibration.registration import Registration, register
 from suta_calib.report.console import rendered
 from suta_calib.report.document import Document
-from suta_calib.report.files import json_text, write_texts
+from suta_calib.report.files import write_texts
 from suta_calib.report.hand_eye import hand_eye_document, hand_eye_plot
+from suta_calib.report.listing import json_text
 from suta_calib.report.pivot import pivot_document, pivot_plot
 from suta_calib.report.poses import pose_record
 from suta_calib.report.registration import register_document, register_plot
