@@ -33,7 +33,6 @@ from suta_calib.job.limits import (
     StatedUncertainty,
     worst,
 )
-from suta_calib.measurements import Samples
 from suta_calib.units import mm
 
 TOUCHES: Final = 25
@@ -82,8 +81,17 @@ class AcceptanceMeasurements:
             found = replace(found, lengths=errors)
         if job.articulation:
             with job.error_context("articulation"):
-                points = [_articulations(job, samples) for samples in job.articulation]
-            found = replace(found, articulations=tuple(each for some in points for each in some))
+                points = [
+                    each
+                    for samples in job.articulation
+                    for each in articulations(
+                        job.arm.forward(samples.q)[1],
+                        samples.labels["point"],
+                        samples.labels.get("articulation"),
+                        sphere=job.on_spheres,
+                    )
+                ]
+            found = replace(found, articulations=tuple(points))
         if job.probing is not None:
             place = job.arm.forward(job.probing.samples.q)[1]
             with job.error_context("probing"):
@@ -95,12 +103,6 @@ class AcceptanceMeasurements:
             with job.error_context("repeatability"):
                 found = replace(found, repeats=repeats(place, job.repeatability.labels["point"]))
         return found
-
-
-def _articulations(job: AcceptanceJob, samples: Samples) -> tuple[Articulation, ...]:
-    place, labels = job.arm.forward(samples.q)[1], samples.labels
-    each = labels.get("articulation")
-    return articulations(place, labels["point"], each, sphere=job.on_spheres)
 
 
 @dataclass(frozen=True)
@@ -156,16 +158,14 @@ class AcceptanceTest:
     @property
     def assessment(self) -> Assessment:
         """Passed, failed, or neither proved."""
-        bad = [_failure(each) for each in self.characteristics if _failure(each)]
-        return Assessment.of(self._sentence(), bad=bad, care=self._cautions())
-
-    def _sentence(self) -> str:
+        bad = [note for each in self.characteristics if (note := _failure(each))]
+        sentence = "No limits given: figures without pass or fail"
         judged = [each for each in self.characteristics if each.limit is not None]
-        if not judged:
-            return "No limits given: figures without pass or fail"
-        kept = sum(each.decision == "pass" for each in judged)
-        words = {"pass": "Passed", "fail": "Failed", "undecided": "Neither passed nor failed"}
-        return f"{words[self.decision]}: {kept} of {len(judged)} limits are kept"
+        if judged:
+            kept = sum(each.decision == "pass" for each in judged)
+            words = {"pass": "Passed", "fail": "Failed", "undecided": "Neither passed nor failed"}
+            sentence = f"{words[self.decision]}: {kept} of {len(judged)} limits are kept"
+        return Assessment.of(sentence, bad=bad, care=self._cautions())
 
     def _cautions(self) -> list[str]:
         notes = [*self.measured.notes]
@@ -199,22 +199,19 @@ class AcceptanceTest:
                 "were not tested."
             )
         if m.articulations:
-            said.append(_articulations_said(m.articulations))
+            fewest = min(len(each.names) for each in m.articulations)
+            made = f"from {fewest} up"
+            if {(a.touches, len(a.names)) for a in m.articulations} == {(TOUCHES, ARTICULATIONS)}:
+                made = "five touches in each of five articulations"
+            said.append(
+                f"Articulations: {made}; the standard finds a sphere's centre from five touches "
+                "in each of five, spread over the range of the wrist."
+            )
         if any(len(each.radial) != TOUCHES for each in m.spheres):
             said.append(f"Probing: the standard asks for {TOUCHES} touches of each sphere.")
         if m.repeats:
             said.append("Repeatability of one point is no characteristic of ISO 10360-12.")
         return tuple(said)
-
-
-def _articulations_said(found: Sequence[Articulation]) -> str:
-    fewest = min(len(each.names) for each in found)
-    several = all(each.touches == TOUCHES and len(each.names) == ARTICULATIONS for each in found)
-    made = "five touches in each of five articulations" if several else f"from {fewest} up"
-    return (
-        f"Articulations: {made}; the standard finds a sphere's centre from five touches in each "
-        "of five, spread over the range of the wrist."
-    )
 
 
 def _failure(each: Characteristic) -> str:

@@ -47,7 +47,8 @@ def groupings(term: Term) -> tuple[Grouping, ...]:
     """
     labels, found = term.poses.samples.labels, dict[tuple[str, ...], Grouping]()
     for noun, columns in term.groupings.items():
-        grouping = _by(f"{noun}s", joined(labels, columns) if columns else row_names(term))
+        names, member = grouped(joined(labels, columns) if columns else row_names(term))
+        grouping = Grouping(f"{noun}s", tuple(names), member)
         coarser = found.get(columns[:-1])
         if coarser is None or len(coarser) < len(grouping):
             found[columns] = grouping
@@ -71,8 +72,3 @@ def touch_name(term: Term, row: int) -> str:
     if term.touched is not None:
         return "{} at {}/{}".format(*(labels[k][row] for k in ("landmark", "placement", "repeat")))
     return str(labels[term.place][row]) if term.place else f"row {row}"
-
-
-def _by(name: str, labels: NDArray[np.str_]) -> Grouping:
-    names, member = grouped(labels)
-    return Grouping(name, tuple(names), member)

@@ -290,44 +290,33 @@ def directional_force(
     search = search_backlash(groups, values[:, : len(joints)], random)
     means = groups.means(values)
     tip = means[:, len(joints) :]
+    # The chance of barycentres so far apart is that under permuted labels.
+    places = values[:, len(joints) :]
+    orders = (groups.shuffled(random) for _ in range(PERMUTATIONS))
+    drawn = np.array([groups.between(places, order) for order in orders])
+    above = int(np.sum(drawn >= groups.between(places) * (1 - 1e-9)))
+    pushes = []
+    for k, (name, unit, lever) in enumerate(joints):
+        backlash = float(np.ptp(search.backlash[:, k]))
+        pushes.append(
+            JointPush(
+                name,
+                unit,
+                dict(zip(groups.names, means[:, k].tolist(), strict=True)),
+                float(np.ptp(means[:, k])),
+                backlash,
+                float(search.by_chance[k]),
+                lever * backlash,
+                float(search.p_values[k]),
+                k in search.joints,
+                tuple(joints[other][0] for other in search.as_well.get(k, ())),
+            )
+        )
     rows = (position[direction == name] for name in groups.names)
     return DirectionalForce(
         {name: PositionScatter.of(each) for name, each in zip(groups.names, rows, strict=True)},
         float(np.linalg.norm(tip[:, None] - tip[None], axis=-1).max()),
-        _tip_p_value(groups, values[:, len(joints) :], random),
-        tuple(_push(groups, joints, means[:, k], search, k) for k in range(len(joints))),
+        (1 + above) / (PERMUTATIONS + 1),
+        tuple(pushes),
         values - groups.member @ means,
     )
-
-
-def _push(
-    groups: DirectionGroups,
-    joints: Sequence[tuple[str, Unit, float]],
-    means: FloatArray,
-    search: BacklashSearch,
-    k: int,
-) -> JointPush:
-    name, unit, lever = joints[k]
-    backlash = float(np.ptp(search.backlash[:, k]))
-    return JointPush(
-        name,
-        unit,
-        dict(zip(groups.names, means.tolist(), strict=True)),
-        float(np.ptp(means)),
-        backlash,
-        float(search.by_chance[k]),
-        lever * backlash,
-        float(search.p_values[k]),
-        k in search.joints,
-        tuple(joints[other][0] for other in search.as_well.get(k, ())),
-    )
-
-
-def _tip_p_value(
-    groups: DirectionGroups, position: FloatArray, random: np.random.Generator
-) -> float:
-    """Chance of barycentres so far apart under permuted labels."""
-    orders = (groups.shuffled(random) for _ in range(PERMUTATIONS))
-    drawn = [groups.between(position, order) for order in orders]
-    above = np.sum(np.array(drawn) >= groups.between(position) * (1 - 1e-9))
-    return float(1 + above) / (PERMUTATIONS + 1)

@@ -77,7 +77,9 @@ def allan_deviation(
     decades = np.log10(n // _LEAST_AVERAGES)
     sizes = np.unique(np.logspace(0, decades, int(_PER_DECADE * decades) + 1).astype(int))
     deviation = np.array([overlapping(readings, int(m)) for m in sizes])
-    freedom = _freedom(n, sizes)
+    # Degrees of freedom for white noise of the readings, NIST SP 1065, table 5.
+    terms = 3 * (n - 1) / (2 * sizes) - 2 * (n - 2) / n
+    freedom = terms * 4 * sizes**2 / (4 * sizes**2 + 5)
     tail = (1 - confidence) / 2
     return AllanDeviation(
         period * sizes,
@@ -93,13 +95,6 @@ def overlapping(readings: FloatArray, size: int) -> float:
     averages = (sums[size:] - sums[:-size]) / size
     steps = averages[size:] - averages[:-size]
     return float(np.sqrt(0.5 * np.mean(steps**2)))
-
-
-def _freedom(n: int, m: FloatArray) -> FloatArray:
-    """Degrees of freedom for white noise of the readings, NIST SP 1065, table 5."""
-    return np.asarray(
-        (3 * (n - 1) / (2 * m) - 2 * (n - 2) / n) * 4 * m**2 / (4 * m**2 + 5), dtype=float
-    )
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
@@ -89,17 +89,12 @@ def read_stream(path: Path, joints: Sequence[str] = ()) -> Stream:
     for row in np.flatnonzero(np.diff(time) <= 0):
         found = f"{kept.columns['time'][row + 1]} after {kept.columns['time'][row]}"
         raise kept.refuse(int(row) + 1, "time", found, "time that increases", "one clock")
-    readings = np.stack([_readings(kept, name) for name in names], axis=1)
+    readings = np.stack([kept.numbers(n, "one column per joint, in rad") for n in names], axis=1)
+    for row, column in np.argwhere(np.abs(readings) > _LARGEST_ANGLE):
+        value = f"{readings[row, column]:.6g}"
+        hint = "looks like degrees or counts: convert it"
+        raise kept.refuse(int(row), names[column], value, "rad", hint)
     return Stream(path, names, time, readings, len(table) - len(kept))
-
-
-def _readings(table: CsvTable, name: str) -> FloatArray:
-    values = table.numbers(name, "one column per joint, in rad")
-    for row in np.flatnonzero(np.abs(values) > _LARGEST_ANGLE):
-        raise table.refuse(
-            int(row), name, f"{values[row]:.6g}", "rad", "looks like degrees or counts: convert it"
-        )
-    return values
 
 
 def _kept(table: CsvTable) -> CsvTable:
@@ -135,11 +130,6 @@ def _read_parquet(path: Path) -> CsvTable:
             file=path,
             hint=did_you_mean("time", columns),
         )
-    texts = {name: tuple(_text(value) for value in values) for name, values in columns.items()}
+    # `str` of a float is its shortest exact form.
+    texts = {n: tuple("" if v is None else str(v) for v in vs) for n, vs in columns.items()}
     return CsvTable(path, texts, 1, tuple(range(1, len(texts["time"]) + 1)))
-
-
-def _text(value: Any) -> str:
-    if value is None:
-        return ""
-    return repr(value) if isinstance(value, float) else str(value)
