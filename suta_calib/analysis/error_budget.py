@@ -320,7 +320,25 @@ def _missing(blocks: Sequence[BlockBudget], known: bool) -> tuple[str, ...]:
             "Nothing is stated of the encoders: give the job encoders: {bits: …, noise_deg: …}, "
             "and their share gets a number of its own."
         )
-    notes += _on_repeats(blocks)
+    # What would tell scatter from model, for the kinds in which they stand together.
+    mixed = {
+        b.kind
+        for b in blocks
+        for s in b.shares
+        if "model" in s.sources and ("seating" in s.sources or "instrument" in s.sources)
+    }
+    repeatable = {b.kind for b in blocks if "repeat" in KINDS[b.kind].columns.labels}
+    if mixed & repeatable:
+        notes.append(
+            "There are too few repeats of the same touch to tell what scatters from what the model "
+            "lacks: touch every landmark again, at least twice (column repeat)."
+        )
+    if (others := sorted(mixed - repeatable)) and not repeatable - mixed:
+        notes.append(
+            f"{' and '.join(others)} {'have' if len(others) > 1 else 'has'} no repeats of the same "
+            "posture, so what scatters there and what the model lacks stand together: an artefact "
+            "touched at least twice at each placement tells them apart."
+        )
     if any(b.overstated for b in blocks):
         notes.append(
             "The encoders' stated noise would scatter repeats more than they do: it is stated too "
@@ -332,32 +350,3 @@ def _missing(blocks: Sequence[BlockBudget], known: bool) -> tuple[str, ...]:
             "a number of its own."
         )
     return tuple(notes)
-
-
-def _on_repeats(blocks: Sequence[BlockBudget]) -> list[str]:
-    """What would tell scatter from model, for the kinds in which they stand together."""
-    mixed = {
-        b.kind
-        for b in blocks
-        for s in b.shares
-        if "model" in s.sources and ("seating" in s.sources or "instrument" in s.sources)
-    }
-    repeatable = {kind for kind in mixed if _repeatable(kind)}
-    notes = []
-    if repeatable:
-        notes.append(
-            "There are too few repeats of the same touch to tell what scatters from what the model "
-            "lacks: touch every landmark again, at least twice (column repeat)."
-        )
-    told = {b.kind for b in blocks if _repeatable(b.kind)} - repeatable
-    if (others := sorted(mixed - repeatable)) and not told:
-        notes.append(
-            f"{' and '.join(others)} {'have' if len(others) > 1 else 'has'} no repeats of the same "
-            "posture, so what scatters there and what the model lacks stand together: an artefact "
-            "touched at least twice at each placement tells them apart."
-        )
-    return notes
-
-
-def _repeatable(kind: str) -> bool:
-    return "repeat" in KINDS[kind].columns.labels

@@ -7,7 +7,6 @@ P_Form, the errors of size and form on a sphere of 25 touches.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -79,19 +78,12 @@ class AcceptanceMeasurements:
             with job.error_context("lengths"):
                 errors = LengthErrors.joined([LengthErrors.of(term) for term in job.lengths])
             found = replace(found, lengths=errors)
-        if job.articulation:
+        for samples in job.articulation:
+            place, labels = job.arm.forward(samples.q)[1], samples.labels
             with job.error_context("articulation"):
-                points = [
-                    each
-                    for samples in job.articulation
-                    for each in articulations(
-                        job.arm.forward(samples.q)[1],
-                        samples.labels["point"],
-                        samples.labels.get("articulation"),
-                        sphere=job.on_spheres,
-                    )
-                ]
-            found = replace(found, articulations=tuple(points))
+                each = labels.get("articulation")
+                points = articulations(place, labels["point"], each, sphere=job.on_spheres)
+            found = replace(found, articulations=(*found.articulations, *points))
         if job.probing is not None:
             place = job.arm.forward(job.probing.samples.q)[1]
             with job.error_context("probing"):
@@ -246,20 +238,23 @@ def accept(
     """Judge what was measured."""
     m, u = measured, uncertainty
     diameter = float(np.hypot(EXPANDED * m.sphere_std, u.size))
+    visits = [(r.point, r.diameter) for r in m.repeats]
     kinds = (
         ("L_Dia", [(a.point, a.diameter) for a in m.articulations], limits.location, u.location),
         ("P_Size", [(s.sphere, s.size) for s in m.spheres], limits.size, diameter),
         ("P_Form", [(s.sphere, s.form) for s in m.spheres], limits.form, u.form),
-        (
-            "repeatability",
-            [(r.point, r.diameter) for r in m.repeats],
-            limits.repeatability,
-            u.repeatability,
-        ),
+        ("repeatability", visits, limits.repeatability, u.repeatability),
     )
-    found = [_worst_place(*kind, rule) for kind in kinds if kind[1]]
+    found = []
     if m.lengths is not None:
-        found.insert(0, _worst_length(m.lengths, m.bidirectional, limits, u, rule))
+        found.append(_worst_length(m.lengths, m.bidirectional, limits, u, rule))
+    for symbol, values, limit, expanded in kinds:
+        if values:
+            where, value = max(values, key=lambda each: abs(each[1]))
+            decision = rule.decide(value, limit, expanded)
+            found.append(
+                Characteristic(symbol, where, value, limit, expanded, decision, len(values))
+            )
     return AcceptanceTest(measured, limits, uncertainty, rule, tuple(found))
 
 
@@ -296,15 +291,3 @@ def _worst_length(
         worst(decisions),
         len(lengths),
     )
-
-
-def _worst_place(
-    symbol: str,
-    values: Sequence[tuple[str, float]],
-    limit: float | None,
-    expanded: float,
-    rule: DecisionRule,
-) -> Characteristic:
-    where, value = max(values, key=lambda each: abs(each[1]))
-    decision = rule.decide(value, limit, expanded)
-    return Characteristic(symbol, where, value, limit, expanded, decision, len(values))

@@ -16,10 +16,9 @@ from typing import Final
 import numpy as np
 
 from suta_calib.analysis.outliers.answer import METRICS, Measures
-from suta_calib.analysis.outliers.groups import Grouping
+from suta_calib.analysis.outliers.groups import Grouping, Registered, systematic
 from suta_calib.analysis.outliers.metrics import Scene, inverse, shares
 from suta_calib.analysis.outliers.reference import Refit
-from suta_calib.analysis.outliers.registration import Registered, systematic
 from suta_calib.analysis.outliers.touches import Touches
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.solver.information import Rows, whitened_rows

@@ -9,7 +9,7 @@ them out would do on data that were not fitted, `Judge` says.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
@@ -111,18 +111,15 @@ class ReferenceFit:
         """
         more = {n for n, p in arm.items() if p.free and n not in self.parameters}
         values = {n: p.nominal for n, p in arm.items()} | dict(self.values)
-        found = ReferenceFit(
-            self.terms, self.index, arm, self.estimated | more, values, self.sigmas
-        )
+        estimated = self.estimated | more
+        found = replace(self, parameters=arm, estimated=estimated, values=values, _known={})
         fit = found.over(kept)
         if fit is None:
             return found
         sigmas = found.block_sigmas(fit.problem.terms)
         noise = noise_levels(fit.problem, fit.x, sigmas)
         known = dict(self.sigmas) | _by_block(fit.problem.terms, noise)
-        return ReferenceFit(
-            self.terms, self.index, arm, found.estimated, values | dict(fit.values), known
-        )
+        return replace(found, values=values | dict(fit.values), sigmas=known, _known={})
 
     @property
     def term(self) -> Term:

@@ -20,12 +20,10 @@ import numpy as np
 from suta_calib.analysis.outliers.answer import (
     AGREEMENT,
     METRICS,
-    Displacement,
     GrossTouch,
     Group,
     HeldOut,
     Level,
-    Metric,
     Outliers,
     TermOutliers,
     Thresholds,
@@ -35,22 +33,25 @@ from suta_calib.analysis.outliers.groups import Grouping, groupings, row_names, 
 from suta_calib.analysis.outliers.metrics import Scene, measures
 from suta_calib.analysis.outliers.reference import Judge, ReferenceFit
 from suta_calib.analysis.outliers.touches import SMALLEST, Touches, explained_touches
-from suta_calib.arrays import BoolArray, FloatArray
+from suta_calib.arrays import BoolArray
 from suta_calib.errors import SamplesError
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import ParameterSet
 from suta_calib.solver.ipopt import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
-from suta_calib.solver.solve import solve
+from suta_calib.solver.solve import Progress, solve
 from suta_calib.terms.term import Term
 from suta_calib.threads import single_threaded
 from suta_calib.units import from_deg
 
-Progress = Callable[[int, int], None]
 # Standard deviations of a built arm about its drawing or URDF, m and rad.
 LENGTH: Final = 5e-3
 ANGLE: Final = from_deg(1.0)
+# Rows beyond which only those with the largest errors are refitted one by one.
+MOST_ROWS: Final = 300
+# Errors (RMS, m) that are rounding: the fit leaves none.
+ROUNDING: Final = 1e-9
 
 
 @single_threaded
@@ -140,12 +141,6 @@ def whole_arm(arm: ArmModel | None, job: ParameterSet) -> ParameterSet:
     return ParameterSet(known.values())
 
 
-# Rows beyond which only those with the largest errors are refitted one by one.
-MOST_ROWS: Final = 300
-# Errors (RMS, m) that are rounding: the fit leaves none.
-ROUNDING: Final = 1e-9
-
-
 class TermSearch:
     """One term of a problem.
 
@@ -187,14 +182,19 @@ class TermSearch:
         touches = explained_touches(self._own, self._arm, landmarks)
         judged = self._own.freed(self._arm, ~(touches.gross | _displaced(touches, landmarks)))
         found = [self._level(judged, g, landmarks, touches) for g in levels]
-        by_row = any(g.name == "rows" for g in everything)
+        gross = []
+        if not any(g.name == "rows" for g in everything):
+            names, size = row_names(self._term), np.linalg.norm(touches.rest, axis=1)
+            for k in np.flatnonzero(touches.gross):
+                what = touch_name(self._term, int(k))
+                gross.append(GrossTouch(str(names[k]), what, float(size[k])))
         position = None
         if landmarks is not None and self._term.touched is not None:
             position = self._term.touched.position_of(landmarks.labels)
         return TermOutliers(
             self._term.kind,
             tuple(found),
-            () if by_row else self._gross(touches),
+            tuple(gross),
             len(self._term.poses),
             touches.sigma,
             position,
@@ -213,58 +213,44 @@ class TermSearch:
         n = len(grouping.member)
         nothing, everything = np.zeros(n, dtype=bool), np.ones(n, dtype=bool)
         chosen = chosen_groups(grouping, touches)
+        scene = Scene(judged, ~touches.gross, _displaced(touches, landmarks))
         if grouping.name == "rows":
             scene = Scene(judged, everything, touches.gross)
-        else:
-            displaced = _displaced(touches, landmarks)
-            scene = Scene(judged, ~touches.gross, displaced)
         own = Scene(self._own, everything, nothing)
         values = measures(scene, grouping, chosen, self._count)
         calibrated = measures(own, grouping, chosen, self._count).array()
         p = Simulator(scene, touches, self._seed).chance(grouping).p(values)
         limits = {m: self._thresholds.of(m, len(grouping)) for m in METRICS}
-        groups = [
-            self._group(
-                grouping,
-                g,
-                values.array()[:, g],
-                p[:, g],
-                calibrated[:, g],
-                limits,
-                errs=_errs(scene, grouping.rows(g)),
-                displacement=touches.displaced.get(g) if grouping.name == "landmarks" else None,
+        groups = []
+        for g in chosen:
+            rows = grouping.rows(g)
+            value, chance, as_calibrated = (
+                dict(zip(METRICS, figures[:, g].tolist(), strict=True))
+                for figures in (values.array(), p, calibrated)
             )
-            for g in chosen
-        ]
+            # Errors of the fit that a group is judged in may be no more than its last digits.
+            fit, _ = scene.with_and_without(rows)
+            flags = tuple(
+                name
+                for name in METRICS
+                if fit is not None
+                and fit.rms > SMALLEST
+                and value[name] > limits[name]
+                and chance[name] <= self._thresholds.significance
+            )
+            groups.append(
+                Group(
+                    grouping.labels[g],
+                    int(rows.sum()),
+                    value,
+                    chance,
+                    flags,
+                    as_calibrated,
+                    len(flags) >= AGREEMENT,
+                    touches.displaced.get(g) if grouping.name == "landmarks" else None,
+                )
+            )
         return Level(grouping.name, tuple(groups), limits)
-
-    def _group(
-        self,
-        grouping: Grouping,
-        g: int,
-        values: FloatArray,
-        p: FloatArray,
-        calibrated: FloatArray,
-        limits: dict[Metric, float],
-        *,
-        errs: bool,
-        displacement: Displacement | None,
-    ) -> Group:
-        flags = tuple(
-            name
-            for name, value, chance in zip(METRICS, values, p, strict=True)
-            if errs and value > limits[name] and chance <= self._thresholds.significance
-        )
-        return Group(
-            grouping.labels[g],
-            int(grouping.rows(g).sum()),
-            dict(zip(METRICS, values.tolist(), strict=True)),
-            dict(zip(METRICS, p.tolist(), strict=True)),
-            flags,
-            dict(zip(METRICS, calibrated.tolist(), strict=True)),
-            len(flags) >= AGREEMENT,
-            displacement,
-        )
 
     def _held_out(self, grouping: Grouping, level: Level) -> dict[str, HeldOut]:
         """The effect of excluding each group; of rows, and without validation, of flagged ones."""
@@ -275,20 +261,6 @@ class TermSearch:
             if g.flags or not few
         }
         return {label: effect for label, effect in effects.items() if effect is not None}
-
-    def _gross(self, touches: Touches) -> tuple[GrossTouch, ...]:
-        names = row_names(self._term)
-        size = np.linalg.norm(touches.rest, axis=1)
-        return tuple(
-            GrossTouch(str(names[k]), touch_name(self._term, int(k)), float(size[k]))
-            for k in np.flatnonzero(touches.gross)
-        )
-
-
-def _errs(scene: Scene, rows: BoolArray) -> bool:
-    """Whether errors of the fit that a group is judged in are more than its last digits."""
-    fit, _ = scene.with_and_without(rows)
-    return fit is not None and fit.rms > SMALLEST
 
 
 def not_searched(term: Term, *, exact: bool = False) -> TermOutliers:

@@ -31,6 +31,16 @@ FALSE_ALARM: Final = 0.01
 SMALLEST: Final = 1e-6
 # Variance of a median over that of a mean, for normal numbers.
 MEDIAN_COST: Final = np.pi / 2
+# Residual, in standard deviations of a component, from which on a touch loses weight: Huber's while
+# the fit settles, then Tukey's, which ignores gross touches altogether.
+TUKEY: Final = 6.0
+SETTLING: Final = 8
+ROUNDS: Final = 30
+SAME: Final = 1e-3
+# Lengths, m, that are rounding.
+FINEST: Final = 1e-9
+# Share of the data that a fit must leave for its scatter to be noise.
+LEAST_LEFT: Final = 0.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,27 +82,22 @@ def explained_touches(
     jacobian = rows.jacobian * np.repeat(rows.line.sigma, vehicle.blocks[0].size)[:, None]
     deviation = x - problem.parameters.array("nominal")
     fit = RobustLinearFit(jacobian, rows.line.residual.copy(), problem.prior_precision(), deviation)
-    return _with_displacements(fit, reference.term.repeats(), landmarks)
-
-
-def _with_displacements(
-    fit: RobustLinearFit, cells: IntArray, landmarks: Grouping | None
-) -> Touches:
-    """Free one landmark after the other for as long as one is significantly displaced."""
-    if landmarks is None:
-        rest, sigma, _ = fit.solve(np.zeros((fit.residual.size, 0)))
-        return Touches(rest, sigma, _shared(rest, cells, sigma), _gross(fit, rest, sigma))
+    cells = reference.term.repeats()
+    # One landmark after the other is freed for as long as one is significantly displaced.
+    member = np.zeros(0, dtype=np.intp) if landmarks is None else landmarks.member
     chosen: list[int] = []
     while True:
-        # (n, 3, 3 s) derivative of the residuals by the places of the chosen landmarks.
-        columns = np.zeros((len(cells), 3, 3 * len(chosen)))
-        for k, landmark in enumerate(chosen):
-            columns[landmarks.rows(landmark), :, 3 * k : 3 * k + 3] = np.eye(3)
-        rest, sigma, shift = fit.solve(columns.reshape(3 * len(cells), -1))
+        # (n, d, 3 s) derivative of the residuals by the places of the chosen landmarks.
+        columns = np.zeros((*fit.residual.shape, 3 * len(chosen)))
+        for k, mark in enumerate(chosen):
+            columns[member == mark, :, 3 * k : 3 * k + 3] = np.eye(3)
+        rest, sigma, shift = fit.solve(columns.reshape(fit.residual.size, -1))
+        if landmarks is None:
+            break
         # The median residual over the repeats of each touch, and the landmark of each touch.
         _, first, index = np.unique(cells, return_index=True, return_inverse=True)
         means = np.array([np.median(rest[index == k], axis=0) for k in range(len(first))])
-        of = landmarks.member[first]
+        of = member[first]
         spread = max(scatter(means), SMALLEST)
         worst, p = _most_displaced(means, of, spread, len(landmarks), chosen)
         if p * len(landmarks) > FALSE_ALARM or len(chosen) >= len(landmarks) // 3:
@@ -139,18 +144,6 @@ def _shared(rest: FloatArray, cells: IntArray, sigma: float) -> float:
     freed = inside / np.sqrt(1.0 - 1.0 / np.maximum(count, 2))[index, None]
     alone = scatter(freed[count[index] > 1])
     return float(np.sqrt(max(sigma**2 - alone**2, 0.0)))
-
-
-# Residual, in standard deviations of a component, from which on a touch loses weight: Huber's while
-# the fit settles, then Tukey's, which ignores gross touches altogether.
-TUKEY: Final = 6.0
-SETTLING: Final = 8
-ROUNDS: Final = 30
-SAME: Final = 1e-3
-# Lengths, m, that are rounding.
-FINEST: Final = 1e-9
-# Share of the data that a fit must leave for its scatter to be noise.
-LEAST_LEFT: Final = 0.3
 
 
 class RobustLinearFit:

@@ -126,32 +126,27 @@ def search_backlash(
     p_values = np.ones(values.shape[1])
     while True:
         shifts = _shifts(groups, values, found)
-        step = _step(groups, values - groups.member @ shifts, found, random)
+        rest = values - groups.member @ shifts
+        taken, alone, chance, by_chance = _step(groups, rest, found, random)
         others = [k for k in range(values.shape[1]) if k not in found]
-        p_values[others] = step.p_values[others]
-        best = max(others, key=lambda k: float(step.taken[k]), default=None)
-        if best is None or step.p_values[best] > FALSE_ALARM:
-            backlash = np.where(np.isin(range(values.shape[1]), found), shifts, step.backlash)
-            return BacklashSearch(tuple(found), as_well, backlash, p_values, step.by_chance)
-        close = (k for k in others if k != best and step.taken[best] - step.taken[k] < _AS_WELL)
-        as_well[best] = tuple(close)
+        p_values[others] = chance[others]
+        best = max(others, key=lambda k: float(taken[k]), default=None)
+        if best is None or chance[best] > FALSE_ALARM:
+            backlash = np.where(np.isin(range(values.shape[1]), found), shifts, alone)
+            return BacklashSearch(tuple(found), as_well, backlash, p_values, by_chance)
+        close = taken[best] - taken < _AS_WELL
+        as_well[best] = tuple(k for k in others if k != best and close[k])
         found.append(best)
-
-
-@dataclass(frozen=True, eq=False)
-class _Step:
-    """What each joint that is not yet found would explain: W (joints,), backlash (k, joints)."""
-
-    taken: FloatArray
-    backlash: FloatArray
-    p_values: FloatArray
-    by_chance: FloatArray
 
 
 def _step(
     groups: DirectionGroups, values: FloatArray, found: Sequence[int], random: np.random.Generator
-) -> _Step:
-    """Look at every joint given the others, those found free to do what they like."""
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """What each joint would explain, given the others, those found free to do what they like.
+
+    Returns:
+        W (joints,), backlash (k, joints), chance (joints,), and peak to peak by chance (joints,).
+    """
     orders = (groups.shuffled(random) for _ in range(PERMUTATIONS))
     drawn = np.array([groups.means(values, order) for order in orders])
     true = groups.means(values)[None]
@@ -162,7 +157,7 @@ def _step(
     chance, first = (np.quantile(np.ptp(each, axis=1), _CHANCE, axis=0) for each in (wide, alone))
     # An effect that is equal but for rounding is no smaller one.
     above = by_chance.max(axis=1)[:, None] >= taken * (1 - 1e-9)
-    return _Step(
+    return (
         taken,
         backlash,
         (1 + above.sum(axis=0)) / (PERMUTATIONS + 1),
