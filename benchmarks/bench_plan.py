@@ -33,11 +33,18 @@ from suta_calib import (
     solve,
 )
 from suta_calib.analysis.planning import Candidate, Placement, Pool, Region, Situation
-from suta_calib.analysis.planning.design import Design, best_set, random_sets
-from suta_calib.analysis.planning.generate import generated
-from suta_calib.analysis.planning.information import SharedInformation, Space, nothing, promised
+from suta_calib.analysis.planning.design import (
+    Design,
+    SharedInformation,
+    Space,
+    best_set,
+    nothing,
+    promised,
+    random_sets,
+)
 from suta_calib.analysis.planning.plan import forecast, tip_weight
 from suta_calib.analysis.planning.reach import Reach
+from suta_calib.analysis.planning.region import generated
 from suta_calib.analysis.tip_uncertainty import Sensitivity
 from suta_calib.arrays import FloatArray
 from suta_calib.geometry import register_points, rotation_from_vector

@@ -102,7 +102,7 @@ class Resimulation(Protocol):
     """A measurement repeated in simulation: how an arm reaches its targets, and how that scatters.
 
     A term knows where its touches should have been, or what its instrument should have seen; the
-    rest is the resimulation's: `analysis.study.resimulation` has one.
+    rest is the resimulation's: `analysis.study.trial` has one.
     """
 
     def touched(self, poses: PoseSource, target: FloatArray, sigma: float) -> PoseSource:

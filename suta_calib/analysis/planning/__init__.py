@@ -21,10 +21,9 @@ from suta_calib.analysis.planning.candidates import (
     tilted,
 )
 from suta_calib.analysis.planning.design import CRITERIA
-from suta_calib.analysis.planning.generate import Pool
 from suta_calib.analysis.planning.links import link_points
 from suta_calib.analysis.planning.plan import candidate_places, plan, situation_of_job
-from suta_calib.analysis.planning.region import Region, directions
+from suta_calib.analysis.planning.region import Pool, Region, directions
 from suta_calib.analysis.planning.situation import Situation
 
 __all__ = [
