@@ -18,10 +18,17 @@ from rich.console import Console
 from rich.table import Table
 from scipy.stats import poisson
 
-from suta_calib.device import Bus, DeviceSpec, JointSpec, Reading, decoder_for
-from suta_calib.device.formats import encode_frame, encode_line
-from suta_calib.device.formats.words import frame_crc
-from suta_calib.device.units import angles_from_counts
+from suta_calib.device import (
+    Bus,
+    DeviceSpec,
+    JointSpec,
+    Reading,
+    angles_from_counts,
+    decoder_for,
+    encode_frame,
+    encode_line,
+    frame_crc,
+)
 from suta_calib.emulation import EmulatedArm, Emulation, Still
 
 RATE = 768.0

@@ -22,8 +22,8 @@ from rich.table import Table
 from suta_calib import FixedPoint, HandEye, calibrate_hand_eye, calibrate_pivot
 from suta_calib.arrays import FloatArray
 from suta_calib.geometry import vector_from_rotation
-from suta_calib.terms.hand_eye_start import Poses
-from suta_calib.terms.synthetic import EXACT, OutlierKind, OutlierModel, PoseNoise, Simulated
+from suta_calib.pose_calibration import Poses
+from suta_calib.terms import EXACT, OutlierKind, OutlierModel, PoseNoise, Simulated
 
 RESULTS = Path(__file__).parent / "results" / "poses.md"
 NOISE = PoseNoise(3e-4, float(np.radians(0.1)))

@@ -12,16 +12,28 @@ from suta_calib.lazy import lazily
 if TYPE_CHECKING:
     from suta_calib.device.bus import Bus
     from suta_calib.device.description import DeviceSpec, JointSpec, read_device
-    from suta_calib.device.formats import Decoder, decoder_for
+    from suta_calib.device.formats import Decoder, decoder_for, encode_frame, encode_line
+    from suta_calib.device.formats.words import frame_crc
     from suta_calib.device.monitoring import Monitor, stream_report, watch
     from suta_calib.device.reading import Reading, Statistics
+    from suta_calib.device.units import angles_from_counts
 
 _HOMES = {
     "bus": ("Bus",),
     "description": ("DeviceSpec", "JointSpec", "read_device"),
-    "formats": ("FORMATS", "Decoder", "Encoder", "Format", "decoder_for"),
+    "formats": (
+        "FORMATS",
+        "Decoder",
+        "Encoder",
+        "Format",
+        "decoder_for",
+        "encode_frame",
+        "encode_line",
+    ),
+    "formats.words": ("frame_crc",),
     "monitoring": ("Monitor", "stream_report", "watch"),
     "reading": ("Reading", "Statistics"),
+    "units": ("angles_from_counts",),
 }
 
 __all__ = [
@@ -35,7 +47,11 @@ __all__ = [
     "Monitor",
     "Reading",
     "Statistics",
+    "angles_from_counts",
     "decoder_for",
+    "encode_frame",
+    "encode_line",
+    "frame_crc",
     "read_device",
     "stream_report",
     "watch",

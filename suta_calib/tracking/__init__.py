@@ -8,6 +8,7 @@ from suta_calib.lazy import lazily
 
 if TYPE_CHECKING:
     from suta_calib.tracking.igtl import IgtlPublisher
+    from suta_calib.tracking.latency import LatencyStatistics
     from suta_calib.tracking.live import Tracking, TrackOptions
     from suta_calib.tracking.path_accuracy import compare
     from suta_calib.tracking.publisher import Publisher, UdpPublisher
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
 
 _HOMES = {
     "igtl": ("IgtlPublisher",),
+    "latency": ("LatencyStatistics",),
     "live": ("TrackOptions", "Tracking"),
     "path_accuracy": ("compare",),
     "publisher": ("Publisher", "UdpPublisher"),
@@ -33,6 +35,7 @@ __all__ = [
     "CalibrationUncertainty",
     "CsvRecorder",
     "IgtlPublisher",
+    "LatencyStatistics",
     "ParquetRecorder",
     "Publisher",
     "TipKinematics",
