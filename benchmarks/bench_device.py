@@ -16,13 +16,20 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 from scipy.stats import poisson
+from tables import number_table
 
-from suta_calib.device import Bus, DeviceSpec, JointSpec, Reading, decoder_for
-from suta_calib.device.formats import encode_frame, encode_line
-from suta_calib.device.formats.words import frame_crc
-from suta_calib.device.units import angles_from_counts
+from suta_calib.device import (
+    Bus,
+    DeviceSpec,
+    JointSpec,
+    Reading,
+    angles_from_counts,
+    decoder_for,
+    encode_frame,
+    encode_line,
+    frame_crc,
+)
 from suta_calib.emulation import EmulatedArm, Emulation, Still
-from suta_calib.report.console import number_table
 
 RATE = 768.0
 FAST = 5000.0

@@ -14,9 +14,9 @@ from time import perf_counter
 import numpy as np
 from matplotlib.figure import Figure
 from rich.console import Console
+from tables import number_table
 
 from suta_calib import ArmPoses, CalibrationJob, PairwiseDistance, Problem, Samples, solve
-from suta_calib.report.console import number_table
 
 JOB = Path(__file__).parents[1] / "data" / "suta" / "calibration.yaml"
 PICTURE = Path(__file__).parent / "results" / "scaling.svg"

@@ -20,11 +20,11 @@ import numpy as np
 from peers import NumpyDistances
 from rich.console import Console
 from rich.table import Table
+from tables import number_table
 
 from suta_calib import CalibrationJob, Problem
 from suta_calib.analysis.study import Request, StudyPlan, Trial, judge_sizes, plan_study, run_study
-from suta_calib.report.console import number_table, rendered
-from suta_calib.report.study import study_document
+from suta_calib.report import rendered, study_document
 
 JOB = Path(__file__).parents[1] / "data" / "suta" / "calibration.yaml"
 TRIALS = 100

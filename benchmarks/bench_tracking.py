@@ -20,22 +20,22 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 from rich.console import Console
+from tables import number_table
 
 from suta_calib import ArmModel
 from suta_calib.device import Bus, DeviceSpec, JointSpec, Statistics
 from suta_calib.emulation import EmulatedArm, Emulation, sweep
-from suta_calib.report.console import number_table
-from suta_calib.report.svg import BLUE, GREY, ORANGE, WIDTH, plain_log, style, svg_text
+from suta_calib.report import BLUE, GREY, ORANGE, WIDTH, plain_log, style, svg_text
 from suta_calib.tracking import (
     CsvRecorder,
     IgtlPublisher,
+    LatencyStatistics,
     TipKinematics,
     Tracker,
     TrackingSession,
     UdpPublisher,
     low_latency,
 )
-from suta_calib.tracking.latency import LatencyStatistics
 from suta_calib.units import ms
 
 URDF = Path(__file__).parents[1] / "urdf" / "suta.urdf"

@@ -19,10 +19,14 @@ if TYPE_CHECKING:
     from suta_calib.device.formats import Encoder as Encoder
     from suta_calib.device.formats import Format as Format
     from suta_calib.device.formats import decoder_for as decoder_for
+    from suta_calib.device.formats import encode_frame as encode_frame
+    from suta_calib.device.formats import encode_line as encode_line
+    from suta_calib.device.formats.words import frame_crc as frame_crc
     from suta_calib.device.monitoring import Monitor as Monitor
     from suta_calib.device.monitoring import stream_report as stream_report
     from suta_calib.device.monitoring import watch as watch
     from suta_calib.device.reading import Reading as Reading
     from suta_calib.device.reading import Statistics as Statistics
+    from suta_calib.device.units import angles_from_counts as angles_from_counts
 
 __getattr__, __all__ = public(__name__)

@@ -8,6 +8,7 @@ from suta_calib.lazy import public
 
 if TYPE_CHECKING:
     from suta_calib.tracking.igtl import IgtlPublisher as IgtlPublisher
+    from suta_calib.tracking.latency import LatencyStatistics as LatencyStatistics
     from suta_calib.tracking.live import Tracking as Tracking
     from suta_calib.tracking.live import TrackOptions as TrackOptions
     from suta_calib.tracking.path_accuracy import compare as compare

@@ -15,9 +15,10 @@ import numpy as np
 
 from suta_calib.arrays import IntArray
 from suta_calib.errors import SamplesError, did_you_mean
+from suta_calib.measurements.samples import joined
 from suta_calib.terms import KINDS
 from suta_calib.terms.poses import ArmPoses
-from suta_calib.terms.term import Term, joined
+from suta_calib.terms.term import Term
 
 SAMPLE: Final = "sample"
 # What may be drawn, and which label columns make two samples belong together: whatever the kinds
