@@ -36,7 +36,7 @@ OTHER_UNIT: Final = (300.0, 3000.0)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class _Rows:
+class _PoseRows:
     """What was read from a file.
 
     Attributes:
@@ -51,7 +51,7 @@ class _Rows:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class ToolPoses(_Rows):
+class ToolPoses(_PoseRows):
     """``T_tracker_tool`` of a tool that pivots.
 
     Attributes:
@@ -66,7 +66,7 @@ class ToolPoses(_Rows):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class PosePairs(_Rows):
+class PosePairs(_PoseRows):
     """``T_base_hand`` and ``T_eye_target``, row for row taken at the same time.
 
     Attributes:
@@ -79,7 +79,7 @@ class PosePairs(_Rows):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Points(_Rows):
+class Points(_PoseRows):
     """Points in one frame.
 
     Attributes:

@@ -23,7 +23,7 @@ GROUPINGS: Final = tuple(noun for noun, columns in LABEL_COLUMNS.items() if colu
 
 
 @dataclass(frozen=True)
-class Measured:
+class QuantityErrors:
     """Metrics of errors; None where there are no such data.
 
     Attributes:
@@ -35,15 +35,15 @@ class Measured:
     unit: Unit
 
 
-def _unit(of: Measured) -> Unit:
+def _unit(of: QuantityErrors) -> Unit:
     return of.unit
 
 
-def _metric(key: str, heading: str, name: str = "") -> Column[Measured]:
+def _metric(key: str, heading: str, name: str = "") -> Column[QuantityErrors]:
     return Column(key, heading, lambda of: of.metrics and getattr(of.metrics, name or key), _unit)
 
 
-METRICS: Final = Listing[Measured](
+METRICS: Final = Listing[QuantityErrors](
     "",
     _metric("rms", "RMS"),
     _metric("mean", "mean"),
@@ -116,7 +116,7 @@ class AccuracyRow:
     data: str
     what: str
     state: str
-    measured: Measured
+    measured: QuantityErrors
     improvement: str = ""
 
 
@@ -143,15 +143,15 @@ def errors_table(sets: Mapping[str, Sequence[TermAccuracy]]) -> Table:
 
 def _accuracy_rows(name: str, terms: Sequence[TermAccuracy]) -> Iterator[AccuracyRow]:
     if not terms:
-        yield AccuracyRow(name, "no such data", NOTHING, Measured(None, "m"))
+        yield AccuracyRow(name, "no such data", NOTHING, QuantityErrors(None, "m"))
     found = by_kind(terms)
     for errors in found:
         before, after = errors.metrics
         what = errors.quantity if len({e.kind for e in found}) > 1 else errors.name
         what = f"{what}, {units.unit_name(errors.unit)}"
-        yield AccuracyRow(name, what, "before", Measured(before, errors.unit))
+        yield AccuracyRow(name, what, "before", QuantityErrors(before, errors.unit))
         better = units.percent(before.rms, after.rms)
-        yield AccuracyRow("", "", "after", Measured(after, errors.unit), better)
+        yield AccuracyRow("", "", "after", QuantityErrors(after, errors.unit), better)
         name = ""
 
 
@@ -166,7 +166,7 @@ def accuracy_json(terms: Sequence[TermAccuracy]) -> dict[str, Json]:
 
 def metrics_json(metrics: Metrics, unit: Unit = "m") -> Json:
     """RMS, mean, standard deviation and maximum in mm (or deg), and the count."""
-    return METRICS.record(Measured(metrics, unit))
+    return METRICS.record(QuantityErrors(metrics, unit))
 
 
 def _of_kind(found: Sequence[KindErrors], which: int) -> Json:
