@@ -2,7 +2,7 @@
 
 Every candidate has its own unknowns (where the point is, where the artefact stands); they follow
 the arm and are eliminated (Schur complement), with the solver's own formulas for curvature,
-variance by sample, and what noise feigns. What is left adds up over candidates, because different
+variance by sample, and what noise makes up. What is left adds up over candidates, because different
 candidates share no sample. An instrument's pose is shared by all samples, so it stays in.
 
 The choice is greedy, then Fedorov's exchange (1972, Theory of Optimal Experiments): one chosen
