@@ -27,8 +27,8 @@ from suta_calib.units import Unit
 
 # Readings that are looked at to learn how far the tip reaches: an average needs no more.
 REACH_SAMPLES: Final = 50
-# Weight that lets a direction count as noise-induced once half of its information is residual-made: noise
-# may make up a hundredth (`identifiability.NOISE_INDUCED_SHARE`).
+# Weight that lets a direction count as noise-induced once half of its information is made by
+# residuals: noise may make up a hundredth (`identifiability.NOISE_INDUCED_SHARE`).
 RESIDUAL_MADE: Final = 0.02
 # Noise of an orientation, rad, that no instrument of use exceeds.
 WORST_TURN: Final = float(np.radians(1.0))
