@@ -15,13 +15,20 @@ from pathlib import Path
 
 import numpy as np
 from rich.console import Console
-from rich.table import Table
 from scipy.stats import poisson
+from tables import number_table
 
-from suta_calib.device import Bus, DeviceSpec, JointSpec, Reading, decoder_for
-from suta_calib.device.formats import encode_frame, encode_line
-from suta_calib.device.formats.words import frame_crc
-from suta_calib.device.units import angles_from_counts
+from suta_calib.device import (
+    Bus,
+    DeviceSpec,
+    JointSpec,
+    Reading,
+    angles_from_counts,
+    decoder_for,
+    encode_frame,
+    encode_line,
+    frame_crc,
+)
 from suta_calib.emulation import EmulatedArm, Emulation, Still
 
 RATE = 768.0
@@ -51,9 +58,9 @@ def throughput() -> float:
         ("frames", framed, [encode_frame(n, 1302 * n, row) for n, row in enumerate(counts)]),
         ("lines", lines, [encode_line(row, lines) for row in counts]),
     ]
-    table = Table(title=f"Decoding on one core, as multiples of {RATE:g} Hz of six joints")
-    for name in ("format", "pieces of", "readings per s", "µs each", "multiple"):
-        table.add_column(name, justify="right")
+    title = f"Decoding on one core, as multiples of {RATE:g} Hz of six joints"
+    columns = ("format", "pieces of", "readings per s", "µs each", "multiple")
+    table = number_table(title, *columns)
     least = np.inf
     for name, spec, packets in cases:
         data = b"".join(packets)
@@ -180,9 +187,8 @@ def noises(size: int) -> list[Noise]:
         corrupted_frames(size, 0.01, flips=True),
         corrupted_frames(size, 0.10, flips=False),
     ]
-    table = Table(title="Noise through the decoder: no exception, and")
-    for name in ("kind", "bytes", "true readings", "false", "CRCs let through"):
-        table.add_column(name, justify="left" if name == "kind" else "right")
+    columns = ("kind", "bytes", "true readings", "false", "CRCs let through")
+    table = number_table("Noise through the decoder: no exception, and", *columns)
     for each in found:
         true = f"{each.readings - each.false:,}" if each.readings else "–"
         row = (f"{each.bytes:,}", true, f"{each.false:,}", f"{each.expected:.3g}")
@@ -222,9 +228,8 @@ def hold(rate: float, seconds: float) -> Held:
 
 def streams(seconds: float) -> list[Held]:
     found = [hold(rate, seconds) for rate in (RATE, FAST)]
-    table = Table(title="Six joints over a pty, from an emulated arm in another process")
-    for name in ("Hz", "s", "frames", "lost", "damaged", "of a core"):
-        table.add_column(name, justify="right")
+    title = "Six joints over a pty, from an emulated arm in another process"
+    table = number_table(title, "Hz", "s", "frames", "lost", "damaged", "of a core")
     for each in found:
         row = (f"{each.frames:,}", str(each.lost), str(each.damaged), f"{each.core:.0%}")
         table.add_row(f"{each.rate:g}", f"{each.seconds:.1f}", *row)

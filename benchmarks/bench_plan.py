@@ -32,13 +32,25 @@ from suta_calib import (
     Term,
     solve,
 )
-from suta_calib.analysis.planning import Candidate, Placement, Pool, Region, Situation
-from suta_calib.analysis.planning.design import Design, best_set, random_sets
-from suta_calib.analysis.planning.generate import generated
-from suta_calib.analysis.planning.information import SharedInformation, Space, nothing, promised
-from suta_calib.analysis.planning.plan import forecast, tip_weight
-from suta_calib.analysis.planning.reach import Reach
-from suta_calib.analysis.tip_uncertainty import Sensitivity
+from suta_calib.analysis import Sensitivity
+from suta_calib.analysis.planning import (
+    Candidate,
+    Design,
+    Placement,
+    Pool,
+    Reach,
+    Region,
+    SharedInformation,
+    Situation,
+    Space,
+    best_set,
+    forecast,
+    generated,
+    nothing,
+    promised,
+    random_sets,
+    tip_weight,
+)
 from suta_calib.arrays import FloatArray
 from suta_calib.geometry import register_points, rotation_from_vector
 from suta_calib.simulation import Targets, read_simulation, true_values

@@ -17,16 +17,17 @@ from typing import Any, get_args
 import numpy as np
 from pose_peers import hand_eye_peers, pivot_peers
 from rich.console import Console
-from rich.table import Table
+from tables import number_table
 
 from suta_calib import FixedPoint, HandEye, calibrate_hand_eye, calibrate_pivot
 from suta_calib.arrays import FloatArray
 from suta_calib.geometry import vector_from_rotation
-from suta_calib.terms.hand_eye_start import Poses
-from suta_calib.terms.synthetic import EXACT, OutlierKind, OutlierModel, PoseNoise, Simulated
+from suta_calib.pose_calibration import Poses
+from suta_calib.terms import EXACT, OutlierKind, OutlierModel, PoseNoise, Simulated
+from suta_calib.units import deg, from_deg, from_mm, mm, ms
 
 RESULTS = Path(__file__).parent / "results" / "poses.md"
-NOISE = PoseNoise(3e-4, float(np.radians(0.1)))
+NOISE = PoseNoise(from_mm(0.3), from_deg(0.1))
 NATURES = get_args(OutlierKind)
 # A median of 40 trials scatters by 15 %, as much as methods differ where there are no outliers: the
 # scene in which they are compared most closely gets more.
@@ -90,7 +91,7 @@ def pivot_scenes() -> list[Scene]:
 
     def scene(degrees: int, share: float) -> Scene:
         def make(trial: int) -> Simulated[FixedPoint]:
-            gross, turn = OutlierModel(share, NATURES[trial % 3]), float(np.radians(degrees))
+            gross, turn = OutlierModel(share, NATURES[trial % 3]), from_deg(degrees)
             return FixedPoint.simulate(
                 PIVOT_POSES, spread=NOISE, seed=trial, turn=turn, gross=gross
             )
@@ -106,8 +107,8 @@ def hand_eye_answers() -> tuple[dict[str, Answer], str]:
 
     def error(data: Simulated[HandEye], R: FloatArray, p: FloatArray) -> FloatArray:
         R_true, p_true = data.true_pose("hand_eye")
-        turn = np.degrees(np.linalg.norm(vector_from_rotation(R_true.T @ R)))
-        return np.array([turn, 1e3 * np.linalg.norm(p - p_true)])
+        turn = deg(np.linalg.norm(vector_from_rotation(R_true.T @ R)))
+        return np.array([turn, mm(np.linalg.norm(p - p_true))])
 
     def ours(data: Simulated[HandEye], rows: Sequence[int] | None = None) -> FloatArray:
         rows = np.arange(len(data.term.poses)) if rows is None else rows
@@ -118,7 +119,7 @@ def hand_eye_answers() -> tuple[dict[str, Answer], str]:
     peers, version = hand_eye_peers()
     answers: dict[str, Answer] = {
         "ours": ours,
-        KNOWN: lambda data: ours(data, _known(data)),
+        KNOWN: lambda data: ours(data, data.inliers),
     }
     for name, solve in peers.items():
         answers[name] = lambda data, solve=solve: error(data, *solve(data.poses, data.seen))
@@ -130,10 +131,10 @@ def pivot_answers() -> tuple[dict[str, Answer], str]:
     """Errors of the tip by method: mm."""
 
     def error(data: Simulated[FixedPoint], tip: FloatArray) -> FloatArray:
-        return np.array([1e3 * np.linalg.norm(tip - data.true_point("tip"))])
+        return np.array([mm(np.linalg.norm(tip - data.true_point("tip")))])
 
     def known(data: Simulated[FixedPoint]) -> FloatArray:
-        return error(data, calibrate_pivot(*_rows(data.poses, _known(data)), robust=False).tip)
+        return error(data, calibrate_pivot(*_rows(data.poses, data.inliers), robust=False).tip)
 
     peers, version = pivot_peers()
     answers: dict[str, Answer] = {
@@ -150,11 +151,6 @@ def _rows(poses: Poses, rows: Sequence[int]) -> Poses:
     return poses[0][rows], poses[1][rows]
 
 
-def _known(data: Simulated[Any]) -> FloatArray:
-    """Rows of the inliers."""
-    return data.inliers
-
-
 def measure(scene: Scene, answers: dict[str, Answer]) -> list[Row]:
     """Every method on the same trials."""
     trials = [scene.make(k) for k in range(scene.trials)]
@@ -169,15 +165,8 @@ def measure(scene: Scene, answers: dict[str, Answer]) -> list[Row]:
             times.append(perf_counter() - began)
         failures = int(np.sum(np.any(~(np.array(errors) <= scene.failed), axis=1)))
         median = np.median(np.nan_to_num(errors, nan=np.inf), axis=0)
-        rows.append(
-            Row(
-                scene.name,
-                method,
-                median,
-                f"{failures} of {len(trials)}",
-                1e3 * float(np.median(times)),
-            )
-        )
+        failed, milliseconds = f"{failures} of {len(trials)}", ms(float(np.median(times)))
+        rows.append(Row(scene.name, method, median, failed, milliseconds))
     return rows
 
 
@@ -194,15 +183,13 @@ def report(title: str, units: Sequence[str], rows: list[Row]) -> str:
     heads = ["method", *(f"median error, {u}" for u in units), "failures", "ms"]
     lines = [f"## {title}", ""]
     for name in dict.fromkeys(row.scene for row in rows):
-        table = Table(title=name, title_justify="left", min_width=90)
+        table = number_table(name, *heads)
         lines += [
             f"### {name}",
             "",
             f"| {' | '.join(heads)} |",
             "|---" + "|--:" * (len(heads) - 1) + "|",
         ]
-        for head in heads:
-            table.add_column(head, justify="left" if head == "method" else "right")
         for row in (r for r in rows if r.scene == name):
             cells = [row.method, *(f"{e:.3f}" for e in row.error)]
             cells += [row.failures, f"{row.milliseconds:.1f}"]

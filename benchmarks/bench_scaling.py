@@ -14,7 +14,7 @@ from time import perf_counter
 import numpy as np
 from matplotlib.figure import Figure
 from rich.console import Console
-from rich.table import Table
+from tables import number_table
 
 from suta_calib import ArmPoses, CalibrationJob, PairwiseDistance, Problem, Samples, solve
 
@@ -64,9 +64,8 @@ def main() -> None:
 
 
 def _print(rows: list[tuple[int, int, float, float, float]]) -> None:
-    table = Table(title="One start, pairwise distances, simulated SUTA")
-    for name in ("samples", "distances", "build, s", "solve, s", "µs per sample", "peak, MB"):
-        table.add_column(name, justify="right")
+    columns = ("samples", "distances", "build, s", "solve, s", "µs per sample", "peak, MB")
+    table = number_table("One start, pairwise distances, simulated SUTA", *columns)
     for n, pairs, build, seconds, peak in rows:
         each = f"{(build + seconds) / n * 1e6:.1f}"
         table.add_row(f"{n:,}", f"{pairs:,}", f"{build:.3f}", f"{seconds:.3f}", each, f"{peak:.0f}")

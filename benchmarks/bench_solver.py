@@ -15,7 +15,7 @@ from time import perf_counter
 import numpy as np
 from peers import LoopDistances, NumpyDistances
 from rich.console import Console
-from rich.table import Table
+from tables import number_table
 
 from suta_calib import CalibrationJob, PairwiseDistance, Problem, SolverOptions, solve
 from suta_calib.solver import RobustNlp, start_points
@@ -106,9 +106,8 @@ def _plain(job: CalibrationJob) -> PairwiseDistance:
 
 
 def _print(rows: list[tuple[str, float, float]]) -> None:
-    table = Table(title=f"{STARTS} starts on the simulated SUTA, best of {ROUNDS}")
-    for name in ("who", "time, ms", "ratio to ours", "cost, mm²"):
-        table.add_column(name, justify="left" if name == "who" else "right")
+    title = f"{STARTS} starts on the simulated SUTA, best of {ROUNDS}"
+    table = number_table(title, "who", "time, ms", "ratio to ours", "cost, mm²")
     for who, seconds, cost in rows:
         ratio = f"{seconds / rows[0][1]:.1f}"
         table.add_row(who, f"{seconds * 1e3:.0f}", ratio, f"{cost * 1e6:.6f}")

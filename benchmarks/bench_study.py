@@ -20,11 +20,11 @@ import numpy as np
 from peers import NumpyDistances
 from rich.console import Console
 from rich.table import Table
+from tables import number_table
 
 from suta_calib import CalibrationJob, Problem
 from suta_calib.analysis.study import Request, StudyPlan, Trial, judge_sizes, plan_study, run_study
-from suta_calib.report.console import rendered
-from suta_calib.report.study import study_document
+from suta_calib.report import rendered, study_document
 
 JOB = Path(__file__).parents[1] / "data" / "suta" / "calibration.yaml"
 TRIALS = 100
@@ -99,9 +99,9 @@ def scipy(plan: StudyPlan, ours: tuple[Trial, ...]) -> Row:
 
 def table(rows: list[Row]) -> Table:
     """Times, rates and ratios to the first row."""
-    found = Table(title=f"{len(SIZES)} sizes x {TRIALS} trials on the simulated SUTA")
-    for name in ("who", "time, s", "trials/s", "ratio", "CPU, s", "CPU ratio", "numbers"):
-        found.add_column(name, justify="left" if name in ("who", "numbers") else "right")
+    title = f"{len(SIZES)} sizes x {TRIALS} trials on the simulated SUTA"
+    found = number_table(title, "who", "time, s", "trials/s", "ratio", "CPU, s", "CPU ratio")
+    found.add_column("numbers")
     for who, seconds, cpu, told in rows:
         rate, ratio = len(SIZES) * TRIALS / seconds, seconds / rows[0][1]
         used = ("", "") if cpu is None else (f"{cpu:.1f}", f"{cpu / (rows[0][2] or 1):.2f}")

@@ -20,22 +20,22 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 from rich.console import Console
-from rich.table import Table
+from tables import number_table
 
 from suta_calib import ArmModel
 from suta_calib.device import Bus, DeviceSpec, JointSpec, Statistics
 from suta_calib.emulation import EmulatedArm, Emulation, sweep
-from suta_calib.report.svg import BLUE, GREY, ORANGE, WIDTH, plain_log, style, svg_text
+from suta_calib.report import BLUE, GREY, ORANGE, WIDTH, plain_log, style, svg_text
 from suta_calib.tracking import (
     CsvRecorder,
     IgtlPublisher,
+    LatencyStatistics,
     TipKinematics,
     Tracker,
     TrackingSession,
     UdpPublisher,
     low_latency,
 )
-from suta_calib.tracking.latency import LatencyStatistics
 from suta_calib.units import ms
 
 URDF = Path(__file__).parents[1] / "urdf" / "suta.urdf"
@@ -93,12 +93,12 @@ def measure(rate: float, seconds: float, folder: Path) -> Run:
 
 def show(runs: list[Run]) -> None:
     """The table, and whether the target is met."""
-    table = Table(title="From the frame's last byte to publication (IGTL, UDP, CSV), ms")
-    for name in ("Hz", "poses", "lost", "client got", "p50", "p95", "p99", "max", "jitter"):
-        table.add_column(name, justify="right")
+    title = "From the frame's last byte to publication (IGTL, UDP, CSV), ms"
+    columns = ("poses", "lost", "client got", "p50", "p95", "p99", "max", "jitter")
+    table = number_table(title, "Hz", *columns)
     for run in runs:
         figures = run.session.latency.summary()
-        row = [figures[f"{key}_ms"] for key in ("p50", "p95", "p99", "max", "jitter")]
+        row = [figures[f"{key}_ms"] for key in columns[3:]]
         counts = (run.session.latency.count, run.stream.lost_frames, run.received)
         table.add_row(f"{run.rate:.0f}", *map(str, counts), *(f"{value:.3f}" for value in row))
     Console(width=100).print(table)

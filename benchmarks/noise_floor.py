@@ -8,6 +8,7 @@ import numpy as np
 from ruamel.yaml import YAML
 
 from suta_calib import CalibrationJob, Metrics, Problem
+from suta_calib.units import from_deg, from_mm, mm
 
 FOLDER = Path(__file__).parents[1] / "data" / "suta"
 
@@ -17,13 +18,13 @@ def main() -> None:
     job = CalibrationJob.load(FOLDER / "calibration_full.yaml")
     listed = YAML(typ="safe").load(FOLDER / "truth.yaml")["parameters"]
     truth = {
-        name: entry["value_mm"] * 1e-3 if "value_mm" in entry else np.radians(entry["value_deg"])
+        name: from_mm(entry["value_mm"]) if "value_mm" in entry else from_deg(entry["value_deg"])
         for name, entry in listed.items()
     }
     problem = Problem(job.validation, job.arm.select("geometric", "*.offset"))
     line = problem.linearise(problem.start(truth), [1.0])[0]
     found = Metrics.of(np.abs(line.residual[:, 0]))
-    print(f"true arm, held-out distances: RMS {found.rms * 1e3:.3f} mm of {found.count}")
+    print(f"true arm, held-out distances: RMS {mm(found.rms):.3f} mm of {found.count}")
 
 
 if __name__ == "__main__":

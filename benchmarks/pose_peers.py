@@ -16,7 +16,8 @@ from types import ModuleType
 import numpy as np
 
 from suta_calib.arrays import FloatArray
-from suta_calib.terms.hand_eye_start import Poses, inverse
+from suta_calib.pose_calibration import Poses, inverse
+from suta_calib.units import from_mm, mm
 
 # X from the hand's poses and what the eye saw.
 HandEyeMethod = Callable[[Poses, Poses], tuple[FloatArray, FloatArray]]
@@ -99,10 +100,10 @@ def _pivot(module: ModuleType, configuration: dict[str, object]) -> PivotMethod:
 
     def solve(poses: Poses) -> FloatArray:
         matrices = np.tile(np.eye(4), (len(poses[1]), 1, 1))
-        matrices[:, :3, :3], matrices[:, :3, 3] = poses[0], 1e3 * poses[1]
+        matrices[:, :3, :3], matrices[:, :3, 3] = poses[0], mm(poses[1])
         random.seed(0)
         with contextlib.redirect_stdout(io.StringIO()):
             tip = module.pivot_calibration(matrices, configuration)[0]
-        return np.ravel(tip) * 1e-3
+        return from_mm(np.ravel(tip))
 
     return solve

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from suta_calib.analysis.iso10360 import acceptance_test as acceptance_test
     from suta_calib.analysis.model_selection import choose_model as choose_model
     from suta_calib.analysis.outliers import find_outliers as find_outliers
+    from suta_calib.analysis.tip_map import tip_map as tip_map
     from suta_calib.assessment import Assessment as Assessment
     from suta_calib.diagnostics.accuracy import Accuracy as Accuracy
     from suta_calib.diagnostics.accuracy import Metrics as Metrics

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Final, Literal, Protocol
+from typing import Any, Final, Literal
 
 from suta_calib.errors import NotUsableError
 
@@ -75,14 +75,6 @@ class Assessment:
             "sentence": self.sentence,
             "notes": list(self.notes),
         }
-
-
-class Assessed(Protocol):
-    """An answer that says how far it may be trusted."""
-
-    @property
-    def assessment(self) -> Assessment:
-        """How far."""
 
 
 def refuse_unusable(answer: Mapping[str, Any], file: Path, *, anyway: bool = False) -> None:

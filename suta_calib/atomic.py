@@ -25,7 +25,11 @@ def write_bytes_atomically(path: str | Path, data: bytes) -> None:
     # Not tempfile: it makes files only their owner may read, and the rename would keep that.
     temporary = path.parent / f".{path.name[:40]}.{secrets.token_hex(6)}.tmp"
     try:
-        _write_to_disk(temporary, data)
+        with temporary.open("xb") as file:
+            file.write(data)
+            file.flush()
+            # Without this a power cut after the rename can leave a complete name on an empty file.
+            os.fsync(file.fileno())
         os.replace(temporary, path)  # noqa: PTH105
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
@@ -48,21 +52,10 @@ def check_folder(folder: Path) -> None:
     existing = Path(os.path.abspath(folder))  # noqa: PTH100 (resolve() would follow links)
     while not os.path.lexists(existing):
         existing = existing.parent
-    if not existing.is_dir():
-        raise OutputError(
-            f"{folder}: found {existing}, which is no folder; expected a folder to write into; "
-            "choose another with --out"
-        )
-    if not os.access(existing, os.W_OK | os.X_OK):
-        raise OutputError(
-            f"{folder}: found {existing} write-protected; expected a folder to write into; "
-            "choose another with --out"
-        )
-
-
-def _write_to_disk(path: Path, data: bytes) -> None:
-    with path.open("xb") as file:
-        file.write(data)
-        file.flush()
-        # Without this a power cut after the rename can leave a complete name on an empty file.
-        os.fsync(file.fileno())
+    if existing.is_dir() and os.access(existing, os.W_OK | os.X_OK):
+        return
+    problem = " write-protected" if existing.is_dir() else ", which is no folder"
+    raise OutputError(
+        f"{folder}: found {existing}{problem}; expected a folder to write into; "
+        "choose another with --out"
+    )

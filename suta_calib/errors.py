@@ -10,6 +10,7 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Self
 
 
 class SutaCalibError(Exception):
@@ -45,20 +46,25 @@ class InputError(SutaCalibError):
         self.line = line
         super().__init__(self._sentence())
 
+    @classmethod
+    def of(cls, problem: InputError, file: Path, line: int | None, where: str = "") -> Self:
+        """The same with a place in a file, for what was found without knowing of files."""
+        return cls(
+            problem.found,
+            problem.expected,
+            file=file,
+            line=line,
+            where=where or problem.where,
+            hint=problem.hint,
+        )
+
     def _sentence(self) -> str:
         place = "" if self.file is None else str(self.file)
         if self.line is not None:
             place += f":{self.line}" if place else f"line {self.line}"
-        said = "; ".join(
-            part
-            for part in (
-                f"found {self.found}",
-                f"expected {self.expected}" if self.expected else "",
-                self.hint,
-            )
-            if part
-        )
-        return ": ".join(part for part in (place, self.where, said) if part)
+        expected = f"expected {self.expected}" if self.expected else ""
+        said = "; ".join(filter(None, (f"found {self.found}", expected, self.hint)))
+        return ": ".join(filter(None, (place, self.where, said)))
 
 
 class UrdfError(InputError):

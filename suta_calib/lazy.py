@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ast
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -39,24 +39,10 @@ def public(package: str) -> tuple[Attribute, list[str]]:
         for alias in statement.names
         if alias.asname == alias.name
     }
-    return _attribute(package, home), sorted(home)
 
-
-def lazily(package: str, homes: Mapping[str, Sequence[str]]) -> Attribute:
-    """A ``__getattr__`` for the ``__init__`` of a package (PEP 562).
-
-    Args:
-        package: its full name.
-        homes: module below it → names that live there.
-    """
-    home = {name: f"{package}.{module}" for module, names in homes.items() for name in names}
-    return _attribute(package, home)
-
-
-def _attribute(package: str, home: Mapping[str, str]) -> Attribute:
     def attribute(name: str) -> Any:
         if name not in home:
             raise AttributeError(f"module '{package}' has no attribute '{name}'")
         return getattr(import_module(home[name]), name)
 
-    return attribute
+    return attribute, sorted(home)

@@ -10,6 +10,7 @@ from threadpoolctl import ThreadpoolController
 
 P = ParamSpec("P")
 R = TypeVar("R")
+_controller = cache(ThreadpoolController)  # looked for once: that takes longer than the work
 
 
 def single_threaded(function: Callable[P, R]) -> Callable[P, R]:
@@ -21,8 +22,3 @@ def single_threaded(function: Callable[P, R]) -> Callable[P, R]:
             return function(*args, **kwargs)
 
     return limited
-
-
-@cache
-def _controller() -> ThreadpoolController:
-    return ThreadpoolController()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import subprocess
 import sys
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -97,6 +98,46 @@ def test_what_needs_no_mathematics_does_not_wait_for_it(
     code += f"print(*sorted(set({heavy!r}) & set(sys.modules)))"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert not run.stdout.split()
+
+
+def modules(package: Path) -> dict[str, Path]:
+    """Every module of a package by its full name."""
+    return {
+        ".".join(file.relative_to(package.parent).with_suffix("").parts): file
+        for file in package.rglob("*.py")
+    }
+
+
+def imports_of(package: Path) -> dict[str, set[str]]:
+    """Modules of the package that each module imports, also those only for the type checker."""
+    files = modules(package)
+    names = {name.removesuffix(".__init__"): name for name in files}
+    found: dict[str, set[str]] = {}
+    for name, file in files.items():
+        wanted: set[str] = set()
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Import):
+                wanted |= {alias.name for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and node.module:
+                inner = {f"{node.module}.{alias.name}" for alias in node.names}
+                wanted |= (inner & names.keys()) or {node.module}
+        found[name] = {names[module] for module in wanted & names.keys()} - {name}
+    return found
+
+
+def test_nothing_imports_in_a_circle(repository: Path) -> None:
+    graph = imports_of(repository / "suta_calib")
+    # What a package's __init__ offers by name is imported when it is used: no part of a circle.
+    lazy = {
+        name for name, file in modules(repository / "suta_calib").items() if lazily_public(file)
+    }
+    direct = {name: wanted - lazy for name, wanted in graph.items() if name not in lazy}
+    TopologicalSorter(direct).prepare()  # a CycleError names the circle
+
+
+def lazily_public(file: Path) -> bool:
+    """Whether a package's ``__init__`` imports its names when they are first used."""
+    return file.name == "__init__.py" and "__getattr__" in file.read_text(encoding="utf-8")
 
 
 def test_a_wrong_direction_is_refused() -> None:

@@ -57,7 +57,7 @@ CLAIMED = {
         "whole geometry         0.014       0.238       0.014       0.066       0.000",
         "added beside geometry: nothing",
         "joint_6 first harmonic                     left-out variance  -38 %",
-        "joint_3.ecc_c1  0.2156 ± 0.0101 deg",
+        "joint_3.ecc_c1   0.2156 ± 0.0101 deg",
         "made 0.17 mm RMS, predicted 0.20 mm",
         "92 % of the mean square",
     ),

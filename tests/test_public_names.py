@@ -53,20 +53,6 @@ def is_public(module: str) -> bool:
     return module == "suta_calib" or module in PACKAGES
 
 
-def elsewhere(source: str) -> list[str]:
-    """Imports by an inner path of what a package makes public."""
-    homes = {
-        name: package
-        for package in (*reversed(PACKAGES), "suta_calib")
-        for name in getattr(import_module(package), "__all__", ())
-    }
-    return [
-        f"{line}: {homes[line.split()[-1]]} has it"
-        for line in inner(source)
-        if line.split()[-1] in homes
-    ]
-
-
 def source_of(path: Path) -> str:
     if path.suffix == ".py":
         return path.read_text(encoding="utf-8")
@@ -80,8 +66,8 @@ USERS = sorted([*ROOT.glob("notebooks/*.ipynb"), *ROOT.glob("benchmarks/*.py")])
 
 
 @pytest.mark.parametrize("path", USERS, ids=lambda path: path.name)
-def test_users_take_names_from_where_they_are_public(path: Path) -> None:
-    assert not elsewhere(source_of(path))
+def test_notebooks_and_benchmarks_use_public_names_only(path: Path) -> None:
+    assert not inner(source_of(path))
 
 
 @pytest.mark.parametrize("package", ["suta_calib", *PACKAGES])

@@ -4,31 +4,17 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from suta_calib.lazy import lazily
+from suta_calib.lazy import public
 
 if TYPE_CHECKING:
-    from suta_calib.acquisition.averaging import Average, average, wrap
-    from suta_calib.acquisition.measuring import Measured, MeasureOptions, measure
-    from suta_calib.acquisition.rest import RestDetector, RestSettings
-    from suta_calib.acquisition.stops import StopFinder
+    from suta_calib.acquisition.averaging import Average as Average
+    from suta_calib.acquisition.averaging import average as average
+    from suta_calib.acquisition.averaging import wrap as wrap
+    from suta_calib.acquisition.measuring import Measured as Measured
+    from suta_calib.acquisition.measuring import MeasureOptions as MeasureOptions
+    from suta_calib.acquisition.measuring import measure as measure
+    from suta_calib.acquisition.rest import RestDetector as RestDetector
+    from suta_calib.acquisition.rest import RestSettings as RestSettings
+    from suta_calib.acquisition.stops import StopFinder as StopFinder
 
-_HOMES = {
-    "averaging": ("Average", "average", "wrap"),
-    "measuring": ("MeasureOptions", "Measured", "measure"),
-    "rest": ("RestDetector", "RestSettings"),
-    "stops": ("StopFinder",),
-}
-
-__all__ = [
-    "Average",
-    "MeasureOptions",
-    "Measured",
-    "RestDetector",
-    "RestSettings",
-    "StopFinder",
-    "average",
-    "measure",
-    "wrap",
-]
-
-__getattr__ = lazily(__name__, _HOMES)
+__getattr__, __all__ = public(__name__)

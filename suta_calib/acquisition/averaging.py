@@ -76,16 +76,14 @@ def steps(deviations: FloatArray) -> FloatArray:
     A coarse encoder at rest reports two or three neighbouring values. Its scatter then says nothing
     below the step between them.
     """
-    return np.array([_step(column) for column in deviations.T])
-
-
-def _step(column: FloatArray) -> float:
-    values, counts = np.unique(column.round(12), return_counts=True)
-    # A value that hardly ever occurs is an error, not a neighbouring step.
-    values = values[counts >= max(2, _OFTEN * len(column))]
-    if not 2 <= len(values) <= _FEW_STEPS:
-        return 0.0
-    return float(np.diff(values).min())
+    found = np.zeros(deviations.shape[1])
+    for k, column in enumerate(deviations.T.round(12)):
+        values, counts = np.unique(column, return_counts=True)
+        # A value that hardly ever occurs is an error, not a neighbouring step.
+        values = values[counts >= max(2, _OFTEN * len(column))]
+        if 2 <= len(values) <= _FEW_STEPS:
+            found[k] = np.diff(values).min()
+    return found
 
 
 def average(angles: ArrayLike, seconds: float = 0.0) -> Average:

@@ -55,14 +55,13 @@ class Guided:
         if isinstance(event, Complete):
             moved = self._finder.excursion > self._finder.settings.motion
             if self._sample is None and (self._asked or moved):
-                self._show(event.average)
-        elif isinstance(event, Ended) and self._sample is None and self._asked:
-            what = ", ".join(event.joints) or "seen only after a gap"
-            self._run.say(f"rejected: moved after {event.average.seconds:.1f} s ({what})")
-        elif isinstance(event, Rejected):
-            self._run.say(f"rejected: {event.reason} of {', '.join(event.joints)}")
-        elif isinstance(event, Interrupted):
-            self._run.say(f"nothing came for {event.seconds:.1f} s")
+                self._sample = event.average
+                for line in [*self._run.described(event.average), _ASKING]:
+                    self._run.say(line)
+        elif isinstance(event, Rejected | Interrupted) or (
+            isinstance(event, Ended) and self._sample is None and self._asked
+        ):
+            self._run.say(str(event))
 
     def press(self, key: str) -> None:
         """React to a key; others than those offered only show the offer again."""
@@ -77,27 +76,17 @@ class Guided:
             self._run.back()
             self._next()
         elif key == "r" or (key == ENTER and self._sample is None):
-            self._record()
+            self._sample, self._asked = None, True
+            self._finder.restart()
+            self._run.say(
+                f"recording {self._run.station.name} for {self._seconds:g} s once it rests"
+            )
         elif key == ENTER and self._sample is not None:
-            self._keep(self._sample)
+            self._run.confirm(self._sample, described=False)
+            self._finder.measure_excursion_from(self._sample.angles)
+            self._next()
         else:
             self._run.say(_WAITING if self._sample is None else _ASKING)
-
-    def _show(self, average: Average) -> None:
-        self._sample = average
-        for line in self._run.described(average):
-            self._run.say(line)
-        self._run.say(_ASKING)
-
-    def _record(self) -> None:
-        self._sample, self._asked = None, True
-        self._finder.restart()
-        self._run.say(f"recording {self._run.station.name} for {self._seconds:g} s once it rests")
-
-    def _keep(self, average: Average) -> None:
-        self._run.confirm(average, described=False)
-        self._finder.measure_excursion_from(average.angles)
-        self._next()
 
     def _next(self) -> None:
         self._sample, self._asked = None, False
@@ -146,30 +135,20 @@ class Keyboard:
         """The next key that was pressed, in lower case, a line feed for Enter; None for none."""
         if self._ended:
             return _END
-        if b"\n" not in self._line and not self._fill():
-            return None
-        return self._from_terminal() if self.terminal else self._from_line()
-
-    def _fill(self) -> bool:
-        """Read what is there; whether that makes a key."""
-        if not select.select([self._descriptor], [], [], 0)[0]:
-            return False
-        data = os.read(self._descriptor, 1 if self.terminal else 1024)
-        self._ended = not data
-        self._line += data + (b"\n" if self._ended and self._line else b"")
-        return self.terminal or self._ended or b"\n" in self._line
-
-    def _from_terminal(self) -> str:
-        data, self._line = self._line, b""
-        return _letter(data) if data else _END
-
-    def _from_line(self) -> str:
+        if b"\n" not in self._line:
+            if not select.select([self._descriptor], [], [], 0)[0]:
+                return None
+            data = os.read(self._descriptor, 1 if self.terminal else 1024)
+            self._ended = not data
+            self._line += data + (b"\n" if self._ended and self._line else b"")
+            if not (self.terminal or self._ended or b"\n" in self._line):
+                return None
         if not self._line:
             return _END
-        line, _, self._line = self._line.partition(b"\n")
-        return _letter(line.strip()[:1])
-
-
-def _letter(data: bytes) -> str:
-    text = data.decode("utf-8", "replace").lower()
-    return "\n" if text in ("", "\n", "\r", " ") else text
+        if self.terminal:
+            pressed, self._line = self._line, b""
+        else:
+            line, _, self._line = self._line.partition(b"\n")
+            pressed = line.strip()[:1]
+        letter = pressed.decode("utf-8", "replace").lower()
+        return ENTER if letter in ("", "\n", "\r", " ") else letter

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack, closing
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Literal
 
@@ -15,8 +15,6 @@ from suta_calib.acquisition.rest import DEFAULT_REST, RestSettings
 from suta_calib.acquisition.run import Run, SamplesFile
 from suta_calib.acquisition.session import (
     ArmReadings,
-    Finder,
-    Sampler,
     StreamEvents,
     run_session,
     summary_lines,
@@ -35,14 +33,16 @@ from suta_calib.acquisition.touch_sequence import (
 from suta_calib.acquisition.unattended import Continuous, Unattended
 from suta_calib.atomic import check_folder
 from suta_calib.device.bus import Bus
-from suta_calib.device.description import DeviceSpec, read_device
+from suta_calib.device.description import DeviceSpec
+from suta_calib.device.device_file import read_device
 from suta_calib.device.formats import format_of
 from suta_calib.errors import InputError
 from suta_calib.terms import KINDS
 from suta_calib.units import deg
 
 if TYPE_CHECKING:
-    from suta_calib.device.port_process import PortReader
+    from suta_calib.acquisition.session import Finder, Sampler
+    from suta_calib.device.port_process import PortProcess
 
 # Nobody is there to see that nothing happens any more, s.
 UNATTENDED_PATIENCE: Final = 60.0
@@ -95,13 +95,6 @@ class MeasureOptions:
     raw: Path | None = None
     urdf: Path | None = None
     rest: RestSettings = DEFAULT_REST
-
-    @property
-    def lasting_patience(self) -> float:
-        """The patience there is, s."""
-        if self.patience is not None:
-            return self.patience
-        return UNATTENDED_PATIENCE if self.unattended else math.inf
 
     def check(self) -> None:
         """Refuse options that contradict each other.
@@ -160,7 +153,7 @@ def measure(
     say: Callable[[str], None] = print,
     show: Callable[[str], None] | None = None,
     keyboard: Keyboard | None = None,
-    port: PortReader | None = None,
+    port: PortProcess | None = None,
 ) -> Measured:
     """Wait until the arm rests on each landmark, record it, and write it to the samples file.
 
@@ -235,35 +228,35 @@ class _Session:
         self._say(message)
 
     def run(self, bus: Bus, choose: ArmReadings, keyboard: Keyboard | None) -> Measured:
+        options = self._options
         if self._sampler.done:
             self._say(f"nothing left to measure: {self._file.path} has every station")
             return self._measured("complete")
+        patience = options.patience
+        if patience is None:
+            patience = UNATTENDED_PATIENCE if options.unattended else math.inf
         try:
-            finished = self._measure(bus, choose, keyboard)
+            with ExitStack() as stack:
+                recorder = None
+                if options.raw is not None:
+                    recorder = RawRecorder(options.raw, self._spec.names, self._say)
+                    stack.enter_context(recorder)
+                if isinstance(self._sampler, Guided):
+                    keyboard = stack.enter_context(keyboard or Keyboard())
+                stack.callback(self._conclude, bus)
+                finished = run_session(
+                    stack.enter_context(bus),
+                    choose,
+                    self._finder,
+                    self._sampler,
+                    events=self._events,
+                    idle=lambda: self._idle(keyboard),
+                    record=recorder.write if recorder else lambda _: None,
+                    patience=patience,
+                )
         except KeyboardInterrupt:
             return self._measured("interrupted")
         return self._measured("complete" if finished else "incomplete")
-
-    def _measure(self, bus: Bus, choose: ArmReadings, keyboard: Keyboard | None) -> bool:
-        options = self._options
-        with ExitStack() as stack:
-            record = None
-            if options.raw is not None:
-                recorder = RawRecorder(options.raw, self._spec.names, self._say)
-                record = stack.enter_context(recorder).write
-            if isinstance(self._sampler, Guided):
-                keyboard = stack.enter_context(keyboard or Keyboard())
-            stack.callback(self._conclude, bus)
-            return run_session(
-                stack.enter_context(bus),
-                choose,
-                self._finder,
-                self._sampler,
-                events=self._events,
-                idle=lambda: self._idle(keyboard),
-                record=record or (lambda _: None),
-                patience=options.lasting_patience,
-            )
 
     def _idle(self, keyboard: Keyboard | None) -> None:
         """Between two reads: keys, and what the arm does."""
@@ -273,16 +266,15 @@ class _Session:
             key = keyboard.key() if keyboard.terminal or sampler.asking else None
             if key is not None:
                 sampler.press(key)
-        if self._show is not None and isinstance(self._finder, StopFinder):
-            self._show(self._doing(self._finder))
-
-    def _doing(self, finder: StopFinder) -> str:
-        name = "" if self._run is None or self._run.done else f" · next: {self._run.station.name}"
+        finder, run = self._finder, self._run
+        if self._show is None or not isinstance(finder, StopFinder):
+            return
+        doing = f"resting {finder.recorded:.1f} of {self._options.seconds:g} s"
         if not finder.resting:
-            return f"moving{name}"
-        if isinstance(self._sampler, Guided) and self._sampler.asking:
-            return f"resting, waiting for a key{name}"
-        return f"resting {finder.recorded:.1f} of {self._options.seconds:g} s{name}"
+            doing = "moving"
+        elif isinstance(sampler, Guided) and sampler.asking:
+            doing = "resting, waiting for a key"
+        self._show(doing if run is None or run.done else f"{doing} · next: {run.station.name}")
 
     def _conclude(self, bus: Bus) -> None:
         """Also after Ctrl-C or a lost device: say what there is."""
@@ -307,23 +299,18 @@ class _Session:
 
     def _measured(self, status: Status) -> Measured:
         run, file = self._run, self._file
+        measured = Measured(status, file.path, len(file.rows), tuple(self._lines))
         if run is None:
-            return Measured(status, file.path, len(file.rows), tuple(self._lines))
+            return measured
         if run.missing:
-            self._say(f"missing: {', '.join(run.missing)}; {_how_to_go_on(run)}")
+            how = "they can still be measured"
+            if run.done:
+                again = f"--resume --sequence {','.join(run.missing)} measures them"
+                how = "--resume takes more" if run.seating is None else again
+            self._say(f"missing: {', '.join(run.missing)}; {how}")
         for name, note in run.notes.items():
             self._say(f"look at {name}: {note}")
-        return Measured(
-            status, file.path, len(file.rows), tuple(self._lines), tuple(run.missing), run.notes
-        )
-
-
-def _how_to_go_on(run: Run) -> str:
-    if not run.done:
-        return "they can still be measured"
-    if run.seating is None:
-        return "--resume takes more"
-    return f"--resume --sequence {','.join(run.missing)} measures them"
+        return replace(measured, missing=run.missing, look_at=run.notes)
 
 
 def _plan(options: MeasureOptions) -> tuple[TouchSequence, Path]:
@@ -335,21 +322,17 @@ def _plan(options: MeasureOptions) -> tuple[TouchSequence, Path]:
     ((place, label),) = options.labels.items()
     row = read_row(options.job, options.observation, kinds_of(place))
     if row.kind not in kinds_of(place):
-        raise _unfitting(options, row.kind)
+        places = dict.fromkeys(each.place for each in KINDS.values() if each.place)
+        flag = place_option(KINDS[row.kind]) if row.kind in KINDS else ""
+        raise InputError(
+            f"an observation of kind {row.kind}",
+            ", ".join(f"{' or '.join(kinds_of(each))} for --{each}" for each in places),
+            file=options.job,
+            where="--observation",
+            hint=f"use {flag or '--free, and add what was seen to the file'}",
+        )
     if row.artefact is None:
         plan = repeated(arm, KINDS[row.kind], label, options.repeat, options.rests)
     else:
         plan = touched(arm, row, label, options.repeat, options.sequence)
     return plan, options.out or row.file(label, options.repeat)
-
-
-def _unfitting(options: MeasureOptions, kind: str) -> InputError:
-    places = dict.fromkeys(each.place for each in KINDS.values() if each.place)
-    flag = place_option(KINDS[kind]) if kind in KINDS else ""
-    return InputError(
-        f"an observation of kind {kind}",
-        ", ".join(f"{' or '.join(kinds_of(place))} for --{place}" for place in places),
-        file=options.job,
-        where="--observation",
-        hint=f"use {flag or '--free, and add what was seen to the file'}",
-    )

@@ -53,12 +53,9 @@ class RawRecorder:
         self._readings: list[Reading] = []
         self._flushed = time.monotonic()
         self._arrow = load("pyarrow", "parquet")
-        self._schema = self._arrow.schema(
-            [("sequence", self._arrow.int64()), ("time", self._arrow.float64())]
-            + [("arrival", self._arrow.float64())]
-            + [(joint, self._arrow.float64()) for joint in self._joints]
-            + [("errors", self._arrow.string())]
-        )
+        numbers = [(name, self._arrow.float64()) for name in ("time", "arrival", *joints)]
+        fields = [("sequence", self._arrow.int64()), *numbers, ("errors", self._arrow.string())]
+        self._schema = self._arrow.schema(fields)
         with self._telling():
             if self._part.exists():
                 say(_recovered(self._part, path))
@@ -101,8 +98,10 @@ class RawRecorder:
         if not rows:
             return
         angles = np.array([row.angles for row in rows])
+        names = np.array(self._joints, dtype=object)
         columns: list[Any] = [[row.sequence for row in rows], [row.time for row in rows]]
-        columns += [[row.arrival for row in rows], *angles.T, [self._flags(row) for row in rows]]
+        columns += [[row.arrival for row in rows], *angles.T]
+        columns += [[" ".join(names[row.error]) for row in rows]]
         arrays = [
             self._arrow.array(values, type=field.type)
             for values, field in zip(columns, self._schema, strict=True)
@@ -110,10 +109,6 @@ class RawRecorder:
         batch = self._arrow.RecordBatch.from_arrays(arrays, schema=self._schema)
         self._writer.write_batch(batch)
         self._sink.flush()
-
-    def _flags(self, reading: Reading) -> str:
-        raised = zip(self._joints, reading.error, strict=True)
-        return " ".join(joint for joint, error in raised if error)
 
 
 def _recovered(part: Path, path: Path) -> str:

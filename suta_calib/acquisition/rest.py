@@ -26,6 +26,11 @@ if TYPE_CHECKING:
 
 _RARE: Final = 4.5
 _GROSS: Final = 6.0
+# Readings after which the window is looked at, whatever their clock says; looks that tell noise.
+_MOST_FRESH: Final = 400
+_SEEN: Final = 400
+# A pause between readings that is worth telling, s.
+STALL: Final = 0.5
 
 
 @dataclass(frozen=True)
@@ -98,7 +103,7 @@ class RestDetector:
         self._settings, self._even = settings, even
         self._window: deque[Reading] = deque()
         self._fresh: list[Reading] = []
-        self._seen: deque[FloatArray] = deque(maxlen=400)
+        self._seen: deque[FloatArray] = deque(maxlen=_SEEN)
         self._resting: bool | None = None
         self._gap = 0.0
         self._interrupted = False
@@ -108,14 +113,19 @@ class RestDetector:
         """Looks that new readings give occasion to."""
         looks = []
         for reading in readings:
-            if self._window and self._paused(reading):
-                looks += [self._look()] if self._fresh else []
-                self._gap = max(abs(reading.time - self._window[-1].time), self._settings.gap)
-                self._window.clear()
-                self._resting = None
+            if self._window:
+                step = reading.time - self._window[-1].time
+                # A clock that runs backwards is another one: the device was started again.
+                if self._interrupted or not 0 <= step <= self._settings.gap:
+                    looks += [self._look()] if self._fresh else []
+                    self._gap = max(abs(step), self._settings.gap)
+                    self._window.clear()
+                    self._resting = None
+                self._interrupted = False
             self._window.append(reading)
             self._fresh.append(reading)
-            if self._due(reading):
+            hop = reading.time - self._fresh[0].time
+            if hop >= self._settings.hop or len(self._fresh) > _MOST_FRESH:
                 looks.append(self._look())
         return looks
 
@@ -123,41 +133,29 @@ class RestDetector:
         """What comes next does not follow what came before, whatever its time says."""
         self._interrupted = True
 
-    def _paused(self, reading: Reading) -> bool:
-        """A clock that runs backwards is another one: the device was started again."""
-        interrupted, self._interrupted = self._interrupted, False
-        return interrupted or not 0 <= reading.time - self._window[-1].time <= self._settings.gap
-
-    def _due(self, reading: Reading) -> bool:
-        return reading.time - self._fresh[0].time >= self._settings.hop or len(self._fresh) > 400
-
     def _look(self) -> Look:
         fresh, self._fresh = tuple(self._fresh), []
-        self._trim()
-        angles = np.array([reading.angles for reading in self._window])
+        settings, window = self._settings, self._window
+        while len(window) > settings.least and window[-1].time - window[1].time >= settings.window:
+            window.popleft()
+        angles = np.array([reading.angles for reading in window])
         now = unwrapped_about_median(angles[-max(3, len(fresh)) :])[0]
         gap, self._gap = self._gap, 0.0
-        if not self._full():
+        # Lines that came in one piece bear one time: count them rather than wait for the clock.
+        span = window[-1].time - window[0].time
+        if len(window) < settings.least or span < 0.8 * settings.window:
             return Look(fresh, now, None, gap=gap)
         moving = self._moving(angles)
         self._resting = not moving.any()
         return Look(fresh, now, self._resting, tuple(np.flatnonzero(moving).tolist()), gap)
 
-    def _trim(self) -> None:
-        first = self._window[-1].time - self._settings.window
-        while len(self._window) > self._settings.least and self._window[1].time <= first:
-            self._window.popleft()
-
-    def _full(self) -> bool:
-        span = self._window[-1].time - self._window[0].time
-        enough = len(self._window) >= self._settings.least
-        # Lines that came in one piece bear one time: count them rather than wait for the clock.
-        return enough and span >= 0.8 * self._settings.window
-
     def _moving(self, angles: FloatArray) -> FloatArray:
         """(n,) whether each joint scatters or drifts more than noise and tremor explain."""
         _, deviation = unwrapped_about_median(angles)
-        self._learn(angles)
+        times = None if self._even else np.array([reading.time for reading in self._window])
+        self._seen.append(noise_level(angles, times))
+        # Motion can only add to it, and a lost frame can: the lowest seen is the noise.
+        self.noise = np.min(np.array(self._seen), axis=0)
         s, scatter = self._settings, spread(deviation)
         least, factor = 1.5 * steps(deviation), s.hysteresis if self._resting else 1.0
         tremble = np.maximum(s.tremble, np.maximum(s.noises * self.noise, least))
@@ -166,20 +164,9 @@ class RestDetector:
         drift = np.maximum(s.drift, np.maximum(chance, least))
         # A single gross error must not move a mean.
         most = np.maximum(_GROSS * scatter, 2 * drift)
-        change = half_to_half(np.clip(deviation, -most, most))
+        clipped, half = np.clip(deviation, -most, most), len(deviation) // 2
+        change = clipped[-half:].mean(axis=0) - clipped[:half].mean(axis=0)
         return np.asarray((scatter > factor * tremble) | (np.abs(change) > factor * drift))
-
-    def _learn(self, angles: FloatArray) -> None:
-        times = np.array([reading.time for reading in self._window])
-        self._seen.append(noise_level(angles, None if self._even else times))
-        # Motion can only add to it, and a lost frame can: the lowest seen is the noise.
-        self.noise = np.min(np.array(self._seen), axis=0)
-
-
-def half_to_half(deviation: FloatArray) -> FloatArray:
-    """By how much the mean of the later half exceeds that of the earlier one, (k, n) → (n,)."""
-    half = len(deviation) // 2
-    return np.asarray(deviation[-half:].mean(axis=0) - deviation[:half].mean(axis=0))
 
 
 def noise_level(angles: FloatArray, times: FloatArray | None = None) -> FloatArray:

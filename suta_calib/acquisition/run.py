@@ -16,7 +16,7 @@ from typing import Final
 import numpy as np
 
 from suta_calib.acquisition.averaging import Average
-from suta_calib.acquisition.seating_check import DistanceError, SeatingCheck
+from suta_calib.acquisition.seating_check import SeatingCheck
 from suta_calib.acquisition.touch_sequence import Station, TouchSequence
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import OutputError, SamplesError
@@ -50,13 +50,10 @@ class Run:
         self._rows: dict[int, int] = {}
         self.index = 0
         self.last: FloatArray | None = file.rows[-1][1] if file.rows else None
-        self._resume()
-
-    def _resume(self) -> None:
-        """Find the station after the last confirmed one."""
-        for row, (labels, angles) in enumerate(self.file.rows):
-            following = range(self.index, len(self.plan.stations))
-            place = next((k for k in following if self.plan.stations[k].labels == labels), None)
+        # It goes on after the last confirmed one.
+        for row, (labels, angles) in enumerate(file.rows):
+            following = range(self.index, len(plan.stations))
+            place = next((k for k in following if plan.stations[k].labels == labels), None)
             if self.seating is not None:
                 self.seating.put(labels["landmark"], angles)
             if place is not None:
@@ -161,19 +158,15 @@ class Run:
         if self.seating is not None:
             landmark = self.station.labels["landmark"]
             errors = self.seating.distances(landmark, average.angles)
-            lines += [f"  distances, measured - certified: {_listed(errors)}"] if errors else []
+            largest = sorted(errors, key=lambda other: -abs(errors[other]))[:_MOST_DISTANCES]
+            text = ", ".join(f"to {other} {mm(errors[other]):+.2f} mm" for other in largest)
+            if more := len(errors) - len(largest):
+                rms = mm(float(np.sqrt(np.mean(np.square(list(errors.values()))))))
+                text += f"; {more} smaller ones; rms {rms:.2f} mm"
+            lines += [f"  distances, measured - certified: {text}"] if errors else []
         if self.is_suspicious(average):
             lines.append(f"  look: these distances stand out; is the plug seated, is this {name}?")
         return lines
-
-
-def _listed(errors: list[DistanceError]) -> str:
-    """The largest first, and how many more there are."""
-    largest = sorted(errors, key=lambda each: -abs(each.error))[:_MOST_DISTANCES]
-    text = ", ".join(f"to {each.other} {mm(each.error):+.2f} mm" for each in largest)
-    more = len(errors) - len(largest)
-    rms = mm(float(np.sqrt(np.mean([each.error**2 for each in errors]))))
-    return f"{text}; {more} smaller ones; rms {rms:.2f} mm" if more else text
 
 
 class SamplesFile:
@@ -224,20 +217,17 @@ class SamplesFile:
             if any(own[name] != value for name, value in self._key.items()):
                 continue
             if not resume:
-                raise self._taken(line)
+                run = ", ".join(f"{name} {value}" for name, value in self._key.items())
+                raise SamplesError(
+                    f"samples of {run} that are already there",
+                    "a file without them: what was measured is never overwritten",
+                    file=self.path,
+                    line=line,
+                    hint="go on with --resume, or give another --repeat or --out",
+                )
             ours.add(line)
             self.rows.append((own, readings[index]))
         self._kept = "".join(f"{x}\n" for n, x in enumerate(text, 1) if n not in ours and x)
-
-    def _taken(self, line: int) -> SamplesError:
-        run = ", ".join(f"{name} {value}" for name, value in self._key.items())
-        return SamplesError(
-            f"samples of {run} that are already there",
-            "a file without them: what was measured is never overwritten",
-            file=self.path,
-            line=line,
-            hint="go on with --resume, or give another --repeat or --out",
-        )
 
     def put(self, labels: Mapping[str, str], angles: FloatArray, at: int | None = None) -> int:
         """Write one row, in place of this run's row number ``at`` if that is given.
@@ -252,7 +242,6 @@ class SamplesFile:
         index = len(rows) if at is None else at
         rows[index : index + 1] = [(labels, angles)]
         self._write(rows)
-        self.rows = rows
         return index
 
     def put_all(self, rows: Sequence[tuple[Mapping[str, str], FloatArray]]) -> None:
@@ -261,9 +250,7 @@ class SamplesFile:
         Raises:
             OutputError: they could not be written; the file is as it was.
         """
-        together = [*self.rows, *rows]
-        self._write(together)
-        self.rows = together
+        self._write([*self.rows, *rows])
 
     def relabel(self, labels: Sequence[Mapping[str, str]]) -> None:
         """Give all rows of this run other labels, in their order, at once.
@@ -271,11 +258,10 @@ class SamplesFile:
         Raises:
             OutputError: they could not be written; the file is as it was.
         """
-        rows = [(new, angles) for new, (_, angles) in zip(labels, self.rows, strict=True)]
-        self._write(rows)
-        self.rows = rows
+        self._write([(new, angles) for new, (_, angles) in zip(labels, self.rows, strict=True)])
 
-    def _write(self, rows: Sequence[tuple[Mapping[str, str], FloatArray]]) -> None:
+    def _write(self, rows: list[tuple[Mapping[str, str], FloatArray]]) -> None:
+        """Write the file with these rows; they are this run's once they are on the disk."""
         text = self._kept
         for labels, angles in rows:
             cells = dict(labels) | dict(zip(self._joints, angles.tolist(), strict=True))
@@ -285,6 +271,7 @@ class SamplesFile:
         except OSError as error:
             raise OutputError(f"{self.path}: not written: {error.strerror}") from error
         write_text(self.path, text)
+        self.rows = rows
 
 
 def _line(cells: Sequence[str]) -> str:

@@ -6,15 +6,14 @@ among the distances of the same placement is.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import combinations_with_replacement
 from typing import Final
 
 import numpy as np
 
 from suta_calib.arrays import FloatArray
-from suta_calib.geometry.numbers import register_points
+from suta_calib.geometry.numbers import register_points, rms_length
 from suta_calib.measurements import Artefact
 from suta_calib.model.arm import ArmModel
 
@@ -30,19 +29,6 @@ _BETTER: Final = 3.0
 # Landmarks closer than this part of the artefact's shortest distance are one and the same.
 _SAME: Final = 0.25
 _COLLINEAR: Final = 0.1
-
-
-@dataclass(frozen=True)
-class DistanceError:
-    """How much longer the arm measures a distance than the artefact is certified.
-
-    Attributes:
-        other: name of the landmark at the other end.
-        error: measured minus certified, m.
-    """
-
-    other: str
-    error: float
 
 
 class SeatingCheck:
@@ -68,14 +54,12 @@ class SeatingCheck:
         """Remember that the landmark was measured here."""
         self.tips[landmark] = self.tip(angles)
 
-    def distances(self, landmark: str, angles: FloatArray) -> list[DistanceError]:
-        """Errors of the distances to every other landmark measured."""
+    def distances(self, landmark: str, angles: FloatArray) -> dict[str, float]:
+        """Distances to every other landmark measured: how much longer than certified, m."""
         tip = self.tip(angles)
-        return [
-            DistanceError(other, self._error(landmark, tip, other))
-            for other in self.tips
-            if other != landmark
-        ]
+        return {
+            other: self._error(landmark, tip, other) for other in self.tips if other != landmark
+        }
 
     def _error(self, landmark: str, tip: FloatArray, other: str) -> float:
         certified = self._artefact.position_of([landmark, other])
@@ -84,18 +68,17 @@ class SeatingCheck:
 
     def suspicious(self, landmark: str, angles: FloatArray) -> bool:
         """Whether these distances stand out from those between the others."""
-        errors = [abs(each.error) for each in self.distances(landmark, angles)]
+        errors = self.distances(landmark, angles)
         if not errors:
             return False
-        others = [name for name in self.tips if name != landmark]
+        others = list(errors)
         usual = [
             abs(self._error(a, self.tips[a], b)) for k, a in enumerate(others) for b in others[:k]
         ]
-        usual_error = float(np.median(usual)) if usual else 0.0
-        limit = max(_NOMINAL_ERROR, _OUTSTANDING * usual_error)
+        limit = max(_NOMINAL_ERROR, _OUTSTANDING * float(np.median(usual)) if usual else 0.0)
         if len(others) >= _MANY:
             limit = min(limit, _NEVER_USUAL)
-        return float(np.median(errors)) > limit
+        return float(np.median(np.abs(list(errors.values())))) > limit
 
     def same_place(self, angles: FloatArray, other: FloatArray) -> bool:
         """Whether two readings can only belong to one landmark."""
@@ -109,26 +92,21 @@ class SeatingCheck:
     def misfit(self, landmark: str, angles: FloatArray) -> float:
         """How badly a landmark of this name would fit here, m; zero while nothing can be said."""
         known = [name for name in self.tips if name != landmark]
-        source = self._artefact.position_of(known)
-        if self._spans_a_plane(source):
-            R, p = register_points(source, np.array([self.tips[name] for name in known]))
-            predicted = R @ self._artefact.landmark(landmark).position + p
-            return float(np.linalg.norm(self.tip(angles) - predicted))
-        errors = [each.error for each in self.distances(landmark, angles)]
+        if len(known) >= 3:
+            source = self._artefact.position_of(known)
+            extent = np.linalg.svd(source - source.mean(axis=0), compute_uv=False)
+            if extent[1] > _COLLINEAR * extent[0]:
+                R, p = register_points(source, np.array([self.tips[name] for name in known]))
+                predicted = R @ self._artefact.landmark(landmark).position + p
+                return float(np.linalg.norm(self.tip(angles) - predicted))
+        errors = list(self.distances(landmark, angles).values())
         return float(np.sqrt(np.mean(np.square(errors)))) if errors else 0.0
-
-    @staticmethod
-    def _spans_a_plane(points: FloatArray) -> bool:
-        if len(points) < 3:
-            return False
-        values = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
-        return bool(values[1] > _COLLINEAR * values[0])
 
     def disagreement(self, names: Sequence[str], tips: Sequence[FloatArray]) -> float:
         """RMS distance of tips from landmarks of these names, laid over each other, m."""
         source, target = self._artefact.position_of(list(names)), np.array(tips)
         R, p = register_points(source, target)
-        return float(np.sqrt(np.mean(np.sum((source @ R.T + p - target) ** 2, axis=1))))
+        return rms_length(source @ R.T + p - target)
 
     def which(self, expected: str, candidates: Iterable[str], angles: FloatArray) -> str:
         """The landmark the arm rests on, where it may not be the expected one.
@@ -178,22 +156,12 @@ def likelier(
     now = misfit(taken)
     if now <= ANOTHER:
         return None
-    later = min(_shifted(count, len(names)), key=misfit)
+    most_missed = min(_MOST_MISSED, len(names) - count)
+    # Only the first few missed.
+    later = min((tuple(range(k, k + count)) for k in range(most_missed + 1)), key=misfit)
     if _CLEARLY * misfit(later) < now:
         return later
     # Among so many some fit by chance: they must fit as an arm does that needs no calibration yet.
-    best = min(_increasing(count, len(names)), key=misfit)
+    all_missed = combinations_with_replacement(range(most_missed + 1), count)
+    best = min((tuple((np.arange(count) + k).tolist()) for k in all_missed), key=misfit)
     return best if _CLEARLY * misfit(best) < now and misfit(best) < ANOTHER else None
-
-
-def _shifted(count: int, of: int) -> Iterator[tuple[int, ...]]:
-    """So many places one after the other, after the first few."""
-    for missed in range(min(_MOST_MISSED, of - count) + 1):
-        yield tuple(range(missed, missed + count))
-
-
-def _increasing(count: int, of: int) -> Iterator[tuple[int, ...]]:
-    """So many places with few left out before the last."""
-    most = min(_MOST_MISSED, of - count)
-    for missed in combinations_with_replacement(range(most + 1), count):
-        yield tuple((np.arange(count) + missed).tolist())

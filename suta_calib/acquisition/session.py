@@ -5,47 +5,27 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Final, Protocol
+from typing import TYPE_CHECKING, Final, TypeAlias
 
 import numpy as np
 
-from suta_calib.acquisition.stops import Event
-from suta_calib.device.description import misnamed
+from suta_calib.acquisition.rest import STALL
+from suta_calib.device.description import columns_of
 from suta_calib.device.formats import format_of
-from suta_calib.errors import InputError
 
 if TYPE_CHECKING:
+    from suta_calib.acquisition.guided import Guided
+    from suta_calib.acquisition.stops import StopFinder
+    from suta_calib.acquisition.unattended import Continuous, Unattended
+    from suta_calib.device.bus import Bus
     from suta_calib.device.description import DeviceSpec
-    from suta_calib.device.reading import Reading, ReadingSource, Statistics
+    from suta_calib.device.reading import Reading, Statistics
 
-# A pause between readings that is worth telling, s.
-STALL: Final = 0.5
+    # What makes events of readings, and who decides which stop is which sample.
+    Finder: TypeAlias = StopFinder | Continuous
+    Sampler: TypeAlias = Guided | Unattended | Continuous
+
 _READ_TIMEOUT: Final = 0.05
-
-
-class Finder(Protocol):
-    """What makes events of readings: `StopFinder`."""
-
-    def feed(self, readings: Iterable[Reading]) -> list[Event]:
-        """What new readings tell."""
-        ...
-
-
-class Sampler(Protocol):
-    """Who decides which stop is which sample: `Unattended`, `Guided` or `Continuous`."""
-
-    @property
-    def done(self) -> bool:
-        """Whether nothing is left to take."""
-        ...
-
-    def handle(self, event: Event) -> None:
-        """React to what the stream told."""
-        ...
-
-    def finish(self) -> None:
-        """Nothing more comes."""
-        ...
 
 
 class ArmReadings:
@@ -60,18 +40,11 @@ class ArmReadings:
     """
 
     def __init__(self, spec: DeviceSpec, joints: Sequence[str]) -> None:
-        names = [joint.name for joint in spec.joints]
-        missing = [joint for joint in joints if joint not in names]
-        if missing:
-            raise InputError(
-                f"joints {', '.join(names)}",
-                f"the arm's joints {', '.join(joints)}",
-                file=spec.path,
-                where="joints",
-                hint=misnamed(names, joints) or f"add {', '.join(missing)}",
-            )
-        self._columns = np.array([names.index(joint) for joint in joints], dtype=np.intp)
-        self._same = names == list(joints)
+        found = f"joints {', '.join(spec.names)}"
+        expected = f"the arm's joints {', '.join(joints)}"
+        columns = columns_of(joints, spec.names, found, expected, spec.path)
+        self._columns = np.array(columns, dtype=np.intp)
+        self._same = spec.names == tuple(joints)
 
     def __call__(self, readings: Iterable[Reading]) -> list[Reading]:
         """The same readings with the arm's joints only."""
@@ -101,7 +74,7 @@ class StreamEvents:
 
 
 def run_session(
-    source: ReadingSource,
+    source: Bus,
     choose: ArmReadings,
     finder: Finder,
     sampler: Sampler,
@@ -157,7 +130,6 @@ def run_session(
 
 def summary_lines(events: StreamEvents, statistics: Statistics, spec: DeviceSpec) -> list[str]:
     """The summary of a stream in sentences, worst things last."""
-    joints = [joint.name for joint in spec.joints]
     rate = events.readings / max(events.seconds, 1e-9)
     lines = [f"{events.readings} readings in {events.seconds:.1f} s ({rate:.0f} per s)"]
     counted = {
@@ -172,13 +144,12 @@ def summary_lines(events: StreamEvents, statistics: Statistics, spec: DeviceSpec
         lines.append(f"{statistics.stale_readings} stale readings dropped")
     if events.stalls:
         each = ", ".join(f"{length:.1f} s" for length in events.stalls)
-        times = "once" if len(events.stalls) == 1 else f"{len(events.stalls)} times"
-        lines.append(f"the stream paused {times}: {each}")
+        lines.append(f"the stream paused {_times(len(events.stalls))}: {each}")
     for what, flags in (("error", statistics.error_flags), ("warning", statistics.warning_flags)):
-        raised = [
-            f"{j} {'once' if n == 1 else f'{n} times'}"
-            for j, n in zip(joints, flags, strict=True)
-            if n
-        ]
+        raised = [f"{j} {_times(n)}" for j, n in zip(spec.names, flags, strict=True) if n]
         lines += [f"{what} flag raised: {', '.join(raised)}"] if raised else []
     return lines + events.messages
+
+
+def _times(count: int) -> str:
+    return "once" if count == 1 else f"{count} times"

@@ -54,6 +54,10 @@ class Ended:
     joints: tuple[str, ...] = ()
     interrupted: bool = False
 
+    def __str__(self) -> str:
+        what = ", ".join(self.joints) or "seen only after a gap"
+        return f"rejected: moved after {self.average.seconds:.1f} s ({what})"
+
 
 @dataclass(frozen=True)
 class Rejected:
@@ -67,6 +71,9 @@ class Rejected:
     reason: str
     joints: tuple[str, ...]
 
+    def __str__(self) -> str:
+        return f"rejected: {self.reason} of {', '.join(self.joints)}"
+
 
 @dataclass(frozen=True)
 class Interrupted:
@@ -77,6 +84,9 @@ class Interrupted:
     """
 
     seconds: float
+
+    def __str__(self) -> str:
+        return f"nothing came for {self.seconds:.1f} s"
 
 
 Event = Began | Complete | Ended | Rejected | Interrupted
@@ -164,7 +174,9 @@ class StopFinder:
             self._unseen = True
             if self._window is not None:
                 self._window.suspended = self._window.interrupted = True
-        self._note_excursion(look)
+        if self._reference is not None:
+            away = float(np.max(np.abs(wrap(look.angles - self._reference))))
+            self.excursion = max(self.excursion, away)
         if look.resting is None:
             return events
         if not look.resting:
@@ -177,11 +189,6 @@ class StopFinder:
             self._flagged.clear()
             events.append(Began())
         return events + self._record(self._window, look)
-
-    def _note_excursion(self, look: Look) -> None:
-        if self._reference is not None:
-            away = float(np.max(np.abs(wrap(look.angles - self._reference))))
-            self.excursion = max(self.excursion, away)
 
     def _resume(self, look: Look) -> list[Event]:
         """After a pause: the same stop, or another one that began unseen."""

@@ -130,7 +130,11 @@ def _chosen(job: Path, kinds: Mapping[str, str], which: str | None, wanted: Sequ
         found = next((name for name, kind in kinds.items() if kind in wanted), None)
         expected = f"an observation of kind {' or '.join(wanted)}"
     else:
-        found = _named(kinds, which)
+        if (matched := _WHICH.fullmatch(which)) is None:
+            found = next((name for name, kind in kinds.items() if kind == which), None)
+        else:
+            name = f"{matched[1] or 'observations'}[{matched[3] or matched[2] or 0}]"
+            found = name if name in kinds else None
         expected = f"one of {', '.join(f'{name} ({kind})' for name, kind in kinds.items())}"
     if found is None:
         listed = ", ".join(dict.fromkeys(kinds.values())) or "none"
@@ -142,14 +146,6 @@ def _chosen(job: Path, kinds: Mapping[str, str], which: str | None, wanted: Sequ
             hint="" if which is None else did_you_mean(which, kinds.values()),
         )
     return found
-
-
-def _named(kinds: Mapping[str, str], which: str) -> str | None:
-    matched = _WHICH.fullmatch(which)
-    if matched is None:
-        return next((name for name, kind in kinds.items() if kind == which), None)
-    name = f"{matched[1] or 'observations'}[{matched[3] or matched[2] or 0}]"
-    return name if name in kinds else None
 
 
 def touched(

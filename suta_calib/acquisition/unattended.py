@@ -15,11 +15,10 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from suta_calib.acquisition.averaging import Average, unwrapped_about_median, wrap
+from suta_calib.acquisition.rest import STALL
 from suta_calib.acquisition.run import Run, SamplesFile, Say
 from suta_calib.acquisition.seating_check import ANOTHER, CERTAIN, likelier
-from suta_calib.acquisition.session import STALL
 from suta_calib.acquisition.stops import (
-    Began,
     Complete,
     Ended,
     Event,
@@ -78,11 +77,9 @@ class Unattended:
         elif isinstance(event, Ended):
             self._ended(event)
         elif isinstance(event, Rejected):
-            self._run.say(f"rejected: {event.reason} of {', '.join(event.joints)}")
+            self._run.say(str(event))
         elif isinstance(event, Interrupted):
             self._doubt = True
-        else:
-            assert isinstance(event, Began)
 
     def finish(self) -> None:
         """Nothing more comes: a rest cut short that waits for its successor is one after all."""
@@ -122,28 +119,25 @@ class Unattended:
         if seating is None or self._run.done or self._run.index == 0:
             return True
         repeated = stations[self._run.index - 1].labels == self._run.station.labels
-        if not repeated and seating.same_place(average.angles, last):
-            self._say_still(stations[self._run.index - 1].name)
-            return False
-        return True
-
-    def _say_still(self, name: str) -> None:
+        if repeated or not seating.same_place(average.angles, last):
+            return True
         if not self._said_still:
-            self._run.say(f"still on {name}: not counted again")
+            self._run.say(f"still on {stations[self._run.index - 1].name}: not counted again")
         self._said_still = True
+        return False
 
     def _ended(self, event: Ended) -> None:
         """A rest too short: perhaps the next station, perhaps a pause on the way."""
         average = event.average
         if not self._is_next(average):
             return
-        what = ", ".join(event.joints) or "seen only after a gap"
         share = _ENOUGH_INTERRUPTED if event.interrupted else _ENOUGH
         if average.seconds < share * self._seconds:
             self._doubt = True
             if average.seconds > 0:
-                self._run.say(f"rejected: moved after {average.seconds:.1f} s ({what})")
+                self._run.say(str(event))
             return
+        what = ", ".join(event.joints) or "seen only after a gap"
         self._run.say(
             f"rejected: moved after {average.seconds:.1f} of {self._seconds:g} s ({what}); "
             "its resting part counts if the arm does not come back"
@@ -156,21 +150,18 @@ class Unattended:
         short, self._short = self._short, None
         if short is None or self.done:
             return
-        if following is not None and self._same(short.angles, following.angles):
-            self._run.say("back where it rested before: one rest, recorded again")
-            return
-        if self._elsewhere(short):
+        seating = self._run.seating
+        if following is not None:
+            near = _away(short.angles, following.angles) < self._finder.settings.motion
+            if near or (seating and seating.same_place(short.angles, following.angles)):
+                self._run.say("back where it rested before: one rest, recorded again")
+                return
+        told = seating is not None and len(seating.tips) >= _TELLING
+        if told and self._farthest_off(short) > ANOTHER:
             self._doubt = True
             self._run.say(f"rested {short.seconds:.1f} s on no landmark: taken for a pause")
             return
         self._confirm(short, f"cut short: {short.seconds:.1f} of {self._seconds:g} s")
-
-    def _elsewhere(self, average: Average) -> bool:
-        """Whether the artefact says that this is none of the landmarks that are left."""
-        seating = self._run.seating
-        if seating is None or len(seating.tips) < _TELLING:
-            return False
-        return self._farthest_off(average) > ANOTHER
 
     def _farthest_off(self, average: Average) -> float:
         """How far the tip is from where even the nearest of the landmarks left must be, m."""
@@ -186,12 +177,6 @@ class Unattended:
             return False
         names = list(seating.tips)
         return seating.disagreement(names, [seating.tips[name] for name in names]) < _AGREED
-
-    def _same(self, angles: FloatArray, other: FloatArray) -> bool:
-        if _away(angles, other) < self._finder.settings.motion:
-            return True
-        seating = self._run.seating
-        return seating is not None and seating.same_place(angles, other)
 
     def _confirm(self, average: Average, note: str = "") -> None:
         if self._doubt or self._sure():
@@ -211,16 +196,17 @@ class Unattended:
         taken = run.taken
         tips = [seating.tip(angles) for _, angles in run.file.rows]
         true = likelier(seating, names, taken, tips)
-        if true is not None:
-            missed = [names[k] for k in range(true[-1]) if k not in true]
-            start = " at the start" if missed == names[: true[0]] else ""
-            changed = [(a, b) for a, b in zip(taken, true, strict=True) if a != b]
-            run.say(
-                f"missed {', '.join(missed) or 'none'}{start}: by their distances what was taken "
-                f"for {', '.join(names[a] for a, _ in changed)} is "
-                f"{', '.join(names[b] for _, b in changed)}"
-            )
-            run.rename(true)
+        if true is None:
+            return
+        missed = [names[k] for k in range(true[-1]) if k not in true]
+        start = " at the start" if missed == names[: true[0]] else ""
+        changed = [(a, b) for a, b in zip(taken, true, strict=True) if a != b]
+        run.say(
+            f"missed {', '.join(missed) or 'none'}{start}: by their distances what was taken "
+            f"for {', '.join(names[a] for a, _ in changed)} is "
+            f"{', '.join(names[b] for _, b in changed)}"
+        )
+        run.rename(true)
 
     def _skip_missed(self, average: Average) -> None:
         """Go on to the landmark the arm really rests on, where a motion may have been missed."""
@@ -297,7 +283,12 @@ class Continuous:
         """Take the arm's readings as they come; there are no stops to tell of."""
         for reading in readings:
             if reading.error.any():
-                self._flag(reading)
+                self._latest.clear()
+                for index in np.flatnonzero(reading.error):
+                    joint = self._plan.arm.joints[index]
+                    if joint not in self._flagged:
+                        self._flagged.add(joint)
+                        self._say(f"rejected: error flag of {joint}; readings with it are left out")
                 continue
             if self._latest:
                 step = reading.time - self._latest[-1].time
@@ -309,14 +300,6 @@ class Continuous:
             self._flush_at = self._elapsed + 1.0
             self.finish()
         return []
-
-    def _flag(self, reading: Reading) -> None:
-        self._latest.clear()
-        for index in np.flatnonzero(reading.error):
-            joint = self._plan.arm.joints[index]
-            if joint not in self._flagged:
-                self._flagged.add(joint)
-                self._say(f"rejected: error flag of {joint}; readings with it are left out")
 
     def _sample(self) -> None:
         self._due = self._elapsed + self._every

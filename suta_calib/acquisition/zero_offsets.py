@@ -14,6 +14,7 @@ from typing import Final, Literal
 import numpy as np
 from scipy.optimize import least_squares
 
+from suta_calib.acquisition.averaging import wrap
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.assessment import Assessment
 from suta_calib.batched import Batched
@@ -169,7 +170,7 @@ def find_zero_offsets(
     fit = _OffsetFit(arm, samples)
     every: IntArray = np.arange(len(arm.joints), dtype=np.intp)
     starts = _starts(arm, samples, np.random.default_rng(options.seed))
-    answers = fit.refined(starts, every)
+    answers = [fit.refined(start, every) for start in starts]
     best = min(answers, key=fit.cost)
     undetermined = fit.undetermined(best)
     branches = _distinct(fit, answers)
@@ -179,8 +180,8 @@ def find_zero_offsets(
     elif undetermined:
         fixed = {combination.fixed for combination in undetermined}
         free = np.array([name not in fixed for name in fit.names])
-        starts = [np.where(free, start, 0.0) for start in answers]
-        branches = _distinct(fit, fit.refined(starts, every[free]))
+        held = [np.where(free, start, 0.0) for start in answers]
+        branches = _distinct(fit, [fit.refined(start, every[free]) for start in held])
     if not 1 <= options.branch <= len(branches):
         raise InputError(str(options.branch), f"1 to {len(branches)}", where="--branch")
     return ZeroOffsets(arm, fit.names, branches, undetermined, options)
@@ -261,11 +262,9 @@ class _OffsetFit:
         residual, _ = self.rows(offsets)
         return float(residual @ residual)
 
-    def refined(self, starts: Sequence[FloatArray], free: IntArray) -> list[FloatArray]:
-        """The nearest minimum of each start over the free offsets; the others stay."""
-        return [self._refined(start, free) for start in starts]
+    def refined(self, start: FloatArray, free: IntArray) -> FloatArray:
+        """The nearest minimum over the free offsets; the others stay."""
 
-    def _refined(self, start: FloatArray, free: IntArray) -> FloatArray:
         def whole(x: FloatArray) -> FloatArray:
             offsets = start.copy()
             offsets[free] = x
@@ -304,5 +303,4 @@ class _OffsetFit:
 def wrapped_offsets(arm: ArmModel, offsets: FloatArray) -> FloatArray:
     """Offsets of joints that turn, wrapped to (-π, π]; (n,) or (k, n)."""
     turning = np.array([joint.type != "prismatic" for joint in arm.chain.moving])
-    turns = np.where(turning, np.ceil((offsets - np.pi) / (2 * np.pi)), 0.0)
-    return np.asarray(offsets - 2 * np.pi * turns, dtype=float)
+    return np.where(turning, wrap(offsets), offsets)

@@ -110,11 +110,8 @@ def _residuals(
     """Residuals of every block of the validation terms, own unknowns fitted, the arm held."""
     fixed = fixed or ParameterSet()
     shared = {p.name for term in validation for p in term.own}
-    fitted = fit_own(
-        [t for t in observations if any(p.name in shared for p in t.own)] or validation,
-        fixed,
-        known,
-    )
+    sharing = [t for t in observations if any(p.name in shared for p in t.own)]
+    fitted = fit_own(sharing or validation, fixed, known)
     return block_residuals(validation, fixed, fit_own(validation, fixed, fitted))
 
 

@@ -80,28 +80,20 @@ def linear(
     velocity = problem.evaluation.table.velocity
     joints = [own.index(n) for n in offsets]
     chosen = [own.index(n) for n in names]
+    rows = np.arange(len(velocity))
+    samples = rows // 6
     residuals, by_reading, by_parameters = [], [], []
     for line in lines:
         n, size = line.residual.shape
         motion = line.pattern.by_velocity(line.by_pose)
         residuals.append(line.residual.copy())
-        by_reading.append(
-            _by_reading(motion, velocity[:, joints], std).reshape(n, size).sum(axis=1)
-        )
+        # If every sample's readings err independently.
+        variance = np.zeros(motion.shape[0])
+        for joint, level in zip(joints, std, strict=True):
+            block = sparse.csr_array((velocity[:, joint], (rows, samples)))
+            variance += np.asarray((motion @ block).power(2).sum(axis=1)).reshape(-1) * level**2
+        by_reading.append(variance.reshape(n, size).sum(axis=1))
         by_parameters.append((motion @ velocity[:, chosen]).reshape(n, size, len(chosen)))
     moved = velocity.reshape(-1, 6, len(own))[:, :3]
     tip = np.einsum("nij,j->n", moved[:, :, joints] ** 2, std**2)
     return Linear(problem, residuals, by_reading, by_parameters, tip, moved[:, :, chosen])
-
-
-def _by_reading(motion: sparse.csr_array, velocity: FloatArray, std: FloatArray) -> FloatArray:
-    """Variance of each row if every sample's readings err independently."""
-    samples = len(velocity) // 6
-    total = np.zeros(motion.shape[0])
-    rows, columns = np.arange(6 * samples), np.repeat(np.arange(samples), 6)
-    for joint, level in enumerate(std):
-        block = sparse.csr_array(
-            (velocity[:, joint], (rows, columns)), shape=(6 * samples, samples)
-        )
-        total += np.asarray((motion @ block).power(2).sum(axis=1)).reshape(-1) * level**2
-    return total

@@ -168,18 +168,15 @@ class ErrorBudget:
         if total > 0:
             part = text(largest.variance / total, "%", decimals=0, with_unit=True)
             sentence = f"Of the {errors}, gross ones aside, {part} is {largest.words}"
-        return Assessment.of(sentence, care=[*self.missing, *self._on_gross()])
-
-    def _on_gross(self) -> list[str]:
-        """Data of which a few touches make most of the mean square."""
+        care = [*self.missing]
         shares = [(b.variance_of("gross") or 0.0) / b.variance for b in self.blocks if b.variance]
-        if (worst := max(shares, default=0.0)) < MOSTLY_GROSS:
-            return []
-        part = text(worst, "%", decimals=0, with_unit=True)
-        return [
-            f"Gross errors make {part} of a mean square: suta-calib outliers says which touches "
-            "they are."
-        ]
+        if (worst := max(shares, default=0.0)) >= MOSTLY_GROSS:
+            part = text(worst, "%", decimals=0, with_unit=True)
+            care.append(
+                f"Gross errors make {part} of a mean square: suta-calib outliers says which "
+                "touches they are."
+            )
+        return Assessment.of(sentence, care=care)
 
 
 def error_budget_of_job(job: CalibrationJob, progress: Progress | None = None) -> ErrorBudget:
@@ -245,25 +242,23 @@ def _blocks(
             residual, by_reading, by_parameters = next(each)
             stated: dict[Source, float | None] = {
                 "encoders": float(by_reading.mean()) if known else None,
-                "artefact": _artefact(block),
+                # Stated variance of the certified coordinates; None where none is stated.
+                "artefact": 0.0,
             }
+            if block.certified is not None:
+                artefact = float(block.size * np.mean(block.known_sigma**2))
+                stated["artefact"] = artefact or None
             if covariance is not None:
                 stated["parameters"] = _mean_variance(by_parameters, covariance)
             shares = _shares(term, block, residual, touch, stated)
             total = float(np.mean(np.sum(residual**2, axis=1)))
             head = (data, term.kind, block.name, block.unit)
-            overstated = _overstated(shares, stated["encoders"])
+            budget = next((s.variance for s in shares if s.sources == ("encoders",)), 0.0)
+            overstated = 0.0 < TOO_LARGE * budget < (stated["encoders"] or 0.0)
             per_position = 3.0 / (block.size * term.noise_factor**2)
             sums = (shares, total, len(block), overstated)
             found.append(BlockBudget(*head, *sums, per_position))
     return found
-
-
-def _artefact(block: Block) -> float | None:
-    """Stated variance of the certified coordinates in a residual, None where none is stated."""
-    if block.certified is None:
-        return 0.0
-    return float(block.size * np.mean(block.known_sigma**2)) or None
 
 
 def _shares(
@@ -282,7 +277,11 @@ def _shares(
     left, unknown = inside, list[Source]()
     if scatter is not None:
         left -= (scatter := min(scatter, inside))
-        shares += _of_repeats(scatter, stated["encoders"], touching)
+        if stated["encoders"] is None:
+            shares.append(Share(("encoders", touching), scatter))
+        else:
+            part = min(stated["encoders"], scatter)
+            shares += [Share(("encoders",), part), Share((touching,), scatter - part)]
     elif stated["encoders"] is not None:
         left -= (part := min(stated["encoders"], left))
         shares.append(Share(("encoders",), part))
@@ -297,18 +296,6 @@ def _shares(
             left -= (part := min(variance, left))
             shares.append(Share((source,), part))
     return (*shares, Share((*unknown, "model"), max(left, 0.0)))
-
-
-def _overstated(shares: Sequence[Share], encoders: float | None) -> bool:
-    found = [s.variance for s in shares if s.sources == ("encoders",)]
-    return bool(encoders and found and encoders > TOO_LARGE * found[0])
-
-
-def _of_repeats(scatter: float, encoders: float | None, touching: Source) -> list[Share]:
-    if encoders is None:
-        return [Share(("encoders", touching), scatter)]
-    part = min(encoders, scatter)
-    return [Share(("encoders",), part), Share((touching,), scatter - part)]
 
 
 def _mean_variance(derivative: FloatArray, covariance: FloatArray) -> float:
@@ -333,7 +320,25 @@ def _missing(blocks: Sequence[BlockBudget], known: bool) -> tuple[str, ...]:
             "Nothing is stated of the encoders: give the job encoders: {bits: …, noise_deg: …}, "
             "and their share gets a number of its own."
         )
-    notes += _on_repeats(blocks)
+    # What would tell scatter from model, for the kinds in which they stand together.
+    mixed = {
+        b.kind
+        for b in blocks
+        for s in b.shares
+        if "model" in s.sources and ("seating" in s.sources or "instrument" in s.sources)
+    }
+    repeatable = {b.kind for b in blocks if "repeat" in KINDS[b.kind].columns.labels}
+    if mixed & repeatable:
+        notes.append(
+            "There are too few repeats of the same touch to tell what scatters from what the model "
+            "lacks: touch every landmark again, at least twice (column repeat)."
+        )
+    if (others := sorted(mixed - repeatable)) and not repeatable - mixed:
+        notes.append(
+            f"{' and '.join(others)} {'have' if len(others) > 1 else 'has'} no repeats of the same "
+            "posture, so what scatters there and what the model lacks stand together: an artefact "
+            "touched at least twice at each placement tells them apart."
+        )
     if any(b.overstated for b in blocks):
         notes.append(
             "The encoders' stated noise would scatter repeats more than they do: it is stated too "
@@ -345,32 +350,3 @@ def _missing(blocks: Sequence[BlockBudget], known: bool) -> tuple[str, ...]:
             "a number of its own."
         )
     return tuple(notes)
-
-
-def _on_repeats(blocks: Sequence[BlockBudget]) -> list[str]:
-    """What would tell scatter from model, for the kinds in which they stand together."""
-    mixed = {
-        b.kind
-        for b in blocks
-        for s in b.shares
-        if "model" in s.sources and ("seating" in s.sources or "instrument" in s.sources)
-    }
-    repeatable = {kind for kind in mixed if _repeatable(kind)}
-    notes = []
-    if repeatable:
-        notes.append(
-            "There are too few repeats of the same touch to tell what scatters from what the model "
-            "lacks: touch every landmark again, at least twice (column repeat)."
-        )
-    told = {b.kind for b in blocks if _repeatable(b.kind)} - repeatable
-    if (others := sorted(mixed - repeatable)) and not told:
-        notes.append(
-            f"{' and '.join(others)} {'have' if len(others) > 1 else 'has'} no repeats of the same "
-            "posture, so what scatters there and what the model lacks stand together: an artefact "
-            "touched at least twice at each placement tells them apart."
-        )
-    return notes
-
-
-def _repeatable(kind: str) -> bool:
-    return "repeat" in KINDS[kind].columns.labels

@@ -15,7 +15,6 @@ from suta_calib.analysis.planning import Region, Situation
 from suta_calib.analysis.planning.candidates import DOWN
 from suta_calib.analysis.planning.links import link_points
 from suta_calib.analysis.tip_sections import Knowledge, Slice, Walker, slices
-from suta_calib.analysis.tip_uncertainty import sensitivity
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment
 from suta_calib.errors import JobError
@@ -197,12 +196,11 @@ def _mapped(
     fiducials: FloatArray,
     options: TipMapOptions,
 ) -> TipMap:
-    place = middle if options.place is None else options.place
     tips = knowledge.arm.forward(knowledge.visited, knowledge.values)[1]
     postures = region.postures(knowledge.kinematics, knowledge.visited, tips, options.seed)
-    found = tip_map(
-        knowledge, region, place, fiducials, postures, grid=options.grid, seed=options.seed
-    )
+    place = middle if options.place is None else options.place
+    sizes = {"grid": options.grid, "seed": options.seed}
+    found = tip_map(knowledge, region, place, fiducials, postures, **sizes)
     return replace(found, tolerance=options.tolerance)
 
 
@@ -234,7 +232,7 @@ def tip_map(
     walker = Walker(knowledge, region.axis, seed)
     touched = walker.reach(place + fiducials)
     good = np.isfinite(touched).all(axis=1)
-    if good.sum() < min(3, len(fiducials)) or good.sum() < 3:
+    if good.sum() < 3:
         raise JobError(
             f"{int(good.sum())} of {len(fiducials)} registration points within reach about "
             "({:.0f}, {:.0f}, {:.0f}) mm".format(*mm(place)),
@@ -267,11 +265,9 @@ def _open(
     """Effect of every undetermined direction on the registered tip, largest first."""
     found = []
     for fixed, direction, plausible in knowledge.open_directions:
-        names = [name for name in direction if name in knowledge.arm.offered]
+        names = tuple(name for name in direction if name in knowledge.arm.offered)
         step = np.array([direction[name] for name in names]) * plausible
-        at, inside = (
-            sensitivity(knowledge.arm, knowledge.values, names, q) for q in (reference, postures)
-        )
+        at, inside = (replace(knowledge, names=names).at(q) for q in (reference, postures))
         moved = inside.registered(at) @ step
         effect = float(np.sqrt(np.mean(np.sum(moved**2, axis=1))))
         unit = knowledge.arm.offered[fixed].unit

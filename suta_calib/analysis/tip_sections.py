@@ -176,34 +176,20 @@ def slices(walker: Walker, region: Region, reference: Sensitivity, grid: int) ->
     centre = (region.lower + region.upper) / 2
     towards = math.atan2(centre[1], centre[0])
     ahead = np.array([math.cos(towards), math.sin(towards), 0.0])
-    z, x, y = np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
-    level = np.array([0.0, 0.0, centre[2]])
+    x, y, z = np.eye(3)
+    planes = (("side", ahead, z, 0.0 * z), ("top", x, y, centre[2] * z))
     wide = np.linspace(-far, far, grid)
-    return (
-        _section("side", (ahead, z), np.zeros(3), (wide, wide), walker, reference),
-        _section("top", (x, y), level, (wide, wide), walker, reference),
-    )
-
-
-def _section(
-    name: str,
-    axes: tuple[FloatArray, FloatArray],
-    origin: FloatArray,
-    coordinates: Sequence[FloatArray],
-    walker: Walker,
-    reference: Sensitivity,
-) -> Slice:
-    u, v = coordinates
-    wanted = origin + u[None, :, None] * axes[0] + v[:, None, None] * axes[1]
-    q = walker.reach(wanted.reshape(-1, 3))
-    good = np.isfinite(q).all(axis=1)
-    registered, absolute = np.full(len(q), np.nan), np.full(len(q), np.nan)
-    if good.any():
-        at = walker.knowledge.at(q[good])
-        covariance = walker.knowledge.covariance
-        registered[good] = at.std(covariance, at.registered(reference))
-        absolute[good] = at.std(covariance)
-    shape = (len(v), len(u))
-    return Slice(
-        name, axes[0], axes[1], origin, u, v, registered.reshape(shape), absolute.reshape(shape)
-    )
+    covariance = walker.knowledge.covariance
+    found = []
+    for name, along, up, origin in planes:
+        wanted = origin + wide[None, :, None] * along + wide[:, None, None] * up
+        q = walker.reach(wanted.reshape(-1, 3))
+        good = np.isfinite(q).all(axis=1)
+        registered, absolute = np.full((2, len(q)), np.nan)
+        if good.any():
+            at = walker.knowledge.at(q[good])
+            registered[good] = at.std(covariance, at.registered(reference))
+            absolute[good] = at.std(covariance)
+        stds = (each.reshape(grid, grid) for each in (registered, absolute))
+        found.append(Slice(name, along, up, origin, wide, wide, *stds))
+    return tuple(found)

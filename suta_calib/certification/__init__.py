@@ -7,35 +7,15 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from suta_calib.lazy import lazily
+from suta_calib.lazy import public
 
 if TYPE_CHECKING:
-    from suta_calib.certification.points import (
-        CertificationOptions,
-        RawPoints,
-        read_raw_points,
-    )
-    from suta_calib.certification.procedure import certify
-    from suta_calib.certification.result import (
-        Certification,
-        CertifiedLandmark,
-        write_certified,
-    )
+    from suta_calib.certification.points import CertificationOptions as CertificationOptions
+    from suta_calib.certification.points import RawPoints as RawPoints
+    from suta_calib.certification.points import read_raw_points as read_raw_points
+    from suta_calib.certification.procedure import certify as certify
+    from suta_calib.certification.result import Certification as Certification
+    from suta_calib.certification.result import CertifiedLandmark as CertifiedLandmark
+    from suta_calib.certification.result import write_certified as write_certified
 
-_HOMES = {
-    "points": ("CertificationOptions", "RawPoints", "read_raw_points"),
-    "procedure": ("certify",),
-    "result": ("Certification", "CertifiedLandmark", "write_certified"),
-}
-
-__all__ = [
-    "Certification",
-    "CertificationOptions",
-    "CertifiedLandmark",
-    "RawPoints",
-    "certify",
-    "read_raw_points",
-    "write_certified",
-]
-
-__getattr__ = lazily(__name__, _HOMES)
+__getattr__, __all__ = public(__name__)

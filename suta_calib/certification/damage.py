@@ -21,8 +21,7 @@ from scipy.stats import norm, t
 from suta_calib.arrays import FloatArray
 from suta_calib.certification.comparison import DrawingComparison
 from suta_calib.certification.frame import Sources
-from suta_calib.certification.measuring import MeasuredArtefact
-from suta_calib.certification.pillar import (
+from suta_calib.certification.measuring import (
     DIAGONAL_02,
     DIAGONAL_13,
     SLOPE_X,
@@ -30,6 +29,7 @@ from suta_calib.certification.pillar import (
     UNEVEN_X,
     UNEVEN_Y,
     WIDTH,
+    MeasuredArtefact,
 )
 from suta_calib.certification.plane import MAD
 from suta_calib.certification.result import CertifiedLandmark, Fault
@@ -90,7 +90,13 @@ def _faults_of(
     enough = int(np.isfinite(quantity.value).all(axis=1).sum()) >= ENOUGH
     if not (enough or quantity.nominal):
         return []
-    usual, spread = _usual(quantity, enough)
+    usual = spread = np.zeros(quantity.value.shape[1])
+    if enough:
+        # The median of the landmarks, and their scatter beyond that of the touches.
+        usual = np.nanmedian(quantity.value, axis=0)
+        scatter = MAD * np.nanmedian(np.abs(quantity.value - usual), axis=0)
+        noise = np.nanmedian(quantity.std, axis=0)
+        spread = np.sqrt(np.maximum(scatter**2 - noise**2, 0.0))
     # A tolerance is about the drawing; without one, what all pillars share is no pillar's fault.
     if quantity.nominal and tolerance is not None:
         usual = np.zeros_like(usual)
@@ -102,19 +108,9 @@ def _faults_of(
         over = np.nan_to_num(off[row] / limit[row], nan=0.0)
         worst = int(np.argmax(over))
         if over[worst] > 1.0:
-            sizes = float(off[row, worst]), float(limit[row, worst])
-            found.append(Fault(name, quantity.name, *sizes))
+            size, most = float(off[row, worst]), float(limit[row, worst])
+            found.append(Fault(name, quantity.name, size, most))
     return found
-
-
-def _usual(quantity: Quantity, enough: bool) -> tuple[FloatArray, FloatArray]:
-    """Median over the landmarks, and their scatter beyond that of the touches, by component."""
-    if not enough:
-        return np.zeros(quantity.value.shape[1]), np.zeros(quantity.value.shape[1])
-    usual = np.nanmedian(quantity.value, axis=0)
-    spread = MAD * np.nanmedian(np.abs(quantity.value - usual), axis=0)
-    noise = np.nanmedian(quantity.std, axis=0)
-    return usual, np.sqrt(np.maximum(spread**2 - noise**2, 0.0))
 
 
 def judged(
@@ -143,7 +139,9 @@ def judged(
                 std[k] = np.linalg.norm(j[list(which)] * by.sigma, axis=1)
         return value, std
 
-    radius = np.array([_radius(measured, k) for k in range(len(jacobians))])[:, None]
+    # From the middle of a top to its outermost touch: over it a lean becomes a length.
+    tops = [pillar.top.position for pillar in measured.pillars]
+    radius = np.array([[np.linalg.norm(top - top.mean(axis=0), axis=1).max()] for top in tops])
     slope, slope_std = rows(SLOPE_X, SLOPE_Y)
     found = [
         Quantity("rise of its top", radius * slope, radius * slope_std, True),
@@ -151,33 +149,19 @@ def judged(
         Quantity("length of a diagonal", *rows(DIAGONAL_02, DIAGONAL_13), False),
         Quantity("distance of its flats", *rows(WIDTH), False),
     ]
-    return found if comparison is None else [*found, *_against(comparison, landmarks)]
-
-
-def _radius(measured: MeasuredArtefact, k: int) -> float:
-    """From the middle of a top to its outermost touch, m: over it a lean becomes a length."""
-    top = measured.pillars[k].top.position
-    return float(np.linalg.norm(top - top.mean(axis=0), axis=1).max())
-
-
-def _against(
-    comparison: DrawingComparison, landmarks: Sequence[CertifiedLandmark]
-) -> list[Quantity]:
+    if comparison is None:
+        return found
     std = np.array([mark.shape_std for mark in landmarks])
     # Deviations are in the drawing's axes, which may be turned about z.
     across = np.tile(std[:, :2].max(axis=1)[:, None], 2)
     arm = np.array([(m.flats or np.nan) / 2 for m in landmarks])
     turned = np.array([np.nan if m.yaw_std is None else m.yaw_std for m in landmarks])
-    turn = Quantity(
-        "turn of its flats",
-        (arm * comparison.turn)[:, None],
-        np.nan_to_num(arm * turned, nan=1.0)[:, None],
-        False,
-    )
+    turn, turn_std = arm * comparison.turn, np.nan_to_num(arm * turned, nan=1.0)
     return [
+        *found,
         Quantity("place in the plane", comparison.deviation[:, :2], across, True),
         Quantity("height", comparison.deviation[:, 2:], std[:, 2:], True),
-        turn,
+        Quantity("turn of its flats", turn[:, None], turn_std[:, None], False),
     ]
 
 

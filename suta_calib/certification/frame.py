@@ -8,7 +8,7 @@ artefact on its left, so that y points from the side plane into the artefact.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import pairwise
 from typing import Any, Final, Literal
@@ -18,9 +18,18 @@ import numpy as np
 
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.certification.comparison import QUARTER, quarter_turns, wrapped
-from suta_calib.certification.measuring import MeasuredArtefact, ProbingNoise
-from suta_calib.certification.pillar import GROUND, YAW, PillarGeometry, X, Y, Z, levelled
-from suta_calib.certification.plane import Plane, agreeing
+from suta_calib.certification.measuring import (
+    GROUND,
+    YAW,
+    MeasuredArtefact,
+    PillarGeometry,
+    ProbingNoise,
+    X,
+    Y,
+    Z,
+    levelled,
+)
+from suta_calib.certification.plane import agreeing
 from suta_calib.certification.points import CertificationOptions, RawPoints
 from suta_calib.errors import ArtefactError, SamplesError, did_you_mean
 from suta_calib.geometry.numbers import skew
@@ -35,19 +44,17 @@ ORIGIN: Final = "O"
 
 @dataclass(frozen=True, eq=False)
 class Heading:
-    """Direction of the artefact's x axis in the ground's frame.
+    """Direction of the side plane in the ground's frame: the artefact's x axis.
 
     Attributes:
-        source: what it was taken from.
         angle: from the ground frame's x axis, rad.
-        by_touch: (3 k) derivative by the side's touches used; empty without a side.
+        by_touch: (3 k) derivative by the side's touches used.
         by_ground: (3) derivative by the ground's small error.
         inliers: (n,) touches of the side that are used.
         residuals: (n,) of all its touches from the plane, m.
         rms: scatter of the side's touches about its plane, m.
     """
 
-    source: Source
     angle: float
     by_touch: FloatArray
     by_ground: FloatArray
@@ -56,17 +63,32 @@ class Heading:
     rms: float
 
 
-def side_heading(side: FloatArray, middle: FloatArray, noise: float) -> Heading:
-    """Along the side plane's line in the ground, with the artefact on its left.
+def heading_of(raw: RawPoints, measured: MeasuredArtefact, noise: float) -> Heading | None:
+    """Along the side plane's line in the ground, with the artefact on its left; None without side.
 
     Where the touches differ in height, the side may lean: its line at the height of the ground
     counts, not the touches' projection.
 
     Args:
-        side: (n, 3) touches in the ground's frame, m.
-        middle: (2,) middle of the landmarks: y points from the side towards it.
+        raw: points as they were read.
+        measured: the same in the ground's frame.
         noise: standard deviation of a touch, m.
+
+    Raises:
+        SamplesError: the side's touches lie together.
     """
+    if raw.side is None:
+        return None
+    side = (raw.side.position - measured.ground.centre) @ measured.ground.axes.T
+    if np.ptp(side[:, :2], axis=0).max() < max(1e-3, 100 * noise):
+        raise SamplesError(
+            "touches of the side within a millimetre of each other",
+            "touches along the side, as far apart as it allows",
+            file=raw.path,
+            line=raw.side.lines[0],
+            where="side",
+        )
+    middle = np.mean([g.values[:2] for g in measured.geometry], axis=0)
     leaning = len(side) > 4 and float(np.std(side[:, 2])) > UPRIGHT
     columns = 3 if leaning else 2
 
@@ -78,15 +100,14 @@ def side_heading(side: FloatArray, middle: FloatArray, noise: float) -> Heading:
 
     used = agreeing(fit, len(side), columns, noise)
     _, turn = _lined_up(side[used, :2], middle)
-    start = float(np.arctan2(turn[0, 1], turn[0, 0]))
-    function = _side(int(used.sum()), leaning)
-    outputs = function(side[used].T, np.zeros(GROUND), start)
+    outputs = _side(int(used.sum()), leaning)(
+        side[used].T, np.zeros(GROUND), np.arctan2(turn[0, 1], turn[0, 0])
+    )
     angle, by_touch, by_ground = (np.asarray(o.full(), dtype=float).reshape(-1) for o in outputs)
     freedom = int(used.sum()) - columns
     residuals = fit(used)[0]
-    squared = float(np.sum(residuals[used] ** 2))
-    rms = float(np.sqrt(squared / freedom)) if freedom > 0 else 0.0
-    return Heading("side plane", float(angle[0]), by_touch, by_ground, used, residuals, rms)
+    rms = float(np.sqrt(np.sum(residuals[used] ** 2) / freedom)) if freedom > 0 else 0.0
+    return Heading(float(angle[0]), by_touch, by_ground, used, residuals, rms)
 
 
 def _lined_up(points: FloatArray, middle: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -103,7 +124,9 @@ def _side(count: int, leaning: bool) -> Any:
     touches, ground = ca.SX.sym("touches", 3, count), ca.SX.sym("ground", GROUND)
     start = ca.SX.sym("start")
     level = levelled(touches, ground)
-    along, across = _turned(level, start)
+    x, y = level[0, :].T, level[1, :].T
+    along = ca.cos(start) * x + ca.sin(start) * y
+    across = ca.cos(start) * y - ca.sin(start) * x
     design = [ca.SX.ones(count, 1), _centred(along)]
     if leaning:
         # The slope along the ground is the same at any height.
@@ -117,12 +140,6 @@ def _side(count: int, leaning: bool) -> Any:
 
 def _centred(column: Symbol) -> Symbol:
     return column - ca.dot(column, ca.SX.ones(*column.shape)) / column.shape[0]
-
-
-def _turned(points: Symbol, angle: Symbol) -> tuple[Symbol, Symbol]:
-    cosine, sine = ca.cos(angle), ca.sin(angle)
-    x, y = points[0, :].T, points[1, :].T
-    return cosine * x + sine * y, cosine * y - sine * x
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,59 +158,45 @@ class Sources:
     pillars: tuple[slice, ...]
     side: slice
 
-    @property
-    def count(self) -> int:
-        """Number of columns."""
-        return len(self.sigma)
+    def jacobians(self, pillars: Sequence[PillarGeometry]) -> list[FloatArray]:
+        """(rows, c) derivative of each pillar's numbers by everything touched."""
+        found = [geometry.by_ground @ self.ground for geometry in pillars]
+        for full, geometry, columns in zip(found, pillars, self.pillars, strict=True):
+            full[:, columns] += geometry.by_touch
+        return found
+
+    def heading_jacobian(self, heading: Heading) -> FloatArray:
+        """(c,) derivative of the side's direction by everything touched."""
+        full = np.asarray(heading.by_ground @ self.ground)
+        full[self.side] += heading.by_touch
+        return full
+
+    def std(self, row: FloatArray) -> float:
+        """Standard deviation of a number with the derivative (c,), in its unit."""
+        return float(np.linalg.norm(row * self.sigma))
 
 
-def sources(
-    ground: Plane,
-    ground_points: FloatArray,
-    pillar_sigmas: Sequence[FloatArray],
-    side_count: int,
-    ground_noise: float,
-    noise: float,
-) -> Sources:
-    """Lay out the columns, and the ground plane's error as a function of its touches.
+def sources_of(measured: MeasuredArtefact, heading: Heading | None, noise: ProbingNoise) -> Sources:
+    """What was touched and is used, with the noise of every coordinate.
 
     A plane by least squares turns and rises with its touches' heights dz as
     ``(Σ Y dz / Σ Y², -Σ X dz / Σ X², mean dz)`` along its principal axes X and Y.
-
-    Args:
-        ground: the plane.
-        ground_points: (n, 3) its touches in use, in its own frame, m.
-        pillar_sigmas: standard deviation of every coordinate touched on each pillar, m.
-        side_count: touches of the side in use.
-        ground_noise: standard deviation of a touch on the ground, m.
-        noise: of one on the side, m.
     """
-    n = int(ground.inliers.sum())
-    x, y = ground_points[:, 0], ground_points[:, 1]
-    by_height = np.array([y / (y @ y), -x / (x @ x), np.full(n, 1.0 / n)])
-    sizes = [3 * n, *(len(s) for s in pillar_sigmas), 3 * side_count]
-    edges = np.concatenate([[0], np.cumsum(sizes)])
-    sigma = np.concatenate(
-        [np.full(3 * n, ground_noise), *pillar_sigmas, np.full(3 * side_count, noise)]
-    )
-    plane = np.zeros((GROUND, len(sigma)))
-    plane[:, 2 : 3 * n : 3] = by_height
-    slices = [slice(int(a), int(b)) for a, b in pairwise(edges[1:])]
-    return Sources(sigma, plane, tuple(slices[:-1]), slices[-1])
-
-
-def pillar_jacobian(geometry: PillarGeometry, columns: slice, by: Sources) -> FloatArray:
-    """(rows, c) derivative of a pillar's numbers by everything touched."""
-    full = geometry.by_ground @ by.ground
-    full[:, columns] += geometry.by_touch
-    return np.asarray(full)
-
-
-def heading_jacobian(heading: Heading, by: Sources) -> FloatArray:
-    """(c,) derivative of the side's direction by everything touched."""
-    full = heading.by_ground @ by.ground
-    full[by.side] += heading.by_touch
-    return np.asarray(full)
+    n = len(measured.ground_points)
+    sigmas = [np.full(3 * n, noise.ground)]
+    for pillar, top in zip(measured.pillars, measured.tops, strict=True):
+        each = [1.0] * (int(top.inliers.sum()) + len(pillar.holes))
+        if pillar.front is not None:
+            each += [count**-0.5 for count in pillar.flat_counts]
+        sigmas.append(noise.touch * np.repeat(each, 3))
+    sigmas.append(np.full(0 if heading is None else 3 * int(heading.inliers.sum()), noise.touch))
+    x, y = measured.ground_points[:, 0], measured.ground_points[:, 1]
+    sigma = np.concatenate(sigmas)
+    ground = np.zeros((GROUND, len(sigma)))
+    ground[:, 2 : 3 * n : 3] = y / (y @ y), -x / (x @ x), np.full(n, 1.0 / n)
+    edges = np.cumsum([len(s) for s in sigmas])
+    *pillars, side = (slice(int(a), int(b)) for a, b in pairwise(edges))
+    return Sources(sigma, ground, tuple(pillars), side)
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,30 +208,56 @@ class Placed:
         by: (n, 3, c) its derivative by everything touched.
         yaw: (n,) direction of the flats, rad; NaN without.
         yaw_by: (n, c).
+        heading_by: (c,) derivative of the x axis's direction in the ground's frame.
+        turned: quarter turns from the side to x, where a drawing says so.
     """
 
     position: FloatArray
     by: FloatArray
     yaw: FloatArray
     yaw_by: FloatArray
+    heading_by: FloatArray
+    turned: int = 0
 
 
-def placed(
+def placed_in_frame(
+    measured: MeasuredArtefact,
+    jacobians: Sequence[FloatArray],
+    heading: Heading | None,
+    by: Sources,
+    origin: int,
+    drawing: Artefact | None,
+) -> Placed:
+    """Landmarks in the artefact's frame, turned by quarters to be as in the drawing.
+
+    Args:
+        measured: pillars in the ground's frame.
+        jacobians: of each pillar by everything touched.
+        heading: the side's direction, if one was touched.
+        by: what was touched.
+        origin: which landmark is the origin.
+        drawing: of the artefact, if there is one.
+    """
+    if heading is None:
+        angle, angle_by = _towards_farthest(measured, jacobians, origin, drawing)
+        return _placed(measured.geometry, jacobians, origin, angle, angle_by)
+    angle, angle_by = heading.angle, by.heading_jacobian(heading)
+    where = _placed(measured.geometry, jacobians, origin, angle, angle_by)
+    if drawing is None:
+        return where
+    turned = quarter_turns([p.name for p in measured.pillars], where.position, drawing)
+    where = _placed(measured.geometry, jacobians, origin, angle - turned * QUARTER, angle_by)
+    return replace(where, turned=turned)
+
+
+def _placed(
     pillars: Sequence[PillarGeometry],
     jacobians: Sequence[FloatArray],
     origin: int,
     angle: float,
     angle_by: FloatArray,
 ) -> Placed:
-    """Turn by the heading, and count x and y from the origin.
-
-    Args:
-        pillars: in the ground's frame, with their `pillar_jacobian`.
-        jacobians: of each pillar.
-        origin: which of them is the origin.
-        angle: of the x axis in the ground's frame, rad.
-        angle_by: (c,) its derivative.
-    """
+    """Turn by the heading, and count x and y from the origin."""
     local = np.array([g.values[[X, Y, Z]] for g in pillars])
     by = np.array([j[[X, Y, Z]] for j in jacobians])
     local[:, :2] -= local[origin, :2].copy()
@@ -236,15 +265,13 @@ def placed(
     c, s = np.cos(angle), np.sin(angle)
     back = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
     position = local @ back.T
-    turned = np.einsum("ij,njc->nic", back, by)
     # A heading that turns one way turns everything else the other way.
-    turned += np.stack([position[:, 1], -position[:, 0], 0 * position[:, 2]], 1)[..., None] * (
-        angle_by
-    )
-    has = np.array([len(g.values) > YAW for g in pillars])
+    lever = np.stack([position[:, 1], -position[:, 0], 0 * position[:, 2]], axis=1)
+    turned = np.einsum("ij,njc->nic", back, by) + lever[..., None] * angle_by
+    has = [len(g.values) > YAW for g in pillars]
     yaw = np.array([g.values[YAW] if h else np.nan for g, h in zip(pillars, has, strict=True)])
     yaw_by = np.array([j[YAW] if h else 0 * angle_by for j, h in zip(jacobians, has, strict=True)])
-    return Placed(position, turned, wrapped(yaw - angle), yaw_by - angle_by)
+    return Placed(position, turned, wrapped(yaw - angle), yaw_by - angle_by, angle_by)
 
 
 def shape_covariance(position: FloatArray, covariance: FloatArray) -> FloatArray:
@@ -276,63 +303,6 @@ def origin_of(names: Sequence[str], options: CertificationOptions) -> int:
             hint=did_you_mean(wanted, names),
         )
     return names.index(wanted)
-
-
-def heading_of(raw: RawPoints, measured: MeasuredArtefact, noise: float) -> Heading | None:
-    """The side's direction in the ground's frame; None where no side was touched.
-
-    Raises:
-        SamplesError: the side's touches lie together.
-    """
-    if raw.side is None:
-        return None
-    ground = measured.ground
-    side = (raw.side.position - ground.centre) @ ground.axes.T
-    if np.ptp(side[:, :2], axis=0).max() < max(1e-3, 100 * noise):
-        raise SamplesError(
-            "touches of the side within a millimetre of each other",
-            "touches along the side, as far apart as it allows",
-            file=raw.path,
-            line=raw.side.lines[0],
-            where="side",
-        )
-    middle = np.mean([g.values[:2] for g in measured.geometry], axis=0)
-    return side_heading(side, middle, noise)
-
-
-def sources_of(measured: MeasuredArtefact, heading: Heading | None, noise: ProbingNoise) -> Sources:
-    """What was touched and is used, with the noise of every coordinate."""
-    side = 0 if heading is None else int(heading.inliers.sum())
-    sigmas = []
-    for pillar, top in zip(measured.pillars, measured.tops, strict=True):
-        each = [1.0] * (int(top.inliers.sum()) + len(pillar.holes))
-        if pillar.front is not None:
-            each += [count**-0.5 for count in pillar.flat_counts]
-        sigmas.append(noise.touch * np.repeat(each, 3))
-    ground = measured.ground, measured.ground_points
-    return sources(*ground, sigmas, side, noise.ground, noise.touch)
-
-
-def placed_in_frame(
-    measured: MeasuredArtefact,
-    jacobians: Sequence[FloatArray],
-    heading: Heading | None,
-    by: Sources,
-    origin: int,
-    options: CertificationOptions,
-) -> tuple[Placed, int, FloatArray]:
-    """Landmarks in the artefact's frame, quarter turns taken, derivative of the heading (c,)."""
-    names = [pillar.name for pillar in measured.pillars]
-    if heading is not None:
-        angle, angle_by, turned = heading.angle, heading_jacobian(heading, by), 0
-        where = placed(measured.geometry, jacobians, origin, angle, angle_by)
-        if options.drawing is not None:
-            turned = quarter_turns(names, where.position, options.drawing)
-            angle -= turned * QUARTER
-            where = placed(measured.geometry, jacobians, origin, angle, angle_by)
-        return where, turned, angle_by
-    angle, angle_by = _towards_farthest(measured, jacobians, origin, options.drawing)
-    return placed(measured.geometry, jacobians, origin, angle, angle_by), 0, angle_by
 
 
 def _towards_farthest(

@@ -10,7 +10,7 @@ a slip of the probe is likelier than a pillar that leans by just as much.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -167,25 +167,18 @@ def judge_tops(tops: Sequence[FloatArray], noise: float | None, fallback: float)
         fallback: what to take for it where the tops cannot tell: the scatter of the ground, m.
     """
     fits = [_fit(points, np.ones(len(points), dtype=np.bool_)) for points in tops]
-    level, freedom = _typical(fits)
-    if not freedom:
-        level, freedom = fallback, len(tops)
+    level, freedom = fallback, len(tops)
+    free = [fit for fit in fits if fit.freedom > 0]
+    if len(free) >= 3:
+        # The median top, which no few bad ones can move; it is worth about half of the tops.
+        level = float(np.sqrt(np.median([fit.squared / chi2.median(fit.freedom) for fit in free])))
+        freedom = sum(fit.freedom for fit in free) // 2
     scale = max(level, noise or 0.0, FINEST)
     known = noise is not None and scale == noise
     return tuple(
         _judge(points, fit, scale, None if known else freedom, len(tops))
         for points, fit in zip(tops, fits, strict=True)
     )
-
-
-def _typical(fits: Sequence[Top]) -> tuple[float, int]:
-    """Scatter of a touch from the median top, which no few bad ones can move, and its freedom."""
-    judged = [fit for fit in fits if fit.freedom > 0]
-    if len(judged) < 3:
-        return 0.0, 0
-    variances = [fit.squared / chi2.median(fit.freedom) for fit in judged]
-    # A median of tops is worth about half of them.
-    return float(np.sqrt(np.median(variances))), sum(fit.freedom for fit in judged) // 2
 
 
 def _judge(points: FloatArray, fit: Top, scale: float, freedom: int | None, count: int) -> Top:
@@ -203,8 +196,8 @@ def _judge(points: FloatArray, fit: Top, scale: float, freedom: int | None, coun
     without = [_fit(points, np.arange(k) != each) for each in range(k)] if k > 4 else []
     mended = [top for top in without if even(top)]
     if mended:
-        return min(mended, key=lambda top: _lean(points[top.inliers]))
-    return Top(fit.inliers, fit.residuals, fit.squared, fit.freedom, even=False)
+        return min(mended, key=lambda top: float(np.hypot(*_plane(points[top.inliers])[1:])))
+    return replace(fit, even=False)
 
 
 def _fit(points: FloatArray, used: BoolArray) -> Top:
@@ -220,7 +213,3 @@ def _design(points: FloatArray, about: FloatArray) -> FloatArray:
 
 def _plane(points: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.lstsq(_design(points, points), points[:, 2], rcond=None)[0])
-
-
-def _lean(points: FloatArray) -> float:
-    return float(np.hypot(*_plane(points)[1:]))

@@ -13,7 +13,7 @@ from typing import Final
 
 import numpy as np
 
-from suta_calib.arrays import FloatArray
+from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.errors import SamplesError, did_you_mean
 from suta_calib.measurements import Artefact, CsvTable, positions, read_csv_table
 
@@ -43,6 +43,10 @@ class ProbedPoints:
 
     def __len__(self) -> int:
         return len(self.lines)
+
+    def lines_without(self, inliers: BoolArray) -> tuple[int, ...]:
+        """Lines of the touches that are not used."""
+        return tuple(line for line, used in zip(self.lines, inliers, strict=True) if not used)
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +116,15 @@ def read_raw_points(path: Path) -> RawPoints:
     if 0 < len(side) < LEAST_ON_SIDE:
         raise rows.missing("1 touch of the side", "two or more along it, or none")
     pillars = tuple(_pillar(rows, name) for name in names)
-    _check_extent(rows)
+    # A typing error may be too large to be squared.
+    with np.errstate(over="ignore"):
+        extent = float(np.linalg.norm(np.ptp(rows.position, axis=0)))
+    if not SMALLEST_EXTENT < extent < LARGEST_EXTENT:
+        raise rows.missing(
+            f"points within {extent:.4g} m",
+            f"an artefact of {SMALLEST_EXTENT:g} to {LARGEST_EXTENT:g} m",
+            hint="columns x,y,z are in metres and x_mm,y_mm,z_mm in millimetres: which are these?",
+        )
     return RawPoints(
         path=path,
         ground=rows.touches(ground),
@@ -139,7 +151,7 @@ class _Rows:
         for row in self.of("top", "hole", "flat"):
             if not self.landmark[row]:
                 raise table.refuse(row, "landmark", "an empty cell", "the landmark's name")
-        self._index = table.cells("index", "the number of the touch")
+        self.indices = table.cells("index", "the number of the touch")
         self.position = positions(table)
 
     def of(self, *features: str, landmark: str | None = None) -> list[int]:
@@ -156,13 +168,10 @@ class _Rows:
 
     def index(self, row: int, most: int) -> int:
         """The cell ``index`` as a whole number from 0 to ``most``."""
-        cell = self._index[row]
+        cell = self.indices[row]
         if not cell.isascii() or not cell.isdecimal() or int(cell) > most:
             raise self.table.refuse(row, "index", repr(cell), f"a whole number from 0 to {most}")
         return int(cell)
-
-    def spacer_index(self, row: int) -> str:
-        return self._index[row]
 
     def missing(self, found: str, expected: str, where: str = "", hint: str = "") -> SamplesError:
         return SamplesError(found, expected, file=self.table.path, where=where, hint=hint)
@@ -198,7 +207,7 @@ def _spacers(rows: _Rows) -> Iterable[SpacerEnds]:
     """Ends in pairs: by index where a spacer's indices differ, else as they follow in the file."""
     for name in dict.fromkeys(rows.landmark[row] for row in rows.of("spacer")):
         listed = rows.of("spacer", landmark=name)
-        indices = [rows.spacer_index(row) for row in listed]
+        indices = [rows.indices[row] for row in listed]
         if len(set(indices)) == len(listed) and all(i.isdecimal() for i in indices):
             listed = [row for _, row in sorted(zip(map(int, indices), listed, strict=True))]
         called = name or "spacer"
@@ -212,18 +221,6 @@ def _spacers(rows: _Rows) -> Iterable[SpacerEnds]:
             if np.ptp(rows.position[list(pair)], axis=0).max() < COINCIDENT:
                 raise rows.missing("both ends in one place", "two ends", f"spacer {label!r}")
             yield SpacerEnds(label, rows.position[list(pair)])
-
-
-def _check_extent(rows: _Rows) -> None:
-    # A typing error may be too large to be squared.
-    with np.errstate(over="ignore"):
-        extent = float(np.linalg.norm(np.ptp(rows.position, axis=0)))
-    if not SMALLEST_EXTENT < extent < LARGEST_EXTENT:
-        raise rows.missing(
-            f"points within {extent:.4g} m",
-            f"an artefact of {SMALLEST_EXTENT:g} to {LARGEST_EXTENT:g} m",
-            hint="columns x,y,z are in metres and x_mm,y_mm,z_mm in millimetres: which are these?",
-        )
 
 
 @dataclass(frozen=True, eq=False)

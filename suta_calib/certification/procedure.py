@@ -11,23 +11,20 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from suta_calib.arrays import BoolArray, FloatArray
+from suta_calib.arrays import FloatArray
 from suta_calib.certification.comparison import compare, wrapped
 from suta_calib.certification.damage import faults, judged, uneven_tops
 from suta_calib.certification.frame import (
     Heading,
     Placed,
     Sources,
-    heading_jacobian,
     heading_of,
     origin_of,
-    pillar_jacobian,
     placed_in_frame,
     shape_covariance,
     sources_of,
 )
-from suta_calib.certification.measuring import MeasuredArtefact, measure, noise_of
-from suta_calib.certification.pillar import (
+from suta_calib.certification.measuring import (
     DIAGONAL_02,
     DIAGONAL_13,
     SLOPE_X,
@@ -35,7 +32,11 @@ from suta_calib.certification.pillar import (
     UNEVEN_X,
     UNEVEN_Y,
     WIDTH,
+    MeasuredArtefact,
+    measure,
+    noise_of,
 )
+from suta_calib.certification.plane import Plane
 from suta_calib.certification.points import PLAIN, CertificationOptions, ProbedPoints, RawPoints
 from suta_calib.certification.result import (
     Certification,
@@ -63,15 +64,17 @@ def certify(raw: RawPoints, options: CertificationOptions = PLAIN) -> Certificat
     noise = noise_of(measured, options.sigma, raw)
     heading = heading_of(raw, measured, noise.touch)
     by = sources_of(measured, heading, noise)
-    jacobians = [
-        pillar_jacobian(g, c, by) for g, c in zip(measured.geometry, by.pillars, strict=True)
-    ]
-    where, turned, heading_by = placed_in_frame(measured, jacobians, heading, by, origin, options)
+    jacobians = by.jacobians(measured.geometry)
+    where = placed_in_frame(measured, jacobians, heading, by, origin, options.drawing)
     yaw = wrapped(where.yaw - options.front)
     comparison = None
     if options.drawing is not None:
         comparison = compare(names, where.position, yaw, options.drawing)
     landmarks, covariance = _landmarks(measured, jacobians, where, yaw, by, options)
+    ground_tilt = max(by.std(row) for row in by.ground[:2])
+    side = None
+    if raw.side is not None and heading is not None:
+        side = _quality(raw.side, heading, by.std(by.heading_jacobian(heading)))
     found = judged(measured, jacobians, by, landmarks, comparison)
     return Certification(
         path=raw.path,
@@ -80,11 +83,11 @@ def certify(raw: RawPoints, options: CertificationOptions = PLAIN) -> Certificat
         landmarks=landmarks,
         covariance=covariance,
         origin=names[origin],
-        heading=heading.source if heading else "farthest landmark",
-        turned=turned,
-        heading_std=_std(heading_by, by),
-        ground=_ground_quality(raw, measured, by),
-        side=_side_quality(raw, heading, by),
+        heading="side plane" if heading else "farthest landmark",
+        turned=where.turned,
+        heading_std=by.std(where.heading_by),
+        ground=_quality(raw.ground, measured.ground, ground_tilt),
+        side=side,
         noise=noise.touch,
         stated_noise=options.sigma,
         freedom=noise.freedom,
@@ -116,8 +119,6 @@ def _landmarks(
         zip(measured.pillars, measured.tops, measured.geometry, strict=True)
     ):
         g, has = geometry.values, bool(np.isfinite(yaw[k]))
-        wrong = [line for line, used in zip(pillar.top.lines, top.inliers, strict=True) if not used]
-        slopes = [_std(jacobians[k][row], by) for row in (SLOPE_X, SLOPE_Y)]
         found.append(
             CertifiedLandmark(
                 name=pillar.name,
@@ -125,39 +126,24 @@ def _landmarks(
                 std=std[k],
                 shape_std=shape[k],
                 yaw=float(yaw[k]) if has else None,
-                yaw_std=_std(where.yaw_by[k], by) if has else None,
+                yaw_std=by.std(where.yaw_by[k]) if has else None,
                 tilt=float(np.arctan(np.hypot(g[SLOPE_X], g[SLOPE_Y]))),
-                tilt_std=max(slopes),
+                tilt_std=max(by.std(jacobians[k][row]) for row in (SLOPE_X, SLOPE_Y)),
                 flatness=float(np.abs(top.residuals[top.inliers]).max()),
                 symmetry=float(np.hypot(g[UNEVEN_X], g[UNEVEN_Y])),
                 diagonals=g[[DIAGONAL_02, DIAGONAL_13]],
                 flats=float(g[WIDTH]) - 2 * options.probe_radius if has else None,
                 touches=int(top.inliers.sum()),
-                wrong_touches=tuple(wrong),
+                wrong_touches=pillar.top.lines_without(top.inliers),
             )
         )
     return tuple(found), covariance
 
 
-def _ground_quality(raw: RawPoints, measured: MeasuredArtefact, by: Sources) -> PlaneQuality:
-    ground = measured.ground
-    used = ground.residuals[ground.inliers]
-    tilt = max(_std(row, by) for row in by.ground[:2])
-    wrong = _unused(raw.ground, ground.inliers)
-    return PlaneQuality(len(used), ground.rms, float(np.ptp(used)), tilt, wrong)
-
-
-def _side_quality(raw: RawPoints, heading: Heading | None, by: Sources) -> PlaneQuality | None:
-    if heading is None or raw.side is None:
-        return None
-    used = heading.residuals[heading.inliers]
-    turn = _std(heading_jacobian(heading, by), by)
-    wrong = _unused(raw.side, heading.inliers)
-    return PlaneQuality(len(used), heading.rms, float(np.ptp(used)), turn, wrong)
-
-
-def _unused(touches: ProbedPoints, inliers: BoolArray) -> tuple[int, ...]:
-    return tuple(line for line, used in zip(touches.lines, inliers, strict=True) if not used)
+def _quality(touches: ProbedPoints, plane: Plane | Heading, tilt_std: float) -> PlaneQuality:
+    used = plane.residuals[plane.inliers]
+    wrong = touches.lines_without(plane.inliers)
+    return PlaneQuality(len(used), plane.rms, float(np.ptp(used)), tilt_std, wrong)
 
 
 def _spacers(
@@ -179,7 +165,3 @@ def _spacers(
         nominal = options.spacers.get(spacer.name)
         found.append(SpacerLength(spacer.name, length, noise * 2**0.5, nominal))
     return tuple(found)
-
-
-def _std(row: FloatArray, by: Sources) -> float:
-    return float(np.linalg.norm(row * by.sigma))

@@ -205,28 +205,22 @@ class Certification:
         )
         if self.damaged:
             sentence = f"{', '.join(self.damaged)} damaged, or touched wrongly"
-        remarks = (_touches, _noise, _frame, _drawing, _spacers)
+        too_much = "as much as the touches and the other pillars explain"
+        if self.tolerance is not None:
+            too_much = "the tolerance with the measurement's uncertainty"
+        bad = [
+            f"{fault.landmark}: {fault.what} is {mm(fault.size):.4f} mm off; "
+            f"{mm(fault.limit):.4f} mm would be {too_much}."
+            for fault in self.faults
+        ]
+        remarks = (_touches, _frame, _drawing, _spacers)
         care = [note for remark in remarks for note in remark(self)]
-        return Assessment.of(sentence, bad=tuple(_faults(self)), care=care)
+        return Assessment.of(sentence, bad=bad, care=care)
 
     def artefact(self) -> Artefact:
         """What a calibration reads: positions, seated rotations, one sigma for each landmark."""
         marks = {m.name: Landmark(m.name, m.position, m.rotation, m.sigma) for m in self.landmarks}
         return Artefact(self.name, marks)
-
-
-def _faults(found: Certification) -> Iterator[str]:
-    for fault in found.faults:
-        yield (
-            f"{fault.landmark}: {fault.what} is {mm(fault.size):.4f} mm off; "
-            f"{mm(fault.limit):.4f} mm would be {_limit(found)}."
-        )
-
-
-def _limit(found: Certification) -> str:
-    if found.tolerance is not None:
-        return "the tolerance with the measurement's uncertainty"
-    return "as much as the touches and the other pillars explain"
 
 
 def _touches(found: Certification) -> Iterator[str]:
@@ -243,14 +237,6 @@ def _touches(found: Certification) -> Iterator[str]:
     few = [m.name for m in found.landmarks if m.touches + len(m.wrong_touches) < TOUCHES]
     if few:
         yield f"Fewer than five touches on the top of {', '.join(few)}: a wrong one may not show."
-
-
-def _lines(lines: tuple[int, ...]) -> str:
-    shown = ", ".join(map(str, lines[:MOST_LINES]))
-    return f"line{'s' * (len(lines) > 1)} {shown}{', …' * (len(lines) > MOST_LINES)}; not used"
-
-
-def _noise(found: Certification) -> Iterator[str]:
     if found.stated_noise is not None and found.noise > found.stated_noise:
         yield (
             f"Touches scatter by {um(found.noise):.2f} µm, more than the "
@@ -261,6 +247,11 @@ def _noise(found: Certification) -> Iterator[str]:
             f"The ground is rougher than the tops ({mm(found.ground.rms):.4f} mm RMS): heights "
             "count from its mean plane, and their uncertainty allows for it."
         )
+
+
+def _lines(lines: tuple[int, ...]) -> str:
+    shown = ", ".join(map(str, lines[:MOST_LINES]))
+    return f"line{'s' * (len(lines) > 1)} {shown}{', …' * (len(lines) > MOST_LINES)}; not used"
 
 
 def _frame(found: Certification) -> Iterator[str]:

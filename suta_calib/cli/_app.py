@@ -76,7 +76,9 @@ class LazyGroup(click.Group):
             formatter.write_dl([(name, line) for name, (_, line) in COMMANDS.items()])
 
 
-@click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(
+    cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"], "show_default": True}
+)
 @click.version_option(package_name="suta_calib", prog_name=PROGRAM)
 def app() -> None:
     """Calibrate the kinematics of serial arms: URDF and measurements in, calibrated URDF out.

@@ -1,40 +1,27 @@
-"""What the commands print and where they write."""
+"""What the commands print, where they write, and how they end."""
 
 from __future__ import annotations
 
-import json
-import math
-import time
-from collections.abc import Callable, Mapping
+import signal
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final, Self
 
 import click
 
-from suta_calib.assessment import NOT_USABLE
-from suta_calib.atomic import check_folder as check_folder
+from suta_calib.atomic import check_folder
 
 if TYPE_CHECKING:
-    from rich.console import Console, RenderableType
+    from rich.console import Console
     from rich.progress import Progress
 
     from suta_calib.report.document import Document
 
 # Shorter runs are over before anybody wonders.
 PATIENCE_S: Final = 2.0
-out_option = click.option(
-    "--out", type=click.Path(path_type=Path), help="Folder to write into; results/ beside the job."
-)
-json_option = click.option(
-    "--json", "as_json", is_flag=True, help="Print one JSON object and nothing else."
-)
-anyway_option = click.option(
-    "--anyway", is_flag=True, help="Take a result that says of itself that it must not be used."
-)
-verbose_option = click.option(
-    "--verbose", "-v", is_flag=True, help="List the unknowns of the observations too."
-)
 
 
 def console(*, stderr: bool = False) -> Console:
@@ -46,7 +33,9 @@ def console(*, stderr: bool = False) -> Console:
 
 def print_json(data: Mapping[str, Any]) -> None:
     """One JSON object on stdout; what is not a finite number becomes null."""
-    click.echo(json.dumps(_finite(data), indent=2, ensure_ascii=False, allow_nan=False))
+    from suta_calib.report.listing import json_text
+
+    click.echo(json_text(data, indent=2), nl=False)
 
 
 def folder_of(job: Path, out: Path | None) -> Path:
@@ -54,36 +43,6 @@ def folder_of(job: Path, out: Path | None) -> Path:
     folder = job.parent / "results" if out is None else out
     check_folder(folder)
     return folder
-
-
-def present(
-    context: click.Context,
-    answer: Mapping[str, Any],
-    shown: Callable[[], RenderableType],
-    folder: Path | None,
-    *,
-    as_json: bool,
-    usable: bool,
-) -> None:
-    """Print an answer that is already written; exit with 1 where it must not be used.
-
-    Args:
-        context: of the command.
-        answer: as JSON data; its ``files`` were written.
-        shown: makes what a console shows.
-        folder: written into, or None.
-        as_json: print ``answer`` instead of ``shown``.
-        usable: whether the answer may be used.
-    """
-    if as_json:
-        print_json(answer)
-    else:
-        to = console()
-        to.print(shown())
-        if folder is not None:
-            to.print(f"Written to {folder}: {', '.join(answer['files'])}", soft_wrap=True)
-    if not usable:
-        context.exit(NOT_USABLE)
 
 
 def finish(
@@ -115,7 +74,7 @@ def finish(
 
         to = console()
         to.print(rendered(answer), crop=False)
-        if folder is not None and written is not None:
+        if written is not None:
             files = written["files"]
             to.print(f"Written to {folder}: {', '.join(files)}", soft_wrap=True)
             if answer.written == "opening":
@@ -124,39 +83,78 @@ def finish(
 
 
 class LateProgress:
-    """A progress bar on stderr: on a terminal only, and not before it is worth it."""
+    """A bar on stderr that work goes on: on a terminal only, and not before it is worth it.
+
+    Called with what is done and the total, it says how far the work has come.
+    """
 
     def __init__(self, what: str) -> None:
-        self._what, self._began = what, time.monotonic()
+        self._told: dict[str, Any] = {"description": what, "total": None}
         self._console = console(stderr=True)
         self._bar: Progress | None = None
+        self._lock, self._over = threading.Lock(), False
+        self._timer = threading.Timer(PATIENCE_S, self._show)
+        self._timer.daemon = True
 
     def __enter__(self) -> Self:
+        if self._console.is_terminal:
+            self._timer.start()
         return self
 
     def __exit__(self, *_: object) -> None:
-        if self._bar is not None:
-            self._bar.stop()
+        with self._lock:
+            self._over = True
+            self._timer.cancel()
+            if self._bar is not None:
+                self._bar.stop()
 
     def __call__(self, done: int, total: int) -> None:
         """Say how far the work has come."""
-        if self._bar is None:
-            late = time.monotonic() - self._began > PATIENCE_S
-            if not (late and self._console.is_terminal):
-                return
-            from rich.progress import Progress
+        self._tell(completed=done, total=total)
 
-            self._bar = Progress(console=self._console, transient=True)
-            self._bar.add_task(self._what)
-            self._bar.start()
-        self._bar.update(self._bar.task_ids[0], completed=done, total=total)
+    def about(self, what: str) -> None:
+        """Say what is being done."""
+        self._tell(description=what)
+
+    def _tell(self, **told: Any) -> None:
+        with self._lock:
+            self._told |= told
+            if self._bar is not None:
+                self._bar.update(self._bar.task_ids[0], **told)
+
+    def _show(self) -> None:
+        from rich.progress import Progress
+
+        with self._lock:
+            if not self._over:
+                self._bar = Progress(console=self._console, transient=True)
+                self._bar.add_task(**self._told)
+                self._bar.start()
 
 
-def _finite(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {str(k): _finite(v) for k, v in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(v) for v in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
+@contextmanager
+def ended_by_sigterm() -> Iterator[None]:
+    """Whoever ends it as services are ended gets what Ctrl-C gets: complete files."""
+    with _on_sigterm(signal.default_int_handler):
+        yield
+
+
+@contextmanager
+def noted_sigterm() -> Iterator[Callable[[], bool]]:
+    """Whether this process was asked to end: then files are still written."""
+    asked = threading.Event()
+    with _on_sigterm(lambda *_: asked.set()):
+        yield asked.is_set
+
+
+@contextmanager
+def _on_sigterm(handler: Callable[..., Any]) -> Iterator[None]:
+    """Only the main thread can be told."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGTERM, handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)

@@ -6,12 +6,12 @@ from pathlib import Path
 
 import click
 
-from suta_calib.cli._analysis import folder_of, out_option
-from suta_calib.cli._output import LateProgress, finish, json_option
+from suta_calib.cli._options import job_argument, json_option, out_option
+from suta_calib.cli._output import LateProgress, finish, folder_of
 
 
 @click.command()
-@click.argument("job", type=click.Path(path_type=Path), metavar="JOB")
+@job_argument
 @out_option
 @json_option
 @click.pass_context

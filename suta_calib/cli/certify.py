@@ -8,8 +8,8 @@ from typing import Final
 
 import click
 
-from suta_calib.cli._numbers import FiniteRange
-from suta_calib.cli._output import check_folder, finish, json_option
+from suta_calib.cli._options import PATH, FiniteRange, Folder, json_option
+from suta_calib.cli._output import finish
 from suta_calib.errors import OutputError
 from suta_calib.units import from_deg, from_mm, from_um
 
@@ -17,19 +17,14 @@ LENGTH: Final = FiniteRange(min=0, min_open=True, max=1e6)
 
 
 @click.command()
-@click.argument("points", type=click.Path(path_type=Path), metavar="POINTS.csv")
+@click.argument("points", type=PATH, metavar="POINTS.csv")
+@click.option("--out", type=PATH, metavar="FILE.yaml", help="The artefact's file.")
 @click.option(
-    "--out", type=click.Path(path_type=Path), metavar="FILE.yaml", help="The artefact's file."
-)
-@click.option(
-    "--nominal",
-    type=click.Path(path_type=Path),
-    metavar="DRAWING.yaml",
-    help="Compare with this artefact's file.",
+    "--nominal", type=PATH, metavar="DRAWING.yaml", help="Compare with this artefact's file."
 )
 @click.option(
     "--report",
-    type=click.Path(path_type=Path),
+    type=Folder(),
     metavar="DIR",
     help="Write certify.json, certify.svg and report.html there.",
 )
@@ -49,14 +44,22 @@ LENGTH: Final = FiniteRange(min=0, min_open=True, max=1e6)
     default=0.0,
     help="The points are centres of a ball: flats and spacers measure two radii less.",
 )
-@click.option("--origin", metavar="NAME", default="", help="Landmark with x = y = 0; O, or first.")
+@click.option(
+    "--origin",
+    metavar="NAME",
+    default="",
+    show_default=False,
+    help="Landmark with x = y = 0; O, or first.",
+)
 @click.option(
     "--front-deg",
     type=FiniteRange(-360, 360),
     default=0.0,
     help="Where the front flat is in the seated tip's frame, from its x axis about z up.",
 )
-@click.option("--name", default="", help="Of the artefact; the file's name by default.")
+@click.option(
+    "--name", default="", show_default=False, help="Of the artefact; the file's name by default."
+)
 @click.option(
     "--spacer",
     "spacers",
@@ -87,17 +90,13 @@ def certify(
     ground; top (five per landmark); hole (four, in order around the pillar); flat (0 front, 1
     back); side; spacer (ends in pairs). Exits with 1 where a landmark is damaged.
     """
-    from suta_calib.certification import (
-        CertificationOptions,
-        read_raw_points,
-        write_certified,
-    )
+    from suta_calib.certification import CertificationOptions, read_raw_points, write_certified
     from suta_calib.certification import certify as certified
     from suta_calib.measurements import read_artefact
     from suta_calib.pose_calibration.inputs import error_context
     from suta_calib.report.certification import certification_document
 
-    _check_outputs(out, report, [points, nominal])
+    _check_output(out, [points, nominal])
     raw = read_raw_points(points)
     options = CertificationOptions(
         name=" ".join(name.split()),
@@ -135,10 +134,8 @@ def _lengths(spacers: tuple[str, ...]) -> dict[str, float]:
     return found
 
 
-def _check_outputs(out: Path | None, report: Path | None, inputs: list[Path | None]) -> None:
+def _check_output(out: Path | None, inputs: list[Path | None]) -> None:
     """Refuse what cannot be written, and what would replace an input, before any work."""
-    if report is not None:
-        check_folder(report)
     if out is None:
         return
     if not out.parent.is_dir() or out.is_dir():

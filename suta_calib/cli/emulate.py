@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import click
 
-from suta_calib.cli._numbers import FiniteRange
-from suta_calib.cli._output import check_folder
-from suta_calib.cli._signals import noted_sigterm
+from suta_calib.atomic import check_folder
+from suta_calib.cli._options import PATH, POSITIVE, FiniteRange
+from suta_calib.cli._output import noted_sigterm
 from suta_calib.device.description import UNITS
 from suta_calib.device.formats import FORMATS
 from suta_calib.emulation.faults import WORDS
@@ -19,27 +18,23 @@ from suta_calib.errors import InputError
 if TYPE_CHECKING:
     from suta_calib.simulation import PoseSpec
 
-_FILE: Final = click.Path(path_type=Path)
-_POSITIVE: Final = FiniteRange(min=0, min_open=True)
 _NOT_NEGATIVE: Final = FiniteRange(min=0)
 _SEED: Final = click.IntRange(min=0)
 _COUNT: Final = click.IntRange(min=1)
 _EPILOG: Final = "\b\nFaults, separated by commas; times are s after the port was first opened:\n"
 _FAULTS_HELP: Final = _EPILOG + "\n".join(f"  {k:<20} {v}" for k, v in WORDS.items())
-
-
 _SIGNS: Final = {"1": 1, "+1": 1, "+": 1, "-1": -1, "-": -1}
 
 
-@click.command(epilog=_FAULTS_HELP, context_settings={"show_default": True})
-@click.argument("urdf", type=_FILE, metavar="ARM.urdf")
+@click.command(epilog=_FAULTS_HELP)
+@click.argument("urdf", type=PATH, metavar="ARM.urdf")
 @click.option("--tip", metavar="FRAME", help="Tip of the arm; the script's by default.")
 @click.option("--base", metavar="LINK", help="First link; the root by default.")
-@click.option("--rate", default=768.0, type=_POSITIVE, help="Frames per second.")
+@click.option("--rate", default=768.0, type=POSITIVE, help="Frames per second.")
 # What it does.
 @click.option(
     "--script",
-    type=_FILE,
+    type=PATH,
     metavar="JOB.yaml",
     help="Rest on the landmarks (or points) of a calibration.yaml or simulation.yaml, "
     "one after the other. After each placement the arm waits until the port is closed "
@@ -71,8 +66,8 @@ _SIGNS: Final = {"1": 1, "+1": 1, "+": 1, "-1": -1, "-": -1}
 )
 @click.option("--repeats", type=_COUNT, help="How often each placement is gone through.")
 @click.option("--directions", type=_COUNT, help="Rests on each fixed point; 20.")
-@click.option("--rest", default=4.0, type=_POSITIVE, help="Duration of a rest, s.")
-@click.option("--move", default=1.5, type=_POSITIVE, help="Of a motion between two, s.")
+@click.option("--rest", default=4.0, type=POSITIVE, help="Duration of a rest, s.")
+@click.option("--move", default=1.5, type=POSITIVE, help="Of a motion between two, s.")
 @click.option("--seating-mm", type=_NOT_NEGATIVE, help="Seating noise per axis; 0.05.")
 @click.option(
     "--posture",
@@ -81,23 +76,21 @@ _SIGNS: Final = {"1": 1, "+1": 1, "+": 1, "-1": -1, "-": -1}
     metavar="JOINT=DEG,…",
     help="Where it rests or starts, or the search does; the middle of the ranges.",
 )
-@click.option("--cone", default=30.0, type=_POSITIVE, help="Largest tilt, degrees.")
-@click.option("--period", default=40.0, type=_POSITIVE, help="Of a pivoting, s.")
-@click.option("--amplitude", default=20.0, type=_POSITIVE, help="Of swings, degrees.")
+@click.option("--cone", default=30.0, type=POSITIVE, help="Largest tilt, degrees.")
+@click.option("--period", default=40.0, type=POSITIVE, help="Of a pivoting, s.")
+@click.option("--amplitude", default=20.0, type=POSITIVE, help="Of swings, degrees.")
 @click.option(
     "--frequency",
     default=(0.05, 0.5),
-    type=(_POSITIVE, _POSITIVE),
+    type=(POSITIVE, POSITIVE),
     metavar="FROM TO",
     help="Of swings at the start and at the end, Hz.",
 )
-@click.option("--duration", default=60.0, type=_POSITIVE, help="Of the swings, s.")
-@click.option("--csv", type=_FILE, help="A trajectory: time (s) and every joint (rad).")
+@click.option("--duration", default=60.0, type=POSITIVE, help="Of the swings, s.")
+@click.option("--csv", type=PATH, help="A trajectory: time (s) and every joint (rad).")
 # What is true, and what is read.
 @click.option(
-    "--truth",
-    type=_FILE,
-    help="True parameters: a truth.yaml, or a simulation.yaml for its errors.",
+    "--truth", type=PATH, help="True parameters: a truth.yaml, or a simulation.yaml for its errors."
 )
 @click.option(
     "--errors-seed",
@@ -116,8 +109,8 @@ _SIGNS: Final = {"1": 1, "+1": 1, "+": 1, "-1": -1, "-": -1}
 )
 @click.option("--baudrate", default=921600, type=_COUNT, help="For device.yaml only.")
 @click.option("--faults", multiple=True, metavar="LIST", help="What goes wrong; see below.")
-@click.option("--link", type=_FILE, metavar="PATH", help="Symbolic link to keep to the port.")
-@click.option("--seconds", type=_POSITIVE, help="Stop after so long, waiting included.")
+@click.option("--link", type=PATH, metavar="PATH", help="Symbolic link to keep to the port.")
+@click.option("--seconds", type=POSITIVE, help="Stop after so long, waiting included.")
 @click.option(
     "--start",
     type=click.Choice(["open", "now"]),
@@ -125,9 +118,9 @@ _SIGNS: Final = {"1": 1, "+1": 1, "+": 1, "-1": -1, "-": -1}
     help="Begin when the port is first opened, or at once.",
 )
 @click.option("--continuous", is_flag=True, help="Do not wait between placements.")
-@click.option("--device-out", type=_FILE, help="Write the device.yaml to read it with.")
-@click.option("--truth-out", type=_FILE, help="Write the truth (YAML), to judge a result by.")
-@click.option("--trajectory-out", type=_FILE, help="Write the true tip poses (CSV) at the end.")
+@click.option("--device-out", type=PATH, help="Write the device.yaml to read it with.")
+@click.option("--truth-out", type=PATH, help="Write the truth (YAML), to judge a result by.")
+@click.option("--trajectory-out", type=PATH, help="Write the true tip poses (CSV) at the end.")
 def emulate(**options: Any) -> None:
     """Emulate ARM.urdf: encoder frames on a pseudo-terminal, in real time.
 

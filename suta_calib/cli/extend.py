@@ -6,20 +6,14 @@ from pathlib import Path
 
 import click
 
-from suta_calib.cli._analysis import folder_of, out_option
-from suta_calib.cli._output import LateProgress, finish, json_option
+from suta_calib.cli._options import job_argument, json_option, out_option, seed_option
+from suta_calib.cli._output import LateProgress, finish, folder_of
 
 
 @click.command()
-@click.argument("job", type=click.Path(path_type=Path), metavar="JOB")
+@job_argument
 @click.option("--quick", is_flag=True, help="Leave out the models with every joint at once.")
-@click.option(
-    "--seed",
-    type=click.IntRange(min=0),
-    default=0,
-    show_default=True,
-    help="Of folds that are not placements.",
-)
+@seed_option("Of folds that are not placements.")
 @out_option
 @json_option
 @click.pass_context

@@ -7,27 +7,25 @@ from typing import TYPE_CHECKING
 
 import click
 
-from suta_calib.cli._output import check_folder, finish
-from suta_calib.cli._poses import LateStatus, pose_options
+from suta_calib.cli._options import PATH, pose_options
+from suta_calib.cli._output import LateProgress, finish
 
 if TYPE_CHECKING:
     from suta_calib.pose_calibration.hand_eye import Model, Setup
 
 
 @click.command("hand-eye")
-@click.argument("poses", type=click.Path(path_type=Path), metavar="POSES.csv")
+@click.argument("poses", type=PATH, metavar="POSES.csv")
 @click.option(
     "--setup",
     type=click.Choice(["eye-in-hand", "eye-to-hand"]),
     default="eye-in-hand",
-    show_default=True,
     help="The camera is on the hand, or stands beside the robot.",
 )
 @click.option(
     "--model",
     type=click.Choice(["AX=XB", "AX=ZB"]),
     default="AX=XB",
-    show_default=True,
     help="Ask for X, or for X and Z.",
 )
 @pose_options
@@ -53,10 +51,8 @@ def hand_eye(
     from suta_calib.pose_calibration import hand_eye_from_pairs
     from suta_calib.report.hand_eye import hand_eye_document
 
-    if out is not None:
-        check_folder(out)
     data = read_pose_pairs(poses)
-    with LateStatus("calibrating"):
+    with LateProgress("calibrating"):
         found = hand_eye_from_pairs(data, setup=setup, model=model, robust=not plain, seed=seed)
     answer = hand_eye_document(found, data).with_data(robust=not plain, seed=seed)
     finish(context, answer, out, as_json=as_json)

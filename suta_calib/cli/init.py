@@ -6,16 +6,15 @@ from pathlib import Path
 
 import click
 
-from suta_calib.cli._output import check_folder
+from suta_calib.atomic import check_folder
+from suta_calib.cli._options import PATH
 
 
 @click.command()
-@click.argument("urdf", type=click.Path(path_type=Path), metavar="URDF")
+@click.argument("urdf", type=PATH, metavar="URDF")
 @click.option("--tip", required=True, help="Link or frame whose pose matters.")
 @click.option("--base", help="Link the chain starts from; the root link by default.")
-@click.option(
-    "--out", type=click.Path(path_type=Path), default=".", help="Folder of the job; here."
-)
+@click.option("--out", type=PATH, default=".", show_default=False, help="Folder of the job; here.")
 @click.option(
     "--kind",
     "kinds",

@@ -6,15 +6,14 @@ from pathlib import Path
 
 import click
 
-from suta_calib.cli._output import check_folder, finish, json_option
-
-_PATH = click.Path(path_type=Path)
+from suta_calib.cli._options import PATH, Folder, json_option
+from suta_calib.cli._output import finish
 
 
 @click.command()
-@click.argument("job", type=_PATH, metavar="JOB.yaml")
-@click.option("--urdf", type=_PATH, help="In place of the job's own, such as calibrated.urdf.")
-@click.option("--out", type=_PATH, help="Folder for iso10360.json, its picture and report.html.")
+@click.argument("job", type=PATH, metavar="JOB.yaml")
+@click.option("--urdf", type=PATH, help="In place of the job's own, such as calibrated.urdf.")
+@click.option("--out", type=Folder(), help="Folder for iso10360.json, its picture and report.html.")
 @json_option
 @click.pass_context
 def iso10360(
@@ -32,8 +31,6 @@ def iso10360(
     from suta_calib.job.acceptance import AcceptanceJob
     from suta_calib.report.iso10360 import acceptance_document
 
-    if out is not None:
-        check_folder(out)
     loaded = AcceptanceJob.load(job, urdf)
     answer = acceptance_document(acceptance_test(loaded))
     answer = answer.with_data(urdf=str(loaded.arm.chain.path), job=str(job))

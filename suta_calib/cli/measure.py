@@ -5,14 +5,12 @@ from __future__ import annotations
 import sys
 from contextlib import ExitStack
 from dataclasses import fields
-from pathlib import Path
 from typing import Any, Final
 
 import click
 
-from suta_calib.cli._numbers import FiniteRange
-from suta_calib.cli._output import console, json_option, print_json
-from suta_calib.cli._signals import ended_by_sigterm
+from suta_calib.cli._options import PATH, POSITIVE, FiniteRange, job_argument, json_option
+from suta_calib.cli._output import console, ended_by_sigterm, print_json
 
 INCOMPLETE: Final = 1
 
@@ -41,24 +39,22 @@ class PlaceCommand(click.Command):
 
 
 @click.command(cls=PlaceCommand)
-@click.argument("job", type=click.Path(path_type=Path), metavar="JOB")
-@click.option("--device", type=click.Path(path_type=Path), required=True, help="The device.yaml.")
+@job_argument
+@click.option("--device", type=PATH, required=True, help="The device.yaml.")
 @click.option("--placement", help="Label of where the artefact stands, such as P1.")
 @click.option("--point", help="Label of a fixed point, such as F1, in place of --placement.")
 @click.option("--free", is_flag=True, help="Readings only, with no label: wherever the arm rests.")
-@click.option("--repeat", default="1", show_default=True, help="Which time this is measured.")
+@click.option("--repeat", default="1", help="Which time this is measured.")
 @click.option(
     "--seconds",
     type=FiniteRange(min=0.1),
     default=2.0,
-    show_default=True,
     help="How long the arm's rest on each landmark is recorded.",
 )
 @click.option(
     "--rests",
     type=click.IntRange(min=1),
     default=20,
-    show_default=True,
     help="How many rests, with --point or --free.",
 )
 @click.option(
@@ -71,10 +67,9 @@ class PlaceCommand(click.Command):
     "--every",
     type=FiniteRange(min=0.01),
     default=0.1,
-    show_default=True,
     help="Seconds between two samples of --continuous.",
 )
-@click.option("--out", type=click.Path(path_type=Path), help="The CSV; among the job's by default.")
+@click.option("--out", type=PATH, help="The CSV; among the job's by default.")
 @click.option("--sequence", help="Landmarks in order, such as O,M1,M2; the artefact's by default.")
 @click.option(
     "--observation", metavar="N|KIND", help="Which of the job's: 0, landmark, validation."
@@ -87,22 +82,18 @@ class PlaceCommand(click.Command):
     metavar="S",
     help="Give up when nothing happens for S seconds; 60 with --yes, else never.",
 )
-@click.option("--raw", type=click.Path(path_type=Path), help="The whole stream, as Parquet.")
-@click.option(
-    "--urdf", type=click.Path(path_type=Path), help="For the distances shown; the job's by default."
-)
+@click.option("--raw", type=PATH, help="The whole stream, as Parquet.")
+@click.option("--urdf", type=PATH, help="For the distances shown; the job's by default.")
 @click.option(
     "--drift-deg",
-    type=FiniteRange(min=0, min_open=True),
+    type=POSITIVE,
     default=0.02,
-    show_default=True,
     help="How far an arm at rest may drift within a quarter of a second.",
 )
 @click.option(
     "--tremble-deg",
-    type=FiniteRange(min=0, min_open=True),
+    type=POSITIVE,
     default=0.1,
-    show_default=True,
     help="Standard deviation of the tremor that a hand may pass on to an arm at rest.",
 )
 @json_option

@@ -13,9 +13,8 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from suta_calib.cli._numbers import FiniteRange
-from suta_calib.cli._output import console, json_option, print_json
-from suta_calib.cli._signals import ended_by_sigterm
+from suta_calib.cli._options import PATH, POSITIVE, FiniteRange, json_option
+from suta_calib.cli._output import console, ended_by_sigterm, print_json
 from suta_calib.device import Bus, DeviceSpec, Reading, read_device
 from suta_calib.device.monitoring import LOSSES, Monitor, stream_report, watch
 from suta_calib.device.reading import ERROR_MEANING, WARNING_MEANING
@@ -28,8 +27,8 @@ _LINE_S: Final = 1.0
 
 
 @click.command()
-@click.option("--device", type=click.Path(path_type=Path), required=True, help="The device.yaml.")
-@click.option("--urdf", type=click.Path(path_type=Path), help="Show this arm's tip pose too.")
+@click.option("--device", type=PATH, required=True, help="The device.yaml.")
+@click.option("--urdf", type=PATH, help="Show this arm's tip pose too.")
 @click.option("--tip", help="With --urdf: any link or frame of the arm.")
 @click.option("--base", help="With --urdf: the link poses are given in; the root by default.")
 @click.option(
@@ -39,9 +38,8 @@ _LINE_S: Final = 1.0
 )
 @click.option(
     "--silence",
-    type=FiniteRange(min=0, min_open=True),
+    type=POSITIVE,
     default=2.0,
-    show_default=True,
     metavar="S",
     help="A device that sends nothing for so long is silent; twice as long after the start.",
 )
@@ -149,10 +147,7 @@ class _View:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self.close()
-
-    def close(self) -> None:
-        """Leave the last table where it is."""
+        # The last table stays where it is.
         if self._live is not None:
             self._live.stop()
             self._live = None
@@ -179,60 +174,51 @@ class _View:
 
     def conclude(self, data: dict[str, Any]) -> None:
         """What was seen in all, and what is wrong."""
-        counts = ", ".join(_counted(data[key], name) for key, name in LOSSES.items())
-        self._console.print(f"{data['frames']} frames; {counts}", soft_wrap=True)
+        self._console.print(f"{data['frames']} frames; {_losses(data)}", soft_wrap=True)
         for remark in data["remarks"] or ["nothing wrong was seen"]:
             self._console.print(f"· {remark}", soft_wrap=True)
 
     def _picture(self, data: dict[str, Any]) -> Group:
-        table = Table(title=_title(data), title_justify="left")
+        title = f"{data['port']} · {data['frame_rate_hz']:.1f} {data['format']}/s"
+        if data["clock_ppm"] is not None:
+            title += f" · device clock {data['clock_ppm']:+.0f} ppm"
+        table = Table(title=title, title_justify="left")
         table.add_column("joint")
         for name in ("angle, °", "noise, °"):
             table.add_column(name, justify="right")
         table.add_column("flags")
         for name, joint in data["joints"].items():
-            style = "red" if joint["error"] else "yellow" if joint["warning"] else ""
+            style, said = "", "good"
+            if joint["error"]:
+                style, said = "red", ERROR_MEANING
+            elif joint["warning"]:
+                style, said = "yellow", WARNING_MEANING
             angle, noise = _number(joint["angle_deg"], 4), _number(joint["noise_deg"], 5)
-            table.add_row(name, angle, noise, Text(_meaning(joint), style=style))
-        counts = ", ".join(_counted(data[key], name) for key, name in LOSSES.items())
+            table.add_row(name, angle, noise, Text(said, style=style))
         found = [Text(f"· {remark}", style="yellow") for remark in data["remarks"]]
-        return Group(table, Text(counts), *_tip_text(self._tip, data), *found)
-
-
-def _title(data: dict[str, Any]) -> str:
-    title = f"{data['port']} · {data['frame_rate_hz']:.1f} {data['format']}/s"
-    if data["clock_ppm"] is not None:
-        title += f" · device clock {data['clock_ppm']:+.0f} ppm"
-    return title
+        if self._tip is not None and data["tip"] is not None:
+            where, turn = (_vector(data["tip"][key]) for key in ("position_mm", "rotation_rpy_deg"))
+            found = [Text(f"{self._tip.frames}: {where} mm, roll pitch yaw {turn}°"), *found]
+        return Group(table, Text(_losses(data)), *found)
 
 
 def _line(data: dict[str, Any]) -> str:
     angles = "  ".join(
-        f"{name} {_number(joint['angle_deg'], 3)}°{_mark(joint)}"
+        f"{name} {_number(joint['angle_deg'], 3)}°"
+        + (" ERROR" if joint["error"] else " warning" if joint["warning"] else "")
         for name, joint in data["joints"].items()
     )
-    bad = ", ".join(_counted(data[key], name) for key, name in LOSSES.items() if data[key])
+    bad = _losses({key: number for key, number in data.items() if number})
     tip = "" if data["tip"] is None else f"  tip {_vector(data['tip']['position_mm'])} mm"
     return f"{data['frame_rate_hz']:.1f} {data['format']}/s  {angles}{tip}  {bad}".rstrip()
 
 
-def _counted(number: int, name: str) -> str:
-    return f"{number} {name.removesuffix('s') if number == 1 else name}"
-
-
-def _mark(joint: dict[str, Any]) -> str:
-    return " ERROR" if joint["error"] else " warning" if joint["warning"] else ""
-
-
-def _meaning(joint: dict[str, Any]) -> str:
-    return ERROR_MEANING if joint["error"] else WARNING_MEANING if joint["warning"] else "good"
-
-
-def _tip_text(tip: _Tip | None, data: dict[str, Any]) -> list[Text]:
-    if tip is None or data["tip"] is None:
-        return []
-    position, turn = data["tip"]["position_mm"], data["tip"]["rotation_rpy_deg"]
-    return [Text(f"{tip.frames}: {_vector(position)} mm, roll pitch yaw {_vector(turn)}°")]
+def _losses(data: dict[str, Any]) -> str:
+    """What was damaged or lost, as far as it was counted."""
+    counts = {name: data[key] for key, name in LOSSES.items() if key in data}
+    return ", ".join(
+        f"{n} {name.removesuffix('s') if n == 1 else name}" for name, n in counts.items()
+    )
 
 
 def _vector(values: list[float]) -> str:

@@ -6,11 +6,12 @@ from pathlib import Path
 
 import click
 
-from suta_calib.cli._output import finish, json_option, verbose_option
+from suta_calib.cli._options import job_argument, json_option, verbose_option
+from suta_calib.cli._output import finish
 
 
 @click.command()
-@click.argument("job", type=click.Path(path_type=Path), metavar="JOB")
+@job_argument
 @json_option
 @verbose_option
 @click.pass_context

@@ -6,19 +6,17 @@ from pathlib import Path
 
 import click
 
-from suta_calib.cli._analysis import folder_of, out_option
-from suta_calib.cli._numbers import FiniteRange
-from suta_calib.cli._output import LateProgress, finish, json_option
+from suta_calib.cli._options import POSITIVE, job_argument, json_option, out_option
+from suta_calib.cli._output import LateProgress, finish, folder_of
 from suta_calib.units import from_mm
 
 
 @click.command()
-@click.argument("job", type=click.Path(path_type=Path), metavar="JOB")
+@job_argument
 @click.option(
     "--bias-mm",
-    type=FiniteRange(min=0.0, min_open=True),
+    type=POSITIVE,
     default=1.0,
-    show_default=True,
     help="Systematic error after registration from which on it is flagged.",
 )
 @out_option

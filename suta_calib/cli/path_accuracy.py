@@ -6,18 +6,14 @@ from pathlib import Path
 
 import click
 
-from suta_calib.cli._arm import optional_arm
-from suta_calib.cli._numbers import FiniteRange
-from suta_calib.cli._output import check_folder, finish, json_option
-from suta_calib.cli._poses import LateStatus
-
-_PATH = click.Path(path_type=Path)
+from suta_calib.cli._options import PATH, FiniteRange, Folder, json_option, optional_arm
+from suta_calib.cli._output import LateProgress, finish
 
 
 @click.command()
-@click.argument("recorded", type=_PATH, metavar="RECORDED.csv")
-@click.argument("reference", type=_PATH, metavar="REFERENCE.csv")
-@click.option("--urdf", type=_PATH, help="The arm, for hysteresis per joint.")
+@click.argument("recorded", type=PATH, metavar="RECORDED.csv")
+@click.argument("reference", type=PATH, metavar="REFERENCE.csv")
+@click.option("--urdf", type=PATH, help="The arm, for hysteresis per joint.")
 @click.option("--tip", help="Link or frame of the arm that was recorded.")
 @click.option("--base", help="Link the recording is relative to; default: the root link.")
 @click.option("--register", "registered", is_flag=True, help="The files are in different frames.")
@@ -25,11 +21,10 @@ _PATH = click.Path(path_type=Path)
     "--max-latency",
     type=FiniteRange(min=1e-3),
     default=0.5,
-    show_default=True,
     help="Largest latency looked at, either way, s.",
 )
 @json_option
-@click.option("--out", type=_PATH, help="Folder to write result.json and dynamics.svg into.")
+@click.option("--out", type=Folder(), help="Folder to write result.json and dynamics.svg into.")
 @click.pass_context
 def path_accuracy(
     context: click.Context,
@@ -54,10 +49,8 @@ def path_accuracy(
     from suta_calib.tracking.path_accuracy import compare
     from suta_calib.tracking.trajectory import read_trajectory
 
-    if out is not None:
-        check_folder(out)
     arm = optional_arm(urdf, tip, base, "was recorded")
     motions = read_trajectory(recorded, arm), read_trajectory(reference)
-    with LateStatus("comparing"):
+    with LateProgress("comparing"):
         found = compare(*motions, arm, registered=registered, largest_latency=max_latency)
     finish(context, path_accuracy_document(found), out, as_json=as_json)

@@ -6,12 +6,12 @@ from pathlib import Path
 
 import click
 
-from suta_calib.cli._output import check_folder, finish
-from suta_calib.cli._poses import LateStatus, pose_options
+from suta_calib.cli._options import PATH, pose_options
+from suta_calib.cli._output import LateProgress, finish
 
 
 @click.command()
-@click.argument("poses", type=click.Path(path_type=Path), metavar="POSES.csv")
+@click.argument("poses", type=PATH, metavar="POSES.csv")
 @pose_options
 @click.pass_context
 def pivot(
@@ -29,10 +29,8 @@ def pivot(
     from suta_calib.pose_calibration import pivot_from_poses
     from suta_calib.report.pivot import pivot_document
 
-    if out is not None:
-        check_folder(out)
     data = read_tool_poses(poses)
-    with LateStatus("calibrating"):
+    with LateProgress("calibrating"):
         found = pivot_from_poses(data, robust=not plain, seed=seed)
     answer = pivot_document(found, data).with_data(robust=not plain, seed=seed)
     finish(context, answer, out, as_json=as_json)

@@ -7,31 +7,30 @@ from typing import TYPE_CHECKING
 
 import click
 
-from suta_calib.cli._analysis import folder_of, out_option
-from suta_calib.cli._numbers import FiniteRange, region_option
-from suta_calib.cli._output import LateProgress, finish, json_option
-from suta_calib.cli._poses import LateStatus
+from suta_calib.cli._options import (
+    PATH,
+    FiniteRange,
+    job_argument,
+    json_option,
+    out_option,
+    region_option,
+    seed_option,
+)
+from suta_calib.cli._output import LateProgress, finish, folder_of
 from suta_calib.units import from_deg, from_mm, stored
 
 if TYPE_CHECKING:
     from suta_calib.arrays import FloatArray
 
-_PATH = click.Path(path_type=Path)
-
 
 @click.command()
-@click.argument("job", type=_PATH, metavar="JOB")
-@click.option(
-    "-n", "count", type=click.IntRange(1, 50), default=3, show_default=True, help="How many."
-)
-@click.option(
-    "--candidates", type=_PATH, help="candidates.yaml; searched in the region by default."
-)
+@job_argument
+@click.option("-n", "count", type=click.IntRange(1, 50), default=3, help="How many.")
+@click.option("--candidates", type=PATH, help="candidates.yaml; searched in the region by default.")
 @click.option(
     "--criterion",
     type=click.Choice(["tip", "d"]),
     default="tip",
-    show_default=True,
     help="Lessen the tip's uncertainty in the region, or the parameters' (D-optimal).",
 )
 @region_option
@@ -40,7 +39,6 @@ _PATH = click.Path(path_type=Path)
     "--tilt",
     type=FiniteRange(0, 90),
     default=40.0,
-    show_default=True,
     help="Largest tilt of the artefact looked at, deg.",
 )
 @click.option("--target-mm", type=FiniteRange(1e-6), help="Uncertainty of the tip to reach.")
@@ -48,10 +46,9 @@ _PATH = click.Path(path_type=Path)
     "--least-gain",
     type=FiniteRange(0.1, 99),
     default=5.0,
-    show_default=True,
     help="Stop where one more lessens the tip's uncertainty by less, %.",
 )
-@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of the search.")
+@seed_option("Of the search.")
 @out_option
 @json_option
 @click.pass_context
@@ -97,7 +94,7 @@ def plan(
     if candidates is not None:
         places, options = planning.candidate_places(candidates, situation, options)
     where = None if region is None else planning.Region.box(region[0], region[1], situation)
-    with LateStatus("planning"):
+    with LateProgress("planning"):
         found = planning.plan(situation, options, places, where)
     answer = plan_document(found)
     finish(context, answer, folder, as_json=as_json, texts=bench_files(found))

@@ -6,16 +6,16 @@ from pathlib import Path
 
 import click
 
-from suta_calib.cli._output import check_folder, finish
-from suta_calib.cli._poses import LateStatus, pose_options
+from suta_calib.cli._options import PATH, pose_options
+from suta_calib.cli._output import LateProgress, finish
 
 
 @click.command()
-@click.argument("a", type=click.Path(path_type=Path), metavar="A.csv")
-@click.argument("b", type=click.Path(path_type=Path), metavar="B.csv")
+@click.argument("a", type=PATH, metavar="A.csv")
+@click.argument("b", type=PATH, metavar="B.csv")
 @click.option(
     "--target",
-    type=click.Path(path_type=Path),
+    type=PATH,
     metavar="T.csv",
     help="Points in A's frame at which the error to expect is wanted.",
 )
@@ -40,11 +40,9 @@ def register(
     from suta_calib.pose_calibration import registration_from_points
     from suta_calib.report.registration import register_document
 
-    if out is not None:
-        check_folder(out)
     points = read_corresponding_points(a, b)
     targets = None if target is None else read_points(target)
-    with LateStatus("registering"):
+    with LateProgress("registering"):
         found = registration_from_points(*points, targets, robust=not plain, seed=seed)
     answer = register_document(found, *points, targets).with_data(robust=not plain, seed=seed)
     finish(context, answer, out, as_json=as_json)

@@ -7,45 +7,40 @@ from typing import TYPE_CHECKING
 
 import click
 
-from suta_calib.cli._arm import optional_arm
-from suta_calib.cli._numbers import FiniteRange
-from suta_calib.cli._output import check_folder, finish, json_option
-from suta_calib.cli._poses import LateStatus
+from suta_calib.cli._options import (
+    PATH,
+    FiniteRange,
+    Folder,
+    json_option,
+    optional_arm,
+    seed_option,
+)
+from suta_calib.cli._output import LateProgress, finish
 
 if TYPE_CHECKING:
     from suta_calib.analysis.repeatability import Repeatability, Stationary
     from suta_calib.model.arm import ArmModel
 
-_PATH = click.Path(path_type=Path)
-
 
 @click.command()
-@click.argument("samples", type=_PATH, metavar="[SAMPLES.csv]", required=False)
-@click.option("--urdf", type=_PATH, help="The arm, as well calibrated as it is.")
+@click.argument("samples", type=PATH, metavar="[SAMPLES.csv]", required=False)
+@click.option("--urdf", type=PATH, help="The arm, as well calibrated as it is.")
 @click.option("--tip", help="Link or frame that visited the point.")
 @click.option("--base", help="Link the chain starts from; default: the root link.")
 @click.option(
     "--stationary",
     "at_rest",
-    type=_PATH,
+    type=PATH,
     metavar="STREAM",
     help="CSV or Parquet of an arm at rest: time and a column per joint.",
 )
 @click.option(
-    "--confidence",
-    type=FiniteRange(50.0, 99.9),
-    default=95.0,
-    show_default=True,
-    help="Of the intervals, %.",
+    "--confidence", type=FiniteRange(50.0, 99.9), default=95.0, help="Of the intervals, %."
 )
+@seed_option("Of the permutations that tell directions from noise.")
 @click.option(
-    "--seed",
-    type=click.IntRange(min=0),
-    default=0,
-    show_default=True,
-    help="Of the permutations that tell directions from noise.",
+    "--out", type=Folder(), help="Folder for repeatability.json, pictures and report.html."
 )
-@click.option("--out", type=_PATH, help="Folder for repeatability.json, pictures and report.html.")
 @json_option
 @click.pass_context
 def repeatability(
@@ -70,10 +65,8 @@ def repeatability(
     from suta_calib.analysis.repeatability import RepeatabilityTest
     from suta_calib.report.repeatability import repeatability_document
 
-    if out is not None:
-        check_folder(out)
     arm = _arm(samples, urdf, tip, base, at_rest)
-    with LateStatus("comparing visits"):
+    with LateProgress("comparing visits"):
         visits = _visits(arm, samples, confidence / 100, seed) if arm and samples else None
         rest = None if at_rest is None else _rest(arm, at_rest)
     answer = repeatability_document(RepeatabilityTest(visits, rest))

@@ -6,18 +6,17 @@ from pathlib import Path
 
 import click
 
-from suta_calib.cli._output import check_folder, finish, json_option
-from suta_calib.cli._poses import LateStatus
+from suta_calib.cli._options import PATH, Folder, json_option
+from suta_calib.cli._output import LateProgress, finish
 
 
 @click.command()
-@click.argument("prefix", type=click.Path(path_type=Path), metavar="PREFIX")
-@click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder to write into.")
+@click.argument("prefix", type=PATH, metavar="PREFIX")
+@click.option("--out", type=Folder(), required=True, help="Folder to write into.")
 @click.option("--dewarp", is_flag=True, help="Correct the EM tracker's distortion, and navigate.")
 @click.option(
     "--robust/--no-robust",
     default=False,
-    show_default=True,
     help="Find markers and frames that do not fit the others, and leave them out.",
 )
 @json_option
@@ -32,16 +31,10 @@ def stereotactic(
     the inputs are compared with. Exits with 1 where the answer must not be used.
     """
     from suta_calib.report.stereotactic import check_given, stereotactic_document
-    from suta_calib.stereotactic import (
-        StereotacticData,
-        compare,
-        read_given,
-        solve_stereotactic,
-    )
+    from suta_calib.stereotactic import StereotacticData, compare, read_given, solve_stereotactic
 
     data = StereotacticData.read(prefix, navigation=dewarp)
-    check_folder(out)
-    with LateStatus("solving"):
+    with LateProgress("solving"):
         result = solve_stereotactic(data, dewarp=dewarp, robust=robust)
     answer = stereotactic_document(result, compare(result, read_given(result)))
     check_given(answer, out, data.prefix.parent)

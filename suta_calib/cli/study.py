@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Final, cast
 
 import click
 
-from suta_calib.cli._analysis import folder_of, out_option
-from suta_calib.cli._numbers import FiniteRange
-from suta_calib.cli._output import LateProgress, finish, json_option
+from suta_calib.cli._options import POSITIVE, job_argument, json_option, out_option, seed_option
+from suta_calib.cli._output import LateProgress, finish, folder_of
 from suta_calib.units import stored
 
 if TYPE_CHECKING:
@@ -48,20 +47,15 @@ def _range(text: str) -> range:
 
 
 @click.command()
-@click.argument("job", type=click.Path(path_type=Path), metavar="JOB")
+@job_argument
 @click.option(
     "--kind",
     type=click.Choice(["size", "bootstrap", "monte-carlo"]),
     default="size",
-    show_default=True,
     help="What to study.",
 )
 @click.option(
-    "--trials",
-    type=click.IntRange(1, MOST_TRIALS),
-    default=100,
-    show_default=True,
-    help="How many; of each size.",
+    "--trials", type=click.IntRange(1, MOST_TRIALS), default=100, help="How many; of each size."
 )
 @click.option(
     "--sizes",
@@ -76,12 +70,11 @@ def _range(text: str) -> range:
 )
 @click.option(
     "--tolerance-pct",
-    type=FiniteRange(0, min_open=True),
+    type=POSITIVE,
     default=5.0,
-    show_default=True,
     help="How far above the largest size's mean is still enough.",
 )
-@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of all draws.")
+@seed_option("Of all draws.")
 @click.option("--jobs", type=click.IntRange(1), help="Processes; default: one per core.")
 @click.option("--dask", metavar="ADDRESS", help="Run on this Dask cluster, as tcp://host:8786.")
 @click.option("--resume", is_flag=True, help="Go on with the trials an earlier run finished.")
@@ -122,14 +115,7 @@ def study(
     from suta_calib.report.study import study_document
 
     folder = folder_of(job, out)
-    request = Request(
-        cast("Kind", kind),
-        trials,
-        sizes,
-        unit,
-        seed,
-        stored(tolerance_pct, "%"),
-    )
+    request = Request(cast("Kind", kind), trials, sizes, unit, seed, stored(tolerance_pct, "%"))
     log = folder / request.log_name
     try:
         with LateProgress("calibrating") as progress:

@@ -7,22 +7,27 @@ from typing import TYPE_CHECKING
 
 import click
 
-from suta_calib.cli._analysis import folder_of, out_option
-from suta_calib.cli._numbers import FiniteRange, place_option, region_option
-from suta_calib.cli._output import LateProgress, anyway_option, finish, json_option
-from suta_calib.cli._poses import LateStatus
+from suta_calib.cli._options import (
+    PATH,
+    FiniteRange,
+    anyway_option,
+    json_option,
+    out_option,
+    place_option,
+    region_option,
+    seed_option,
+)
+from suta_calib.cli._output import LateProgress, finish, folder_of
 from suta_calib.units import from_mm
 
 if TYPE_CHECKING:
     from suta_calib.analysis.tip_map import TipMap, TipMapOptions
     from suta_calib.arrays import FloatArray
 
-_PATH = click.Path(path_type=Path)
-
 
 @click.command("tip-map")
-@click.argument("source", type=_PATH, metavar="JOB|result.json")
-@click.option("--urdf", type=_PATH, help="With result.json: the nominal arm it was made from.")
+@click.argument("source", type=PATH, metavar="JOB|result.json")
+@click.option("--urdf", type=PATH, help="With result.json: the nominal arm it was made from.")
 @click.option("--tip", help="With result.json: link or frame of the tip.")
 @click.option("--base", help="With result.json: link the chain starts at; default: the root.")
 @anyway_option
@@ -30,13 +35,9 @@ _PATH = click.Path(path_type=Path)
 @place_option
 @click.option("--tolerance-mm", type=FiniteRange(1e-6), help="Exit code 1 if the RMS is larger.")
 @click.option(
-    "--grid",
-    type=click.IntRange(5, 301),
-    default=61,
-    show_default=True,
-    help="Points along each side of the map.",
+    "--grid", type=click.IntRange(5, 301), default=61, help="Points along each side of the map."
 )
-@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of the search.")
+@seed_option("Of the search.")
 @out_option
 @json_option
 @click.pass_context
@@ -81,7 +82,7 @@ def _of_job(job: Path, options: TipMapOptions) -> TipMap:
 
     with LateProgress("calibrating") as progress:
         solution = CalibrationJob.load(job).usable_solution(progress)
-    with LateStatus("mapping"):
+    with LateProgress("mapping"):
         return tip_map_of_solution(solution, options)
 
 
@@ -104,5 +105,5 @@ def _of_result(
     arm = ArmModel.from_urdf(urdf, tip, base)
     read = read_uncertainty(result, arm, anyway=anyway)
     known = Knowledge.unvisited(arm, read.values, read.names, read.covariance, read.fixed)
-    with LateStatus("mapping"):
+    with LateProgress("mapping"):
         return tip_map_of_result(known, options)

@@ -6,14 +6,12 @@ import re
 import threading
 import time
 from collections.abc import Callable
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Self
 
 import click
 
-from suta_calib.cli._numbers import FiniteRange
-from suta_calib.cli._output import anyway_option, console, json_option, print_json
-from suta_calib.cli._signals import ended_by_sigterm
+from suta_calib.cli._options import PATH, POSITIVE, anyway_option, json_option
+from suta_calib.cli._output import console, ended_by_sigterm, print_json
 from suta_calib.units import deg, mm
 
 if TYPE_CHECKING:
@@ -30,7 +28,6 @@ _LINE_S: Final = 1.0
 # A pose older than this is not where the arm is.
 _STALE_S: Final = 0.5
 NO_POSE: Final = 1
-_PATH = click.Path(path_type=Path)
 _ADDRESS: Final = re.compile(r"(?:\[(?P<six>[^\]]+)\]|(?P<host>[^\[\]]*)):(?P<port>\d+)")
 _LARGEST_PORT: Final = 65535
 
@@ -56,38 +53,38 @@ def _address(host_needed: bool) -> Callable[..., tuple[str, int] | None]:
 
 
 @click.command()
-@click.argument("arm", type=_PATH, metavar="ARM.urdf")
+@click.argument("arm", type=PATH, metavar="ARM.urdf")
 @click.option("--tip", required=True, help="Link or frame of the arm that is tracked.")
 @click.option("--base", help="Link the pose is relative to; default: the root link.")
-@click.option("--device", type=_PATH, required=True, help="device.yaml: port, format, joints.")
+@click.option("--device", type=PATH, required=True, help="device.yaml: port, format, joints.")
 @click.option(
     "--result",
-    type=_PATH,
+    type=PATH,
     metavar="RESULT.json",
     help="Of the calibration that wrote ARM.urdf: for the tip's standard uncertainty.",
 )
 @anyway_option
-@click.option("--tool", type=_PATH, metavar="TIP.json", help="Pivot offset, as pivot --out writes.")
+@click.option("--tool", type=PATH, metavar="TIP.json", help="Pivot offset, as pivot --out writes.")
 @click.option(
     "--igtl",
     callback=_address(host_needed=False),
     metavar="[HOST:]PORT",
     help="Serve OpenIGTLink TRANSFORM messages, mm, to any number of clients. [Slicer: 18944]",
 )
-@click.option("--igtl-name", default="TipToBase", show_default=True, help="Their device name.")
+@click.option("--igtl-name", default="TipToBase", help="Their device name.")
 @click.option(
     "--udp",
     callback=_address(host_needed=True),
     metavar="HOST:PORT",
     help="Send JSON datagrams, m.",
 )
-@click.option("--csv", type=_PATH, metavar="FILE", help="Record every pose as CSV, m.")
-@click.option("--parquet", type=_PATH, metavar="FILE", help="Record every pose as Parquet, m.")
-@click.option("--seconds", type=FiniteRange(min=0, min_open=True), help="Stop after so long.")
+@click.option("--csv", type=PATH, metavar="FILE", help="Record every pose as CSV, m.")
+@click.option("--parquet", type=PATH, metavar="FILE", help="Record every pose as Parquet, m.")
+@click.option("--seconds", type=POSITIVE, help="Stop after so long.")
 @click.option("--stats", is_flag=True, help="Show the latency from frame arrival to publication.")
 @click.option(
     "--rate",
-    type=FiniteRange(min=0, min_open=True),
+    type=POSITIVE,
     metavar="HZ",
     help="Publish at most so many poses a second; default: one for every frame.",
 )

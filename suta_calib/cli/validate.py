@@ -6,16 +6,17 @@ from pathlib import Path
 
 import click
 
-from suta_calib.cli._output import anyway_option, finish, json_option
+from suta_calib.cli._options import PATH, anyway_option, job_argument, json_option
+from suta_calib.cli._output import finish
 from suta_calib.errors import JobError
 
 
 @click.command()
-@click.argument("urdf", type=click.Path(path_type=Path), metavar="URDF")
-@click.argument("job", type=click.Path(path_type=Path), metavar="JOB")
+@click.argument("urdf", type=PATH, metavar="URDF")
+@job_argument
 @click.option(
     "--result",
-    type=click.Path(path_type=Path),
+    type=PATH,
     help="The result.json beside it: corrects eccentric encoders and yielding joints too.",
 )
 @anyway_option

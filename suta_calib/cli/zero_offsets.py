@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -10,8 +9,9 @@ from typing import TYPE_CHECKING, Final
 import click
 import numpy as np
 
-from suta_calib.cli._numbers import FiniteRange
-from suta_calib.cli._output import check_folder, finish, json_option
+from suta_calib.atomic import check_folder
+from suta_calib.cli._options import PATH, POSITIVE, json_option, numbers_of
+from suta_calib.cli._output import finish
 from suta_calib.errors import InputError
 from suta_calib.units import from_deg, from_mm
 
@@ -24,12 +24,12 @@ _POSE_NUMBERS: Final = (3, 6)
 
 
 @click.command()
-@click.argument("urdf", type=click.Path(path_type=Path), metavar="ARM.urdf")
+@click.argument("urdf", type=PATH, metavar="ARM.urdf")
 @click.option("--tip", required=True, help="Link or frame whose poses are known.")
 @click.option("--base", help="Link the poses are given in; the root link by default.")
 @click.option(
     "--readings",
-    type=click.Path(path_type=Path),
+    type=PATH,
     required=True,
     help="CSV: a column per joint, and x,y,z[,qx,qy,qz,qw] (m) unless --pose is given.",
 )
@@ -42,12 +42,11 @@ _POSE_NUMBERS: Final = (3, 6)
 @click.option(
     "--branch", type=click.IntRange(min=1), default=1, help="Which of the answers that fit."
 )
-@click.option("--out", type=click.Path(path_type=Path), help="URDF to write, with the offsets.")
+@click.option("--out", type=PATH, help="URDF to write, with the offsets.")
 @click.option(
     "--tolerance-mm",
-    type=FiniteRange(min=0, min_open=True),
+    type=POSITIVE,
     default=_TOLERANCE_MM,
-    show_default=True,
     help="How far the tip may stay from where it is known to be (RMS).",
 )
 @json_option
@@ -96,7 +95,11 @@ def _samples(arm: ArmModel, readings: Path, poses: Sequence[str]) -> Samples:
         columns = SampleColumns(position=True, orientation="optional")
         return read_samples([readings], joint_ranges(arm), columns)
     samples = read_samples([readings], joint_ranges(arm), SampleColumns())
-    numbers = [_pose(text) for text in poses]
+    numbers = [numbers_of(text) for text in poses]
+    for text, pose in zip(poses, numbers, strict=True):
+        if len(pose) not in _POSE_NUMBERS:
+            expected = "x,y,z or x,y,z,roll,pitch,yaw in mm and deg"
+            raise InputError(repr(text), expected, where="--pose")
     if len(numbers) != len(samples):
         raise InputError(
             f"{len(numbers)} --pose for {len(samples)} rows",
@@ -116,13 +119,3 @@ def _samples(arm: ArmModel, readings: Path, poses: Sequence[str]) -> Samples:
         rotation=[rotation_from_rpy(turn) for turn in turns] if oriented else None,
         origin=samples.origin,
     )
-
-
-def _pose(text: str) -> list[float]:
-    try:
-        numbers = [float(cell) for cell in text.split(",")]
-    except ValueError:
-        numbers = []
-    if len(numbers) not in _POSE_NUMBERS or not all(map(math.isfinite, numbers)):
-        raise InputError(repr(text), "x,y,z or x,y,z,roll,pitch,yaw in mm and deg", where="--pose")
-    return numbers

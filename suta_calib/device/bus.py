@@ -11,7 +11,7 @@ from suta_calib.device.clock import Freshness
 from suta_calib.device.description import DeviceSpec
 from suta_calib.device.diagnosis import Watch
 from suta_calib.device.formats import decoder_for
-from suta_calib.device.port_process import PortProcess, PortReader
+from suta_calib.device.port_process import PortProcess
 from suta_calib.device.reading import Reading, Statistics
 from suta_calib.errors import DeviceError, DisconnectedError, WrongFormatError
 
@@ -58,7 +58,7 @@ class Bus:
         settling: float = 5.0,
         absence: float = math.inf,
         on_event: Callable[[str], None] = lambda _: None,
-        port: PortReader | None = None,
+        port: PortProcess | None = None,
     ) -> None:
         self.spec = spec
         self._reconnect, self._silence = reconnect, silence
@@ -68,7 +68,7 @@ class Bus:
         self.statistics: Statistics = self._decoder.statistics
         self._fresh = Freshness(settle, self.statistics, self._leapt)
         self._watch = Watch(spec, silence, reconnect, self._say)
-        self._port: PortReader | None = port
+        self._port: PortProcess | None = port
         self._lost = False
         self._asked = self._lost_at = self._next_try = self._since = 0.0
         self._last_arrival = 0.0
@@ -116,7 +116,10 @@ class Bus:
             DisconnectedError: the port is gone, and reconnecting was not asked for.
         """
         now = time.perf_counter()
-        self._notice_absence(now)
+        if now - self._asked > self._absence and not self._lost:
+            self._wanted_from = now
+            self._decoder.resume(None)
+            self._begin(now)
         deadline = now + timeout
         while True:
             readings = self._read_once(max(deadline - now, 0.0))
@@ -136,10 +139,7 @@ class Bus:
             self._disconnected(error)
             return []
         arrival = self._port.arrived
-        return self._take(data if arrival >= self._wanted_from else b"", arrival)
-
-    def _take(self, data: bytes, arrival: float) -> list[Reading]:
-        if not data:
+        if not data or arrival < self._wanted_from:
             self._watch.check(arrival)
             return []
         decoded = self._decoder.feed(data, arrival)
@@ -151,30 +151,21 @@ class Bus:
         self._last_arrival = arrival
         self._watch.saw(data, bool(decoded), arrival)
         self._watch.check(arrival)
-        self._check_clock(arrival)
-        return readings
-
-    def _check_clock(self, now: float) -> None:
         if self._fresh.settled:
-            self._since = now
-        elif now - self._since > self._settling:
+            self._since = arrival
+        elif arrival - self._since > self._settling:
             raise WrongFormatError(
                 f"{self.spec.port}: found frames whose time does not run with this computer's "
-                f"clock, watched for {now - self._since:.0f} s; expected microseconds; "
+                f"clock, watched for {arrival - self._since:.0f} s; expected microseconds; "
                 "check what the device sends as its time"
             )
+        return readings
 
     def _begin(self, now: float) -> None:
         """What comes from now on has nothing to do with what came before."""
         self._asked = self._since = self._last_arrival = now
         self._watch.restart(now)
         self._fresh.restart()
-
-    def _notice_absence(self, now: float) -> None:
-        if now - self._asked > self._absence and not self._lost:
-            self._wanted_from = now
-            self._decoder.resume(None)
-            self._begin(now)
 
     def _leapt(self, leap: float) -> None:
         self.statistics.interruptions += 1
@@ -193,7 +184,7 @@ class Bus:
         self._next_try = self._lost_at + _RETRY_S
         self._say(f"{error}; waiting for it")
 
-    def _look_again(self, port: PortReader, timeout: float) -> None:
+    def _look_again(self, port: PortProcess, timeout: float) -> None:
         now = time.perf_counter()
         if now < self._next_try:
             time.sleep(min(timeout, self._next_try - now))

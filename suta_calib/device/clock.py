@@ -52,11 +52,17 @@ class DeviceClock:
             Unwrapped sequence number, unwrapped time in s, and how many frames are missing
             between the last one and this one.
         """
-        if not self._started:
-            lost = 0
-            self._start(sequence, time_us, arrival)
-        else:
+        lost = 0
+        if self._started:
             lost = self._advance(sequence, time_us, arrival)
+        else:
+            self._started = True
+            self._sequence, self._microseconds = sequence, time_us
+            if self._anchor is not None:
+                last_sequence, last_time, last_arrival = self._anchor
+                self._sequence = last_sequence + 1
+                now = last_time + max(arrival - last_arrival, 0.0)
+                self._shift = now - time_us * _MICRO
         self._raw_sequence, self._raw_time, self._arrival = sequence, time_us, arrival
         return self._sequence, self._microseconds * _MICRO + self._shift, lost
 
@@ -64,15 +70,6 @@ class DeviceClock:
         """Go on from a reading of before, by arrival, whatever the next frame's counters say."""
         self._reset()
         self._anchor = (sequence, time, arrival)
-
-    def _start(self, sequence: int, time_us: int, arrival: float) -> None:
-        self._started = True
-        self._sequence, self._microseconds = sequence, time_us
-        if self._anchor is not None:
-            last_sequence, last_time, last_arrival = self._anchor
-            self._sequence = last_sequence + 1
-            now = last_time + max(arrival - last_arrival, 0.0)
-            self._shift = now - time_us * _MICRO
 
     def _advance(self, sequence: int, time_us: int, arrival: float) -> int:
         elapsed = (time_us - self._raw_time) % _CLOCK
@@ -207,14 +204,11 @@ class Freshness:
         if len(points) < _FEWEST or host < self._window or not agree:
             self._dropped += 1
             return False
-        self._settle()
-        return True
-
-    def _settle(self) -> None:
-        """Nothing that happened to old readings is the user's concern."""
+        # Nothing that happened to old readings is the user's concern.
         interruptions = self._statistics.interruptions
         self._statistics.restore(self._before)
         self._statistics.interruptions = interruptions
         self._statistics.stale_readings += self._dropped
         self.settled = True
-        self._points.clear()
+        points.clear()
+        return True

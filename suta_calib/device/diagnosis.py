@@ -26,8 +26,13 @@ def describe_bytes(data: bytes, spec: DeviceSpec) -> str:
         spec: what was expected, and where the file is that says so.
     """
     form, text = format_of(spec), is_text(data)
-    hexadecimal = data[:_BYTES_SHOWN].hex(" ").upper()
-    found = f"text such as {_quoted(data)}" if text else f"bytes such as {hexadecimal}"
+    if text:
+        lines = [line for line in re.split(rb"[\r\n]+", data) if line.strip()]
+        # The first may have been cut off at its beginning.
+        line = lines[1] if len(lines) > 1 else b"".join(lines)
+        found = f"text such as {line[:_QUOTED].decode('ascii')!r}"
+    else:
+        found = f"bytes such as {data[:_BYTES_SHOWN].hex(' ').upper()}"
     baud = f"baudrate ({spec.baudrate}) in {spec.path}"
     others = (each for each in FORMATS.values() if each is not form and each.recognises(data))
     if (other := next(others, None)) is not None:
@@ -41,54 +46,31 @@ def describe_bytes(data: bytes, spec: DeviceSpec) -> str:
     return f"found {found}; expected {form.expected(len(spec.joints))}; {hint}"
 
 
-def _quoted(data: bytes) -> str:
-    lines = [line for line in re.split(rb"[\r\n]+", data) if line.strip()]
-    # The first may have been cut off at its beginning.
-    line = lines[1] if len(lines) > 1 else (lines[0] if lines else b"")
-    return repr(line[:_QUOTED].decode("ascii"))
-
-
 def remarks(statistics: Statistics, spec: DeviceSpec) -> list[str]:
     """What is wrong with a stream that does come, most important first; empty where all is well."""
-    return [*_flags(statistics), *_words(statistics), *_frames(statistics, spec)]
-
-
-def _flags(statistics: Statistics) -> list[str]:
-    found = []
-    for index, name in enumerate(statistics.joints):
-        errors, warnings = statistics.error_flags[index], statistics.warning_flags[index]
-        if errors:
-            share = _share(int(errors), statistics.frames)
-            found.append(f"{name}: {ERROR_MEANING} ({share} of readings); {ERROR_ADVICE}")
-        elif warnings:
-            share = _share(int(warnings), statistics.frames)
-            found.append(f"{name}: {WARNING_MEANING} ({share} of readings); {ERROR_ADVICE}")
-    return found
-
-
-def _words(statistics: Statistics) -> list[str]:
-    total = statistics.frames + statistics.word_crc_errors
-    return [
-        f"{name}: the CRC of its encoder words is wrong in {_share(int(count), total)} of frames; "
-        "check the cable from this encoder to the controller"
-        for name, count in zip(statistics.joints, statistics.joint_crc_errors, strict=True)
-        if count
-    ]
-
-
-def _frames(statistics: Statistics, spec: DeviceSpec) -> list[str]:
-    found = []
-    total = statistics.frames + statistics.frame_crc_errors
-    if statistics.frame_crc_errors:
+    s, found = statistics, []
+    for name, errors, warnings in zip(s.joints, s.error_flags, s.warning_flags, strict=True):
+        if errors or warnings:
+            what = ERROR_MEANING if errors else WARNING_MEANING
+            share = _share(int(errors or warnings), s.frames)
+            found.append(f"{name}: {what} ({share} of readings); {ERROR_ADVICE}")
+    for name, count in zip(s.joints, s.joint_crc_errors, strict=True):
+        if count:
+            found.append(
+                f"{name}: the CRC of its encoder words is wrong in "
+                f"{_share(int(count), s.frames + s.word_crc_errors)} of frames; "
+                "check the cable from this encoder to the controller"
+            )
+    if s.frame_crc_errors:
+        share = _share(s.frame_crc_errors, s.frames + s.frame_crc_errors)
         found.append(
-            f"{_share(statistics.frame_crc_errors, total)} of {format_of(spec).damage}; "
+            f"{share} of {format_of(spec).damage}; "
             f"check the cable to this computer, its shield and baudrate ({spec.baudrate})"
         )
-    elif statistics.lost_frames:
-        sent = statistics.frames + statistics.lost_frames
+    elif s.lost_frames:
         found.append(
-            f"{_share(statistics.lost_frames, sent)} of frames are missing though none is damaged; "
-            "the line, or this computer, is too slow for the device's rate"
+            f"{_share(s.lost_frames, s.frames + s.lost_frames)} of frames are missing though none "
+            "is damaged; the line, or this computer, is too slow for the device's rate"
         )
     return found
 
@@ -135,7 +117,9 @@ class Watch:
         """Bytes have come, and ``frames`` among them or not."""
         self._last_byte, self._any_byte = now, True
         if frames:
-            self._end_trouble(now)
+            if self._trouble:
+                self._trouble, pause = "", now - self._last_frame
+                self._say(f"{self._spec.port}: frames come again after {pause:.1f} s")
             self._seen, self._last_frame = True, now
             self._unread_since, self._bytes, self._sample = None, 0, b""
             return
@@ -152,12 +136,26 @@ class Watch:
             WrongFormatError: bytes, but no frame for too long.
         """
         starting = not (self._any_byte or self._seen)
-        if now - self._last_byte > self._silence * (_START_FACTOR if starting else 1.0):
-            self._report(DeviceSilentError(self._silent(now)), "silent")
+        spec, pause = self._spec, now - self._last_byte
+        if pause > self._silence * (_START_FACTOR if starting else 1.0):
+            hint = f"check its power, its cable and 'port' in {spec.path}"
+            if not self._seen:
+                hint = (
+                    f"check that it is switched on and sends by itself, and 'port' in {spec.path}"
+                )
+            silent = (
+                f"{spec.port}: found not a single byte in {pause:.1f} s; "
+                f"expected {spec.format} at {spec.baudrate} baud; {hint}"
+            )
+            self._report(DeviceSilentError(silent), "silent")
         elif self._unread_since is not None and self._bytes >= _FEWEST_BYTES:
             pause = now - self._unread_since
             if pause > self._silence:
-                self._report(WrongFormatError(self._unreadable(pause)), "unreadable")
+                unreadable = (
+                    f"{spec.port}: {self._bytes} bytes in {pause:.1f} s, none of them readable: "
+                    f"{describe_bytes(self._sample, spec)}"
+                )
+                self._report(WrongFormatError(unreadable), "unreadable")
 
     def _report(self, error: DeviceSilentError | WrongFormatError, trouble: str) -> None:
         if not (self._seen and self._forgiving):
@@ -165,25 +163,3 @@ class Watch:
         if self._trouble != trouble:
             self._trouble = trouble
             self._say(str(error))
-
-    def _end_trouble(self, now: float) -> None:
-        if self._trouble:
-            self._trouble = ""
-            pause = now - self._last_frame
-            self._say(f"{self._spec.port}: frames come again after {pause:.1f} s")
-
-    def _silent(self, now: float) -> str:
-        spec, pause = self._spec, now - self._last_byte
-        hint = f"check its power, its cable and 'port' in {spec.path}"
-        if not self._seen:
-            hint = f"check that it is switched on and sends by itself, and 'port' in {spec.path}"
-        return (
-            f"{spec.port}: found not a single byte in {pause:.1f} s; "
-            f"expected {spec.format} at {spec.baudrate} baud; {hint}"
-        )
-
-    def _unreadable(self, pause: float) -> str:
-        return (
-            f"{self._spec.port}: {self._bytes} bytes in {pause:.1f} s, none of them readable: "
-            f"{describe_bytes(self._sample, self._spec)}"
-        )

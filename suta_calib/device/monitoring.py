@@ -98,30 +98,23 @@ class Monitor:
         error = np.array([r.error for r in recent]) if recent else none[None]
         warning = np.array([r.warning for r in recent]) if recent else none[None]
         angles = np.array([r.angles for r in recent]).reshape(-1, count)
+        rate, clock_ppm = 0.0, None
+        if self._first is not None and self._last is not None:
+            # Shortly after the start the window is not full yet.
+            span = min(now - self._first.arrival, self._window)
+            rate = len(recent) / span if span > 0 else 0.0
+            host = self._last.arrival - self._first.arrival
+            if self._has_clock and host >= _CLOCK_AFTER_S:
+                clock_ppm = 1e6 * ((self._last.time - self._first.time) / host - 1.0)
         return Snapshot(
             names=self._names,
             angles=np.full(count, np.nan) if self._last is None else self._last.angles,
             noise=_deviation(angles, error[: len(angles)]),
             error=np.asarray(error.any(axis=0)),
             warning=np.asarray(warning.any(axis=0)),
-            rate=self._rate(now),
-            clock_ppm=self._clock_ppm(),
+            rate=rate,
+            clock_ppm=clock_ppm,
         )
-
-    def _rate(self, now: float) -> float:
-        if not self._recent or self._first is None:
-            return 0.0
-        # Shortly after the start the window is not full yet.
-        span = min(now - self._first.arrival, self._window)
-        return len(self._recent) / span if span > 0 else 0.0
-
-    def _clock_ppm(self) -> float | None:
-        if not self._has_clock or self._first is None or self._last is None:
-            return None
-        host = self._last.arrival - self._first.arrival
-        if host < _CLOCK_AFTER_S:
-            return None
-        return 1e6 * ((self._last.time - self._first.time) / host - 1.0)
 
 
 def watch(
@@ -200,11 +193,8 @@ def _deviation(angles: FloatArray, error: BoolArray) -> FloatArray:
     """Standard deviation on the circle, column by column, of the angles without error, rad."""
     if len(angles) < 2:
         return np.full(angles.shape[1], np.nan)
-    valid = ~error
     # About a valid angle, the differences do not wrap.
-    about = angles[valid.argmax(axis=0), np.arange(angles.shape[1])]
-    difference = np.where(valid, np.remainder(angles - about + math.pi, math.tau) - math.pi, 0.0)
-    count = valid.sum(axis=0)
-    mean = difference.sum(axis=0) / np.maximum(count, 1)
-    squares = np.where(valid, (difference - mean) ** 2, 0.0).sum(axis=0)
-    return np.where(count > 1, np.sqrt(squares / np.maximum(count - 1, 1)), np.nan)
+    about = angles[(~error).argmax(axis=0), np.arange(angles.shape[1])]
+    difference = np.remainder(angles - about + math.pi, math.tau) - math.pi
+    valid = np.ma.masked_array(difference, mask=error)
+    return np.asarray(np.ma.filled(valid.std(axis=0, ddof=1), np.nan))

@@ -6,16 +6,14 @@ import errno
 import os
 import select
 import time
-from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import serial
 
 from suta_calib.device.description import DeviceSpec
 from suta_calib.errors import (
-    DeviceError,
     DeviceFileError,
     DisconnectedError,
     PortBusyError,
@@ -49,17 +47,21 @@ class Port:
     def __init__(self, spec: DeviceSpec) -> None:
         self._name = spec.port
         self.arrived = time.perf_counter()
-        # termios.error, where there is termios, is neither an OSError nor pyserial's.
-        self._failures = (OSError, serial.SerialException, *_termios_error())
+        self._failures: tuple[type[Exception], ...] = (OSError, serial.SerialException)
+        with suppress(ImportError):
+            import termios
+
+            # Neither an OSError nor pyserial's.
+            self._failures += (termios.error,)
         try:
             self._serial = serial.serial_for_url(
                 spec.port, baudrate=spec.baudrate, timeout=0, exclusive=True
             )
         except (*self._failures, ValueError, OverflowError) as error:
             raise opening_error(spec, error) from None
-        self._read: Callable[[float], bytes] = (
-            self._read_descriptor if _is_plain(self._serial) else self._read_any
-        )
+        kind = type(self._serial)
+        plain = os.name == "posix" and (kind.__module__, kind.__name__) in _PLAIN
+        self._read = self._read_descriptor if plain else self._read_any
 
     def read(self, timeout: float) -> bytes:
         """Whatever has arrived; waits for the first byte up to ``timeout`` s, then gives none.
@@ -117,19 +119,6 @@ class Port:
         )
 
 
-def _is_plain(serial: Any) -> bool:
-    kind = type(serial)
-    return os.name == "posix" and (kind.__module__, kind.__name__) in _PLAIN
-
-
-def _termios_error() -> tuple[type[Exception], ...]:
-    try:
-        import termios
-    except ImportError:
-        return ()
-    return (termios.error,)
-
-
 _ABSENT: Final = (errno.ENOENT, errno.ENXIO, errno.ENODEV, errno.ENOTDIR)
 _BUSY: Final = (errno.EBUSY, errno.EAGAIN)
 _FORBIDDEN: Final = (errno.EACCES, errno.EPERM)
@@ -140,25 +129,43 @@ def opening_error(spec: DeviceSpec, error: Exception) -> SutaCalibError:
     number = getattr(error, "errno", None)
     text = " ".join(str(error).split())
     if isinstance(error, ValueError | OverflowError):
-        return _meaningless(spec, text, isinstance(error, OverflowError) or "baud" in text.lower())
+        if isinstance(error, OverflowError) or "baud" in text.lower():
+            found, expected, key = f"{spec.baudrate}", "a baud rate this port supports", "baudrate"
+        else:
+            found, expected, key = f"{spec.port!r}", "a pyserial URL", "port"
+        return DeviceFileError(f"{found} ({text})", expected, file=spec.path, where=key)
     if number in _ABSENT:
         return _not_found(spec)
     if number in _BUSY or (os.name == "nt" and "PermissionError" in text):
-        return _busy(spec)
+        by = ", ".join(_users(spec.port)) or "another program"
+        return PortBusyError(
+            f"{spec.port}: found it in use by {by}; expected a port nobody reads; "
+            "close the other program"
+        )
     if number in _FORBIDDEN:
         return _forbidden(spec)
-    return _other(spec, text)
+    check = f"check 'port' in {spec.path}"
+    if spec.port.startswith("socket://"):
+        return PortNotFoundError(
+            f"{spec.port}: found nobody answering ({text}); expected a device server there; "
+            f"check that it runs, and 'port' in {spec.path}"
+        )
+    if Path(spec.port).exists():
+        return PortNotFoundError(
+            f"{spec.port}: found something that is no serial port ({text}); expected one; {check}"
+        )
+    return PortNotFoundError(f"{spec.port}: it cannot be opened ({text}); {check}")
 
 
 def existing_ports() -> list[str]:
     """Names of this computer's serial ports, with what the system says about them."""
     from serial.tools import list_ports
 
-    ports = list_ports.comports()
-    said = {port.device: port.description for port in sorted(ports)}
     return [
-        name if description in (None, "", "n/a", name) else f"{name} ({description})"
-        for name, description in said.items()
+        p.device
+        if p.description in (None, "", "n/a", p.device)
+        else f"{p.device} ({p.description})"
+        for p in sorted(list_ports.comports())
     ]
 
 
@@ -173,55 +180,16 @@ def _not_found(spec: DeviceSpec) -> PortNotFoundError:
     )
 
 
-def _busy(spec: DeviceSpec) -> PortBusyError:
-    users = _users(spec.port)
-    by = f" by {', '.join(users)}" if users else " by another program"
-    return PortBusyError(
-        f"{spec.port}: found it in use{by}; expected a port nobody reads; close the other program"
-    )
-
-
 def _forbidden(spec: DeviceSpec) -> PortPermissionError:
     hint = "ask whoever looks after this computer"
     if os.name == "posix":
-        group = _group(spec.port)
+        group = "dialout"  # the usual one, where the port's own cannot be found out
+        with suppress(OSError, KeyError):
+            group = Path(spec.port).group()
         hint = f"for good: sudo usermod -a -G {group} $USER, then log out and in again"
     return PortPermissionError(
         f"{spec.port}: found no permission to open it; expected a port this user may read; {hint}"
     )
-
-
-def _meaningless(spec: DeviceSpec, text: str, about_speed: bool) -> DeviceFileError:
-    return DeviceFileError(
-        f"{spec.baudrate} ({text})" if about_speed else f"{spec.port!r} ({text})",
-        "a baud rate this port supports" if about_speed else "a pyserial URL",
-        file=spec.path,
-        where="baudrate" if about_speed else "port",
-    )
-
-
-def _other(spec: DeviceSpec, text: str) -> DeviceError:
-    if spec.port.startswith("socket://"):
-        return PortNotFoundError(
-            f"{spec.port}: found nobody answering ({text}); expected a device server there; "
-            f"check that it runs, and 'port' in {spec.path}"
-        )
-    if Path(spec.port).exists():
-        return PortNotFoundError(
-            f"{spec.port}: found something that is no serial port ({text}); "
-            f"expected one; check 'port' in {spec.path}"
-        )
-    return PortNotFoundError(
-        f"{spec.port}: it cannot be opened ({text}); check 'port' in {spec.path}"
-    )
-
-
-def _group(port: str) -> str:
-    """The group that owns the port; the usual one where that cannot be found out."""
-    try:
-        return Path(port).group()
-    except (OSError, KeyError):
-        return "dialout"
 
 
 def _users(port: str) -> list[str]:

@@ -22,9 +22,8 @@ import subprocess
 import sys
 import time
 from collections import deque
-from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, Protocol
+from typing import TYPE_CHECKING, Final
 
 from suta_calib import errors
 from suta_calib.errors import DeviceError, DisconnectedError, PortBusyError, SutaCalibError
@@ -52,30 +51,8 @@ _ROOT: Final = Path(__file__).parents[2]
 _ENDING_S: Final = 2.0
 
 
-class PortReader(Protocol):
-    """What `Bus` reads: a port that can be opened again and again.
-
-    Attributes:
-        arrived: when the bytes that `read` gave last had come, `time.perf_counter`, s.
-    """
-
-    arrived: float
-
-    def open(self) -> None:
-        """Open the port; raises what `Port` raises."""
-        ...
-
-    def read(self, timeout: float) -> bytes:
-        """Bytes that came in one piece; waits for them up to ``timeout`` s, then gives none."""
-        ...
-
-    def close(self) -> None:
-        """Let go of the port, gone or not."""
-        ...
-
-
 class PortProcess:
-    """`PortReader` in a process of its own, which begins to open the port at once.
+    """A port that a process of its own reads, which begins to open it at once.
 
     Args:
         spec: gives the port, any pyserial URL, and the baud rate.
@@ -179,30 +156,20 @@ class PortProcess:
             raise DisconnectedError(
                 f"{self._spec.port}: the process that read it has ended; try again"
             )
-        self._data += data
-        self._waiting.extend(_messages(self._data))
-
-
-def _messages(data: bytearray) -> Iterator[tuple[bytes, float, bytes]]:
-    """Take the whole messages from the front of what has come through the pipe."""
-    at = 0
-    while len(data) - at >= _HEAD.size:
-        kind, arrival, size = _HEAD.unpack_from(data, at)
-        end = at + _HEAD.size + size
-        if len(data) < end:
-            break
-        yield kind, arrival, bytes(data[at + _HEAD.size : end])
-        at = end
-    del data[:at]
-
-
-def _error_to_bytes(error: SutaCalibError) -> bytes:
-    """An error as it goes through a pipe: its class's name and its sentence."""
-    return f"{type(error).__name__}\n{error}".encode()
+        came, at = self._data, 0
+        came += data
+        while len(came) - at >= _HEAD.size:
+            kind, arrival, size = _HEAD.unpack_from(came, at)
+            end = at + _HEAD.size + size
+            if len(came) < end:
+                break
+            self._waiting.append((kind, arrival, bytes(came[at + _HEAD.size : end])))
+            at = end
+        del came[:at]
 
 
 def _error(data: bytes) -> SutaCalibError:
-    """The error that `_error_to_bytes` told of."""
+    """The error that `_Outbox.fail` told of."""
     name, _, sentence = data.decode().partition("\n")
     kind = getattr(errors, name, DeviceError)
     # Its sentence is complete: whatever else the class would make of it is not wanted again.
@@ -217,7 +184,7 @@ def open_ahead(device: Path) -> PortProcess | None:
     Returns:
         For `Bus`; None where there is anything to complain of, which `read_device` will do.
     """
-    from suta_calib.device.description import glance
+    from suta_calib.device.device_file import glance
 
     spec = glance(device)
     return None if spec is None else PortProcess(spec)
@@ -237,6 +204,10 @@ class _Outbox:
         self._waiting.append(message)
         self._size += len(message)
         self.send()
+
+    def fail(self, error: SutaCalibError) -> None:
+        """An error as it goes through a pipe: its class's name and its sentence."""
+        self.put(_FAILED, f"{type(error).__name__}\n{error}".encode())
 
     def send(self) -> None:
         """As much as the pipe takes now."""
@@ -263,22 +234,18 @@ class _Child:
 
     def serve(self) -> None:
         """Until the parent is no more."""
-        asked = True
-        while asked:
+        asked = AGAIN
+        while asked == AGAIN:
             try:
                 self._pump()
             except SutaCalibError as error:
-                self._outbox.put(_FAILED, _error_to_bytes(error))
+                self._outbox.fail(error)
             except Exception as error:  # noqa: BLE001 (told by the parent, who alone has a user)
-                told = DeviceError(f"{self._spec.port}: {error or type(error)}")
-                self._outbox.put(_FAILED, _error_to_bytes(told))
-            asked = self._asked_again()
-
-    def _asked_again(self) -> bool:
-        """Wait for the parent's next word, and pass on meanwhile what it has not yet taken."""
-        while not self._parent_spoke(_LOOK_S):
-            self._outbox.send()
-        return os.read(self._parent, 1) == AGAIN
+                self._outbox.fail(DeviceError(f"{self._spec.port}: {error or type(error)}"))
+            # Until the parent's next word, it gets what it has not yet taken.
+            while not self._parent_spoke(_LOOK_S):
+                self._outbox.send()
+            asked = os.read(self._parent, 1)
 
     def _parent_spoke(self, timeout: float) -> bool:
         """Whether there is something to read from the parent, its end included."""

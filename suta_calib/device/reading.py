@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import deepcopy
 from dataclasses import dataclass, field
-from typing import Final, Protocol, Self
+from typing import Final, Self
 
 import numpy as np
 
@@ -34,14 +35,6 @@ class Reading:
     error: BoolArray
     warning: BoolArray
     arrival: float
-
-
-class ReadingSource(Protocol):
-    """Where readings come from: `Bus`, or something that stands for one."""
-
-    def read(self, timeout: float = 0.1) -> list[Reading]:
-        """Whatever has arrived, oldest first; nothing after the timeout, s."""
-        ...
 
 
 @dataclass(eq=False)
@@ -77,16 +70,12 @@ class Statistics:
     joint_crc_errors: IntArray = field(init=False)
 
     def __post_init__(self) -> None:
-        count = len(self.joints)
-        self.error_flags = np.zeros(count, dtype=np.int64)
-        self.warning_flags = np.zeros(count, dtype=np.int64)
-        self.joint_crc_errors = np.zeros(count, dtype=np.int64)
+        for name in ("error_flags", "warning_flags", "joint_crc_errors"):
+            setattr(self, name, np.zeros(len(self.joints), dtype=np.int64))
 
     def copy(self) -> Self:
         """An independent snapshot."""
-        other = type(self)(self.joints)
-        other.restore(self)
-        return other
+        return deepcopy(self)
 
     def restore(self, other: Statistics) -> None:
         """Take over the counts of a snapshot, in place."""

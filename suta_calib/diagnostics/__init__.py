@@ -17,11 +17,11 @@ if TYPE_CHECKING:
     from suta_calib.diagnostics.accuracy import assess as assess
     from suta_calib.diagnostics.explanation import Explanation as Explanation
     from suta_calib.diagnostics.explanation import explain as explain
-    from suta_calib.diagnostics.indices import Indices as Indices
-    from suta_calib.diagnostics.lack_of_fit import LackOfFit as LackOfFit
+    from suta_calib.diagnostics.observability import Indices as Indices
     from suta_calib.diagnostics.observability import Observability as Observability
     from suta_calib.diagnostics.observability import Prospect as Prospect
     from suta_calib.diagnostics.observability import observe as observe
+    from suta_calib.diagnostics.repeats import LackOfFit as LackOfFit
     from suta_calib.diagnostics.score_tests import ScoreTest as ScoreTest
 
 __getattr__, __all__ = public(__name__)

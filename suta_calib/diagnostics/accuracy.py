@@ -124,18 +124,15 @@ def assess(solution: Solution, validation: Sequence[Term] = ()) -> Accuracy:
     nominal = {p.name: p.nominal for p in arm.values()}
     before = fit_own(problem.terms, arm, nominal)
     after = solution.values
-    calibration = _compare(problem.terms, arm, before, after)
+    found = (block_residuals(problem.terms, arm, values) for values in (before, after))
+    calibration = term_accuracies(problem.terms, *found)
     if not validation:
         return Accuracy(calibration, ())
-    return Accuracy(
-        calibration,
-        _compare(
-            validation,
-            arm,
-            fit_own(validation, arm, before),
-            fit_own(validation, arm, after),
-        ),
+    held_out = (
+        block_residuals(validation, arm, fit_own(validation, arm, values))
+        for values in (before, after)
     )
+    return Accuracy(calibration, term_accuracies(validation, *held_out))
 
 
 def fit_own(
@@ -143,10 +140,8 @@ def fit_own(
 ) -> dict[str, float]:
     """Values of all parameters: the known ones as they are, the terms' other unknowns fitted."""
     problem = Problem(terms, arm)
-    x = problem.start(known)
-    names = problem.names
-    for k, name in enumerate(names):
-        x[k] = known.get(name, x[k])
+    x, names = problem.start(known), problem.names
+    x = np.array([known.get(name, value) for name, value in zip(names, x, strict=True)])
     unknown = [k for k, name in enumerate(names) if k >= problem.arm_count and name not in known]
     free = np.array(unknown, dtype=np.intp)
     nlp = RobustNlp(problem, free, problem.assumed_sigmas(), SolverOptions())
@@ -182,12 +177,3 @@ def term_accuracies(
         )
         for term in terms
     )
-
-
-def _compare(
-    terms: Sequence[Term],
-    arm: ParameterSet,
-    before: Mapping[str, float],
-    after: Mapping[str, float],
-) -> tuple[TermAccuracy, ...]:
-    return term_accuracies(terms, *(block_residuals(terms, arm, each) for each in (before, after)))

@@ -9,8 +9,8 @@ import numpy as np
 from suta_calib.assessment import Assessment
 from suta_calib.diagnostics.accuracy import Accuracy
 from suta_calib.diagnostics.causes import find_cause
-from suta_calib.diagnostics.contradictions import contradictions
-from suta_calib.diagnostics.lack_of_fit import LackOfFit, lack_of_fit
+from suta_calib.diagnostics.contradictions import contradictions, dead_joints
+from suta_calib.diagnostics.repeats import lack_of_fit
 from suta_calib.diagnostics.score_tests import score_tests
 from suta_calib.solver.solution import Solution, State
 from suta_calib.units import text
@@ -53,7 +53,7 @@ def assess_calibration(solution: Solution, accuracy: Accuracy) -> Assessment:
             *([] if accuracy.validation else [fitted_only]),
             *_on_parameters(solution),
             *_on_redundancy(solution),
-            *(_on_fit(fit) for fit in lack_of_fit(solution) if fit.ratio > LACKING),
+            *_on_fit(solution),
             *_beside_geometry(solution),
             *_on_noise(solution),
         ],
@@ -62,6 +62,8 @@ def assess_calibration(solution: Solution, accuracy: Accuracy) -> Assessment:
 
 def _cause(solution: Solution) -> list[str]:
     """The data read in another way, where that explains them far better."""
+    if dead := [each.sentence for each in dead_joints(solution)]:
+        return [] if solution.converged else dead
     cause = find_cause(solution)
     if cause is None:
         return []
@@ -99,14 +101,15 @@ def _on_redundancy(solution: Solution) -> list[str]:
     ]
 
 
-def _on_fit(fit: LackOfFit) -> str:
-    found = text(fit.residual, fit.unit, with_unit=True)
-    explained = text(fit.repeat, fit.unit, with_unit=True)
-    return (
-        f"The residuals ({found}) are {fit.ratio:.1f} times what repeats of the same touch scatter "
-        f"({explained}): the model lacks something. Values and ± hold only within it; free more "
-        "of the geometry (select: geometric)."
-    )
+def _on_fit(solution: Solution) -> list[str]:
+    return [
+        f"The residuals ({text(fit.residual, fit.unit, with_unit=True)}) are {fit.ratio:.1f} times "
+        "what repeats of the same touch scatter "
+        f"({text(fit.repeat, fit.unit, with_unit=True)}): the model lacks something. Values and ± "
+        "hold only within it; free more of the geometry (select: geometric)."
+        for fit in lack_of_fit(solution)
+        if fit.ratio > LACKING
+    ]
 
 
 def _beside_geometry(solution: Solution) -> list[str]:

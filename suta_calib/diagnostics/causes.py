@@ -48,6 +48,8 @@ class CauseOptions:
         fitted: alternatives, best first, that are fitted like the job.
         far_better: a reading is the cause where its fit leaves so many times less; chance and a
             few more unknowns do not do that.
+        explained: a reading explains the data only if it leaves at most so many times the noise
+            that is stated or assumed: what is merely less wrong is no cause.
         most_landmarks: pairs of landmarks are exchanged only among so many (pairs grow with their
             square).
         cap: residuals count as so many times their robust level at most: two of fifteen landmarks
@@ -57,6 +59,7 @@ class CauseOptions:
     shifts: int = 20
     fitted: int = 4
     far_better: float = 2.0
+    explained: float = 10.0
     most_landmarks: int = 40
     cap: float = 10.0
 
@@ -100,17 +103,19 @@ def find_cause(solution: Solution, options: CauseOptions = CauseOptions()) -> Ca
     if problem.arm is None:
         return None
     parameters = ParameterSet(list(problem.parameters.values())[: problem.arm_count])
-    cap = options.cap * float(
-        np.sqrt(np.mean([robust_level(r) ** 2 for r in _first(problem, solution.x)]))
-    )
+    cap = options.cap * _level(problem, solution.x)
     present = misfit(problem, solution.x, cap)
-    nominal = _registered(problem.terms, cap)
-    scored = [(_registered(a.terms, cap), a) for a in _alternatives(problem.terms, options)]
-    hopeful = sorted((pair for pair in scored if pair[0] < nominal), key=lambda pair: pair[0])
-    moved = [a for a in (each for _, each in scored) if a.always]
-    for alternative in [*(a for _, a in hopeful[: options.fitted]), *moved]:
+    explained = min(present / options.far_better, options.explained * problem.assumed_sigmas()[0])
+    # The nominal arm is far coarser than any fit: there residuals are capped by its own level.
+    nominal = Problem(problem.terms)
+    coarse = options.cap * _level(nominal, nominal.start())
+    limit = _registered(problem.terms, coarse)
+    scored = [(_registered(a.terms, coarse), a) for a in _alternatives(problem.terms, options)]
+    hopeful = sorted((pair for pair in scored if pair[0] < limit), key=lambda pair: pair[0])
+    first = [a for _, a in hopeful[: options.fitted]]
+    for alternative in [*first, *(a for _, a in scored if a.always and a not in first)]:
         after = _fitted(alternative.terms, parameters, cap)
-        if after * options.far_better < present:
+        if after < explained:
             return Cause(alternative.sentence, present, after)
     return None
 
@@ -126,6 +131,10 @@ def misfit(problem: Problem, x: FloatArray, cap: float) -> float:
     pulls = (x - problem.parameters.array("nominal")) ** 2 * problem.prior_precision()
     known = float(pulls.sum()) * problem.assumed_sigmas()[0] ** 2
     return math.sqrt((sum(s.sum() for s in squared) + known) / sum(r.size for r in residuals))
+
+
+def _level(problem: Problem, x: FloatArray) -> float:
+    return float(np.sqrt(np.mean([robust_level(r) ** 2 for r in _first(problem, x)])))
 
 
 def _first(problem: Problem, x: FloatArray) -> list[FloatArray]:

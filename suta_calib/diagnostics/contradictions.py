@@ -89,7 +89,7 @@ def contradictions(
         *_held_out(held_out_errors(solution, validation), options),
         *_priors(solution, options),
         *_starts(solution, options),
-        *_dead_joints(solution, options),
+        *dead_joints(solution, options),
         *_repeated(solution, validation),
     ]
     return tuple(sorted(found, key=lambda each: not each.bad))
@@ -180,7 +180,10 @@ def _starts(solution: Solution, options: ContradictionOptions) -> Iterator[Contr
         )
 
 
-def _dead_joints(solution: Solution, options: ContradictionOptions) -> Iterator[Contradiction]:
+def dead_joints(
+    solution: Solution, options: ContradictionOptions = ContradictionOptions()
+) -> Iterator[Contradiction]:
+    """Joints that read the same in every row while others move."""
     problem = solution.problem
     if problem.arm is None:
         return

@@ -6,15 +6,13 @@ needed, measured values are not believed yet.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import numpy as np
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.assessment import Assessment
 from suta_calib.diagnostics.explanation import Explanation, explain
-from suta_calib.diagnostics.indices import Indices
-from suta_calib.model.parameters import Parameter
 from suta_calib.solver.covariance import predicted_covariance
 from suta_calib.solver.identifiability import Identification, schur_complement
 from suta_calib.solver.information import Information, predicted_information
@@ -25,11 +23,60 @@ from suta_calib.units import Unit
 
 
 @dataclass(frozen=True)
+class Indices:
+    """Observability indices of L parameters from m samples; larger is better.
+
+    All are dimensionless: σ1 ≥ … ≥ σL are the singular values of the Jacobian with residuals in
+    units of their noise and parameters in units of their plausible range. Compared and proven in
+    Sun, Hollerbach (2008), doi:10.1109/ROBOT.2008.4543393.
+
+    Attributes:
+        o1: (σ1 … σL)^(1/L) / √m, D-optimality; Borm, Menq (1991),
+            doi:10.1177/027836499101000106.
+        o2: σL / σ1, the inverse condition number; Driels, Pathre (1990).
+        o3: σL, E-optimality; Nahvi, Hollerbach, Hayward (1994).
+        o4: σL² / σ1, noise amplification; Nahvi, Hollerbach (1996).
+        o5: 1 / Σ 1/σ, A-optimality; Sun, Hollerbach (2008).
+    """
+
+    o1: float
+    o2: float
+    o3: float
+    o4: float
+    o5: float
+
+    @classmethod
+    def of(cls, singular_values: FloatArray, samples: int) -> Indices:
+        """Indices of singular values (L,), any order; all zero where one is zero or there is none.
+
+        Args:
+            singular_values: of the scaled, whitened Jacobian of the parameters in question.
+            samples: number of measured poses, m.
+        """
+        s = np.asarray(singular_values, dtype=float)
+        if not len(s) or s.min() <= 0.0 or samples < 1:
+            return cls(0.0, 0.0, 0.0, 0.0, 0.0)
+        least, most = float(s.min()), float(s.max())
+        geometric_mean = float(np.exp(np.mean(np.log(s))))
+        return cls(
+            geometric_mean / samples**0.5,
+            least / most,
+            least,
+            least**2 / most,
+            1.0 / float(np.sum(1.0 / s)),
+        )
+
+    def as_dict(self) -> dict[str, float]:
+        """By the names of the literature, ``O1`` … ``O5``."""
+        return {name.upper(): value for name, value in asdict(self).items()}
+
+
+@dataclass(frozen=True)
 class Prospect:
     """One parameter before the fit.
 
     Attributes:
-        name, unit, nominal: as in the problem.
+        name, owner, unit, nominal: as in the problem.
         plausible: how far off it might be, m or rad: the yardstick for ``std``.
         bound: half-width of its bounds, or None without bounds.
         prior: standard deviation of its prior, or None.
@@ -39,6 +86,7 @@ class Prospect:
     """
 
     name: str
+    owner: str
     unit: Unit
     nominal: float
     plausible: float
@@ -154,28 +202,26 @@ def _prospects(
     for k, p in enumerate(problem.parameters.values()):
         known = float(std[k]) if k in will_be else None
         given = identification.given(p.name) if k in will_be else ()
+        state: State = "identified"
+        if not p.free:
+            state = "fixed"
+        elif known is None:
+            state = "unidentified"
+        elif p.prior is not None and known**2 > INFORMED * p.prior**2:
+            state = "prior"
         found[p.name] = Prospect(
             p.name,
+            p.owner,
             p.unit,
             p.nominal,
             p.plausible,
             p.upper - p.nominal if np.isfinite(p.upper) else None,
             p.prior,
             known,
-            _state(p, known),
+            state,
             given,
         )
     return found
-
-
-def _state(p: Parameter, std: float | None) -> State:
-    if not p.free:
-        return "fixed"
-    if std is None:
-        return "unidentified"
-    if p.prior is not None and std**2 > INFORMED * p.prior**2:
-        return "prior"
-    return "identified"
 
 
 def _singular_values(

@@ -1,18 +1,26 @@
 """What repeats of the same touch say: how far they scatter, and which of them are grossly wrong.
 
 Repeats see the same posture, so what is wrong with the model is wrong in all of them alike. Only
-what differs among them is scatter, and only what stands apart from them a gross error.
+what differs among them is scatter, and only what stands apart from them a gross error. Residuals
+much larger than repeats explain are the model's own (the lack-of-fit comparison of regression;
+Draper and Smith, Applied Regression Analysis, chapter 2): values and standard deviations then hold
+only within that model.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
+from suta_calib.solver.solution import Solution
 from suta_calib.terms.block import Block
+from suta_calib.units import Unit
 
+# Of a normal distribution: median absolute value over standard deviation.
+NORMAL_MEDIAN: Final = 0.6745
 # Groups of repeats below which their scatter says too little.
 ENOUGH_GROUPS: Final = 10
 # Of a touch's rows beyond the threshold: a displaced touch has half, any other hardly one in ten.
@@ -50,10 +58,15 @@ def repeat_variance(
     _, group, count = np.unique(group[sound], return_inverse=True, return_counts=True)
     if np.sum(count > 1) < ENOUGH_GROUPS:
         return None
-    mean = np.zeros((len(count), block.size))
-    np.add.at(mean, group, residual)
-    inside = residual - (mean / count[:, None])[group]
+    inside = _about_mean(residual, group, count)
     return float(np.sum(inside**2) / np.sum(count - 1))
+
+
+def _about_mean(residual: FloatArray, group: IntArray, count: IntArray) -> FloatArray:
+    """(n, d) departures from the mean of each row's group."""
+    total = np.zeros((len(count), residual.shape[1]))
+    np.add.at(total, group, residual)
+    return np.asarray(residual - (total / count[:, None])[group])
 
 
 def gross_rows(block: Block, residual: FloatArray, touch: IntArray) -> BoolArray:
@@ -71,7 +84,8 @@ def gross_rows(block: Block, residual: FloatArray, touch: IntArray) -> BoolArray
     limit = block.noise.huber
     group, count = repeat_groups(block, touch)
     told = (count > 2)[group]
-    beyond = (_apart(residual, group, count) > limit) & (told | (_norm(residual) > limit))
+    size = np.linalg.norm(residual, axis=1)
+    beyond = (_apart(residual, group, count) > limit) & (told | (size > limit))
     samples, most = block.samples, int(block.samples.max()) + 1
     rows, bad = np.zeros(most), np.zeros(most)
     for k in range(samples.shape[1]):
@@ -90,9 +104,55 @@ def _apart(residual: FloatArray, group: IntArray, count: IntArray) -> FloatArray
         ordered = residual[np.lexsort((residual[:, k], group)), k]
         median = (ordered[first + (count - 1) // 2] + ordered[first + count // 2]) / 2
         deviation[:, k] = residual[:, k] - median[group]
-    distance = _norm(deviation) * np.where(count == 2, 2.0, 1.0)[group]
+    distance = np.linalg.norm(deviation, axis=1) * np.where(count == 2, 2.0, 1.0)[group]
     return np.where(count[group] == 1, np.inf, distance)
 
 
-def _norm(residual: FloatArray) -> FloatArray:
-    return np.asarray(np.linalg.norm(residual, axis=1))
+@dataclass(frozen=True)
+class LackOfFit:
+    """One block's residuals against its repeats.
+
+    Attributes:
+        kind: of the term.
+        unit: m or rad.
+        residual: robust standard deviation of one residual component.
+        repeat: the same from differences between repeats of the same touch.
+    """
+
+    kind: str
+    unit: Unit
+    residual: float
+    repeat: float
+
+    @property
+    def ratio(self) -> float:
+        """Residual over repeat scatter: one for a model that lacks nothing."""
+        return self.residual / self.repeat
+
+
+def lack_of_fit(solution: Solution) -> tuple[LackOfFit, ...]:
+    """Compare every block that has repeated touches; the others cannot be judged this way."""
+    problem = solution.problem
+    lines = iter(problem.linearise(solution.x, solution.sigmas))
+    found = []
+    for term in problem.terms:
+        touch = term.repeats()
+        for block in term.blocks:
+            residual = next(lines).residual
+            repeat = _repeat_scatter(block, residual, touch)
+            if repeat is not None:
+                level = float(np.median(np.abs(residual))) / NORMAL_MEDIAN
+                found.append(LackOfFit(term.kind, block.unit, level, repeat))
+    return tuple(found)
+
+
+def _repeat_scatter(block: Block, residual: FloatArray, touch: IntArray) -> float | None:
+    """Robust standard deviation of one component within groups of repeats, or None."""
+    group, count = repeat_groups(block, touch)
+    if np.sum(count > 1) < ENOUGH_GROUPS:
+        return None
+    # The mean has taken one of every group's residuals.
+    lost = np.sqrt(1.0 - 1.0 / np.maximum(count, 2))[group, None]
+    freed = _about_mean(residual, group, count) / lost
+    scatter = float(np.median(np.abs(freed[count[group] > 1]))) / NORMAL_MEDIAN
+    return scatter if scatter > 0 else None

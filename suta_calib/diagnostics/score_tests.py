@@ -13,7 +13,7 @@ the job frees, and once all of the geometry: a bent link must not be taken for a
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Final
@@ -21,13 +21,12 @@ from typing import Final
 import numpy as np
 from scipy.special import fdtrc
 
-from suta_calib.arrays import FloatArray, IntArray
-from suta_calib.diagnostics.score_statistics import Scores, scores_of
+from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.errors import UrdfError
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import COMPLIANCE, FAMILIES, OFFSET, Family, ParameterSet
 from suta_calib.solver.identifiability import WEAK
-from suta_calib.solver.information import Rows, whitened_rows
+from suta_calib.solver.information import Rows, robust_jacobian, whitened_rows
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.threads import single_threaded
@@ -36,6 +35,10 @@ from suta_calib.threads import single_threaded
 LEVEL: Final = 0.03
 # Chance by touches that what the variance alone says must have.
 SUPPORTED: Final = 0.05
+# Predicted standard deviation over what is plausible up to which a parameter is worth a test.
+TELLING: Final = 0.25
+# Information, relative to the largest, that is rounding.
+ROUNDING: Final = 1e-12
 
 
 @dataclass(frozen=True)
@@ -79,18 +82,13 @@ def offered_names(arm: ArmModel) -> dict[tuple[str, Family], tuple[str, ...]]:
     found: dict[tuple[str, Family], tuple[str, ...]] = {}
     for joint in dict.fromkeys(p.owner for p in arm.nongeometric.values()):
         for family, keys in FAMILIES.items():
-            if family == COMPLIANCE and not _has_load(arm, joint):
-                continue
+            if family == COMPLIANCE:
+                try:
+                    arm.select(f"{joint}.{COMPLIANCE}")
+                except UrdfError:
+                    continue
             found[joint, family] = tuple(f"{joint}.{key}" for key in keys)
     return found
-
-
-def _has_load(arm: ArmModel, joint: str) -> bool:
-    try:
-        arm.select(f"{joint}.{COMPLIANCE}")
-    except UrdfError:
-        return False
-    return True
 
 
 @lru_cache(maxsize=4)
@@ -115,10 +113,12 @@ def score_tests(solution: Solution) -> tuple[ScoreTest, ...]:
     extended, x = _extended(solution, list(order))
     rows = whitened_rows(extended, x, solution.sigmas)
     columns = np.array([extended.names.index(n) for n in order], dtype=np.intp)
-    more = np.array([k for k, n in enumerate(extended.names) if _unfreed(n, solution, order)])
+    known = (order, problem.parameters)
+    others = [k for k, n in enumerate(extended.names) if not any(n in names for names in known)]
+    more = np.array(others, dtype=np.intp)
     beside = scores_of(extended, rows, columns, np.zeros(0, dtype=np.intp))
-    alone = scores_of(extended, rows, columns, more.astype(np.intp))
-    geometry = _geometry_gain(extended, rows, more.astype(np.intp), columns, solution)
+    alone = scores_of(extended, rows, columns, more)
+    geometry = _geometry_gain(extended, rows, more, columns, solution)
     freedom = alone.touches - len(solution.free)
     if freedom < 1:
         return ()
@@ -146,10 +146,6 @@ def score_tests(solution: Solution) -> tuple[ScoreTest, ...]:
             )
         )
     return tuple(sorted(found, key=lambda test: test.p_single))
-
-
-def _unfreed(name: str, solution: Solution, candidates: Collection[str]) -> bool:
-    return name not in candidates and name not in solution.problem.parameters
 
 
 def _p(scores: Scores, index: IntArray, freedom: int) -> float:
@@ -193,3 +189,121 @@ def _extended(solution: Solution, candidates: Sequence[str]) -> tuple[Problem, F
     values = solution.values
     start = [values.get(p.name, p.nominal) for p in extended.parameters.values()]
     return extended, np.array(start)
+
+
+# ── scores of columns that were not fitted, their variance, one step ─────────────────────────
+@dataclass(frozen=True, eq=False)
+class Scores:
+    """What is left of the candidates' columns.
+
+    Attributes:
+        score: (k,) S.
+        curvature: (k, k) Z̃ᵀZ̃.
+        variance: (k, k) V.
+        telling: (k,) whether the data would tell each of them well enough.
+        touches: number of clusters.
+        squares: sum of the whitened squares, robust.
+    """
+
+    score: FloatArray
+    curvature: FloatArray
+    variance: FloatArray
+    telling: BoolArray
+    touches: int
+    squares: float
+
+    def statistic(self, chosen: IntArray) -> float:
+        """F of some columns together."""
+        part = self.score[chosen]
+        pushed = np.linalg.pinv(self.variance[np.ix_(chosen, chosen)], hermitian=True) @ part
+        return float(part @ pushed) / len(chosen)
+
+    def step(self, chosen: IntArray) -> FloatArray:
+        """What one step of Gauss and Newton makes of some columns together."""
+        curvature = self.curvature[np.ix_(chosen, chosen)]
+        return _solved(curvature, self.score[chosen][:, None])[:, 0]
+
+    def p_variance(self, chosen: IntArray, solution: Solution) -> float:
+        """Chance of so much variance explained, by the F test of nested models."""
+        equations = sum(t.equations() for t in solution.problem.terms)
+        freedom = equations - len(solution.free) - len(chosen)
+        lowered = float(self.score[chosen] @ self.step(chosen))
+        if freedom < 1 or not 0 < lowered < self.squares:
+            return 1.0
+        ratio = lowered / (self.squares - lowered) * freedom / len(chosen)
+        return float(fdtrc(len(chosen), freedom, ratio))
+
+    def gain(self, chosen: IntArray, solution: Solution) -> float:
+        """How much that step lowers twice the cost, in units of what noise alone would.
+
+        Rows that share touches repeat each other: what they count is what their touches do.
+        """
+        terms = solution.problem.terms
+        rows = sum(len(b) * b.size for t in terms for b in t.blocks)
+        level = np.mean(
+            [(n / s) ** 2 for n, s in zip(solution.noise, solution.sigmas, strict=True)]
+        )
+        lowered = float(self.score[chosen] @ self.step(chosen)) / float(level)
+        return lowered * sum(t.equations() for t in terms) / rows
+
+
+def scores_of(problem: Problem, rows: Sequence[Rows], columns: IntArray, known: IntArray) -> Scores:
+    """Of ``columns``, with every other parameter free to follow but the ``known`` ones."""
+    others = np.setdiff1d(np.arange(len(problem.names)), np.concatenate([columns, known]))
+    curvature = sum(j.T @ j for j in map(robust_jacobian, rows))
+    curvature = np.asarray(curvature + np.diag(problem.prior_precision()))
+    follow = _solved(curvature[np.ix_(others, others)], curvature[np.ix_(others, columns)])
+    left = np.zeros((len(problem.names), len(columns)))
+    left[columns, np.arange(len(columns))] = 1.0
+    left[others] = -follow
+    reduced = left.T @ curvature @ left
+    plausible = problem.parameters.array("plausible")[columns]
+    telling = np.diag(reduced) * (TELLING * plausible) ** 2 > 1.0
+    score, variance, touches = np.zeros(len(columns)), np.zeros_like(reduced), 0
+    for term in problem.terms:
+        mine = [r for r in rows if any(r.line.view.block is b for b in term.blocks)]
+        touch = term.repeats()
+        total, spread = _by_touch(mine, touch, left)
+        score, variance = score + total, variance + spread
+        touches += len(np.unique(touch))
+    squares = sum(
+        float(np.sum(line.residual**2 * (line.weight / line.sigma**2)[:, None]))
+        for line in (r.line for r in rows)
+    )
+    return Scores(score, reduced, variance, telling, touches, squares)
+
+
+def _by_touch(
+    rows: Sequence[Rows], touch: IntArray, left: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Sum of the scores of one term's rows, and its variance by touch (see `covariance`)."""
+    width = left.shape[1]
+    total, twice = np.zeros(width), np.zeros((width, width))
+    by_touch = np.zeros((int(touch.max()) + 1, width))
+    for r in rows:
+        line = r.line
+        n, size = line.residual.shape
+        columns = (r.jacobian @ left).reshape(n, size, width)
+        score = np.einsum("ndp,nd,n->np", columns, line.residual, line.weight / line.sigma)
+        total -= score.sum(axis=0)
+        members = touch[line.view.block.samples]
+        for k in range(members.shape[1]):
+            np.add.at(by_touch, members[:, k], score)
+        if members.shape[1] > 1:
+            _, pair = np.unique(np.sort(members, axis=1), axis=0, return_inverse=True)
+            by_pair = np.zeros((int(pair.max()) + 1, width))
+            np.add.at(by_pair, pair.reshape(-1), score)
+            twice += (members.shape[1] - 1) * by_pair.T @ by_pair
+    return total, by_touch.T @ by_touch - twice
+
+
+def _solved(matrix: FloatArray, right: FloatArray) -> FloatArray:
+    """Least-squares solution where the matrix may be singular, scaled to unit diagonal.
+
+    A diagonal entry that is rounding stands for a column of nothing: scaled up, it would drown all.
+    """
+    diagonal = np.diag(matrix)
+    informed = diagonal > ROUNDING * max(float(diagonal.max(initial=0.0)), 1e-300)
+    scale = np.where(informed, 1.0 / np.sqrt(np.where(informed, diagonal, 1.0)), 0.0)
+    inverse = np.linalg.pinv(matrix * np.outer(scale, scale), 1e-10, True)
+    return np.asarray(scale[:, None] * (inverse @ (scale[:, None] * right)))

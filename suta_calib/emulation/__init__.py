@@ -11,90 +11,43 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from suta_calib.lazy import lazily
+from suta_calib.lazy import public
 
 if TYPE_CHECKING:
-    from suta_calib.emulation.device import device_of
-    from suta_calib.emulation.emulated import (
-        EmulatedDevice,
-        EmulationOptions,
-        PlayOptions,
-        emulated_device,
-    )
-    from suta_calib.emulation.emulated_arm import EmulatedArm
-    from suta_calib.emulation.faults import Faults, Flag, Gap, Window
-    from suta_calib.emulation.motion import Curve, Motion, Still, Stops, Sweep, ThereAndBack
-    from suta_calib.emulation.player import Played, Player, TrueTrajectory
-    from suta_calib.emulation.script import (
-        Timing,
-        artefact_set,
-        placement_within_reach,
-        point_set,
-        read_script,
-        stops,
-    )
-    from suta_calib.emulation.stream import Emulation, frames
-    from suta_calib.emulation.terminal import PseudoTerminal
-    from suta_calib.emulation.trajectories import pivoting, posture_of, recorded, sweep
-    from suta_calib.emulation.truth import drawn_truth, nominal_values, read_truth
+    from suta_calib.emulation.device import device_of as device_of
+    from suta_calib.emulation.emulated import EmulatedDevice as EmulatedDevice
+    from suta_calib.emulation.emulated import EmulationOptions as EmulationOptions
+    from suta_calib.emulation.emulated import PlayOptions as PlayOptions
+    from suta_calib.emulation.emulated import emulated_device as emulated_device
+    from suta_calib.emulation.emulated_arm import EmulatedArm as EmulatedArm
+    from suta_calib.emulation.faults import Faults as Faults
+    from suta_calib.emulation.faults import Flag as Flag
+    from suta_calib.emulation.faults import Gap as Gap
+    from suta_calib.emulation.faults import Window as Window
+    from suta_calib.emulation.motion import Curve as Curve
+    from suta_calib.emulation.motion import Motion as Motion
+    from suta_calib.emulation.motion import Still as Still
+    from suta_calib.emulation.motion import Stops as Stops
+    from suta_calib.emulation.motion import Sweep as Sweep
+    from suta_calib.emulation.motion import ThereAndBack as ThereAndBack
+    from suta_calib.emulation.player import Played as Played
+    from suta_calib.emulation.player import Player as Player
+    from suta_calib.emulation.player import TrueTrajectory as TrueTrajectory
+    from suta_calib.emulation.script import Timing as Timing
+    from suta_calib.emulation.script import artefact_set as artefact_set
+    from suta_calib.emulation.script import placement_within_reach as placement_within_reach
+    from suta_calib.emulation.script import point_set as point_set
+    from suta_calib.emulation.script import read_script as read_script
+    from suta_calib.emulation.script import stops as stops
+    from suta_calib.emulation.stream import Emulation as Emulation
+    from suta_calib.emulation.stream import frames as frames
+    from suta_calib.emulation.terminal import PseudoTerminal as PseudoTerminal
+    from suta_calib.emulation.trajectories import pivoting as pivoting
+    from suta_calib.emulation.trajectories import posture_of as posture_of
+    from suta_calib.emulation.trajectories import recorded as recorded
+    from suta_calib.emulation.trajectories import sweep as sweep
+    from suta_calib.emulation.truth import drawn_truth as drawn_truth
+    from suta_calib.emulation.truth import nominal_values as nominal_values
+    from suta_calib.emulation.truth import read_truth as read_truth
 
-_HOMES = {
-    "device": ("device_of",),
-    "emulated": ("EmulatedDevice", "EmulationOptions", "PlayOptions", "emulated_device"),
-    "emulated_arm": ("EmulatedArm",),
-    "faults": ("Faults", "Flag", "Gap", "Window"),
-    "motion": ("Curve", "Motion", "Still", "Stops", "Sweep", "ThereAndBack"),
-    "player": ("Played", "Player", "TrueTrajectory"),
-    "script": (
-        "Timing",
-        "artefact_set",
-        "placement_within_reach",
-        "point_set",
-        "read_script",
-        "stops",
-    ),
-    "stream": ("Emulation", "frames"),
-    "terminal": ("PseudoTerminal",),
-    "trajectories": ("pivoting", "posture_of", "recorded", "sweep"),
-    "truth": ("drawn_truth", "nominal_values", "read_truth"),
-}
-
-__all__ = [
-    "Curve",
-    "EmulatedArm",
-    "EmulatedDevice",
-    "Emulation",
-    "EmulationOptions",
-    "Faults",
-    "Flag",
-    "Gap",
-    "Motion",
-    "PlayOptions",
-    "Played",
-    "Player",
-    "PseudoTerminal",
-    "Still",
-    "Stops",
-    "Sweep",
-    "ThereAndBack",
-    "Timing",
-    "TrueTrajectory",
-    "Window",
-    "artefact_set",
-    "device_of",
-    "drawn_truth",
-    "emulated_device",
-    "frames",
-    "nominal_values",
-    "pivoting",
-    "placement_within_reach",
-    "point_set",
-    "posture_of",
-    "read_script",
-    "read_truth",
-    "recorded",
-    "stops",
-    "sweep",
-]
-
-__getattr__ = lazily(__name__, _HOMES)
+__getattr__, __all__ = public(__name__)

@@ -56,24 +56,18 @@ def main() -> None:
     try:
         with PseudoTerminal(orders.link) as terminal:
             _say(port=terminal.name)
-            _play(orders, terminal, stop)
+            player = Player(
+                orders.emulation,
+                terminal,
+                lambda text: _say(event=text),
+                gated=orders.gated,
+                recorded=True,
+            )
+            player.run(orders.seconds, stop.is_set, wait=orders.wait)
+        np.savez(orders.trajectory, **vars(player.trajectory))
+        _say(played=asdict(player.played))
     except SutaCalibError as error:
         _say(error=str(error))
-
-
-def _play(orders: Orders, terminal: PseudoTerminal, stop: threading.Event) -> None:
-    player = Player(
-        orders.emulation,
-        terminal,
-        lambda text: _say(event=text),
-        gated=orders.gated,
-        recorded=True,
-    )
-    player.run(orders.seconds, stop.is_set, wait=orders.wait)
-    terminal.close()
-    done = player.trajectory
-    np.savez(orders.trajectory, time=done.time, motion_time=done.motion_time, q=done.q)
-    _say(played=asdict(player.played))
 
 
 def _until_closed(stop: threading.Event) -> None:

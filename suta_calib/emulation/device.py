@@ -13,7 +13,6 @@ from suta_calib.errors import InputError
 from suta_calib.model.arm import ArmModel
 
 BAUDRATE: Final = 921600
-_DEVICE_HEADING: Final = "# An emulated arm: there is no hardware behind this port.\n"
 
 
 def device_of(
@@ -42,18 +41,8 @@ def device_of(
     if (refused := FORMATS[form].refusal(unit, counts_per_turn)) is not None:
         found = f"{form} with {counts_per_turn} counts per turn, in {unit}"
         raise InputError(found, refused[1], where=refused[0])
-    if unit != "rad":
-        _check_turning(arm)
-    chosen = list(signs) or [1] * len(arm.joints)
-    if len(chosen) != len(arm.joints):
-        raise InputError(f"{len(chosen)} signs", f"{len(arm.joints)}, one per joint")
-    joints = tuple(map(JointSpec, arm.joints, chosen))
-    return DeviceSpec(Path("device.yaml"), "", baudrate, form, unit, counts_per_turn, joints)
-
-
-def _check_turning(arm: ArmModel) -> None:
     for joint in arm.chain.moving:
-        if joint.type == "prismatic":
+        if joint.type == "prismatic" and unit != "rad":
             raise InputError(
                 f"prismatic joint {joint.name!r}",
                 "joints that turn: an encoder's word is an angle",
@@ -61,6 +50,11 @@ def _check_turning(arm: ArmModel) -> None:
                 line=joint.line,
                 hint="send it as lines in rad, which carry metres as they are",
             )
+    chosen = list(signs) or [1] * len(arm.joints)
+    if len(chosen) != len(arm.joints):
+        raise InputError(f"{len(chosen)} signs", f"{len(arm.joints)}, one per joint")
+    joints = tuple(map(JointSpec, arm.joints, chosen))
+    return DeviceSpec(Path("device.yaml"), "", baudrate, form, unit, counts_per_turn, joints)
 
 
 def device_text(device: DeviceSpec) -> str:
@@ -73,4 +67,5 @@ def device_text(device: DeviceSpec) -> str:
         "counts_per_turn": device.counts_per_turn,
         "joints": [one_line({"name": joint.name, "sign": joint.sign}) for joint in device.joints],
     }
-    return _DEVICE_HEADING + yaml_text(document)
+    heading = "# An emulated arm: there is no hardware behind this port.\n"
+    return heading + yaml_text(document)

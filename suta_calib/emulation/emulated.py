@@ -10,12 +10,10 @@ from typing import Literal
 
 import numpy as np
 
-from suta_calib.arrays import FloatArray
-from suta_calib.device.description import DeviceSpec
 from suta_calib.emulation.device import BAUDRATE, device_of, device_text
 from suta_calib.emulation.faults import Faults
 from suta_calib.emulation.motion import Motion, Still, Stops
-from suta_calib.emulation.player import Played, Player, TrueTrajectory
+from suta_calib.emulation.player import Played, Player
 from suta_calib.emulation.script import (
     PLACE_FORM,
     ScriptFile,
@@ -192,33 +190,6 @@ class EmulatedDevice:
         departing = sum(v != self.arm.parameters[n].nominal for n, v in self.values.items())
         return f"{text}; {departing} true parameters depart from the URDF's"
 
-    def write_device(self, path: Path, port: str) -> None:
-        """Write a device.yaml; ``port`` is what to open.
-
-        Raises:
-            OutputError: it cannot be written.
-        """
-        device = replace(self.emulation.device, port=str(Path(port).absolute()))
-        write_text(path, device_text(device))
-
-    def write_truth(self, path: Path) -> None:
-        """Write a truth.yaml: true parameters, and what is touched.
-
-        Raises:
-            OutputError: it cannot be written.
-        """
-        emulation = self.emulation
-        text = truth_text(self.arm, self.values, emulation.seed, self.plan, emulation.motion)
-        write_text(path, text)
-
-    def write_trajectory(self, path: Path, trajectory: TrueTrajectory) -> None:
-        """Write the true tip poses as CSV; see `truth.write_trajectory`.
-
-        Raises:
-            OutputError: it cannot be written.
-        """
-        write_trajectory(path, self.arm, self.values, trajectory, self.emulation.motion)
-
     def play(
         self,
         options: PlayOptions,
@@ -242,22 +213,25 @@ class EmulatedDevice:
             InputError: a port that shall vanish without a link.
             OutputError: a file or link that cannot be made.
         """
-        options.check(self.emulation.faults)
+        emulation, arm, values = self.emulation, self.arm, self.values
+        options.check(emulation.faults)
         with PseudoTerminal(options.link) as terminal:
             if options.device_out is not None:
-                self.write_device(options.device_out, terminal.port)
+                device = replace(emulation.device, port=str(Path(terminal.port).absolute()))
+                write_text(options.device_out, device_text(device))
             if options.truth_out is not None:
-                self.write_truth(options.truth_out)
+                truth = truth_text(arm, values, emulation.seed, self.plan, emulation.motion)
+                write_text(options.truth_out, truth)
             announce(terminal.name)
             say(str(self))
-            kept = options.trajectory_out is not None
-            player = Player(self.emulation, terminal, say, gated=options.gated, recorded=kept)
+            out = options.trajectory_out
+            player = Player(emulation, terminal, say, gated=options.gated, recorded=out is not None)
             try:
                 player.run(options.seconds, stopped, wait=options.wait)
             finally:
                 say(str(player.played))
-                if options.trajectory_out is not None:
-                    self.write_trajectory(options.trajectory_out, player.trajectory)
+                if out is not None:
+                    write_trajectory(out, arm, values, player.trajectory, emulation.motion)
         return player.played
 
 
@@ -270,17 +244,22 @@ def emulated_device(options: EmulationOptions) -> EmulatedDevice:
     options.check()
     script = None if options.script is None else read_script(options.script)
     arm = _arm(options, script)
-    device = _device(options, arm)
+    device = device_of(
+        arm,
+        form=options.form,
+        unit=options.unit,
+        counts_per_turn=options.counts_per_turn,
+        signs=options.signs,
+        baudrate=options.baudrate,
+    )
     options.faults.check_joints(device.names)
     values = _values(options, script, arm)
     plan = None
     if script is None:
         motion = _free_motion(options, arm, values)
     else:
-        if script.simulation is None:
-            plan = _job_plan(options, script, arm, values)
-        else:
-            plan = _set(options, script)
+        job = script.simulation is None
+        plan = _job_plan(options, script, arm, values) if job else _set(options, script)
         motion = _script_motion(options, script, arm, values, plan)
     emulation = Emulation(
         device, motion, options.rate, options.encoder, options.faults, options.seed
@@ -307,17 +286,6 @@ def _values(
     if seed is None:
         return nominal_values(arm)
     return drawn_truth(arm, seed, () if script is None else script.unknowns)
-
-
-def _device(options: EmulationOptions, arm: ArmModel) -> DeviceSpec:
-    return device_of(
-        arm,
-        form=options.form,
-        unit=options.unit,
-        counts_per_turn=options.counts_per_turn,
-        signs=options.signs,
-        baudrate=options.baudrate,
-    )
 
 
 def _set(options: EmulationOptions, script: ScriptFile) -> SetSpec:
@@ -401,7 +369,18 @@ def _free_motion(options: EmulationOptions, arm: ArmModel, values: dict[str, flo
         return recorded(options.csv, arm)
     posture = posture_of(arm, parse_posture(arm, options.posture))
     if options.motion == "pivot":
-        return _pivot(options, arm, values, posture if options.posture else None)
+        points = [pose.position for pose in _places(options.points, {}, "--point").values()]
+        if len(points) > 1:
+            raise InputError(f"{len(points)} points", "one to pivot on", where="--point")
+        return pivoting(
+            arm,
+            values,
+            np.array(points[0]) if points else None,
+            posture=posture if options.posture else None,
+            cone=options.cone,
+            period=options.period,
+            seed=options.seed,
+        )
     if options.motion == "trajectory":
         slowest, fastest = options.frequency
         return sweep(
@@ -413,20 +392,3 @@ def _free_motion(options: EmulationOptions, arm: ArmModel, values: dict[str, flo
             duration=options.duration,
         )
     return Still(posture)
-
-
-def _pivot(
-    options: EmulationOptions, arm: ArmModel, values: dict[str, float], posture: FloatArray | None
-) -> Motion:
-    if len(options.points) > 1:
-        raise InputError(f"{len(options.points)} points", "one to pivot on", where="--point")
-    points = [pose.position for pose in _places(options.points, {}, "--point").values()]
-    return pivoting(
-        arm,
-        values,
-        np.array(points[0]) if points else None,
-        posture=posture,
-        cone=options.cone,
-        period=options.period,
-        seed=options.seed,
-    )

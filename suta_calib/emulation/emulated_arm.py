@@ -118,7 +118,10 @@ class EmulatedArm:
             process.kill()
             process.wait()
         self._reader.join(_STOP_S)
-        self._collect(Path(self._folder.name) / "trajectory.npz")
+        file = Path(self._folder.name) / "trajectory.npz"
+        if file.exists():
+            with np.load(file) as arrays:
+                self._trajectory = TrueTrajectory(**arrays)
         self._folder.cleanup()
 
     def _start(self, folder: Path) -> None:
@@ -153,10 +156,3 @@ class EmulatedArm:
                 self._messages.put(message)
         self._messages.put({})
         process.stdout.close()
-
-    def _collect(self, file: Path) -> None:
-        if file.exists():
-            with np.load(file) as arrays:
-                self._trajectory = TrueTrajectory(
-                    arrays["time"], arrays["motion_time"], arrays["q"]
-                )

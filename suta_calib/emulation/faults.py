@@ -135,7 +135,14 @@ class Faults:
         for item in filter(None, (part.strip() for part in text.split(","))):
             name, _, value = item.partition("=")
             faults = replace(faults, **_parsed(faults, item, name.strip(), value.strip()))
-        _check_absences(faults)
+        for earlier, later in pairwise(faults.absences):
+            if later.start < earlier.end:
+                raise InputError(
+                    f"a port that is to vanish at {later.start:g} s and is gone until "
+                    f"{earlier.end:g} s",
+                    "disconnects and reboots one after the other",
+                    where="--faults",
+                )
         return faults
 
 
@@ -144,7 +151,7 @@ def _parsed(faults: Faults, item: str, name: str, value: str) -> dict[str, Any]:
     if name in _SHARES:
         share = _number(item, value, float)
         if share > 1:
-            raise _refusal(item, "a share from 0 to 1")
+            raise InputError(repr(item), "a share from 0 to 1", where="--faults")
         return {name: share}
     if name == "stale":
         return {"stale": _number(item, value, int)}
@@ -168,31 +175,12 @@ def _number(item: str, text: str, kind: Callable[[str], Number]) -> Number:
     try:
         number = kind(text)
     except ValueError:
-        raise _refusal(item, _form(item)) from None
+        name = item.partition("=")[0].strip()
+        form = next(word for word in WORDS if word.partition("=")[0] == name)
+        raise InputError(repr(item), form, where="--faults") from None
     if not (math.isfinite(number) and number >= 0):
-        raise _refusal(item, "a number that is not negative")
+        raise InputError(repr(item), "a number that is not negative", where="--faults")
     return number
-
-
-def _form(item: str) -> str:
-    name = item.partition("=")[0].strip()
-    return next(word for word in WORDS if word.partition("=")[0] == name)
-
-
-def _refusal(item: str, expected: str) -> InputError:
-    return InputError(repr(item), expected, where="--faults")
-
-
-def _check_absences(faults: Faults) -> None:
-    windows = faults.absences
-    for earlier, later in pairwise(windows):
-        if later.start < earlier.end:
-            raise InputError(
-                f"a port that is to vanish at {later.start:g} s and is gone until "
-                f"{earlier.end:g} s",
-                "disconnects and reboots one after the other",
-                where="--faults",
-            )
 
 
 class Damage:

@@ -6,9 +6,10 @@ stands still.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Final, Protocol
+from typing import Final
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -19,19 +20,21 @@ from suta_calib.errors import InputError
 _TURN: Final = 2 * np.pi
 
 
-class Motion(Protocol):
+class Motion(ABC):
     """True readings of every joint at any time."""
 
     @property
     def end(self) -> float:
         """When the motion is over, s; infinite for one that is not."""
+        return np.inf
 
+    @abstractmethod
     def readings(self, time: FloatArray) -> FloatArray:
         """(n, joints) readings at times (n,), s: rad, continuous, not wrapped (prismatic: m)."""
 
 
 @dataclass(frozen=True, eq=False)
-class Still:
+class Still(Motion):
     """An arm that nobody moves.
 
     Attributes:
@@ -40,18 +43,13 @@ class Still:
 
     posture: FloatArray
 
-    @property
-    def end(self) -> float:
-        """It never ends."""
-        return np.inf
-
     def readings(self, time: FloatArray) -> FloatArray:
         """(n, joints) the same at all times."""
         return np.tile(self.posture, (len(time), 1))
 
 
 @dataclass(frozen=True, eq=False)
-class Stops:
+class Stops(Motion):
     """Rests on one place after the other, with minimum-jerk motions between them.
 
     The motions are those of Flash, Hogan (1985), doi:10.1523/JNEUROSCI.05-07-01688.1985, in joint
@@ -80,10 +78,6 @@ class Stops:
         """When a rest begins, s."""
         return stop * (self.rest + self.move)
 
-    def departure(self, stop: int) -> float:
-        """When the motion that ends a rest begins, s."""
-        return self.arrival(stop) + self.rest
-
     def resting_on(self, time: FloatArray) -> FloatArray:
         """(n,) number of the rest at each time, NaN while the arm moves."""
         stop, share = self._phase(time)
@@ -105,7 +99,7 @@ class Stops:
 
 
 @dataclass(frozen=True, eq=False)
-class Sweep:
+class Sweep(Motion):
     """Every joint swings about a posture, faster and faster, and reverses its direction each swing.
 
     ``q = posture + amplitude · fade(t) · sin(2π pace ∫f + lag)``: ``f`` rises linearly in time, the
@@ -143,7 +137,7 @@ class Sweep:
 
 
 @dataclass(frozen=True, eq=False)
-class Curve:
+class Curve(Motion):
     """A smooth curve through given readings.
 
     Attributes:
@@ -171,7 +165,7 @@ class Curve:
 
 
 @dataclass(frozen=True, eq=False)
-class ThereAndBack:
+class ThereAndBack(Motion):
     """A path gone along to its end and back again, for as long as it is asked for.
 
     Attributes:
@@ -181,11 +175,6 @@ class ThereAndBack:
 
     path: Curve
     period: float
-
-    @property
-    def end(self) -> float:
-        """It never ends."""
-        return np.inf
 
     def readings(self, time: FloatArray) -> FloatArray:
         """(n, joints) readings at times (n,)."""
@@ -207,6 +196,5 @@ def continuous(posture: FloatArray, turns: np.ndarray) -> FloatArray:
         turns: (joints,) which joints can turn a full circle: they go the shorter way.
     """
     step = np.diff(posture, axis=0)
-    shorter = step - _TURN * np.round(step / _TURN)
-    step = np.where(turns, shorter, step)
+    step -= np.where(turns, _TURN * np.round(step / _TURN), 0.0)
     return np.concatenate([posture[:1], posture[0] + np.cumsum(step, axis=0)])

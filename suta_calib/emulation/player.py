@@ -7,14 +7,14 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from heapq import merge
+from operator import itemgetter
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from suta_calib.arrays import FloatArray
 from suta_calib.emulation.motion import Motion, Stops
-from suta_calib.emulation.stream import Emulation, MotionTime, forget, packets, unchanged
+from suta_calib.emulation.stream import Emulation, packets
 from suta_calib.emulation.terminal import PseudoTerminal
 
 # How often somebody who opens the port, or asks to stop, is looked for, s.
@@ -104,20 +104,25 @@ class Player:
         self._tell("the port was opened" if wait else "started")
         first = round((opened - began) * self._emulation.rate)
         self._recorder = Recorder(self._emulation, first)
-        for due, act in merge(self._sending(first), self._vanishing(), key=lambda each: each[0]):
+        clock = RoundClock(self._emulation.motion, self._terminal.heard)
+        stream = packets(
+            self._emulation,
+            first,
+            clock if self._gated else None,
+            self._recorder if self._recorded else None,
+        )
+        sending = ((due, partial(self._send, data)) for due, data in stream)
+        absences = self._emulation.faults.absences
+        vanishing = (
+            step for w in absences for step in ((w.start, self._vanish), (w.end, self._return))
+        )
+        acts: Iterator[tuple[float, Callable[[], None]]]
+        acts = merge(sending, vanishing, key=itemgetter(0))
+        for due, act in acts:
             if not _sleep_until(opened + due, end, stopped):
                 return
             self.played.late = max(self.played.late, time.perf_counter() - opened - due)
             act()
-
-    def _sending(self, first: int) -> Iterator[tuple[float, Callable[[], None]]]:
-        emulation = self._emulation
-        clock: MotionTime = RoundClock(emulation.motion, self._terminal.heard)
-        if not self._gated:
-            clock = unchanged
-        log = self._recorder if self._recorded else forget
-        for due, data in packets(emulation, first, clock, log):
-            yield due, partial(self._send, data)
 
     def _send(self, data: bytes) -> None:
         if not data:
@@ -126,11 +131,6 @@ class Player:
             self.played.sent += 1
         else:
             self.played.unheard += 1
-
-    def _vanishing(self) -> Iterator[tuple[float, Callable[[], None]]]:
-        for window in self._emulation.faults.absences:
-            yield window.start, self._vanish
-            yield window.end, self._return
 
     def _vanish(self) -> None:
         self._terminal.close()
@@ -195,9 +195,8 @@ class Recorder:
     def trajectory(self, count: int) -> TrueTrajectory:
         """The first ``count`` frames: what is computed ahead has not happened."""
         joints = len(self._emulation.device.joints)
-        first = self._first
-        numbers: NDArray[np.int64] = np.arange(first, first + count)
-        time = np.array([self._emulation.time_us(int(number)) for number in numbers]) / 1e6
+        periods = range(self._first, self._first + count)
+        time = np.array([self._emulation.time_us(period) for period in periods]) / 1e6
         at = np.concatenate([np.empty(0), *(block[1] for block in self._blocks)])
         q = np.concatenate([np.empty((0, joints)), *(block[2] for block in self._blocks)])
         return TrueTrajectory(time, at[:count], q[:count])
@@ -234,19 +233,14 @@ class RoundClock:
         if not self._gates:
             return time - self._origin
         leave, resume = self._gates[0]
-        if self._between:
-            return self._waiting(time, resume)
         at = np.asarray(time - self._origin, dtype=float)
-        if at[-1] >= leave and not self._heard():
+        if (self._between or at[-1] >= leave) and not self._heard():
+            # Resting on the first place of the next round.
             self._between = True
             return np.full_like(time, resume)
-        held: FloatArray = np.minimum(at, leave + self._half)
-        return held
-
-    def _waiting(self, time: FloatArray, resume: float) -> FloatArray:
-        """Resting on the first place of the next round."""
-        if not self._heard():
-            return np.full_like(time, resume)
+        if not self._between:
+            held: FloatArray = np.minimum(at, leave + self._half)
+            return held
         self._between = False
         self._gates.pop(0)
         self._origin = float(time[0]) - resume

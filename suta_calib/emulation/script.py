@@ -128,8 +128,8 @@ def stops(
     """
     chain, timing = arm.chain, timing or Timing()
     # What the encoders add belongs to the stream.
-    exact = replace(plan, noise=replace(plan.noise, encoder_angle=0.0, encoder_length=0.0))
-    exact = replace(exact, noise=replace(exact.noise, encoder_bits=0))
+    noise = replace(plan.noise, encoder_angle=0.0, encoder_length=0.0, encoder_bits=0)
+    exact = replace(plan, noise=noise)
     spec = SimulationSpec(
         path or chain.path,
         *(chain.path, chain.tip, chain.base, seed),
@@ -139,16 +139,14 @@ def stops(
     )
     order = _order(plan, sequence)
     rounds = [one for file in simulate(spec).files for one in _rounds(file, order)]
-    posture_of_all = np.concatenate([file.samples.q[rows] for file, rows in rounds])
-    labels = tuple(_labels(file, row) for file, rows in rounds for row in rows)
-    ends = np.cumsum([len(rows) for _, rows in rounds]) - 1
-    return Stops(
-        continuous(posture_of_all, full_circle(arm)),
-        labels,
-        timing.rest,
-        timing.move,
-        tuple(int(end) for end in ends),
+    postures = np.concatenate([file.samples.q[rows] for file, rows in rounds])
+    labels = tuple(
+        {name: str(values[row]) for name, values in file.samples.labels.items()}
+        for file, rows in rounds
+        for row in rows
     )
+    ends = tuple((np.cumsum([len(rows) for _, rows in rounds]) - 1).tolist())
+    return Stops(continuous(postures, full_circle(arm)), labels, timing.rest, timing.move, ends)
 
 
 def _order(plan: SetSpec, sequence: Sequence[str]) -> tuple[str, ...]:
@@ -181,10 +179,6 @@ def _rounds(file: SimulatedFile, order: tuple[str, ...]) -> list[tuple[Simulated
     }
     repeats = dict.fromkeys(str(each) for each in labels["repeat"])
     return [(file, [row_of[repeat, name] for name in order]) for repeat in repeats]
-
-
-def _labels(file: SimulatedFile, row: int) -> dict[str, str]:
-    return {name: str(values[row]) for name, values in file.samples.labels.items()}
 
 
 def parse_pose(text: str, where: str = "") -> tuple[str, PoseSpec]:
@@ -298,15 +292,15 @@ def placement_within_reach(
     kinematics = InverseKinematics(arm, values)
     start = posture_of(arm) if posture is None else posture
     read = read_artefact(artefact)
+    centre = np.mean([mark.position for mark in read.landmarks.values()], axis=0)
     near = start + 0.4 * (kinematics.random_readings(rng, _TRIES) - start)
     _, tips = arm.forward(near, values)
     for tip in tips:
         rotation = rotation_from_rpy([0.0, 0.0, rng.uniform(-np.pi, np.pi)])
-        centre = np.mean([mark.position for mark in read.landmarks.values()], axis=0)
         # Rounded to what somebody would write down, and not below the table the arm stands on.
         position = np.round(tip - rotation @ centre, 4)
         pose = PoseSpec(rotation, np.array([*position[:2], max(0.0, position[2])]))
-        if _reached(kinematics, read, pose, start, rng):
+        if _every_landmark_reached(kinematics, read, pose, start, rng):
             return pose
     raise JobError(
         f"no place for placement {label!r} in {_TRIES} tries",
@@ -316,14 +310,14 @@ def placement_within_reach(
     )
 
 
-def _reached(
+def _every_landmark_reached(
     kinematics: InverseKinematics,
     artefact: Artefact,
     pose: PoseSpec,
     start: FloatArray,
     rng: np.random.Generator,
 ) -> bool:
-    """Whether every landmark can be: one after the other, for most poses fail at the first."""
+    """One after the other, for most poses fail at the first."""
     marks = sorted(artefact.landmarks.values(), key=lambda mark: mark.rotation is None)
     tips = seated(artefact, [mark.name for mark in marks], pose.rotation, pose.position)
     assert tips.rotation is not None

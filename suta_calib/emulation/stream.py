@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from itertools import count
 from typing import Any, Final
 
 import numpy as np
@@ -55,7 +56,7 @@ class Emulation:
     def __post_init__(self) -> None:
         if not 0 < self.rate <= _HIGHEST_RATE:
             raise InputError(f"{self.rate:g} Hz", f"a rate up to {_HIGHEST_RATE:g} Hz")
-        names = [joint.name for joint in self.device.joints]
+        names = self.device.names
         self.faults.check_joints(names)
         joints = self.motion.readings(np.zeros(1)).shape[1]
         if joints != len(names):
@@ -64,19 +65,6 @@ class Emulation:
     def time_us(self, period: int) -> int:
         """The device's clock that many periods after it was switched on, µs, not wrapped."""
         return self.first_time_us + round(_US * period / self.rate)
-
-
-MotionTime = Callable[[FloatArray], FloatArray]
-Log = Callable[[int, FloatArray, FloatArray], None]
-
-
-def unchanged(time: FloatArray) -> FloatArray:
-    """Time of a motion that nothing holds up."""
-    return time
-
-
-def forget(number: int, motion_time: FloatArray, q: FloatArray) -> None:
-    """Keep nothing of what is streamed."""
 
 
 def frames(emulation: Emulation, seconds: float = math.inf) -> Iterator[tuple[float, bytes]]:
@@ -96,27 +84,26 @@ def frames(emulation: Emulation, seconds: float = math.inf) -> Iterator[tuple[fl
 def packets(
     emulation: Emulation,
     first_period: int = 0,
-    motion_time: MotionTime = unchanged,
-    log: Log = forget,
+    motion_time: Callable[[FloatArray], FloatArray] | None = None,
+    log: Callable[[int, FloatArray, FloatArray], None] | None = None,
 ) -> Iterator[tuple[float, bytes]]:
     """One packet for every period: when it is due, and its bytes, empty where nothing is sent.
 
     Args:
         emulation: the arm.
         first_period: periods that passed since the device was switched on.
-        motion_time: from time on this stream, (n,) s, to time of the motion.
+        motion_time: from time on this stream, (n,) s, to time of a motion that is held up.
         log: told of every block: number of its first packet, times of the motion (n,), and true
             readings (n, joints).
     """
     source = _Source(emulation, first_period)
-    number = 0
-    while True:
+    for number in count(0, _BLOCK):
         time = np.arange(number, number + _BLOCK) / emulation.rate
-        at = motion_time(time)
+        at = motion_time(time) if motion_time else time
         true = emulation.motion.readings(at)
-        log(number, at, true)
+        if log:
+            log(number, at, true)
         yield from source.block(number, time, true)
-        number += _BLOCK
 
 
 class _Source:
@@ -143,12 +130,17 @@ class _Source:
         packets = []
         for k, t in enumerate(time.tolist()):
             data = b"" if skipped[k] else self._packet(number + k, t, values[k])
-            packets.append((_due(t, emulation.faults), data))
+            # What is held back is sent later.
+            held = [window.end for window in emulation.faults.holds if t in window]
+            packets.append((max([t, *held]), data))
         return packets
 
     def _packet(self, number: int, time: float, values: NDArray[Any]) -> bytes:
         faults = self._emulation.faults
-        if self._silent(number, time):
+        firsts = (math.ceil(gap.start * self._emulation.rate) for gap in faults.gaps)
+        if any(0 <= number - n < g.count for n, g in zip(firsts, faults.gaps, strict=True)):
+            return b""
+        if any(time in window for window in (*faults.stalls, *faults.absences)):
             return b""
         if faults.stale and number <= self._stale_at:
             return self._old_frames() if number == self._stale_at else b""
@@ -158,13 +150,6 @@ class _Source:
         if any(time in window for window in faults.bursts):
             return self._damage.garbage(len(data))
         return self._damage(data)
-
-    def _silent(self, number: int, time: float) -> bool:
-        faults = self._emulation.faults
-        firsts = (math.ceil(gap.start * self._emulation.rate) for gap in faults.gaps)
-        if any(0 <= number - n < g.count for n, g in zip(firsts, faults.gaps, strict=True)):
-            return True
-        return any(time in window for window in (*faults.stalls, *faults.absences))
 
     def _clock(self, number: int, time: float) -> tuple[int, int]:
         """Sequence number and device clock, µs; anew after a reboot."""
@@ -188,9 +173,4 @@ class _Source:
 
     def _flags(self, flags: Sequence[Flag], time: float) -> BoolArray:
         raised = {flag.joint for flag in flags if time in flag.window}
-        return np.array([joint.name in raised for joint in self._emulation.device.joints])
-
-
-def _due(time: float, faults: Faults) -> float:
-    """When a packet of this time is sent: later, if it is held back."""
-    return max([time, *(window.end for window in faults.holds if time in window)])
+        return np.array([name in raised for name in self._emulation.device.names])

@@ -103,16 +103,15 @@ class PseudoTerminal:
             Whether they went out: not where nobody listens, nor where whoever listens has not
             read for so long that the buffer is full.
         """
-        if not self.heard() or (self._rest and not self._flush()):
+        if not self.heard():
+            return False
+        self._rest = self._rest[self._send(self._rest) :] if self._rest else b""
+        if self._rest:
             return False
         sent = self._send(data)
         # What is begun is finished: a reader that lags misses whole frames only.
         self._rest = data[sent:] if sent else b""
         return sent > 0
-
-    def _flush(self) -> bool:
-        self._rest = self._rest[self._send(self._rest) :]
-        return not self._rest
 
     def _send(self, data: bytes) -> int:
         try:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
 
@@ -152,63 +152,6 @@ def pivoting(
     Raises:
         JobError: too few joints to tilt the tool, or the point or a tilt is out of reach.
     """
-    kinematics = InverseKinematics(arm, values)
-    matching, tilts = _matching(arm), rotation_from_vector(_tilts(cone))
-    start = kinematics.middle if posture is None else np.asarray(posture, dtype=float)
-    rng = stream(seed, "pivot")
-    others = kinematics.random_readings(stream(seed, "pivot from"), _OTHERS)
-    starts = [start, *others] if posture is None else [start]
-    knots = _first_tilted(kinematics, values, point, starts, tilts, matching, rng)
-    knots = continuous(knots, full_circle(arm))
-    # By the length of the way in joint space: no joint hurries where the arm is nearly singular.
-    steps = np.linalg.norm(np.diff(knots, axis=0), axis=1)
-    length = np.concatenate([[0.0], np.cumsum(steps + 1e-3 * steps.mean())])
-    return ThereAndBack(Curve(length, knots), period)
-
-
-def _first_tilted(
-    kinematics: InverseKinematics,
-    values: Mapping[str, float],
-    point: FloatArray | None,
-    starts: Sequence[FloatArray],
-    tilts: FloatArray,
-    matching: Matching,
-    rng: np.random.Generator,
-) -> FloatArray:
-    """Postures about the point, or where the tip is, from the first of some that allows them."""
-    refused: JobError | None = None
-    for start in starts:
-        rotation, position = kinematics.arm.forward(start, values)
-        try:
-            if point is not None:
-                position = np.asarray(point, dtype=float)
-                start = _reached(kinematics, position, rotation, "position", start, rng)
-            return _tilted(kinematics, values, position, start, tilts, matching, rng)
-        except JobError as error:
-            refused = refused or error
-    assert refused is not None
-    raise refused
-
-
-def _tilted(
-    kinematics: InverseKinematics,
-    values: Mapping[str, float],
-    position: FloatArray,
-    start: FloatArray,
-    tilts: FloatArray,
-    matching: Matching,
-    rng: np.random.Generator,
-) -> FloatArray:
-    """(n, joints) postures in which the tip is on the point, tilted from the first posture's."""
-    rotation, _ = kinematics.arm.forward(start, values)
-    knots = np.empty((len(tilts), len(start)))
-    for k, tilt in enumerate(tilts):
-        start = _reached(kinematics, position, rotation @ tilt, matching, start, rng)
-        knots[k] = start
-    return knots
-
-
-def _matching(arm: ArmModel) -> Matching:
     joints = len(arm.joints)
     if joints < _FEWEST_JOINTS:
         raise JobError(
@@ -217,7 +160,41 @@ def _matching(arm: ArmModel) -> Matching:
             file=arm.chain.path,
             where="pivot",
         )
-    return "axis" if joints == _FEWEST_JOINTS else "pose"
+    matching: Matching = "axis" if joints == _FEWEST_JOINTS else "pose"
+    kinematics, rng = InverseKinematics(arm, values), stream(seed, "pivot")
+    tilts = rotation_from_vector(_tilts(cone))
+
+    def tilted(start: FloatArray) -> FloatArray:
+        """(n, joints) postures with the tip on the point, tilted from the first posture's."""
+        rotation, position = arm.forward(start, values)
+        if point is not None:
+            position = np.asarray(point, dtype=float)
+            start = _reached(kinematics, position, rotation, "position", start, rng)
+            rotation, _ = arm.forward(start, values)
+        knots = np.empty((len(tilts), joints))
+        for k, tilt in enumerate(tilts):
+            start = _reached(kinematics, position, rotation @ tilt, matching, start, rng)
+            knots[k] = start
+        return knots
+
+    starts = [np.asarray(posture, dtype=float)]
+    if posture is None:
+        others = kinematics.random_readings(stream(seed, "pivot from"), _OTHERS)
+        starts = [kinematics.middle, *others]
+    refused: JobError | None = None
+    for start in starts:
+        try:
+            knots = continuous(tilted(start), full_circle(arm))
+            break
+        except JobError as error:
+            refused = refused or error
+    else:
+        assert refused is not None
+        raise refused
+    # By the length of the way in joint space: no joint hurries where the arm is nearly singular.
+    steps = np.linalg.norm(np.diff(knots, axis=0), axis=1)
+    length = np.concatenate([[0.0], np.cumsum(steps + 1e-3 * steps.mean())])
+    return ThereAndBack(Curve(length, knots), period)
 
 
 def _tilts(cone: float) -> FloatArray:

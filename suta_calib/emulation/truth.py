@@ -69,12 +69,11 @@ def _values(listed: YamlSection, arm: ArmModel) -> dict[str, float]:
                 at=(name,),
                 hint=did_you_mean(name, arm.parameters),
             )
-    return {name: _value(listed.section(name), arm.parameters[name]) for name in listed.data}
-
-
-def _value(row: YamlSection, parameter: Parameter) -> float:
-    unit = _written(parameter)
-    return stored(row.number(key("value", unit)), unit)
+    units = {name: _written(arm.parameters[name]) for name in listed.data}
+    return {
+        name: stored(listed.section(name).number(key("value", unit)), unit)
+        for name, unit in units.items()
+    }
 
 
 def drawn_truth(arm: ArmModel, seed: int, select: Sequence[str] = ()) -> dict[str, float]:
@@ -94,14 +93,23 @@ def drawn_truth(arm: ArmModel, seed: int, select: Sequence[str] = ()) -> dict[st
     Raises:
         ParameterError: a name that selects nothing.
     """
-    names = arm.select(*select).names if select else _usual(arm)
+    usual = [
+        name
+        for name, parameter in arm.parameters.items()
+        if parameter.key == OFFSET
+        or (name in arm.geometric and parameter.key in POSITION and parameter.nominal)
+    ]
     rows = tuple(
         ErrorRow(
             (name,), {}, _OFFSET_STD if arm.offered[name].key in (OFFSET, *POSITION) else _TILT_STD
         )
-        for name in names
+        for name in (arm.select(*select).names if select else usual)
     )
-    return true_values(arm, _only_errors(arm, rows), seed)
+    chain = arm.chain
+    only_errors = SimulationSpec(
+        chain.path, chain.path, chain.tip, chain.base, 0, posture=(), errors=rows, sets=()
+    )
+    return true_values(arm, only_errors, seed)
 
 
 def error_rows(arm: ArmModel, values: Mapping[str, float]) -> tuple[ErrorRow, ...]:
@@ -112,20 +120,6 @@ def error_rows(arm: ArmModel, values: Mapping[str, float]) -> tuple[ErrorRow, ..
         for name, value in values.items()
         if value != nominal[name].nominal
     )
-
-
-def _usual(arm: ArmModel) -> tuple[str, ...]:
-    return tuple(
-        name
-        for name, parameter in arm.parameters.items()
-        if parameter.key == OFFSET
-        or (name in arm.geometric and parameter.key in POSITION and parameter.nominal)
-    )
-
-
-def _only_errors(arm: ArmModel, rows: tuple[ErrorRow, ...]) -> SimulationSpec:
-    chain = arm.chain
-    return SimulationSpec(chain.path, chain.path, chain.tip, chain.base, 0, (), rows, ())
 
 
 _TRUTH_HEADING: Final = (
@@ -150,13 +144,15 @@ def truth_text(
         plan: what is touched, for a script.
         motion: the rests of a script.
     """
-    nominal = arm.parameters
-    departing = {n: v for n, v in values.items() if v != nominal[n].nominal}
-    document: dict[str, Any] = {
-        "simulated": True,
-        "seed": seed,
-        "parameters": {name: _parameter(arm, name, value) for name, value in departing.items()},
-    }
+    parameters = {}
+    for name, value in values.items():
+        parameter = arm.parameters[name]
+        if value != parameter.nominal:
+            unit = _written(parameter)
+            error = round(shown(value - parameter.nominal, unit), 9)
+            row = {key("value", unit): shown(value, unit), key("error", unit): error}
+            parameters[name] = one_line(row)
+    document: dict[str, Any] = {"simulated": True, "seed": seed, "parameters": parameters}
     if plan is not None:
         document[plan.places_key] = {
             name: one_line(
@@ -192,7 +188,13 @@ def write_trajectory(
     rotation, position = arm.forward(trajectory.q, values)
     quaternion = quaternion_from_rotation(rotation)
     numbers = np.column_stack([position, quaternion, trajectory.q])
-    labels = _resting(motion, trajectory)
+    labels: dict[str, list[str]] = {}
+    if isinstance(motion, Stops):
+        stops = motion.resting_on(trajectory.motion_time)
+        labels = {
+            name: ["" if np.isnan(stop) else motion.labels[int(stop)][name] for stop in stops]
+            for name in motion.labels[0]
+        }
     header = ["time", "x", "y", "z", "qx", "qy", "qz", "qw", *arm.joints, *labels]
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
@@ -201,23 +203,6 @@ def write_trajectory(
         cells = [f"{value:.12g}" for value in row]
         writer.writerow([f"{time:.6f}", *cells, *(column[k] for column in labels.values())])
     write_text(path, text.getvalue())
-
-
-def _resting(motion: Motion | None, trajectory: TrueTrajectory) -> dict[str, list[str]]:
-    """Label columns of a script."""
-    if not isinstance(motion, Stops):
-        return {}
-    stop = motion.resting_on(trajectory.motion_time)
-    numbers = [None if np.isnan(each) else int(each) for each in stop]
-    names = list(motion.labels[0])
-    return {name: ["" if k is None else motion.labels[k][name] for k in numbers] for name in names}
-
-
-def _parameter(arm: ArmModel, name: str, value: float) -> CommentedMap:
-    parameter = arm.parameters[name]
-    unit = _written(parameter)
-    error = round(shown(value - parameter.nominal, unit), 9)
-    return one_line({key("value", unit): shown(value, unit), key("error", unit): error})
 
 
 def _written(parameter: Parameter) -> Unit:

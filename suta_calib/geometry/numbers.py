@@ -6,11 +6,15 @@ SciPy is imported where it is needed: who has no rotations need not wait for it.
 from __future__ import annotations
 
 import warnings
+from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from suta_calib.arrays import FloatArray
+
+_Form = Literal["rotvec", "matrix", "quat"]
+_SHAPE: Final[dict[_Form, tuple[int, ...]]] = {"rotvec": (3,), "matrix": (3, 3), "quat": (4,)}
 
 
 def skew(v: ArrayLike) -> FloatArray:
@@ -23,39 +27,45 @@ def skew(v: ArrayLike) -> FloatArray:
 
 def rotation_from_vector(vector: ArrayLike) -> FloatArray:
     """Rotation matrices of rotation vectors, rad: (..., 3) → (..., 3, 3)."""
-    from scipy.spatial.transform import Rotation
-
-    # A copy: SciPy 1.11 takes no array that is read-only.
-    vector = np.array(vector, dtype=float)
-    flat = Rotation.from_rotvec(vector.reshape(-1, 3)).as_matrix()
-    return np.asarray(flat.reshape(*vector.shape[:-1], 3, 3), dtype=float)
+    return _converted(vector, "rotvec", "matrix")
 
 
 def vector_from_rotation(rotation: ArrayLike) -> FloatArray:
     """Rotation vectors of rotation matrices, rad, length at most π: (..., 3, 3) → (..., 3)."""
-    from scipy.spatial.transform import Rotation
-
-    rotation = np.array(rotation, dtype=float)
-    flat = Rotation.from_matrix(rotation.reshape(-1, 3, 3)).as_rotvec()
-    return np.asarray(flat.reshape(*rotation.shape[:-2], 3), dtype=float)
+    return _converted(rotation, "matrix", "rotvec")
 
 
 def rotation_from_quaternion(quaternion: ArrayLike) -> FloatArray:
     """Rotation matrices of quaternions x y z w, which need not be normalised: (..., 4)."""
-    from scipy.spatial.transform import Rotation
-
-    quaternion = np.asarray(quaternion, dtype=float)
-    flat = Rotation.from_quat(quaternion.reshape(-1, 4)).as_matrix()
-    return np.asarray(flat.reshape(*quaternion.shape[:-1], 3, 3), dtype=float)
+    return _converted(quaternion, "quat", "matrix")
 
 
 def quaternion_from_rotation(rotation: ArrayLike) -> FloatArray:
     """Quaternions x y z w of rotation matrices, w ≥ 0: (..., 3, 3) → (..., 4)."""
+    return _converted(rotation, "matrix", "quat", canonical=True)
+
+
+def _converted(values: ArrayLike, form: _Form, into: _Form, **options: bool) -> FloatArray:
+    """SciPy's conversions between forms of a rotation, for any number of leading dimensions."""
     from scipy.spatial.transform import Rotation
 
-    rotation = np.asarray(rotation, dtype=float)
-    flat = Rotation.from_matrix(rotation.reshape(-1, 3, 3)).as_quat(canonical=True)
-    return np.asarray(flat.reshape(*rotation.shape[:-2], 4), dtype=float)
+    # A copy: SciPy 1.11 takes no array that is read-only.
+    array, one = np.array(values, dtype=float), _SHAPE[form]
+    rotation = getattr(Rotation, f"from_{form}")(array.reshape(-1, *one))
+    found = getattr(rotation, f"as_{into}")(**options)
+    many = array.shape[: array.ndim - len(one)]
+    return np.asarray(found.reshape(*many, *_SHAPE[into]), dtype=float)
+
+
+def vector_turning_z_to(axis: ArrayLike) -> FloatArray:
+    """Shortest rotation vectors, rad, that turn z to unit vectors (..., 3); π about x to -z."""
+    axis = np.asarray(axis, dtype=float)
+    x, y, z = np.moveaxis(axis, -1, 0)
+    sine = np.hypot(x, y)
+    factor = np.where(sine > 0, np.arctan2(sine, z) / np.maximum(sine, 1e-300), 1.0)
+    vector = np.stack([-y * factor, x * factor, 0 * sine], axis=-1)
+    vector[(sine == 0) & (z < 0)] = [np.pi, 0.0, 0.0]
+    return vector
 
 
 def rotation_from_rpy(rpy: ArrayLike) -> FloatArray:

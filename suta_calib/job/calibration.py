@@ -148,22 +148,15 @@ class CalibrationResult:
         """Samples left out by name, and held-out touches whose sockets are wide without a word."""
         spec = self.job.spec
         rows = (*spec.observations, *spec.validation)
-        wide = {row.artefact for row in spec.observations if row.seated}
-        tight = [row for row in spec.validation if not row.seated]
-        return [
-            *(
-                f"The job excludes {row.exclude} from {row.kind}."
-                for row in rows
-                if row.exclude is not None
-            ),
-            *(
-                f"The validation row of {row.kind} has no seating, and the observations of the "
-                "same artefact do: its errors hold what the seating would take away. Give it the "
-                "same key."
-                for row in tight
-                if row.artefact is not None and row.artefact in wide
-            ),
+        wide = {row.artefact for row in spec.observations if row.seated} - {None}
+        notes = [f"The job excludes {row.exclude} from {row.kind}." for row in rows if row.exclude]
+        notes += [
+            f"The validation row of {row.kind} has no seating, and the observations of the same "
+            "artefact do: its errors hold what the seating would take away. Give it the same key."
+            for row in spec.validation
+            if not row.seated and row.artefact in wide
         ]
+        return notes
 
 
 def joint_ranges(arm: ArmModel) -> tuple[JointRange, ...]:
@@ -197,7 +190,7 @@ def read_term(arm: ArmModel, row: ObservationSpec, job: Path, *, fitted: bool = 
         _noise(row.sigma_m, row.huber_m),
         _noise(row.sigma_rad, row.huber_rad),
         row.label,
-        _seating(row),
+        Seating(row.clearance_m, row.clearance_rad) if row.seated else None,
         row.settings,
     )
     try:
@@ -213,15 +206,7 @@ def read_term(arm: ArmModel, row: ObservationSpec, job: Path, *, fitted: bool = 
 
 def _placed(error: InputError, job: Path, line: int | None) -> InputError:
     """The same error with a place in the job, for what was found without knowing of files."""
-    if error.file is not None:
-        return error
-    return JobError(
-        error.found, error.expected, file=job, line=line, where=error.where, hint=error.hint
-    )
-
-
-def _seating(row: ObservationSpec) -> Seating | None:
-    return Seating(row.clearance_m, row.clearance_rad) if row.seated else None
+    return error if error.file is not None else JobError.of(error, job, line)
 
 
 def _noise(sigma: float | None, huber: float | None) -> Noise:

@@ -12,7 +12,7 @@ from typing import Final, Literal, cast
 import numpy as np
 
 from suta_calib.arrays import FloatArray
-from suta_calib.measurements.yaml_file import Sign, YamlSection
+from suta_calib.measurements.yaml_file import YamlSection
 from suta_calib.units import from_um
 
 Decision = Literal["pass", "undecided", "fail", "no limit"]
@@ -154,7 +154,7 @@ def read_limits(top: YamlSection) -> Limits:
                 "a limit for what is not tested", f"a section {tested} in the job", at=(key,)
             )
     length = _length(section.section("length")) if "length" in section else None
-    places = {name: _mm(section, f"{name}_mm", "positive") for name in _PLACES}
+    places = {n: section.optional_number(f"{n}_mm", "positive", unit="m") for n in _PLACES}
     return Limits(length, **places)
 
 
@@ -178,7 +178,10 @@ def read_uncertainty(top: YamlSection) -> StatedUncertainty:
     section = top.section("uncertainty")
     names = ("length", *_PLACES)
     section.check_keys((*(f"{name}_mm" for name in names), "length_um_per_m"))
-    lengths = {name: _mm(section, f"{name}_mm", "non-negative") or 0.0 for name in names}
+    lengths = {
+        name: section.optional_number(f"{name}_mm", "non-negative", unit="m") or 0.0
+        for name in names
+    }
     slope = section.optional_number("length_um_per_m", "non-negative", from_um(1.0)) or 0.0
     return StatedUncertainty(per_length=slope, **lengths)
 
@@ -192,7 +195,3 @@ def read_rule(top: YamlSection) -> DecisionRule:
             "a guard band for the simple rule", "guarded, or no such key", at=("coverage_factor",)
         )
     return DecisionRule(kind, EXPANDED if factor is None else factor)
-
-
-def _mm(section: YamlSection, key: str, sign: Sign) -> float | None:
-    return section.optional_number(key, sign, unit="m")

@@ -7,13 +7,12 @@ import io
 import os
 import textwrap
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 from suta_calib.errors import JobError, OutputError
 from suta_calib.measurements import write_text
-from suta_calib.measurements.pose_columns import rotation_columns
+from suta_calib.measurements.csv_table import rotation_columns
 from suta_calib.model.arm import ArmModel
 from suta_calib.terms import KINDS, first_kind
 
@@ -33,14 +32,8 @@ landmarks:
 """
 
 
-@dataclass(frozen=True)
-class Template:
-    """One file of a new job.
-
-    Attributes:
-        path: where it goes.
-        text: its whole content.
-    """
+class Template(NamedTuple):
+    """One file of a new job: where it goes, and its whole content."""
 
     path: Path
     text: str
@@ -71,16 +64,25 @@ def new_job(
         JobError: a kind is not known or given twice.
     """
     arm = ArmModel.from_urdf(urdf, tip, base)
-    _check_kinds(kinds)
-    folders = _folders(kinds)
+    for kind in kinds:
+        if kind not in KINDS:
+            raise JobError(f"kind '{kind}'", f"one of {', '.join(KINDS)}", where="--kind")
+        if kinds.count(kind) > 1:
+            raise JobError(f"kind '{kind}' twice", "each kind once", where="--kind")
+    # Of the samples to fit and of those held out: only the first kind is validated.
+    first, *others = kinds
+    folders: dict[str, tuple[str, str | None]] = {first: ("calibration", "validation")}
+    folders |= {kind: (kind, None) for kind in others}
     files = [Template(folder / "calibration.yaml", _job(arm, urdf, folder, base, folders))]
     if any(KINDS[kind].needs_artefact for kind in kinds):
         files.append(Template(folder / "artefact.yaml", _ARTEFACT))
-    for kind, (fitted, held_out) in folders.items():
-        header = _header((*_label_columns(kind), *arm.joints))
-        files.append(Template(folder / fitted / "samples.csv", header))
-        if held_out:
-            files.append(Template(folder / held_out / "samples.csv", header))
+    for kind, ends in folders.items():
+        columns, header = KINDS[kind].columns, io.StringIO()
+        oriented = rotation_columns() if columns.orientation == "required" else ()
+        measured = (*"xyz", *oriented) if columns.position else ()
+        names = (*columns.labels, *measured, *arm.joints)
+        csv.writer(header, lineterminator="\n").writerow(names)
+        files += [Template(folder / e / "samples.csv", header.getvalue()) for e in ends if e]
     return tuple(files)
 
 
@@ -108,33 +110,6 @@ def write_job(files: Sequence[Template]) -> None:
             path.unlink(missing_ok=True)
         reason = getattr(error, "strerror", None) or str(error)
         raise OutputError(f"{file.path}: not written: {reason}") from error
-
-
-def _check_kinds(kinds: Sequence[str]) -> None:
-    for kind in kinds:
-        if kind not in KINDS:
-            raise JobError(f"kind '{kind}'", f"one of {', '.join(KINDS)}", where="--kind")
-        if kinds.count(kind) > 1:
-            raise JobError(f"kind '{kind}' twice", "each kind once", where="--kind")
-
-
-def _folders(kinds: Sequence[str]) -> dict[str, tuple[str, str | None]]:
-    """Folders of the samples to fit and of those held out: only the first kind is validated."""
-    first, *others = kinds
-    return {first: ("calibration", "validation")} | {kind: (kind, None) for kind in others}
-
-
-def _label_columns(kind: str) -> tuple[str, ...]:
-    columns = KINDS[kind].columns
-    oriented = columns.orientation == "required"
-    measured = (*"xyz", *(rotation_columns() if oriented else ()))
-    return (*columns.labels, *(measured if columns.position else ()))
-
-
-def _header(columns: Sequence[str]) -> str:
-    text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerow(columns)
-    return text.getvalue()
 
 
 def _job(

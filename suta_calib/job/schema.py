@@ -17,8 +17,6 @@ from suta_calib.measurements.yaml_file import YamlSection, read_yaml
 from suta_calib.model.parameters import Selection
 from suta_calib.terms import GROUPINGS, KINDS, Term
 
-_TOP_KEYS: Final = ("arm", "parameters", "observations", "validation", "solver", "encoders")
-_ARM_KEYS: Final = ("urdf", "tip", "base")
 _BOUND_AND_PRIOR_KEYS: Final = (
     *("bound_mm", "bound_deg", "bound_deg_per_nm"),
     *("prior_mm", "prior_deg", "prior_deg_per_nm"),
@@ -29,10 +27,6 @@ _OBSERVATION_KEYS: Final = (
     *("huber_mm", "huber_deg", "sigma_mm", "sigma_deg", "seating"),
     *dict.fromkeys(key for kind in KINDS.values() for key in kind.keys),
 )
-_SEATING_KEYS: Final = ("clearance_mm", "rotation_deg")
-_SOLVER_KEYS: Final = ("starts", "seed", "hessian", "max_iterations")
-_ENCODER_KEYS: Final = ("bits", "noise_deg", "noise_mm")
-_MOST_BITS: Final = 52
 
 Hessian = Literal["gauss-newton", "exact"]
 
@@ -158,25 +152,12 @@ def read_job(path: Path) -> JobSpec:
     """
     path = Path(path)
     top = YamlSection(read_yaml(path, JobError), JobError)
-    top.check_keys(_TOP_KEYS, required=("arm",))
-    return JobSpec(
-        path,
-        _arm(top.section("arm")),
-        _parameters(top),
-        _observations(top, "observations"),
-        _observations(top, "validation") if "validation" in top else (),
-        _solver(top.section("solver")) if "solver" in top else SolverSpec(),
-        _encoders(top.section("encoders")) if "encoders" in top else None,
+    top.check_keys(
+        ("arm", "parameters", "observations", "validation", "solver", "encoders"),
+        required=("arm",),
     )
-
-
-def _arm(section: YamlSection) -> ArmSpec:
-    section.check_keys(_ARM_KEYS, required=("urdf", "tip"))
-    base = section.text("base") if "base" in section else None
-    return ArmSpec(section.existing_file("urdf"), section.text("tip"), base)
-
-
-def _parameters(top: YamlSection) -> tuple[Selection, ...]:
+    arm = top.section("arm")
+    arm.check_keys(("urdf", "tip", "base"), required=("urdf", "tip"))
     if "parameters" not in top:
         raise top.refuse(
             "no such key",
@@ -184,10 +165,24 @@ def _parameters(top: YamlSection) -> tuple[Selection, ...]:
             at=("parameters",),
             hint='for example - {select: ["*.offset"], bound_deg: 15}',
         )
-    return tuple(_parameter_row(row) for row in top.sections("parameters"))
+    return JobSpec(
+        path,
+        ArmSpec(
+            arm.existing_file("urdf"),
+            arm.text("tip"),
+            arm.text("base") if "base" in arm else None,
+        ),
+        tuple(_selection(row) for row in top.sections("parameters")),
+        tuple(_observation(row) for row in top.sections("observations")),
+        tuple(_observation(row) for row in top.sections("validation"))
+        if "validation" in top
+        else (),
+        _solver(top.section("solver")) if "solver" in top else SolverSpec(),
+        _encoders(top.section("encoders")) if "encoders" in top else None,
+    )
 
 
-def _parameter_row(row: YamlSection) -> Selection:
+def _selection(row: YamlSection) -> Selection:
     row.check_keys(("select", *_BOUND_AND_PRIOR_KEYS, "fixed"), required=("select",))
     fixed = row.flag("fixed")
     for key in _BOUND_AND_PRIOR_KEYS:
@@ -204,10 +199,6 @@ def _parameter_row(row: YamlSection) -> Selection:
         bound_rad_per_nm=_angle(row, "bound_deg_per_nm"),
         prior_rad_per_nm=_angle(row, "prior_deg_per_nm"),
     )
-
-
-def _observations(top: YamlSection, key: str) -> tuple[ObservationSpec, ...]:
-    return tuple(_observation(row) for row in top.sections(key))
 
 
 def _observation(row: YamlSection) -> ObservationSpec:
@@ -237,7 +228,7 @@ def _seating(row: YamlSection, kind: type[Term]) -> tuple[float, float]:
     if "seating" not in row:
         return 0.0, 0.0
     section = row.section("seating")
-    section.check_keys(_SEATING_KEYS)
+    section.check_keys(("clearance_mm", "rotation_deg"))
     if "rotation_deg" in section and not kind.has_angles:
         hint = "remove it: distances do not see how far the tip is turned"
         raise section.refuse(
@@ -263,7 +254,7 @@ def _check_keys_of_kind(row: YamlSection, kind: type[Term]) -> None:
 
 
 def _solver(section: YamlSection) -> SolverSpec:
-    section.check_keys(_SOLVER_KEYS)
+    section.check_keys(("starts", "seed", "hessian", "max_iterations"))
     return SolverSpec(
         starts=section.integer("starts", SolverSpec.starts, minimum=1),
         seed=section.integer("seed", SolverSpec.seed, minimum=0),
@@ -273,12 +264,9 @@ def _solver(section: YamlSection) -> SolverSpec:
 
 
 def _encoders(section: YamlSection) -> EncoderSpec:
-    section.check_keys(_ENCODER_KEYS)
-    bits = section.integer("bits", 0, minimum=1) if "bits" in section else None
-    if bits is not None and bits > _MOST_BITS:
-        raise section.refuse(str(bits), f"at most {_MOST_BITS} bits", at=("bits",))
+    section.check_keys(("bits", "noise_deg", "noise_mm"))
     return EncoderSpec(
-        bits,
+        section.bits("bits", minimum=1) if "bits" in section else None,
         section.optional_number("noise_deg", "non-negative", unit="rad") or 0.0,
         section.optional_number("noise_mm", "non-negative", unit="m") or 0.0,
     )

@@ -15,14 +15,14 @@ if TYPE_CHECKING:
     from suta_calib.measurements.artefact import read_artefact as read_artefact
     from suta_calib.measurements.artefact import write_artefact as write_artefact
     from suta_calib.measurements.csv_table import CsvTable as CsvTable
+    from suta_calib.measurements.csv_table import SutaCalibWarning as SutaCalibWarning
+    from suta_calib.measurements.csv_table import has_rotations as has_rotations
+    from suta_calib.measurements.csv_table import positions as positions
     from suta_calib.measurements.csv_table import read_csv_table as read_csv_table
+    from suta_calib.measurements.csv_table import rotations as rotations
     from suta_calib.measurements.files import expand as expand
     from suta_calib.measurements.files import read_text as read_text
     from suta_calib.measurements.files import write_text as write_text
-    from suta_calib.measurements.pose_columns import SutaCalibWarning as SutaCalibWarning
-    from suta_calib.measurements.pose_columns import has_rotations as has_rotations
-    from suta_calib.measurements.pose_columns import positions as positions
-    from suta_calib.measurements.pose_columns import rotations as rotations
     from suta_calib.measurements.pose_files import ToolPoses as ToolPoses
     from suta_calib.measurements.sample_files import JointRange as JointRange
     from suta_calib.measurements.sample_files import SampleColumns as SampleColumns

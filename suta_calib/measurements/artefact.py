@@ -14,18 +14,16 @@ from ruamel.yaml.comments import CommentedMap
 from ruamel.yaml.scalarstring import DoubleQuotedScalarString
 
 from suta_calib.arrays import FloatArray
-from suta_calib.errors import ArtefactError, SamplesError, did_you_mean
-from suta_calib.geometry.numbers import rotation_from_rpy, rpy_from_rotation
+from suta_calib.errors import ArtefactError, did_you_mean
+from suta_calib.geometry.numbers import rpy_from_rotation
 from suta_calib.measurements.files import write_text
-from suta_calib.measurements.samples import Samples
 from suta_calib.measurements.yaml_file import YamlSection, read_yaml
-from suta_calib.units import deg, from_deg, from_mm, mm
+from suta_calib.units import deg, mm
 
 # A distance of zero has no gradient, and no artefact is made or certified this fine (m).
 _COINCIDENT = 1e-6
 # Span of an artefact, m, below which its file must be in metres.
 _SMALLEST = 1e-3
-_LANDMARK_KEYS = ("position_mm", "rotation_rpy_deg", "sigma_mm")
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,21 +83,6 @@ class Artefact:
         """
         return np.array([self.landmark(str(name)).position for name in names]).reshape(-1, 3)
 
-    def check_labels(self, samples: Samples, column: str = "landmark") -> None:
-        """Refuse samples of landmarks that the artefact does not have.
-
-        Raises:
-            SamplesError: names the row the label came from.
-        """
-        for label, origin in zip(samples.labels[column], samples.origin, strict=True):
-            if label not in self.landmarks:
-                raise SamplesError(
-                    repr(str(label)),
-                    f"a landmark of {self.name!r}: {', '.join(self.landmarks)}",
-                    where=f"{origin}: column {column!r}",
-                    hint=did_you_mean(str(label), self.landmarks),
-                )
-
 
 def coincident_landmarks(landmarks: Iterable[Landmark]) -> tuple[str, str] | None:
     """Names of two landmarks less than 1 µm apart, in the order given; None if all are distinct."""
@@ -144,17 +127,13 @@ def read_artefact(path: Path) -> Artefact:
 def _landmark(name: str, section: YamlSection) -> Landmark:
     if "position" in section:
         raise section.refuse("a position without a unit", "position_mm", at=("position",))
-    section.check_keys(_LANDMARK_KEYS, required=("position_mm",))
-    rotation = None
-    if "rotation_rpy_deg" in section:
-        rpy = from_deg(np.array(section.numbers("rotation_rpy_deg", 3)))
-        rotation = _read_only(rotation_from_rpy(rpy))
-    return Landmark(
-        name,
-        _read_only(from_mm(np.array(section.numbers("position_mm", 3)))),
-        rotation,
-        section.optional_number("sigma_mm", "non-negative", unit="m") or 0.0,
-    )
+    section.check_keys(("position_mm", "rotation_rpy_deg", "sigma_mm"), required=("position_mm",))
+    rotation, position = section.rotation(), section.position()
+    for array in (rotation, position):
+        if array is not None:
+            array.setflags(write=False)
+    sigma = section.optional_number("sigma_mm", "non-negative", unit="m")
+    return Landmark(name, position, rotation, sigma or 0.0)
 
 
 def write_artefact(path: Path, artefact: Artefact) -> None:
@@ -191,8 +170,3 @@ def _quotable(name: str) -> str:
 def _rounded(values: ArrayLike) -> list[float]:
     """Rounded to 1e-9, without negative zeros."""
     return [float(value) + 0.0 for value in np.round(np.asarray(values, dtype=float), 9)]
-
-
-def _read_only(array: FloatArray) -> FloatArray:
-    array.setflags(write=False)
-    return array

@@ -1,8 +1,13 @@
-"""CSV files as columns of text that remember the line of every row."""
+"""CSV files as columns of text that remember the line of every row, and the poses in them.
+
+Columns of a pose are ``x, y, z`` in m or ``x_mm, y_mm, z_mm``, and ``qx, qy, qz, qw``; a prefix
+such as ``a_`` tells several poses in one file apart (``a_x``, ``a_x_mm``, ``a_qx``).
+"""
 
 from __future__ import annotations
 
 import csv
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +17,13 @@ from numpy.typing import NDArray
 
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import SamplesError, did_you_mean
+from suta_calib.geometry.numbers import rotation_from_quaternion
 from suta_calib.measurements.files import read_text
+from suta_calib.units import from_mm
+
+_QUATERNION = ("qx", "qy", "qz", "qw")
+_UNIT_NORM_TOLERANCE = 0.01
+_ZERO_NORM = 1e-3
 
 
 @dataclass(frozen=True)
@@ -110,7 +121,16 @@ def read_csv_table(path: Path) -> CsvTable:
         raise SamplesError("a header and no data", "at least one row", file=path, line=header_line)
     for line, row in rows:
         if len(row) != len(header):
-            raise _ragged_row(path, line, len(row), len(header), last=line == rows[-1][0])
+            cut_off = line == rows[-1][0] and len(row) < len(header)
+            raise SamplesError(
+                f"{len(row)} cells",
+                f"{len(header)}, as in the header",
+                file=path,
+                line=line,
+                hint="the file ends in the middle of a row: record it again or delete that row"
+                if cut_off
+                else "",
+            )
     cells = zip(*(row for _, row in rows), strict=True)
     columns = {name: column for name, column in zip(header, cells, strict=True) if name}
     return CsvTable(path, columns, header_line, tuple(line for line, _ in rows))
@@ -155,12 +175,71 @@ def _check_header(path: Path, line: int, header: list[str]) -> None:
             )
 
 
-def _ragged_row(path: Path, line: int, found: int, expected: int, *, last: bool) -> SamplesError:
-    cut_off = "the file ends in the middle of a row: record it again or delete that row"
-    return SamplesError(
-        f"{found} cells",
-        f"{expected}, as in the header",
-        file=path,
-        line=line,
-        hint=cut_off if last and found < expected else "",
-    )
+# ── positions and orientations ───────────────────────────────────────────────────────────────
+class SutaCalibWarning(UserWarning):
+    """Input that can be used, but that the user should look at."""
+
+
+def position_columns(prefix: str = "") -> tuple[str, ...]:
+    """Names of every column that `positions` may read."""
+    return tuple(f"{prefix}{axis}{unit}" for unit in ("", "_mm") for axis in "xyz")
+
+
+def rotation_columns(prefix: str = "") -> tuple[str, ...]:
+    """Names of every column that `rotations` reads."""
+    return tuple(prefix + name for name in _QUATERNION)
+
+
+def positions(table: CsvTable, prefix: str = "") -> FloatArray:
+    """Positions, (n, 3) in m.
+
+    Raises:
+        SamplesError: a column is missing or not finite, or there are both metres and millimetres.
+    """
+    names = position_columns(prefix)
+    metres, millimetres = names[:3], names[3:]
+    in_mm = any(name in table.columns for name in millimetres)
+    if in_mm and any(name in table.columns for name in metres):
+        raise SamplesError(
+            f"columns {', '.join(name for name in names if name in table.columns)}",
+            f"either {', '.join(metres)} (m) or {', '.join(millimetres)}",
+            file=table.path,
+            line=table.header_line,
+        )
+    expected = f"columns {', '.join(metres)} in m, or {', '.join(millimetres)}"
+    chosen = millimetres if in_mm else metres
+    read = np.stack([table.numbers(name, expected) for name in chosen], axis=-1)
+    return from_mm(read) if in_mm else read
+
+
+def has_rotations(table: CsvTable, prefix: str = "") -> bool:
+    """Whether any of the quaternion's columns is there."""
+    return any(name in table.columns for name in rotation_columns(prefix))
+
+
+def rotations(table: CsvTable, prefix: str = "") -> FloatArray:
+    """Rotation matrices, (n, 3, 3), of the quaternions ``qx, qy, qz, qw``.
+
+    Warns:
+        SutaCalibWarning: a quaternion's length is more than 1 % away from one; it is normalised.
+
+    Raises:
+        SamplesError: a column is missing or not finite, or a quaternion is zero.
+    """
+    names = rotation_columns(prefix)
+    expected = f"the orientation as a quaternion {', '.join(names)}"
+    quaternion = np.stack([table.numbers(name, expected) for name in names], axis=-1)
+    with np.errstate(over="ignore"):
+        length = np.linalg.norm(quaternion, axis=-1)
+    for row in np.flatnonzero((length < _ZERO_NORM) | ~np.isfinite(length)):
+        found = f"a quaternion of length {length[row]:.3g}"
+        raise table.refuse(int(row), names[0], found, "a quaternion of length 1")
+    odd = np.flatnonzero(np.abs(length - 1) > _UNIT_NORM_TOLERANCE)
+    if odd.size:
+        warnings.warn(
+            f"{table.path}:{table.lines[odd[0]]}: found a quaternion of length "
+            f"{length[odd[0]]:.3f} ({odd.size} such rows); expected length 1; normalised",
+            SutaCalibWarning,
+            stacklevel=3,
+        )
+    return rotation_from_quaternion(quaternion / length[:, None])

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from suta_calib.errors import SamplesError, did_you_mean
-from suta_calib.measurements.samples import Samples
+from suta_calib.measurements.samples import Samples, joined
 from suta_calib.measurements.yaml_file import YamlSection
 
 
@@ -48,7 +48,13 @@ class Exclusion:
             for name in names:
                 found = (labels == name).any(axis=0)
                 if not found.any():
-                    raise _unknown(level, name, labels)
+                    known = list(dict.fromkeys(labels[-1].tolist()))
+                    raise SamplesError(
+                        repr(name),
+                        f"one of {', '.join(known[:20])}{', …' if len(known) > 20 else ''}",
+                        where=f"exclude.{level}",
+                        hint=did_you_mean(name, known),
+                    )
                 out |= found
         if out.all():
             raise SamplesError(
@@ -85,14 +91,4 @@ def _labels(samples: Samples, level: str, columns: tuple[str, ...]) -> NDArray[n
                 f"one of {', '.join(samples.labels) or 'rows'}",
                 where=f"exclude.{level}",
             )
-    joined = samples.labels[columns[0]]
-    for column in columns[1:]:
-        joined = np.char.add(np.char.add(joined, "/"), samples.labels[column])
-    return joined[None]
-
-
-def _unknown(level: str, name: str, labels: NDArray[np.str_]) -> SamplesError:
-    known = list(dict.fromkeys(labels[-1].tolist()))
-    listed = ", ".join(known[:20]) + (", …" if len(known) > 20 else "")
-    hint = did_you_mean(name, known)
-    return SamplesError(repr(name), f"one of {listed}", where=f"exclude.{level}", hint=hint)
+    return joined(samples.labels, columns)[None]

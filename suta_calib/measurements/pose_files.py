@@ -15,8 +15,13 @@ from numpy.typing import NDArray
 
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import SamplesError
-from suta_calib.measurements.csv_table import CsvTable, read_csv_table
-from suta_calib.measurements.pose_columns import SutaCalibWarning, positions, rotations
+from suta_calib.measurements.csv_table import (
+    CsvTable,
+    SutaCalibWarning,
+    positions,
+    read_csv_table,
+    rotations,
+)
 from suta_calib.units import from_mm, mm
 
 # Different rows that any of these problems needs.
@@ -30,61 +35,58 @@ NEAR: Final = from_mm(3.0)
 OTHER_UNIT: Final = (300.0, 3000.0)
 
 
-@dataclass(frozen=True, eq=False)
-class ToolPoses:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _PoseRows:
+    """What was read from a file.
+
+    Attributes:
+        path: the file.
+        lines: (n,) line of every row in it, from 1.
+        unit_notes: what speaks of another unit than the columns say, one sentence each.
+    """
+
+    path: Path
+    lines: tuple[int, ...]
+    unit_notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ToolPoses(_PoseRows):
     """``T_tracker_tool`` of a tool that pivots.
 
     Attributes:
-        path: the file.
-        lines: (n,) line of every row in it, from 1.
         rotation: (n, 3, 3).
         position: (n, 3), m.
         point: (n,) label of the post touched; None where the file has no such column.
-        unit_notes: what speaks of another unit than the columns say, one sentence each.
     """
 
-    path: Path
-    lines: tuple[int, ...]
     rotation: FloatArray
     position: FloatArray
     point: NDArray[np.str_] | None = None
-    unit_notes: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True, eq=False)
-class PosePairs:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PosePairs(_PoseRows):
     """``T_base_hand`` and ``T_eye_target``, row for row taken at the same time.
 
     Attributes:
-        path: the file.
-        lines: (n,) line of every row in it, from 1.
         hand: rotations (n, 3, 3) and positions (n, 3), m.
         seen: the same of the target in the eye.
-        unit_notes: what speaks of another unit than the columns say, one sentence each.
     """
 
-    path: Path
-    lines: tuple[int, ...]
     hand: tuple[FloatArray, FloatArray]
     seen: tuple[FloatArray, FloatArray]
-    unit_notes: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True, eq=False)
-class Points:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Points(_PoseRows):
     """Points in one frame.
 
     Attributes:
-        path: the file.
-        lines: (n,) line of every row in it, from 1.
         position: (n, 3), m.
-        unit_notes: what speaks of another unit than the columns say, one sentence each.
     """
 
-    path: Path
-    lines: tuple[int, ...]
     position: FloatArray
-    unit_notes: tuple[str, ...] = ()
 
 
 def read_tool_poses(path: str | Path) -> ToolPoses:
@@ -102,7 +104,14 @@ def read_tool_poses(path: str | Path) -> ToolPoses:
     (rotation, position), notes = _poses(table)
     point = table.labels("point") if "point" in table.columns else None
     _check_different(table, np.hstack([position, rotation.reshape(-1, 9)]))
-    return ToolPoses(table.path, table.lines, rotation, position, point, notes)
+    return ToolPoses(
+        path=table.path,
+        lines=table.lines,
+        unit_notes=notes,
+        rotation=rotation,
+        position=position,
+        point=point,
+    )
 
 
 def read_pose_pairs(path: str | Path) -> PosePairs:
@@ -114,7 +123,8 @@ def read_pose_pairs(path: str | Path) -> PosePairs:
     (hand, of_hand), (seen, of_seen) = _poses(table, "a_"), _poses(table, "b_")
     numbers = [part.reshape(len(table), -1) for part in (*hand, *seen)]
     _check_different(table, np.hstack(numbers))
-    return PosePairs(table.path, table.lines, hand, seen, of_hand + of_seen)
+    notes = of_hand + of_seen
+    return PosePairs(path=table.path, lines=table.lines, unit_notes=notes, hand=hand, seen=seen)
 
 
 def read_points(path: str | Path) -> Points:
@@ -155,7 +165,7 @@ def read_corresponding_points(path_a: str | Path, path_b: str | Path) -> tuple[P
 
 
 def _points(table: CsvTable) -> Points:
-    return Points(table.path, table.lines, _positions(table))
+    return Points(path=table.path, lines=table.lines, position=_positions(table))
 
 
 def _hinted(table: CsvTable, points: Points) -> Points:
@@ -188,25 +198,20 @@ def _hint_at_unit(table: CsvTable, found: FloatArray, prefix: str = "") -> tuple
     """Warn where lengths look like another unit, and say so to whoever judges the answer."""
     first = _names(table, prefix)[0]
     distance = float(np.median(np.linalg.norm(found, axis=1)))
-    if (said := _other_unit(first.endswith("_mm"), distance, prefix)) is None:
+    in_mm = first.endswith("_mm")
+    if not in_mm and distance > FAR:
+        said, other = f"{distance:.0f} m away; looks like millimetres", "_mm"
+    elif in_mm and 0.0 < distance < NEAR:
+        said, other = f"{mm(distance):.2g} mm away; looks like metres", ""
+    else:
         return ()
-    note = f"{table.path}:{table.header_line}: column {first!r}: {said}"
+    columns = ", ".join(f"{prefix}{axis}{other}" for axis in "xyz")
+    note = (
+        f"{table.path}:{table.header_line}: column {first!r}: found positions some {said}: "
+        f"name the columns {columns}"
+    )
     _warn(note)
     return (f"{note}.",)
-
-
-def _other_unit(in_mm: bool, distance: float, prefix: str) -> str | None:
-    if not in_mm and distance > FAR:
-        return (
-            f"found positions some {distance:.0f} m away; looks like millimetres: name "
-            f"the columns {prefix}x_mm, {prefix}y_mm, {prefix}z_mm"
-        )
-    if in_mm and 0.0 < distance < NEAR:
-        return (
-            f"found positions some {mm(distance):.2g} mm away; looks like metres: name "
-            f"the columns {prefix}x, {prefix}y, {prefix}z"
-        )
-    return None
 
 
 def _check_different(table: CsvTable, numbers: FloatArray) -> None:
@@ -231,19 +236,16 @@ def _count_different(table: CsvTable, numbers: FloatArray, what: str) -> int:
 
 
 def _check_same_unit(a: Points, b: Points) -> None:
-    size_a, size_b = _size(a.position), _size(b.position)
-    if min(size_a, size_b) == 0.0:
-        return
-    ratio = size_b / size_a
-    if not OTHER_UNIT[0] < max(ratio, 1 / ratio) < OTHER_UNIT[1]:
-        return
-    larger, smaller = (b, a) if ratio > 1 else (a, b)
-    raise SamplesError(
-        f"points {max(ratio, 1 / ratio):.0f} times as far apart as in {smaller.path}",
-        "the same distances in both: lengths are m, or mm in columns x_mm, y_mm, z_mm",
-        file=larger.path,
-        hint="one of the files is in another unit than its columns say",
-    )
+    smaller, larger = sorted((a, b), key=lambda points: _size(points.position))
+    size = _size(smaller.position)
+    ratio = _size(larger.position) / size if size else 1.0
+    if OTHER_UNIT[0] < ratio < OTHER_UNIT[1]:
+        raise SamplesError(
+            f"points {ratio:.0f} times as far apart as in {smaller.path}",
+            "the same distances in both: lengths are m, or mm in columns x_mm, y_mm, z_mm",
+            file=larger.path,
+            hint="one of the files is in another unit than its columns say",
+        )
 
 
 def _size(points: FloatArray) -> float:

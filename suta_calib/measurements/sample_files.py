@@ -16,15 +16,16 @@ from numpy.typing import NDArray
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import quaternion_from_rotation
-from suta_calib.measurements.csv_table import CsvTable, read_csv_table
-from suta_calib.measurements.files import write_text
-from suta_calib.measurements.pose_columns import (
+from suta_calib.measurements.csv_table import (
+    CsvTable,
     has_rotations,
     position_columns,
     positions,
+    read_csv_table,
     rotation_columns,
     rotations,
 )
+from suta_calib.measurements.files import write_text
 from suta_calib.measurements.samples import Samples
 
 # Encoders report raw readings, which may lie outside the joint's limits: only what no arm in
@@ -126,26 +127,20 @@ def _samples(table: CsvTable, joints: Sequence[JointRange], columns: SampleColum
 def _readings(table: CsvTable, joint: JointRange) -> FloatArray:
     """Readings of one joint, (n,), refused where they can only be degrees or millimetres."""
     values = table.numbers(joint.name, f"one column per joint of the chain, in {joint.unit}")
-    for row in np.flatnonzero(_implausible(values, joint)):
-        meant = (
-            "degrees: convert to radians" if joint.unit == "rad" else "millimetres: convert to m"
-        )
-        raise table.refuse(
-            int(row),
-            joint.name,
-            f"{values[row]:.6g}",
-            f"{joint.unit}, joint range {joint}",
-            hint=f"looks like {meant}",
-        )
-    return values
-
-
-def _implausible(values: FloatArray, joint: JointRange) -> NDArray[np.bool_]:
     if joint.unit == "rad":
         limit = max(abs(joint.lower), abs(joint.upper), 2 * math.pi) + _REVOLUTE_MARGIN
-        return np.abs(values) > (limit if math.isfinite(limit) else _UNLIMITED_REVOLUTE)
-    beyond = np.maximum(joint.lower - values, values - joint.upper)
-    return beyond > max(_PRISMATIC_WIDTHS * (joint.upper - joint.lower), _PRISMATIC_MARGIN)
+        implausible = np.abs(values) > (limit if math.isfinite(limit) else _UNLIMITED_REVOLUTE)
+        meant = "degrees: convert to radians"
+    else:
+        beyond = np.maximum(joint.lower - values, values - joint.upper)
+        width = joint.upper - joint.lower
+        implausible = beyond > max(_PRISMATIC_WIDTHS * width, _PRISMATIC_MARGIN)
+        meant = "millimetres: convert to m"
+    for row in np.flatnonzero(implausible):
+        expected = f"{joint.unit}, joint range {joint}"
+        found, hint = f"{values[row]:.6g}", f"looks like {meant}"
+        raise table.refuse(int(row), joint.name, found, expected, hint)
+    return values
 
 
 def _check_names(joints: Sequence[JointRange], columns: SampleColumns) -> None:

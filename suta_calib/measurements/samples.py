@@ -90,7 +90,11 @@ class Samples:
             SamplesError: no parts, or parts with different joints, labels, positions or
                 orientations.
         """
-        if not parts or len({part._kind for part in parts}) > 1:
+        kinds = {
+            (part.joints, frozenset(part.labels), part.position is None, part.rotation is None)
+            for part in parts
+        }
+        if len(kinds) != 1:
             raise SamplesError("parts with different columns", "one or more with the same columns")
         first = parts[0]
         return cls(
@@ -101,11 +105,6 @@ class Samples:
             _joined([part.rotation for part in parts]),
             tuple(origin for part in parts for origin in part.origin),
         )
-
-    @property
-    def _kind(self) -> tuple[object, ...]:
-        measured = (self.position is None, self.rotation is None)
-        return (self.joints, frozenset(self.labels), *measured)
 
     def take(self, index: ArrayLike | slice) -> Samples:
         """Rows by number (repeats allowed, as in a bootstrap), by boolean mask or by slice."""
@@ -118,6 +117,14 @@ class Samples:
             None if self.rotation is None else _frozen(self.rotation[rows]),
             tuple(self.origin[row] for row in rows),
         )
+
+
+def joined(labels: Mapping[str, NDArray[np.str_]], columns: Sequence[str]) -> NDArray[np.str_]:
+    """(n,) values of label columns, joined by a slash: ``P1/2`` for a placement and a repeat."""
+    found = labels[columns[0]]
+    for column in columns[1:]:
+        found = np.char.add(np.char.add(found, "/"), labels[column])
+    return found
 
 
 def _frozen(array: Array) -> Array:

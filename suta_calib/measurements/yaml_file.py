@@ -12,20 +12,24 @@ import math
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Any, Final, Literal, cast
 
+import numpy as np
 from ruamel.yaml import YAML
 from ruamel.yaml.error import MarkedYAMLError, YAMLError
 from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
+from suta_calib.arrays import FloatArray
 from suta_calib.errors import InputError, SamplesError, did_you_mean
+from suta_calib.geometry.numbers import rotation_from_rpy
 from suta_calib.measurements.files import expand, read_text
-from suta_calib.units import Unit, stored
+from suta_calib.units import Unit, from_deg, from_mm, stored
 
 KeyPath = tuple[str | int, ...]
 _SPECIAL_FLOATS = {".inf": "inf", "+.inf": "inf", "-.inf": "-inf", ".nan": "nan"}
 Sign = Literal["any", "non-negative", "positive"]
 _LONGEST_QUOTE = 60
+_MOST_BITS: Final = 52
 
 # No length, angle or count of this field is larger; its square would soon be infinite.
 LARGEST: Final = 1e12
@@ -61,7 +65,9 @@ def read_yaml(path: Path, error: type[InputError] = InputError) -> YamlDocument:
     """
     text = read_text(path, error)
     try:
-        node = _compose(text)
+        yaml = YAML(typ="rt", pure=True)
+        yaml.composer.warn_double_anchors = False
+        node: Node | None = yaml.compose(text)
         if node is None:
             raise error("an empty file", "a mapping of keys to values", file=path)
         lines: dict[KeyPath, int] = {}
@@ -71,22 +77,15 @@ def read_yaml(path: Path, error: type[InputError] = InputError) -> YamlDocument:
     except MarkedYAMLError as problem:
         mark = problem.problem_mark
         line = None if mark is None else mark.line + 1
-        raise error(_first_line(problem.problem), "YAML", file=path, line=line) from None
+        raise error(_not_yaml(problem.problem), "YAML", file=path, line=line) from None
     except YAMLError as problem:
-        raise error(_first_line(problem), "YAML", file=path) from None
+        raise error(_not_yaml(problem), "YAML", file=path) from None
     if not isinstance(data, dict):
         raise error("no keys at the top level", "a mapping of keys to values", file=path, line=1)
     return YamlDocument(path, data, lines)
 
 
-def _compose(text: str) -> Node | None:
-    yaml = YAML(typ="rt", pure=True)
-    yaml.composer.warn_double_anchors = False
-    node: Node | None = yaml.compose(text)
-    return node
-
-
-def _first_line(problem: object) -> str:
+def _not_yaml(problem: object) -> str:
     lines = str(problem).splitlines()
     return f"text that is not YAML ({lines[0]})" if lines else "text that is not YAML"
 
@@ -159,8 +158,7 @@ class YamlSection:
         value: Any = self.document.data
         for key in self.path:
             value = value[key]
-        mapping: dict[str, Any] = value
-        return mapping
+        return cast(dict[str, Any], value)
 
     @property
     def line(self) -> int | None:
@@ -174,10 +172,9 @@ class YamlSection:
         self, found: str, expected: str = "", *, at: KeyPath = (), hint: str = ""
     ) -> InputError:
         """Error about the value at ``at`` below this mapping, to be raised by the caller."""
-        keys = (*self.path, *at)
-        line = self.document.line_of(*keys)
-        place = {"file": self.document.path, "line": line, "where": _written(keys)}
-        return self.error(found, expected, hint=hint, **place)  # type: ignore[arg-type]
+        keys, file = (*self.path, *at), self.document.path
+        line, where = self.document.line_of(*keys), _written(keys)
+        return self.error(found, expected, file=file, line=line, where=where, hint=hint)
 
     def check_keys(self, known: Collection[str], required: Collection[str] = ()) -> None:
         """Refuse keys that are not known, and the absence of required ones."""
@@ -259,6 +256,23 @@ class YamlSection:
             raise self.refuse(shown(value), f"a whole number from {minimum} up", at=(key,))
         return value
 
+    def bits(self, key: str, minimum: int) -> int:
+        """Of an encoder; 0 where the key is absent."""
+        value = self.integer(key, 0, minimum)
+        if value > _MOST_BITS:
+            raise self.refuse(str(value), f"at most {_MOST_BITS} bits", at=(key,))
+        return value
+
+    def position(self) -> FloatArray:
+        """The key ``position_mm`` as (3,), m."""
+        return from_mm(np.array(self.numbers("position_mm", 3)))
+
+    def rotation(self) -> FloatArray | None:
+        """The key ``rotation_rpy_deg`` as a matrix (3, 3), or None where it is absent."""
+        if "rotation_rpy_deg" not in self:
+            return None
+        return rotation_from_rpy(from_deg(np.array(self.numbers("rotation_rpy_deg", 3))))
+
     def flag(self, key: str) -> bool:
         """True or false; false where the key is absent."""
         value = self.data.get(key, False)
@@ -307,7 +321,10 @@ class YamlSection:
     def _number(self, value: Any, at: KeyPath, sign: Sign) -> float:
         if isinstance(value, bool) or not isinstance(value, (int, float)):
             raise self.refuse(shown(value), "a number", at=at)
-        number = _as_float(value)
+        try:
+            number = float(value)
+        except OverflowError:
+            number = math.inf
         if not math.isfinite(number):
             raise self.refuse(shown(value), "a finite number", at=at)
         if abs(number) > LARGEST:
@@ -327,13 +344,6 @@ def shown(value: Any) -> str:
         return f"{'a' if value else 'an empty'} {'list' if isinstance(value, list) else 'mapping'}"
     text = repr(value)
     return text if len(text) <= _LONGEST_QUOTE else f"{text[:_LONGEST_QUOTE]}…"
-
-
-def _as_float(value: float) -> float:
-    try:
-        return float(value)
-    except OverflowError:
-        return math.inf
 
 
 def _written(keys: KeyPath) -> str:

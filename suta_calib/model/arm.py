@@ -19,7 +19,7 @@ from suta_calib.batched import Batched
 from suta_calib.errors import ParameterError, UrdfError
 from suta_calib.geometry.symbols import Symbol
 from suta_calib.model.chain import Chain, ChainJoint, read_chain
-from suta_calib.model.gravity import Load, check_masses, gravity_in_base, loads
+from suta_calib.model.gravity import Load
 from suta_calib.model.kinematics import Motion, Segment, forward_kinematics
 from suta_calib.model.parameters import (
     COMPLIANCE,
@@ -62,9 +62,10 @@ class ArmModel:
     def __init__(self, chain: Chain, model: pin.Model) -> None:
         self.chain = chain
         self.model = model
-        self.segments = tuple(
-            _segment(model, joint, _owner(chain, joint)) for joint in chain.joints
-        )
+        # A fixed joint that carries the tip is known by the tip's name, all others by their own.
+        last = chain.joints[-1]
+        tip = {} if last.moving else {last.name: chain.tip}
+        self.segments = tuple(_segment(model, j, tip.get(j.name, j.name)) for j in chain.joints)
         self.parameters = ParameterSet(p for s in self.segments for p in _geometric(s))
         self.nongeometric = ParameterSet(p for s in self.segments for p in _nongeometric(s))
 
@@ -138,7 +139,12 @@ class ArmModel:
     @cached_property
     def loads(self) -> tuple[Load, ...]:
         """The masses on the moving joints, base → tip, as the URDF has them."""
-        return loads(self.chain, self.model)
+        names = [joint.name for joint in self.chain.moving]
+        bodies = [self.model.inertias[self.model.getJointId(name)] for name in names]
+        return tuple(
+            Load(name, float(body.mass), body.lever.copy())
+            for name, body in zip(names, bodies, strict=True)
+        )
 
     def select(self, *rows: Selection | str) -> ParameterSet:
         """The parameters that are to be estimated; strings stand for unbounded selections.
@@ -153,9 +159,19 @@ class ArmModel:
         return chosen
 
     def _check_masses(self, names: Iterable[str]) -> None:
-        asked = (self.offered[name] for name in names)
-        yielding = [p.owner for p in asked if p.key == COMPLIANCE]
-        check_masses(self.chain, self.loads, yielding)
+        """Refuse joints on which nothing hangs: their compliance would do nothing."""
+        for parameter in (self.offered[name] for name in names):
+            if parameter.key != COMPLIANCE:
+                continue
+            beyond = self.loads[self.joints.index(parameter.owner) :]
+            if not any(load.mass > 0 for load in beyond):
+                raise UrdfError(
+                    f"no mass in any link beyond {parameter.owner}",
+                    "<inertial> with <mass> in the links, which gravity's torque is computed from",
+                    file=self.chain.path,
+                    where=parameter.name,
+                    hint="add the masses, or do not select this parameter",
+                )
 
     def function(self, names: Sequence[str]) -> Symbol:
         """CasADi function of `kinematics.forward_kinematics`, built once for each set of names."""
@@ -176,10 +192,13 @@ class ArmModel:
             Rotations (n, 3, 3) and positions (n, 3), m; without n for a single reading.
         """
         readings = np.asarray(q, dtype=float)
-        own = {k: v for k, v in (values or {}).items() if k in self.offered}
         # What is no geometry and stays as it is needs no masses, which it may not have.
-        still = [k for k in own if k in self.nongeometric and own[k] == self.offered[k].nominal]
-        own = {k: v for k, v in own.items() if k not in still}
+        beside = self.nongeometric
+        own = {
+            name: value
+            for name, value in (values or {}).items()
+            if name in self.parameters or (name in beside and value != beside[name].nominal)
+        }
         rows = np.atleast_2d(readings)
         if rows.shape[1] != len(self.joints):
             raise ParameterError(
@@ -234,14 +253,9 @@ class ArmModel:
 def _kinematics(arm: ArmModel, names: tuple[str, ...]) -> Symbol:
     arm._check_masses(names)
     nominal = {p.name: p.nominal for p in arm.offered.values()}
-    gravity = gravity_in_base(arm.chain, arm.model)
+    base = arm.model.frames[arm.model.getFrameId(arm.chain.base, pin.FrameType.BODY)].placement
+    gravity = base.rotation.T @ arm.model.gravity.linear
     return forward_kinematics(arm.segments, names, nominal, arm.loads, gravity)
-
-
-def _owner(chain: Chain, joint: ChainJoint) -> str:
-    """A fixed joint that carries the tip is known by the tip's name, all others by their own."""
-    is_tip = joint is chain.joints[-1] and not joint.moving
-    return chain.tip if is_tip else joint.name
 
 
 def _segment(model: pin.Model, joint: ChainJoint, owner: str) -> Segment:

@@ -113,19 +113,14 @@ def read_chain(path: str | Path, tip: str, base: str | None = None) -> Chain:
             type that has no single reading of its own or has unusable numbers.
     """
     tree = read_tree(path)
-    tip_link = _tip_link(tree, tip)
+    joint_named = None if tip in tree.links else tree.joints.get(tip)
+    tip_link = _known_link(tree, tip, "tip") if joint_named is None else joint_named.child
     base_link = tree.root if base is None else _known_link(tree, base, "base")
     joints = tuple(_chain_joint(tree.path, j) for j in _joints_between(tree, base_link, tip_link))
     if not any(joint.moving for joint in joints):
         found = f"only fixed joints between {quoted(base_link)} and {quoted(tip)}"
         raise UrdfError(found, "at least one joint that moves", file=tree.path, where="tip")
     return Chain(tree.path, tree.robot, base_link, tip, tip_link, joints)
-
-
-def _tip_link(tree: UrdfTree, tip: str) -> str:
-    if tip not in tree.links and tip in tree.joints:
-        return tree.joints[tip].child
-    return _known_link(tree, tip, "tip")
 
 
 def _known_link(tree: UrdfTree, name: str, where: str) -> str:
@@ -155,7 +150,10 @@ def _joints_between(tree: UrdfTree, base: str, tip: str) -> list[TreeJoint]:
 def _chain_joint(path: Path, joint: TreeJoint) -> ChainJoint:
     where = f"joint {quoted(joint.name)}"
     kind = _supported_type(path, joint, where)
-    xyz, rpy = _origin(path, joint.element, where)
+    xyz, rpy = np.zeros(3), np.zeros(3)
+    for origin in children(joint.element, "origin")[:1]:
+        place = f"{where}: <origin>"
+        xyz, rpy = (_triple(path, origin, key, place) for key in ("xyz", "rpy"))
     moving = kind in _MOVING_TYPES
     axis = _axis(path, joint.element, where) if moving else np.array([1.0, 0.0, 0.0])
     lower, upper = _limits(path, joint.element, kind, where)
@@ -177,14 +175,6 @@ def _supported_type(path: Path, joint: TreeJoint, where: str) -> str:
         line = mimic[0].sourceline
         raise UrdfError(found, expected, file=path, line=line, where=where)
     return kind
-
-
-def _origin(path: Path, element: Element, where: str) -> tuple[FloatArray, FloatArray]:
-    """Position (m) and roll, pitch, yaw (rad) of a joint's own ``<origin>``."""
-    for origin in children(element, "origin")[:1]:
-        place = f"{where}: <origin>"
-        return _triple(path, origin, "xyz", place), _triple(path, origin, "rpy", place)
-    return np.zeros(3), np.zeros(3)
 
 
 def _axis(path: Path, element: Element, where: str) -> FloatArray:

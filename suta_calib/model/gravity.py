@@ -16,12 +16,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import casadi as ca
-import pinocchio as pin
 
 from suta_calib.arrays import FloatArray
-from suta_calib.errors import UrdfError
 from suta_calib.geometry.symbols import Symbol
-from suta_calib.model.chain import Chain
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,45 +34,6 @@ class Load:
     joint: str
     mass: float
     centre: FloatArray
-
-
-def loads(chain: Chain, model: pin.Model) -> tuple[Load, ...]:
-    """The masses of the chain's moving joints, fixed and locked parts counted in.
-
-    Args:
-        chain: base → tip.
-        model: `pin.Model` in which only the chain's joints move.
-    """
-    found = []
-    for joint in chain.moving:
-        inertia = model.inertias[model.getJointId(joint.name)]
-        found.append(Load(joint.name, float(inertia.mass), inertia.lever.copy()))
-    return tuple(found)
-
-
-def gravity_in_base(chain: Chain, model: pin.Model) -> FloatArray:
-    """Acceleration (3,) of gravity in the chain's base frame, m/s²."""
-    base = model.frames[model.getFrameId(chain.base, pin.FrameType.BODY)].placement
-    field: FloatArray = base.rotation.T @ model.gravity.linear
-    return field
-
-
-def check_masses(chain: Chain, carried: Sequence[Load], joints: Sequence[str]) -> None:
-    """Refuse joints on which nothing hangs: their compliance would do nothing.
-
-    Raises:
-        UrdfError: the links beyond one of the ``joints`` have no mass.
-    """
-    for joint in joints:
-        first = [load.joint for load in carried].index(joint)
-        if not sum(load.mass for load in carried[first:]) > 0:
-            raise UrdfError(
-                f"no mass in any link beyond {joint}",
-                "<inertial> with <mass> in the links, which gravity's torque is computed from",
-                file=chain.path,
-                where=f"{joint}.compliance",
-                hint="add the masses, or do not select this parameter",
-            )
 
 
 @dataclass(frozen=True, eq=False)

@@ -90,17 +90,14 @@ class _Walk:
             self.columns[self.index[name]] = (direction, point)
 
     def through(self, segment: Segment, reading: Symbol | None) -> None:
-        self._place(segment)
-        self._turn(segment)
-        if reading is not None:
-            self._move(segment, reading)
-
-    def _place(self, segment: Segment) -> None:
         names = segment.names(*POSITION)
         for k, name in enumerate(names):
             self.note(name, self.rotation[:, k])
         self.position = self.position + self.rotation @ ca.vertcat(*map(self.value, names))
         self.rotation = self.rotation @ ca.SX(_snapped(segment.rotation))
+        self._turn(segment)
+        if reading is not None:
+            self._move(segment, reading)
 
     def _turn(self, segment: Segment) -> None:
         names = segment.names(*ROTATION)
@@ -129,7 +126,10 @@ class _Walk:
             for name, effect in self._beside_the_reading(segment, reading):
                 amount += self.value(name) * effect
                 self.note(name, direction * effect, point)
-            self.rotation = self.rotation @ _axis_rotation(axis, amount)
+            # Rodrigues' formula; CasADi leaves out what is exactly zero.
+            outer = ca.SX(_snapped(np.outer(axis, axis)))
+            across = ca.cos(amount) * (ca.SX.eye(3) - outer) + ca.sin(amount) * ca.skew(ca.SX(axis))
+            self.rotation = self.rotation @ (across + outer)
         frame = MovingFrame(segment.owner, direction, point, self.rotation, self.position)
         self.frames.append(frame)
 
@@ -210,13 +210,6 @@ def _walked(segments: Sequence[Segment], walk: _Walk, q: Symbol) -> _Walk:
     for segment in segments:
         walk.through(segment, None if segment.motion == "fixed" else q[next(readings)])
     return walk
-
-
-def _axis_rotation(axis: FloatArray, angle: Symbol) -> Symbol:
-    """Rodrigues' formula about a constant unit axis; exact zeros are left out by CasADi."""
-    k = ca.SX(ca.skew(ca.SX(axis)))
-    outer = ca.SX(_snapped(np.outer(axis, axis)))
-    return ca.cos(angle) * (ca.SX.eye(3) - outer) + ca.sin(angle) * k + outer
 
 
 def _snapped(array: FloatArray) -> FloatArray:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from fnmatch import fnmatchcase
 from functools import cached_property
-from typing import Final, Literal
+from typing import Any, Final, Literal
 
 import numpy as np
 
@@ -86,11 +86,9 @@ class Parameter:
                 where=self.name,
             )
         if math.isnan(self.plausible):
-            object.__setattr__(self, "plausible", self._default_plausible())
-
-    def _default_plausible(self) -> float:
-        reach = max(self.upper - self.nominal, self.nominal - self.lower)
-        return reach if math.isfinite(reach) and reach > 0 else PLAUSIBLE[self.unit]
+            reach = max(self.upper - self.nominal, self.nominal - self.lower)
+            told = math.isfinite(reach) and reach > 0
+            object.__setattr__(self, "plausible", reach if told else PLAUSIBLE[self.unit])
 
     @cached_property
     def name(self) -> str:
@@ -225,45 +223,34 @@ def _matches(
 ) -> list[str]:
     if pattern in available:
         return [pattern]
-    found = [n for n in _reachable(pattern, available, geometric) if fnmatchcase(n, pattern)]
     if pattern == GEOMETRIC:
         return [name for name in available if name in geometric]
-    if not found:
-        _refuse_sliding(pattern, available, row)
-        raise ParameterError(
-            f"'{pattern}', which matches no parameter of the arm",
-            "names like joint.offset, joint.x|y|z|rx|ry|rz, joint.ecc_c1|ecc_s1|ecc_c2|ecc_s2, "
-            "joint.compliance, globs of them, or 'geometric'",
-            line=row.line,
-            where="parameters: select",
-            hint=_did_you_mean(pattern, available),
-        )
-    return found
-
-
-def _refuse_sliding(pattern: str, available: ParameterSet, row: Selection) -> None:
-    """Say so where a prismatic joint is asked for what only revolute ones have."""
-    joint, _, _ = pattern.rpartition(".")
+    joint, _, key = pattern.rpartition(".")
+    # A glob, whose key may be one too, means errors that are no geometry only where it says so.
+    beside = key.startswith(_NONGEOMETRIC)
+    found = [
+        name
+        for name, p in available.items()
+        if fnmatchcase(name, pattern)
+        and (not p.geometric if beside else name in geometric or p.key == OFFSET)
+    ]
+    if found:
+        return found
+    place: dict[str, Any] = {"line": row.line, "where": "parameters: select"}
     offset = f"{joint}.{OFFSET}"
-    if _beside_geometry(pattern) and offset in available and available[offset].unit == "m":
+    if beside and offset in available and available[offset].unit == "m":
         raise ParameterError(
             f"'{pattern}', and {joint} slides",
             "a revolute joint: only what turns has an eccentric encoder, or yields to a torque",
-            line=row.line,
-            where="parameters: select",
+            **place,
         )
-
-
-def _reachable(pattern: str, available: ParameterSet, geometric: frozenset[str]) -> list[str]:
-    """What a glob may mean: errors that are no geometry only where it says so itself."""
-    if _beside_geometry(pattern):
-        return [name for name, p in available.items() if not p.geometric]
-    return [name for name, p in available.items() if name in geometric or p.key == OFFSET]
-
-
-def _beside_geometry(pattern: str) -> bool:
-    """Whether a glob, whose key may be one too, asks for what is no geometry."""
-    return pattern.rpartition(".")[2].startswith(_NONGEOMETRIC)
+    raise ParameterError(
+        f"'{pattern}', which matches no parameter of the arm",
+        "names like joint.offset, joint.x|y|z|rx|ry|rz, joint.ecc_c1|ecc_s1|ecc_c2|ecc_s2, "
+        "joint.compliance, globs of them, or 'geometric'",
+        hint=_did_you_mean(pattern, available),
+        **place,
+    )
 
 
 def _check_units(row: Selection, units: set[Unit]) -> None:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 from xml.parsers import expat
@@ -30,7 +30,6 @@ Origin = tuple[ArrayLike, ArrayLike]
 # A quoted value is swallowed whole, so neither '>' nor 'xyz=' inside one is taken for markup.
 _ATTRIBUTE: Final = re.compile(rb"""([^\s=<>"'/]+)\s*=\s*("[^"]*"|'[^']*')""")
 _TAG: Final = re.compile(rb"""<[^\s<>"'/]+(?:[^<>"']|"[^"]*"|'[^']*')*>""")
-_JOINT_DEPTH: Final = 2
 
 
 @dataclass
@@ -41,58 +40,44 @@ class _JointTags:
     origin: int | None = None
 
 
-@dataclass(frozen=True)
-class _Splice:
-    """``data[start:stop]`` becomes ``text``."""
-
-    start: int
-    stop: int
-    text: bytes
+# ``data[start:stop]`` becomes the text.
+_Splice = tuple[int, int, bytes]
 
 
-@dataclass
-class _JointFinder:
-    """Expat handlers that note the joints directly under the root and their own origins."""
+def _joint_tags(path: Path, data: bytes) -> dict[str, _JointTags]:
+    """The tags of every joint directly under the root, by its name, as Expat comes by them."""
+    found: dict[str, _JointTags] = {}
+    around: list[_JointTags | None] = []  # every open element: the joint that it is, if it is one
+    parser = expat.ParserCreate()
 
-    path: Path
-    found: dict[str, _JointTags] = field(default_factory=dict)
-    _depth: int = 0
-    _joint: _JointTags | None = None
-
-    def search(self, data: bytes) -> dict[str, _JointTags]:
-        """The tags of every joint of the robot, by the joint's name."""
-        self._parser = expat.ParserCreate()
-        self._parser.StartElementHandler = self._start
-        self._parser.EndElementHandler = self._end
-        # With a default handler expat leaves entities alone: their text has no place in the file.
-        self._parser.DefaultHandler = lambda _: None
-        try:
-            self._parser.Parse(data, True)
-        except (expat.ExpatError, ValueError, LookupError) as error:
-            line = getattr(error, "lineno", None)
-            found = f"text that cannot be edited in place ({error})"
-            raise UrdfError(found, "XML in UTF-8 or Latin-1", file=self.path, line=line) from None
-        return self.found
-
-    def _start(self, tag: str, attributes: dict[str, str]) -> None:
-        self._depth += 1
-        position = self._parser.CurrentByteIndex
-        if self._depth == _JOINT_DEPTH:
-            self._joint = self._new_joint(attributes, position) if tag == "joint" else None
-        elif self._depth == _JOINT_DEPTH + 1 and tag == "origin" and self._joint is not None:
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        joint, position = None, parser.CurrentByteIndex
+        if tag == "joint" and len(around) == 1:
+            name = attributes.get("name", "")
+            if name in found:
+                raise UrdfError(
+                    f"the joint name {quoted(name)} a second time",
+                    "one joint of that name",
+                    file=path,
+                    line=parser.CurrentLineNumber,
+                )
+            joint = found[name] = _JointTags(position)
+        elif tag == "origin" and around and (inside := around[-1]) and inside.origin is None:
             # The first counts where there are several, as in URDF readers.
-            self._joint.origin = position if self._joint.origin is None else self._joint.origin
+            inside.origin = position
+        around.append(joint)
 
-    def _end(self, _: str) -> None:
-        self._depth -= 1
-
-    def _new_joint(self, attributes: dict[str, str], position: int) -> _JointTags:
-        name = attributes.get("name", "")
-        if name in self.found:
-            line = self._parser.CurrentLineNumber
-            found = f"the joint name {quoted(name)} a second time"
-            raise UrdfError(found, "one joint of that name", file=self.path, line=line)
-        return self.found.setdefault(name, _JointTags(position))
+    parser.StartElementHandler = start
+    parser.EndElementHandler = lambda _: around.pop()
+    # With a default handler expat leaves entities alone: their text has no place in the file.
+    parser.DefaultHandler = lambda _: None
+    try:
+        parser.Parse(data, True)
+    except (expat.ExpatError, ValueError, LookupError) as error:
+        line = getattr(error, "lineno", None)
+        problem = f"text that cannot be edited in place ({error})"
+        raise UrdfError(problem, "XML in UTF-8 or Latin-1", file=path, line=line) from None
+    return found
 
 
 def urdf_bytes(source: str | Path, origins: Mapping[str, Origin]) -> bytes:
@@ -112,7 +97,7 @@ def urdf_bytes(source: str | Path, origins: Mapping[str, Origin]) -> bytes:
     """
     source = Path(source)
     data = read_urdf_bytes(source)
-    tags = _JointFinder(source).search(data)
+    tags = _joint_tags(source, data)
     splices: list[_Splice] = []
     for name, (xyz, rpy) in origins.items():
         if name not in tags:
@@ -120,7 +105,11 @@ def urdf_bytes(source: str | Path, origins: Mapping[str, Origin]) -> bytes:
             raise UrdfError("no joint of that name", file=source, where=quoted(name), hint=hint)
         values = {b"xyz": _finite(name, xyz), b"rpy": _finite(name, rpy)}
         splices.extend(_origin_splices(data, tags[name], values))
-    return _spliced(data, splices)
+    pieces, position = [], 0
+    for start, stop, text in sorted(splices, key=lambda splice: splice[0]):
+        pieces += [data[position:start], text]
+        position = stop
+    return b"".join([*pieces, data[position:]])
 
 
 def write_urdf(source: str | Path, destination: str | Path, origins: Mapping[str, Origin]) -> None:
@@ -189,9 +178,9 @@ def _origin_splices(
         if key in written:
             first, last = written[key].span(2)
             text = _numbers_text(numbers, data[first + 1 : last - 1])
-            yield _Splice(first + 1, last - 1, text)
+            yield first + 1, last - 1, text
         elif any(numbers):
-            yield _Splice(end, end, b" " + _attribute_text(key, numbers))
+            yield end, end, b" " + _attribute_text(key, numbers)
 
 
 def _new_origin(data: bytes, joint: int, values: Mapping[bytes, list[float]]) -> _Splice:
@@ -201,7 +190,7 @@ def _new_origin(data: bytes, joint: int, values: Mapping[bytes, list[float]]) ->
     last_line = re.search(rb"\r?\n[ \t]*\Z", blank[0]) if blank else None
     attributes = b" ".join(_attribute_text(key, values[key]) for key in values)
     indentation = last_line[0] if last_line else b""
-    return _Splice(stop, stop, indentation + b"<origin " + attributes + b"/>")
+    return stop, stop, indentation + b"<origin " + attributes + b"/>"
 
 
 def _tag_span(data: bytes, start: int) -> tuple[int, int]:
@@ -217,26 +206,13 @@ def _attribute_text(key: bytes, numbers: list[float]) -> bytes:
 def _numbers_text(numbers: list[float], old: bytes) -> bytes:
     """New text of an attribute, in which a number that did not change is spelled as before."""
     words = old.split()
-    before = [_number(word) for word in words]
+    try:
+        before = [float(word) for word in words]
+    except ValueError:
+        before = []
     if before == numbers:
         return old
-    if len(words) != len(numbers):
+    if len(before) != len(numbers):
         return " ".join(map(repr, numbers)).encode()
     kept = zip(words, before, numbers, strict=True)
     return b" ".join(word if was == new else repr(new).encode() for word, was, new in kept)
-
-
-def _number(word: bytes) -> float:
-    """The number a word spells; NaN, which equals nothing, where it spells none."""
-    try:
-        return float(word)
-    except ValueError:
-        return math.nan
-
-
-def _spliced(data: bytes, splices: list[_Splice]) -> bytes:
-    pieces, position = [], 0
-    for splice in sorted(splices, key=lambda splice: splice.start):
-        pieces += [data[position : splice.start], splice.text]
-        position = splice.stop
-    return b"".join([*pieces, data[position:]])

@@ -90,9 +90,27 @@ def read_tree(path: str | Path) -> UrdfTree:
     if not elements:
         line = robot.sourceline
         raise UrdfError("no <joint> in <robot>", "a chain of joints", file=path, line=line)
-    joints = {name: _tree_joint(path, name, elements[name], links) for name in elements}
-    into = _joint_into_each_link(path, joints.values())
-    root = _root(path, links, into)
+    joints: dict[str, TreeJoint] = {}
+    into: dict[str, TreeJoint] = {}
+    for name, element in elements.items():
+        parent, child = (_linked(path, name, element, tag, links) for tag in ("parent", "child"))
+        joint = joints[name] = TreeJoint(name, parent, child, element, element.sourceline)
+        other = into.setdefault(child, joint)
+        if other is not joint:
+            found = (
+                f"two joints into it, {quoted(other.name)} (line {other.line}) and "
+                f"{quoted(name)}: a closed loop"
+            )
+            where = f"link {quoted(child)}"
+            raise UrdfError(found, "a serial chain", file=path, line=joint.line, where=where)
+    _refuse_cycle(path, into)
+    root, *others = [link for link in links if link not in into]
+    if others:
+        found = f"{1 + len(others)} links without a parent: {quoted(root)}, {quoted(others[0])}"
+        found += ", …" if len(others) > 1 else ""
+        hint = "connect them by joints or remove what is not used"
+        line = links[others[0]].sourceline
+        raise UrdfError(found, "one root link", file=path, line=line, hint=hint)
     return UrdfTree(path, robot.get("name"), tuple(links), joints, into, root)
 
 
@@ -106,11 +124,6 @@ def _by_name(path: Path, robot: Element, tag: str) -> dict[str, Element]:
             raise UrdfError(found, expected, file=path, line=element.sourceline)
         named[name] = element
     return named
-
-
-def _tree_joint(path: Path, name: str, element: Element, links: Mapping[str, Element]) -> TreeJoint:
-    parent, child = (_linked(path, name, element, tag, links) for tag in ("parent", "child"))
-    return TreeJoint(name, parent, child, element, element.sourceline)
 
 
 def _linked(
@@ -131,32 +144,6 @@ def _linked(
             hint=suggestion(link, links, "links"),
         )
     return link
-
-
-def _joint_into_each_link(path: Path, joints: Iterable[TreeJoint]) -> dict[str, TreeJoint]:
-    into: dict[str, TreeJoint] = {}
-    for joint in joints:
-        other = into.setdefault(joint.child, joint)
-        if other is not joint:
-            found = (
-                f"two joints into it, {quoted(other.name)} (line {other.line}) and "
-                f"{quoted(joint.name)}: a closed loop"
-            )
-            where = f"link {quoted(joint.child)}"
-            raise UrdfError(found, "a serial chain", file=path, line=joint.line, where=where)
-    return into
-
-
-def _root(path: Path, links: Mapping[str, Element], into: Mapping[str, TreeJoint]) -> str:
-    _refuse_cycle(path, into)
-    first, *others = [link for link in links if link not in into]
-    if others:
-        found = f"{1 + len(others)} links without a parent: {quoted(first)}, {quoted(others[0])}"
-        found += ", …" if len(others) > 1 else ""
-        hint = "connect them by joints or remove what is not used"
-        line = links[others[0]].sourceline
-        raise UrdfError(found, "one root link", file=path, line=line, hint=hint)
-    return first
 
 
 def _refuse_cycle(path: Path, into: Mapping[str, TreeJoint]) -> None:
@@ -184,7 +171,7 @@ def read_robot(path: Path) -> Element:
         UrdfError: the file cannot be read (`read_urdf_bytes`) or is not XML, its root is not a
             ``<robot>`` with a name, or xacro was not run.
     """
-    root = _parse(path, read_urdf_bytes(path))
+    root = _parsed(path, read_urdf_bytes(path))
     if tag_of(root) != "robot":
         found = f"the root element <{tag_of(root)[:_LONGEST_QUOTE]}>"
         raise UrdfError(found, "<robot>", file=path, line=root.sourceline)
@@ -260,31 +247,23 @@ def suggestion(name: str, known: Iterable[str], kind: str) -> str:
     return f"did you mean {close}? {listed}" if close else listed
 
 
-def _parse(path: Path, data: bytes) -> Element:
-    try:
-        return _parsed(data)
-    except etree.XMLSyntaxError as error:
-        found = f"text that is not XML ({' '.join(error.msg.split())})"
-        line = error.lineno or None
-        raise UrdfError(found, "a well-formed URDF file", file=path, line=line) from None
-
-
-def _parsed(data: bytes) -> Element:
+def _parsed(path: Path, data: bytes) -> Element:
     """The root element; a prefix nobody declared is forgiven, nothing else is.
 
     Simulator tags often carry such prefixes, and URDF readers know no namespaces.
     """
-    try:
-        return etree.fromstring(data, _parser(recover=False))
-    except etree.XMLSyntaxError as error:
-        lenient = _parser(recover=True)
-        root = etree.fromstring(data, lenient)
-        if root is None or any(not e.type_name.startswith("NS_") for e in lenient.error_log):
-            raise error from None
-        return root
-
-
-def _parser(*, recover: bool) -> Any:
-    return etree.XMLParser(
-        resolve_entities=False, no_network=True, load_dtd=False, huge_tree=False, recover=recover
+    strict, lenient = (
+        etree.XMLParser(
+            resolve_entities=False, no_network=True, load_dtd=False, huge_tree=False, recover=each
+        )
+        for each in (False, True)
     )
+    try:
+        return etree.fromstring(data, strict)
+    except etree.XMLSyntaxError as error:
+        root = etree.fromstring(data, lenient)
+        if root is not None and all(e.type_name.startswith("NS_") for e in lenient.error_log):
+            return root
+        found = f"text that is not XML ({' '.join(error.msg.split())})"
+        line = error.lineno or None
+        raise UrdfError(found, "a well-formed URDF file", file=path, line=line) from None

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, Self
 
 import numpy as np
 from scipy.stats import chi2
@@ -43,6 +43,11 @@ class Consensus:
     inliers: BoolArray
     sigmas: FloatArray
 
+    @classmethod
+    def of_all(cls, count: int, *sigmas: float) -> Self:
+        """All of ``count`` rows, whose residuals scatter like this."""
+        return cls(np.ones(count, dtype=np.bool_), np.array(sigmas))
+
 
 def find_consensus(
     samples: IntArray, propose: Propose, residuals: Residuals, needed: int
@@ -56,7 +61,9 @@ def find_consensus(
         needed: rows that determine a solution.
     """
     norms = residuals(propose(samples))
-    half = _half(norms.shape[1], needed)
+    count, kinds = norms.shape[1:]
+    # As many rows as a solution must fit for the highest breakdown.
+    half = min(count, (count + needed + 1) // 2)
     best = np.argsort(_score(norms, half), kind="stable")[:REFINED]
     norms = norms[best]
     for _ in range(CONCENTRATIONS):
@@ -69,7 +76,12 @@ def find_consensus(
             break
         norms = np.where(better[:, None, None], again, norms)
     found = norms[np.argmin(_score(norms, half))]
-    return _agreeing(found, half)
+    # The scatter that the better half shows; a minimal fit to few rows is too close to them
+    # (Rousseeuw and Leroy 1987, p. 202).
+    sigmas = _scale(found[None], half)[0] / np.sqrt(chi2.ppf(half / (count + 1), DIMENSION))
+    sigmas *= 1.0 + 5.0 / max(count - half, 1)
+    inliers = np.sum((found / sigmas) ** 2, axis=-1) <= outlier_limit(count, kinds)
+    return Consensus(inliers, sigmas)
 
 
 def minimal_samples(group: IntArray, size: int, seed: int) -> IntArray:
@@ -91,11 +103,6 @@ def outlier_limit(count: int, kinds: int) -> float:
     return float(chi2.isf(FALSE_ALARM / count, DIMENSION * kinds))
 
 
-def _half(count: int, needed: int) -> int:
-    """The number of rows that a solution must fit, for the highest breakdown."""
-    return min(count, (count + needed + 1) // 2)
-
-
 def _scale(norms: FloatArray, half: int) -> FloatArray:
     """The half-th smallest residual of each kind, (m, kinds); never zero."""
     ordered = np.partition(norms, half - 1, axis=-2)[..., half - 1, :]
@@ -106,15 +113,3 @@ def _scale(norms: FloatArray, half: int) -> FloatArray:
 def _score(norms: FloatArray, half: int) -> FloatArray:
     """Sum of logarithms: no kind of residual has a unit that counts."""
     return np.asarray(np.log(_scale(norms, half)).sum(axis=-1))
-
-
-def _agreeing(norms: FloatArray, half: int) -> Consensus:
-    """Rows within the limit, at the scatter that the better half shows and then all that agree."""
-    count, kinds = norms.shape
-    quantile = chi2.ppf(half / (count + 1), DIMENSION)
-    sigmas = _scale(norms[None], half)[0] / np.sqrt(quantile)
-    # A minimal fit to few rows is too close to them (Rousseeuw and Leroy 1987, p. 202).
-    sigmas *= 1.0 + 5.0 / max(count - half, 1)
-    limit = outlier_limit(count, kinds)
-    inliers = np.sum((norms / sigmas) ** 2, axis=-1) <= limit
-    return Consensus(inliers, sigmas)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Final, Literal, get_args
 
 import numpy as np
@@ -175,18 +176,22 @@ def calibrate_hand_eye(
             f"setup {setup!r} and model {model!r}",
             f"one of {', '.join(get_args(Setup))} and one of {', '.join(get_args(Model))}",
         )
-    _check_counts(A, B)
+    if len(A[1]) != len(B[1]):
+        raise SamplesError(
+            f"{len(A[1])} poses of the hand and {len(B[1])} of the target", "as many of each"
+        )
+    if len(A[1]) < LEAST_POSES:
+        raise SamplesError(
+            f"{len(A[1])} pairs of poses", f"at least {LEAST_POSES}, turned about different axes"
+        )
     if setup == "eye-to-hand":
         A = inverse(A)
-    length = _extent(A, B)
+    # How large all this is: lengths are solved in units of it, so that none counts.
+    length = extent(A[1]) + rms_length(B[1]) or 1.0
     centre = A[1].mean(axis=0)
     scaled, target = (A[0], (A[1] - centre) / length), (B[0], B[1] / length)
     few = len(A[1]) < FEW_PAIRS
-    judge = robust and not few
-
-    def start_from(hand: Poses, seen: Poses) -> Consensus:
-        return robust_start(hand, seen, seed) if judge else plain_start(hand, seen)
-
+    start_from = partial(_start, seed=seed if robust and not few else None)
     start = start_from(scaled, target)
     other = next(name for name in get_args(Setup) if name != setup)
     refuse_misread(start, scaled, target, length, other, start_from)
@@ -267,27 +272,15 @@ def _result(
     )
 
 
-def _check_counts(A: Poses, B: Poses) -> None:
-    if len(A[1]) != len(B[1]):
-        raise SamplesError(
-            f"{len(A[1])} poses of the hand and {len(B[1])} of the target", "as many of each"
-        )
-    if len(A[1]) < LEAST_POSES:
-        raise SamplesError(
-            f"{len(A[1])} pairs of poses", f"at least {LEAST_POSES}, turned about different axes"
-        )
-
-
-def _extent(A: Poses, B: Poses) -> float:
-    """How large all this is: lengths are solved in units of it, so that none counts, m."""
-    return extent(A[1]) + rms_length(B[1]) or 1.0
-
-
-def robust_start(A: Poses, B: Poses, seed: int) -> Consensus:
-    """What most pairs agree on; all of them where they are too few to tell."""
+def _start(A: Poses, B: Poses, seed: int | None) -> Consensus:
+    """What most pairs agree on; all of them without a seed, or where they are too few to tell."""
     n = len(A[1])
-    if n <= SAMPLE:
-        return plain_start(A, B)
+    if seed is None or n <= SAMPLE:
+        X = quaternion_hand_eye(A, B)
+        Z = close_the_loop(A, X, B)
+        R, p = loops(A, X, B)
+        apart = rms_length(p - Z[1]), rms_length(vector_from_rotation(Z[0].T @ R))
+        return Consensus.of_all(n, *(length / np.sqrt(3.0) for length in apart))
 
     def propose(rows: IntArray) -> Poses:
         return quaternion_hand_eye((A[0][rows], A[1][rows]), (B[0][rows], B[1][rows]))
@@ -296,30 +289,14 @@ def robust_start(A: Poses, B: Poses, seed: int) -> Consensus:
     return find_consensus(samples, propose, lambda X: _norms(A, B, X), NEEDED)
 
 
-def plain_start(A: Poses, B: Poses) -> Consensus:
-    """All pairs, and how they scatter about the closed form."""
-    X = quaternion_hand_eye(A, B)
-    Z = close_the_loop(A, X, B)
-    R, p = loops(A, X, B)
-    turned = vector_from_rotation(Z[0].T @ R)
-    sigmas = np.array([rms_length(p - Z[1]), rms_length(turned)]) / np.sqrt(3.0)
-    return Consensus(np.ones(len(p), dtype=np.bool_), sigmas)
-
-
 def _norms(A: Poses, B: Poses, X: Poses) -> FloatArray:
     """Distance (m, n, 2) of every loop from the middle of all, in length and in angle."""
     R, p = loops(A, X, B)
     middle = np.median(p, axis=-2, keepdims=True)
-    mean = _middle_rotation(R)
-    cosine = (np.einsum("mij,mnij->mn", mean, R) - 1.0) / 2.0
-    angle = np.arccos(np.clip(cosine, -1.0, 1.0))
-    return np.stack([np.linalg.norm(p - middle, axis=-1), angle], axis=-1)
-
-
-def _middle_rotation(R: FloatArray) -> FloatArray:
-    """Of some of many rotations (m, n, 3, 3) the one that is nearest to all: a median."""
+    # Of some of the rotations the one that is nearest to all: a median.
     some = R[:, :: 1 + R.shape[1] // CANDIDATES]
-    overlap = np.einsum("mkij,mnij->mkn", some, R)
-    angle = np.arccos(np.clip((overlap - 1.0) / 2.0, -1.0, 1.0))
+    cosine = (np.einsum("mkij,mnij->mkn", some, R) - 1.0) / 2.0
+    angle = np.arccos(np.clip(cosine, -1.0, 1.0))
     best = np.argmin(np.median(angle, axis=2), axis=1)
-    return np.asarray(some[np.arange(len(R)), best])
+    turned = angle[np.arange(len(R)), best]
+    return np.stack([np.linalg.norm(p - middle, axis=-1), turned], axis=-1)

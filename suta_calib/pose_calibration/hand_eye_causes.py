@@ -8,7 +8,6 @@ exchanged in the same way everywhere. What tells them is whether an X closes all
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -34,24 +33,13 @@ FAR_BETTER: Final = 5.0
 TURNS_AGREE: Final = from_deg(5.0)
 # Pairs that are enough to tell one reading from another.
 MOST_PAIRS: Final = 200
+CAUSES: Final = (
+    "do the rows belong together, is the quaternion's order x y z w, is it the right setup, and do "
+    "both poses map in the direction asked for?"
+)
 
 # The consensus of pairs of poses, hand and target.
 Start = Callable[[Poses, Poses], Consensus]
-
-
-@dataclass(frozen=True, eq=False)
-class PoseConvention:
-    """The poses read in another way.
-
-    Attributes:
-        change: what would have to be changed for it.
-        A: poses of the hand in base, or of the base in the hand for an eye beside the robot.
-        B: of the target in the eye.
-    """
-
-    change: str
-    A: Poses
-    B: Poses
 
 
 def refuse_misread(
@@ -74,11 +62,12 @@ def refuse_misread(
         return
     rows = np.unique(np.linspace(0, len(A[1]) - 1, MOST_PAIRS).astype(np.intp))
     A, B = (A[0][rows], A[1][rows]), (B[0][rows], B[1][rows])
-    tried = [(start(r.A, r.B), r.change) for r in _readings(A, B, other_setup)]
+    readings = _readings(A, B, other_setup)
+    tried = [(start(hand, seen), change) for change, hand, seen in readings]
     best, change = min(tried, key=lambda pair: float(pair[0].sigmas[0]))
     if FAR_BETTER * best.sigmas[0] < found.sigmas[0] and best.sigmas[1] < TURNS_AGREE:
         close = f"{mm(length * best.sigmas[0]):.1f} mm and {deg(best.sigmas[1]):.2f}°"
-        raise disagreement(found, length, f"they agree with one to {close} {change}")
+        raise _disagreement(found, length, f"they agree with one to {close} {change}")
 
 
 def refuse_strangers(fit: RobustFit, start: Consensus, length: float) -> None:
@@ -101,33 +90,23 @@ def refuse_strangers(fit: RobustFit, start: Consensus, length: float) -> None:
     slid, turned = start.sigmas
     apart = (slid > STRANGERS and turned > TURNED) or turned > NO_AGREEMENT
     if apart and undetermined_directions(fit.solution, EYE):
-        raise disagreement(start, length)
+        raise _disagreement(start, length, CAUSES)
 
 
-def disagreement(found: Consensus, length: float, hint: str = "") -> SamplesError:
-    """What is said of pairs that do not belong together.
-
-    Args:
-        found: how the loops scatter, in units of the extent and rad.
-        length: the extent, m.
-        hint: what would make them agree; the usual causes by default.
-    """
+def _disagreement(found: Consensus, length: float, hint: str) -> SamplesError:
     return SamplesError(
         "pairs of poses that do not agree with any X: the ends of the loops A X B scatter by "
         f"{mm(length * found.sigmas[0]):.0f} mm and {deg(found.sigmas[1]):.1f}° per axis",
         "poses of a hand and of what its eye saw, pair by pair",
-        hint=hint or CAUSES,
+        hint=hint,
     )
 
 
-CAUSES: Final = (
-    "do the rows belong together, is the quaternion's order x y z w, is it the right setup, and do "
-    "both poses map in the direction asked for?"
-)
+def _readings(A: Poses, B: Poses, other_setup: str) -> Iterator[tuple[str, Poses, Poses]]:
+    """What would have to be changed, and the poses then; all the other ways to read them.
 
-
-def _readings(A: Poses, B: Poses, other_setup: str) -> Iterator[PoseConvention]:
-    """Every other one; with both poses the other way round X and Z only change places."""
+    With both poses the other way round X and Z only change places.
+    """
     turned = f"if setup is {other_setup}, or else if the hand's or the eye's poses are inverted"
     orders = {
         "": (A, B),
@@ -138,8 +117,8 @@ def _readings(A: Poses, B: Poses, other_setup: str) -> Iterator[PoseConvention]:
     for whose, (hand, eye) in orders.items():
         order = f"if {whose} are in the order w x y z" if whose else ""
         if order:
-            yield PoseConvention(order, hand, eye)
-        yield PoseConvention(" and ".join(filter(None, (order, turned))), inverse(hand), eye)
+            yield order, hand, eye
+        yield " and ".join(filter(None, (order, turned))), inverse(hand), eye
 
 
 def _reordered(poses: Poses) -> Poses:

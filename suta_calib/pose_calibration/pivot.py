@@ -137,19 +137,44 @@ def calibrate_pivot(
     labels = np.full(len(p), "post") if point is None else np.asarray(point, dtype=np.str_)
     if len(labels) != len(p):
         raise SamplesError(f"{len(labels)} labels", f"{len(p)}, one per pose", where="point")
-    _check_counts(labels)
+    if len(labels) < LEAST_POSES:
+        raise SamplesError(
+            f"{len(labels)} poses", f"at least {LEAST_POSES}, turned about different axes"
+        )
     names, index = grouped(labels)
+    for name, count in zip(names, np.bincount(index), strict=True):
+        if count < 2:
+            raise SamplesError(
+                f"one pose for point {name}", "at least 2 poses for every point", where="point"
+            )
     centre, length = p.mean(axis=0), _extent(R, p, index)
     scaled = (p - centre) / length
-    start = _start(R, scaled, index, seed) if robust else _everything(R, scaled, index)
+    start = _start(R, scaled, index, seed if robust else None)
 
     def make(rows: IntArray, noises: Sequence[Noise]) -> FixedPoint:
-        _check_posts(names, index, rows)
-        return _term(R[rows], scaled[rows], labels[rows], noises[0])
+        for k, name in enumerate(names):
+            if np.sum(index[rows] == k) < 2:
+                raise SamplesError(
+                    f"{int(np.sum(index == k))} poses for point {name} that do not agree",
+                    "at least 2 that do",
+                    where="point",
+                    hint="did the tool slip off it?",
+                )
+        nothing, touched = np.zeros((len(rows), 0)), {"point": labels[rows]}
+        samples = Samples.from_arrays([], nothing, labels=touched)
+        return FixedPoint(MeasuredPoses(R[rows], scaled[rows], samples), noises[0])
 
     fit = robust_fit(make, start, robust=robust)
-    _check_agreement(fit, R[fit.inliers], length)
-    _refuse(fit.solution)
+    # Where nothing fits though the tool turned, what the data leave open is not the trouble.
+    if fit.sigmas[0] > NO_POINT and _turns(R[fit.inliers])[-1] > HARDLY_TURNED:
+        raise SamplesError(
+            f"poses whose tips scatter by {mm(length * fit.sigmas[0]):.0f} mm per axis",
+            "a tool whose tip rests on a point",
+            hint="is it the right file, unit, and order of the quaternion (x y z w)? Are single "
+            "poses grossly wrong, then solve robustly (without --no-robust)",
+        )
+    advice = "turn the tool more while its tip rests on the point"
+    refuse_undetermined(fit.solution, "tip", "the tip in the tool", advice)
     return _result(fit, names, R, centre, length)
 
 
@@ -171,16 +196,13 @@ def pivot_from_poses(poses: ToolPoses, *, robust: bool = True, seed: int = 0) ->
     return replace(found, notes=poses.unit_notes)
 
 
-def _term(R: FloatArray, p: FloatArray, labels: NDArray[np.str_], noise: Noise) -> FixedPoint:
-    samples = Samples.from_arrays([], np.zeros((len(p), 0)), labels={"point": labels})
-    return FixedPoint(MeasuredPoses(R, p, samples), noise)
-
-
 def _result(
     fit: RobustFit, names: Sequence[str], R: FloatArray, centre: FloatArray, length: float
 ) -> PivotCalibration:
-    x = np.array([fit.solution.values[n] for n in _parameters(names)]) * length
-    order = [fit.solution.problem.names.index(n) for n in _parameters(names)]
+    labels = ["tip", *(f"{FixedPoint.place_unknown}[{n}]" for n in names)]
+    parameters = [f"{label}.{axis}" for label in labels for axis in "xyz"]
+    x = np.array([fit.solution.values[n] for n in parameters]) * length
+    order = [fit.solution.problem.names.index(n) for n in parameters]
     return PivotCalibration(
         tip=x[:3],
         posts={n: x[3 + 3 * k : 6 + 3 * k] + centre for k, n in enumerate(names)},
@@ -199,11 +221,6 @@ def _turns(R: FloatArray) -> FloatArray:
     mean = R.mean(axis=0)
     told = np.linalg.eigvalsh(np.eye(3) - mean.T @ mean)
     return np.asarray(np.sqrt(np.maximum(told, 0.0)))
-
-
-def _parameters(names: Sequence[str]) -> list[str]:
-    labels = ["tip", *(f"{FixedPoint.place_unknown}[{n}]" for n in names)]
-    return [f"{label}.{axis}" for label in labels for axis in "xyz"]
 
 
 def _extent(R: FloatArray, p: FloatArray, index: IntArray) -> float:
@@ -225,9 +242,11 @@ def _norms(R: FloatArray, p: FloatArray, index: IntArray, tips: FloatArray) -> F
     return norms[..., None]
 
 
-def _start(R: FloatArray, p: FloatArray, index: IntArray, seed: int) -> Consensus:
-    if np.bincount(index).max() < SAMPLE + 1:
-        return _everything(R, p, index)
+def _start(R: FloatArray, p: FloatArray, index: IntArray, seed: int | None) -> Consensus:
+    """What most poses agree on; all of them without a seed, or where they are too few to tell."""
+    if seed is None or np.bincount(index).max() < SAMPLE + 1:
+        norms = _norms(R, p, index, stacked_pivot(R, p, index)[None])
+        return Consensus.of_all(len(p), float(np.sqrt(np.mean(norms**2) / 3.0)))
     one_hot = np.eye(len(p))
 
     def propose(rows: IntArray) -> FloatArray:
@@ -236,52 +255,3 @@ def _start(R: FloatArray, p: FloatArray, index: IntArray, seed: int) -> Consensu
     samples = minimal_samples(index, SAMPLE, seed)
     posts = int(index.max()) + 1
     return find_consensus(samples, propose, lambda t: _norms(R, p, index, t), 2 + posts)
-
-
-def _everything(R: FloatArray, p: FloatArray, index: IntArray) -> Consensus:
-    norms = _norms(R, p, index, stacked_pivot(R, p, index)[None])[0, :, 0]
-    sigma = np.sqrt(np.mean(norms**2) / 3.0)
-    return Consensus(np.ones(len(p), dtype=np.bool_), np.array([sigma]))
-
-
-def _check_counts(labels: NDArray[np.str_]) -> None:
-    if len(labels) < LEAST_POSES:
-        raise SamplesError(
-            f"{len(labels)} poses", f"at least {LEAST_POSES}, turned about different axes"
-        )
-    for name, count in zip(*np.unique(labels, return_counts=True), strict=True):
-        if count < 2:
-            raise SamplesError(
-                f"one pose for point {name}", "at least 2 poses for every point", where="point"
-            )
-
-
-def _check_posts(names: Sequence[str], index: IntArray, rows: IntArray) -> None:
-    for k, name in enumerate(names):
-        if np.sum(index[rows] == k) < 2:
-            raise SamplesError(
-                f"{int(np.sum(index == k))} poses for point {name} that do not agree",
-                "at least 2 that do",
-                where="point",
-                hint="did the tool slip off it?",
-            )
-
-
-def _check_agreement(fit: RobustFit, R: FloatArray, length: float) -> None:
-    """Where nothing fits though the tool turned, what the data leave open is not the trouble."""
-    if fit.sigmas[0] > NO_POINT and _turns(R)[-1] > HARDLY_TURNED:
-        raise SamplesError(
-            f"poses whose tips scatter by {mm(length * fit.sigmas[0]):.0f} mm per axis",
-            "a tool whose tip rests on a point",
-            hint="is it the right file, unit, and order of the quaternion (x y z w)? Are single "
-            "poses grossly wrong, then solve robustly (without --no-robust)",
-        )
-
-
-def _refuse(solution: Solution) -> None:
-    refuse_undetermined(
-        solution,
-        "tip",
-        "the tip in the tool",
-        "turn the tool more while its tip rests on the point",
-    )

@@ -180,35 +180,53 @@ def register(
             that coincide, or the mirror image of each other.
     """
     a, b = checked_points(source, "source"), checked_points(target, "target")
-    check_points(a, b)
-    first, copies = distinct_rows(a, b)
+    _check_points(a, b)
+    first, like = distinct_rows(a, b)
+    distinct = np.isin(np.arange(len(a)), first)
     if robust:
         a, b = a[first], b[first]
-    judge = robust and len(a) >= ENOUGH_TO_JUDGE
-    start, mirrored = (
-        _start(points, b, seed) if judge else _everything(points, b) for points in (a, -a)
-    )
-    check_handedness(start, mirrored, float(np.ptp(b)))
+    else:
+        like = np.arange(len(a))
+    judged = seed if robust and len(a) >= ENOUGH_TO_JUDGE else None
+    start, mirrored = _start(a, b, judged), _start(-a, b, judged)
+    # Mirror images are Arun's third case, unless noise may be what turned the sign.
+    apart = float(start.sigmas[0])
+    if apart > MIRRORED * float(mirrored.sigmas[0]) and apart > ROUNDING * float(np.ptp(b)):
+        raise SamplesError(
+            "points that are the mirror image of each other",
+            "two right-handed frames",
+            hint="swap two axes or turn the sign of one in one of the files",
+        )
     from_centre, to_centre = a[start.inliers].mean(axis=0), b[start.inliers].mean(axis=0)
     length = extent(b) or 1.0
     moved, fixed = (a - from_centre) / length, (b - to_centre) / length
 
     def make(rows: IntArray, noises: Sequence[Noise]) -> TrackedPoint:
-        return _term(moved[rows], fixed[rows], noises[0])
+        samples = Samples.from_arrays([], np.zeros((len(rows), 0)), position=fixed[rows])
+        upright = np.tile(np.eye(3), (len(rows), 1, 1))
+        return TrackedPoint(MeasuredPoses(upright, moved[rows], samples, exact=True), noises[0])
 
-    scaled = Consensus(start.inliers, start.sigmas / length)
-    fit = robust_fit(make, scaled, robust=robust)
-    check_correspondence(fit, length)
-    check_line(moved[fit.inliers], fit)
-    found = _result(fit, a, b, (from_centre, to_centre), length)
-    distinct = np.isin(np.arange(len(copies)), first)
-    if not robust:
-        return replace(found, distinct=distinct)
-    return replace(
-        found,
-        residuals=found.residuals[copies],
-        inliers=found.inliers[copies],
+    fit = robust_fit(make, Consensus(start.inliers, start.sigmas / length), robust=robust)
+    sigma = fit.sigmas[0] * length
+    _check_fit(fit, moved[fit.inliers], length)
+    x = fit.solution.x
+    R, middle = rotation_from_vector(x[3:6]), to_centre + length * x[:3]
+    position = middle - R @ from_centre
+    jacobian = length * np.eye(6)
+    jacobian[3:, 3:] = R @ tangent_of_vector(x[3:6])
+    spread = extent(b[fit.inliers])
+    return Registration(
+        rotation=R,
+        position=position,
+        covariance=jacobian @ fit.covariance @ jacobian.T,
+        centre=middle,
+        residuals=(a @ R.T + position - b)[like],
+        inliers=fit.inliers[like],
         distinct=distinct,
+        sigma=sigma,
+        scale=spread / extent(a[fit.inliers]),
+        scale_std=sigma / spread / np.sqrt(fit.inliers.sum()),
+        solution=fit.solution,
     )
 
 
@@ -233,42 +251,12 @@ def registration_from_points(
     return replace(found, notes=tuple(note for file in files for note in file.unit_notes))
 
 
-def _result(
-    fit: RobustFit,
-    a: FloatArray,
-    b: FloatArray,
-    centres: tuple[FloatArray, FloatArray],
-    length: float,
-) -> Registration:
-    x = fit.solution.x
-    R, middle = rotation_from_vector(x[3:6]), centres[1] + length * x[:3]
-    position = middle - R @ centres[0]
-    unit = np.repeat([length, 1.0], 3)
-    to_tangent = np.eye(6)
-    to_tangent[3:, 3:] = R @ tangent_of_vector(x[3:6])
-    jacobian = np.diag(unit) @ to_tangent
-    return Registration(
-        rotation=R,
-        position=position,
-        covariance=jacobian @ fit.covariance @ jacobian.T,
-        centre=middle,
-        residuals=a @ R.T + position - b,
-        inliers=fit.inliers,
-        distinct=np.ones(len(a), dtype=np.bool_),
-        sigma=fit.sigmas[0] * length,
-        scale=extent(b[fit.inliers]) / extent(a[fit.inliers]),
-        scale_std=fit.sigmas[0] * length / extent(b[fit.inliers]) / np.sqrt(fit.inliers.sum()),
-        solution=fit.solution,
-    )
+def _start(a: FloatArray, b: FloatArray, seed: int | None) -> Consensus:
+    """What most points agree on; all of them without a seed."""
+    if seed is None:
+        R, p = register_points(a, b)
+        return Consensus.of_all(len(a), float(np.sqrt(np.mean((a @ R.T + p - b) ** 2))))
 
-
-def _term(a: FloatArray, b: FloatArray, noise: Noise) -> TrackedPoint:
-    samples = Samples.from_arrays([], np.zeros((len(a), 0)), position=b)
-    upright = np.tile(np.eye(3), (len(a), 1, 1))
-    return TrackedPoint(MeasuredPoses(upright, a, samples, exact=True), noise)
-
-
-def _start(a: FloatArray, b: FloatArray, seed: int) -> Consensus:
     def propose(rows: IntArray) -> tuple[FloatArray, FloatArray]:
         return kabsch(a[rows], b[rows])
 
@@ -292,13 +280,7 @@ def kabsch(source: FloatArray, target: FloatArray) -> tuple[FloatArray, FloatArr
     return R, to_centre - np.einsum("mij,mj->mi", R, from_centre)
 
 
-def _everything(a: FloatArray, b: FloatArray) -> Consensus:
-    R, p = register_points(a, b)
-    sigma = np.sqrt(np.mean((a @ R.T + p - b) ** 2))
-    return Consensus(np.ones(len(a), dtype=np.bool_), np.array([sigma]))
-
-
-def check_points(a: FloatArray, b: FloatArray) -> None:
+def _check_points(a: FloatArray, b: FloatArray) -> None:
     """Refuse sets that no data could register: sizes, too few, one point, one line."""
     if a.shape != b.shape:
         raise SamplesError(
@@ -314,33 +296,22 @@ def check_points(a: FloatArray, b: FloatArray) -> None:
             raise SamplesError(f"points on a line in the {which} set", _NOT_ON_A_LINE)
 
 
-def check_handedness(start: Consensus, mirrored: Consensus, extent: float) -> None:
-    """Refuse mirror images: Arun's third case, unless noise may be what turned the sign."""
-    found, reflected = float(start.sigmas[0]), float(mirrored.sigmas[0])
-    if found > MIRRORED * reflected and found > ROUNDING * extent:
-        raise SamplesError(
-            "points that are the mirror image of each other",
-            "two right-handed frames",
-            hint="swap two axes or turn the sign of one in one of the files",
-        )
+def _check_fit(fit: RobustFit, moved: FloatArray, length: float) -> None:
+    """Refuse points that do not lie on each other whatever the transform, or on a line.
 
-
-def check_correspondence(fit: RobustFit, length: float) -> None:
-    """Refuse points that do not lie on each other whatever the transform."""
-    if fit.sigmas[0] > UNRELATED:
+    Points off a line by no more than noise do not tell the turn about it.
+    """
+    sigma = fit.sigmas[0]
+    if sigma > UNRELATED:
         raise SamplesError(
-            f"points that stay {mm(length * fit.sigmas[0]):.1f} mm per axis apart when they are "
+            f"points that stay {mm(length * sigma):.1f} mm per axis apart when they are "
             f"laid over each other, which themselves lie {mm(length):.1f} mm about their middle",
             "the same points, row for row",
             hint="is the order of the rows the same, and the unit?",
         )
-
-
-def check_line(moved: FloatArray, fit: RobustFit) -> None:
-    """Points off a line by no more than noise do not tell the turn about it."""
-    centred = moved - moved.mean(axis=0)
-    off_line = np.linalg.svd(centred, compute_uv=False)[1] / np.sqrt(len(moved))
-    if off_line < OFF_LINE * fit.sigmas[0] or len(fit.solution.identification.fixed):
+    spread = np.linalg.svd(moved - moved.mean(axis=0), compute_uv=False)
+    held = len(fit.solution.identification.fixed)
+    if held or spread[1] / np.sqrt(len(moved)) < OFF_LINE * sigma:
         raise SamplesError(
             "points that hardly differ from a line, given how they scatter: the turn about it "
             "is not determined",
@@ -373,9 +344,5 @@ def determining_rows(a: FloatArray, b: FloatArray) -> int:
     are not in general position (Rousseeuw and Leroy 1987, section 3.4). Three where no point
     occurs twice in either frame.
     """
-    return 1 + max(_two_most_frequent(points) for points in (a, b))
-
-
-def _two_most_frequent(points: FloatArray) -> int:
-    counts = np.unique(points, axis=0, return_counts=True)[1]
-    return int(np.sort(counts)[-2:].sum())
+    counts = [np.unique(points, axis=0, return_counts=True)[1] for points in (a, b)]
+    return 1 + max(int(np.sort(c)[-2:].sum()) for c in counts)

@@ -41,10 +41,8 @@ def estimate_robot_noise_fraction(position: FloatArray, swept: FloatArray) -> fl
     if told == 0.0:
         return EXPECTED
     fraction = against / told
-    numbers = position.size
-    freedom = max(numbers - UNKNOWNS / 2, 1.0)
-    noise = float(np.sum((position - fraction * swept) ** 2)) / freedom
-    prior = noise / SPREAD**2
+    freedom = max(position.size - UNKNOWNS / 2, 1.0)
+    prior = float(np.sum((position - fraction * swept) ** 2)) / freedom / SPREAD**2
     return float(np.clip((against + EXPECTED * prior) / (told + prior), 0.0, 1.0))
 
 
@@ -82,15 +80,14 @@ class RobotNoise:
         rows = np.flatnonzero(fit.inliers)
         plain = robust_fit(
             lambda r, n: self._term(rows[r], n, 0.0),
-            Consensus(np.ones(len(rows), dtype=np.bool_), np.array(fit.sigmas)),
+            Consensus.of_all(len(rows), *fit.sigmas),
             (0.0, self._finest),
             robust=False,
         )
         term = self._term(rows, (Noise(), Noise()), 0.0)
         with_robot_noise = [float(np.sum(r**2)) for r in evaluate(term, fit.solution.values)]
         without = [float(np.sum(r**2)) for r in plain.residuals]
-        unknowns, numbers = 12, 6 * len(rows)
-        allowed = 1.0 + 2.5 * unknowns / max(numbers - unknowns, 1)
+        allowed = 1.0 + 2.5 * UNKNOWNS / max(6 * len(rows) - UNKNOWNS, 1)
         return all(w <= allowed * p for w, p in zip(with_robot_noise, without, strict=True))
 
     def _term(self, rows: IntArray, noises: Sequence[Noise], fraction: float) -> HandEye:

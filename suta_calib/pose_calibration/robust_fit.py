@@ -109,17 +109,24 @@ def robust_fit(
     inliers, sigmas = start.inliers, np.maximum(start.sigmas, ROUNDING)
     least = np.full(len(sigmas), FINEST) if floors is None else np.maximum(floors, FINEST)
     for round_ in range(MAX_ROUNDS):
-        noises = [_noise(float(s), robust) for s in np.maximum(sigmas, least)]
+        assumed = [float(s) for s in np.maximum(sigmas, least)]
+        noises = [Noise(s, THRESHOLD * s) if robust else Noise(s) for s in assumed]
         solution = solve(Problem([make(np.flatnonzero(inliers), noises)]))
         if revise is not None:
             revise(solution.values, inliers)
         residuals = evaluate(make(everything, noises), solution.values)
-        used = _degrees_of_freedom_used(solution, int(inliers.sum()) * len(residuals))
-        levels = np.array([used * _scatter(r[inliers], robust) for r in residuals])
-        levels = np.maximum(levels, ROUNDING)
-        agreeing = _agreeing(residuals, levels) if robust else inliers
+        # Residuals are smaller than the noise because the unknowns followed it.
+        numbers = DIMENSION * int(inliers.sum()) * len(residuals)
+        followed = np.sqrt(numbers / max(numbers - len(solution.free), 1))
+        scatter = np.array([_scatter(r[inliers], robust) for r in residuals])
+        levels = np.maximum(followed * scatter, ROUNDING)
+        agreeing = inliers
+        if robust:
+            squared = np.array([np.sum(r**2, axis=1) for r in residuals])
+            limit = outlier_limit(len(inliers), len(residuals))
+            agreeing = np.sum(squared / levels[:, None] ** 2, axis=0) <= limit
         settled = np.array_equal(agreeing, inliers) and np.allclose(levels, sigmas, SAME_NOISE, 0)
-        if settled or not _enough(agreeing) or (round_ + 1 == MAX_ROUNDS):
+        if settled or agreeing.sum() < DIMENSION or round_ + 1 == MAX_ROUNDS:
             break
         inliers, sigmas = agreeing, levels
     few = int(inliers.sum()) < FEW_ROWS
@@ -138,7 +145,10 @@ def evaluate(term: Term, values: Mapping[str, float]) -> tuple[FloatArray, ...]:
 def _covariance(
     solution: Solution, residuals: Sequence[FloatArray], levels: FloatArray
 ) -> FloatArray:
-    """The sandwich needs many rows: the scatter of few says nothing of most directions."""
+    """The sandwich needs many rows: the scatter of few says nothing of most directions.
+
+    Of few it is A⁻¹ M A⁻¹, with the weights of the fit in A and in M what the blocks truly scatter.
+    """
     problem = solution.problem
     if len(residuals[0]) >= MANY_ROWS:
         white = np.hstack([r / level for r, level in zip(residuals, levels, strict=True)])
@@ -146,12 +156,7 @@ def _covariance(
         if np.array_equal(witnesses, problem.terms[0].repeats()):
             return solution.covariance
         return observed_covariance(problem, solution.x, solution.sigmas, solution.free, [witnesses])
-    return _from_common_scatter(solution, levels)
-
-
-def _from_common_scatter(solution: Solution, levels: FloatArray) -> FloatArray:
-    """A⁻¹ M A⁻¹ with the weights of the fit in A, and in M what the blocks scatter in truth."""
-    rows = whitened_rows(solution.problem, solution.x, solution.sigmas)
+    rows = whitened_rows(problem, solution.x, solution.sigmas)
     parts = [r.jacobian.T @ r.jacobian for r in rows]
     truly = [
         (level / sigma) ** 2 * part
@@ -159,11 +164,7 @@ def _from_common_scatter(solution: Solution, levels: FloatArray) -> FloatArray:
     ]
     nothing = np.zeros_like(parts[0])
     information = Information(sum(parts, nothing), sum(truly, nothing), nothing)
-    return predicted_covariance(solution.problem, information, solution.free)
-
-
-def _noise(sigma: float, robust: bool) -> Noise:
-    return Noise(sigma, THRESHOLD * sigma) if robust else Noise(sigma)
+    return predicted_covariance(problem, information, solution.free)
 
 
 def _scatter(residual: FloatArray, robust: bool) -> float:
@@ -178,20 +179,3 @@ def _scatter(residual: FloatArray, robust: bool) -> float:
         clipped = np.minimum(squared, (THRESHOLD * level) ** 2)
         level = float(np.sqrt(clipped.mean() / expected))
     return level
-
-
-def _degrees_of_freedom_used(solution: Solution, residuals: int) -> float:
-    """Factor by which residuals are smaller than the noise because the unknowns followed it."""
-    numbers = DIMENSION * residuals
-    return float(np.sqrt(numbers / max(numbers - len(solution.free), 1)))
-
-
-def _agreeing(residuals: Sequence[FloatArray], levels: FloatArray) -> BoolArray:
-    distance = sum(
-        np.einsum("nd,nd->n", r, r) / level**2 for r, level in zip(residuals, levels, strict=True)
-    )
-    return np.asarray(distance <= outlier_limit(len(residuals[0]), len(residuals)))
-
-
-def _enough(inliers: BoolArray) -> bool:
-    return int(inliers.sum()) >= DIMENSION

@@ -9,7 +9,7 @@ import numpy as np
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import SamplesError
 from suta_calib.model.parameters import PLACEMENT
-from suta_calib.solver.identifiability import FEIGNED
+from suta_calib.solver.identifiability import NOISE_INDUCED_SHARE
 from suta_calib.solver.solution import Solution
 
 # Part of a direction that is worth a word.
@@ -77,7 +77,7 @@ def axis_of_all_turns(rotation: FloatArray, noise: float) -> FloatArray:
     mean = rotation.mean(axis=0)
     # Noise may be as small a part of what an axis turns by, as a variance, as of any direction.
     moved, axes = np.linalg.eigh(np.eye(3) - mean.T @ mean)
-    still = moved < max(2.0 * noise**2 / FEIGNED, 1e-12)
+    still = moved < max(2.0 * noise**2 / NOISE_INDUCED_SHARE, 1e-12)
     return np.asarray(axes.T[still]) if still.sum() == 1 else np.zeros((0, 3))
 
 

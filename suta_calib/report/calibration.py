@@ -7,10 +7,10 @@ null, so that nobody uses them by accident.
 from __future__ import annotations
 
 import platform
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from importlib.metadata import PackageNotFoundError, version
-from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -61,38 +61,33 @@ class BlockNoise:
     assumed: float
     found: float | None
 
-    @property
-    def unit(self) -> Unit:
-        """Of both, m or rad."""
-        return self.block.unit
 
-    @property
-    def given(self) -> bool:
-        """Whether the job says what to assume."""
-        return self.block.noise.sigma is not None
+def _unit(row: BlockNoise) -> Unit:
+    return row.block.unit
 
 
 NOISE: Final = Listing[BlockNoise](
     "Noise",
-    (
-        Column("kind"),
-        Column("", "residuals", lambda row: f"{row.kind.replace('_', ' ')}: {row.block.name}"),
-        Column("label", "label"),
-        Column("block", None, lambda row: row.block.name),
-        Column("unit", "unit", cell=lambda row: unit_name(row.unit)),
-        Column("assumed", "assumed", own_unit=lambda row: row.unit),
-        Column("given", "from", cell=lambda row: "the job" if row.given else "default"),
-        Column("found", "found", own_unit=lambda row: row.unit),
+    Column("kind"),
+    Column("", "residuals", lambda row: f"{row.kind.replace('_', ' ')}: {row.block.name}"),
+    Column("label", "label"),
+    Column("block", None, lambda row: row.block.name),
+    Column("unit", "unit", _unit, cell=lambda row: unit_name(_unit(row))),
+    Column("assumed", "assumed", unit=_unit, si=True),
+    Column(
+        "given",
+        "from",
+        lambda row: row.block.noise.sigma is not None,
+        cell=lambda row: "default" if row.block.noise.sigma is None else "the job",
     ),
+    Column("found", "found", unit=_unit, si=True),
 )
 STARTS: Final = Listing[tuple[int, Minimum]](
     "How it was computed",
-    (
-        Column("", "start", lambda row: row[0], form="d"),
-        Column("status", "status", lambda row: row[1].status),
-        Column("iterations", "iterations", lambda row: row[1].iterations, form="d"),
-        Column("cost", "cost", lambda row: row[1].cost, form=".6g"),
-    ),
+    Column("", "start", lambda row: row[0], form="d"),
+    Column("status", "status", lambda row: row[1].status),
+    Column("iterations", "iterations", lambda row: row[1].iterations, form="d"),
+    Column("cost", "cost", lambda row: row[1].cost, form=".6g"),
 )
 
 
@@ -177,7 +172,7 @@ def _errors(result: CalibrationResult) -> Iterator[Part]:
         for k, errors in enumerate(by_kind(sets[name])):
             if len(errors.before):
                 yield Figure(
-                    _drawn(plots.error_histogram, errors, f"histogram-{name}-{k}"),
+                    partial(plots.error_histogram, errors, f"histogram-{name}-{k}"),
                     f"{name.capitalize()}: {errors.quantity}",
                 )
 
@@ -231,12 +226,7 @@ def _grouped(name: str, terms: Sequence[TermAccuracy], grouping: str) -> list[Fi
     rest = len(of) - plots.MOST_GROUPS
     title = f"{name}: by {grouping}" + (f" (without the {rest} best)" if rest > 0 else "")
     svg_name = f"errors-{name.lower()}-{grouping}"
-    return [Figure(_drawn(plots.grouped_errors, of, grouping, svg_name), title)]
-
-
-def _drawn(plot: Callable[..., str], *of: object) -> Callable[[], str]:
-    """The plot of these, drawn when it is needed: a loop's variables are others by then."""
-    return lambda: plot(*of)
+    return [Figure(partial(plots.grouped_errors, of, grouping, svg_name), title)]
 
 
 def _noise_and_correlations(result: CalibrationResult) -> Iterator[Part]:
@@ -262,25 +252,22 @@ def _computation(result: CalibrationResult) -> Iterator[Part]:
     solution, path = result.solution, result.job.spec.path
     best = solution.minimum
     phases = ", ".join(f"{phase} {seconds:.3f} s" for phase, seconds in solution.timing.items())
-    yield ShownOnly(STARTS.of(_starts(solution)), "page")
+    yield ShownOnly(STARTS.of(enumerate(solution.attempts, start=1)), "page")
     yield Text(
         f"IPOPT: {best.status} after {best.iterations} iterations, cost {best.cost:.6g}. {phases}.",
         place="page",
     )
     yield Text(path.name, place="page", look="heading")
-    yield Text(_job_text(path), place="page", look="verbatim")
+    try:
+        job = path.read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        job = "(the job file is not there any more)"
+    yield Text(job, place="page", look="verbatim")
     made_with = " · ".join(f"{name} {number}" for name, number in versions().items())
     yield Text(made_with, place="page", look="soft")
     if not result.assessment.usable:
         instead = f"{NOT_USABLE} holds what was found" if solution.converged else "nor another"
         yield Text(f"No {CALIBRATED} is written: {instead}.")
-
-
-def _job_text(path: Path) -> str:
-    try:
-        return path.read_text(encoding="utf-8", errors="replace")
-    except OSError:
-        return "(the job file is not there any more)"
 
 
 # What is written
@@ -304,14 +291,23 @@ def _data(result: CalibrationResult) -> Json:
     solution = result.solution
     # What comes before the first iteration is the check of what the data can tell.
     timing = {"build": solution.timing.get("check", 0.0)} | solution.timing
-    best, starts = STARTS.record((0, solution.minimum)), STARTS.records(_starts(solution))
+    best, starts = (
+        STARTS.record((0, solution.minimum)),
+        STARTS.records(enumerate(solution.attempts, start=1)),
+    )
     return {
         "status": "converged" if solution.converged else "not_converged",
         "job": result.job.spec.path.name,
         "parameters": PARAMETERS.records(outcomes(solution)),
         "unidentified": solution.unidentified,
         "unobservable": unobservable(solution.identification),
-        "excluded": _excluded(result),
+        # Samples that rows of the job leave out by name.
+        "excluded": [
+            {"in": f"{name}[{k}]", "kind": row.kind, **row.exclude.as_dict()}
+            for name in ("observations", "validation")
+            for k, row in enumerate(getattr(result.job.spec, name))
+            if row.exclude is not None
+        ],
         "metrics": _metrics(result),
         "timing_s": timing,
         **_matrices(solution),
@@ -321,40 +317,23 @@ def _data(result: CalibrationResult) -> Json:
     }
 
 
-def _starts(solution: Solution) -> list[tuple[int, Minimum]]:
-    return list(enumerate(solution.attempts, start=1))
-
-
-def _excluded(result: CalibrationResult) -> list[Json]:
-    """Samples that rows of the job leave out by name."""
-    spec = result.job.spec
-    sets = {"observations": spec.observations, "validation": spec.validation}
-    return [
-        {"in": f"{name}[{k}]", "kind": row.kind, **row.exclude.as_dict()}
-        for name, rows in sets.items()
-        for k, row in enumerate(rows)
-        if row.exclude is not None
-    ]
-
-
 def _metrics(result: CalibrationResult) -> Json:
     """Of each set of data, the figures of the first term's kind and those of each term."""
+
+    def found(terms: Sequence[TermAccuracy]) -> Json:
+        figures = accuracy_json(terms)
+        if not result.solution.converged:
+            after = figures["after"]
+            figures["after"] = {k: v if k == "count" else None for k, v in after.items()}
+        return dict(figures)
+
     content: Json = {}
     for name, labelled in result.labelled_terms.items():
         by_term = [
-            {"kind": term.term.kind, "label": label} | _after_if_any(result, [term])
-            for label, term in labelled
+            {"kind": term.term.kind, "label": label} | found([term]) for label, term in labelled
         ]
-        overall = _after_if_any(result, [term for _, term in labelled])
-        content[name] = {**overall, "by_term": by_term}
+        content[name] = {**found([term for _, term in labelled]), "by_term": by_term}
     return content
-
-
-def _after_if_any(result: CalibrationResult, terms: Sequence[TermAccuracy]) -> Json:
-    found = accuracy_json(terms)
-    if not result.solution.converged:
-        found["after"] = {k: v if k == "count" else None for k, v in found["after"].items()}
-    return dict(found)
 
 
 def _matrices(solution: Solution) -> Mapping[str, Any]:

@@ -10,21 +10,12 @@ import numpy as np
 from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.colors import BoundaryNorm
-from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from suta_calib.arrays import FloatArray
 from suta_calib.diagnostics.accuracy import Metrics
 from suta_calib.report.errors import KindErrors
-from suta_calib.report.svg import (
-    BLUE,
-    GREY,
-    ORANGE,
-    WIDTH,
-    plain_log,
-    style,
-    svg_text,
-)
+from suta_calib.report.svg import BLUE, GREY, ORANGE, WIDTH, picture, plain_log, svg_text
 from suta_calib.solver.identifiability import WEAK
 from suta_calib.solver.solution import Estimate
 from suta_calib.units import Unit, shown, unit_name
@@ -50,8 +41,7 @@ def error_histogram(errors: KindErrors, name: str) -> str:
     before = np.abs(shown(errors.before, errors.unit))
     after = np.abs(shown(errors.after, errors.unit))
     unit = unit_name(errors.unit)
-    with style(name):
-        figure = Figure(figsize=(WIDTH, 3.0), layout="constrained")
+    with picture(name, (WIDTH, 3.0)) as figure:
         axes = figure.subplots()
         bins, logarithmic = _bins(before, after)
         _histogram(axes, before, bins, ("before", ORANGE, "////", ":"), unit)
@@ -110,8 +100,7 @@ def grouped_errors(groups: Mapping[str, FloatArray], grouping: str, name: str) -
     """
     ranked = sorted(groups.items(), key=lambda item: -float(np.median(item[1])))[:MOST_GROUPS]
     errors = [shown(e, "m") for _, e in ranked]
-    with style(name):
-        figure = Figure(figsize=(WIDTH, 1.0 + 0.21 * len(ranked)), layout="constrained")
+    with picture(name, (WIDTH, 1.0 + 0.21 * len(ranked))) as figure:
         axes = figure.subplots()
         axes.boxplot(
             errors,
@@ -143,8 +132,7 @@ def singular_values(values: FloatArray, weak: Sequence[str], name: str) -> str:
     floor = max(float(values.max(initial=0.0)), 1.0) * 1e-9
     height, threshold = np.maximum(values, floor), 1.0 / WEAK
     estimated = height >= threshold
-    with style(name):
-        figure = Figure(figsize=(WIDTH, 2.8), layout="constrained")
+    with picture(name, (WIDTH, 2.8)) as figure:
         axes = figure.subplots()
         k = np.arange(1, len(values) + 1)
         bottom = floor / 2
@@ -187,8 +175,7 @@ def correlation_map(names: Sequence[str], matrix: FloatArray, name: str) -> str:
     keep = np.sort(np.argsort(-strongest, kind="stable")[:MOST_CORRELATED])
     shown_names, part = [names[k] for k in keep], matrix[np.ix_(keep, keep)]
     side = 1.9 + 0.24 * len(keep)
-    with style(name):
-        figure = Figure(figsize=(side + 0.9, side), layout="constrained")
+    with picture(name, (side + 0.9, side)) as figure:
         axes = figure.subplots()
         # Cells and ten shades instead of an image: sharp at every size, and no embedded bitmap.
         image = axes.pcolormesh(
@@ -220,8 +207,7 @@ def parameter_changes(estimates: Sequence[Estimate], name: str) -> str:
     for e in estimates:
         by_unit.setdefault(e.unit, []).append(e)
     rows = max(len(found) for found in by_unit.values())
-    with style(name):
-        figure = Figure(figsize=(WIDTH, 1.0 + 0.19 * rows), layout="constrained")
+    with picture(name, (WIDTH, 1.0 + 0.19 * rows)) as figure:
         panels = figure.subplots(1, len(by_unit), squeeze=False)[0]
         for axes, (unit, found) in zip(panels, by_unit.items(), strict=True):
             _changes(axes, found, unit)
@@ -259,11 +245,7 @@ def _write_signs(axes: Axes, matrix: FloatArray) -> None:
         dark = abs(value) > 0.5
         sign = f"{value:+.1f}" if len(matrix) <= MOST_WRITTEN else ("+" if value > 0 else "−")
         axes.text(
-            *(j, i, sign),
-            ha="center",
-            va="center",
-            fontsize=6,
-            color="white" if dark else "black",
+            *(j, i, sign), ha="center", va="center", fontsize=6, color="white" if dark else "black"
         )
 
 

@@ -9,7 +9,6 @@ from typing import Any, Final
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure as Picture
 from matplotlib.patches import Ellipse
 from matplotlib.patheffects import withStroke
 
@@ -26,7 +25,7 @@ from suta_calib.certification.result import (
 )
 from suta_calib.report.document import Document, Figure, Part, ShownOnly, Text
 from suta_calib.report.listing import Column, Json, Listing, components, shown_as, written
-from suta_calib.report.svg import BLUE, GREY, ORANGE, WIDTH, style, svg_text
+from suta_calib.report.svg import BLUE, GREY, ORANGE, WIDTH, picture, round_down, svg_text
 from suta_calib.units import deg, mm, um
 
 NAME: Final = "certify"
@@ -64,6 +63,11 @@ class Drawn:
     deviation: FloatArray
     turn: float
 
+    @property
+    def distance(self) -> float:
+        """Length of the deviation, m."""
+        return float(np.linalg.norm(self.deviation))
+
 
 @dataclass(frozen=True, eq=False)
 class Judged:
@@ -80,21 +84,20 @@ class Judged:
 
 
 def _rows(found: Certification) -> list[Judged]:
+    drawn: dict[str, Drawn] = {}
+    if (compared := found.comparison) is not None:
+        for mark, off, turn in zip(found.landmarks, compared.deviation, compared.turn, strict=True):
+            if mark.name in compared.drawing.landmarks:
+                place = compared.drawing.landmark(mark.name).position
+                drawn[mark.name] = Drawn(place, off, float(turn))
     return [
         Judged(
             mark,
             tuple(fault for fault in found.faults if fault.landmark == mark.name),
-            None if found.comparison is None else _drawn(found.comparison, k, mark.name),
+            drawn.get(mark.name),
         )
-        for k, mark in enumerate(found.landmarks)
+        for mark in found.landmarks
     ]
-
-
-def _drawn(comparison: DrawingComparison, k: int, name: str) -> Drawn | None:
-    if name not in comparison.drawing.landmarks:
-        return None
-    position = comparison.drawing.landmark(name).position
-    return Drawn(position, comparison.deviation[k], float(comparison.turn[k]))
 
 
 def _mark(row: Judged) -> CertifiedLandmark:
@@ -107,65 +110,54 @@ def _micrometres(heading: str, value: Callable[[Judged], float], form: str) -> C
 
 TOP: Final = Listing[CertifiedLandmark](
     "",
-    (
-        *written("tilt", "tilt_std", unit="rad"),
-        *written("flatness", unit="m"),
-        *written("touches", "wrong_touches"),
-    ),
+    *written("tilt", "tilt_std", unit="rad"),
+    *written("flatness", unit="m"),
+    *written("touches", "wrong_touches"),
 )
 HOLES: Final = Listing[CertifiedLandmark](
     "",
-    (
-        Column("middles_apart", value=lambda mark: mark.symmetry, unit="m"),
-        Column("diagonals", unit="m"),
-    ),
+    Column("middles_apart", value=lambda mark: mark.symmetry, unit="m"),
+    Column("diagonals", unit="m"),
 )
 DRAWN: Final = Listing[Drawn](
     "",
-    (
-        *written("position", "deviation", unit="m"),
-        Column("distance", value=lambda each: np.linalg.norm(each.deviation), unit="m"),
-        Column("turn", unit="rad"),
-    ),
+    *written("position", "deviation", "distance", unit="m"),
+    Column("turn", unit="rad"),
 )
-FAULTS: Final = Listing[Fault]("", (Column("what"), *written("size", "limit", unit="m")))
+FAULTS: Final = Listing[Fault]("", Column("what"), *written("size", "limit", unit="m"))
 # ``std`` is of each coordinate in the artefact's frame; ``shape_std`` after best superposition, as
 # distances see it.
 LANDMARKS: Final = Listing[Judged](
     "Landmarks",
-    (
-        Column("landmark", "landmark", lambda row: row.mark.name, cell=lambda row: row.label),
-        *components(("x, mm", "y, mm", "z, mm"), lambda row: row.mark.position, "m", form=_FINE),
-        _micrometres("σ, µm", lambda row: row.mark.sigma, ".2f"),
-        Column("", "turn, deg", lambda row: row.mark.yaw, "rad", form=_TURN),
-        Column("", "tilt, deg", lambda row: row.mark.tilt, "rad", form=_TURN),
-        Column("position", None, lambda row: row.mark.position + 0.0, "m"),
-        *(c.over(_mark) for c in written("std", "shape_std", "sigma", unit="m")),
-        *(c.over(_mark) for c in written("rotation_rpy", "yaw_std", unit="rad")),
-        Column("height", None, lambda row: row.mark.position[2], "m"),
-        Column("height_std", None, lambda row: row.mark.std[2], "m"),
-        Column("top", None, lambda row: TOP.record(row.mark)),
-        Column("holes", None, lambda row: HOLES.record(row.mark)),
-        Column("flats", None, lambda row: row.mark.flats, "m"),
-        Column("nominal", None, lambda row: row.drawn and DRAWN.record(row.drawn)),
-        Column("damaged", None, lambda row: bool(row.faults)),
-        Column("faults", None, lambda row: FAULTS.records(row.faults)),
-    ),
+    Column("landmark", "landmark", lambda row: row.mark.name, cell=lambda row: row.label),
+    *components(("x, mm", "y, mm", "z, mm"), lambda row: row.mark.position, "m", form=_FINE),
+    _micrometres("σ, µm", lambda row: row.mark.sigma, ".2f"),
+    Column("", "turn, deg", lambda row: row.mark.yaw, "rad", form=_TURN),
+    Column("", "tilt, deg", lambda row: row.mark.tilt, "rad", form=_TURN),
+    Column("position", None, lambda row: row.mark.position + 0.0, "m"),
+    *(c.over(_mark) for c in written("std", "shape_std", "sigma", unit="m")),
+    *(c.over(_mark) for c in written("rotation_rpy", "yaw_std", unit="rad")),
+    Column("height", None, lambda row: row.mark.position[2], "m"),
+    Column("height_std", None, lambda row: row.mark.std[2], "m"),
+    Column("top", None, lambda row: TOP.record(row.mark)),
+    Column("holes", None, lambda row: HOLES.record(row.mark)),
+    Column("flats", None, lambda row: row.mark.flats, "m"),
+    Column("nominal", None, lambda row: row.drawn and DRAWN.record(row.drawn)),
+    Column("damaged", None, lambda row: bool(row.faults)),
+    Column("faults", None, lambda row: FAULTS.records(row.faults)),
     key="landmarks",
     named=True,
 )
 PILLARS: Final = Listing[Judged](
     "Pillars",
-    (
-        LANDMARKS.columns[0],
-        _micrometres("σ x, µm", lambda row: row.mark.std[0], ".2f"),
-        _micrometres("σ y, µm", lambda row: row.mark.std[1], ".2f"),
-        _micrometres("σ z, µm", lambda row: row.mark.std[2], ".2f"),
-        _micrometres("flat to, µm", lambda row: row.mark.flatness, ".1f"),
-        _micrometres("uneven, µm", lambda row: row.mark.symmetry, ".1f"),
-        *components(("0-2, mm", "1-3, mm"), lambda row: row.mark.diagonals, "m", form=_FINE),
-        Column("", "flats, mm", lambda row: row.mark.flats, "m", form=_FINE),
-    ),
+    LANDMARKS.columns[0],
+    _micrometres("σ x, µm", lambda row: row.mark.std[0], ".2f"),
+    _micrometres("σ y, µm", lambda row: row.mark.std[1], ".2f"),
+    _micrometres("σ z, µm", lambda row: row.mark.std[2], ".2f"),
+    _micrometres("flat to, µm", lambda row: row.mark.flatness, ".1f"),
+    _micrometres("uneven, µm", lambda row: row.mark.symmetry, ".1f"),
+    *components(("0-2, mm", "1-3, mm"), lambda row: row.mark.diagonals, "m", form=_FINE),
+    Column("", "flats, mm", lambda row: row.mark.flats, "m", form=_FINE),
 )
 
 
@@ -174,91 +166,66 @@ def _off(row: Judged) -> FloatArray | None:
     return None if row.drawn is None else np.round(row.drawn.deviation, 7)
 
 
-def _length(row: Judged) -> float | None:
-    return None if row.drawn is None else float(np.linalg.norm(row.drawn.deviation))
-
-
 DEVIATIONS: Final = Listing[Judged](
     "Certified less drawn",
-    (
-        LANDMARKS.columns[0],
-        *components(("dx, mm", "dy, mm", "dz, mm"), _off, "m", sign=True, form=_FINE),
-        Column("", "length, mm", _length, "m", form=_FINE),
-        Column("", "turn, deg", lambda row: row.drawn and row.drawn.turn + 0.0, "rad", form=_TURN),
-    ),
+    LANDMARKS.columns[0],
+    *components(("dx, mm", "dy, mm", "dz, mm"), _off, "m", sign=True, form=_FINE),
+    Column("", "length, mm", lambda row: row.drawn and row.drawn.distance, "m", form=_FINE),
+    Column("", "turn, deg", lambda row: row.drawn and row.drawn.turn + 0.0, "rad", form=_TURN),
 )
 
 
-@dataclass(frozen=True)
-class Spacer:
-    """A spacer, and half the interval that holds it with 95 %, m."""
-
-    length: SpacerLength
-    u95: float
-
-
-SPACERS: Final = Listing[Spacer](
+# A spacer, and half the interval that holds it with 95 %, m.
+SPACERS: Final = Listing[tuple[SpacerLength, float]](
     "Spacers",
-    (
-        Column("name", "spacer", lambda each: each.length.name),
-        Column("length", "length, mm", lambda each: each.length.length, "m", form=_FINE),
-        Column("std", None, lambda each: each.length.std, "m"),
-        Column("u95", "± 95 %, mm", lambda each: each.u95, "m", form=_FINE),
-        Column("nominal", "nominal, mm", lambda each: each.length.nominal, "m", form=_FINE),
-        Column("deviation", "off by, mm", lambda s: s.length.deviation, "m", sign=True, form=_FINE),
-    ),
+    Column("name", "spacer", lambda row: row[0].name),
+    Column("length", "length, mm", lambda row: row[0].length, "m", form=_FINE),
+    Column("std", None, lambda row: row[0].std, "m"),
+    Column("u95", "± 95 %, mm", lambda row: row[1], "m", form=_FINE),
+    Column("nominal", "nominal, mm", lambda row: row[0].nominal, "m", form=_FINE),
+    Column("deviation", "off by, mm", lambda row: row[0].deviation, "m", sign=True, form=_FINE),
     key="spacers",
 )
 PLANE: Final = Listing[PlaneQuality](
     "",
-    (
-        Column("touches", value=lambda plane: plane.count),
-        *written("rms", "flatness", unit="m"),
-        Column("direction_std", value=lambda plane: plane.tilt_std, unit="rad"),
-        Column("wrong_touches"),
-    ),
+    Column("touches", value=lambda plane: plane.count),
+    *written("rms", "flatness", unit="m"),
+    Column("direction_std", value=lambda plane: plane.tilt_std, unit="rad"),
+    Column("wrong_touches"),
 )
 FRAME: Final = Listing[Certification](
     "",
-    (
-        Column("definition", value=frame_sentence),
-        Column("origin"),
-        Column("x", value=lambda found: found.heading),
-        Column("quarter_turns", value=lambda found: found.turned),
-        Column("x_std", value=lambda found: found.heading_std, unit="rad"),
-    ),
+    Column("definition", value=frame_sentence),
+    Column("origin"),
+    Column("x", value=lambda found: found.heading),
+    Column("quarter_turns", value=lambda found: found.turned),
+    Column("x_std", value=lambda found: found.heading_std, unit="rad"),
 )
 NOISE: Final = Listing[Certification](
     "",
-    (
-        Column("sigma", value=lambda found: found.noise, unit="m"),
-        Column("stated", value=lambda found: found.stated_noise, unit="m"),
-        Column("degrees_of_freedom", value=lambda found: found.freedom),
-        Column("coverage_factor"),
-    ),
+    Column("sigma", value=lambda found: found.noise, unit="m"),
+    Column("stated", value=lambda found: found.stated_noise, unit="m"),
+    Column("degrees_of_freedom", value=lambda found: found.freedom),
+    Column("coverage_factor"),
 )
 COMPARISON: Final = Listing[DrawingComparison](
     "",
-    (
-        Column("drawing", value=lambda each: each.drawing.name),
-        Column("T_drawing_artefact", value=lambda each: each.registration.matrix),
-        Column("rms", unit="m"),
-        Column("max", value=lambda each: each.largest, unit="m"),
-        *written("not_drawn", "not_touched"),
-    ),
+    Column("drawing", value=lambda each: each.drawing.name),
+    Column("T_drawing_artefact", value=lambda each: each.registration.matrix),
+    Column("rms", unit="m"),
+    Column("max", value=lambda each: each.largest, unit="m"),
+    *written("not_drawn", "not_touched"),
 )
 CERTIFICATION: Final = Listing[Certification](
     "",
-    (
-        *written("name", "points"),
-        Column("frame", value=FRAME.record),
-        Column("ground", value=lambda found: PLANE.record(found.ground)),
-        Column("side", value=lambda found: found.side and PLANE.record(found.side)),
-        Column("noise", value=NOISE.record),
-        Column("comparison", value=lambda f: f.comparison and COMPARISON.record(f.comparison)),
-        Column("tolerance", unit="m"),
-        *written("damaged", "wrong_touches"),
-    ),
+    *written("name", "points"),
+    Column("frame", value=FRAME.record),
+    Column("ground", value=lambda found: PLANE.record(found.ground)),
+    Column("side", value=lambda found: found.side and PLANE.record(found.side)),
+    Column("noise", value=NOISE.record),
+    Column("comparison", value=lambda f: f.comparison and COMPARISON.record(f.comparison)),
+    Column("tolerance", unit="m"),
+    *written("damaged", "wrong_touches"),
 )
 
 
@@ -274,9 +241,7 @@ def certification_document(found: Certification) -> Document:
     if found.comparison is not None:
         title = f"{DEVIATIONS.title} ({found.comparison.drawing.name}), best superposition"
         parts.append(DEVIATIONS.of(rows, title))
-    parts.append(
-        SPACERS.of(Spacer(each, found.coverage_factor * each.std) for each in found.spacers)
-    )
+    parts.append(SPACERS.of((each, found.coverage_factor * each.std) for each in found.spacers))
     parts += [Text(line) for line in _facts(found)]
     covariance: Json = {
         "landmarks": [mark.name for mark in found.landmarks],
@@ -308,17 +273,13 @@ def _facts(found: Certification) -> list[str]:
 # ── the artefact from above, and every landmark's coordinates with their uncertainty ─────────
 def certification_plot(found: Certification) -> str:
     """An SVG: the artefact from above, and below it numbers by landmark."""
-    with style(NAME):
-        figure = Picture(figsize=(WIDTH, 8.2), layout="constrained")
+    with picture(NAME, (WIDTH, 8.2)) as figure:
         above, below = figure.subplots(2, 1, height_ratios=(1.9, 1))
         _from_above(above, found)
         _by_landmark(below, found)
-        return svg_text(figure, NAME, _description(found))
-
-
-def _description(found: Certification) -> str:
-    against = "" if found.comparison is None else " and their deviations from the drawing"
-    return f"The {len(found.landmarks)} landmarks of {found.name} from above{against}"
+        what = f"The {len(found.landmarks)} landmarks of {found.name} from above"
+        against = "" if found.comparison is None else " and their deviations from the drawing"
+        return svg_text(figure, NAME, what + against)
 
 
 def _from_above(axes: Axes, found: Certification) -> None:
@@ -372,7 +333,7 @@ def _ellipses(axes: Axes, found: Certification, places: FloatArray, extent: floa
     blocks = [found.covariance[3 * k : 3 * k + 2, 3 * k : 3 * k + 2] for k in range(len(places))]
     axes_of = [np.linalg.eigh(block) for block in blocks]
     longest = max(float(np.sqrt(max(values[-1], 0.0))) for values, _ in axes_of) * scale
-    factor = _round_down(LONGEST * extent / 2 / longest) if longest > 0 else 1.0
+    factor = round_down(LONGEST * extent / 2 / longest) if longest > 0 else 1.0
     for place, (values, vectors) in zip(places, axes_of, strict=True):
         size = 2 * scale * factor * np.sqrt(np.maximum(values, 0.0))
         turn = deg(float(np.arctan2(vectors[1, 1], vectors[0, 1])))
@@ -393,11 +354,10 @@ def _arrows(
     known = np.isfinite(turned[:, 0])
     judged = turned[known & sound] if (known & sound).any() else turned[known]
     longest = float(np.linalg.norm(judged[:, :2], axis=1).max())
-    factor = _round_down(LONGEST * extent / longest) if longest > 0 else 1.0
+    factor = round_down(LONGEST * extent / longest) if longest > 0 else 1.0
     vectors = turned[:, :2] * factor
-    length = np.linalg.norm(vectors, axis=1)
     # An arrow out of the picture would hide the others; its number is in the table.
-    length = np.nan_to_num(length)
+    length = np.nan_to_num(np.linalg.norm(vectors, axis=1))
     shorten = np.minimum(1.0, 2 * LONGEST * extent / np.maximum(length, 1e-12))
     drawn = (vectors * shorten[:, None])[known]
     axes.quiver(
@@ -405,12 +365,6 @@ def _arrows(
         angles="xy", scale_units="xy", scale=1.0, width=0.004, color="black", zorder=3,
     )  # fmt: skip
     return factor, bool((shorten < 1).any())
-
-
-def _round_down(value: float) -> float:
-    """1, 2 or 5 times a power of ten."""
-    decade = 10.0 ** np.floor(np.log10(value))
-    return float(decade * max(step for step in (1, 2, 5) if step * decade <= value * (1 + 1e-9)))
 
 
 def _by_landmark(axes: Axes, found: Certification) -> None:

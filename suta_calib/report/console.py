@@ -10,15 +10,11 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
-from suta_calib.assessment import Assessment, Level
+from suta_calib.assessment import Level
 from suta_calib.report import document, listing
 from suta_calib.report.listing import Tone
 
-COLOUR: Final[dict[Level, str]] = {
-    "good": "bold green",
-    "care": "bold yellow",
-    "bad": "bold red",
-}
+COLOUR: Final[dict[Level, str]] = {"good": "bold green", "care": "bold yellow", "bad": "bold red"}
 TONE: Final[dict[Tone, str]] = {
     "good": "green",
     "note": "cyan",
@@ -35,28 +31,36 @@ def rendered(answer: document.Document) -> RenderableType:
     parts: list[RenderableType] = []
     for part in answer.shown("console"):
         if isinstance(part, document.Text):
-            parts.append(_paragraph(part))
+            if part.bullet:
+                parts.append(bullet(part.text))
+            elif part.look == "remedy":
+                parts.append(Padding(Text(f"→ {part.text}", style="italic"), (0, 0, 0, 5)))
+            elif part.look == "verbatim":
+                parts.append(Text(part.text, no_wrap=True, overflow="ignore"))
+            else:
+                parts.append(Text(part.text, style="bold" if part.look == "heading" else ""))
         elif isinstance(part, listing.Table):
             parts.append(table(part))
     # A table ends with an empty line of its own.
     apart = [] if not parts or (isinstance(parts[-1], Table) and parts[-1].box) else [""]
-    return Group(*parts, *apart, *verdict_lines(answer.assessment))
-
-
-def _paragraph(part: document.Text) -> RenderableType:
-    if part.bullet:
-        return bullet(part.text)
-    if part.look == "remedy":
-        return Padding(Text(f"→ {part.text}", style="italic"), (0, 0, 0, 5))
-    if part.look == "verbatim":
-        return Text(part.text, no_wrap=True, overflow="ignore")
-    return Text(part.text, style="bold" if part.look == "heading" else "")
+    how_far = answer.assessment
+    verdict = Text(f"{how_far.word}.", style=COLOUR[how_far.level])
+    if said := how_far.sentence:
+        verdict = Text.assemble(verdict, " ", said[:1].upper() + said[1:])
+    return Group(*parts, *apart, verdict, *map(bullet, how_far.notes))
 
 
 def table(listed: listing.Table) -> Table:
     """Rows of a document; names wrap, numbers never do."""
-    drawn = plain_table(listed.title)
-    drawn.show_header = any(listed.heads)
+    drawn = Table(
+        title=listed.title,
+        title_justify="left",
+        title_style="bold",
+        box=box.SIMPLE_HEAD,
+        pad_edge=False,
+        show_header=any(listed.heads),
+        header_style="bold",
+    )
     widths = [max(map(len, column)) for column in zip(listed.heads, *listed.cells, strict=True)]
     if sum(widths) + 2 * len(widths) > NARROW:
         drawn.padding = 0
@@ -73,39 +77,8 @@ def table(listed: listing.Table) -> Table:
     return drawn
 
 
-def verdict_lines(assessment: Assessment) -> list[RenderableType]:
-    """The verdict's word and sentence, and its notes as bullets."""
-    line = Text(f"{assessment.word}.", style=COLOUR[assessment.level])
-    if assessment.sentence:
-        line = Text.assemble(line, " ", assessment.sentence[:1].upper() + assessment.sentence[1:])
-    return [line, *(bullet(note) for note in assessment.notes)]
-
-
 def bullet(note: str) -> Table:
     """A sentence behind a bullet, indented where it wraps."""
     grid = Table.grid(padding=(0, 1))
     grid.add_row(" •", Text(note))
     return grid
-
-
-def plain_table(title: str) -> Table:
-    """An empty table in the look all commands share."""
-    return Table(
-        title=title,
-        title_justify="left",
-        title_style="bold",
-        caption_justify="left",
-        box=box.SIMPLE_HEAD,
-        pad_edge=False,
-        header_style="bold",
-    )
-
-
-def number_table(title: str, first: str, *numbers: str) -> Table:
-    """A column of names, then columns of numbers; without heads where none is given."""
-    table = plain_table(title)
-    table.show_header = any((first, *numbers))
-    table.add_column(first, overflow="fold")
-    for name in numbers:
-        table.add_column(name, justify="right", no_wrap=True)
-    return table

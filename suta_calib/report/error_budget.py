@@ -7,7 +7,6 @@ from functools import partial
 from typing import Any, Final
 
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure as Picture
 
 from suta_calib.analysis.error_budget import (
     WORDS,
@@ -18,9 +17,9 @@ from suta_calib.analysis.error_budget import (
     TipBudget,
 )
 from suta_calib.report.document import Document, Figure, Part, Text
-from suta_calib.report.listing import Column, Json, Listing
-from suta_calib.report.svg import BLUE, GREY, ORANGE, WIDTH, style, svg_text
-from suta_calib.units import key, shown, text, unit_name
+from suta_calib.report.listing import Column, Listing, written
+from suta_calib.report.svg import BLUE, GREY, ORANGE, WIDTH, picture, svg_text
+from suta_calib.units import shown, text, unit_name
 
 NAME: Final = "budget"
 TITLE: Final = "Error budget"
@@ -48,13 +47,17 @@ def _root(variance: float | None) -> float | None:
 
 TIP: Final = Listing[TipBudget](
     "The tip at the postures visited, relative to what the calibration held",
-    (
-        Column("encoders_rms", "encoders, one reading", lambda tip: _root(tip.encoders), "m"),
-        Column("parameters_rms", WORDS["parameters"], lambda tip: _root(tip.parameters), "m"),
-        Column("model_rms", WORDS["model"], lambda tip: _root(tip.model), "m"),
-        Column("total_rms", "total of what has a number", lambda tip: tip.rms, "m"),
-    ),
+    Column("encoders_rms", "encoders, one reading", lambda tip: _root(tip.encoders), "m"),
+    Column("parameters_rms", WORDS["parameters"], lambda tip: _root(tip.parameters), "m"),
+    Column("model_rms", WORDS["model"], lambda tip: _root(tip.model), "m"),
+    Column("total_rms", "total of what has a number", lambda tip: tip.rms, "m"),
     key="tip",
+)
+BLOCK: Final = Listing[BlockBudget](
+    "",
+    *written("data", "kind", "block"),
+    Column("rms", unit=lambda block: block.unit),
+    Column("count"),
 )
 
 
@@ -65,15 +68,18 @@ def budget_document(budget: ErrorBudget) -> Document:
         total = Share((), block.variance)
         parts.append(_shares(block).of((*block.shares, total)))
     parts += [TIP.facts(budget.tip, ("where it comes from", "RMS", "unit")), Text(CAPTION)]
-    data = {"blocks": [_block_dict(b) for b in budget.blocks], "missing": list(budget.missing)}
+    blocks = [
+        {**BLOCK.record(block), "shares": _shares(block).records(block.shares)}
+        for block in budget.blocks
+    ]
+    data = {"blocks": blocks, "missing": list(budget.missing)}
     return Document(NAME, TITLE, budget.assessment, parts, data)
 
 
 def budget_plot(budget: ErrorBudget) -> str:
     """An SVG: shares of every block's mean square as a horizontal bar; gross errors left out."""
     blocks = [b for b in budget.blocks if b.variance > 0]
-    with style(NAME):
-        figure = Picture(figsize=(WIDTH, 1.9 + 0.55 * len(blocks)), layout="constrained")
+    with picture(NAME, (WIDTH, 1.9 + 0.55 * len(blocks))) as figure:
         axes = figure.subplots()
         labelled: set[str] = set()
         for place, block in enumerate(blocks):
@@ -117,25 +123,12 @@ def _shares(block: BlockBudget) -> Listing[Share]:
 
     return Listing(
         _name(block),
-        (
-            Column(
-                "sources",
-                "where it comes from",
-                cell=lambda share: share.words if share.sources else "total",
-            ),
-            Column("rms", "RMS", unit=block.unit),
-            Column("", "unit", lambda _: unit_name(block.unit)),
-            Column("share", "share, %", part, "%"),
+        Column(
+            "sources",
+            "where it comes from",
+            cell=lambda share: share.words if share.sources else "total",
         ),
+        Column("rms", "RMS", unit=block.unit),
+        Column("", "unit", lambda _: unit_name(block.unit)),
+        Column("share", "share, %", part, "%"),
     )
-
-
-def _block_dict(block: BlockBudget) -> Json:
-    return {
-        "data": block.data,
-        "kind": block.kind,
-        "block": block.block,
-        key("rms", block.unit): shown(block.rms, block.unit),
-        "count": block.count,
-        "shares": _shares(block).records(block.shares),
-    }

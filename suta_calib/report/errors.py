@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from operator import methodcaller
 from pathlib import PurePath
 from typing import Final
 
@@ -19,13 +20,36 @@ from suta_calib.units import NOTHING, Unit
 
 # Label columns of samples that errors are looked at by.
 GROUPINGS: Final = tuple(noun for noun, columns in LABEL_COLUMNS.items() if columns == (noun,))
-# Lengths; angles have the same in rad.
-METRICS: Final = (
-    Column[Metrics]("rms", "RMS", unit="m"),
-    Column[Metrics]("mean", "mean", unit="m"),
-    Column[Metrics]("std", "std", unit="m"),
-    Column[Metrics]("max", "max", lambda metrics: metrics.maximum, "m"),
-    Column[Metrics]("count", "count", form="d"),
+
+
+@dataclass(frozen=True)
+class QuantityErrors:
+    """Metrics of errors; None where there are no such data.
+
+    Attributes:
+        metrics: of the errors.
+        unit: m or rad.
+    """
+
+    metrics: Metrics | None
+    unit: Unit
+
+
+def _unit(of: QuantityErrors) -> Unit:
+    return of.unit
+
+
+def _metric(key: str, heading: str, name: str = "") -> Column[QuantityErrors]:
+    return Column(key, heading, lambda of: of.metrics and getattr(of.metrics, name or key), _unit)
+
+
+METRICS: Final = Listing[QuantityErrors](
+    "",
+    _metric("rms", "RMS"),
+    _metric("mean", "mean"),
+    _metric("std", "std"),
+    _metric("max", "max", "maximum"),
+    Column("count", "count", lambda of: of.metrics and of.metrics.count, form="d"),
 )
 
 
@@ -77,7 +101,7 @@ def by_kind(terms: Sequence[TermAccuracy]) -> list[KindErrors]:
 
 
 @dataclass(frozen=True)
-class ErrorRow:
+class AccuracyRow:
     """One row of the table of errors.
 
     Attributes:
@@ -85,37 +109,24 @@ class ErrorRow:
             above already.
         what: quantity and unit; empty where it stands above already.
         state: ``before`` or ``after``.
-        metrics: None where there are no such data.
-        unit: m or rad.
+        measured: the errors' metrics.
         improvement: of the RMS, as text.
     """
 
     data: str
     what: str
     state: str
-    metrics: Metrics | None
-    unit: Unit
+    measured: QuantityErrors
     improvement: str = ""
 
 
-def _of_row(column: Column[Metrics]) -> Column[ErrorRow]:
-    def cell(row: ErrorRow) -> str:
-        if row.metrics is None:
-            return NOTHING
-        return _measured_in(column, row.unit).text(row.metrics)
-
-    return Column("", column.heading, cell=cell, numeric=True)
-
-
-ERRORS: Final = Listing[ErrorRow](
+ERRORS: Final = Listing[AccuracyRow](
     "Errors",
-    (
-        Column("data", "data"),
-        Column("", "of", lambda row: row.what),
-        Column("state", "state"),
-        *map(_of_row, METRICS),
-        Column("improvement", "improvement", numeric=True),
-    ),
+    Column("data", "data"),
+    Column("", "of", lambda row: row.what),
+    Column("state", "state"),
+    *(column.over(lambda row: row.measured) for column in METRICS.columns),
+    Column("improvement", "improvement", numeric=True),
     strong=lambda row: row.state == "after",
 )
 
@@ -127,20 +138,20 @@ def errors_table(sets: Mapping[str, Sequence[TermAccuracy]]) -> Table:
         sets: terms by what their data are; one pair of rows for each, and for each kind and
             quantity where there are several.
     """
-    return ERRORS.of(row for name, terms in sets.items() for row in _error_rows(name, terms))
+    return ERRORS.of([row for name, terms in sets.items() for row in _accuracy_rows(name, terms)])
 
 
-def _error_rows(name: str, terms: Sequence[TermAccuracy]) -> Iterator[ErrorRow]:
+def _accuracy_rows(name: str, terms: Sequence[TermAccuracy]) -> Iterator[AccuracyRow]:
     if not terms:
-        yield ErrorRow(name, "no such data", NOTHING, None, "m")
+        yield AccuracyRow(name, "no such data", NOTHING, QuantityErrors(None, "m"))
     found = by_kind(terms)
     for errors in found:
         before, after = errors.metrics
         what = errors.quantity if len({e.kind for e in found}) > 1 else errors.name
         what = f"{what}, {units.unit_name(errors.unit)}"
-        yield ErrorRow(name, what, "before", before, errors.unit)
+        yield AccuracyRow(name, what, "before", QuantityErrors(before, errors.unit))
         better = units.percent(before.rms, after.rms)
-        yield ErrorRow("", "", "after", after, errors.unit, better)
+        yield AccuracyRow("", "", "after", QuantityErrors(after, errors.unit), better)
         name = ""
 
 
@@ -155,7 +166,7 @@ def accuracy_json(terms: Sequence[TermAccuracy]) -> dict[str, Json]:
 
 def metrics_json(metrics: Metrics, unit: Unit = "m") -> Json:
     """RMS, mean, standard deviation and maximum in mm (or deg), and the count."""
-    return Listing("", tuple(_measured_in(c, unit) for c in METRICS)).record(metrics)
+    return METRICS.record(QuantityErrors(metrics, unit))
 
 
 def _of_kind(found: Sequence[KindErrors], which: int) -> Json:
@@ -165,10 +176,6 @@ def _of_kind(found: Sequence[KindErrors], which: int) -> Json:
         content |= {key: value for key, value in part.items() if key not in content}
     # Orientations are told by one figure beside the positions.
     return {k: v for k, v in content.items() if not k.endswith("_deg") or k == "rms_deg"}
-
-
-def _measured_in(column: Column[Metrics], unit: Unit) -> Column[Metrics]:
-    return column if column.unit is None else replace(column, unit=unit)
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,45 +193,34 @@ class ResidualRow:
         origin = self.term.term.poses.samples.origin
         return "; ".join(origin[i] for i in self.block.rows[self.index])
 
-    def number(self, values: FloatArray, component: int | None = None) -> str:
-        """A norm of (n,), or a component of (n, d); empty where there is no such component."""
-        value = values[self.index]
-        if component is not None:
-            if component >= len(value):
-                return ""
-            value = value[component]
-        return f"{units.shown(float(value), self.block.unit):.6g}"
-
-
-def _component(state: str, k: int) -> Column[ResidualRow]:
-    def value(row: ResidualRow) -> str:
-        return row.number(getattr(row.block, f"residual_{state}"), k)
-
-    return Column(f"c{k + 1}_{state}", None, value)
+    def number(self, name: str, k: int = 0) -> str:
+        """An error of the block of that name, or its ``k``-th component; empty without one."""
+        value = np.atleast_1d(getattr(self.block, name)[self.index])
+        return f"{units.shown(float(value[k]), self.block.unit):.6g}" if k < len(value) else ""
 
 
 # ``error_…`` are norms, ``c1 … c3`` the components with their signs (only ``c1`` for distances),
 # all in the row's unit.
 RESIDUALS: Final = Listing[ResidualRow](
     "Every error, before and after",
-    (
-        Column("set", None, lambda row: row.data),
-        Column("kind", None, lambda row: row.term.term.kind),
-        Column("label"),
-        Column("quantity", None, lambda row: row.block.name),
-        Column("what", None, lambda row: row.block.labels[row.index]),
-        Column("samples", None, ResidualRow.samples),
-        Column("unit", None, lambda row: units.unit_name(row.block.unit)),
-        Column("error_before", None, lambda row: row.number(row.block.before)),
-        Column("error_after", None, lambda row: row.number(row.block.after)),
-        *(_component(state, k) for state in ("before", "after") for k in range(3)),
+    Column("set", None, lambda row: row.data),
+    Column("kind", None, lambda row: row.term.term.kind),
+    Column("label"),
+    Column("quantity", None, lambda row: row.block.name),
+    Column("what", None, lambda row: row.block.labels[row.index]),
+    Column("samples", None, ResidualRow.samples),
+    Column("unit", None, lambda row: units.unit_name(row.block.unit)),
+    Column("error_before", None, lambda row: row.number("before")),
+    Column("error_after", None, lambda row: row.number("after")),
+    *(
+        Column(f"c{k + 1}_{state}", None, methodcaller("number", f"residual_{state}", k))
+        for state in ("before", "after")
+        for k in range(3)
     ),
 )
 
 
-def residual_rows(
-    sets: Mapping[str, Sequence[tuple[str, TermAccuracy]]],
-) -> Iterator[ResidualRow]:
+def residual_rows(sets: Mapping[str, Sequence[tuple[str, TermAccuracy]]]) -> Iterator[ResidualRow]:
     """Every error of terms with their labels, by what their data are."""
     for data, labelled in sets.items():
         for label, term in labelled:

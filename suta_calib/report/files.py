@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
@@ -11,6 +10,7 @@ from typing import Any, Final
 from suta_calib.atomic import write_bytes_atomically
 from suta_calib.errors import OutputError
 from suta_calib.report.document import Document, Figure, File
+from suta_calib.report.listing import json_text
 from suta_calib.report.page import page_with
 
 REPORT: Final = "report.html"
@@ -54,7 +54,12 @@ def write_texts(
     paths = {each: folder / each for each in (*texts, *([] if name is None else [name]))}
     complete = {**answer, "files": {each: str(path) for each, path in paths.items()}}
     contents = dict(texts) if name is None else {**texts, name: json_text(complete)}
-    _check_targets(list(paths.values()))
+    for path in paths.values():
+        if path.is_dir():
+            raise OutputError(
+                f"{path}: not written: found a folder of this name; expected a file or nothing; "
+                "choose another folder with --out"
+            )
     make_folder(folder)
     for each, path in paths.items():
         content = contents[each]
@@ -100,18 +105,3 @@ def _contents(answer: Document) -> dict[str, str | bytes]:
             number = f"_{figures.index(part) + 1}" if len(figures) > 1 else ""
             found[f"{answer.name}{number}.svg"] = part.svg
     return found
-
-
-def json_text(data: Mapping[str, Any]) -> str:
-    """A JSON document as it is written to a file; what is not a finite number becomes null."""
-    finite = json.loads(json.dumps(data), parse_constant=lambda _: None)
-    return json.dumps(finite, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
-
-
-def _check_targets(paths: list[Path]) -> None:
-    for path in paths:
-        if path.is_dir():
-            raise OutputError(
-                f"{path}: not written: found a folder of this name; expected a file or nothing; "
-                "choose another folder with --out"
-            )

@@ -5,13 +5,11 @@ from __future__ import annotations
 from functools import partial
 from typing import Final
 
-from matplotlib.figure import Figure as Picture
-
 from suta_calib.measurements.pose_files import PosePairs
 from suta_calib.model.parameters import PLACEMENT
 from suta_calib.pose_calibration.hand_eye import HandEyeCalibration
 from suta_calib.report.document import Document, Figure, Part
-from suta_calib.report.listing import Column, Json, Listing, Table
+from suta_calib.report.listing import Column, Json, Listing
 from suta_calib.report.poses import (
     LARGE,
     covariance_record,
@@ -24,7 +22,7 @@ from suta_calib.report.poses import (
     pose_table,
     residuals_file,
 )
-from suta_calib.report.svg import style, svg_text
+from suta_calib.report.svg import picture, svg_text
 from suta_calib.units import text
 
 NAME: Final = "hand_eye"
@@ -35,41 +33,36 @@ FRAMES: Final = {
 }
 CALIBRATION: Final = Listing[HandEyeCalibration](
     "",
-    (
-        Column("rms", unit="m"),
-        Column("rms", value=lambda found: found.rms_angle, unit="rad"),
-        Column("hand_share", value=lambda found: found.robot_noise_fraction),
-    ),
+    Column("rms", unit="m"),
+    Column("rms", value=lambda found: found.rms_angle, unit="rad"),
+    Column("hand_share", value=lambda found: found.robot_noise_fraction),
 )
 
 
 def hand_eye_document(found: HandEyeCalibration, data: PosePairs) -> Document:
     """X, and Z where the model asks for it, with standard deviations; ``residuals.csv``."""
+    poses = []
+    for name in found.unknowns:
+        frames = FRAMES[found.setup][name]
+        _, base, what = frames.split("_")
+        title = f"{name} = {frames}: the {what} in the {base}, {found.setup}"
+        axes = f"the {what}'s axes"
+        poses.append(pose_table(title, getattr(found, name), found.std[name], axes))
     fit = (
         f"rms {text(found.rms, 'm', with_unit=True)} (3-D), "
         f"{text(found.rms_angle, 'rad', with_unit=True)}"
     )
     parts: list[Part] = [
-        *(_pose(found, name) for name in found.unknowns),
+        *poses,
         *fit_texts(fit, "pair", found.inliers, data.lines),
         residuals_file(
-            found.inliers,
-            {"line": data.lines},
-            found.position_residuals,
-            found.rotation_residuals,
+            found.inliers, {"line": data.lines}, found.position_residuals, found.rotation_residuals
         ),
         Figure(partial(hand_eye_plot, found)),
     ]
     return Document(
         NAME, "Hand-eye calibration", found.assessment, parts, _data(found, data), "result"
     )
-
-
-def _pose(found: HandEyeCalibration, name: str) -> Table:
-    frames = FRAMES[found.setup][name].split("_")
-    where = f"the {frames[2]} in the {frames[1]}, {found.setup}"
-    pose, std = getattr(found, name), found.std[name]
-    return pose_table(f"{name} = {'_'.join(frames)}: {where}", pose, std, f"the {frames[2]}'s axes")
 
 
 def _data(found: HandEyeCalibration, data: PosePairs) -> Json:
@@ -94,8 +87,7 @@ def _data(found: HandEyeCalibration, data: PosePairs) -> Json:
 
 def hand_eye_plot(found: HandEyeCalibration) -> str:
     """An SVG: residuals by pair in length and angle, and the axes of the motions."""
-    with style(NAME):
-        figure = Picture(figsize=(LARGE, 4.6), layout="constrained")
+    with picture(NAME, (LARGE, 4.6)) as figure:
         panels = figure.subplot_mosaic("LA;TA", width_ratios=(1.5, 1))
         length, turn, inliers = panels["L"], panels["T"], found.inliers
         draw_residuals(length, found.position_residuals, inliers, found.rms, "m", "")

@@ -7,7 +7,6 @@ from typing import Any, Final
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure as Picture
 
 from suta_calib.analysis.iso10360 import (
     AcceptanceTest,
@@ -23,7 +22,7 @@ from suta_calib.arrays import FloatArray
 from suta_calib.diagnostics.accuracy import Metrics
 from suta_calib.report.document import Document, Figure, Part, Text
 from suta_calib.report.listing import Column, Json, Listing, plain
-from suta_calib.report.svg import BLUE, GREY, ORANGE, WIDTH, style, svg_text
+from suta_calib.report.svg import BLUE, GREY, ORANGE, WIDTH, picture, svg_text
 from suta_calib.units import from_mm, mm, text, um
 
 NAME: Final = "iso10360"
@@ -41,22 +40,21 @@ _SIGNED: Final = ("E_Uni", "E_Bi", "P_Size")
 _TITLE: Final = f"Acceptance test after {STANDARD}"
 
 
-def _value_text(each: Characteristic) -> str:
-    return text(each.value, "m", sign=each.symbol in _SIGNED)
-
-
 CHARACTERISTICS: Final = Listing[Characteristic](
     _TITLE,
-    (
-        Column("symbol", "worst of each, mm", cell=lambda each: SYMBOL[each.symbol]),
-        Column("value", "value", unit="m", cell=_value_text),
-        Column("limit", "limit", unit="m"),
-        Column("expanded_uncertainty", "U", lambda each: each.expanded, "m"),
-        Column("decision"),
-        Column("where"),
-        Column("count", "of", form="d"),
-        Column("", "", lambda each: each.decision),
+    Column("symbol", "worst of each, mm", cell=lambda each: SYMBOL[each.symbol]),
+    Column(
+        "value",
+        "value",
+        unit="m",
+        cell=lambda each: text(each.value, "m", sign=each.symbol in _SIGNED),
     ),
+    Column("limit", "limit", unit="m"),
+    Column("expanded_uncertainty", "U", lambda each: each.expanded, "m"),
+    Column("decision"),
+    Column("where"),
+    Column("count", "of", form="d"),
+    Column("", "", lambda each: each.decision),
     key="characteristics",
 )
 # Errors of lengths, (n,): of all, and of each placement.
@@ -69,58 +67,48 @@ ERRORS: Final = (
 )
 PLACEMENTS: Final = Listing[tuple[str, FloatArray]](
     "Errors of length, mm",
-    (
-        Column("placement", "placement", lambda row: row[0]),
-        *(c.over(lambda row: row[1]) for c in ERRORS),
-    ),
+    Column("placement", "placement", lambda row: row[0]),
+    *(c.over(lambda row: row[1]) for c in ERRORS),
     named=True,
 )
 ARTICULATIONS: Final = Listing[Articulation](
     "One point from several articulations, mm",
-    (
-        Column("point", "point"),
-        Column("articulations", "from", lambda each: len(each.names), form="d"),
-        Column("touches", "touches", form="d"),
-        Column("location", "L_Dia", lambda each: each.diameter, "m"),
-        Column("max_deviation", "max", lambda each: each.maximum, "m"),
-        Column("two_sigma", "2 sigma", unit="m"),
-        Column("axis_range", unit="m"),
-        Column("amplification"),
-        Column("centre", None, lambda each: each.centres.mean(axis=0), "m"),
-    ),
+    Column("point", "point"),
+    Column("articulations", "from", lambda each: len(each.names), form="d"),
+    Column("touches", "touches", form="d"),
+    Column("location", "L_Dia", lambda each: each.diameter, "m"),
+    Column("max_deviation", "max", lambda each: each.maximum, "m"),
+    Column("two_sigma", "2 sigma", unit="m"),
+    Column("axis_range", unit="m"),
+    Column("amplification"),
+    Column("centre", None, lambda each: each.centres.mean(axis=0), "m"),
     key="articulations",
     named=True,
 )
 SPHERES: Final = Listing[SphereProbing](
     "Probing, mm",
-    (
-        Column("sphere", "sphere"),
-        Column("touches", "touches", lambda each: len(each.radial), form="d"),
-        Column("size", "P_Size", unit="m", sign=True),
-        Column("form", "P_Form", unit="m"),
-        Column("radial", unit="m"),
-    ),
+    Column("sphere", "sphere"),
+    Column("touches", "touches", lambda each: len(each.radial), form="d"),
+    Column("size", "P_Size", unit="m", sign=True),
+    Column("form", "P_Form", unit="m"),
+    Column("radial", unit="m"),
     key="spheres",
     named=True,
 )
 REPEATS: Final = Listing[Repeats](
     "Repeatability of one point, mm",
-    (
-        Column("point", "point"),
-        Column("visits", "visits", lambda each: each.scatter.count, form="d"),
-        Column("diameter", "diameter", unit="m"),
-        Column("rp", "RP", lambda each: each.scatter.rp.value, "m"),
-        Column("rms", "RMS", lambda each: each.scatter.rms.value, "m"),
-    ),
+    Column("point", "point"),
+    Column("visits", "visits", lambda each: each.scatter.count, form="d"),
+    Column("diameter", "diameter", unit="m"),
+    Column("rp", "RP", lambda each: each.scatter.rp.value, "m"),
+    Column("rms", "RMS", lambda each: each.scatter.rms.value, "m"),
     key="repeatability",
     named=True,
 )
 LIMITS: Final = Listing[Limits](
     "Limits",
-    (
-        Column("length", None, lambda given: given.length and length_limit_text(given.length)),
-        *(Column(key, unit="m") for key in ("location", "size", "form", "repeatability")),
-    ),
+    Column("length", None, lambda given: given.length and length_limit_text(given.length)),
+    *(Column(key, unit="m") for key in ("location", "size", "form", "repeatability")),
 )
 
 
@@ -184,7 +172,7 @@ def _lengths_dict(found: AcceptanceTest, lengths: LengthErrors) -> Json:
     """The lengths one by one: columns, because there are many."""
     limit = None if found.limits.length is None else found.limits.length.at(lengths.length)
     return {
-        **Listing("", ERRORS).record(lengths.error),
+        **Listing("", *ERRORS).record(lengths.error),
         "repeat_range_mm": plain(lengths.repeat_range, "m"),
         "placements": PLACEMENTS.records(_by_placement(lengths)[0]),
         "rows": {
@@ -202,6 +190,10 @@ def _lengths_dict(found: AcceptanceTest, lengths: LengthErrors) -> Json:
 LARGE: Final = 1.3 * WIDTH
 # Room for a legend of two rows between a title and its axes, pt.
 _ABOVE: Final = 30
+_LEGEND: Final[dict[str, Any]] = {
+    **{"fontsize": 7, "ncols": 2, "loc": "lower left", "bbox_to_anchor": (0, 1)},
+    **{"borderaxespad": 0.2, "handletextpad": 0.2, "columnspacing": 1.0},
+}
 _LOOKS: Final = ((BLUE, "o"), (ORANGE, "s"), ("black", "D"), (GREY, "^"), (BLUE, "P"))
 
 
@@ -209,16 +201,12 @@ def acceptance_plot(found: AcceptanceTest) -> str:
     """An SVG: errors of lengths by length, deviations of places below."""
     name = f"{NAME}_errors"
     measured = found.measured
-    below = [
-        key
-        for key, given in (("articulations", measured.articulations), ("spheres", measured.spheres))
-        if given
-    ]
+    drawn = {"articulations": measured.articulations, "spheres": measured.spheres}
+    below = [key for key, given in drawn.items() if given]
     rows: Any = [["lengths"] * max(1, len(below))] if measured.lengths is not None else []
     rows += [below] if below else []
     rows = rows or [["repeats"]]
-    with style(name):
-        figure = Picture(figsize=(LARGE, 3.1 * len(rows)), layout="constrained")
+    with picture(name, (LARGE, 3.1 * len(rows))) as figure:
         panels = figure.subplot_mosaic(rows)
         if measured.lengths is not None:
             _lengths(panels["lengths"], found, measured.lengths)
@@ -277,14 +265,14 @@ def _articulations(axes: Axes, found: AcceptanceTest) -> None:
         axes.plot(places, mm(each.deviations), marker, color=colour, ms=5, mfc="none", label=label)
         start += len(each.names)
         ticks += each.names
-    _limit_line(axes, found.limits.location, 0.5, "half the limit")
     if len(ticks) <= 12:
         axes.set_xticks(range(1, start), ticks, rotation=45, ha="right")
     else:
         axes.set_xlabel("articulation, in order")
     axes.set_title("Distance to the mean place", pad=_ABOVE)
     axes.set_ylabel("mm")
-    _finish(axes)
+    limit = found.limits.location
+    _sizes(axes, None if limit is None else limit / 2, "half the limit")
 
 
 def _spheres(axes: Axes, found: AcceptanceTest) -> None:
@@ -298,40 +286,24 @@ def _spheres(axes: Axes, found: AcceptanceTest) -> None:
     axes.set_xlabel("touch, in order")
     axes.set_ylabel("mm")
     axes.grid(axis="y")
-    _legend_above(axes)
+    axes.legend(**_LEGEND)
 
 
 def _repeats(axes: Axes, found: AcceptanceTest) -> None:
     sizes: FloatArray = np.array([each.diameter for each in found.measured.repeats])
     names = [each.point for each in found.measured.repeats]
     axes.bar(names, mm(sizes), color=BLUE, hatch="//", edgecolor="white")
-    _limit_line(axes, found.limits.repeatability, 1.0, "limit")
     axes.set_title("Smallest sphere that holds the visits", pad=_ABOVE)
     axes.set_ylabel("diameter, mm")
-    _finish(axes)
+    _sizes(axes, found.limits.repeatability, "limit")
 
 
-def _limit_line(axes: Axes, limit: float | None, share: float, label: str) -> None:
+def _sizes(axes: Axes, limit: float | None, label: str) -> None:
+    """Sizes from zero on, with their limit, and a legend between the title and the axes."""
     if limit is not None:
-        axes.axhline(share * mm(limit), color="black", ls="--", lw=1.2, label=label)
-
-
-def _finish(axes: Axes) -> None:
+        axes.axhline(mm(limit), color="black", ls="--", lw=1.2, label=label)
     axes.margins(y=0.1)
     axes.set_ylim(bottom=0)
     axes.grid(axis="y")
     if axes.get_legend_handles_labels()[0]:
-        _legend_above(axes)
-
-
-def _legend_above(axes: Axes) -> None:
-    """Between the title and the axes, where nothing is drawn."""
-    axes.legend(
-        fontsize=7,
-        ncols=2,
-        loc="lower left",
-        bbox_to_anchor=(0, 1),
-        borderaxespad=0.2,
-        handletextpad=0.2,
-        columnspacing=1.0,
-    )
+        axes.legend(**_LEGEND)

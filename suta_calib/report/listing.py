@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import csv
 import io
+import json
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import KW_ONLY, dataclass
-from typing import Any, Generic, Literal, TypeVar
+from dataclasses import KW_ONLY, dataclass, replace
+from typing import Any, Generic, Literal, TypeVar, cast
 
 import numpy as np
 
@@ -34,15 +35,14 @@ class Column(Generic[Row]):
         heading: above the column; None for what is only written.
         value: of a row, in SI: a number, a text, None, or an array (written only); the attribute
             of the key's name by default.
-        unit: of the value; None for counts, texts and ratios.
+        unit: of the value, or of each row's; None for counts, texts and ratios.
+        si: whether it is written in SI, without suffix, beside a column that says in which unit.
         sign: whether a plus is shown.
         form: format of a number that has no unit, or decimals that differ from the unit's usual
             ones, as ``.2f``.
         cell: what is shown of a row where it is not the value alone.
-        numeric: whether it stands flush right; by default where ``unit``, ``own_unit``, ``sign`` or
-            ``form`` is given.
-        own_unit: of a row's value, where rows differ in it: shown in the reader's unit, and
-            written in SI, beside a column that says which.
+        numeric: whether it stands flush right; by default where ``unit``, ``sign`` or ``form`` is
+            given.
         optional: whether it is left out of JSON where a row has nothing, and of a table in which
             no row has anything.
         tone: of a row's cell.
@@ -51,45 +51,37 @@ class Column(Generic[Row]):
     key: str
     heading: str | None = None
     value: Callable[[Row], Any] | None = None
-    unit: Unit | None = None
+    unit: Unit | Callable[[Row], Unit] | None = None
     _: KW_ONLY
+    si: bool = False
     sign: bool = False
     form: str = ""
     cell: Callable[[Row], str] | None = None
     numeric: bool | None = None
-    own_unit: Callable[[Row], Unit] | None = None
     optional: bool = False
     tone: Callable[[Row], Tone | None] | None = None
 
     def over(self, part: Callable[[Outer], Row]) -> Column[Outer]:
         """The column of rows of which ``part`` is the one it is declared for."""
-        cell, own_unit, tone = self.cell, self.own_unit, self.tone
-        return Column(
-            self.key,
-            self.heading,
-            lambda row: self.of(part(row)),
-            self.unit,
-            sign=self.sign,
-            form=self.form,
-            cell=None if cell is None else lambda row: cell(part(row)),
-            numeric=self.numeric,
-            own_unit=None if own_unit is None else lambda row: own_unit(part(row)),
-            optional=self.optional,
-            tone=None if tone is None else lambda row: tone(part(row)),
-        )
+
+        def through(of: Any) -> Any:
+            return (lambda row: of(part(row))) if callable(of) else of
+
+        functions = {name: through(getattr(self, name)) for name in ("unit", "cell", "tone")}
+        column: Any = replace(self, value=through(self.of), **functions)
+        return cast("Column[Outer]", column)
 
     @property
     def written_key(self) -> str:
-        """The key with its unit: ``rms_mm``."""
-        return units.key(self.key, self.unit)
+        """The key with its unit: ``rms_mm``; without it where rows differ in it."""
+        return self.key if self.si or callable(self.unit) else units.key(self.key, self.unit)
 
     @property
     def flush_right(self) -> bool:
         """Whether it is a column of numbers."""
         if self.numeric is not None:
             return self.numeric
-        of_number = self.unit is not None or self.own_unit is not None
-        return of_number or self.sign or bool(self.form)
+        return self.unit is not None or self.sign or bool(self.form)
 
     def has(self, row: Row) -> bool:
         """Whether there is anything to tell of a row."""
@@ -99,20 +91,24 @@ class Column(Generic[Row]):
         """The value of a row, in SI."""
         return getattr(row, self.key) if self.value is None else self.value(row)
 
-    def plain(self, row: Row) -> Any:
-        """The value as JSON has it: the reader's unit, lists for arrays, null for no number."""
-        return plain(self.of(row), self.unit)
+    def unit_of(self, row: Row) -> Unit | None:
+        """The unit of a row's value."""
+        return self.unit(row) if callable(self.unit) else self.unit
+
+    def entry(self, row: Row) -> tuple[str, Any]:
+        """Key and value as JSON has them: the reader's unit, lists for arrays, null for none."""
+        unit = None if self.si else self.unit_of(row)
+        return units.key(self.key, unit), plain(self.of(row), unit)
 
     def text(self, row: Row) -> str:
         """The value as it is shown."""
         if self.cell is not None:
             return self.cell(row)
-        value = self.of(row)
+        value, unit = self.of(row), self.unit_of(row)
         if value is None or (isinstance(value, float) and not math.isfinite(value)):
             return NOTHING
         if isinstance(value, (str, bool)):
             return str(value)
-        unit = self.unit if self.own_unit is None else self.own_unit(row)
         if unit is not None and not self.form:
             return units.text(float(value), unit, sign=self.sign)
         number = value if unit is None else units.shown(float(value), unit)
@@ -120,43 +116,6 @@ class Column(Generic[Row]):
 
 
 @dataclass(frozen=True)
-class Listing(Generic[Row]):
-    """Rows of one kind.
-
-    Attributes:
-        title: above the table.
-        columns: in order.
-        key: under which JSON holds the rows; empty for what is only shown.
-        named: whether JSON has the rows by the value of the first column, instead of as a list.
-        strong: whether a row is the outcome of those above it: shown in bold, closing them off.
-    """
-
-    title: str
-    columns: tuple[Column[Row], ...]
-    key: str = ""
-    named: bool = False
-    strong: Callable[[Row], bool] | None = None
-
-    def of(self, rows: Iterable[Row], title: str | None = None) -> Table:
-        """These rows as a part of a document."""
-        return _RowTable(self.title if title is None else title, self, tuple(rows))
-
-    def facts(self, row: Row, heads: tuple[str, str, str] = ("", "", "")) -> Table:
-        """One row, upright: what it is, its value, its unit."""
-        return _FactTable(self.title, self, row, heads)
-
-    def record(self, row: Row) -> Json:
-        """One row as JSON has it."""
-        return {c.written_key: c.plain(row) for c in self.columns if c.key and c.has(row)}
-
-    def records(self, rows: Iterable[Row]) -> Json | list[Json]:
-        """Rows as JSON has them: a list, or by the first column's value."""
-        if not self.named:
-            return [self.record(row) for row in rows]
-        first, rest = self.columns[0], Listing("", self.columns[1:])
-        return {str(first.of(row)): rest.record(row) for row in rows}
-
-
 class Table:
     """A listing with its rows: what a sink shows or writes.
 
@@ -167,6 +126,7 @@ class Table:
         numeric: columns that stand flush right.
         cells: texts, row by row.
         tones: of the cells.
+        json: makes it as JSON has it.
         strong: rows that are the outcome of those above them.
     """
 
@@ -176,49 +136,80 @@ class Table:
     numeric: frozenset[int]
     cells: Sequence[Sequence[str]]
     tones: Sequence[Sequence[Tone | None]]
+    json: Callable[[], Any]
     strong: frozenset[int] = frozenset()
 
-    def json(self) -> Any:
-        """As JSON has it."""
-        raise NotImplementedError
 
+class Listing(Generic[Row]):
+    """Rows of one kind.
 
-class _RowTable(Table, Generic[Row]):
-    def __init__(self, title: str, listing: Listing[Row], rows: tuple[Row, ...]) -> None:
-        headed = [c for c in listing.columns if c.heading is not None]
-        shown = [c for c in headed if not c.optional or any(map(c.has, rows))]
-        self.title, self.key = title, listing.key
-        self.heads = [c.heading or "" for c in shown]
-        self.numeric = frozenset(k for k, c in enumerate(shown) if c.flush_right)
-        self.cells = [[c.text(row) for c in shown] for row in rows]
-        self.tones = [[None if c.tone is None else c.tone(row) for c in shown] for row in rows]
-        if (strong := listing.strong) is not None:
-            self.strong = frozenset(k for k, row in enumerate(rows) if strong(row))
-        self._listing, self._rows = listing, rows
+    Args:
+        title: above the table.
+        columns: in order.
+        key: under which JSON holds the rows; empty for what is only shown.
+        named: whether JSON has the rows by the value of the first column, instead of as a list.
+        strong: whether a row is the outcome of those above it: shown in bold, closing them off.
+    """
 
-    def json(self) -> Json | list[Json]:
-        return self._listing.records(self._rows)
-
-
-class _FactTable(Table, Generic[Row]):
     def __init__(
-        self, title: str, listing: Listing[Row], row: Row, heads: tuple[str, str, str]
+        self,
+        title: str,
+        *columns: Column[Row],
+        key: str = "",
+        named: bool = False,
+        strong: Callable[[Row], bool] = lambda _: False,
     ) -> None:
-        shown = [c for c in listing.columns if c.heading is not None]
-        self.title, self.key, self.heads, self.numeric = title, listing.key, heads, frozenset({1})
-        names = ["" if c.unit is None else units.unit_name(c.unit) for c in shown]
-        self.cells = [
-            [c.heading or "", c.text(row), unit] for c, unit in zip(shown, names, strict=True)
-        ]
-        self.tones = [[None, None if c.tone is None else c.tone(row), None] for c in shown]
-        self._listing, self._row = listing, row
+        self.title, self.columns = title, columns
+        self._key, self._named, self._strong = key, named, strong
 
-    def json(self) -> Json:
-        return self._listing.record(self._row)
+    def of(self, rows: Iterable[Row], title: str | None = None) -> Table:
+        """These rows as a part of a document."""
+        rows = tuple(rows)
+        headed = [c for c in self.columns if c.heading is not None]
+        shown = [c for c in headed if not c.optional or any(map(c.has, rows))]
+        return Table(
+            self.title if title is None else title,
+            self._key,
+            [c.heading or "" for c in shown],
+            frozenset(k for k, c in enumerate(shown) if c.flush_right),
+            [[c.text(row) for c in shown] for row in rows],
+            [[None if c.tone is None else c.tone(row) for c in shown] for row in rows],
+            lambda: self.records(rows),
+            frozenset(k for k, row in enumerate(rows) if self._strong(row)),
+        )
+
+    def facts(self, row: Row, heads: tuple[str, str, str] = ("", "", "")) -> Table:
+        """One row, upright: what it is, its value, its unit."""
+        shown = [(c, c.unit_of(row)) for c in self.columns if c.heading is not None]
+        return Table(
+            self.title,
+            self._key,
+            heads,
+            frozenset({1}),
+            [
+                [c.heading or "", c.text(row), (unit and units.unit_name(unit)) or ""]
+                for c, unit in shown
+            ],
+            [[None, None if c.tone is None else c.tone(row), None] for c, _ in shown],
+            lambda: self.record(row),
+        )
+
+    def record(self, row: Row) -> Json:
+        """One row as JSON has it."""
+        return dict(c.entry(row) for c in self.columns if c.key and c.has(row))
+
+    def records(self, rows: Iterable[Row]) -> Json | list[Json]:
+        """Rows as JSON has them: a list, or by the first column's value."""
+        if not self._named:
+            return [self.record(row) for row in rows]
+        first, rest = self.columns[0], Listing("", *self.columns[1:])
+        return {str(first.of(row)): rest.record(row) for row in rows}
 
 
-def written(*names: str, unit: Unit | None = None) -> tuple[Column[Any], ...]:
-    """Columns that are only written: attributes of these names, all in one unit."""
+def written(
+    *names: str, unit: Unit | Callable[[Any], Unit] | None = None
+) -> tuple[Column[Any], ...]:
+    """Columns that are only written: attributes of these names, all of one unit."""
     return tuple(Column(name, unit=unit) for name in names)
 
 
@@ -258,27 +249,6 @@ def components(
     )
 
 
-def in_own_units(
-    by_unit: Mapping[Unit, Listing[Row]], unit: Callable[[Row], Unit]
-) -> tuple[Column[Row], ...]:
-    """Columns that show rows of which each has its own unit.
-
-    Args:
-        by_unit: the same columns, declared for each unit.
-        unit: that a row has.
-    """
-
-    def cell(k: int) -> Callable[[Row], str]:
-        return lambda row: by_unit[unit(row)].columns[k].text(row)
-
-    columns = next(iter(by_unit.values())).columns
-    return tuple(
-        Column("", each.heading, cell=cell(k), numeric=each.flush_right)
-        for k, each in enumerate(columns)
-        if each.heading is not None
-    )
-
-
 def csv_text(listing: Listing[Row], rows: Iterable[Row], digits: int | None = None) -> str:
     """Rows as a CSV file; columns that hold lists are left out.
 
@@ -292,7 +262,7 @@ def csv_text(listing: Listing[Row], rows: Iterable[Row], digits: int | None = No
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(c.written_key for c in columns)
     for row in rows:
-        cells = (c.plain(row) for c in columns)
+        cells = (c.entry(row)[1] for c in columns)
         writer.writerow(f"{v:.{digits}g}" if digits and isinstance(v, float) else v for v in cells)
     return text.getvalue()
 
@@ -312,3 +282,9 @@ def plain(value: Any, unit: Unit | None = None) -> Any:
     if unit is not None:
         value = units.shown(float(value), unit)
     return value if math.isfinite(value) else None
+
+
+def json_text(data: Mapping[str, Any], indent: int = 1) -> str:
+    """A JSON document as it is written; what is not a finite number becomes null."""
+    finite = json.loads(json.dumps(data), parse_constant=lambda _: None)
+    return json.dumps(finite, indent=indent, ensure_ascii=False, allow_nan=False) + "\n"

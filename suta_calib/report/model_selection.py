@@ -7,14 +7,13 @@ from textwrap import fill
 from typing import Final
 
 import numpy as np
-from matplotlib.figure import Figure as Picture
 
 from suta_calib.analysis.model_selection import ModelCandidate, ModelSelection
 from suta_calib.diagnostics.score_tests import ScoreTest
 from suta_calib.model.parameters import Family, Selection
 from suta_calib.report.document import Document, Figure, Part, ShownOnly, Text
 from suta_calib.report.listing import Column, Json, Listing
-from suta_calib.report.svg import BLUE, ORANGE, WIDTH, style, svg_text
+from suta_calib.report.svg import BLUE, ORANGE, WIDTH, picture, svg_text
 from suta_calib.solver.solution import Estimate
 from suta_calib.units import mm, shown, text, unit_name
 
@@ -48,26 +47,22 @@ def _estimate_text(e: Estimate) -> str:
 # SI in JSON, as in result.json.
 ADDED: Final = Listing[Estimate](
     "What it adds",
-    (
-        Column("name", "parameter"),
-        Column("value", "value", cell=_estimate_text),
-        Column("std"),
-        Column("unit"),
-        Column("state"),
-    ),
+    Column("name", "parameter"),
+    Column("value", "value", cell=_estimate_text),
+    Column("std"),
+    Column("unit"),
+    Column("state"),
     key="estimates",
     named=True,
 )
 TESTS: Final = Listing[ScoreTest](
     "What the residuals of the job's model look like: chance of it if there is nothing",
-    (
-        Column("joint", "joint"),
-        Column("family", "looks like", cell=lambda test: LOOKS_LIKE[test.family]),
-        Column("p", "chance", form=".2g"),
-        Column("p_beside_geometry", "beside geometry", form=".2g"),
-        Column("parameters", None, lambda test: test.names),
-        Column("suspicious"),
-    ),
+    Column("joint", "joint"),
+    Column("family", "looks like", cell=lambda test: LOOKS_LIKE[test.family]),
+    Column("p", "chance", form=".2g"),
+    Column("p_beside_geometry", "beside geometry", form=".2g"),
+    Column("parameters", None, lambda test: test.names),
+    Column("suspicious"),
 )
 
 
@@ -127,8 +122,7 @@ def models_plot(choice: ModelSelection) -> str:
     models = sorted(_best(choice), key=lambda c: c.held_out.rms)
     names = [f"→ {short(m.name)}" if m is choice.chosen else short(m.name) for m in models]
     places = np.arange(len(models))
-    with style(NAME):
-        figure = Picture(figsize=(WIDTH, 1.3 + 0.3 * len(models)), layout="constrained")
+    with picture(NAME, (WIDTH, 1.3 + 0.3 * len(models))) as figure:
         axes = figure.subplots()
         for values, colour, mark, label in (
             ([m.fitted for m in models], ORANGE, "s", "fitted data"),
@@ -168,34 +162,32 @@ def _models(choice: ModelSelection) -> Listing[ModelCandidate]:
 
     return Listing(
         "Models, cross-validated",
-        (
-            Column(
-                "name",
-                "unknowns beside the job's",
-                cell=lambda m: f"{m.name} ←" if m is choice.chosen else m.name,
-            ),
-            Column("fitted_rms", "fitted", lambda m: m.fitted, "m"),
-            Column("held_out_rms", "held out", lambda m: m.held_out.rms, "m"),
-            Column(
-                "held_out_variance_change",
-                "change, %",
-                lambda m: of_loss(m)[0],
-                "%",
-                cell=lambda m: against_job(m, of_loss(m)[0], sign=True),
-            ),
-            Column(
-                "standard_error",
-                "± error",
-                lambda m: of_loss(m)[1],
-                "%",
-                cell=lambda m: against_job(m, of_loss(m)[1]),
-            ),
-            Column("unknowns", None, lambda m: len(m.parameters)),
-            Column("all_geometry", None, lambda m: m.geometry),
-            Column("beside_geometry", None, lambda m: m.added),
-            Column("outdoes_job", None, lambda m: m is not choice.job and m.outdoes(choice.job)),
-            Column("chosen", None, lambda m: m is choice.chosen),
+        Column(
+            "name",
+            "unknowns beside the job's",
+            cell=lambda m: f"{m.name} ←" if m is choice.chosen else m.name,
         ),
+        Column("fitted_rms", "fitted", lambda m: m.fitted, "m"),
+        Column("held_out_rms", "held out", lambda m: m.held_out.rms, "m"),
+        Column(
+            "held_out_variance_change",
+            "change, %",
+            lambda m: of_loss(m)[0],
+            "%",
+            cell=lambda m: against_job(m, of_loss(m)[0], sign=True),
+        ),
+        Column(
+            "standard_error",
+            "± error",
+            lambda m: of_loss(m)[1],
+            "%",
+            cell=lambda m: against_job(m, of_loss(m)[1]),
+        ),
+        Column("unknowns", None, lambda m: len(m.parameters)),
+        Column("all_geometry", None, lambda m: m.geometry),
+        Column("beside_geometry", None, lambda m: m.added),
+        Column("outdoes_job", None, lambda m: m is not choice.job and m.outdoes(choice.job)),
+        Column("chosen", None, lambda m: m is choice.chosen),
         key="models",
     )
 

@@ -18,7 +18,9 @@ MOST_SENTENCES: Final = 3
 
 EXPLANATIONS: Final = Listing[Explanation](
     "Why parameters are held",
-    (Column("held", value=lambda each: each.fixed), Column("sentence"), Column("remedy")),
+    Column("held", value=lambda each: each.fixed),
+    Column("sentence"),
+    Column("remedy"),
 )
 
 

@@ -26,8 +26,8 @@ from suta_calib.analysis.outliers import (
 )
 from suta_calib.arrays import FloatArray
 from suta_calib.report.document import Document, Figure, Part, ShownOnly, Text
-from suta_calib.report.listing import Column, Json, Listing, Table, plain
-from suta_calib.report.svg import BLUE, GREY, ORANGE, WIDTH, style, svg_text
+from suta_calib.report.listing import Column, Json, Listing, plain
+from suta_calib.report.svg import BLUE, GREY, ORANGE, WIDTH, picture, svg_text
 from suta_calib.units import NOTHING, Unit, key, mm, shown, text, unit_name
 
 NAME: Final = "outliers"
@@ -75,56 +75,41 @@ def _key(metric: Metric) -> str:
     return key(metric, UNIT[metric])
 
 
-def _judged(metric: Metric) -> Column[Group]:
-    """A metric as it is judged, with a mark where it is flagged."""
-    return Column(
-        metric,
-        HEADS[metric],
-        lambda g: g.values[metric],
-        UNIT[metric],
-        cell=lambda g: _number(g.values[metric], metric) + (" !" if metric in g.flags else ""),
-    )
+def _column(metric: Metric, *, judged: bool) -> Column[Group]:
+    """A metric as it is judged, with a mark where it is flagged; or that of the job's own fit."""
+
+    def value(group: Group) -> float:
+        return (group.values if judged else group.as_calibrated)[metric]
+
+    def cell(group: Group) -> str:
+        flagged = judged and metric in group.flags
+        return _number(value(group), metric) + (" !" if flagged else "")
+
+    return Column(metric, HEADS[metric], value, UNIT[metric], cell=cell)
 
 
-def _calibrated(metric: Metric) -> Column[Group]:
-    """The same of the job's own fit."""
-    return Column(
-        metric,
-        HEADS[metric],
-        lambda g: g.as_calibrated[metric],
-        UNIT[metric],
-        cell=lambda g: _number(g.as_calibrated[metric], metric),
-    )
-
-
-AS_CALIBRATED: Final = tuple(_calibrated(metric) for metric in METRICS)
+AS_CALIBRATED: Final = tuple(_column(metric, judged=False) for metric in METRICS)
 HELD_OUT: Final = Listing[HeldOut](
     "",
-    (
-        Column("rms_before", None, lambda effect: effect.before, "m"),
-        Column("rms_after", None, lambda effect: effect.after, "m"),
-        Column("change", unit="%"),
-        Column("rms_all_after", None, lambda effect: effect.everything, "m"),
-        Column("count"),
-    ),
+    Column("rms_before", None, lambda effect: effect.before, "m"),
+    Column("rms_after", None, lambda effect: effect.after, "m"),
+    Column("change", unit="%"),
+    Column("rms_all_after", None, lambda effect: effect.everything, "m"),
+    Column("count"),
 )
 TOUCHES: Final = Listing[GrossTouch](
     "Single touches set aside for these figures",
-    (
-        Column("row", "row", lambda touch: touch.origin),
-        Column("what", "what"),
-        Column("size", "residual, mm", unit="m", form=".2f"),
-    ),
+    Column("row", "row", lambda touch: touch.origin),
+    Column("what", "what"),
+    Column("size", "residual, mm", unit="m", form=".2f"),
 )
 THRESHOLDS: Final = Listing[Thresholds](
     "",
-    (
-        Column("contribution_times_n", None, lambda limits: limits.contribution),
-        Column("cooks_distance_times_n", None, lambda limits: limits.cook),
-        Column("leave_one_out", unit="%"),
-        Column("bias", unit="m"),
-        Column("significance"),
-    ),
+    Column("contribution_times_n", None, lambda limits: limits.contribution),
+    Column("cooks_distance_times_n", None, lambda limits: limits.cook),
+    Column("leave_one_out", unit="%"),
+    Column("bias", unit="m"),
+    Column("significance"),
 )
 
 
@@ -137,7 +122,10 @@ def outliers_document(found: Outliers) -> Document:
             parts += [_groups(term, level).of(_shown(level)), Text(_limits_text(level))]
     for term in found.terms:
         if term.levels:
-            parts.append(ShownOnly(_as_calibrated(term, term.levels[0]), "page"))
+            level, noun = term.levels[0], GROUPING_NOUN[term.levels[0].name]
+            title = f"{term.kind}, by {noun}, in the job's own fit: every touch counts, no flags"
+            own = Listing(title, Column[Group]("label", noun), *AS_CALIBRATED)
+            parts.append(ShownOnly(own.of(_shown(level)), "page"))
     parts += [ShownOnly(TOUCHES.of(term.touches), "page") for term in found.terms]
     parts += [Text(sentence, bullet=True) for sentence in advice(found)]
     return Document(NAME, "Outliers", found.assessment, parts, _data(found))
@@ -155,26 +143,23 @@ def advice(found: Outliers) -> list[str]:
         said.append(
             f"To leave it out, write into the {term.kind} row of the job: exclude: {{{names}}}"
         )
-        said += [
-            _effect_text(GROUPING_NOUN[level.name], g.label, effect, term.method)
-            for level in term.levels
-            for g in level.outliers
-            if (effect := _effect(term, level, g)) is not None
-        ]
+        for level in term.levels:
+            noun = GROUPING_NOUN[level.name]
+            for group in level.outliers:
+                if (effect := _effect(term, level, group)) is None:
+                    continue
+                others = " of the others" if effect.count and noun == "landmark" else ""
+                before, after = text(effect.before, "m"), text(effect.after, "m")
+                said.append(
+                    f"Without {noun} {group.label} the held-out RMS{others} goes from {before} to "
+                    f"{after} mm ({shown(effect.change, '%'):+.1f} %, {term.method})."
+                )
     return said
 
 
 def _effect(term: TermOutliers, level: Level, group: Group) -> HeldOut | None:
     """What excluding a group does to held-out errors, where that was looked at."""
     return term.held_out.get(level.name, {}).get(group.label)
-
-
-def _effect_text(what: str, label: str, effect: HeldOut, method: str) -> str:
-    others = " of the others" if effect.count and what == "landmark" else ""
-    return (
-        f"Without {what} {label} the held-out RMS{others} goes from {text(effect.before, 'm')} to "
-        f"{text(effect.after, 'm')} mm ({shown(effect.change, '%'):+.1f} %, {method})."
-    )
 
 
 def _groups(term: TermOutliers, level: Level) -> Listing[Group]:
@@ -187,26 +172,18 @@ def _groups(term: TermOutliers, level: Level) -> Listing[Group]:
 
     return Listing(
         f"{term.kind}, by {noun}",
-        (
-            Column("label", noun),
-            *(_judged(metric) for metric in METRICS),
-            Column("", "held-out %", cell=change, numeric=True),
-            Column("", "", lambda g: "outlier" if g.outlier else "suspect" if g.suspect else ""),
-            Column("p", None, lambda group: {_key(metric): group.p[metric] for metric in METRICS}),
-            Column("flags", None, lambda group: [_key(metric) for metric in group.flags]),
-            Column("outlier"),
-            Column("suspect"),
-            Column("samples"),
-            Column("as_calibrated", None, Listing("", AS_CALIBRATED).record),
-        ),
+        Column("label", noun),
+        *(_column(metric, judged=True) for metric in METRICS),
+        Column("", "held-out %", cell=change, numeric=True),
+        Column("", "", lambda g: "outlier" if g.outlier else "suspect" if g.suspect else ""),
+        Column("p", None, lambda group: {_key(metric): group.p[metric] for metric in METRICS}),
+        Column("flags", None, lambda group: [_key(metric) for metric in group.flags]),
+        Column("outlier"),
+        Column("suspect"),
+        Column("samples"),
+        Column("as_calibrated", None, Listing("", *AS_CALIBRATED).record),
         named=True,
     )
-
-
-def _as_calibrated(term: TermOutliers, level: Level) -> Table:
-    noun = GROUPING_NOUN[level.name]
-    title = f"{term.kind}, by {noun}, in the job's own fit: every touch counts, no flags"
-    return Listing(title, (Column[Group]("label", noun), *AS_CALIBRATED)).of(_shown(level))
 
 
 def _shown(level: Level) -> Sequence[Group]:
@@ -301,10 +278,11 @@ def _figures(found: Outliers) -> list[Figure]:
 def _over_artefact(term: TermOutliers, level: Level, name: str) -> str:
     """One panel a metric: size and shade tell the value, which stands beside the label."""
     assert term.position is not None
-    axes = _widest(term.position)
+    # The two axes along which the landmarks spread most, in the artefact's order.
+    spread = np.ptp(term.position, axis=0)
+    axes = sorted(np.argsort(-spread, kind="stable")[:2].tolist())
     place = mm(term.position[:, axes])
-    with style(name):
-        figure = Picture(figsize=(WIDTH * 1.25, WIDTH * 1.25), layout="constrained")
+    with picture(name, (WIDTH * 1.25, WIDTH * 1.25)) as figure:
         panels = figure.subplots(2, 2)
         for panel, metric in zip(panels.flat, METRICS, strict=True):
             _map(figure, panel, place, level, metric)
@@ -360,8 +338,7 @@ def _map(figure: Picture, axes: Axes, place: FloatArray, level: Level, metric: M
 
 def _by_group(level: Level, name: str) -> str:
     """One panel a metric, groups in the order of the file, with the threshold."""
-    with style(name):
-        figure = Picture(figsize=(WIDTH * 1.25, 6.4), layout="constrained")
+    with picture(name, (WIDTH * 1.25, 6.4)) as figure:
         for panel, metric in zip(figure.subplots(2, 2).flat, METRICS, strict=True):
             _stems(panel, level, metric)
         return svg_text(figure, name, f"The four outlier metrics of every {level.name[:-1]}") + "\n"
@@ -387,15 +364,9 @@ def _stems(axes: Axes, level: Level, metric: Metric) -> None:
     axes.annotate(
         "threshold", (1.0, limit), xycoords=("axes fraction", "data"), fontsize=6, ha="right"
     )
-    title = TITLES[metric] if metric != "bias" else "RMS residual, mm"
-    axes.set_title(title)
+    axes.set_title(TITLES[metric] if metric != "bias" else "RMS residual, mm")
     axes.set_xlabel(f"{GROUPING_NOUN[level.name]}, in the order of the files")
     axes.margins(y=0.15)
     if not np.any(values < 0):
         axes.set_ylim(bottom=0)
     axes.grid(axis="y")
-
-
-def _widest(position: FloatArray) -> list[int]:
-    """The two axes along which the landmarks spread most, in the artefact's order."""
-    return sorted(np.argsort(-np.ptp(position, axis=0), kind="stable")[:2].tolist())

@@ -96,49 +96,37 @@ def _unit(row: Outcome | Prospect) -> Unit:
 
 PARAMETERS: Final = Listing[Outcome](
     "Parameters",
-    (
-        Column("name", "parameter", lambda row: row.estimate.name),
-        Column("nominal", "nominal", lambda row: row.estimate.nominal, own_unit=_unit),
-        Column("value", "value", own_unit=_unit),
-        Column("", "change", lambda row: row.change, own_unit=_unit, sign=True),
-        Column("std", "± std", own_unit=_unit),
-        Column("unit", "unit", cell=lambda row: unit_name(row.unit)),
-        Column(
-            "state",
-            "state",
-            cell=lambda row: row.state.replace("_", " "),
-            tone=lambda row: TONE[row.estimate.state],
-        ),
-        Column("given", "given", cell=lambda row: listed(row.given, 3), optional=True),
-        Column("scale", None, lambda _: 1.0),
-        Column("prior", None, lambda row: row.known.prior, optional=True),
-        Column("bounds", optional=True),
+    Column("name", "parameter", lambda row: row.estimate.name),
+    Column("nominal", "nominal", lambda row: row.estimate.nominal, unit=_unit, si=True),
+    Column("value", "value", unit=_unit, si=True),
+    Column("", "change", lambda row: row.change, unit=_unit, si=True, sign=True),
+    Column("std", "± std", unit=_unit, si=True),
+    Column("unit", "unit", cell=lambda row: unit_name(row.unit)),
+    Column(
+        "state",
+        "state",
+        cell=lambda row: row.state.replace("_", " "),
+        tone=lambda row: TONE[row.estimate.state],
     ),
+    Column("given", "given", cell=lambda row: listed(row.given, 3), optional=True),
+    Column("scale", None, lambda _: 1.0),
+    Column("prior", None, lambda row: row.known.prior, optional=True),
+    Column("bounds", optional=True),
     named=True,
 )
 PROSPECTS: Final = Listing[Prospect](
     "What these readings can determine",
-    (
-        Column("name", "parameter"),
-        Column("nominal"),
-        Column(
-            "plausible",
-            "plausible",
-            cell=lambda p: f"± {text(p.plausible, p.unit)}",
-            numeric=True,
-        ),
-        Column("bound"),
-        Column("prior"),
-        Column("std", "predicted ± std", own_unit=_unit),
-        Column("unit", "unit", cell=lambda p: unit_name(p.unit)),
-        Column(
-            "state",
-            "state",
-            cell=lambda p: p.state.replace("_", " "),
-            tone=lambda p: TONE[p.state],
-        ),
-        Column("given", "given", cell=lambda p: listed(p.given, 3), optional=True),
+    Column("name", "parameter"),
+    Column("nominal"),
+    Column("plausible", "plausible", cell=lambda p: f"± {text(p.plausible, p.unit)}", numeric=True),
+    Column("bound"),
+    Column("prior"),
+    Column("std", "predicted ± std", unit=_unit, si=True),
+    Column("unit", "unit", cell=lambda p: unit_name(p.unit)),
+    Column(
+        "state", "state", cell=lambda p: p.state.replace("_", " "), tone=lambda p: TONE[p.state]
     ),
+    Column("given", "given", cell=lambda p: listed(p.given, 3), optional=True),
     named=True,
 )
 
@@ -162,7 +150,7 @@ def left_out(unmoved: int, own: Sequence[Estimate] | Sequence[Prospect]) -> list
     parts = [f"{unmoved} of the arm that were not moved"] if unmoved else []
     if own:
         told = sum(each.state in ("identified", "prior") for each in own)
-        frames = listed(sorted({each.name.rpartition(".")[0] for each in own}), 2)
+        frames = listed(sorted({each.owner for each in own}), 2)
         parts.append(f"{told} of {len(own)} unknowns of the observations ({frames})")
     said = f"and {', '.join(parts)}: --verbose shows them"
     return [Text(said, place="console")] if parts else []

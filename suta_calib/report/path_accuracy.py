@@ -9,17 +9,16 @@ from typing import Any, Final
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure as Picture
 
 from suta_calib.arrays import FloatArray
 from suta_calib.geometry.numbers import homogeneous
 from suta_calib.report.document import Document, Figure, Part, Text
-from suta_calib.report.listing import Column, Json, Listing, in_own_units, plain, shown_as
+from suta_calib.report.listing import Column, Json, Listing
 from suta_calib.report.poses import LARGE, pose_record
-from suta_calib.report.svg import BLUE, GREY, ORANGE, shown_array, style, svg_text
+from suta_calib.report.svg import BLUE, GREY, ORANGE, picture, shown_array, svg_text
 from suta_calib.tracking.path_accuracy import ErrorFigures, PathAccuracy
 from suta_calib.tracking.reversals import ChannelReversals
-from suta_calib.units import NOTHING, Unit, key, mm, ms, text, unit_name
+from suta_calib.units import NOTHING, Unit, mm, ms, text, unit_name
 
 # Of its picture too: what the command was called at first.
 NAME: Final = "dynamics"
@@ -36,72 +35,60 @@ class ErrorKind:
     figures: ErrorFigures
 
 
-def _figures(unit: Unit) -> Listing[ErrorKind]:
-    return Listing(
-        "Distance from the reference",
-        (
-            Column("rms", "RMS", lambda each: each.figures.rms, unit),
-            Column("mean", "mean", lambda each: each.figures.mean, unit),
-            Column("p95", "95 %", lambda each: each.figures.p95, unit),
-            Column("max", "max", lambda each: each.figures.maximum, unit),
-            Column("count", None, lambda each: each.figures.count),
-        ),
-    )
+def _unit(each: ErrorKind) -> Unit:
+    return each.unit
 
 
-FIGURES: Final[dict[Unit, Listing[ErrorKind]]] = {"m": _figures("m"), "rad": _figures("rad")}
 ERRORS: Final = Listing[ErrorKind](
-    FIGURES["m"].title,
-    (
-        Column("", "", lambda each: f"{each.name}, {unit_name(each.unit)}"),
-        *in_own_units(FIGURES, lambda each: each.unit),
-    ),
+    "Distance from the reference",
+    Column("", "", lambda each: f"{each.name}, {unit_name(each.unit)}"),
+    Column("rms", "RMS", lambda each: each.figures.rms, _unit),
+    Column("mean", "mean", lambda each: each.figures.mean, _unit),
+    Column("p95", "95 %", lambda each: each.figures.p95, _unit),
+    Column("max", "max", lambda each: each.figures.maximum, _unit),
+    Column("count", None, lambda each: each.figures.count),
 )
 
 
 @dataclass(frozen=True, eq=False)
 class Reversals:
-    """What happens where one joint or axis turns back; its hysteresis and standard uncertainty."""
+    """What happens where one joint or axis turns back.
+
+    Attributes:
+        channel: the joint or axis.
+        hysteresis, hysteresis_std: of it, with its standard uncertainty; NaN where not known.
+    """
 
     channel: ChannelReversals
-    hysteresis: tuple[float, float] | None
+    hysteresis: float
+    hysteresis_std: float
 
-    @property
-    def hysteresis_text(self) -> str:
-        """As it is shown; a dash where it is not known."""
-        if self.hysteresis is None:
-            return NOTHING
-        size, std = self.hysteresis
-        unit = self.channel.channel.unit
-        return f"{text(size, unit)} ± {text(std, unit, with_unit=True)}"
 
-    def hysteresis_record(self) -> Json:
-        """As JSON has it."""
-        size, std = self.hysteresis or (math.nan, math.nan)
-        unit = self.channel.channel.unit
-        return {
-            key("hysteresis", unit): plain(size, unit),
-            key("hysteresis_std", unit): plain(std, unit),
-        }
+def _joint_unit(each: Reversals) -> Unit:
+    return each.channel.channel.unit
+
+
+def _hysteresis_text(each: Reversals) -> str:
+    if math.isnan(each.hysteresis):
+        return NOTHING
+    unit = _joint_unit(each)
+    return f"{text(each.hysteresis, unit)} ± {text(each.hysteresis_std, unit, with_unit=True)}"
 
 
 AXES: Final = Listing[Reversals](
     "Error where it turns back, mm RMS",
-    (
-        Column("name", "axis", lambda each: each.channel.channel.name),
-        Column("count", "times", lambda each: len(each.channel.reversals), form="d"),
-        Column("error_before", "before", lambda each: each.channel.error_before, "m"),
-        Column("error_after", "after", lambda each: each.channel.error_after, "m"),
-        Column("jump", "jump", lambda each: each.channel.jump, "m"),
-    ),
+    Column("name", "axis", lambda each: each.channel.channel.name),
+    Column("count", "times", lambda each: len(each.channel.reversals), form="d"),
+    Column("error_before", "before", lambda each: each.channel.error_before, "m"),
+    Column("error_after", "after", lambda each: each.channel.error_after, "m"),
+    Column("jump", "jump", lambda each: each.channel.jump, "m"),
 )
 JOINTS: Final = Listing[Reversals](
     AXES.title,
-    (
-        replace(AXES.columns[0], heading="joint"),
-        *AXES.columns[1:],
-        shown_as("hysteresis", lambda each: each.hysteresis_text),
-    ),
+    replace(AXES.columns[0], heading="joint"),
+    *AXES.columns[1:],
+    Column("hysteresis", "hysteresis", unit=_joint_unit, cell=_hysteresis_text),
+    Column("hysteresis_std", unit=_joint_unit),
 )
 
 
@@ -113,8 +100,12 @@ def path_accuracy_document(found: PathAccuracy) -> Document:
     ``orientation``.
     """
     alignment, errors = found.alignment, _errors(found)
-    rows = [Reversals(each, found.hysteresis.get(each.channel.name)) for each in found.reversals]
-    by_joint = found.per == "joint"
+    reversals = JOINTS if found.per == "joint" else AXES
+    unknown = (math.nan, math.nan)
+    rows = [
+        Reversals(each, *found.hysteresis.get(each.channel.name, unknown))
+        for each in found.reversals
+    ]
     late = "later" if alignment.latency >= 0 else "earlier"
     latency = (
         f"Latency {ms(alignment.latency):.3f} ± {ms(alignment.latency_std):.3f} ms: the "
@@ -124,19 +115,22 @@ def path_accuracy_document(found: PathAccuracy) -> Document:
     parts: list[Part] = [
         Text(latency),
         ERRORS.of(errors),
-        (JOINTS if by_joint else AXES).of(rows),
+        reversals.of(rows),
         Figure(partial(path_accuracy_plot, found)),
     ]
-    channels = [AXES.record(each) | (each.hysteresis_record() if by_joint else {}) for each in rows]
+    registration: Json | None = None
+    if alignment.registered:
+        pose = homogeneous(alignment.rotation, alignment.position)
+        registration = {"T_reference_recorded": pose, **pose_record(pose)}
     data: Json = {
         "latency": {
             "value_ms": ms(alignment.latency),
             "std_ms": ms(alignment.latency_std),
             "searched_ms": ms(float(alignment.shifts[-1])),
         },
-        "errors": {each.key: FIGURES[each.unit].record(each) for each in errors},
-        "reversals": {"per": found.per, "channels": channels},
-        "registration": _registration(found),
+        "errors": {each.key: ERRORS.record(each) for each in errors},
+        "reversals": {"per": found.per, "channels": reversals.records(rows)},
+        "registration": registration,
         "samples": {"compared": len(found.time), "recorded": len(found.recorded.time)},
         "seconds": float(found.time[-1] - found.time[0]),
         "input": {"recorded": str(found.recorded.path), "reference": str(found.reference.path)},
@@ -159,17 +153,9 @@ def _errors(found: PathAccuracy) -> list[ErrorKind]:
     return errors
 
 
-def _registration(found: PathAccuracy) -> Json | None:
-    if not found.alignment.registered:
-        return None
-    pose = homogeneous(found.alignment.rotation, found.alignment.position)
-    return {"T_reference_recorded": pose, **pose_record(pose)}
-
-
 def path_accuracy_plot(found: PathAccuracy) -> str:
     """An SVG: error over time, distance by latency, and what happens at reversals."""
-    with style(NAME):
-        figure = Picture(figsize=(LARGE, 5.6), layout="constrained")
+    with picture(NAME, (LARGE, 5.6)) as figure:
         below = ["latency", "reversals"] + ["hysteresis"] * (found.per == "joint")
         layout: Any = [["time"] * len(below), below]
         panels = figure.subplot_mosaic(layout)
@@ -183,12 +169,15 @@ def path_accuracy_plot(found: PathAccuracy) -> str:
 
 
 def _over_time(axes: Axes, found: PathAccuracy) -> None:
+    step = max(1, len(found.time) // _MOST_POINTS)
+    rows = len(found.time) // step * step
     for error, colour, label in (
         (found.error_same_time, ORANGE, "at the same time"),
         (found.error, BLUE, "latency removed"),
     ):
-        time, size = _thinned(found.time, mm(np.linalg.norm(error, axis=1)))
-        axes.plot(time, size, color=colour, lw=0.9, label=label)
+        # The largest of every few rows: no peak is lost, and the file stays small.
+        size = mm(np.linalg.norm(error, axis=1))[:rows].reshape(-1, step).max(axis=1)
+        axes.plot(found.time[:rows:step], size, color=colour, lw=0.9, label=label)
     axes.set_ylim(bottom=0)
     axes.set_title("Distance from the reference", pad=24)
     axes.set_xlabel("time, s")
@@ -250,10 +239,3 @@ def _name(axes: Axes, found: PathAccuracy) -> None:
     axes.set_xlim(-0.6, len(names) - 0.4)
     axes.tick_params(axis="x", labelrotation=45 if len(names) > 3 else 0)
     axes.grid(axis="y")
-
-
-def _thinned(time: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """The largest of every few rows, so that no peak is lost and the file stays small."""
-    step = max(1, len(time) // _MOST_POINTS)
-    rows = len(time) // step * step
-    return time[:rows:step], values[:rows].reshape(-1, step).max(axis=1)

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import partial
 from typing import Final
 
 import numpy as np
-from matplotlib.figure import Figure as Picture
 
 from suta_calib.arrays import FloatArray
 from suta_calib.measurements.pose_files import ToolPoses
 from suta_calib.pose_calibration.pivot import PivotCalibration
 from suta_calib.report.document import Document, Figure, File, Part, Text
-from suta_calib.report.files import json_text
-from suta_calib.report.listing import Column, Json, Listing, plain, written
+from suta_calib.report.listing import Column, Json, Listing, json_text, plain, written
 from suta_calib.report.poses import (
     LARGE,
     axes_with_std,
@@ -25,51 +22,39 @@ from suta_calib.report.poses import (
     fitted_rows,
     residuals_file,
 )
-from suta_calib.report.svg import style, svg_text
+from suta_calib.report.svg import picture, svg_text
 from suta_calib.units import deg, text
 
 NAME: Final = "pivot"
 MOST_POSTS: Final = 12
-TIP: Final = Listing[PivotCalibration]("", written("tip", "tip_std", unit="m"))
+TIP: Final = Listing[PivotCalibration]("", *written("tip", "tip_std", unit="m"))
 # The post is that of the first row.
 CALIBRATION: Final = Listing[PivotCalibration](
     "",
-    (
-        *TIP.columns,
-        Column("post", unit="m"),
-        Column("post_std", value=lambda found: found.post_std(), unit="m"),
-        *written("rms", "sigma", unit="m"),
-        Column("turn", unit="rad"),
-    ),
+    *TIP.columns,
+    Column("post", unit="m"),
+    Column("post_std", value=lambda found: found.post_std(), unit="m"),
+    *written("rms", "sigma", unit="m"),
+    Column("turn", unit="rad"),
 )
 
 
-@dataclass(frozen=True, eq=False)
-class Place:
-    """A point with the standard deviation of each coordinate, (3,), m."""
-
-    name: str
-    position: FloatArray
-    std: FloatArray
-
-
-PLACES: Final = Listing[Place](
+# Points by name, with the standard deviation of each coordinate, (3,), m.
+PLACES: Final = Listing[tuple[str, FloatArray, FloatArray]](
     "Tip in the tool, post in the tracker, mm",
-    (
-        Column("", "", lambda place: place.name),
-        *axes_with_std(lambda place: place.position, lambda place: place.std),
-    ),
+    Column("", "", lambda row: row[0]),
+    *axes_with_std(lambda row: row[1], lambda row: row[2]),
 )
 
 
 def pivot_document(found: PivotCalibration, data: ToolPoses) -> Document:
     """Tip, posts, fit; with ``residuals.csv``, and ``tip.json`` where the tip may be used."""
     posts = [
-        Place("post" if data.point is None else f"post {name}", post, found.post_std(name))
+        ("post" if data.point is None else f"post {name}", post, found.post_std(name))
         for name, post in list(found.posts.items())[:MOST_POSTS]
     ]
     title = PLACES.title if len(found.posts) == 1 else PLACES.title.replace("post", "posts")
-    parts: list[Part] = [PLACES.of([Place("tip", found.tip, found.tip_std), *posts], title)]
+    parts: list[Part] = [PLACES.of([("tip", found.tip, found.tip_std), *posts], title)]
     if (more := len(found.posts) - MOST_POSTS) > 0:
         parts.append(Text(f"and {more} more posts: --json has them"))
     touched = {} if data.point is None else {"point": data.point.tolist()}
@@ -106,19 +91,14 @@ def _data(found: PivotCalibration, data: ToolPoses) -> Json:
 
 def pivot_plot(found: PivotCalibration, data: ToolPoses) -> str:
     """An SVG: residuals by pose, and the directions of the tool in the tracker."""
-    with style("pivot"):
-        figure = Picture(figsize=(LARGE, 3.6), layout="constrained")
+    with picture("pivot", (LARGE, 3.6)) as figure:
         left, right = figure.subplots(1, 2, width_ratios=(1.7, 1))
         draw_residuals(left, found.residuals, found.inliers, found.rms, "m", "pose (row, from 0)")
         left.set_title("Tip from post", pad=24)
         left.set_ylabel("distance, mm")
-        draw_directions(right, _tool_directions(found, data), found.inliers)
+        # From the tool's origin to its tip; the tool's z where they coincide.
+        length = float(np.linalg.norm(found.tip))
+        axis = found.tip / length if length > 1e-6 else np.array([0.0, 0.0, 1.0])
+        draw_directions(right, np.asarray(data.rotation @ axis), found.inliers)
         right.set_title("Directions of the tool in the tracker\n(angle from their mean)")
         return svg_text(figure, "pivot", "Pivot calibration: residuals and directions")
-
-
-def _tool_directions(found: PivotCalibration, data: ToolPoses) -> FloatArray:
-    """From the tool's origin to its tip, in the tracker; the tool's z where they coincide."""
-    length = float(np.linalg.norm(found.tip))
-    axis = found.tip / length if length > 1e-6 else np.array([0.0, 0.0, 1.0])
-    return np.asarray(data.rotation @ axis)

@@ -12,7 +12,6 @@ from ruamel.yaml import YAML
 
 from suta_calib.analysis.planning import (
     Best,
-    Candidate,
     Choice,
     Expected,
     Forecast,
@@ -21,7 +20,7 @@ from suta_calib.analysis.planning import (
     Plan,
     Point,
     Posture,
-    Remedy,
+    Region,
     Stop,
 )
 from suta_calib.analysis.planning.candidates import Unreachable
@@ -84,58 +83,50 @@ def _turn_text(choice: Choice) -> str:
 
 CHOSEN: Final = Listing[Choice](
     "What to measure next, best first",
-    (
-        Column("name", "", lambda choice: choice.candidate.name),
-        Column("what", "what", lambda choice: choice.candidate.sort),
-        Column("kind", None, lambda choice: choice.candidate.place.kind),
-        Column(
-            "pose",
-            "position, mm",
-            lambda choice: place_dict(choice.candidate.place),
-            cell=_position_text,
-            numeric=True,
-        ),
-        Column("", "roll pitch yaw, deg", cell=_turn_text, numeric=True),
-        Column("samples", None, lambda choice: choice.candidate.samples),
-        Column("tip", "tip, mm", unit="m"),
-        Column("gain", "gain", unit="%", cell=lambda choice: f"{shown(choice.gain, '%'):.0f} %"),
-        Column("gain_bits", None, lambda choice: choice.bits),
-        Column("identifies"),
+    Column("name", "", lambda choice: choice.candidate.name),
+    Column("what", "what", lambda choice: choice.candidate.sort),
+    Column("kind", None, lambda choice: choice.candidate.place.kind),
+    Column(
+        "pose",
+        "position, mm",
+        lambda choice: place_dict(choice.candidate.place),
+        cell=_position_text,
+        numeric=True,
     ),
+    Column("", "roll pitch yaw, deg", cell=_turn_text, numeric=True),
+    Column("samples", None, lambda choice: choice.candidate.samples),
+    Column("tip", "tip, mm", unit="m"),
+    Column("gain", "gain", unit="%", cell=lambda choice: f"{shown(choice.gain, '%'):.0f} %"),
+    Column("gain_bits", None, lambda choice: choice.bits),
+    Column("identifies"),
     key="chosen",
 )
 # Before and after; a dash where a parameter would be held.
 PARAMETERS: Final = Listing[tuple[Expected, Expected]](
     "Predicted standard deviations",
-    (
-        Column("", "parameter", lambda pair: pair[0].name),
-        Column("", "now ±", cell=lambda pair: text(pair[0].std, pair[0].unit), numeric=True),
-        Column("", "then ±", cell=lambda pair: text(pair[1].std, pair[1].unit), numeric=True),
-        Column("", "unit", lambda pair: unit_name(pair[0].unit)),
-    ),
+    Column("", "parameter", lambda pair: pair[0].name),
+    Column("", "now ±", lambda pair: pair[0].std, lambda pair: pair[0].unit),
+    Column("", "then ±", lambda pair: pair[1].std, lambda pair: pair[1].unit),
+    Column("", "unit", lambda pair: unit_name(pair[0].unit)),
 )
 BEST: Final = Listing[Best](
     "",
-    (
-        Column("count"),
-        Column("names"),
-        Column("tip", unit="m"),
-        Column("present_tip", None, lambda best: best.present, "m"),
-        Column("efficiency", unit="%"),
-        Column("d_efficiency", unit="%"),
-    ),
+    Column("count"),
+    Column("names"),
+    Column("tip", unit="m"),
+    Column("present_tip", None, lambda best: best.present, "m"),
+    Column("efficiency", unit="%"),
+    Column("d_efficiency", unit="%"),
 )
 STOP: Final = Listing[Stop](
     "",
-    (
-        Column("tip", None, lambda stop: stop.tips, "m"),
-        Column("least_gain", unit="%"),
-        Column("worthwhile"),
-        Column("target", unit="m"),
-        Column("needed"),
-    ),
+    Column("tip", None, lambda stop: stop.tips, "m"),
+    Column("least_gain", unit="%"),
+    Column("worthwhile"),
+    Column("target", unit="m"),
+    Column("needed"),
 )
-UNREACHABLE: Final = Listing[Unreachable]("", (Column("name"), Column("kind"), Column("reason")))
+UNREACHABLE: Final = Listing[Unreachable]("", Column("name"), Column("kind"), Column("reason"))
 
 
 def plan_document(found: Plan) -> Document:
@@ -146,7 +137,10 @@ def plan_document(found: Plan) -> Document:
         Figure(partial(bench_drawing, found), "On the bench"),
         *(Text(sentence, bullet=True) for sentence in _remedy_sentences(found)),
         Figure(partial(gain_curve, found), "What each more would bring"),
-        *(Text(sentence, bullet=True) for sentence in _sentences(found)),
+        *(
+            Text(sentence(found), bullet=True)
+            for sentence in (_efficiency, _random, _stop, _looked_at)
+        ),
         PARAMETERS.of(pairs),
         Text(_WHAT, place="page"),
     ]
@@ -155,20 +149,14 @@ def plan_document(found: Plan) -> Document:
 
 def bench_files(found: Plan) -> dict[str, str]:
     """``plan.csv``, a row for each place, and ``plan.yaml``, by name."""
-    return {
-        "plan.csv": csv_text(_bench_rows(found), found.chosen),
-        "plan.yaml": _bench_yaml(found),
-    }
+    return {"plan.csv": csv_text(_bench_rows(found), found.chosen), "plan.yaml": _bench_yaml(found)}
 
 
 def _data(found: Plan) -> Json:
     sorts = [candidate.sort for candidate in found.candidates]
     return {
         "criterion": found.options.criterion,
-        "predicted": {
-            "before": _forecast_dict(found.before),
-            "after": _forecast_dict(found.after),
-        },
+        "predicted": {"before": _forecast_dict(found.before), "after": _forecast_dict(found.after)},
         "best_possible": BEST.record(found.best),
         "random": {
             "sets": len(found.random),
@@ -178,12 +166,7 @@ def _data(found: Plan) -> Json:
         "stop": STOP.record(found.stop),
         "makes_identified": {r.parameter: list(r.candidates) for r in found.remedies if r.by_all},
         "no_candidate_can": {r.parameter: r.why for r in found.remedies if not r.by_all},
-        "region": {
-            "lower_mm": plain(found.region.lower, "m"),
-            "upper_mm": plain(found.region.upper, "m"),
-            "tool_axis": plain(found.region.axis),
-            "cone_deg": deg(found.region.cone),
-        },
+        "region": region_record(found.region),
         "candidates": {
             "count": len(sorts),
             "sorts": {name: sorts.count(name) for name in dict.fromkeys(sorts)},
@@ -193,6 +176,23 @@ def _data(found: Plan) -> Json:
         "noise": _noise(found),
         "repeats": found.options.repeats,
     }
+
+
+def region_record(region: Region) -> Json:
+    """A region of the tip as JSON has it."""
+    return {
+        "lower_mm": plain(region.lower, "m"),
+        "upper_mm": plain(region.upper, "m"),
+        "tool_axis": plain(region.axis),
+        "cone_deg": deg(region.cone),
+    }
+
+
+def region_text(region: Region) -> str:
+    """The same within a sentence."""
+    ends = zip("xyz", mm(region.lower), mm(region.upper), strict=True)
+    box = ", ".join(f"{axis} {low:.0f} … {high:.0f}" for axis, low, high in ends)
+    return f"{box} mm, tool within {deg(region.cone):.0f}° of its usual direction"
 
 
 def _expected(forecast: Forecast) -> list[Expected]:
@@ -235,7 +235,8 @@ def _noise(found: Plan) -> list[Json]:
 
 def _bench_rows(found: Plan) -> Listing[Choice]:
     """Columns of ``plan.csv``: those of a pose, and those of joints where a posture is planned."""
-    joints = _joints(found) if any(_is_posture(c.candidate) for c in found.chosen) else {}
+    postures = any(isinstance(choice.candidate.place, Posture) for choice in found.chosen)
+    joints = _joints(found) if postures else {}
 
     def pose(k: int, choice: Choice) -> float | None:
         place = choice.candidate.place
@@ -250,16 +251,14 @@ def _bench_rows(found: Plan) -> Listing[Choice]:
 
     return Listing(
         "",
-        (
-            Column("name", None, lambda choice: choice.candidate.name),
-            Column("kind", None, lambda choice: choice.candidate.place.kind),
-            *(Column(name, None, partial(pose, k)) for k, name in enumerate(_POSE)),
-            Column("samples", None, lambda choice: choice.candidate.samples),
-            Column("tip_mm", None, lambda choice: round(mm(choice.tip), 4)),
-            *(
-                Column(key(name, unit), None, partial(reading, k, unit))
-                for k, (name, unit) in enumerate(joints.items())
-            ),
+        Column("name", None, lambda choice: choice.candidate.name),
+        Column("kind", None, lambda choice: choice.candidate.place.kind),
+        *(Column(name, None, partial(pose, k)) for k, name in enumerate(_POSE)),
+        Column("samples", None, lambda choice: choice.candidate.samples),
+        Column("tip_mm", None, lambda choice: round(mm(choice.tip), 4)),
+        *(
+            Column(key(name, unit), None, partial(reading, k, unit))
+            for k, (name, unit) in enumerate(joints.items())
         ),
     )
 
@@ -267,13 +266,17 @@ def _bench_rows(found: Plan) -> Listing[Choice]:
 def _bench_yaml(found: Plan) -> str:
     """The same as a candidates file: it can be trimmed, changed and planned with again."""
     content: dict[str, Any] = {"repeats": found.options.repeats}
+    joints = _joints(found).items()
     for choice in found.chosen:
         place = choice.candidate.place
         if isinstance(place, Posture):
-            content.setdefault("poses", {})[place.name] = _posture_dict(place, found)
+            posture: Json = content.setdefault("poses", {}).setdefault(place.name, {})
+            for (joint, unit), reading in zip(joints, place.readings.tolist(), strict=True):
+                value = round(shown(reading, unit), 6) + 0.0
+                posture.setdefault(key("posture", unit), {})[joint] = value
         else:
-            key = "placements" if isinstance(place, Placement) else "points"
-            content.setdefault(key, {})[place.name] = place_dict(place)
+            sort = "placements" if isinstance(place, Placement) else "points"
+            content.setdefault(sort, {})[place.name] = place_dict(place)
     out = io.StringIO()
     yaml = YAML()
     yaml.default_flow_style = None
@@ -284,47 +287,31 @@ def _bench_yaml(found: Plan) -> str:
     )
 
 
-def _posture_dict(place: Posture, found: Plan) -> Json:
-    content: Json = {}
-    for (joint, unit), reading in zip(_joints(found).items(), place.readings.tolist(), strict=True):
-        content.setdefault(key("posture", unit), {})[joint] = round(shown(reading, unit), 6) + 0.0
-    return content
-
-
 def _joints(found: Plan) -> dict[str, Unit]:
     """Joints with the units of their readings."""
     moving = found.situation.arm.chain.moving
     return {joint.name: "m" if joint.type == "prismatic" else "rad" for joint in moving}
 
 
-def _is_posture(candidate: Candidate) -> bool:
-    return isinstance(candidate.place, Posture)
-
-
-def _sentences(found: Plan) -> list[str]:
-    """Efficiency, the random choice, when to stop, what was looked at."""
-    return [_efficiency(found), _random(found), _stop(found), _looked_at(found)]
-
-
 def _remedy_sentences(found: Plan) -> list[str]:
     """For every open parameter: what determines it, or that nothing here does."""
-    sentences = [_able(remedy) for remedy in found.remedies if remedy.by_all]
+    sentences = []
+    for remedy in found.remedies:
+        named = listed(remedy.candidates, MOST_NAMES)
+        why = f" ({remedy.why})" if remedy.why else ""
+        if remedy.by_all and remedy.candidates:
+            sentences.append(
+                f"{remedy.parameter} is open{why}. Determined by a {' or '.join(remedy.sorts)}: "
+                f"{named}; by no other sort of candidate."
+            )
+        elif remedy.by_all:
+            together = "only several candidates together determine it."
+            sentences.append(f"{remedy.parameter} is open{why}; {together}")
     never = [r for r in found.remedies if not r.by_all]
     for advice, group in groupby(sorted(never, key=lambda r: r.advice), key=lambda r: r.advice):
         names = ", ".join(r.parameter for r in group)
         sentences.append(f"No candidate can determine {names}: {advice or 'all leave it open'}.")
     return sentences
-
-
-def _able(remedy: Remedy) -> str:
-    why = f" ({remedy.why})" if remedy.why else ""
-    if not remedy.candidates:
-        return f"{remedy.parameter} is open{why}; only several candidates together determine it."
-    sorts = " or ".join(remedy.sorts)
-    return (
-        f"{remedy.parameter} is open{why}. Determined by a {sorts}: "
-        f"{listed(remedy.candidates, MOST_NAMES)}; by no other sort of candidate."
-    )
 
 
 def _efficiency(found: Plan) -> str:
@@ -372,15 +359,9 @@ def _stop(found: Plan) -> str:
 
 
 def _looked_at(found: Plan) -> str:
-    region = found.region
-    low, high = mm(region.lower), mm(region.upper)
-    box = ", ".join(
-        f"{axis} {a:.0f} … {b:.0f}" for axis, a, b in zip("xyz", low, high, strict=True)
-    )
     return (
         f"{len(found.candidates)} candidates within reach, {len(found.unreachable)} not; region "
-        f"{box} mm, tool within {deg(region.cone):.0f}° of its usual direction; "
-        f"{found.collisions}."
+        f"{region_text(found.region)}; {found.collisions}."
     )
 
 

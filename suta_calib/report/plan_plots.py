@@ -6,14 +6,13 @@ from typing import Final
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure as Picture
 from matplotlib.patches import Polygon
 from scipy.spatial import ConvexHull
 
 from suta_calib.analysis.planning import Candidate, Placement, Plan, Point
 from suta_calib.analysis.planning.links import link_points
 from suta_calib.arrays import FloatArray
-from suta_calib.report.svg import BLUE, GREY, ORANGE, WIDTH, plain_log, style, svg_text
+from suta_calib.report.svg import BLUE, GREY, ORANGE, WIDTH, picture, plain_log, svg_text
 from suta_calib.units import mm, shown
 
 VIEWS: Final = {"seen from above": (0, 1), "seen from the side": (0, 2)}
@@ -24,8 +23,7 @@ _TICKS: Final = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100)
 
 def bench_drawing(found: Plan, name: str = "plan_bench") -> str:
     """An SVG element: the arm, what was measured, and what to measure next; mm in the base."""
-    with style(name):
-        figure = Picture(figsize=(1.25 * WIDTH, 5.0), layout="constrained")
+    with picture(name, (1.25 * WIDTH, 5.0)) as figure:
         for axes, (title, plane) in zip(
             figure.subplots(1, 2, width_ratios=(1, 1)), VIEWS.items(), strict=True
         ):
@@ -40,8 +38,7 @@ def gain_curve(found: Plan, name: str = "plan_gain") -> str:
     """An SVG element: predicted uncertainty of the tip by the number of further candidates."""
     stop = found.stop
     tips = mm(np.array(stop.tips))
-    with style(name):
-        figure = Picture(figsize=(WIDTH, 3.2), layout="constrained")
+    with picture(name, (WIDTH, 3.2)) as figure:
         axes = figure.subplots()
         axes.plot(range(len(tips)), tips, "o-", color=BLUE, ms=5, label="best choice")
         spread = mm(np.percentile(found.random, [5, 50, 95]))
@@ -60,7 +57,12 @@ def gain_curve(found: Plan, name: str = "plan_gain") -> str:
         if stop.worthwhile is not None:
             label = f"then less than {shown(stop.least_gain, '%'):.0f} % each"
             axes.axvline(stop.worthwhile, color=GREY, lw=1.2, ls=":", label=label)
-        _log_if_wide(axes, tips)
+        if tips.max() < 8 * tips.min():
+            axes.set_ylim(bottom=0)
+        else:
+            plain_log(axes.yaxis, axes.set_yscale)
+            low, high = 0.6 * tips.min(), 1.5 * tips.max()
+            axes.set_yticks([tick for tick in _TICKS if low <= tick <= high])
         axes.set_xticks(range(len(tips)))
         axes.set_xlabel("further placements, points or poses")
         axes.set_ylabel("tip uncertainty, mm (3-D RMS)")
@@ -94,7 +96,9 @@ def _view(axes: Axes, found: Plan, plane: tuple[int, int]) -> None:
         _artefact(axes, found, place, plane, GREY, "" if k else "measured")
     for k, choice in enumerate(found.chosen):
         _candidate(axes, found, choice.candidate, plane, k)
-    draw_arm(axes, mm(_arm(found)[:, [i, j]]))
+    # The arm where it begins the plan, or as it was in the first sample.
+    first = found.chosen[0].candidate.q[0] if found.chosen else found.situation.readings[0]
+    draw_arm(axes, mm(link_points(found.situation.arm, first)[:, [i, j]]))
     axes.set_aspect("equal", adjustable="datalim")
     axes.set_xlabel(f"{AXES[i]}, mm")
     axes.set_ylabel(f"{AXES[j]}, mm")
@@ -105,14 +109,17 @@ def _candidate(
     axes: Axes, found: Plan, candidate: Candidate, plane: tuple[int, int], number: int
 ) -> None:
     place = candidate.place
+    first = not any(type(c.candidate.place) is type(place) for c in found.chosen[:number])
     if isinstance(place, Placement):
-        first = not any(isinstance(c.candidate.place, Placement) for c in found.chosen[:number])
         _artefact(axes, found, place, plane, BLUE, "planned artefact" if first else "")
         where = place.position
     elif isinstance(place, Point):
-        first = not any(isinstance(c.candidate.place, Point) for c in found.chosen[:number])
         where = place.position
-        _directions(axes, found, candidate, plane)
+        # Where the tool comes from, as short lines.
+        rotation, position = found.situation.arm.forward(candidate.q, found.situation.values)
+        for R, p in list(zip(rotation, position, strict=True))[:: 1 + len(rotation) // 20]:
+            line = mm(np.array([p, p - 0.07 * R[:, 2]])[:, list(plane)])
+            axes.plot(*line.T, color=ORANGE, lw=0.9, zorder=4)
         at = mm(where[list(plane)])
         label = "planned point, tool from all sides" if first else ""
         axes.plot(*at, "*", color=ORANGE, mec="black", ms=13, zorder=8, label=label)
@@ -158,26 +165,3 @@ def _artefact(
     axes.annotate(
         "", tip, at, arrowprops={"arrowstyle": "->", "color": colour, "lw": 1.4}, zorder=7
     )
-
-
-def _directions(axes: Axes, found: Plan, candidate: Candidate, plane: tuple[int, int]) -> None:
-    """Where the tool comes from, as short lines."""
-    rotation, position = found.situation.arm.forward(candidate.q, found.situation.values)
-    for R, p in list(zip(rotation, position, strict=True))[:: 1 + len(rotation) // 20]:
-        line = mm(np.array([p, p - 0.07 * R[:, 2]])[:, list(plane)])
-        axes.plot(*line.T, color=ORANGE, lw=0.9, zorder=4)
-
-
-def _arm(found: Plan) -> FloatArray:
-    """The arm where it begins the plan, or as it was in the first sample."""
-    first = found.chosen[0].candidate.q[0] if found.chosen else found.situation.readings[0]
-    return link_points(found.situation.arm, first)
-
-
-def _log_if_wide(axes: Axes, values: FloatArray) -> None:
-    if values.max() < 8 * values.min():
-        axes.set_ylim(bottom=0)
-        return
-    plain_log(axes.yaxis, axes.set_yscale)
-    inside = [t for t in _TICKS if 0.6 * values.min() <= t <= 1.5 * values.max()]
-    axes.set_yticks(inside)

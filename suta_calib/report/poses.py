@@ -69,7 +69,7 @@ def residuals_file(
     if turns is not None:
         columns += _vector_columns(("rx", "ry", "rz", "norm"), turns, "rad")
     columns.append(Column("status", value=lambda k: "inlier" if inliers[k] else "outlier"))
-    rows = Listing("", tuple(columns))
+    rows = Listing("", *columns)
     return File("residuals.csv", lambda: csv_text(rows, range(len(inliers)), _DIGITS))
 
 
@@ -89,11 +89,7 @@ def fitted_rows(inliers: BoolArray, lines: Sequence[int]) -> Json:
     return {
         "outliers": outliers,
         "outlier_lines": [lines[row] for row in outliers],
-        "counts": {
-            "rows": count,
-            "inliers": count - len(outliers),
-            "outliers": len(outliers),
-        },
+        "counts": {"rows": count, "inliers": count - len(outliers), "outliers": len(outliers)},
     }
 
 
@@ -112,7 +108,7 @@ def fit_texts(figures: str, what: str, inliers: BoolArray, lines: Sequence[int])
 _Words = tuple[str, ...]  # a label and four cells
 _CELLS: Final[list[Callable[[_Words], str]]] = [itemgetter(k) for k in range(5)]
 _POSE: Final = Listing[_Words](
-    "", (Column("", "", _CELLS[0]), *(shown_as("", cell) for cell in _CELLS[1:]))
+    "", Column("", "", _CELLS[0]), *(shown_as("", cell) for cell in _CELLS[1:])
 )
 
 
@@ -206,10 +202,13 @@ def draw_residuals(
 def draw_directions(axes: Axes, directions: FloatArray, inliers: BoolArray) -> None:
     """Unit vectors (n, 3) seen from outside the sphere above their mean."""
     middle = _unit(directions[inliers].mean(axis=0))
-    across, up = _plane(middle)
+    # Two unit vectors that make a right-handed triad with it, seen against it.
+    across = _unit(np.cross(np.eye(3)[np.argmin(np.abs(middle))], middle))
+    up = np.cross(middle, across)
     cosine = np.clip(directions @ middle, -1.0, 1.0)
     tangent = directions @ np.stack([across, up], axis=1)
-    widest = _ring_beyond(deg(float(np.arccos(cosine[inliers].min()))))
+    angle = min(1.02 * deg(float(np.arccos(cosine[inliers].min()))), 180.0)
+    widest = next(ring for ring in RINGS if ring >= angle)
     _draw_rings(axes, widest)
     shown = cosine >= np.cos(from_deg(widest)) - 1e-9
     _scatter(axes, _flat(tangent, cosine), np.full(len(directions), 22.0), inliers, shown)
@@ -274,17 +273,6 @@ def _draw_rings(axes: Axes, widest: int) -> None:
     axes.set_axis_off()
     axes.set_xlim(-1.15 * radius, 1.15 * radius)
     axes.set_ylim(-1.15 * radius, 1.15 * radius)
-
-
-def _ring_beyond(angle: float) -> int:
-    return next(ring for ring in RINGS if ring >= min(1.02 * angle, 180.0))
-
-
-def _plane(normal: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Two unit vectors that make a right-handed triad with ``normal``, seen against it."""
-    least = np.eye(3)[np.argmin(np.abs(normal))]
-    across = _unit(np.cross(least, normal))
-    return across, np.cross(normal, across)
 
 
 def _unit(vector: FloatArray) -> FloatArray:

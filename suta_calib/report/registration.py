@@ -8,7 +8,6 @@ from typing import Final
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure as Picture
 
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.measurements.pose_files import Points
@@ -30,14 +29,14 @@ from suta_calib.report.poses import (
     pose_table,
     residuals_file,
 )
-from suta_calib.report.svg import style, svg_text
+from suta_calib.report.svg import picture, round_down, svg_text
 from suta_calib.units import mm, text
 
 NAME: Final = "register"
 MOST_TARGETS: Final = 20
 # The longest arrow, as a part of the points' extent.
 ARROW: Final = 0.25
-REGISTRATION: Final = Listing[Registration]("", written("rms", "sigma", "centre", unit="m"))
+REGISTRATION: Final = Listing[Registration]("", *written("rms", "sigma", "centre", unit="m"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,14 +61,12 @@ class Target:
 
 TARGETS: Final = Listing[Target](
     "Targets in frame b, mm",
-    (
-        Column("row", "row", form="d"),
-        Column("line"),
-        *written("a", "b", unit="m"),
-        *components("xyz", lambda each: each.b, "m"),
-        Column("std", unit="m"),
-        Column("error", "error", unit="m"),
-    ),
+    Column("row", "row", form="d"),
+    Column("line"),
+    *written("a", "b", unit="m"),
+    *components("xyz", lambda each: each.b, "m"),
+    Column("std", unit="m"),
+    Column("error", "error", unit="m"),
 )
 
 
@@ -81,7 +78,15 @@ def register_document(
     In JSON ``std`` is that of the position of a's origin in b, and of a turn about b's axes;
     ``std_at_centre`` that of the middle of the points, where it is least.
     """
-    at = [] if targets is None else _targets(found, targets)
+    at: list[Target] = []
+    if targets is not None:
+        given = targets.position
+        std = np.sqrt(np.diagonal(found.target_covariance(given), axis1=1, axis2=2))
+        moved, error = found.act(given), found.target_error(given).tolist()
+        at = [
+            Target(k, line, given[k], moved[k], std[k], error[k])
+            for k, line in enumerate(targets.lines)
+        ]
     centre = float(np.sqrt(np.trace(found.covariance[:3, :3])))
     fit = (
         f"rms {text(found.rms, 'm', with_unit=True)} (3-D, fiducial registration error); "
@@ -116,20 +121,9 @@ def register_document(
     return Document(NAME, "Registration", found.assessment, parts, data, "result")
 
 
-def _targets(found: Registration, targets: Points) -> list[Target]:
-    given = targets.position
-    moved, error = found.act(given), found.target_error(given)
-    std = np.sqrt(np.diagonal(found.target_covariance(given), axis1=1, axis2=2))
-    return [
-        Target(row, line, given[row], moved[row], std[row], float(error[row]))
-        for row, line in enumerate(targets.lines)
-    ]
-
-
 def register_plot(found: Registration, b: Points) -> str:
     """An SVG: residuals by point, and as arrows at the points, seen from two sides."""
-    with style("register"):
-        figure = Picture(figsize=(LARGE, 6.4), layout="constrained")
+    with picture("register", (LARGE, 6.4)) as figure:
         panels = figure.subplot_mosaic("NN;PA", height_ratios=(1, 1.5))
         top = panels["N"]
         draw_residuals(top, found.residuals, found.inliers, found.rms, "m", "point (row, from 0)")
@@ -144,7 +138,9 @@ def _arrow_views(first: Axes, second: Axes, found: Registration, points: FloatAr
     centred = points - points[found.inliers].mean(axis=0)
     principal = np.linalg.svd(centred[found.inliers])[2]
     places, vectors = centred @ principal.T, found.residuals @ principal.T
-    factor = _enlargement(places[found.inliers], vectors[found.inliers])
+    longest = float(np.linalg.norm(vectors[found.inliers], axis=1).max())
+    extent = float(np.ptp(places[found.inliers], axis=0).max())
+    factor = round_down(ARROW * extent / longest) if mm(longest) >= ROUNDING else 1.0
     views = ((first, 1, "2nd", "in the points' plane"), (second, 2, "3rd", "across it"))
     for axes, other, name, where in views:
         plane = [0, other]
@@ -166,13 +162,3 @@ def _arrows(
     axes.set_aspect("equal", adjustable="datalim")
     axes.margins(0.15)
     axes.grid()
-
-
-def _enlargement(places: FloatArray, vectors: FloatArray) -> float:
-    """1, 2 or 5 times a power of ten, so that the longest arrow is a fraction of the extent."""
-    longest = float(np.linalg.norm(vectors, axis=1).max())
-    if mm(longest) < ROUNDING:
-        return 1.0
-    wanted = ARROW * float(np.ptp(places, axis=0).max()) / longest
-    decade = 10.0 ** np.floor(np.log10(wanted))
-    return float(decade * max(step for step in (1, 2, 5) if step * decade <= wanted))

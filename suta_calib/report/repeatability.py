@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 from typing import Final
 
 from suta_calib.analysis.repeatability import (
-    AllanDeviation,
     Change,
     DirectionalForce,
     Interval,
@@ -23,9 +22,9 @@ from suta_calib.analysis.repeatability import (
     Stream,
 )
 from suta_calib.report.document import Document, Figure, Part, Text
-from suta_calib.report.listing import Column, Json, Listing, Row, in_own_units, shown_as, written
+from suta_calib.report.listing import Column, Json, Listing, shown_as, written
 from suta_calib.report.repeatability_plots import stationary_plot, visits_plot
-from suta_calib.units import NOTHING, Unit, shown, text, thousandths, unit_name
+from suta_calib.units import NOTHING, Unit, text, thousandths, unit_name
 
 NAME: Final = "repeatability"
 SECONDS_PER_HOUR: Final = 3600.0
@@ -75,28 +74,26 @@ def _interval(each: Interval, *, sign: bool = False) -> str:
 
 POSITION: Final = Listing[NamedScatter](
     "Position repeatability of the tip, mm (ISO 9283: RP = mean + 3 std)",
-    (
-        Column("", "", lambda each: each.name),
-        Column("count", "visits", lambda each: each.scatter.count, form="d"),
-        Column("rp", "RP", lambda each: each.scatter.rp.value, "m"),
-        Column(
-            "rp_interval",
-            "interval",
-            lambda each: each.rp_interval.ends,
-            "m",
-            cell=lambda each: _interval(each.rp_interval),
-        ),
-        Column("mean", "mean", lambda each: each.scatter.mean, "m"),
-        Column("std", "std", lambda each: each.scatter.std, "m"),
-        Column("rms", "RMS", lambda each: each.scatter.rms.value, "m"),
-        Column("rms_interval", None, lambda each: each.rms_interval.ends, "m"),
-        Column("max", "max", lambda each: each.scatter.maximum, "m"),
-        Column("axis_std", None, lambda each: each.scatter.axis_std, "m"),
-        Column("barycentre", None, lambda each: each.scatter.barycentre, "m"),
+    Column("", "", lambda each: each.name),
+    Column("count", "visits", lambda each: each.scatter.count, form="d"),
+    Column("rp", "RP", lambda each: each.scatter.rp.value, "m"),
+    Column(
+        "rp_interval",
+        "interval",
+        lambda each: each.rp_interval.ends,
+        "m",
+        cell=lambda each: _interval(each.rp_interval),
     ),
+    Column("mean", "mean", lambda each: each.scatter.mean, "m"),
+    Column("std", "std", lambda each: each.scatter.std, "m"),
+    Column("rms", "RMS", lambda each: each.scatter.rms.value, "m"),
+    Column("rms_interval", None, lambda each: each.rms_interval.ends, "m"),
+    Column("max", "max", lambda each: each.scatter.maximum, "m"),
+    Column("axis_std", None, lambda each: each.scatter.axis_std, "m"),
+    Column("barycentre", None, lambda each: each.scatter.barycentre, "m"),
 )
 ORIENTATION: Final = Listing[OrientationScatter](
-    "", written("rpa", "rpb", "rpc", "rms", unit="rad")
+    "", *written("rpa", "rpb", "rpc", "rms", unit="rad")
 )
 
 
@@ -108,38 +105,30 @@ class Joint:
     confidence: float
 
 
-def _joints(unit: Unit) -> Listing[Joint]:
-    return Listing(
-        "Repeatability of the joints",
-        (
-            Column("joint", "joint", lambda each: each.scatter.joint),
-            Column("mean", None, lambda each: each.scatter.mean, unit),
-            Column("std", "std", lambda each: each.scatter.std.value, unit),
-            Column("repeatability", "3 std", lambda each: 3 * each.scatter.std.value, unit),
-            Column("peak_to_peak", "peak to peak", lambda each: each.scatter.peak_to_peak, unit),
-            Column(
-                "std_interval",
-                None,
-                lambda each: each.scatter.std.interval(each.confidence).ends,
-                unit,
-            ),
-            Column("tip", "tip, mm", lambda each: each.scatter.tip, "m"),
-        ),
-    )
+def _unit(row: Joint | JointPush | JointNoise) -> Unit:
+    return row.scatter.unit if isinstance(row, Joint) else row.unit
 
 
-JOINTS: Final[dict[Unit, Listing[Joint]]] = {"rad": _joints("rad"), "m": _joints("m")}
+JOINTS: Final = Listing[Joint](
+    "Repeatability of the joints",
+    Column("joint", "joint", lambda each: each.scatter.joint),
+    Column("mean", None, lambda each: each.scatter.mean, _unit),
+    Column("std", "std", lambda each: each.scatter.std.value, _unit),
+    Column("repeatability", "3 std", lambda each: 3 * each.scatter.std.value, _unit),
+    Column("peak_to_peak", "peak to peak", lambda each: each.scatter.peak_to_peak, _unit),
+    Column("std_interval", None, lambda e: e.scatter.std.interval(e.confidence).ends, _unit),
+    Column("tip", "tip, mm", lambda each: each.scatter.tip, "m"),
+    named=True,
+)
 CHANGE: Final = Listing[Change](
     "",
-    (
-        Column("first", unit="m"),
-        Column("second", unit="m"),
-        Column("ratio", value=lambda each: each.factor),
-        Column("ratio_interval", value=lambda each: each.ratio.ends),
-        Column("difference", value=lambda each: each.second - each.first, unit="m"),
-        Column("difference_interval", value=lambda each: each.difference.ends, unit="m"),
-        Column("proved"),
-    ),
+    Column("first", unit="m"),
+    Column("second", unit="m"),
+    Column("ratio", value=lambda each: each.factor),
+    Column("ratio_interval", value=lambda each: each.ratio.ends),
+    Column("difference", value=lambda each: each.second - each.first, unit="m"),
+    Column("difference_interval", value=lambda each: each.difference.ends, unit="m"),
+    Column("proved"),
 )
 
 
@@ -154,157 +143,124 @@ class ComparedFigure:
 
 COMPARISONS: Final = Listing[ComparedFigure](
     "Protocols compared",
-    (
-        Column("", "protocols", lambda row: row.protocols),
-        Column("", "", lambda row: row.figure),
-        shown_as(
-            "mm", lambda row: f"{text(row.change.first, 'm')} → {text(row.change.second, 'm')}"
-        ),
-        Column("", "ratio", lambda row: row.change.factor, form=".2f"),
-        shown_as(
-            "interval", lambda row: f"{row.change.ratio.low:.2f} to {row.change.ratio.high:.2f}"
-        ),
-        shown_as("difference, mm", lambda row: _interval(row.change.difference, sign=True)),
-    ),
+    Column("", "protocols", lambda row: row.protocols),
+    Column("", "", lambda row: row.figure),
+    shown_as("mm", lambda row: f"{text(row.change.first, 'm')} → {text(row.change.second, 'm')}"),
+    Column("", "ratio", lambda row: row.change.factor, form=".2f"),
+    shown_as("interval", lambda row: f"{row.change.ratio.low:.2f} to {row.change.ratio.high:.2f}"),
+    shown_as("difference, mm", lambda row: _interval(row.change.difference, sign=True)),
 )
-
-
-def _pushes(unit: Unit) -> Listing[JointPush]:
-    return Listing(
-        "Directions of the push",
-        (
-            Column("joint", "joint"),
-            Column("peak_to_peak", "means", unit=unit),
-            Column("play", "play", lambda each: each.backlash, unit),
-            Column("play_by_chance", "by chance", lambda each: each.by_chance, unit),
-            Column("tip", "tip, mm", unit="m"),
-            Column("p_value", "p", form=".2g"),
-            Column("gives", "", lambda each: each.has_backlash, cell=_gives),
-            Column("as_well"),
-            Column("means", unit=unit),
-        ),
-    )
 
 
 def _gives(each: JointPush) -> str:
     return f"gives{'?' if each.as_well else ''}" if each.has_backlash else ""
 
 
-PUSHES: Final[dict[Unit, Listing[JointPush]]] = {"rad": _pushes("rad"), "m": _pushes("m")}
+PUSHES: Final = Listing[JointPush](
+    "Directions of the push",
+    Column("joint", "joint"),
+    Column("peak_to_peak", "means", unit=_unit),
+    Column("play", "play", lambda each: each.backlash, _unit),
+    Column("play_by_chance", "by chance", lambda each: each.by_chance, _unit),
+    Column("tip", "tip, mm", unit="m"),
+    Column("p_value", "p", form=".2g"),
+    Column("gives", "", lambda each: each.has_backlash, cell=_gives),
+    Column("as_well"),
+    Column("means", unit=_unit),
+    named=True,
+)
 DIRECTIONS: Final = Listing[DirectionalForce](
     "",
-    (
-        Column("giving", value=lambda each: each.loosest and each.loosest.joint),
-        Column(
-            "giving_joints", value=lambda each: [j.joint for j in each.joints if j.has_backlash]
-        ),
-        Column("tip_shift", unit="m"),
-        Column("tip_p_value"),
-    ),
+    Column("giving", value=lambda each: each.loosest and each.loosest.joint),
+    Column("giving_joints", value=lambda each: [j.joint for j in each.joints if j.has_backlash]),
+    Column("tip_shift", unit="m"),
+    Column("tip_p_value"),
 )
 REPEATABILITY: Final = Listing[Repeatability](
     "",
-    (
-        Column("visits", value=lambda found: found.position.count),
-        Column("confidence_pct", value=lambda found: 100 * found.confidence),
-        Column("rp", value=lambda found: found.position.rp.value, unit="m"),
-        Column("rms", value=lambda found: found.position.rms.value, unit="m"),
-        Column("orientation", value=lambda found: ORIENTATION.record(found.orientation)),
-        Column("elsewhere", value=lambda found: [found.samples.origin[k] for k in found.elsewhere]),
-        Column(
-            "other_posture",
-            value=lambda found: [found.samples.origin[k] for k in found.other_posture],
-        ),
-        Column("correlation"),
+    Column("visits", value=lambda found: found.position.count),
+    Column("confidence_pct", value=lambda found: 100 * found.confidence),
+    Column("rp", value=lambda found: found.position.rp.value, unit="m"),
+    Column("rms", value=lambda found: found.position.rms.value, unit="m"),
+    Column("orientation", value=lambda found: ORIENTATION.record(found.orientation)),
+    Column("elsewhere", value=lambda found: [found.samples.origin[k] for k in found.elsewhere]),
+    Column(
+        "other_posture", value=lambda found: [found.samples.origin[k] for k in found.other_posture]
     ),
+    Column("correlation"),
 )
 
 
 # ── encoders at rest ─────────────────────────────────────────────────────────────────────────
-def _allan(unit: Unit) -> Listing[AllanDeviation]:
-    return Listing(
-        "",
-        (
-            Column("tau", unit="s"),
-            *written("deviation", "low", "high", unit=unit),
-            Column("best_tau", value=lambda a: a.tau[a.best], unit="s"),
-            Column("best", value=lambda a: a.deviation[a.best], unit=unit),
-            Column("rises_again", value=lambda a: a.bottomed),
-        ),
-    )
+ALLAN: Final = Listing[JointNoise](
+    "",
+    Column("tau", value=lambda each: each.allan.tau, unit="s"),
+    Column("deviation", value=lambda each: each.allan.deviation, unit=_unit),
+    Column("low", value=lambda each: each.allan.low, unit=_unit),
+    Column("high", value=lambda each: each.allan.high, unit=_unit),
+    Column("best_tau", value=lambda each: each.allan.tau[each.allan.best], unit="s"),
+    Column("best", value=lambda each: each.allan.deviation[each.allan.best], unit=_unit),
+    Column("rises_again", value=lambda each: each.allan.bottomed),
+)
 
 
 def _small(value: float | None, unit: Unit) -> str:
     return NOTHING if value is None else f"{thousandths(value, unit):.{_DIGITS}g}"
 
 
-def _noise(unit: Unit) -> Listing[JointNoise]:
-    def hourly(value: float) -> float:
-        return SECONDS_PER_HOUR * shown(value, unit)
+def _fine(key: str, heading: str) -> Column[JointNoise]:
+    """A column that shows thousandths."""
+    return Column(key, heading, unit=_unit, cell=lambda each: _small(getattr(each, key), each.unit))
 
-    def drift(each: JointNoise) -> str:
-        per_hour = SECONDS_PER_HOUR * each.drift, SECONDS_PER_HOUR * each.drift_half
-        return " ± ".join(_small(value, unit) for value in per_hour)
 
-    name, allan = unit_name(unit), _allan(unit)
-    return Listing(
-        "Joints at rest",
-        (
-            Column("joint", "joint"),
-            Column("mean", unit=unit),
-            Column("std", "std", unit=unit, cell=lambda each: _small(each.std, unit)),
-            Column(
-                "std_detrended",
-                "detrended",
-                unit=unit,
-                cell=lambda each: _small(each.std_detrended, unit),
-            ),
-            *written("std_short", "peak_to_peak", unit=unit),
-            Column("step", "step", unit=unit, cell=lambda each: _small(each.step, unit)),
-            Column(
-                f"drift_{name}_per_h",
-                "drift per h",
-                lambda each: hourly(each.drift),
-                cell=drift,
-                numeric=True,
-            ),
-            Column(f"drift_half_interval_{name}_per_h", value=lambda each: hourly(each.drift_half)),
-            *written("drifts", "moved", "stuck", "levels", "left_out"),
-            Column(
-                "allan",
-                "best",
-                lambda each: allan.record(each.allan),
-                cell=lambda each: _small(each.allan.deviation[each.allan.best], unit),
-                numeric=True,
-            ),
-            shown_as("at, s", _best_time),
-        ),
-    )
+def _drift(each: JointNoise) -> str:
+    per_hour = SECONDS_PER_HOUR * each.drift, SECONDS_PER_HOUR * each.drift_half
+    return " ± ".join(_small(value, each.unit) for value in per_hour)
 
 
 def _best_time(each: JointNoise) -> str:
     return f"{each.allan.tau[each.allan.best]:.3g}{'' if each.allan.bottomed else '+'}"
 
 
-NOISE: Final[dict[Unit, Listing[JointNoise]]] = {"rad": _noise("rad"), "m": _noise("m")}
+def _rate(each: JointNoise) -> Unit:
+    return "rad/s" if each.unit == "rad" else "m/s"
+
+
+NOISE: Final = Listing[JointNoise](
+    "Joints at rest",
+    Column("joint", "joint"),
+    Column("mean", unit=_unit),
+    _fine("std", "std"),
+    _fine("std_detrended", "detrended"),
+    *written("std_short", "peak_to_peak", unit=_unit),
+    _fine("step", "step"),
+    Column("drift", "drift per h", unit=_rate, cell=_drift),
+    Column("drift_half_interval", value=lambda each: each.drift_half, unit=_rate),
+    *written("drifts", "moved", "stuck", "levels", "left_out"),
+    Column(
+        "allan",
+        "best",
+        ALLAN.record,
+        cell=lambda each: _small(each.allan.deviation[each.allan.best], each.unit),
+        numeric=True,
+    ),
+    shown_as("at, s", _best_time),
+    named=True,
+)
 STREAM: Final = Listing[Stream](
     "",
-    (
-        Column("readings", value=lambda stream: len(stream.time)),
-        Column("rate_hz", value=lambda stream: 1 / stream.period),
-        *written("gaps", "dropped"),
-        Column("input", value=lambda stream: str(stream.path)),
-    ),
+    Column("readings", value=lambda stream: len(stream.time)),
+    Column("rate_hz", value=lambda stream: 1 / stream.period),
+    *written("gaps", "dropped"),
+    Column("input", value=lambda stream: str(stream.path)),
 )
 STATIONARY: Final = Listing[Stationary](
     "",
-    (
-        *(column.over(lambda found: found.stream) for column in STREAM.columns),
-        Column("seconds"),
-        Column("tip_noise", value=lambda found: found.tip_std, unit="m"),
-        Column("joints", value=lambda found: _by_joint(NOISE, [(e, e.unit) for e in found.joints])),
-        Column("verdict", value=lambda found: found.assessment.as_dict()),
-    ),
+    *(column.over(lambda found: found.stream) for column in STREAM.columns),
+    Column("seconds"),
+    Column("tip_noise", value=lambda found: found.tip_std, unit="m"),
+    Column("joints", value=lambda found: NOISE.records(found.joints)),
+    Column("verdict", value=lambda found: found.assessment.as_dict()),
 )
 
 
@@ -331,15 +287,14 @@ def _visits_parts(found: Repeatability) -> list[Part]:
         named |= {f"→ {name}": each for name, each in found.directions.scatter.items()}
     o = found.orientation
     turn = ", ".join(text(value, "rad") for value in (o.rpa, o.rpb, o.rpc))
-    joints = Listing("", in_own_units(JOINTS, lambda each: each.scatter.unit))
-    unit = _units(each.unit for each in found.joints)
+    unit = " or ".join(sorted({unit_name(each.unit) for each in found.joints}))
     parts: list[Part] = [
         Text(_HOW, place="page"),
         Figure(partial(visits_plot, found)),
         POSITION.of(_named(named, found.confidence)),
-        joints.of(
+        JOINTS.of(
             (Joint(each, found.confidence) for each in found.joints),
-            f"{JOINTS['rad'].title}, {unit}; of the tip's orientation ±({turn}) deg about x, y, z",
+            f"{JOINTS.title}, {unit}; of the tip's orientation ±({turn}) deg about x, y, z",
         ),
         COMPARISONS.of(
             (
@@ -352,31 +307,28 @@ def _visits_parts(found: Repeatability) -> list[Part]:
     ]
     if (pushed := found.directions) is not None:
         shift = f"the tip shifts by {text(pushed.tip_shift, 'm', with_unit=True)}"
-        title = f"{PUSHES['rad'].title}, {unit}: {shift} (p = {pushed.tip_p_value:.2g})"
-        pushes = Listing("", in_own_units(PUSHES, lambda each: each.unit))
-        parts += [pushes.of(pushed.joints, title), Text(_PUSH, place="page")]
+        title = f"{PUSHES.title}, {unit}: {shift} (p = {pushed.tip_p_value:.2g})"
+        parts += [PUSHES.of(pushed.joints, title), Text(_PUSH, place="page")]
     return parts
 
 
 def _rest_parts(found: Stationary) -> list[Part]:
     unit = " or ".join(sorted({"mdeg" if e.unit == "rad" else "µm" for e in found.joints}))
     tip = "" if found.tip_std is None else f"; at the tip {text(found.tip_std, 'm')} mm"
-    noise = Listing("", in_own_units(NOISE, lambda each: each.unit))
     return [
         Figure(partial(stationary_plot, found)),
-        noise.of(found.joints, f"{NOISE['rad'].title}, {unit}{tip}"),
+        NOISE.of(found.joints, f"{NOISE.title}, {unit}{tip}"),
         Text(_REST, place="page"),
     ]
 
 
 def _visits_data(found: Repeatability) -> Json:
     confidence = found.confidence
-    joints = [(Joint(each, confidence), each.unit) for each in found.joints]
     directions: Json | None = None
     if (pushed := found.directions) is not None:
         directions = {
             **DIRECTIONS.record(pushed),
-            "joints": _by_joint(PUSHES, [(each, each.unit) for each in pushed.joints]),
+            "joints": PUSHES.records(pushed.joints),
             "scatter": _positions(pushed.scatter, confidence),
         }
     comparisons = [
@@ -391,7 +343,7 @@ def _visits_data(found: Repeatability) -> Json:
     return {
         **REPEATABILITY.record(found),
         "position": POSITION.record(NamedScatter("", found.position, confidence)),
-        "joints": _by_joint(JOINTS, joints),
+        "joints": JOINTS.records(Joint(each, confidence) for each in found.joints),
         "protocols": _positions(found.protocols, confidence),
         "comparisons": comparisons,
         "directions": directions,
@@ -404,16 +356,3 @@ def _named(scatter: Mapping[str, PositionScatter], confidence: float) -> list[Na
 
 def _positions(scatter: Mapping[str, PositionScatter], confidence: float) -> Json:
     return {each.name: POSITION.record(each) for each in _named(scatter, confidence)}
-
-
-def _by_joint(by_unit: Mapping[Unit, Listing[Row]], rows: Iterable[tuple[Row, Unit]]) -> Json:
-    """Rows of which each has its own unit, by the value of their first column."""
-    found: Json = {}
-    for row, unit in rows:
-        name, *rest = by_unit[unit].columns
-        found[name.of(row)] = Listing("", tuple(rest)).record(row)
-    return found
-
-
-def _units(units: Iterable[Unit]) -> str:
-    return " or ".join(sorted({unit_name(unit) for unit in units}))

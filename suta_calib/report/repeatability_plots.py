@@ -6,7 +6,6 @@ from typing import Any, Final
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from suta_calib.analysis.repeatability import (
     DIRECTION,
@@ -16,7 +15,7 @@ from suta_calib.analysis.repeatability import (
     Stationary,
 )
 from suta_calib.analysis.repeatability.scatter import distances
-from suta_calib.report.svg import BLUE, GREY, ORANGE, WIDTH, plain_log, style, svg_text
+from suta_calib.report.svg import BLUE, GREY, ORANGE, WIDTH, picture, plain_log, svg_text
 from suta_calib.terms.block import grouped
 from suta_calib.units import mm, thousandths, unit_name
 
@@ -30,8 +29,7 @@ def visits_plot(found: Repeatability) -> str:
     """An SVG: the visits from two sides, and what the joints do."""
     name = "repeatability_visits"
     pushed = found.directions is not None
-    with style(name):
-        figure = Figure(figsize=(LARGE, 6.2 if pushed else 3.4), layout="constrained")
+    with picture(name, (LARGE, 6.2 if pushed else 3.4)) as figure:
         top = ["xy", "xz", "order"]
         layout: Any = [top, ["joints"] * 3] if pushed else [top]
         panels = figure.subplot_mosaic(layout)
@@ -125,8 +123,7 @@ def _pushes(axes: Axes, found: DirectionalForce) -> None:
 def stationary_plot(found: Stationary) -> str:
     """An SVG: readings over time, and Allan deviation of every joint."""
     name = "repeatability_stationary"
-    with style(name):
-        figure = Figure(figsize=(LARGE, 3.9), layout="constrained")
+    with picture(name, (LARGE, 3.9)) as figure:
         over_time, allan = figure.subplots(1, 2)
         _over_time(over_time, found)
         _allan(allan, found)

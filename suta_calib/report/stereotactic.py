@@ -26,7 +26,7 @@ from suta_calib.report.listing import (
     written,
 )
 from suta_calib.report.poses import axes_with_std
-from suta_calib.report.svg import BLUE, GREY, ORANGE, WIDTH, plain_log, style, svg_text
+from suta_calib.report.svg import BLUE, GREY, ORANGE, WIDTH, picture, plain_log, svg_text
 from suta_calib.stereotactic.cis_files import output1_text, output2_text
 from suta_calib.stereotactic.distortion import DistortionCorrection
 from suta_calib.stereotactic.solve import Navigation, StereotacticErrors, StereotacticResult
@@ -36,31 +36,21 @@ NAME: Final = "stereotactic"
 CELLS: Final = 8  # of the map, in each direction
 
 
-@dataclass(frozen=True, eq=False)
-class Pivot:
-    """One of the two pivots."""
-
-    name: str
-    found: PivotCalibration
-
-    @property
-    def frames(self) -> str:
-        """How many, and how many of them were left out."""
-        lost = len(self.found.outliers)
-        return f"{len(self.found.residuals)}" + (f", {lost} off" if lost else "")
+def _frames(found: PivotCalibration) -> str:
+    lost = len(found.outliers)
+    return f"{len(found.residuals)}" + (f", {lost} off" if lost else "")
 
 
-PIVOTS: Final = Listing[Pivot](
+# The two pivots by name.
+PIVOTS: Final = Listing[tuple[str, PivotCalibration]](
     "Posts in the EM tracker, mm",
-    (
-        Column("", "pivot", lambda each: each.name),
-        *axes_with_std(lambda each: each.found.post, lambda each: each.found.post_std()),
-        Column("pivot_rms", "rms", lambda each: each.found.rms, "m"),
-        shown_as("frames", lambda each: each.frames),
-        Column("post_std", None, lambda each: each.found.post_std(), "m"),
-        *(c.over(lambda each: each.found) for c in written("post", "tip", "tip_std", unit="m")),
-        Column("pivot_outliers", None, lambda each: each.found.outliers),
-    ),
+    Column("", "pivot", lambda row: row[0]),
+    *axes_with_std(lambda row: row[1].post, lambda row: row[1].post_std()),
+    Column("pivot_rms", "rms", lambda row: row[1].rms, "m"),
+    shown_as("frames", lambda row: _frames(row[1])),
+    Column("post_std", None, lambda row: row[1].post_std(), "m"),
+    *(c.over(lambda row: row[1]) for c in written("post", "tip", "tip_std", unit="m")),
+    Column("pivot_outliers", None, lambda row: row[1].outliers),
 )
 # Of the lengths (n,) of errors.
 SIZES: Final = (
@@ -71,39 +61,25 @@ SIZES: Final = (
 )
 READINGS: Final = Listing[tuple[str, FloatArray]](
     "EM markers, distance from where they were, mm",
-    (
-        Column("", "readings", lambda row: row[0]),
-        *(column.over(lambda row: row[1]) for column in SIZES),
-    ),
+    Column("", "readings", lambda row: row[0]),
+    *(column.over(lambda row: row[1]) for column in SIZES),
 )
 
 
-@dataclass(frozen=True, eq=False)
-class NavigatedTip:
-    """The EM probe's tip in CT, (3,), m, and the error to expect there."""
-
-    frame: int
-    position: FloatArray
-    error: float
-
-
-NAVIGATION: Final = Listing[NavigatedTip](
+# The EM probe's tip by frame, (3,), m, and the error to expect there.
+NAVIGATION: Final = Listing[tuple[int, tuple[FloatArray, float]]](
     "EM probe's tip in CT, mm",
-    (
-        Column("", "frame", lambda tip: tip.frame, form="d"),
-        *components("xyz", lambda tip: tip.position, "m"),
-        Column("", "expected error", lambda tip: tip.error, "m"),
-    ),
+    Column("", "frame", lambda row: row[0], form="d"),
+    *components("xyz", lambda row: row[1][0], "m"),
+    Column("", "expected error", lambda row: row[1][1], "m"),
 )
 REGISTRATION: Final = Listing[Navigation](
     "",
-    (
-        Column("nav", value=lambda found: found.ct, unit="m"),
-        Column("nav_expected_error", value=lambda found: found.target_error, unit="m"),
-        Column("T_ct_em", value=lambda found: found.registration.matrix),
-        Column("fiducial_rms", value=lambda found: found.registration.rms, unit="m"),
-        Column("fiducial_outliers", value=lambda found: found.registration.outliers),
-    ),
+    Column("nav", value=lambda found: found.ct, unit="m"),
+    Column("nav_expected_error", value=lambda found: found.target_error, unit="m"),
+    Column("T_ct_em", value=lambda found: found.registration.matrix),
+    Column("fiducial_rms", value=lambda found: found.registration.rms, unit="m"),
+    Column("fiducial_outliers", value=lambda found: found.registration.outliers),
 )
 
 
@@ -119,21 +95,21 @@ class ComparedOutput:
         """As JSON has it."""
         if len(self.sizes) == 1 and self.key.endswith("post"):
             return {f"{self.key}_mm": plain(self.sizes[0], "m")}
-        return {f"{self.key}_{c.written_key}": c.plain(self.sizes) for c in SIZES[1:3]}
+        return {
+            f"{self.key}_{name}": size for name, size in (c.entry(self.sizes) for c in SIZES[1:3])
+        }
 
 
 COMPARISON: Final = Listing[ComparedOutput](
     "Against the output files given, mm",
-    (
-        Column("", "distance of", lambda each: each.name),
-        Column("", "mean", lambda each: each.sizes.mean(), "m", form=".4f"),
-        Column(
-            "",
-            "max",
-            lambda each: None if each.key.endswith("post") else each.sizes.max(),
-            "m",
-            form=".4f",
-        ),
+    Column("", "distance of", lambda each: each.name),
+    Column("", "mean", lambda each: each.sizes.mean(), "m", form=".4f"),
+    Column(
+        "",
+        "max",
+        lambda each: None if each.key.endswith("post") else each.sizes.max(),
+        "m",
+        form=".4f",
     ),
 )
 
@@ -157,7 +133,10 @@ def stereotactic_document(result: StereotacticResult, errors: StereotacticErrors
         parts.append(Text(f"Markers left out: {counts}"))
     parts.append(Figure(partial(stereotactic_plot, result)))
     if result.assessment.usable:
-        parts += _outputs(result)
+        first, second = (f"{name}-output{k}.txt" for k in (1, 2))
+        parts.append(File(first, lambda: output1_text(result.output1, first)))
+        if (navigation := result.navigation) is not None:
+            parts.append(File(second, lambda: output2_text(navigation.ct, second)))
     data = _data(result) | {
         "comparison": {key: value for each in compared for key, value in each.record().items()}
     }
@@ -189,34 +168,26 @@ def check_given(answer: Document, folder: Path, inputs: Path) -> None:
             )
 
 
-def _outputs(result: StereotacticResult) -> list[File]:
-    first, second = (f"{result.data.name}-output{k}.txt" for k in (1, 2))
-    files = [File(first, lambda: output1_text(result.output1, first))]
-    if (found := result.navigation) is not None:
-        files.append(File(second, lambda: output2_text(found.ct, second)))
-    return files
-
-
 def _data(result: StereotacticResult) -> Json:
     found: Json = {"name": result.data.name}
-    for pivot in _pivots_of(result):
-        found |= {f"{pivot.name.lower()}_{k}": v for k, v in PIVOTS.record(pivot).items()}
-    found["em_readings"] = {"before": Listing("", SIZES).record(_sizes(result.em_error))}
+    for name, pivot in _pivots_of(result):
+        record = PIVOTS.record((name, pivot))
+        found |= {f"{name.lower()}_{key}": value for key, value in record.items()}
+    found["em_readings"] = {"before": Listing("", *SIZES).record(_sizes(result.em_error))}
     if result.outliers:
         found["marker_outliers"] = dict(result.outliers)
     if (correction := result.correction) is not None:
-        found["em_readings"]["after"] = Listing("", SIZES).record(_sizes(correction.residuals))
+        found["em_readings"]["after"] = Listing("", *SIZES).record(_sizes(correction.residuals))
         found["degree"] = correction.degree
         found["cross_validation_mm"] = plain(correction.cross_validation, "m")
         found["extrapolated"] = dict(result.extrapolated)
-        nothing: Json = {"nav_mm": None}
         navigation = result.navigation
-        found |= nothing if navigation is None else REGISTRATION.record(navigation)
+        found |= {"nav_mm": None} if navigation is None else REGISTRATION.record(navigation)
     return found
 
 
-def _pivots_of(result: StereotacticResult) -> list[Pivot]:
-    return [Pivot("EM", result.em_pivot), Pivot("optical", result.optical_pivot)]
+def _pivots_of(result: StereotacticResult) -> list[tuple[str, PivotCalibration]]:
+    return [("EM", result.em_pivot), ("optical", result.optical_pivot)]
 
 
 def _sizes(vectors: FloatArray) -> FloatArray:
@@ -235,15 +206,14 @@ def _readings(result: StereotacticResult) -> list[Table | Text]:
 
 
 def _navigation(found: Navigation) -> list[Table | Text]:
-    errors = zip(found.ct, found.target_error.tolist(), strict=True)
-    tips = [NavigatedTip(number, tip, error) for number, (tip, error) in enumerate(errors, 1)]
+    tips = zip(found.ct, found.target_error.tolist(), strict=True)
     lost = len(found.registration.outliers)
     fiducials = (
         f"registered by {len(found.fiducials)} fiducials"
         + (f", {lost} of them off" if lost else "")
         + f": rms {text(found.registration.rms, 'm', with_unit=True)}"
     )
-    return [NAVIGATION.of(tips), Text(fiducials)]
+    return [NAVIGATION.of(enumerate(tips, start=1)), Text(fiducials)]
 
 
 def _compared(errors: StereotacticErrors) -> list[ComparedOutput]:
@@ -265,9 +235,8 @@ def stereotactic_plot(result: StereotacticResult) -> str:
 
     With a correction also its effect and its cross-validation.
     """
-    with style(NAME):
-        rows = 1 if result.correction is None else 2
-        figure = Picture(figsize=(1.25 * WIDTH, 3.7 * rows), layout="constrained")
+    rows = 1 if result.correction is None else 2
+    with picture(NAME, (1.25 * WIDTH, 3.7 * rows)) as figure:
         panels = figure.subplots(rows, 2, squeeze=False)
         _map(figure, panels[0, 0], result)
         _pivots(panels[0, 1], result)
@@ -316,11 +285,7 @@ def _cell_means(points: FloatArray, vectors: FloatArray) -> tuple[FloatArray, Fl
 
 def _pivots(axes: Axes, result: StereotacticResult) -> None:
     """Distance of each probe's tip from its post, frame by frame."""
-    drawn = (
-        ("EM", result.em_pivot, "o", BLUE),
-        ("optical", result.optical_pivot, "s", ORANGE),
-    )
-    for name, pivot, marker, colour in drawn:
+    for (name, pivot), marker, colour in zip(_pivots_of(result), "os", (BLUE, ORANGE), strict=True):
         residuals = np.linalg.norm(pivot.residuals, axis=1)
         frames, label = np.arange(1, len(residuals) + 1), f"{name}, rms {mm(pivot.rms):.3g} mm"
         axes.plot(frames, mm(residuals), marker, color=colour, markersize=4.5, label=label)

@@ -8,7 +8,6 @@ from typing import Any, Final
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure as Picture
 from matplotlib.ticker import MaxNLocator
 
 from suta_calib.analysis.study import (
@@ -21,11 +20,10 @@ from suta_calib.analysis.study import (
 )
 from suta_calib.analysis.study.sets import described
 from suta_calib.analysis.study.trial import ESTIMATED, NAMES, Kind
-from suta_calib.arrays import FloatArray
 from suta_calib.report.document import Document, Figure, Part, ShownOnly, Text
 from suta_calib.report.listing import Column, Json, Listing, plain
-from suta_calib.report.svg import BLUE, GREY, ORANGE, WIDTH, style, svg_text
-from suta_calib.units import NOTHING, key, mm, shown, text, unit_name
+from suta_calib.report.svg import BLUE, GREY, ORANGE, WIDTH, picture, svg_text
+from suta_calib.units import NOTHING, Unit, key, mm, shown, text, unit_name
 from suta_calib.words import listed
 
 TITLES: Final[dict[Kind, str]] = {
@@ -39,8 +37,8 @@ NOTEWORTHY: Final = 1.25
 TWO_SIDED: Final = 1.96
 
 
-def _ratio_text(p: ParameterSpread) -> str:
-    return (f"{p.ratio:.2f}" if p.ratio > 0 else NOTHING) + ("" if p.as_predicted else "!")
+def _unit(p: ParameterSpread) -> Unit:
+    return p.estimate.unit
 
 
 def _interval_text(p: ParameterSpread) -> str:
@@ -51,47 +49,30 @@ def _interval_text(p: ParameterSpread) -> str:
 # SI in JSON, as in result.json.
 SPREADS: Final = Listing[ParameterSpread](
     "",
-    (
-        Column("", "parameter", lambda p: p.estimate.name),
-        Column(
-            "unit", "unit", lambda p: p.estimate.unit, cell=lambda p: unit_name(p.estimate.unit)
-        ),
-        Column("state", None, lambda p: p.estimate.state),
-        Column("value", None, lambda p: p.estimate.value),
-        Column("std", None, lambda p: p.estimate.std),
-        Column("mean", None, lambda p: p.spread.mean),
-        Column(
-            "predicted_std",
-            "predicted",
-            lambda p: p.predicted,
-            cell=lambda p: text(p.predicted, p.estimate.unit),
-            numeric=True,
-        ),
-        Column(
-            "spread",
-            "spread",
-            lambda p: p.spread.std,
-            cell=lambda p: text(p.spread.std, p.estimate.unit),
-            numeric=True,
-        ),
-        Column("ratio", "ratio", cell=_ratio_text, numeric=True),
-        Column("as_predicted", None, lambda p: p.as_predicted if math.isfinite(p.ratio) else None),
-        Column(
-            "interval",
-            "95 % interval",
-            lambda p: p.spread.interval,
-            cell=_interval_text,
-            numeric=True,
-        ),
-        Column("told", "told", lambda p: len(p.spread.values), form="d"),
+    Column("", "parameter", lambda p: p.estimate.name),
+    Column("unit", "unit", _unit, cell=lambda p: unit_name(p.estimate.unit)),
+    Column("state", None, lambda p: p.estimate.state),
+    Column("value", None, lambda p: p.estimate.value),
+    Column("std", None, lambda p: p.estimate.std),
+    Column("mean", None, lambda p: p.spread.mean),
+    Column("predicted_std", "predicted", lambda p: p.predicted, _unit, si=True),
+    Column("spread", "spread", lambda p: p.spread.std, _unit, si=True),
+    Column(
+        "ratio",
+        "ratio",
+        cell=lambda p: (f"{p.ratio:.2f}" if p.ratio > 0 else NOTHING) + "!" * (not p.as_predicted),
+        numeric=True,
     ),
+    Column("as_predicted", None, lambda p: p.as_predicted if math.isfinite(p.ratio) else None),
+    Column(
+        "interval", "95 % interval", lambda p: p.spread.interval, cell=_interval_text, numeric=True
+    ),
+    Column("told", "told", lambda p: len(p.spread.values), form="d"),
 )
 FAILURES: Final = Listing[tuple[str, int]](
     "No result",
-    (
-        Column("problem", "why a trial had no result", lambda row: row[0]),
-        Column("count", "trials", lambda row: row[1], form="d"),
-    ),
+    Column("problem", "why a trial had no result", lambda row: row[0]),
+    Column("count", "trials", lambda row: row[1], form="d"),
     key="failures",
 )
 
@@ -125,17 +106,15 @@ def _sizes(study: SizeStudy) -> Listing[SizeResult]:
 
     return Listing(
         TITLES["size"],
-        (
-            Column("size", "sets", cell=size_text, numeric=True),
-            Column("mean", "mean, mm", unit="m"),
-            Column("std", "std, mm", unit="m"),
-            Column("min", "min, mm", lambda s: s.minimum, "m"),
-            Column("max", "max, mm", lambda s: s.maximum, "m"),
-            Column("improvement", "improvement, %", unit="%"),
-            Column("trials", "trials", cell=done_text, numeric=True),
-            Column("failed"),
-            Column("distinct"),
-        ),
+        Column("size", "sets", cell=size_text, numeric=True),
+        Column("mean", "mean, mm", unit="m"),
+        Column("std", "std, mm", unit="m"),
+        Column("min", "min, mm", lambda s: s.minimum, "m"),
+        Column("max", "max, mm", lambda s: s.maximum, "m"),
+        Column("improvement", "improvement, %", unit="%"),
+        Column("trials", "trials", cell=done_text, numeric=True),
+        Column("failed"),
+        Column("distinct"),
         key="sizes",
     )
 
@@ -219,11 +198,15 @@ def _drawn(study: Study) -> str:
     )
 
 
+def _recommended(study: SizeStudy) -> SizeResult | None:
+    return next((s for s in study.sizes if s.size == study.recommended), None)
+
+
 def _errors(study: SizeStudy) -> str:
     nominal = text(study.uncalibrated, "m", with_unit=True)
     found = f"Errors are RMS on {_held_out(study.plan)}"
     found += f"; uncalibrated {nominal}." if nominal != NOTHING else "."
-    chosen = next((s for s in study.sizes if s.size == study.recommended), None)
+    chosen = _recommended(study)
     if chosen is not None and len(chosen.rms) > 1:
         low, high = text(chosen.minimum, "m"), text(chosen.maximum, "m", with_unit=True)
         found += f" With {chosen.size}, single calibrations reach {low} to {high}."
@@ -251,18 +234,15 @@ def _scatter(study: SpreadStudy) -> list[str]:
     if not bootstrap:
         found += _against_own(study)
     if study.validation.enough:
-        found.append(_held_out_spread(study))
+        low, high = (text(v, "m") for v in study.validation.interval)
+        full = text(study.full_rms, "m")
+        with_all = "" if full == NOTHING else f"{full} mm with all data, "
+        mean, std = text(study.validation.mean, "m"), text(study.validation.std, "m")
+        found.append(
+            f"RMS error on {_held_out(study.plan)}: {with_all}{mean} ± {std} mm over the trials, "
+            f"95 % of them {low} … {high} mm."
+        )
     return found
-
-
-def _held_out_spread(study: SpreadStudy) -> str:
-    low, high = (text(v, "m") for v in study.validation.interval)
-    full = text(study.full_rms, "m")
-    with_all = "" if full == NOTHING else f"{full} mm with all data, "
-    return (
-        f"RMS error on {_held_out(study.plan)}: {with_all}{text(study.validation.mean, 'm')} ± "
-        f"{text(study.validation.std, 'm')} mm over the trials, 95 % of them {low} … {high} mm."
-    )
 
 
 def _against_own(study: SpreadStudy) -> list[str]:
@@ -280,11 +260,12 @@ def _against_own(study: SpreadStudy) -> list[str]:
 def size_plot(study: SizeStudy) -> str:
     """An SVG element: mean, scatter and range of the held-out error over the number of sets."""
     name = NAMES["size"]
-    with style(name):
-        figure = Picture(figsize=(WIDTH, 4.2), layout="constrained")
+    with picture(name, (WIDTH, 4.2)) as figure:
         axes = figure.subplots()
         _bands(axes, study)
-        _recommendation(axes, study)
+        if study.levelled and (chosen := _recommended(study)) is not None:
+            axes.axvline(chosen.size, color=ORANGE, ls="--", lw=1.6, label=f"enough: {chosen.size}")
+            axes.plot(chosen.size, mm(chosen.mean), "D", mfc="none", mec="black", mew=1.6, ms=11)
         axes.set_title("Error on held-out data by number of sets", pad=38)
         axes.set_xlabel(f"{study.plan.data.sets.unit}s calibrated with")
         axes.set_ylabel("RMS error, mm")
@@ -299,9 +280,8 @@ def spread_plot(study: SpreadStudy) -> str:
     name = NAMES[study.plan.data.kind]
     estimated = {n: p for n, p in study.parameters.items() if np.isfinite(p.ratio)}
     with_errors = study.validation.enough
-    with style(name):
-        size = (1.3 * WIDTH if with_errors else WIDTH, 1.8 + 0.28 * len(estimated))
-        figure = Picture(figsize=size, layout="constrained")
+    size = (1.3 * WIDTH if with_errors else WIDTH, 1.8 + 0.28 * len(estimated))
+    with picture(name, size) as figure:
         ratios = (3, 2) if with_errors else (1,)
         first, *others = figure.subplots(1, len(ratios), width_ratios=ratios, squeeze=False)[0]
         _intervals(first, estimated)
@@ -331,44 +311,29 @@ def _bands(axes: Axes, study: SizeStudy) -> None:
     axes.axhline(level, color="black", ls=":", lw=1.0, label=label)
 
 
-def _recommendation(axes: Axes, study: SizeStudy) -> None:
-    chosen = next((s for s in study.sizes if s.size == study.recommended), None)
-    if chosen is None or not study.levelled:
-        return
-    axes.axvline(chosen.size, color=ORANGE, ls="--", lw=1.6, label=f"enough: {chosen.size}")
-    axes.plot(chosen.size, mm(chosen.mean), "D", mfc="none", mec="black", mew=1.6, ms=11)
-
-
 def _intervals(axes: Axes, estimated: dict[str, ParameterSpread]) -> None:
     """95 % of each parameter's trials, in units of the standard deviation predicted."""
     axes.axvspan(
         -TWO_SIDED, TWO_SIDED, facecolor="#e8e8e8", edgecolor=GREY, lw=0.6, label="predicted 95 %"
     )
     places = np.arange(len(estimated))
-    rows = [_scaled(p) for p in estimated.values()]
+    rows = [
+        (np.array([p.spread.mean, *p.spread.interval]) - p.estimate.value) / p.predicted
+        for p in estimated.values()
+    ]
     mean, low, high = np.array(rows).reshape(-1, 3).T
     axes.hlines(places, low, high, color=BLUE, lw=2.2, label="95 % of the trials")
     axes.plot(mean, places, "o", color="black", ms=4, label="mean of the trials")
     off = np.array([not p.as_predicted for p in estimated.values()], dtype=bool)
     if off.any():
-        mark: dict[str, Any] = {
-            "color": ORANGE,
-            "mec": "black",
-            "ms": 7,
-            "label": "not as predicted",
-        }
-        axes.plot(high[off], places[off], ">", **mark)
+        mark: dict[str, Any] = {"color": ORANGE, "mec": "black", "ms": 7}
+        axes.plot(high[off], places[off], ">", label="not as predicted", **mark)
     axes.set_yticks(places, [f"{n}  ×{p.ratio:.2f}" for n, p in estimated.items()])
     axes.set_ylim(len(estimated) - 0.4, -0.6)
     axes.set_title("Estimates, and spread over prediction (×)", pad=38)
     axes.set_xlabel("estimate minus that with all data, in predicted standard deviations")
     axes.grid(axis="x")
     axes.legend(ncols=2, fontsize=8, loc="lower left", bbox_to_anchor=(0, 1), borderaxespad=0.2)
-
-
-def _scaled(parameter: ParameterSpread) -> FloatArray:
-    numbers = np.array([parameter.spread.mean, *parameter.spread.interval])
-    return np.asarray((numbers - parameter.estimate.value) / parameter.predicted)
 
 
 def _error_histogram(axes: Axes, study: SpreadStudy) -> None:

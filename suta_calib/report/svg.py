@@ -57,6 +57,18 @@ def style(name: str) -> Iterator[None]:
         yield
 
 
+@contextmanager
+def picture(name: str, size: tuple[float, float]) -> Iterator[Figure]:
+    """An empty figure in that look, for `svg_text`.
+
+    Args:
+        name: of the plot, unique on the page.
+        size: width and height, inch.
+    """
+    with style(name):
+        yield Figure(figsize=size, layout="constrained")
+
+
 def svg_text(figure: Figure, name: str, description: str) -> str:
     """A figure as an SVG element, without XML declaration, metadata or clashing ids.
 
@@ -70,7 +82,11 @@ def svg_text(figure: Figure, name: str, description: str) -> str:
     root = etree.fromstring(buffer.getvalue())
     for metadata in root.findall(f"{_SVG}metadata"):
         root.remove(metadata)
-    _keep_needed_ids(root)
+    # Groups are numbered alike in every figure: only what is referred to keeps its id.
+    values = " ".join(str(v) for e in root.iter() for v in e.attrib.values() if "#" in str(v))
+    for element in root.iter():
+        if element.get("id") and f"#{element.get('id')}" not in values:
+            del element.attrib["id"]
     width = root.attrib.pop("width").removesuffix("pt")
     del root.attrib["height"]
     root.set("style", f"max-width:{float(width) * 4 / 3:.0f}px")
@@ -80,18 +96,15 @@ def svg_text(figure: Figure, name: str, description: str) -> str:
     return str(etree.tostring(root, encoding="unicode"))
 
 
-def _keep_needed_ids(root: etree._Element) -> None:
-    """Groups are numbered alike in every figure: only what is referred to keeps its id."""
-    values = [str(v) for e in root.iter() for v in e.attrib.values()]
-    text = " ".join(v for v in values if "#" in v)
-    for element in root.iter():
-        if element.get("id") and f"#{element.get('id')}" not in text:
-            del element.attrib["id"]
-
-
 def shown_array(values: FloatArray, unit: Unit) -> FloatArray:
     """SI values in mm or degrees."""
     return np.asarray(values * shown(1.0, unit))
+
+
+def round_down(value: float) -> float:
+    """1, 2 or 5 times a power of ten: how many times arrows and ellipses are enlarged."""
+    decade = 10.0 ** np.floor(np.log10(value))
+    return float(decade * max(step for step in (1, 2, 5) if step * decade <= value * (1 + 1e-9)))
 
 
 def plain_log(axis: Any, set_scale: Any) -> None:

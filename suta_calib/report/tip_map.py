@@ -4,22 +4,23 @@ from __future__ import annotations
 
 import math
 from functools import partial
+from itertools import product
 from typing import Any, Final
 
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.colors import BoundaryNorm
-from matplotlib.figure import Figure as Picture
 
 from suta_calib.analysis.tip_map import THRESHOLDS, Figures, OpenDirection, TipMap
 from suta_calib.analysis.tip_sections import Slice
 from suta_calib.arrays import FloatArray
 from suta_calib.report.document import Document, Figure, Part, Text
-from suta_calib.report.listing import Column, Json, Listing, plain
+from suta_calib.report.listing import Column, Listing, plain, written
+from suta_calib.report.plan import region_record, region_text
 from suta_calib.report.plan_plots import draw_arm
-from suta_calib.report.svg import ORANGE, WIDTH, style, svg_text
-from suta_calib.units import deg, key, mm, shown
+from suta_calib.report.svg import ORANGE, WIDTH, picture, svg_text
+from suta_calib.units import deg, mm, shown
 
 NAME: Final = "tip_map"
 TITLE: Final = "How sure the tip is"
@@ -57,83 +58,61 @@ def _within(k: int) -> Column[Figures]:
 
 FIGURES: Final = Listing[Figures](
     "",
-    (
-        Column("rms", "RMS", unit="m"),
-        Column("median", "median", unit="m"),
-        Column("p95", "95 %", unit="m"),
-        Column("max", "max", lambda figures: figures.maximum, "m"),
-        *(_within(k) for k in range(len(THRESHOLDS))),
-    ),
+    Column("rms", "RMS", unit="m"),
+    Column("median", "median", unit="m"),
+    Column("p95", "95 %", unit="m"),
+    Column("max", "max", lambda figures: figures.maximum, "m"),
+    *(_within(k) for k in range(len(THRESHOLDS))),
 )
 BOTH: Final = Listing[tuple[str, Figures]](
     "Uncertainty of the tip in the region, mm, and share within",
-    (Column("", "", lambda row: row[0]), *(c.over(lambda row: row[1]) for c in FIGURES.columns)),
+    Column("", "", lambda row: row[0]),
+    *(c.over(lambda row: row[1]) for c in FIGURES.columns),
 )
 OTHERS: Final = Listing[tuple[str, float, str]](
     "Beside others: figures of different kinds",
-    (
-        Column("what", "", lambda row: row[0]),
-        Column("value_mm", "mm", lambda row: row[1], form=".3g"),
-        Column("kind", "what the figure is", lambda row: row[2]),
-    ),
+    Column("what", "", lambda row: row[0]),
+    Column("value_mm", "mm", lambda row: row[1], form=".3g"),
+    Column("kind", "what the figure is", lambda row: row[2]),
+)
+HELD: Final = Listing[OpenDirection](
+    "",
+    Column("parameter", value=lambda each: each.fixed),
+    Column("plausible", unit=lambda each: each.unit),
+    Column("tip", value=lambda each: each.effect, unit="m"),
+)
+SECTION: Final = Listing[Slice](
+    "",
+    *written("along", "up"),
+    *written("origin", "u", "v", "registered", "absolute", unit="m"),
 )
 
 
 def tip_map_document(found: TipMap) -> Document:
     """Figures over the region, the map over the arm, and the field's figures beside them."""
+    place = "({:.0f}, {:.0f}, {:.0f})".format(*mm(found.place))
+    where = (
+        f"Region: {region_text(found.region)}. "
+        f"Registered at {found.registration} points about {place} mm."
+    )
     parts: list[Part] = [
         Figure(partial(tip_map_plot, found), "Uncertainty of the tip after registration, mm"),
         BOTH.of((("registered", found.registered), ("absolute", found.absolute))),
         OTHERS.of((("this arm", mm(found.registered.rms), OURS), *FIELD)),
-        Text(_where(found), bullet=True),
+        Text(where, bullet=True),
         Text(_WHAT, bullet=True),
     ]
     data = {
         "registered": FIGURES.record(found.registered),
         "absolute": FIGURES.record(found.absolute),
-        "region": {
-            "lower_mm": plain(found.region.lower, "m"),
-            "upper_mm": plain(found.region.upper, "m"),
-            "tool_axis": plain(found.region.axis),
-            "cone_deg": deg(found.region.cone),
-        },
+        "region": region_record(found.region),
         "registration": {"place_mm": plain(found.place, "m"), "points": found.registration},
-        "held": [_fixed_dict(each) for each in found.open_directions],
-        "sections": {each.name: _section_dict(each) for each in found.sections},
+        "held": HELD.records(found.open_directions),
+        "sections": {each.name: SECTION.record(each) for each in found.sections},
         "field": OTHERS.records(FIELD),
         "tolerance_mm": plain(found.tolerance, "m"),
     }
     return Document(NAME, TITLE, found.assessment, parts, data)
-
-
-def _fixed_dict(each: OpenDirection) -> Json:
-    return {
-        "parameter": each.fixed,
-        key("plausible", each.unit): shown(each.plausible, each.unit),
-        "tip_mm": mm(each.effect),
-    }
-
-
-def _section_dict(each: Slice) -> Json:
-    """A section as grids."""
-    lengths = ("origin", "u", "v", "registered", "absolute")
-    return {
-        "along": plain(each.along),
-        "up": plain(each.up),
-        **{key(name, "m"): plain(getattr(each, name), "m") for name in lengths},
-    }
-
-
-def _where(found: TipMap) -> str:
-    low, high = mm(found.region.lower), mm(found.region.upper)
-    box = ", ".join(
-        f"{axis} {a:.0f} … {b:.0f}" for axis, a, b in zip("xyz", low, high, strict=True)
-    )
-    place = "({:.0f}, {:.0f}, {:.0f})".format(*mm(found.place))
-    return (
-        f"Region: {box} mm, tool within {deg(found.region.cone):.0f}° of its usual "
-        f"direction. Registered at {found.registration} points about {place} mm."
-    )
 
 
 def tip_map_plot(found: TipMap, name: str = NAME, *, absolute: bool = False) -> str:
@@ -146,8 +125,7 @@ def tip_map_plot(found: TipMap, name: str = NAME, *, absolute: bool = False) -> 
     """
     grids = [each.absolute if absolute else each.registered for each in found.sections]
     levels = _levels(mm(np.concatenate([grid[np.isfinite(grid)] for grid in grids])))
-    with style(name):
-        figure = Picture(figsize=(1.35 * WIDTH, 5.4), layout="constrained")
+    with picture(name, (1.35 * WIDTH, 5.4)) as figure:
         panels = figure.subplots(1, len(grids))
         for axes, each, grid in zip(panels, found.sections, grids, strict=True):
             filled = _map(axes, each, mm(grid), levels)
@@ -167,10 +145,8 @@ def _levels(values: FloatArray) -> list[float]:
     """Levels that the map needs, and one on either side of its values."""
     if not len(values):
         return list(LEVELS[:4])
-    low = max([k for k, level in enumerate(LEVELS) if level <= values.min()], default=0)
-    high = min(
-        [k for k, level in enumerate(LEVELS) if level >= values.max()], default=len(LEVELS) - 1
-    )
+    low = max(int(np.searchsorted(LEVELS, values.min(), "right")) - 1, 0)
+    high = min(int(np.searchsorted(LEVELS, values.max())), len(LEVELS) - 1)
     return list(LEVELS[low : max(high, low + 2) + 1])
 
 
@@ -182,8 +158,7 @@ def _map(axes: Axes, each: Slice, grid: FloatArray, levels: list[float]) -> Any:
     filled = axes.contourf(u, v, masked, levels, cmap=shades, norm=norm, extend="max")
     lines = axes.contour(u, v, masked, levels, colors="black", linewidths=0.5)
     axes.clabel(lines, fmt="%g", fontsize=7, inline_spacing=2)
-    limits = [mm(limit) for limit in THRESHOLDS]
-    styles = ["--", "-"]
+    limits, styles = [mm(limit) for limit in THRESHOLDS], ["--", "-"]
     for limit, look in zip(limits, styles, strict=True):
         axes.plot([], [], color="black", lw=1.8, ls=look, label=f"{limit:g} mm")
     axes.contour(u, v, masked, limits, colors="black", linewidths=1.8, linestyles=styles)
@@ -191,15 +166,9 @@ def _map(axes: Axes, each: Slice, grid: FloatArray, levels: list[float]) -> Any:
 
 
 def _arm_and_region(axes: Axes, each: Slice, found: TipMap) -> None:
-    draw_arm(axes, mm(each.project(found.drawn)))
-    corners = np.array(
-        [
-            [x, y, z]
-            for x in (found.region.lower[0], found.region.upper[0])
-            for y in (found.region.lower[1], found.region.upper[1])
-            for z in (found.region.lower[2], found.region.upper[2])
-        ]
-    )
+    arm = mm(each.project(found.drawn))
+    draw_arm(axes, arm)
+    corners = np.array(list(product(*zip(found.region.lower, found.region.upper, strict=True))))
     flat = mm(each.project(corners))
     low, high = flat.min(axis=0), flat.max(axis=0)
     frame = np.array([low, [high[0], low[1]], high, [low[0], high[1]], low])
@@ -208,11 +177,7 @@ def _arm_and_region(axes: Axes, each: Slice, found: TipMap) -> None:
     mark: dict[str, Any] = {"color": ORANGE, "mec": "black", "ms": 9, "ls": "none", "zorder": 7}
     axes.plot(*place, "P", label="registered here", **mark)
     _name(axes, each)
-    _crop(axes, each, mm(each.project(found.drawn)))
-
-
-def _crop(axes: Axes, each: Slice, arm: FloatArray) -> None:
-    """Only where the tip gets, and the arm."""
+    # Only where the tip gets, and the arm.
     rows, columns = np.nonzero(np.isfinite(each.registered))
     across = np.concatenate([mm(each.u[columns]), arm[:, 0]])
     upward = np.concatenate([mm(each.v[rows]), arm[:, 1]])

@@ -14,12 +14,10 @@ from suta_calib.units import deg, mm
 NAME: Final = "zero_offsets"
 RESIDUAL: Final = Listing[Branch](
     "",
-    (
-        Column("count", value=lambda branch: len(branch.distances)),
-        Column("rms", unit="m"),
-        Column("max", value=lambda branch: branch.distances.max(), unit="m"),
-        Column("rms", value=lambda branch: branch.rms_angle, unit="rad"),
-    ),
+    Column("count", value=lambda branch: len(branch.distances)),
+    Column("rms", unit="m"),
+    Column("max", value=lambda branch: branch.distances.max(), unit="m"),
+    Column("rms", value=lambda branch: branch.rms_angle, unit="rad"),
 )
 
 
@@ -70,9 +68,7 @@ def _branches(found: ZeroOffsets) -> Listing[Branch]:
     joints = (shown_as(joint, cell(k)) for k, joint in enumerate(found.arm.joints))
     return Listing(
         "Offsets, deg (mm)",
-        (
-            Column("", "branch", cell=number),
-            *joints,
-            Column("", "RMS mm", lambda branch: branch.rms, "m"),
-        ),
+        Column("", "branch", cell=number),
+        *joints,
+        Column("", "RMS mm", lambda branch: branch.rms, "m"),
     )

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from suta_calib.arrays import FloatArray
 from suta_calib.batched import Batched
-from suta_calib.geometry.numbers import vector_from_rotation
+from suta_calib.geometry.numbers import vector_from_rotation, vector_turning_z_to
 from suta_calib.model.arm import ArmModel
 from suta_calib.simulation.noise import full_circle, wrapped
 
@@ -121,7 +121,10 @@ class InverseKinematics:
             rows = np.flatnonzero(np.linalg.norm(error, axis=1) > _TOLERANCE)
             if not len(rows):
                 break
-            begin = q if attempt == 0 else self._other_start(first, rng, attempt)
+            begin = q
+            if attempt:
+                share = min(1.0, attempt / _WIDEST_START)
+                begin = first + share * (self.random_readings(rng, len(first)) - first)
             found, left = self._descend(targets.take(rows), begin[rows])
             better = np.linalg.norm(left, axis=1) < np.linalg.norm(error[rows], axis=1)
             q[rows[better]], error[rows[better]] = found[better], left[better]
@@ -139,10 +142,6 @@ class InverseKinematics:
         lower = np.where(np.isfinite(self._lower), self._lower, -reach)
         return lower, np.where(np.isfinite(self._upper), self._upper, reach)
 
-    def _other_start(self, first: FloatArray, rng: np.random.Generator, attempt: int) -> FloatArray:
-        share = min(1.0, attempt / _WIDEST_START)
-        return first + share * (self.random_readings(rng, len(first)) - first)
-
     def _descend(self, targets: Targets, q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """One damped Gauss–Newton search per row: final readings and residuals (n, 6)."""
         evaluate = _Residuals(self._function, self._theta, targets, q.shape[1])
@@ -150,7 +149,11 @@ class InverseKinematics:
         cost = (error**2).sum(axis=1)
         damping = np.full(len(q), 1e-3)
         for _ in range(_ITERATIONS):
-            moved = np.clip(q + _step(error, jacobian, damping * cost), self._lower, self._upper)
+            transposed = np.swapaxes(jacobian, 1, 2)
+            # The floor keeps redundant arms, and rows of zeros, solvable.
+            floor = (damping * cost + 1e-12)[:, None, None] * np.eye(q.shape[1])
+            step = np.linalg.solve(transposed @ jacobian + floor, transposed @ error[..., None])
+            moved = np.clip(q + np.clip(step[..., 0], -1.0, 1.0), self._lower, self._upper)
             new_error, new_jacobian = evaluate(moved)
             new_cost = (new_error**2).sum(axis=1)
             better = new_cost < cost
@@ -183,30 +186,12 @@ class _Residuals:
         columns = jacobian.reshape(len(q), 6, self._parameters)[:, :, : self._joints]
         linear = to_tip @ columns[:, :3] / _LENGTH
         angular = self._kept[:, None] * (to_tip @ columns[:, 3:])
-        away = self._targets.position - position
-        error = np.concatenate(
-            [(to_tip @ away[..., None])[..., 0] / _LENGTH, self._kept * self._turn(to_tip)], axis=1
-        )
-        return error, np.concatenate([linear, angular], axis=1)
-
-    def _turn(self, to_tip: FloatArray) -> FloatArray:
-        """(n, 3) rotation vector from the tip to the target, in the tip's frame."""
+        away = (to_tip @ (self._targets.position - position)[..., None])[..., 0]
         relative = to_tip @ self._targets.rotation
-        if self._targets.matching == "pose":
-            return vector_from_rotation(relative)
-        axis = relative[:, :, 2]
-        sine = np.hypot(axis[:, 0], axis[:, 1])
-        angle = np.arctan2(sine, axis[:, 2])
-        factor = np.where(sine > 0, angle / np.maximum(sine, 1e-300), 1.0)
-        opposite = (sine == 0) & (axis[:, 2] < 0)
-        turn = np.stack([-axis[:, 1], axis[:, 0], 0 * sine], axis=1) * factor[:, None]
-        turn[opposite] = [np.pi, 0.0, 0.0]
-        return turn
-
-
-def _step(error: FloatArray, jacobian: FloatArray, damping: FloatArray) -> FloatArray:
-    transposed = np.swapaxes(jacobian, 1, 2)
-    # The floor keeps redundant arms, and rows of zeros, solvable.
-    normal = transposed @ jacobian + (damping + 1e-12)[:, None, None] * np.eye(jacobian.shape[2])
-    step = np.linalg.solve(normal, transposed @ error[..., None])[..., 0]
-    return np.clip(step, -1.0, 1.0)
+        turn = (
+            vector_from_rotation(relative)
+            if self._targets.matching == "pose"
+            else vector_turning_z_to(relative[:, :, 2])
+        )
+        error = np.concatenate([away / _LENGTH, self._kept * turn], axis=1)
+        return error, np.concatenate([linear, angular], axis=1)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from suta_calib.arrays import FloatArray
 from suta_calib.geometry.numbers import rotation_from_vector
 from suta_calib.model.arm import ArmModel
+from suta_calib.terms.synthetic import random_directions
 
 
 @dataclass(frozen=True)
@@ -70,10 +71,8 @@ def outlier_displacements(rng: np.random.Generator, spec: OutlierSpec, n: int) -
     """Displacements (n, 3), m: zero but for the outliers, as many as the fraction says."""
     displacement = np.zeros((n, 3))
     rows = rng.permutation(n)[: round(spec.fraction * n)]
-    direction = rng.standard_normal((len(rows), 3))
-    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-    size = rng.uniform(spec.smallest, spec.largest, (len(rows), 1))
-    displacement[rows] = size * direction
+    direction = random_directions(rng, len(rows))
+    displacement[rows] = rng.uniform(spec.smallest, spec.largest, (len(rows), 1)) * direction
     return displacement
 
 

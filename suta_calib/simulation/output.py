@@ -37,7 +37,10 @@ def write_simulation(simulation: Simulation, folder: Path) -> list[Path]:
         _check_strangers(folder / name, simulation)
     for file in simulation.files:
         path = folder / file.path
-        _make_folder(path.parent)
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+        except OSError as problem:
+            raise OutputError(f"{path.parent}: not created: {problem.strerror}") from problem
         write_samples(path, file.samples)
     write_text(folder / "truth.yaml", truth_text(simulation))
     write_text(folder / "README.md", _readme(simulation))
@@ -47,56 +50,42 @@ def write_simulation(simulation: Simulation, folder: Path) -> list[Path]:
 
 def truth_text(simulation: Simulation) -> str:
     """``truth.yaml``: seed, true parameters, true landmarks and outliers, in mm and degrees."""
+    sets, parameters = simulation.spec.sets, {}
+    for name, value in simulation.values.items():
+        nominal, unit = simulation.arm.offered[name].nominal, simulation.arm.offered[name].unit
+        if value != nominal:
+            error = round(shown(value - nominal, unit), 9)
+            row = {key("value", unit): shown(value, unit), key("error", unit): error}
+            parameters[name] = _row(row)
+    # True positions, where they depart from the certified ones.
+    landmarks = {
+        plan.name: {
+            mark.name: _row({"position_mm": mm(mark.position).tolist()})
+            for mark in simulation.artefacts[plan.name].landmarks.values()
+        }
+        for plan in sets
+        if plan.noise.artefact and plan.name in simulation.artefacts
+    }
+    # How the tip always sits, where it does not fit.
+    seatings = {
+        plan.name: _row({"x_mm": mm(x), "y_mm": mm(y), "rz_deg": deg(rz)})
+        for plan in sets
+        for x, y, rz in [plan.seating]
+        if any(plan.seating)
+    }
     document = {
         "simulated": True,
         "simulation": simulation.spec.path.name,
         "seed": simulation.seed,
-        "parameters": {name: _parameter(simulation, name) for name in _departing(simulation)},
-        "landmarks": _landmarks(simulation),
-        **_seatings(simulation),
+        "parameters": parameters,
+        "landmarks": landmarks,
+        **({"seating": seatings} if seatings else {}),
         "outliers": [row for file in simulation.files for row in _outliers(file)],
     }
     yaml, text = YAML(), io.StringIO()
     yaml.width = 1000
     yaml.dump(document, text)
     return _TRUTH_HEADING + text.getvalue()
-
-
-def _departing(simulation: Simulation) -> list[str]:
-    nominal = simulation.arm.offered
-    return [name for name, value in simulation.values.items() if value != nominal[name].nominal]
-
-
-def _parameter(simulation: Simulation, name: str) -> CommentedMap:
-    parameter, value = simulation.arm.offered[name], simulation.values[name]
-    unit, error = parameter.unit, value - parameter.nominal
-    return _row(
-        {key("value", unit): shown(value, unit), key("error", unit): round(shown(error, unit), 9)}
-    )
-
-
-def _landmarks(simulation: Simulation) -> dict[str, Any]:
-    """True positions by set, where they depart from the certified ones."""
-    departing = {plan.name for plan in simulation.spec.sets if plan.noise.artefact}
-    return {
-        name: {
-            mark.name: _row({"position_mm": mm(mark.position).tolist()})
-            for mark in artefact.landmarks.values()
-        }
-        for name, artefact in simulation.artefacts.items()
-        if name in departing
-    }
-
-
-def _seatings(simulation: Simulation) -> dict[str, Any]:
-    """How the tip always sits, by set; nothing where it fits."""
-    found = {
-        plan.name: _row({"x_mm": mm(x), "y_mm": mm(y), "rz_deg": deg(rz)})
-        for plan in simulation.spec.sets
-        for x, y, rz in [plan.seating]
-        if any(plan.seating)
-    }
-    return {"seating": found} if found else {}
 
 
 def _outliers(file: SimulatedFile) -> list[CommentedMap]:
@@ -161,10 +150,3 @@ def _check_strangers(folder: Path, simulation: Simulation) -> None:
             f"{folder}: found {', '.join(strangers)}; expected only files this simulation "
             f"writes ({', '.join(sorted(ours))}); remove them or choose another --out"
         )
-
-
-def _make_folder(folder: Path) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as problem:
-        raise OutputError(f"{folder}: not created: {problem.strerror}") from problem

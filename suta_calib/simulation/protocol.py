@@ -9,14 +9,9 @@ import numpy as np
 
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.errors import JobError
-from suta_calib.geometry.numbers import rotation_from_vector
+from suta_calib.geometry.numbers import rotation_from_vector, vector_turning_z_to
 from suta_calib.measurements import Artefact
-from suta_calib.simulation.inverse_kinematics import (
-    InverseKinematics,
-    Matching,
-    Postures,
-    Targets,
-)
+from suta_calib.simulation.inverse_kinematics import InverseKinematics, Matching, Targets
 from suta_calib.simulation.noise import stream
 from suta_calib.simulation.schema import PoseSpec, SetSpec, SimulationSpec
 from suta_calib.terms.landmark import seated
@@ -104,19 +99,36 @@ class Visitor:
         """
         rng = stream(self.seed, plan.name, label, "postures")
         spread = stream(self.seed, plan.name, label, "places")
+        axis = -pose.rotation[:, 2] if plan.axis is None else plan.axis
+        turned = rotation_from_vector(vector_turning_z_to(axis))
         q, touched = np.empty((0, len(self.posture))), np.empty((0, 3))
         for _ in range(_MOST_BATCHES):
             where = spread.random((plan.directions, 2))
             position = plan.term.touches(pose.rotation, pose.position, where, plan.settings)
-            wanted = Targets(position, _cone_rotations(plan, pose, rng), "axis")
-            starts = self._anywhere(rng, len(wanted))
+            # Uniform over the cone: the height on a sphere is uniform.
+            height = rng.uniform(np.cos(plan.cone), 1.0, plan.directions)
+            around = rng.uniform(-np.pi, np.pi, plan.directions)
+            radius = np.sqrt(1 - height**2)
+            z = np.stack([radius * np.cos(around), radius * np.sin(around), height], axis=1)
+            spread_out = turned @ rotation_from_vector(vector_turning_z_to(z))
+            wanted = Targets(position, spread_out, "axis")
+            # About the posture, so that the turns about the tool axis differ too.
+            other = self.kinematics.random_readings(rng, len(wanted))
+            starts = self.posture + 0.25 * (other - self.posture)
             answer = self.kinematics.solve(wanted, starts, rng, _STARTS_PER_DIRECTION)
             q = np.concatenate([q, answer.q[answer.reached]])
             touched = np.concatenate([touched, position[answer.reached]])
             if len(q) >= plan.directions:
                 break
         else:
-            raise self._too_few(plan, label, pose, len(q))
+            raise self._refused(
+                plan,
+                label,
+                pose.line,
+                f"{len(q)} directions within reach of {plan.term.place} {label!r}",
+                f"{plan.directions} within {deg(plan.cone):.3g} deg of the axis",
+                f"move the {plan.term.place}, or ask for fewer directions or a wider cone",
+            )
         n = plan.directions
         targets = Targets(touched[:n], np.tile(np.eye(3), (n, 1, 1)))
         # Whatever the direction, the place is touched: it alone has to be met again with noise.
@@ -148,54 +160,22 @@ class Visitor:
             some = Targets(targets.position[rows], targets.rotation[rows], matching)
             answer = self.kinematics.solve(some, start[rows], rng)
             for k in np.flatnonzero(~answer.reached):
-                raise self._out_of_reach(plan, visits, int(rows[k]), answer, int(k))
+                distance, angle = mm(answer.distance[k]), deg(answer.angle[k])
+                raise self._refused(
+                    plan,
+                    visits.name,
+                    visits.line,
+                    f"{visits.what(int(rows[k]))} out of the arm's reach "
+                    f"(closest: {distance:.3g} mm and {angle:.3g} deg away)",
+                    "a pose within reach and joint limits",
+                    "move it or turn it",
+                )
             q[rows] = answer.q
         return q
 
-    def _anywhere(self, rng: np.random.Generator, n: int) -> FloatArray:
-        """Starts about the posture, so that the turns about the tool axis differ too."""
-        other = self.kinematics.random_readings(rng, n)
-        return self.posture + 0.25 * (other - self.posture)
-
-    def _out_of_reach(
-        self, plan: SetSpec, visits: Visits, row: int, answer: Postures, k: int
+    def _refused(
+        self, plan: SetSpec, label: str, line: int | None, found: str, expected: str, hint: str
     ) -> JobError:
-        distance, angle = mm(answer.distance[k]), deg(answer.angle[k])
-        return JobError(
-            f"{visits.what(row)} out of the arm's reach "
-            f"(closest: {distance:.3g} mm and {angle:.3g} deg away)",
-            "a pose within reach and joint limits",
-            file=self.spec.path,
-            line=visits.line,
-            where=f"sets.{plan.name}.{plan.places_key}.{visits.name}",
-            hint="move it or turn it",
-        )
-
-    def _too_few(self, plan: SetSpec, label: str, point: PoseSpec, count: int) -> JobError:
-        return JobError(
-            f"{count} directions within reach of {plan.term.place} {label!r}",
-            f"{plan.directions} within {deg(plan.cone):.3g} deg of the axis",
-            file=self.spec.path,
-            line=point.line,
-            where=f"sets.{plan.name}.{plan.places_key}.{label}",
-            hint=f"move the {plan.term.place}, or ask for fewer directions or a wider cone",
-        )
-
-
-def _cone_rotations(plan: SetSpec, place: PoseSpec, rng: np.random.Generator) -> FloatArray:
-    """Orientations whose z axes are uniform over the cone, as many as are wanted."""
-    n = plan.directions
-    height = rng.uniform(np.cos(plan.cone), 1.0, n)
-    around = rng.uniform(-np.pi, np.pi, n)
-    radius = np.sqrt(1 - height**2)
-    z = np.stack([radius * np.cos(around), radius * np.sin(around), height], axis=1)
-    axis = -place.rotation[:, 2] if plan.axis is None else plan.axis
-    return np.asarray(_turning_z_to(axis) @ np.array([_turning_z_to(each) for each in z]))
-
-
-def _turning_z_to(axis: FloatArray) -> FloatArray:
-    """A rotation whose third column is the unit vector ``axis``."""
-    sine = float(np.hypot(axis[0], axis[1]))
-    angle = np.arctan2(sine, axis[2])
-    direction = np.array([-axis[1], axis[0], 0.0]) / sine if sine > 0 else np.array([1.0, 0.0, 0.0])
-    return rotation_from_vector(angle * direction)
+        """Error about a place of a set, to be raised by the caller."""
+        where = f"sets.{plan.name}.{plan.places_key}.{label}"
+        return JobError(found, expected, file=self.spec.path, line=line, where=where, hint=hint)

@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any, Final, Literal, TypeVar
 
@@ -13,7 +14,6 @@ import numpy as np
 
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import JobError
-from suta_calib.geometry.numbers import rotation_from_rpy
 from suta_calib.measurements import YamlSection, read_yaml
 from suta_calib.measurements.yaml_file import Sign
 from suta_calib.simulation.noise import NoiseLevels, OutlierSpec
@@ -27,7 +27,6 @@ _NOISE_KEYS: Final = (
 # Of what an arm's parameters may be.
 _UNITS: Final[tuple[Unit, ...]] = ("m", "rad", "rad/Nm")
 _ERROR_KEYS: Final = tuple(key(name, unit) for name in ("value", "std") for unit in _UNITS)
-_MOST_BITS: Final = 52
 # A name becomes a file's or a folder's, on any system.
 _PORTABLE_NAME: Final = re.compile(r"\w[\w.-]*")
 
@@ -203,8 +202,7 @@ def _posture(top: YamlSection) -> tuple[PostureRow, ...]:
         section = top.section(where)
         for joint in section.data:
             reading = stored(section.number(joint), unit)
-            line = top.document.line_of(where, joint)
-            rows.append(PostureRow(joint, reading, unit, line))
+            rows.append(PostureRow(joint, reading, unit, top.document.line_of(where, joint)))
     return tuple(rows)
 
 
@@ -222,25 +220,22 @@ def _error_row(row: YamlSection) -> ErrorRow:
 def _by_unit(row: YamlSection, name: Literal["value", "std"]) -> dict[str, float]:
     """``value_mm``, ``value_deg``, … as {"m": …, "rad": …}; a std must not be negative."""
     sign: Sign = "non-negative" if name == "std" else "any"
-    found = {unit: row.optional_number(key(name, unit), sign) for unit in _UNITS}
-    return {unit: stored(number, unit) for unit, number in found.items() if number is not None}
+    found = {unit: row.optional_number(key(name, unit), sign, unit=unit) for unit in _UNITS}
+    return {unit: number for unit, number in found.items() if number is not None}
 
 
 def _noise(section: YamlSection) -> NoiseLevels:
     section.check_keys(_NOISE_KEYS)
 
     def level(name: str, unit: Unit) -> float:
-        return stored(section.optional_number(name, "non-negative") or 0.0, unit)
+        return section.optional_number(name, "non-negative", unit=unit) or 0.0
 
-    bits = section.integer("encoder_bits", 0, minimum=0)
-    if bits > _MOST_BITS:
-        raise section.refuse(str(bits), f"at most {_MOST_BITS} bits", at=("encoder_bits",))
     return NoiseLevels(
         seating=level("seating_mm", "m"),
         seating_angle=level("seating_deg", "rad"),
         encoder_angle=level("encoder_deg", "rad"),
         encoder_length=level("encoder_mm", "m"),
-        encoder_bits=bits,
+        encoder_bits=section.bits("encoder_bits", minimum=0),
         instrument=level("instrument_mm", "m"),
         instrument_angle=level("instrument_deg", "rad"),
         artefact=section.flag("artefact"),
@@ -263,23 +258,42 @@ def _set(name: str, section: YamlSection, noise: NoiseLevels) -> SetSpec:
     _check_keys(section, kind)
     touches_artefact = kind.medium == "touch" and kind.needs_artefact
     frames = [frame.key for frame in kind.frames if frame.key in section]
+    places: dict[str, PoseSpec] = {}
+    if kind.place:
+        read = partial(_pose, turns=kind.place_turns)
+        places = _named(section, f"{kind.place}s", lambda _, each: read(each))
+    axis = np.array(section.numbers("axis", 3)) if "axis" in section else None
+    if axis is not None and not axis.any():
+        raise section.refuse("a vector without direction", "a direction", at=("axis",))
+    cone = section.optional_number("cone_deg", "non-negative")
+    if cone is not None and cone > 180:
+        raise section.refuse(f"{cone:g}", "at most 180 degrees", at=("cone_deg",))
+    seating = section.section("seating") if "seating" in section else None
+    if seating is not None:
+        seating.check_keys(("x_mm", "y_mm", "rz_deg"))
     return SetSpec(
         name,
         kind.kind,
         _noise(section.section("noise")) if "noise" in section else noise,
         _outliers(section.section("outliers")) if "outliers" in section else OutlierSpec(),
         section.existing_file("artefact") if touches_artefact else None,
-        _places(section, kind) if kind.place else {},
+        places,
         section.integer("repeats", SetSpec.repeats, minimum=1),
         section.integer("directions", SetSpec.directions, minimum=1),
-        _direction(section) if "axis" in section else None,
-        _cone(section),
+        None if axis is None else axis / np.linalg.norm(axis),
+        SetSpec.cone if cone is None else from_deg(cone),
         section.integer("samples", SetSpec.samples, minimum=1),
         {key: _pose(section.section(key)) for key in frames},
         section.flag("orientation"),
         kind.read_settings(section),
         section.line,
-        _seating(section.section("seating")) if "seating" in section else (0.0, 0.0, 0.0),
+        SetSpec.seating
+        if seating is None
+        else (
+            seating.optional_number("x_mm", unit="m") or 0.0,
+            seating.optional_number("y_mm", unit="m") or 0.0,
+            seating.optional_number("rz_deg", unit="rad") or 0.0,
+        ),
     )
 
 
@@ -299,41 +313,8 @@ def _check_keys(section: YamlSection, kind: type[Term]) -> None:
     section.check_keys(("kind", "noise", "outliers", *known, *own), required=required)
 
 
-def _places(section: YamlSection, kind: type[Term]) -> dict[str, PoseSpec]:
-    read = _pose if kind.place_turns else _point
-    return _named(section, f"{kind.place}s", lambda _, each: read(each))
-
-
-def _seating(section: YamlSection) -> tuple[float, float, float]:
-    units: dict[str, Unit] = {"x_mm": "m", "y_mm": "m", "rz_deg": "rad"}
-    section.check_keys(units)
-    x, y, rz = (stored(section.optional_number(k) or 0.0, unit) for k, unit in units.items())
-    return x, y, rz
-
-
-def _point(section: YamlSection) -> PoseSpec:
-    section.check_keys(("position_mm",), required=("position_mm",))
-    return _pose(section)
-
-
-def _pose(section: YamlSection) -> PoseSpec:
-    section.check_keys(("position_mm", "rotation_rpy_deg"), required=("position_mm",))
-    turned = "rotation_rpy_deg" in section
-    rpy = np.array(section.numbers("rotation_rpy_deg", 3) if turned else [0.0, 0.0, 0.0])
-    position = np.array(section.numbers("position_mm", 3))
-    return PoseSpec(rotation_from_rpy(from_deg(rpy)), from_mm(position), section.line)
-
-
-def _direction(section: YamlSection) -> FloatArray:
-    vector = np.array(section.numbers("axis", 3))
-    length = np.linalg.norm(vector)
-    if not length > 0:
-        raise section.refuse("a vector without direction", "a direction", at=("axis",))
-    return np.asarray(vector / length, dtype=float)
-
-
-def _cone(section: YamlSection) -> float:
-    cone = section.optional_number("cone_deg", "non-negative")
-    if cone is not None and cone > 180:
-        raise section.refuse(f"{cone:g}", "at most 180 degrees", at=("cone_deg",))
-    return SetSpec.cone if cone is None else from_deg(cone)
+def _pose(section: YamlSection, *, turns: bool = True) -> PoseSpec:
+    turn = ("rotation_rpy_deg",) if turns else ()
+    section.check_keys(("position_mm", *turn), required=("position_mm",))
+    rotation, position = section.rotation(), section.position()
+    return PoseSpec(np.eye(3) if rotation is None else rotation, position, section.line)

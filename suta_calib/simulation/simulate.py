@@ -97,13 +97,14 @@ def simulate(
             progress(f"{plan.name}/{label}.csv")
             if plan.term.medium != "touch":
                 files.append(_seen(plan, label, kinematics, values, seed))
-            elif plan.name in artefacts:
-                touched = artefacts[plan.name]
-                visits = visitor.artefact(plan, label, plan.places[label], touched)
-                files.append(_touched(plan, visits, visitor))
-            else:
-                visits = visitor.place(plan, label, plan.places[label])
-                files.append(_touched(plan, visits, visitor))
+                continue
+            place, touched = plan.places[label], artefacts.get(plan.name)
+            visits = (
+                visitor.place(plan, label, place)
+                if touched is None
+                else visitor.artefact(plan, label, place, touched)
+            )
+            files.append(_touched(plan, visits, visitor))
     return Simulation(spec, seed, arm, values, artefacts, tuple(files))
 
 
@@ -128,28 +129,17 @@ def true_values(arm: ArmModel, spec: SimulationSpec, seed: int) -> dict[str, flo
     """
     errors: dict[str, float] = {}
     for index, row in enumerate(spec.errors):
-        for name in _selected(arm, row, index, spec):
-            errors[name] = _error(arm.offered[name], row, index, seed, spec)
+        try:
+            names = arm.select(*row.select).names
+        except ParameterError as problem:
+            raise JobError.of(problem, spec.path, row.line, f"errors[{index}].select") from None
+        # The word geometric and globs reach units that the row gives no size for.
+        sized = {*row.value, *row.std}
+        for name in names:
+            if name in row.select or arm.offered[name].unit in sized:
+                errors[name] = _error(arm.offered[name], row, index, seed, spec)
     told = [n for n in arm.offered if n in errors or n in arm.parameters]
     return {n: arm.offered[n].nominal + errors.get(n, 0.0) for n in told}
-
-
-def _selected(arm: ArmModel, row: ErrorRow, index: int, spec: SimulationSpec) -> tuple[str, ...]:
-    """Names a row means; ``geometric`` and globs reach units the row gives no size for."""
-    try:
-        names = arm.select(*row.select).names
-    except ParameterError as problem:
-        where = f"errors[{index}].select"
-        raise JobError(
-            problem.found,
-            problem.expected,
-            file=spec.path,
-            line=row.line,
-            where=where,
-            hint=problem.hint,
-        ) from None
-    sized = {*row.value, *row.std}
-    return tuple(n for n in names if n in row.select or arm.offered[n].unit in sized)
 
 
 def _error(
@@ -200,7 +190,8 @@ def _touched(plan: SetSpec, visits: Visits, visitor: Visitor) -> SimulatedFile:
     """Readings at every touch: seated imperfectly, reached exactly, read with noise."""
     n, arm = len(visits.targets), visitor.kinematics.arm
     rng = stream(visitor.seed, plan.name, visits.name, "seating")
-    displacement = _displacement(plan, visits.name, n, visitor.seed)
+    gross = stream(visitor.seed, plan.name, visits.name, "outliers")
+    displacement = outlier_displacements(gross, plan.outliers, n)
     position = visits.targets.position + plan.noise.seating * rng.standard_normal((n, 3))
     tilt = scattered_rotations(rng, plan.noise.seating_angle, n)
     targets = Targets(position + displacement, visits.targets.rotation @ tilt)
@@ -209,8 +200,9 @@ def _touched(plan: SetSpec, visits: Visits, visitor: Visitor) -> SimulatedFile:
     noise = stream(visitor.seed, plan.name, visits.name, "encoders")
     readings = encoder_readings(noise, plan.noise, arm, q)
     path = f"{plan.name}/{visits.name}.csv"
-    origin = _origins(path, n)
-    samples = Samples.from_arrays(arm.joints, readings, labels=visits.labels, origin=origin)
+    samples = Samples.from_arrays(
+        arm.joints, readings, labels=visits.labels, origin=_origins(path, n)
+    )
     return SimulatedFile(path, samples, displacement)
 
 
@@ -227,7 +219,8 @@ def _seen(
     q = wrapped(arm, kinematics.random_readings(rng, n))
     ideal = _ideal(plan, arm, q, values)
     rng = stream(seed, plan.name, "instrument")
-    displacement = _displacement(plan, label, n, seed)
+    gross = stream(seed, plan.name, label, "outliers")
+    displacement = outlier_displacements(gross, plan.outliers, n)
     seen = ideal.position + displacement + noise.instrument * rng.standard_normal((n, 3))
     turned = scattered_rotations(rng, noise.instrument_angle, n)
     if ideal.rotation is not None:
@@ -258,10 +251,6 @@ def _ideal(plan: SetSpec, arm: ArmModel, q: FloatArray, values: Mapping[str, flo
     )
     poses = ArmPoses(arm, blank)
     return plan.term.over(poses, Setup(settings=plan.settings)).observed(truth, poses)
-
-
-def _displacement(plan: SetSpec, label: str, n: int, seed: int) -> FloatArray:
-    return outlier_displacements(stream(seed, plan.name, label, "outliers"), plan.outliers, n)
 
 
 def _origins(path: str, n: int) -> list[str]:

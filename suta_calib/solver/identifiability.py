@@ -22,8 +22,8 @@ from suta_calib.solver.information import Information
 # Standard deviation over plausible range beyond which a number is not worth reporting: a value
 # anywhere within ± the bound has one of 0.58 before any measurement.
 WEAK: Final = 0.1
-# Noise may feign at most this part of a direction's information: it biases an estimate by as much.
-FEIGNED: Final = 0.01
+# Of a direction's information, what noise may make up: it biases an estimate by as much.
+NOISE_INDUCED_SHARE: Final = 0.01
 # Relative eigenvalue below which a direction is null to rounding.
 ROUNDING: Final = 1e-13
 
@@ -161,7 +161,7 @@ def _weak_directions(matrices: list[FloatArray], prior: FloatArray) -> FloatArra
     spread = np.sqrt(np.maximum(np.maximum(along[0] + known, values), 0.0)) / np.maximum(
         values, floor
     )
-    by_noise = along[1] * FEIGNED**-1 > np.maximum(values - known, floor)
+    by_noise = along[1] * NOISE_INDUCED_SHARE**-1 > np.maximum(values - known, floor)
     weak = (values < floor) | (spread > WEAK) | (by_noise & (known <= 0))
     return np.asarray(vectors[:, weak])
 
@@ -184,7 +184,9 @@ def _echelon(
         still_weak = max(4.0 * known, 1e-3 * floor if exact else 0.25 / WEAK**2)
         for i in np.argsort(np.abs(column)):
             kept, column[i] = column[i], 0.0
-            by_noise = 0.0 if exact else float(column @ noise_induced @ column) / FEIGNED
+            by_noise = (
+                0.0 if exact else float(column @ noise_induced @ column) / NOISE_INDUCED_SHARE
+            )
             if column @ curvature @ column > max(still_weak, by_noise) or not column.any():
                 column[i] = kept
                 break

@@ -4,7 +4,7 @@ Three matrices over all parameters, from the whitened Jacobian J:
 
     A  = Σ Jᵀ ψ' J            curvature of the robust cost (the bread of the sandwich)
     M  = Var(Σ Jᵀ ψ)          variance of its gradient (the meat), by sample rather than by row
-    F  = E[ΔJᵀ ΔJ]            information that noise in the readings alone would feign
+    F  = E[ΔJᵀ ΔJ]            information that noise in the readings alone would make up
 
 Rows that share samples are not independent: the (JᵀJ)⁻¹ of pairwise distances understates standard
 deviations by two to four times. A direction v with vᵀAv not well above vᵀFv is excited by nothing
@@ -27,8 +27,8 @@ from suta_calib.units import Unit
 
 # Readings that are looked at to learn how far the tip reaches: an average needs no more.
 REACH_SAMPLES: Final = 50
-# Weight that lets a direction count as feigned once half of its information is residual-made: noise
-# may feign a hundredth (`identifiability.FEIGNED`).
+# Weight that lets a direction count as noise-induced once half of its information is made by
+# residuals: noise may make up a hundredth (`identifiability.NOISE_INDUCED_SHARE`).
 RESIDUAL_MADE: Final = 0.02
 # Noise of an orientation, rad, that no instrument of use exceeds.
 WORST_TURN: Final = float(np.radians(1.0))
@@ -80,7 +80,7 @@ def predicted_information(
         x: where.
         sigmas: noise level of each block.
         robust: believe rows as Huber weighs them at x. Wrong before the fit, where a wrong geometry
-            makes residuals large; needed after it, where gross errors would feign information
+            makes residuals large; needed after it, where gross errors would make up information
             (an outlier tells the scale of an arm that touched one point, and tells it wrongly).
     """
     plain = rows = whitened_rows(problem, x, sigmas)
@@ -91,7 +91,7 @@ def predicted_information(
     curvature = sum(r.jacobian.T @ r.jacobian for r in rows)
     variance = sum(_predicted_variance(r) for r in rows)
     beliefs = [r.belief for r in rows]
-    noise_induced = _feigned_information(problem, x, sigmas, plain, beliefs)
+    noise_induced = _noise_induced_information(problem, x, sigmas, plain, beliefs)
     return Information(np.asarray(curvature), np.asarray(variance), noise_induced)
 
 
@@ -113,7 +113,7 @@ def noise_levels(problem: Problem, x: FloatArray, sigmas: Sequence[float]) -> li
     return levels
 
 
-def _feigned_information(
+def _noise_induced_information(
     problem: Problem,
     x: FloatArray,
     sigmas: Sequence[float],
@@ -143,7 +143,7 @@ def _feigned_information(
 
 
 def _by_residual_alone(problem: Problem, row: Rows) -> FloatArray:
-    """Information about turns that a residual in a turning frame feigns by being large.
+    """Information about turns that a residual in a turning frame makes up by being large.
 
     Rᵀ(c - p) turns with the tool, so its derivative by the tool's orientation is as long as the
     residual itself, and vanishes with it: no such residual can tell where the tool points.

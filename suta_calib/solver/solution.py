@@ -28,7 +28,7 @@ class Estimate:
     """One parameter after the fit.
 
     Attributes:
-        name, unit, nominal: as in the problem.
+        name, owner, unit, nominal: as in the problem.
         value: the estimate; nominal where nothing could be said.
         std: its standard deviation, None where the value is not an estimate.
         state: ``identified``; ``unidentified`` (fixed at nominal, the data cannot tell);
@@ -38,6 +38,7 @@ class Estimate:
     """
 
     name: str
+    owner: str
     unit: Unit
     nominal: float
     value: float
@@ -140,7 +141,7 @@ class Solution:
             given = self.identification.given(p.name) if k in free else ()
             known = self._known(p, float(std[k])) if state in ("identified", "prior") else None
             found[p.name] = Estimate(
-                p.name, p.unit, p.nominal, float(self.x[k]), known, state, given
+                p.name, p.owner, p.unit, p.nominal, float(self.x[k]), known, state, given
             )
         return found
 

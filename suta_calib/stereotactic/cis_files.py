@@ -1,4 +1,4 @@
-"""Files of the JHU CIS stereotactic navigation problem.
+"""Files of the JHU CIS stereotactic navigation problem, read by their common prefix.
 
 Johns Hopkins University, 600.455/655 Computer Integrated Surgery, programming assignments 1 and 2.
 A file is a header of counts and the file's own name, separated by commas, then one point a row,
@@ -8,11 +8,13 @@ A file is a header of counts and the file's own name, separated by commas, then 
 from __future__ import annotations
 
 import math
+import os
 import re
+import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Final, TypeVar
+from typing import Final, Self
 
 import numpy as np
 
@@ -23,9 +25,10 @@ from suta_calib.units import from_mm, mm
 
 # mm; beyond this it is no position of a marker, and its square must stay a number.
 LARGEST: Final = 1e9
+# Both spellings are in circulation.
+EM_FIDUCIALS: Final = ("em-fiducials", "em-fiducialss")
 _COUNT: Final = re.compile(r"[0-9]{1,9}")
 Counts = tuple[int, ...]
-Block = TypeVar("Block")
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,6 +155,127 @@ def points_text(counts: Counts, name: str, *points: FloatArray) -> str:
     return "\n".join([", ".join([*map(str, counts), name]), *lines]) + "\n"
 
 
+@dataclass(frozen=True, eq=False)
+class NavigationData:
+    """The second assignment: fiducials in CT and by the EM probe, and where the probe went.
+
+    Attributes:
+        ct_fiducials: (N_B, 3) in CT, m.
+        em_fiducials: (N_B, N_G, 3) EM probe's markers while its tip is in each fiducial, m.
+        em_nav: (N_frames, N_G, 3) EM probe's markers while navigating, m.
+    """
+
+    ct_fiducials: FloatArray
+    em_fiducials: FloatArray
+    em_nav: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class StereotacticData:
+    """The given files.
+
+    Attributes:
+        prefix: what the paths of all files begin with.
+        body: markers on the calibration object and on the EM tracker's base.
+        readings: the same as seen by both trackers.
+        em_pivot: (N_frames, N_G, 3) EM probe turned about its tip, in the EM tracker, m.
+        optical_pivot: the optical probe turned about its tip.
+        navigation: of the second assignment, if asked for and there.
+    """
+
+    prefix: Path
+    body: CalibrationBody
+    readings: CalibrationReadings
+    em_pivot: FloatArray
+    optical_pivot: OpticalPivot
+    navigation: NavigationData | None = None
+
+    @property
+    def name(self) -> str:
+        """What the names of all files begin with."""
+        return self.prefix.name
+
+    @classmethod
+    def read(cls, prefix: str | Path, *, navigation: bool = False) -> Self:
+        """Read the files whose names begin with ``prefix``, and check that they fit together.
+
+        Args:
+            prefix: such as ``data/pa1-debug-a`` for ``data/pa1-debug-a-calbody.txt``.
+            navigation: also the second assignment's three files, if all of them are there.
+
+        Raises:
+            SamplesError: a file is missing, malformed, or its counts differ from another file's.
+
+        Warns:
+            UserWarning: only some of the second assignment's files are there: they are not read.
+        """
+        calbody = path_of(prefix, "calbody")
+        if not calbody.is_file():
+            raise SamplesError(
+                "no such file",
+                "a file that exists",
+                file=calbody,
+                hint="PREFIX is what stands before -calbody.txt",
+            )
+        body = read_calibration_body(calbody)
+        path = path_of(prefix, "calreadings")
+        readings = read_calibration_readings(path)
+        for name, part in (("N_D", "base"), ("N_A", "optical"), ("N_C", "em")):
+            found, expected = getattr(readings, part).shape[1], len(getattr(body, part))
+            agree(path, name, found, "markers", expected, calbody)
+        em_pivot = read_em_frames(path_of(prefix, "empivot"))
+        path = path_of(prefix, "optpivot")
+        optical_pivot = read_optical_pivot(path)
+        agree(path, "N_D", optical_pivot.base.shape[1], "markers", len(body.base), calbody)
+        data = cls(Path(prefix), body, readings, em_pivot, optical_pivot)
+        return data._with_navigation(prefix) if navigation else data
+
+    def _with_navigation(self, prefix: str | Path) -> Self:
+        ct_path, nav_path = path_of(prefix, "ct-fiducials"), path_of(prefix, "EM-nav")
+        spellings = [path_of(prefix, kind) for kind in EM_FIDUCIALS]
+        em_path = next(filter(os.path.lexists, spellings), spellings[0])
+        paths = (ct_path, em_path, nav_path)
+        if missing := [str(path) for path in paths if not os.path.lexists(path)]:
+            if len(missing) < len(paths):
+                warnings.warn(f"no navigation: there is no {', no '.join(missing)}", stacklevel=2)
+            return self
+        ct, fiducials, nav = read_points(ct_path), read_em_frames(em_path), read_em_frames(nav_path)
+        agree(em_path, "N_frames", len(fiducials), "fiducials", len(ct), ct_path)
+        markers, pivot = self.em_pivot.shape[1], path_of(prefix, "empivot")
+        agree(em_path, "N_G", fiducials.shape[1], "markers", markers, pivot)
+        agree(nav_path, "N_G", nav.shape[1], "markers", markers, pivot)
+        return replace(self, navigation=NavigationData(ct, fiducials, nav))
+
+
+def path_of(prefix: str | Path, kind: str) -> Path:
+    """The file of one kind, such as ``calbody``."""
+    return Path(f"{prefix}-{kind}.txt")
+
+
+def agree(path: Path, name: str, found: int, what: str, expected: int, other: Path) -> None:
+    """Refuse a file whose header gives another count than there is in another file.
+
+    Args:
+        path: the file.
+        name: of the count in its header.
+        found: what it says.
+        what: is counted, as a reader is told.
+        expected: the other file's count.
+        other: the other file.
+
+    Raises:
+        SamplesError: the counts differ.
+    """
+    if found != expected:
+        raise SamplesError(
+            str(found),
+            f"{expected}: {other.name} has {expected} {what}",
+            file=path,
+            line=1,
+            where=name,
+        )
+
+
 def _by_frame(counts: Counts) -> int:
     return sum(counts[:-1]) * counts[-1]
 
@@ -164,41 +288,42 @@ def _split(points: FloatArray, counts: Counts | list[int]) -> list[FloatArray]:
 def _read(
     path: Path, names: tuple[str, ...], expected: Callable[[Counts], int]
 ) -> tuple[Counts, FloatArray]:
-    """Counts of the header, and the rows below it.
-
-    Args:
-        path: the file.
-        names: of the counts, for messages.
-        expected: number of rows that follow from the counts.
-
-    Returns:
-        the counts; (rows, 3) points, m.
-
-    Raises:
-        SamplesError: the file cannot be read, or is not as its header says.
-    """
+    """Counts of the header, and the ``expected(counts)`` points (rows, 3), m, below it."""
     # Not splitlines(): it also breaks at form feeds, and line numbers must be an editor's.
+    layout = f"'{', '.join((*names, 'name'))}'"
     lines = re.split(r"\r\n|\r|\n", read_text(path, SamplesError).rstrip())
     if lines == [""]:
-        raise SamplesError("an empty file", f"a header {_layout(names)} and points", file=path)
-    counts = _header(path, lines[0], names)
-    rows = lines[1:]
-    for number, row in enumerate(rows[: expected(counts)], 2):
-        _check_row(path, number, row, last=number == len(lines))
-    if len(rows) != expected(counts):
-        raise _wrong_length(path, len(rows), expected(counts), names, counts)
-    return counts, from_mm(np.array([_numbers(row) for row in rows]))
+        raise SamplesError("an empty file", f"a header {layout} and points", file=path)
+    counts = _counts(path, lines[0], names, layout)
+    rows, wanted = lines[1:], expected(counts)
+    points = [_numbers(row) for row in rows]
+    for line, values in enumerate(points[:wanted], 2):
+        if len(values) != 3 or not all(abs(value) <= LARGEST for value in values):
+            cut = line == len(lines) and len(values) < 3
+            raise SamplesError(
+                repr(rows[line - 2][:60]),
+                "three numbers x, y, z in mm",
+                file=path,
+                line=line,
+                hint="the file ends in the middle of a row" if cut else "",
+            )
+    if len(rows) != wanted:
+        said = ", ".join(f"{name} = {count}" for name, count in zip(names, counts, strict=True))
+        raise SamplesError(
+            f"{len(rows)} rows of points",
+            f"{wanted}, for the header says {said}",
+            file=path,
+            line=min(len(rows), wanted) + 2,
+            hint="the file was cut off" if len(rows) < wanted else "delete the surplus rows",
+        )
+    return counts, from_mm(np.array(points))
 
 
-def _layout(names: tuple[str, ...]) -> str:
-    return f"'{', '.join((*names, 'name'))}'"
-
-
-def _header(path: Path, line: str, names: tuple[str, ...]) -> Counts:
-    cells = [cell.strip() for cell in line.split(",", len(names))]
+def _counts(path: Path, header: str, names: tuple[str, ...], layout: str) -> Counts:
+    cells = [cell.strip() for cell in header.split(",", len(names))]
     if len(cells) <= len(names):
         raise SamplesError(
-            f"the header {line[:60]!r}", f"{_layout(names)}, separated by commas", file=path, line=1
+            f"the header {header[:60]!r}", f"{layout}, separated by commas", file=path, line=1
         )
     for name, cell in zip(names, cells[:-1], strict=True):
         if not _COUNT.fullmatch(cell) or int(cell) == 0:
@@ -208,32 +333,9 @@ def _header(path: Path, line: str, names: tuple[str, ...]) -> Counts:
     return tuple(map(int, cells[:-1]))
 
 
-def _check_row(path: Path, line: int, row: str, *, last: bool) -> None:
-    values = _numbers(row)
-    if len(values) == 3 and all(abs(value) <= LARGEST for value in values):
-        return
-    hint = "the file ends in the middle of a row" if last and len(values) < 3 else ""
-    raise SamplesError(
-        repr(row[:60]), "three numbers x, y, z in mm", file=path, line=line, hint=hint
-    )
-
-
 def _numbers(row: str) -> list[float]:
     """Cells as numbers, NaN where there is none; Python's ``1_000`` is not a number here."""
     try:
         return [float("nan" if "_" in cell else cell) for cell in row.split(",")]
     except ValueError:
         return [math.nan] * (row.count(",") + 1)
-
-
-def _wrong_length(
-    path: Path, found: int, expected: int, names: tuple[str, ...], counts: Counts
-) -> SamplesError:
-    said = ", ".join(f"{name} = {count}" for name, count in zip(names, counts, strict=True))
-    return SamplesError(
-        f"{found} rows of points",
-        f"{expected}, for the header says {said}",
-        file=path,
-        line=min(found, expected) + 2,
-        hint="the file was cut off" if found < expected else "delete the surplus rows",
-    )

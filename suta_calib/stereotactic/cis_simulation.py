@@ -19,13 +19,14 @@ from suta_calib.geometry.numbers import rotation_from_vector
 from suta_calib.stereotactic.cis_files import (
     CalibrationBody,
     CalibrationReadings,
+    NavigationData,
     OpticalPivot,
     Output1,
+    StereotacticData,
     output1_text,
     output2_text,
     points_text,
 )
-from suta_calib.stereotactic.data import NavigationData, StereotacticData
 from suta_calib.stereotactic.marker_cloud import BodyPoses
 
 PIVOT_FRAMES: Final = 12

@@ -17,7 +17,6 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 from scipy.special import comb
 from scipy.stats import chi2
@@ -35,7 +34,6 @@ COARSE: Final = (1, 2, 3)
 RCOND: Final = 1e-6
 # Left-out points that the other frames do not determine: leverage this close to one.
 UNDETERMINED: Final = 1e-9
-Mask = NDArray[np.bool_]
 MAX_ROUNDS: Final = 10
 # Times the limit for normal errors: what a polynomial cannot follow is no outlier.
 GROSS: Final = 3.0
@@ -77,15 +75,14 @@ class DistortionCorrection:
         points = np.asarray(points, dtype=float)
         if self.degree == 0:
             return np.zeros_like(points)
-        scaled = _scaled(points.reshape(-1, 3), self.lower, self.upper)
-        moved = _basis(np.clip(scaled, 0.0, 1.0), self.degree) @ self.coefficients
-        return np.asarray(moved.reshape(points.shape))
+        basis = _basis(points.reshape(-1, 3), self.lower, self.upper, self.degree)
+        return np.asarray((basis @ self.coefficients).reshape(points.shape))
 
     def correct(self, points: FloatArray) -> FloatArray:
         """Corrected positions of measured points: (..., 3) → (..., 3), m."""
         return np.asarray(points, dtype=float) + self.displacement(points)
 
-    def inside(self, points: FloatArray) -> Mask:
+    def inside(self, points: FloatArray) -> BoolArray:
         """Whether measured points lie in what the calibration covered: (..., 3) → (...).
 
         That is the convex hull of the measured points, which may leave corners of their box out.
@@ -120,13 +117,22 @@ def fit_distortion(
     points = measured.reshape(-1, 3)
     hull, corners = _hull(points), (points.min(axis=0), points.max(axis=0))
     known = _surrounded(measured)
-    fits = {}
-    for degree in sorted({0, *degrees}):
-        fit = _fit(degree, measured, expected, corners)
-        if fit is not None:
-            fits[degree] = fit
-    errors = {degree: _frame_errors(fit.left_out, known) for degree, fit in fits.items()}
-    degree = _simplest(errors)
+    fits = {
+        degree: fit
+        for degree in sorted({0, *degrees})
+        if (fit := _fit(degree, measured, expected, corners)) is not None
+    }
+    # Sum of squared errors of each frame's points that count, (N_frames,).
+    errors = {
+        degree: np.sum(np.sum(fit.left_out**2, axis=-1) * known, axis=-1)
+        for degree, fit in fits.items()
+    }
+    best = min(errors, key=lambda degree: float(errors[degree].sum()))
+    # The lowest degree that is not worse than the best; the best itself is not.
+    for degree in errors:
+        worse = errors[degree] - errors[best]
+        if worse.mean() <= worse.std(ddof=1) / np.sqrt(len(worse)):
+            break
     return DistortionCorrection(
         degree,
         *corners,
@@ -170,7 +176,7 @@ def _fit(
         return _PolynomialFit(np.zeros((1, 3)), measured - expected, measured - expected)
     if 2 * (degree + 1) ** 3 > len(off):
         return None
-    basis = _basis(_scaled(measured.reshape(-1, 3), *corners), degree)
+    basis = _basis(measured.reshape(-1, 3), *corners, degree)
     u, s, vt = np.linalg.svd(basis, full_matrices=False)
     seen = s > RCOND * s[0]
     u, s, vt = u[:, seen], s[seen], vt[seen]
@@ -192,22 +198,7 @@ def _left_out(u: FloatArray, residuals: FloatArray) -> FloatArray | None:
     return np.asarray(np.linalg.solve(kept, residuals))
 
 
-def _frame_errors(left_out: FloatArray, known: Mask) -> FloatArray:
-    """Sum of squared errors of each frame's points that count, (N_frames,)."""
-    return np.asarray(np.sum(np.sum(left_out**2, axis=-1) * known, axis=-1))
-
-
-def _simplest(errors: Mapping[int, FloatArray]) -> int:
-    """Lowest degree that is not worse than the best by more than the standard error of that."""
-    best = min(errors, key=lambda degree: float(errors[degree].sum()))
-    for degree in sorted(errors):
-        worse = errors[degree] - errors[best]
-        if worse.mean() <= worse.std(ddof=1) / np.sqrt(len(worse)):
-            return degree
-    return best
-
-
-def _surrounded(measured: FloatArray) -> Mask:
+def _surrounded(measured: FloatArray) -> BoolArray:
     """(N_frames, n) points within the hull of the other frames' points; all where none are."""
     known = np.zeros(measured.shape[:2], dtype=bool)
     for frame, points in enumerate(measured):
@@ -227,22 +218,18 @@ def _hull(points: FloatArray) -> FloatArray:
         ) from None
 
 
-def _in_hull(points: FloatArray, hull: FloatArray) -> Mask:
+def _in_hull(points: FloatArray, hull: FloatArray) -> BoolArray:
     # Corners of the hull itself miss its facets by rounding.
     tolerance = 1e-9 * max(1.0, float(np.abs(hull[:, 3]).max()))
     return np.asarray((points @ hull[:, :3].T + hull[:, 3]).max(axis=-1) <= tolerance)
 
 
-def _scaled(points: FloatArray, lower: FloatArray, upper: FloatArray) -> FloatArray:
-    return (points - lower) / (upper - lower)
-
-
-def _basis(scaled: FloatArray, degree: int) -> FloatArray:
-    """Values of the Bernstein polynomials at points of the unit box: (N, 3) → (N, (n + 1)³)."""
+def _basis(points: FloatArray, lower: FloatArray, upper: FloatArray, degree: int) -> FloatArray:
+    """Bernstein polynomials at the nearest points of a box: (N, 3) → (N, (degree + 1)³)."""
     k = np.arange(degree + 1)
-    at = scaled[..., None]
+    at = np.clip((points - lower) / (upper - lower), 0.0, 1.0)[..., None]
     x, y, z = np.swapaxes(comb(degree, k) * at**k * (1.0 - at) ** (degree - k), 0, 1)
-    return np.asarray(np.einsum("ni,nj,nk->nijk", x, y, z).reshape(len(scaled), -1))
+    return np.asarray(np.einsum("ni,nj,nk->nijk", x, y, z).reshape(len(points), -1))
 
 
 def fit_distortion_robustly(
@@ -272,17 +259,13 @@ def fit_distortion_robustly(
         again = _far(residuals)
         if np.array_equal(again, wrong) and fit.degree == degree:
             break
-        believed = np.where(again[..., None], _distorted(fit, expected), measured)
+        # Where the tracker would see the points if the fit is right: the correction's inverse.
+        seen = expected
+        for _ in range(INVERSIONS):
+            seen = expected - fit.displacement(seen)
+        believed = np.where(again[..., None], seen, measured)
         wrong, degree = again, fit.degree
     return replace(fit, residuals=residuals), wrong
-
-
-def _distorted(fit: DistortionCorrection, points: FloatArray) -> FloatArray:
-    """Where the tracker would see points, if the fit is right: the correction's inverse, m."""
-    seen = points
-    for _ in range(INVERSIONS):
-        seen = points - fit.displacement(seen)
-    return seen
 
 
 def _far(errors: FloatArray) -> BoolArray:

@@ -91,12 +91,20 @@ class MarkerCloud:
             SamplesError: fewer than three markers, markers on a line, or a frame that shows the
                 mirror image of the body; says which frame.
         """
-        _check_body(self.markers)
+        if len(self.markers) < LEAST_POINTS:
+            found = f"{len(self.markers)} markers on a body"
+            raise SamplesError(found, "three or more, not on a line")
+        if _on_a_line(self.markers[None])[0]:
+            raise SamplesError("all markers of a body on one line", "three or more that are not")
         used = np.ones(frames.shape[:2], dtype=bool)
-        _check_handedness(self.markers, frames)
+        _check_handedness(self.markers, frames, used)
         if robust and len(self.markers) >= ENOUGH_TO_JUDGE:
             used = _agreeing(self.markers, frames)
-        _check_spread(frames, used)
+        shown = np.where(used[..., None], frames, _centres(frames, used))
+        for frame in np.flatnonzero(_on_a_line(shown)):
+            raise SamplesError(
+                "all markers on one line", "markers as on the body", where=f"frame {frame + 1}"
+            )
         return BodyPoses(*_register(self.markers, frames, used), used)
 
 
@@ -155,15 +163,7 @@ def _start(markers: FloatArray, frame: FloatArray) -> BoolArray:
     return found.inliers
 
 
-def _check_body(markers: FloatArray) -> None:
-    if len(markers) < LEAST_POINTS:
-        raise SamplesError(f"{len(markers)} markers on a body", "three or more, not on a line")
-    if _on_a_line(markers[None])[0]:
-        raise SamplesError("all markers of a body on one line", "three or more that are not")
-
-
-def _check_handedness(markers: FloatArray, frames: FloatArray) -> None:
-    everything = np.ones(frames.shape[:2], dtype=bool)
+def _check_handedness(markers: FloatArray, frames: FloatArray, everything: BoolArray) -> None:
     rotated, reflected = (
         np.sum(_norms(points, frames, everything) ** 2, axis=1) for points in (markers, -markers)
     )
@@ -174,14 +174,6 @@ def _check_handedness(markers: FloatArray, frames: FloatArray) -> None:
             "two right-handed frames",
             where=f"frame {frame + 1}",
             hint="swap two axes or turn the sign of one, or put the markers in the same order",
-        )
-
-
-def _check_spread(frames: FloatArray, used: BoolArray) -> None:
-    shown = np.where(used[..., None], frames, _centres(frames, used))
-    for frame in np.flatnonzero(_on_a_line(shown)):
-        raise SamplesError(
-            "all markers on one line", "markers as on the body", where=f"frame {frame + 1}"
         )
 
 

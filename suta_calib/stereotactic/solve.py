@@ -6,6 +6,7 @@ its own markers. Frames: ``T_em_base`` is what the optical tracker says of the E
 
 from __future__ import annotations
 
+import os
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -19,13 +20,14 @@ from suta_calib.geometry.numbers import extent, rms_length
 from suta_calib.pose_calibration.inputs import error_context
 from suta_calib.pose_calibration.pivot import PivotCalibration, calibrate_pivot
 from suta_calib.pose_calibration.registration import Registration, kabsch, register
-from suta_calib.stereotactic.cis_files import Output1
-from suta_calib.stereotactic.data import (
+from suta_calib.stereotactic.cis_files import (
     EM_FIDUCIALS,
+    Output1,
     StereotacticData,
+    agree,
     path_of,
-    read_given_output1,
-    read_given_output2,
+    read_output1,
+    read_points,
 )
 from suta_calib.stereotactic.distortion import (
     DistortionCorrection,
@@ -149,8 +151,11 @@ def solve_stereotactic(
     corrected = correction.correct if correction is not None else np.asarray
     frames = corrected(data.em_pivot)
     probe = MarkerCloud.from_frame(frames[0])
-    em_pivot = _pivot(bodies.poses("empivot", probe, frames), data, "empivot", robust=robust)
-    optical_pivot = _optical_pivot(bodies)
+    em_pivot = bodies.pivot("empivot", probe, frames)
+    # The base may move between frames: the optical pivot is solved in the EM tracker's frame.
+    base = bodies.poses("optpivot", MarkerCloud(data.body.base), data.optical_pivot.base)
+    frames = base.to_body(data.optical_pivot.probe)
+    optical_pivot = bodies.pivot("optpivot", MarkerCloud.from_frame(frames[0]), frames)
     navigation = _navigate(bodies, corrected, probe, em_pivot.tip)
     return StereotacticResult(
         data,
@@ -179,6 +184,12 @@ class _Bodies:
             self.outliers[kind] = self.outliers.get(kind, 0) + poses.outliers
         return poses
 
+    def pivot(self, kind: str, cloud: MarkerCloud, frames: FloatArray) -> PivotCalibration:
+        """Pivot calibration of one body; an error names the file."""
+        poses = self.poses(kind, cloud, frames)
+        with error_context(path_of(self.data.prefix, kind)):
+            return calibrate_pivot(poses.rotation, poses.position, robust=self.robust)
+
 
 def _expected_markers(bodies: _Bodies) -> FloatArray:
     """Where the EM markers on the calibration object were: ``F_D⁻¹ F_A c``, every frame.
@@ -195,29 +206,13 @@ def _expected_markers(bodies: _Bodies) -> FloatArray:
 
 
 def _correction(bodies: _Bodies, expected: FloatArray) -> DistortionCorrection:
-    measured, kind = bodies.data.readings.em, "calreadings"
-    with error_context(path_of(bodies.data.prefix, kind)):
+    measured = bodies.data.readings.em
+    with error_context(path_of(bodies.data.prefix, "calreadings")):
         if not bodies.robust:
             return fit_distortion(measured, expected)
         correction, wrong = fit_distortion_robustly(measured, expected)
-    bodies.outliers[kind] += int(wrong.sum())
+    bodies.outliers["calreadings"] += int(wrong.sum())
     return correction
-
-
-def _optical_pivot(bodies: _Bodies) -> PivotCalibration:
-    """The optical pivot in the EM tracker's frame, whose base may move between frames."""
-    data = bodies.data
-    base = bodies.poses("optpivot", MarkerCloud(data.body.base), data.optical_pivot.base)
-    frames = base.to_body(data.optical_pivot.probe)
-    poses = bodies.poses("optpivot", MarkerCloud.from_frame(frames[0]), frames)
-    return _pivot(poses, data, "optpivot", robust=bodies.robust)
-
-
-def _pivot(
-    poses: BodyPoses, data: StereotacticData, kind: str, *, robust: bool
-) -> PivotCalibration:
-    with error_context(path_of(data.prefix, kind)):
-        return calibrate_pivot(poses.rotation, poses.position, robust=robust)
 
 
 def _navigate(
@@ -245,9 +240,7 @@ def _extrapolated(
     """Count, and tell, markers outside what the correction is fitted to."""
     if correction is None:
         return {}
-    uses = {"em_pivot": data.em_pivot}
-    if data.navigation is not None:
-        uses |= {k: getattr(data.navigation, k) for k in ("em_fiducials", "em_nav")}
+    uses = _uses(data)
     counts = {use: int(np.sum(~correction.inside(points))) for use, points in uses.items()}
     for use, count in counts.items():
         if count:
@@ -257,6 +250,14 @@ def _extrapolated(
                 stacklevel=3,
             )
     return counts
+
+
+def _uses(data: StereotacticData) -> dict[str, FloatArray]:
+    """Markers (N_frames, n, 3) that the EM tracker saw, by what they were used for."""
+    uses, given = {"em_pivot": data.em_pivot}, data.navigation
+    if given is not None:
+        uses |= {"em_fiducials": given.em_fiducials, "em_nav": given.em_nav}
+    return uses
 
 
 def _on_shapes(result: StereotacticResult) -> list[str]:
@@ -299,17 +300,13 @@ def _on_distortion(result: StereotacticResult) -> list[str]:
             f"The EM tracker's readings are {mm(rms_length(result.em_error)):.2f} mm off where "
             "the optical tracker says, most of it distortion: --dewarp corrects it."
         ]
+    seen = _uses(result.data)
     return [
-        f"{count} of {_markers(result, use)} markers of {USES[use]} lie outside the calibrated "
+        f"{count} of {seen[use][..., 0].size} markers of {USES[use]} lie outside the calibrated "
         "volume, where the distortion is not known."
         for use, count in result.extrapolated.items()
         if count
     ]
-
-
-def _markers(result: StereotacticResult, use: str) -> int:
-    owner: object = result.data if use == "em_pivot" else result.data.navigation
-    return int(getattr(owner, use)[..., 0].size)
 
 
 @dataclass(frozen=True, eq=False)
@@ -334,41 +331,42 @@ class StereotacticErrors:
         return self.expected is None and self.navigation is None
 
 
-@dataclass(frozen=True, eq=False)
-class GivenOutputs:
-    """Output files that stand beside the inputs; None where there is none.
-
-    Attributes:
-        output1: of the first assignment.
-        output2: (N_frames, 3) tips in CT, m.
-    """
-
-    output1: Output1 | None
-    output2: FloatArray | None
+GivenOutputs = tuple[Output1 | None, FloatArray | None]
 
 
 def read_given(result: StereotacticResult) -> GivenOutputs:
-    """Read ``-output1.txt`` and, where there is a navigation, ``-output2.txt`` if they are there.
+    """``-output1.txt`` and, where there is a navigation, ``-output2.txt`` beside the inputs.
+
+    Returns:
+        The first; of the second the (N_frames, 3) tips in CT, m; None for what is not there.
 
     Raises:
         SamplesError: one is malformed or its counts are not those of the inputs.
     """
-    prefix = result.data.prefix
-    output1 = read_given_output1(prefix, result.data)
-    return GivenOutputs(output1, read_given_output2(prefix, result.data))
+    data, output1, output2 = result.data, None, None
+    path, readings = path_of(data.prefix, "output1"), path_of(data.prefix, "calreadings")
+    if os.path.lexists(path):
+        output1, em = read_output1(path), data.readings.em
+        agree(path, "N_C", output1.expected.shape[1], "EM markers", em.shape[1], readings)
+        agree(path, "N_frames", len(output1.expected), "frames", len(em), readings)
+    path = path_of(data.prefix, "output2")
+    if data.navigation is not None and os.path.lexists(path):
+        output2, frames = read_points(path), len(data.navigation.em_nav)
+        agree(path, "N_frames", len(output2), "frames", frames, path_of(data.prefix, "EM-nav"))
+    return output1, output2
 
 
 def compare(result: StereotacticResult, given: GivenOutputs) -> StereotacticErrors:
     """Distances of the result from what is given."""
-    other, found = given.output1, result.navigation
+    (output1, output2), found = given, result.navigation
     navigation = None
-    if found is not None and given.output2 is not None:
-        navigation = np.asarray(np.linalg.norm(found.ct - given.output2, axis=1))
-    if other is None:
+    if found is not None and output2 is not None:
+        navigation = np.asarray(np.linalg.norm(found.ct - output2, axis=1))
+    if output1 is None:
         return StereotacticErrors(navigation=navigation)
     return StereotacticErrors(
-        np.asarray(np.linalg.norm(result.expected - other.expected, axis=-1)),
-        float(np.linalg.norm(result.em_pivot.post - other.em_post)),
-        float(np.linalg.norm(result.optical_pivot.post - other.optical_post)),
+        np.asarray(np.linalg.norm(result.expected - output1.expected, axis=-1)),
+        float(np.linalg.norm(result.em_pivot.post - output1.em_post)),
+        float(np.linalg.norm(result.optical_pivot.post - output1.optical_post)),
         navigation,
     )

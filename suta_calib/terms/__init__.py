@@ -12,6 +12,7 @@ from suta_calib.terms.pairwise_distance import PairwiseDistance
 from suta_calib.terms.plane import TouchedPlane
 from suta_calib.terms.poses import ArmPoses, MeasuredPoses, PoseSource
 from suta_calib.terms.seating import Seating
+from suta_calib.terms.synthetic import EXACT, OutlierKind, OutlierModel, PoseNoise, Simulated
 from suta_calib.terms.term import Observed, Setup, Term
 from suta_calib.terms.tracked_point import TrackedPoint
 
@@ -40,6 +41,7 @@ def first_kind(*, artefact: bool) -> type[Term]:
 
 
 __all__ = [
+    "EXACT",
     "GROUPINGS",
     "KINDS",
     "ArmPoses",
@@ -49,10 +51,14 @@ __all__ = [
     "MeasuredPoses",
     "Noise",
     "Observed",
+    "OutlierKind",
+    "OutlierModel",
     "PairwiseDistance",
+    "PoseNoise",
     "PoseSource",
     "Seating",
     "Setup",
+    "Simulated",
     "Term",
     "TouchedLandmark",
     "TouchedPlane",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
@@ -116,6 +116,24 @@ class Block:
     known_sigma: FloatArray
     labels: tuple[str, ...] = field(repr=False)
     certified: Certified | None = None
+
+    @classmethod
+    def per_sample(
+        cls,
+        name: str,
+        unit: Unit,
+        size: int,
+        residual: Residual,
+        own: IntArray,
+        data: FloatArray,
+        noise: Noise,
+        labels: Iterable[str],
+    ) -> Block:
+        """One row for each sample, of which nothing is certified."""
+        n = len(data)
+        rows, known = np.arange(n)[:, None], np.zeros(n)
+        names = tuple(str(label) for label in labels)
+        return cls(name, unit, size, residual, rows, own, data, noise, known, names)
 
     def __len__(self) -> int:
         return len(self.samples)

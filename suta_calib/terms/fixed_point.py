@@ -92,20 +92,10 @@ class FixedPoint(Term):
         """The positions."""
         n, tip = len(self.poses), len(self._tip)
         point = tip + 3 * self._points[1][:, None] + np.arange(3)
-        return (
-            Block(
-                "position",
-                "m",
-                3,
-                _at_tip if tip else _at_origin,
-                np.arange(n)[:, None],
-                np.hstack([np.tile(np.arange(tip), (n, 1)), point]),
-                np.zeros((n, 0)),
-                self.noise,
-                np.zeros(n),
-                tuple(str(label) for label in self.poses.samples.labels["point"]),
-            ),
-        )
+        own = np.hstack([np.tile(np.arange(tip), (n, 1)), point])
+        residual, labels = _at_tip if tip else _at_origin, self.poses.samples.labels["point"]
+        none = np.zeros((n, 0))
+        return (Block.per_sample("position", "m", 3, residual, own, none, self.noise, labels),)
 
     @cached_property
     def _points(self) -> tuple[list[str], IntArray]:

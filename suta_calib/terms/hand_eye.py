@@ -16,8 +16,7 @@ from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import rotation_from_vector
 from suta_calib.geometry.symbols import Symbol, symbolic_chordal_log
 from suta_calib.measurements import SampleColumns, Samples
-from suta_calib.model.parameters import Parameter
-from suta_calib.terms.block import LEARNT, Block, Noise, Pose, flat, pose_of
+from suta_calib.terms.block import Block, Pose, flat, pose_of
 from suta_calib.terms.hand_eye_start import Poses, close_the_loop, quaternion_hand_eye
 from suta_calib.terms.poses import MeasuredPoses, PoseSource
 from suta_calib.terms.synthetic import (
@@ -34,11 +33,9 @@ from suta_calib.terms.term import (
     Gap,
     Medium,
     Observed,
-    Setup,
-    Term,
+    SeenTerm,
     TrueFrame,
     pose_named,
-    pose_parameters,
     pose_values,
 )
 
@@ -72,7 +69,7 @@ def _rotation(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
 
 
 @dataclass(frozen=True, eq=False)
-class HandEye(Term):
+class HandEye(SeenTerm):
     """``(T_base_hand,i X)⁻¹ Z`` against the measured ``T_eye_target,i``.
 
     X = ``T_hand_eye`` and Z = ``T_base_target`` are unknown. With the hand's poses inverted the
@@ -85,8 +82,6 @@ class HandEye(Term):
 
     Attributes:
         poses: samples with the measured pose of the target in the eye.
-        noise: scatter and robustness of a position, m per axis.
-        angular_noise: the same for the orientation, rad per axis.
         label: terms with the same label share the eye and the target.
         robot_noise_fraction: part of the rotational noise (of its variance) that is the hand's,
             0 to 1.
@@ -112,25 +107,7 @@ class HandEye(Term):
         )
     }
 
-    noise: Noise = LEARNT
-    angular_noise: Noise = LEARNT
-    label: str = "default"
     robot_noise_fraction: float = 0.0
-
-    @classmethod
-    def over(cls, poses: PoseSource, setup: Setup) -> HandEye:
-        """Build it from a row of a job file."""
-        return cls(poses, setup.noise, setup.angular_noise, setup.label)
-
-    @cached_property
-    def own(self) -> tuple[Parameter, ...]:
-        """X and Z."""
-        return tuple(p for frame in self._frames for p in pose_parameters(frame))
-
-    @property
-    def _frames(self) -> tuple[str, str]:
-        suffix = "" if self.label == "default" else f"[{self.label}]"
-        return f"hand_eye{suffix}", f"target{suffix}"
 
     @property
     def _seen(self) -> Poses:
@@ -145,13 +122,12 @@ class HandEye(Term):
     def blocks(self) -> tuple[Block, ...]:
         """Positions and rotations of the target in the eye."""
         (rotation, position), n = self._seen, len(self.poses)
-        rows, own = np.arange(n)[:, None], np.tile(np.arange(12), (n, 1))
-        zero, labels, turned = np.zeros(n), self.poses.samples.origin, flat(rotation)
+        own, turned = np.tile(np.arange(12), (n, 1)), flat(rotation)
         both = np.column_stack([position, turned, np.full(n, self.robot_noise_fraction)])
-        angular = self.angular_noise
+        block, labels, angular = Block.per_sample, self.poses.samples.origin, self.angular_noise
         return (
-            Block("position", "m", 3, _position, rows, own, both, self.noise, zero, labels),
-            Block("rotation", "rad", 3, _rotation, rows, own, turned, angular, zero, labels),
+            block("position", "m", 3, _position, own, both, self.noise, labels),
+            block("rotation", "rad", 3, _rotation, own, turned, angular, labels),
         )
 
     def observed(self, values: Mapping[str, float], poses: PoseSource) -> Observed:

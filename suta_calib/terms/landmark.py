@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
 from suta_calib.arrays import FloatArray, IntArray
-from suta_calib.errors import SamplesError
+from suta_calib.errors import SamplesError, did_you_mean
 from suta_calib.geometry.numbers import register_points, rotation_from_vector
 from suta_calib.geometry.symbols import Symbol, symbolic_chordal_log
 from suta_calib.measurements import Artefact, SampleColumns
@@ -116,10 +116,31 @@ class TouchedLandmark(Term):
     @cached_property
     def blocks(self) -> tuple[Block, ...]:
         """Positions, and rotations where the artefact gives the seats'."""
-        position = self._position_block(np.arange(len(self.poses)))
-        if not len(self._oriented):
+        certified, marks, oriented = self._certified, self._marks, self._oriented
+        rows = np.arange(len(marks))
+        residual, data, own = _position, certified, self._own_rows(rows, (".x", ".y"))
+        if self.seating is not None:
+            axes = seat_axes(self.artefact, marks)
+            if own.shape[1] > 6:
+                residual, data = _position_shifted, np.hstack([certified, flat(axes)])
+        by_mark = np.tile(-np.eye(3)[:, None, :], (len(rows), 1, 1, 1))
+        labels = tuple(str(name) for name in marks)
+        sigma = np.array([self.artefact.landmarks[name].sigma for name in labels])
+        touched = Certified.of(self.artefact, marks[:, None], by_mark)
+        seen, noise = rows[:, None], self.noise
+        position = Block(
+            "position", "m", 3, residual, seen, own, data, noise, sigma, labels, touched
+        )
+        if not len(oriented):
             return (position,)
-        return position, self._rotation_block(self._oriented)
+        own = self._own_rows(oriented, (".rz",))
+        residual = _rotation_turned if own.shape[1] > 6 else _rotation
+        data, known = flat(self._seats[oriented]), np.zeros(len(oriented))
+        labels, noise = tuple(labels[row] for row in oriented), self.angular_noise
+        seen = oriented[:, None]
+        return position, Block(
+            "rotation", "rad", 3, residual, seen, own, data, noise, known, labels
+        )
 
     def observed(self, values: Mapping[str, float], poses: PoseSource) -> Observed:
         """Every landmark where its placement's pose has it, the tip as it sits there."""
@@ -171,7 +192,10 @@ class TouchedLandmark(Term):
             rows = np.flatnonzero(placement == k)
             r, p = register_points(self._certified[rows], position[rows])
             seats = [i for i in rows if i in oriented]
-            if len(seats) and not self._spans_plane(rows):
+            centred = self._certified[rows] - self._certified[rows].mean(axis=0)
+            singular = np.linalg.svd(centred, compute_uv=False)
+            in_line = len(singular) < 2 or singular[1] <= 1e-3 * singular[0]
+            if len(seats) and in_line:
                 implied = rotation[seats] @ np.swapaxes(self._seats[seats], 1, 2)
                 r = np.asarray(Rotation.from_matrix(implied).mean().as_matrix(), dtype=float)
                 p = (position[rows] - self._certified[rows] @ r.T).mean(axis=0)
@@ -221,11 +245,6 @@ class TouchedLandmark(Term):
     def _seats(self) -> FloatArray:
         return seat_rotations(self.artefact, self._marks) if self.seats is None else self.seats
 
-    def _spans_plane(self, rows: IntArray) -> bool:
-        centred = self._certified[rows] - self._certified[rows].mean(axis=0)
-        singular = np.linalg.svd(centred, compute_uv=False)
-        return len(singular) > 1 and bool(singular[1] > 1e-3 * singular[0])
-
     def _own_rows(self, rows: IntArray, keys: tuple[str, ...]) -> IntArray:
         """The placement's pose, and those of the seating's unknowns whose names end so."""
         names, placement = self._placements
@@ -233,38 +252,6 @@ class TouchedLandmark(Term):
         more = [k for k in seats if self.own[k].name.endswith(keys)]
         pose = 6 * placement[rows, None] + np.arange(6)
         return np.hstack([pose, np.tile(np.array(more, dtype=np.intp), (len(rows), 1))])
-
-    def _labels(self, rows: IntArray) -> tuple[str, ...]:
-        return tuple(str(n) for n in self._marks[rows])
-
-    def _position_block(self, rows: IntArray) -> Block:
-        certified, names = self._certified, self._marks
-        residual, data, own = _position, certified, self._own_rows(rows, (".x", ".y"))
-        if self.seating is not None:
-            axes = seat_axes(self.artefact, names)
-            if own.shape[1] > 6:
-                residual, data = _position_shifted, np.hstack([certified, flat(axes)])
-        by_mark = np.tile(-np.eye(3)[:, None, :], (len(rows), 1, 1, 1))
-        return Block(
-            "position",
-            "m",
-            3,
-            residual,
-            rows[:, None],
-            own,
-            data,
-            self.noise,
-            np.array([self.artefact.landmarks[str(n)].sigma for n in names]),
-            self._labels(rows),
-            Certified.of(self.artefact, names[rows, None], by_mark),
-        )
-
-    def _rotation_block(self, rows: IntArray) -> Block:
-        own, labels = self._own_rows(rows, (".rz",)), self._labels(rows)
-        residual = _rotation_turned if own.shape[1] > 6 else _rotation
-        data, known = flat(self._seats[rows]), np.zeros(len(rows))
-        noise = self.angular_noise
-        return Block("rotation", "rad", 3, residual, rows[:, None], own, data, noise, known, labels)
 
 
 def seated(
@@ -313,7 +300,8 @@ def certified_positions(poses: PoseSource, artefact: Artefact) -> FloatArray:
                 f"landmark '{name}'",
                 f"one of {', '.join(artefact.landmarks)}",
                 where=samples.origin[row],
-                hint=f"add it to the artefact '{artefact.name}' or correct the samples",
+                hint=did_you_mean(str(name), artefact.landmarks)
+                or f"add it to the artefact '{artefact.name}' or correct the samples",
             )
     return artefact.position_of(samples.labels["landmark"])
 

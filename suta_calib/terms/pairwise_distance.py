@@ -16,6 +16,7 @@ from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import register_points
 from suta_calib.geometry.symbols import Symbol
 from suta_calib.measurements import Artefact, SampleColumns, Samples
+from suta_calib.measurements.samples import joined
 from suta_calib.model.parameters import Parameter
 from suta_calib.terms.block import LEARNT, Block, Certified, Noise, Pose, flat, grouped, norm
 from suta_calib.terms.landmark import (
@@ -28,7 +29,7 @@ from suta_calib.terms.landmark import (
 )
 from suta_calib.terms.poses import PoseSource
 from suta_calib.terms.seating import Seating, seat_axes, seated_at
-from suta_calib.terms.term import Observed, Setup, Term, joined
+from suta_calib.terms.term import Observed, Setup, Term
 
 
 def _residual(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:

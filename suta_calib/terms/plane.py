@@ -12,14 +12,13 @@ import numpy as np
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.errors import SamplesError
-from suta_calib.geometry.numbers import rotation_from_vector
+from suta_calib.geometry.numbers import rotation_from_vector, vector_turning_z_to
 from suta_calib.geometry.symbols import Symbol, symbolic_rotation
 from suta_calib.measurements import SampleColumns, YamlSection
 from suta_calib.model.parameters import Parameter
 from suta_calib.terms.block import LEARNT, Block, Noise, Pose, grouped
 from suta_calib.terms.poses import PoseSource
 from suta_calib.terms.term import Observed, Setup, Term, pose_parameters
-from suta_calib.units import from_mm
 
 # Three touches lie on some plane whatever the arm is: the fourth is the first that tells.
 FEWEST: Final = 4
@@ -83,9 +82,9 @@ class TouchedPlane(Term):
     @classmethod
     def read_settings(cls, row: YamlSection) -> dict[str, Any]:
         """``probe_radius_mm`` of the ball, and ``size_mm`` of the square that is touched."""
-        radius = row.optional_number("probe_radius_mm", "non-negative") or 0.0
-        size = row.optional_number("size_mm", "positive")
-        return {"radius": from_mm(radius), "size": _SIZE if size is None else from_mm(size)}
+        radius = row.optional_number("probe_radius_mm", "non-negative", unit="m") or 0.0
+        size = row.optional_number("size_mm", "positive", unit="m") or _SIZE
+        return {"radius": radius, "size": size}
 
     @classmethod
     def touches(
@@ -113,20 +112,11 @@ class TouchedPlane(Term):
     @cached_property
     def blocks(self) -> tuple[Block, ...]:
         """The signed distances."""
-        n = len(self.poses)
+        own = 3 * self._planes[1][:, None] + np.arange(3)
+        labels = self.poses.samples.labels["plane"]
+        radius = np.full((len(self.poses), 1), self.radius)
         return (
-            Block(
-                "distance",
-                "m",
-                1,
-                _signed_distance,
-                np.arange(n)[:, None],
-                3 * self._planes[1][:, None] + np.arange(3),
-                np.full((n, 1), self.radius),
-                self.noise,
-                np.zeros(n),
-                tuple(str(label) for label in self.poses.samples.labels["plane"]),
-            ),
+            Block.per_sample("distance", "m", 1, _signed_distance, own, radius, self.noise, labels),
         )
 
     @cached_property
@@ -161,9 +151,7 @@ class TouchedPlane(Term):
             normal = np.linalg.svd(centred)[2][2]
             normal = -normal if normal[2] < 0 else normal
             heights = position[rows] @ normal - self._side(normal, rotation[rows])
-            sine = float(np.hypot(normal[0], normal[1]))
-            turn = np.arctan2(sine, normal[2]) / sine if sine > 0 else 0.0
-            found.append([heights.mean(), -turn * normal[1], turn * normal[0]])
+            found.append([heights.mean(), *vector_turning_z_to(normal)[:2]])
         return np.concatenate(found)
 
     def _by_plane(self, position: FloatArray) -> Iterator[tuple[IntArray, FloatArray]]:

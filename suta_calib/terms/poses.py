@@ -90,8 +90,5 @@ class MeasuredPoses(PoseSource):
 
     def take(self, rows: ArrayLike) -> MeasuredPoses:
         """Some of the poses."""
-        chosen = np.asarray(rows)
-        samples = self.samples.take(chosen)
-        return MeasuredPoses(
-            self.rotation[chosen], self.position[chosen], samples, exact=self.exact
-        )
+        some, samples = np.asarray(rows), self.samples.take(rows)
+        return MeasuredPoses(self.rotation[some], self.position[some], samples, exact=self.exact)

@@ -127,6 +127,12 @@ def named(term: Term, own: Sequence[FloatArray]) -> dict[str, float]:
     return {name: float(v) for name, v in zip(names, np.concatenate(own), strict=True)}
 
 
+def random_directions(random: np.random.Generator, count: int) -> FloatArray:
+    """Unit vectors (count, 3), uniform over the sphere."""
+    vectors = random.standard_normal((count, 3))
+    return np.asarray(vectors / np.linalg.norm(vectors, axis=1, keepdims=True))
+
+
 def random_turns(
     random: np.random.Generator, count: int, largest: float, axes: ArrayLike | None = None
 ) -> FloatArray:
@@ -140,14 +146,13 @@ def random_turns(
     """
     first = Rotation.random(random_state=random).as_matrix()
     if axes is None:
-        about = random.standard_normal((count, 3))
+        about = random_directions(random, count)
     else:
         given = np.atleast_2d(np.asarray(axes, dtype=float))
+        given = given / np.linalg.norm(given, axis=1, keepdims=True)
         about = given[random.integers(len(given), size=count)]
-    about = about / np.linalg.norm(about, axis=1, keepdims=True)
-    return np.asarray(
-        first @ rotation_from_vector(about * random.uniform(-largest, largest, (count, 1)))
-    )
+    turn = random.uniform(-largest, largest, (count, 1))
+    return np.asarray(first @ rotation_from_vector(about * turn))
 
 
 def contaminated(
@@ -168,7 +173,7 @@ def contaminated(
     outliers = gross.rows(random, len(p))
     rows = np.array(outliers, dtype=np.intp)
     if gross.nature == "slipped":
-        p[rows] += _slips(random, len(rows))
+        p[rows] += random_directions(random, len(rows)) * random.uniform(*SLIP, (len(rows), 1))
     elif gross.nature == "swapped":
         other = np.roll(rows, 1)
         p[rows] = poses[1][other]
@@ -177,10 +182,3 @@ def contaminated(
         R[rows] = Rotation.random(len(rows), random_state=random).as_matrix()
         p[rows] = random.uniform(p.min(axis=0), p.max(axis=0), (len(rows), 3))
     return (R, p), outliers
-
-
-def _slips(random: np.random.Generator, count: int) -> FloatArray:
-    """Displacements (count, 3), m, in any direction."""
-    direction = random.standard_normal((count, 3))
-    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-    return direction * random.uniform(*SLIP, (count, 1))

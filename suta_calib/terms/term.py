@@ -16,17 +16,18 @@ from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any, ClassVar, Final, Literal, Protocol, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.errors import ArtefactError, SamplesError
 from suta_calib.geometry.numbers import rotation_from_vector, vector_from_rotation
 from suta_calib.measurements import Artefact, SampleColumns, YamlSection
 from suta_calib.model.parameters import PLACEMENT, POSITION, ROTATION, Parameter
-from suta_calib.terms.block import Block, Noise
+from suta_calib.terms.block import LEARNT, Block, Noise
 from suta_calib.terms.poses import PoseSource
 from suta_calib.terms.seating import Seating
 
@@ -101,7 +102,7 @@ class Resimulation(Protocol):
     """A measurement repeated in simulation: how an arm reaches its targets, and how that scatters.
 
     A term knows where its touches should have been, or what its instrument should have seen; the
-    rest is the resimulation's: `analysis.study.resimulation` has one.
+    rest is the resimulation's: `analysis.study.trial` has one.
     """
 
     def touched(self, poses: PoseSource, target: FloatArray, sigma: float) -> PoseSource:
@@ -347,28 +348,47 @@ class Term(ABC):
         """
 
 
-def joined(labels: Mapping[str, NDArray[np.str_]], columns: Sequence[str]) -> NDArray[np.str_]:
-    """(n,) values of label columns, joined by a slash: ``P1/2`` for a placement and a repeat."""
-    found = labels[columns[0]]
-    for column in columns[1:]:
-        found = np.char.add(np.char.add(found, "/"), labels[column])
-    return found
+@dataclass(frozen=True, eq=False)
+class SeenTerm(Term):
+    """What an instrument, or a camera, sees: positions and perhaps orientations.
+
+    The own unknowns are the poses of its `frames`.
+
+    Attributes:
+        noise: scatter and robustness of a position, m per axis.
+        angular_noise: the same for the orientation, rad per axis.
+        label: tells several instruments of one kind apart.
+    """
+
+    noise: Noise = LEARNT
+    angular_noise: Noise = LEARNT
+    label: str = "default"
+
+    @classmethod
+    def over(cls, poses: PoseSource, setup: Setup) -> Self:
+        """Build it from a row of a job file."""
+        return cls(poses, setup.noise, setup.angular_noise, setup.label)
+
+    @property
+    def _frames(self) -> list[str]:
+        suffix = "" if self.label == "default" else f"[{self.label}]"
+        return [frame.own + suffix for frame in self.frames]
+
+    @cached_property
+    def own(self) -> tuple[Parameter, ...]:
+        """The poses of its frames."""
+        return tuple(p for frame in self._frames for p in pose_parameters(frame))
 
 
 def pose_parameters(label: str) -> tuple[Parameter, ...]:
     """The six unknowns of an external frame, ``label.x … label.rz``."""
-    return tuple(_unknown(label, key) for key in PLACEMENT)
+    turn = (Parameter(label, key, "rad", plausible=PLAUSIBLE_ROTATION) for key in ROTATION)
+    return (*point_parameters(label), *turn)
 
 
 def point_parameters(label: str) -> tuple[Parameter, ...]:
     """The three unknowns of a point, ``label.x|y|z``."""
-    return tuple(_unknown(label, key) for key in POSITION)
-
-
-def _unknown(label: str, key: str) -> Parameter:
-    if key in ROTATION:
-        return Parameter(label, key, "rad", plausible=PLAUSIBLE_ROTATION)
-    return Parameter(label, key, "m", plausible=PLAUSIBLE_POSITION)
+    return tuple(Parameter(label, key, "m", plausible=PLAUSIBLE_POSITION) for key in POSITION)
 
 
 def pose_values(rotation: FloatArray, position: FloatArray) -> FloatArray:

@@ -13,13 +13,12 @@ from numpy.typing import ArrayLike
 
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import SamplesError
-from suta_calib.geometry.numbers import register_points, rotation_from_vector
+from suta_calib.geometry.numbers import extent, register_points, rotation_from_vector
 from suta_calib.geometry.symbols import Symbol, symbolic_chordal_log
 from suta_calib.measurements import SampleColumns, Samples
-from suta_calib.model.parameters import Parameter
-from suta_calib.terms.block import LEARNT, Block, Noise, Pose, flat, pose_of
+from suta_calib.terms.block import Block, Pose, flat, pose_of
 from suta_calib.terms.hand_eye_start import Poses
-from suta_calib.terms.poses import MeasuredPoses, PoseSource
+from suta_calib.terms.poses import ArmPoses, MeasuredPoses, PoseSource
 from suta_calib.terms.synthetic import (
     EXACT,
     NO_OUTLIERS,
@@ -33,14 +32,15 @@ from suta_calib.terms.term import (
     Gap,
     Medium,
     Observed,
-    Setup,
-    Term,
+    SeenTerm,
     TrueFrame,
     pose_named,
-    pose_parameters,
     pose_values,
 )
+from suta_calib.units import mm
 
+# Seen and moved extents that differ by more are in different units: no geometry is so wrong.
+_OTHER_UNIT: Final = 20.0
 # Where the instrument sees the base from, unless `TrackedPoint.simulate` is told.
 _T: Final = (rotation_from_vector([0.3, -1.2, 0.7]), np.array([1.1, -0.4, 0.6]))
 
@@ -55,13 +55,11 @@ def _rotation(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
 
 
 @dataclass(frozen=True, eq=False)
-class TrackedPoint(Term):
+class TrackedPoint(SeenTerm):
     """``T_instrument_base p_i - z_i``; the instrument-to-base pose is unknown.
 
     Attributes:
         poses: samples with a measured position, and an orientation of the tip if there is one.
-        noise: scatter and robustness of a position, m per axis.
-        angular_noise: the same for the orientation, rad per axis.
         label: instruments with the same label stand at the same place.
 
     Raises:
@@ -89,40 +87,16 @@ class TrackedPoint(Term):
         "place": "see the tip with an external instrument (tracked_point)",
     }
 
-    noise: Noise = LEARNT
-    angular_noise: Noise = LEARNT
-    label: str = "default"
-
-    @classmethod
-    def over(cls, poses: PoseSource, setup: Setup) -> TrackedPoint:
-        """Build it from a row of a job file."""
-        return cls(poses, setup.noise, setup.angular_noise, setup.label)
-
-    @cached_property
-    def own(self) -> tuple[Parameter, ...]:
-        """``T_instrument_base``."""
-        return pose_parameters(self._frame)
-
-    @property
-    def _frame(self) -> str:
-        return "base" if self.label == "default" else f"base[{self.label}]"
-
     @cached_property
     def blocks(self) -> tuple[Block, ...]:
         """Positions, and rotations where they were seen."""
-        n, samples = len(self.poses), self.poses.samples
-        rows, own = np.arange(n)[:, None], np.tile(np.arange(6), (n, 1))
-        zero, labels = np.zeros(n), samples.origin
-        position = Block(
-            "position", "m", 3, _position, rows, own, self._seen, self.noise, zero, labels
-        )
+        samples, own = self.poses.samples, np.tile(np.arange(6), (len(self.poses), 1))
+        block, labels, angular = Block.per_sample, samples.origin, self.angular_noise
+        position = block("position", "m", 3, _position, own, self._seen, self.noise, labels)
         if samples.rotation is None:
             return (position,)
-        turned, noise = flat(samples.rotation), self.angular_noise
-        return (
-            position,
-            Block("rotation", "rad", 3, _rotation, rows, own, turned, noise, zero, labels),
-        )
+        turned = flat(samples.rotation)
+        return position, block("rotation", "rad", 3, _rotation, own, turned, angular, labels)
 
     @property
     def _seen(self) -> FloatArray:
@@ -132,17 +106,29 @@ class TrackedPoint(Term):
 
     def observed(self, values: Mapping[str, float], poses: PoseSource) -> Observed:
         """The tip as the instrument sees it."""
-        R, p = pose_named(values, self._frame)
+        (frame,) = self._frames
+        R, p = pose_named(values, frame)
         rotation, position = poses.at(values)
         return Observed(position @ R.T + p, R @ rotation)
 
     def check_enough(self) -> None:
-        """Three samples at least: the pose of the instrument is six unknowns."""
+        """Three samples at least, for the instrument's pose is six unknowns; in the arm's unit."""
         if len(self.poses) < 3:
             raise SamplesError(
                 f"{len(self.poses)} samples",
                 "at least 3: the pose of the instrument alone is six unknowns",
                 where=self.kind,
+            )
+        if not isinstance(self.poses, ArmPoses):
+            return
+        seen, moved = extent(self._seen), extent(self.poses.at({})[1])
+        if not moved / _OTHER_UNIT < seen < moved * _OTHER_UNIT:
+            raise SamplesError(
+                f"positions {mm(seen):.4g} mm about their middle, where the arm's readings move "
+                f"the tip by {mm(moved):.4g} mm",
+                "the tip's positions in m, as the arm moved it",
+                where=self.kind,
+                hint="is it another unit, or another arm?",
             )
 
     @classmethod

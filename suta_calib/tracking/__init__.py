@@ -4,51 +4,28 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from suta_calib.lazy import lazily
+from suta_calib.lazy import public
 
 if TYPE_CHECKING:
-    from suta_calib.tracking.igtl import IgtlPublisher
-    from suta_calib.tracking.live import Tracking, TrackOptions
-    from suta_calib.tracking.path_accuracy import compare
-    from suta_calib.tracking.publisher import Publisher, UdpPublisher
-    from suta_calib.tracking.recording import CsvRecorder, ParquetRecorder
-    from suta_calib.tracking.session import TrackingSession, low_latency
-    from suta_calib.tracking.tracker import TipKinematics, Tool, TrackedPose, Tracker, read_tool
-    from suta_calib.tracking.trajectory import Trajectory, read_trajectory
-    from suta_calib.tracking.uncertainty import CalibrationUncertainty, read_uncertainty
+    from suta_calib.tracking.igtl import IgtlPublisher as IgtlPublisher
+    from suta_calib.tracking.latency import LatencyStatistics as LatencyStatistics
+    from suta_calib.tracking.live import Tracking as Tracking
+    from suta_calib.tracking.live import TrackOptions as TrackOptions
+    from suta_calib.tracking.path_accuracy import compare as compare
+    from suta_calib.tracking.publisher import Publisher as Publisher
+    from suta_calib.tracking.publisher import UdpPublisher as UdpPublisher
+    from suta_calib.tracking.recording import CsvRecorder as CsvRecorder
+    from suta_calib.tracking.recording import ParquetRecorder as ParquetRecorder
+    from suta_calib.tracking.session import TrackingSession as TrackingSession
+    from suta_calib.tracking.session import low_latency as low_latency
+    from suta_calib.tracking.tracker import TipKinematics as TipKinematics
+    from suta_calib.tracking.tracker import Tool as Tool
+    from suta_calib.tracking.tracker import TrackedPose as TrackedPose
+    from suta_calib.tracking.tracker import Tracker as Tracker
+    from suta_calib.tracking.tracker import read_tool as read_tool
+    from suta_calib.tracking.trajectory import Trajectory as Trajectory
+    from suta_calib.tracking.trajectory import read_trajectory as read_trajectory
+    from suta_calib.tracking.uncertainty import CalibrationUncertainty as CalibrationUncertainty
+    from suta_calib.tracking.uncertainty import read_uncertainty as read_uncertainty
 
-_HOMES = {
-    "igtl": ("IgtlPublisher",),
-    "live": ("TrackOptions", "Tracking"),
-    "path_accuracy": ("compare",),
-    "publisher": ("Publisher", "UdpPublisher"),
-    "recording": ("CsvRecorder", "ParquetRecorder"),
-    "session": ("TrackingSession", "low_latency"),
-    "tracker": ("TipKinematics", "Tool", "TrackedPose", "Tracker", "read_tool"),
-    "trajectory": ("Trajectory", "read_trajectory"),
-    "uncertainty": ("CalibrationUncertainty", "read_uncertainty"),
-}
-
-__all__ = [
-    "CalibrationUncertainty",
-    "CsvRecorder",
-    "IgtlPublisher",
-    "ParquetRecorder",
-    "Publisher",
-    "TipKinematics",
-    "Tool",
-    "TrackOptions",
-    "TrackedPose",
-    "Tracker",
-    "Tracking",
-    "TrackingSession",
-    "Trajectory",
-    "UdpPublisher",
-    "compare",
-    "low_latency",
-    "read_tool",
-    "read_trajectory",
-    "read_uncertainty",
-]
-
-__getattr__ = lazily(__name__, _HOMES)
+__getattr__, __all__ = public(__name__)

@@ -16,11 +16,15 @@ from scipy.interpolate import CubicSpline
 
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import SamplesError
-from suta_calib.geometry.numbers import register_points, rotation_from_vector, skew
+from suta_calib.geometry.numbers import (
+    register_points,
+    rms_length,
+    rotation_from_vector,
+    skew,
+)
 from suta_calib.pose_calibration.registration import register
 from suta_calib.tracking.trajectory import LEAST_ROWS, Trajectory
 
-# (source, target) → rotation (3, 3) and position (3,) of the transform from source to target.
 _SHIFTS: Final = 201
 _ROWS_OF_SEARCH: Final = 800
 _STEPS: Final = 20
@@ -115,7 +119,10 @@ def align(
     path = ReferencePath(reference)
     rows = _covered(recorded, path, largest)
     time, points = recorded.time[rows], recorded.position[rows]
-    _check_motion(path, time, reference)
+    if float(np.ptp(path.position(time), axis=0).max()) < _LEAST_MOTION:
+        raise SamplesError(
+            "a reference that stands still", "a motion: only it tells time", file=reference.path
+        )
     few = np.unique(np.linspace(0, len(rows) - 1, _ROWS_OF_SEARCH).astype(int))
     shifts = np.linspace(-largest, largest, _SHIFTS)
     rms = np.array([_misfit(points[few], path.position(time[few] - s), registered) for s in shifts])
@@ -128,18 +135,17 @@ def align(
         fit.registered, fit.R, fit.p = True, start.rotation, start.position
     fit.refine(largest)
     std = fit.std()
-    if fit.registered:
+    if registered:
         # The known errors may have taken a share of the transform; what is told has none of them.
         fit.R, fit.p = register_points(points, path.position(time - fit.latency))
-    size = len(fit.sizes)
     return Alignment(
         latency=fit.latency,
         latency_std=float(std[0]),
         rotation=fit.R,
         position=fit.p,
-        registered=fit.registered,
+        registered=registered,
         sizes=fit.sizes,
-        sizes_std=std[len(std) - size :],
+        sizes_std=std[len(std) - len(fit.sizes) :],
         rows=rows,
         shifts=shifts,
         rms=rms,
@@ -164,19 +170,12 @@ def _covered(
     return rows
 
 
-def _check_motion(path: ReferencePath, time: FloatArray, reference: Trajectory) -> None:
-    if float(np.ptp(path.position(time), axis=0).max()) < _LEAST_MOTION:
-        raise SamplesError(
-            "a reference that stands still", "a motion: only it tells time", file=reference.path
-        )
-
-
 def _misfit(points: FloatArray, target: FloatArray, registered: bool) -> float:
     """Root mean square distance, m, after the best transform where one is to be found."""
     if registered:
         R, p = register_points(points, target)
         points = points @ R.T + p
-    return float(np.sqrt(np.mean(np.sum((points - target) ** 2, axis=1))))
+    return rms_length(points - target)
 
 
 class _AlignmentFit:

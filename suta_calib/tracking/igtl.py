@@ -61,7 +61,13 @@ class IgtlPublisher(Publisher):
             return
         if not self._broadcast.clients:
             return
-        taken, lost = self._broadcast.send(self._packed(pose))
+        matrix = np.eye(4)
+        matrix[:3, :3] = pose.rotation
+        matrix[:3, 3] = mm(pose.position)
+        message = pyigtl.TransformMessage(
+            matrix, timestamp=pose.host_time, device_name=self._device_name
+        )
+        taken, lost = self._broadcast.send(bytes(message.pack()))
         self.published += taken
         self.dropped += lost
 
@@ -73,15 +79,6 @@ class IgtlPublisher(Publisher):
         """Messages sent over all clients, messages lost by clients that did not read."""
         connections = {"clients": self._broadcast.clients, "connected": self._broadcast.connections}
         return super().statistics() | connections | {"invalid": self.invalid}
-
-    def _packed(self, pose: TrackedPose) -> bytes:
-        matrix = np.eye(4)
-        matrix[:3, :3] = pose.rotation
-        matrix[:3, 3] = mm(pose.position)
-        message = pyigtl.TransformMessage(
-            matrix, timestamp=pose.host_time, device_name=self._device_name
-        )
-        return bytes(message.pack())
 
 
 def check_device_name(name: str) -> None:
@@ -151,7 +148,14 @@ class Broadcast:
     """
 
     def __init__(self, host: str, port: int) -> None:
-        self._listener = _listener(host, port)
+        try:
+            self._listener = socket.create_server((host, port), backlog=_WAITING_CLIENTS)
+        except (OSError, OverflowError) as error:
+            reason = getattr(error, "strerror", None) or str(error)
+            raise OutputError(
+                f"--igtl: port {port} of {host or 'this machine'} cannot be listened at: {reason}; "
+                "expected a free port; choose another"
+            ) from None
         self.port: int = self._listener.getsockname()[1]
         self.connections = 0
         # A tuple that one thread replaces and nobody changes: the sender walks along it unlocked.
@@ -191,13 +195,18 @@ class Broadcast:
             selector.register(self._woken, selectors.EVENT_READ)
             while True:
                 for key, _ in selector.select():
+                    client = key.data
                     if key.fileobj is self._woken:
-                        self._hang_up()
+                        clients, self._clients = self._clients, ()
+                        for client in clients:
+                            client.connection.close()
                         return
                     if key.fileobj is self._listener:
                         self._welcome(selector)
-                    elif not _still_there(key.data.connection):
-                        self._farewell(selector, key.data)
+                    elif not _still_there(client.connection):
+                        self._clients = tuple(c for c in self._clients if c is not client)
+                        selector.unregister(client.connection)
+                        client.connection.close()
 
     def _welcome(self, selector: selectors.BaseSelector) -> None:
         try:
@@ -208,27 +217,6 @@ class Broadcast:
         selector.register(connection, selectors.EVENT_READ, client)
         self.connections += 1
         self._clients = (*self._clients, client)
-
-    def _farewell(self, selector: selectors.BaseSelector, client: _Client) -> None:
-        self._clients = tuple(c for c in self._clients if c is not client)
-        selector.unregister(client.connection)
-        client.connection.close()
-
-    def _hang_up(self) -> None:
-        clients, self._clients = self._clients, ()
-        for client in clients:
-            client.connection.close()
-
-
-def _listener(host: str, port: int) -> socket.socket:
-    try:
-        return socket.create_server((host, port), backlog=_WAITING_CLIENTS)
-    except (OSError, OverflowError) as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        raise OutputError(
-            f"--igtl: port {port} of {host or 'this machine'} cannot be listened at: {reason}; "
-            "expected a free port; choose another"
-        ) from None
 
 
 def _still_there(connection: socket.socket) -> bool:

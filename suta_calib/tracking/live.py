@@ -11,14 +11,18 @@ from typing import Any, Self
 
 from suta_calib.atomic import check_folder
 from suta_calib.device.bus import Bus
-from suta_calib.device.description import read_device
+from suta_calib.device.device_file import read_device
 from suta_calib.device.reading import Statistics
 from suta_calib.model.arm import ArmModel
 from suta_calib.tracking.publisher import Publisher, UdpPublisher, pose_dict
 from suta_calib.tracking.recording import CsvRecorder, ParquetRecorder
 from suta_calib.tracking.session import TrackingSession, low_latency
 from suta_calib.tracking.tracker import TipKinematics, Tool, Tracker, read_tool
-from suta_calib.tracking.uncertainty import SOURCE_WORDS, read_uncertainty
+from suta_calib.tracking.uncertainty import (
+    SOURCE_WORDS,
+    CalibrationUncertainty,
+    read_uncertainty,
+)
 from suta_calib.units import mm
 
 
@@ -92,12 +96,12 @@ class Tracking:
         self.on_event: Callable[[str], None] = lambda _: None
         self.arm = ArmModel.from_urdf(options.arm, options.tip, options.base)
         self.device = read_device(options.device)
-        result = options.result
-        anyway, tool = options.anyway, options.tool
-        self.uncertainty = (
-            None if result is None else read_uncertainty(result, self.arm, anyway=anyway)
-        )
-        self.tool = Tool.none() if tool is None else read_tool(tool, anyway=anyway)
+        self.uncertainty: CalibrationUncertainty | None = None
+        if options.result is not None:
+            self.uncertainty = read_uncertainty(options.result, self.arm, anyway=options.anyway)
+        self.tool = Tool.none()
+        if options.tool is not None:
+            self.tool = read_tool(options.tool, anyway=options.anyway)
         kinematics = TipKinematics(self.arm, self.tool, self.uncertainty)
         self._tracker = Tracker(self.arm, self.device.names, kinematics, options.device)
         self.events: list[str] = []

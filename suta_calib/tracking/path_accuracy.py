@@ -174,14 +174,18 @@ def compare(
     channels = joint_channels(arm, recorded) if arm and by_joint else axis_channels(recorded)
     turning = [find_reversals(c, recorded.time, recorded.position) for c in channels]
     judged = [t for t in turning if len(t.reversals) >= _LEAST_REVERSALS] if by_joint else []
+    errors = None
+    if arm and by_joint:
+        # Of the tip for unit hysteresis of each judged joint, then for those of the geometry.
+        lags = [-0.5 * t.sense[:, None, None] * t.channel.lever[:, :, None] for t in judged]
+        errors = np.concatenate([*lags, placement_errors(arm, recorded)], axis=2)
     alignment = align(
-        recorded,
-        reference,
-        registered=registered,
-        largest=largest_latency,
-        errors=_joint_errors(judged, arm, recorded) if arm and by_joint else None,
+        recorded, reference, registered=registered, largest=largest_latency, errors=errors
     )
-    error = _error_in_recording(recorded, reference, alignment)
+    # Latency taken out, along the recording's axes; NaN where there is no reference.
+    rows, error = alignment.rows, np.full((len(recorded.time), 3), np.nan)
+    truth = ReferencePath(reference).position(recorded.time[rows] - alignment.latency)
+    error[rows] = (alignment.act(recorded.position[rows]) - truth) @ alignment.rotation
     sizes = zip(alignment.sizes.tolist(), alignment.sizes_std.tolist(), strict=True)
     return PathAccuracy(
         recorded,
@@ -191,23 +195,3 @@ def compare(
         "joint" if by_joint else "axis",
         dict(zip([t.channel.name for t in judged], sizes, strict=False)),
     )
-
-
-def _joint_errors(
-    turning: list[ChannelReversals], arm: ArmModel, recorded: Trajectory
-) -> FloatArray:
-    """(n, 3, k) the tip's error for unit hysteresis of each judged joint, then of the geometry."""
-    lags = [-0.5 * t.sense[:, None] * t.channel.lever for t in turning]
-    geometry = placement_errors(arm, recorded)
-    return np.concatenate([np.stack(lags, axis=2), geometry] if lags else [geometry], axis=2)
-
-
-def _error_in_recording(
-    recorded: Trajectory, reference: Trajectory, alignment: Alignment
-) -> FloatArray:
-    """(n, 3) latency taken out, along the recording's axes; NaN where there is no reference."""
-    error = np.full((len(recorded.time), 3), np.nan)
-    rows = alignment.rows
-    truth = ReferencePath(reference).position(recorded.time[rows] - alignment.latency)
-    error[rows] = (alignment.act(recorded.position[rows]) - truth) @ alignment.rotation
-    return error

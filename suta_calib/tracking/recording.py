@@ -54,7 +54,7 @@ class FileRecorder(Publisher):
             self._open()
         except OSError as error:
             raise OutputError(f"{path}: not written: {error.strerror or error}") from None
-        self._thread = threading.Thread(target=self._keep_writing, name=self.name, daemon=True)
+        self._thread = threading.Thread(target=self._drain, name=self.name, daemon=True)
         self._thread.start()
 
     def publish(self, pose: TrackedPose) -> None:
@@ -102,19 +102,17 @@ class FileRecorder(Publisher):
     def _finish(self) -> None:
         """Complete the part."""
 
-    def _keep_writing(self) -> None:
-        while not self._over.wait(_EVERY_S):
-            self._drain()
-        self._drain()
-
     def _drain(self) -> None:
-        poses = [self._waiting.popleft() for _ in range(len(self._waiting))]
-        if not poses or self._failure is not None:
-            return
-        try:
-            self._write(poses)
-        except OSError as error:
-            self._failure = error
+        """Write what waits again and again, and once more when it is over."""
+        over = False
+        while not over and self._failure is None:
+            over = self._over.wait(_EVERY_S)
+            poses = [self._waiting.popleft() for _ in range(len(self._waiting))]
+            try:
+                if poses:
+                    self._write(poses)
+            except OSError as error:
+                self._failure = error
 
     def _refusal(self) -> OutputError:
         assert self._failure is not None
@@ -187,12 +185,14 @@ class ParquetRecorder(FileRecorder):
         self._writer.close()
 
     def _write_group(self) -> None:
+        """A row group of what was kept."""
         poses, self._kept = self._kept, []
-        nothing = np.full(3, np.nan)
+        unknown = np.full(3, np.nan)
+        stds = [unknown if p.std is None else p.std for p in poses]
         numbers = np.array(
             [
-                (p.time, p.host_time, *p.position, *p.quaternion, *_or(p.std, nothing), *p.angles)
-                for p in poses
+                (p.time, p.host_time, *p.position, *p.quaternion, *std, *p.angles)
+                for p, std in zip(poses, stds, strict=True)
             ]
         )
         columns: dict[str, Any] = {
@@ -215,7 +215,3 @@ def flag_text(pose: TrackedPose) -> str:
         return ""
     said = [f"{name}:error" for name in pose.errors]
     return " ".join(said + [f"{name}:warning" for name in pose.warnings])
-
-
-def _or(std: Any, nothing: Any) -> Any:
-    return nothing if std is None else std

@@ -13,6 +13,7 @@ from typing import Final
 
 import numpy as np
 
+from suta_calib.acquisition.averaging import NORMAL
 from suta_calib.arrays import FloatArray
 from suta_calib.batched import Batched
 from suta_calib.geometry.numbers import rms_length
@@ -148,7 +149,9 @@ def find_reversals(channel: Channel, time: FloatArray, error: FloatArray) -> Cha
         time: (n,) s.
         error: (n, 3) recorded minus reference, in the recording's frame, m; NaN where unknown.
     """
-    noise = _noise(channel.coordinate)
+    # What changes from row to row without direction.
+    second = np.diff(channel.coordinate, 2)
+    noise = NORMAL * float(np.median(np.abs(second))) / math.sqrt(6.0) if second.size else 0.0
     travel = max(TRAVEL[channel.unit], _TIMES_NOISE * noise)
     creep = max(_CREEP * travel, _STANDS * noise)
     turns = turning_points(channel.coordinate, travel)
@@ -157,10 +160,9 @@ def find_reversals(channel: Channel, time: FloatArray, error: FloatArray) -> Cha
     for k, (row, sense) in enumerate(turns):
         first, last = around[k]
         # Not beyond the next reversal, and not further than the window.
-        begin = max(around[k - 1][1] if k else 0, _row_at(time, time[first] - WINDOW))
-        end = min(
-            around[k + 1][0] if around[k + 1 :] else len(time), _row_at(time, time[last] + WINDOW)
-        )
+        window = np.searchsorted(time, [time[first] - WINDOW, time[last] + WINDOW])
+        begin = max(around[k - 1][1] if k else 0, window[0])
+        end = min(around[k + 1][0] if around[k + 1 :] else len(time), window[1])
         before, after = _mean(error[begin : first + 1]), _mean(error[last:end])
         if before is not None and after is not None:
             stands = _neighbourhood(channel.coordinate, row, sense, creep)
@@ -194,20 +196,10 @@ def _neighbourhood(x: FloatArray, row: int, sense: int, distance: float) -> tupl
     return first, row + int(after[0]) if after.size else len(x) - 1
 
 
-def _row_at(time: FloatArray, when: float) -> int:
-    return int(np.searchsorted(time, when))
-
-
 def _mean(error: FloatArray) -> FloatArray | None:
     """Mean of the rows (n, 3) that are known, None where there are too few."""
     known = error[np.isfinite(error).all(axis=1)]
     return known.mean(axis=0) if len(known) >= _LEAST_ROWS else None
-
-
-def _noise(x: FloatArray) -> float:
-    """Standard deviation of what changes from row to row without direction."""
-    second = np.diff(x, 2)
-    return float(1.4826 * np.median(np.abs(second)) / math.sqrt(6.0)) if second.size else 0.0
 
 
 def _rms(vectors: Sequence[FloatArray]) -> float:

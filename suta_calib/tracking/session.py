@@ -15,7 +15,8 @@ from suta_calib.tracking.publisher import Publisher
 from suta_calib.tracking.tracker import TrackedPose, Tracker
 
 if TYPE_CHECKING:
-    from suta_calib.device.reading import Reading, ReadingSource
+    from suta_calib.device.bus import Bus
+    from suta_calib.device.reading import Reading
 
 
 # s; how long one look at the bus may last: the run's end is not noticed before.
@@ -64,7 +65,7 @@ class TrackingSession:
 
     def run(
         self,
-        source: ReadingSource,
+        source: Bus,
         seconds: float | None = None,
         stop: Callable[[], bool] = lambda: False,
     ) -> None:
@@ -87,7 +88,14 @@ class TrackingSession:
         for publisher in self.publishers:
             publisher.publish(pose)
         self.latency.add(time.perf_counter() - reading.arrival)
-        self._count(pose)
+        if self.last is not None:
+            self.interval.add(max(pose.arrival - self.last.arrival, 0.0))
+        self.last = pose
+        if pose.valid:
+            self.valid += 1
+            self.last_valid = pose
+        else:
+            self.invalid += 1
 
     def summary(self) -> dict[str, Any]:
         """Counts, latency and publishers for JSON."""
@@ -112,16 +120,6 @@ class TrackingSession:
             return False
         self._due = self._due + self._period if abs(late) < self._period else now + self._period
         return True
-
-    def _count(self, pose: TrackedPose) -> None:
-        if self.last is not None:
-            self.interval.add(max(pose.arrival - self.last.arrival, 0.0))
-        self.last = pose
-        if pose.valid:
-            self.valid += 1
-            self.last_valid = pose
-        else:
-            self.invalid += 1
 
 
 @contextmanager

@@ -15,20 +15,18 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 
-from suta_calib.arrays import FloatArray
+from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.assessment import refuse_unusable
 from suta_calib.batched import Batched
-from suta_calib.device.description import misnamed
+from suta_calib.device.description import columns_of
 from suta_calib.errors import InputError
-from suta_calib.geometry.symbols import Symbol, symbolic_skew
+from suta_calib.geometry.symbols import symbolic_skew
 from suta_calib.model.arm import ArmModel
 from suta_calib.tracking.json_files import numbers, read_json_object
 from suta_calib.tracking.uncertainty import CalibrationUncertainty
 from suta_calib.units import from_mm
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from suta_calib.device.reading import Reading
 
 
@@ -118,9 +116,7 @@ def read_tool(path: str | Path, *, anyway: bool = False) -> Tool:
             repr(data["tip_mm"]), f"mm, within {_LARGEST:g} m", file=path, where="tip_mm"
         )
     std = data.get("tip_std_mm")
-    if std is None:
-        return Tool(tip)
-    return Tool(tip, from_mm(numbers(std, (3,), path, "tip_std_mm")))
+    return Tool(tip, None if std is None else from_mm(numbers(std, (3,), path, "tip_std_mm")))
 
 
 _NOTHING: Final = Tool.none()
@@ -181,23 +177,14 @@ def _compiled(arm: ArmModel, tool: Tool, uncertainty: CalibrationUncertainty | N
     R = ca.reshape(flat, 3, 3)
     lever = R @ ca.DM(tool.tip)
     by_error = (jacobian[:, :3].T - symbolic_skew(lever) @ jacobian[:, 3:].T) @ ca.DM(factor)
-    std = ca.sqrt(_row_squares(by_error) + _tool_variance(R, tool))
+    by_tool = R @ ca.diag(ca.DM(np.zeros(3) if tool.std is None else tool.std))
+    std = ca.sqrt(ca.sum2(ca.horzcat(by_error, by_tool) ** 2))
     outputs = [ca.densify(o) for o in (flat, tip + lever, std)]
     return ca.Function("tip", [q], outputs, ["q"], ["rotation", "position", "std"], {"cse": True})
 
 
-def _tool_variance(R: Symbol, tool: Tool) -> Symbol:
-    return ca.DM.zeros(3, 1) if tool.std is None else _row_squares(R @ ca.diag(ca.DM(tool.std)))
-
-
-def _row_squares(matrix: Symbol) -> Symbol:
-    """Sum of squares of each row; zeros where there is no column."""
-    return ca.sum2(matrix**2) if matrix.shape[1] else ca.DM.zeros(3, 1)
-
-
-_NO_ROTATION = np.full((3, 3), np.nan)
-_NO_POSITION = np.full(3, np.nan)
-_NO_QUATERNION = np.full(4, np.nan)
+_NO_POSE: Final = (np.full((3, 3), np.nan), np.full(3, np.nan), None)
+_NO_QUATERNION: Final = np.full(4, np.nan)
 
 
 class Tracker:
@@ -226,18 +213,15 @@ class Tracker:
     ) -> None:
         self.joints = arm.joints
         self.kinematics = kinematics
-        self._columns = np.array(matched_joints(arm, device_joints, device), dtype=np.intp)
+        self._columns = matched_joints(arm, device_joints, device)
         self._since_1970 = time.time() - time.perf_counter()
 
     def pose(self, reading: Reading) -> TrackedPose:
         """The tip's pose at this reading."""
         angles = reading.angles[self._columns]
         errors, warnings = self._flagged(reading.error), self._flagged(reading.warning)
-        if errors:
-            rotation, position, turn, std = _NO_ROTATION, _NO_POSITION, _NO_QUATERNION, None
-        else:
-            rotation, position, std = self.kinematics(angles)
-            turn = quaternion(rotation)
+        rotation, position, std = _NO_POSE if errors else self.kinematics(angles)
+        turn = _NO_QUATERNION if errors else quaternion(rotation)
         return TrackedPose(
             reading.sequence,
             reading.time,
@@ -261,20 +245,12 @@ class Tracker:
 
 def matched_joints(
     arm: ArmModel, device_joints: Sequence[str], device: Path | None = None
-) -> list[int]:
-    """For each joint of the chain, its place among the device's.
+) -> IntArray:
+    """(n,) for each joint of the chain, its place among the device's.
 
     Raises:
         InputError: the device lacks one; names it and what the device has.
     """
-    order = {name: k for k, name in enumerate(device_joints)}
-    missing = [name for name in arm.joints if name not in order]
-    if missing:
-        raise InputError(
-            f"the joints {', '.join(device_joints)}",
-            f"those of the chain {arm.chain.base} → {arm.tip}: {', '.join(arm.joints)}",
-            file=device,
-            where="joints",
-            hint=misnamed(device_joints, arm.joints) or f"add {', '.join(missing)}",
-        )
-    return [order[name] for name in arm.joints]
+    found = f"the joints {', '.join(device_joints)}"
+    expected = f"those of the chain {arm.chain.base} → {arm.tip}: {', '.join(arm.joints)}"
+    return np.array(columns_of(arm.joints, device_joints, found, expected, device), dtype=np.intp)

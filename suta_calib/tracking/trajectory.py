@@ -10,11 +10,12 @@ import numpy as np
 
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import SamplesError
-from suta_calib.measurements.csv_table import CsvTable, read_csv_table
-from suta_calib.measurements.pose_columns import (
+from suta_calib.measurements.csv_table import (
+    CsvTable,
     has_rotations,
     position_columns,
     positions,
+    read_csv_table,
     rotations,
 )
 from suta_calib.model.arm import ArmModel
@@ -51,7 +52,12 @@ def read_trajectory(path: str | Path, arm: ArmModel | None = None) -> Trajectory
         SamplesError: unreadable, a column missing, a value that is none, time that does not
             increase, or fewer than 20 rows.
     """
-    table = _valid_rows(read_csv_table(Path(path)))
+    table = read_csv_table(Path(path))
+    if "valid" in table.columns:
+        kept = [k for k, cell in enumerate(table.columns["valid"]) if cell not in ("0", "false")]
+        columns = {name: tuple(cells[k] for k in kept) for name, cells in table.columns.items()}
+        lines = tuple(table.lines[k] for k in kept)
+        table = CsvTable(table.path, columns, table.header_line, lines)
     if len(table) < LEAST_ROWS:
         raise SamplesError(f"{len(table)} valid rows", f"at least {LEAST_ROWS}", file=table.path)
     time = table.numbers("time", "a column time in s")
@@ -60,27 +66,11 @@ def read_trajectory(path: str | Path, arm: ArmModel | None = None) -> Trajectory
         raise table.refuse(
             int(row) + 1, "time", found, "time that increases", "one motion, one clock"
         )
-    angles = _angles(table, arm)
-    if arm is not None and angles is not None and not _has_positions(table):
-        rotation, position = arm.forward(angles)
-        return Trajectory(table.path, time, position, rotation, angles)
+    angles = None
+    if arm is not None and all(name in table.columns for name in arm.joints):
+        angles = np.stack([table.numbers(name) for name in arm.joints], axis=-1)
+        if not any(name in table.columns for name in position_columns()):
+            rotation, position = arm.forward(angles)
+            return Trajectory(table.path, time, position, rotation, angles)
     turned = rotations(table) if has_rotations(table) else None
     return Trajectory(table.path, time, positions(table), turned, angles)
-
-
-def _valid_rows(table: CsvTable) -> CsvTable:
-    if "valid" not in table.columns:
-        return table
-    kept = [k for k, cell in enumerate(table.columns["valid"]) if cell not in ("0", "false")]
-    columns = {name: tuple(cells[k] for k in kept) for name, cells in table.columns.items()}
-    return CsvTable(table.path, columns, table.header_line, tuple(table.lines[k] for k in kept))
-
-
-def _has_positions(table: CsvTable) -> bool:
-    return any(name in table.columns for name in position_columns())
-
-
-def _angles(table: CsvTable, arm: ArmModel | None) -> FloatArray | None:
-    if arm is None or not all(name in table.columns for name in arm.joints):
-        return None
-    return np.stack([table.numbers(name) for name in arm.joints], axis=-1)

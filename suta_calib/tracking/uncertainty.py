@@ -89,7 +89,9 @@ class CalibrationUncertainty:
             rows.append(name)
             blocks.append(np.array([[float(n == name) for n in self.names]]))
         derivative = np.vstack([np.zeros((0, len(self.names))), *blocks])
-        return tuple(rows), derivative @ _factor(self.covariance)
+        # Also where rounding made the covariance not quite positive.
+        values, vectors = np.linalg.eigh((self.covariance + self.covariance.T) / 2)
+        return tuple(rows), derivative @ (vectors * np.sqrt(np.maximum(values, 0.0)))
 
     def _of_joint(self, joint: ChainJoint, segment: Segment) -> FloatArray:
         """(6, n) change of the calibrated joint's placement per change of each parameter."""
@@ -141,7 +143,20 @@ def read_uncertainty(
     """
     path = Path(path)
     data = read_json_object(path)
-    parameters = _parameters(data, path, anyway)
+    parameters = data.get("parameters")
+    if not isinstance(parameters, dict) or not all(
+        isinstance(e, dict) for e in parameters.values()
+    ):
+        expected = "a result.json of suta-calib calibrate"
+        raise InputError("no table of parameters", expected, file=path)
+    if data.get("status") != "converged":
+        raise InputError(
+            f"{data.get('status')!r}",
+            "'converged': a calibration that did not converge says nothing of the tip",
+            file=path,
+            where="status",
+        )
+    refuse_unusable(data, path, anyway=anyway)
     known = set(arm.offered.names)
     own = {name: entry for name, entry in parameters.items() if name in known}
     estimated = [name for name, entry in own.items() if entry.get("std") is not None]
@@ -157,23 +172,6 @@ def read_uncertainty(
     fixed = tuple(str(n) for n in data.get("unidentified", []) if n in known)
     beside = {n: v for n, v in values.items() if v and not arm.offered[n].geometric}
     return CalibrationUncertainty(path, names, covariance, values, source, fixed, beside)
-
-
-def _parameters(data: dict[str, Any], path: Path, anyway: bool) -> dict[str, dict[str, Any]]:
-    found = data.get("parameters")
-    if not isinstance(found, dict) or not all(isinstance(e, dict) for e in found.values()):
-        raise InputError(
-            "no table of parameters", "a result.json of suta-calib calibrate", file=path
-        )
-    if data.get("status") != "converged":
-        raise InputError(
-            f"{data.get('status')!r}",
-            "'converged': a calibration that did not converge says nothing of the tip",
-            file=path,
-            where="status",
-        )
-    refuse_unusable(data, path, anyway=anyway)
-    return found
 
 
 def _covariance(
@@ -195,12 +193,6 @@ def _covariance(
         return names, matrix * np.outer(std, std), "correlations"
     std = np.array([numbers(own[name]["std"], (), path, name) for name in estimated])
     return tuple(estimated), np.diag(std**2), "std"
-
-
-def _factor(covariance: FloatArray) -> FloatArray:
-    """F (n, n) with F Fᵀ = covariance, also where rounding made it not quite positive."""
-    values, vectors = np.linalg.eigh((covariance + covariance.T) / 2)
-    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
 
 
 def _unfolded(joint: ChainJoint, vector: FloatArray, offset: float) -> ChainJoint:

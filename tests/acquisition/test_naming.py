@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from acquisition_scenes import Attempt, check_against, file_of, plan_of, visit
-from device_stand_in import Script, postures_on
+from device_stand_in import Script
 
 from suta_calib.acquisition.seating_check import SeatingCheck, likelier
-from suta_calib.acquisition.touch_sequence import read_arm, read_row
+from suta_calib.acquisition.touch_sequence import read_row
 from suta_calib.arrays import FloatArray
 from suta_calib.model.arm import ArmModel
 
@@ -18,27 +18,10 @@ NAMES = ["O", "M1", "M2", "L1", "M3", "L2", "S1", "S2"]
 
 
 @pytest.fixture(scope="module")
-def job(repository: Path) -> Path:
-    return repository / "data" / "suta" / "calibration.yaml"
-
-
-@pytest.fixture(scope="module")
-def arm(job: Path) -> ArmModel:
-    return read_arm(job)
-
-
-@pytest.fixture(scope="module")
 def seating(job: Path, arm: ArmModel) -> SeatingCheck:
     artefact = read_row(job, None, ["pairwise_distance"]).artefact
     assert artefact is not None
     return SeatingCheck(arm, artefact)
-
-
-@pytest.fixture(scope="module")
-def postures(arm: ArmModel, job: Path) -> dict[str, FloatArray]:
-    artefact = read_row(job, None, ["pairwise_distance"]).artefact
-    assert artefact is not None
-    return postures_on(arm, artefact)
 
 
 @pytest.mark.parametrize("true", [(0, 1, 3, 4), (1, 2, 3, 5, 6), (0, 2, 4, 5, 7), (3, 4, 5, 6)])

@@ -7,34 +7,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 from acquisition_scenes import SECONDS, Attempt, check_against, file_of, plan_of, visit
-from device_stand_in import POSTURE, Script, postures_on
+from device_stand_in import POSTURE, Script
 
 from suta_calib.acquisition.guided import ENTER, Guided
 from suta_calib.acquisition.run import Run
 from suta_calib.acquisition.stops import StopFinder
-from suta_calib.acquisition.touch_sequence import TouchSequence, read_arm, read_row, repeated
+from suta_calib.acquisition.touch_sequence import TouchSequence, repeated
 from suta_calib.arrays import FloatArray
 from suta_calib.job.calibration import joint_ranges
 from suta_calib.measurements import read_samples
 from suta_calib.model.arm import ArmModel
 from suta_calib.terms import FixedPoint, PairwiseDistance
-
-
-@pytest.fixture(scope="module")
-def job(repository: Path) -> Path:
-    return repository / "data" / "suta" / "calibration.yaml"
-
-
-@pytest.fixture(scope="module")
-def arm(job: Path) -> ArmModel:
-    return read_arm(job)
-
-
-@pytest.fixture(scope="module")
-def postures(arm: ArmModel, job: Path) -> dict[str, FloatArray]:
-    artefact = read_row(job, None, ["pairwise_distance"]).artefact
-    assert artefact is not None
-    return postures_on(arm, artefact)
 
 
 # ── Unattended ─────────────────────────────────────────────────────────────────────────────────

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from acquisition_scenes import Attempt, check_against, device, file_of, plan_of, visit
-from device_stand_in import postures_on, reading
+from device_stand_in import reading
 
 from suta_calib.acquisition.run import SamplesFile
 from suta_calib.acquisition.seating_check import SeatingCheck
@@ -17,23 +17,6 @@ from suta_calib.arrays import FloatArray
 from suta_calib.errors import ArtefactError, InputError, JobError, SamplesError, UrdfError
 from suta_calib.model.arm import ArmModel
 from suta_calib.terms import FixedPoint
-
-
-@pytest.fixture(scope="module")
-def job(repository: Path) -> Path:
-    return repository / "data" / "suta" / "calibration.yaml"
-
-
-@pytest.fixture(scope="module")
-def arm(job: Path) -> ArmModel:
-    return read_arm(job)
-
-
-@pytest.fixture(scope="module")
-def postures(arm: ArmModel, job: Path) -> dict[str, FloatArray]:
-    artefact = read_row(job, None, ["pairwise_distance"]).artefact
-    assert artefact is not None
-    return postures_on(arm, artefact)
 
 
 # ── Files ──────────────────────────────────────────────────────────────────────────────────────

@@ -23,11 +23,10 @@ from simulated import (
 
 from suta_calib.analysis.outliers import METRICS, Level, Outliers, find_outliers
 from suta_calib.analysis.outliers.chance import Simulator
-from suta_calib.analysis.outliers.groups import groupings
+from suta_calib.analysis.outliers.groups import Registered, groupings
 from suta_calib.analysis.outliers.metrics import Scene as Metrics
 from suta_calib.analysis.outliers.metrics import measures, shares
 from suta_calib.analysis.outliers.reference import ReferenceFit
-from suta_calib.analysis.outliers.registration import Registered
 from suta_calib.analysis.outliers.touches import Touches
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import rotation_from_vector

@@ -16,7 +16,7 @@ from simulated import (
 )
 
 from suta_calib.analysis.outliers import Outliers, Thresholds, find_outliers
-from suta_calib.analysis.outliers.term_search import not_searched
+from suta_calib.analysis.outliers.search import not_searched
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solve import solve
 from suta_calib.terms import Noise, PairwiseDistance

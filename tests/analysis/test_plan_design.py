@@ -21,11 +21,14 @@ from simulated import (
 )
 
 from suta_calib.analysis.planning import Candidate, Placement, Point, Situation
-from suta_calib.analysis.planning.design import Design, best_set, greedy, ordered
-from suta_calib.analysis.planning.information import (
+from suta_calib.analysis.planning.design import (
+    Design,
     SharedInformation,
     Space,
+    best_set,
+    greedy,
     nothing,
+    ordered,
     present,
     promised,
 )

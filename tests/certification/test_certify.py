@@ -21,7 +21,7 @@ from hypothesis import strategies as st
 from suta_calib.arrays import FloatArray
 from suta_calib.certification.comparison import wrapped
 from suta_calib.certification.frame import shape_covariance
-from suta_calib.certification.pillar import diagonals_cross, order_around
+from suta_calib.certification.measuring import diagonals_cross, order_around
 from suta_calib.certification.points import FEATURES, CertificationOptions, read_raw_points
 from suta_calib.certification.procedure import certify
 from suta_calib.certification.result import write_certified

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from cli_job import cli
-from pose_answers import XYZ, Capture, answer, within
+from pose_answers import Capture, answer, within
 from pose_scenes import (
     B_A,
     NOISE,
@@ -24,20 +24,12 @@ from pose_scenes import (
     matrix,
     pair_numbers,
     pivot_numbers,
-    point_numbers,
     write_csv,
 )
 from scipy.spatial.transform import Rotation
 
 
 # ── pivot ────────────────────────────────────────────────────────────────────────────────────
-@pytest.fixture
-def pivot_file(tmp_path: Path) -> Path:
-    numbers = pivot_numbers(["left"] * 40)
-    numbers[[6, 21], :3] += [[0.01, 0, 0], [0, -0.008, 0.003]]
-    return write_csv(tmp_path / "pivot.csv", POSE, numbers)
-
-
 def test_pivot_finds_tip_post_and_outliers(pivot_file: Path, capsys: Capture) -> None:
     found = answer(capsys, "pivot", pivot_file)
     within(found["tip_mm"], 1e3 * TIP, found["tip_std_mm"])
@@ -189,13 +181,6 @@ def test_hand_eye_writes_its_files(tmp_path: Path, capsys: Capture) -> None:
 
 
 # ── register ─────────────────────────────────────────────────────────────────────────────────
-@pytest.fixture
-def point_files(tmp_path: Path) -> tuple[Path, Path]:
-    a, b = point_numbers(12)
-    b[4] += [0.01, 0.004, 0.0]
-    return write_csv(tmp_path / "a.csv", XYZ, a), write_csv(tmp_path / "b.csv", XYZ, b)
-
-
 def test_register_finds_the_transform(point_files: tuple[Path, Path], capsys: Capture) -> None:
     found = answer(capsys, "register", *point_files)
     pose, true, std = np.array(found["T_b_a"]), matrix(B_A), found["std"]

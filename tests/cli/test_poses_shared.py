@@ -23,21 +23,7 @@ from pose_scenes import (
 from rich.console import Console
 from scipy.spatial.transform import Rotation
 
-from suta_calib.cli import _poses
-
-
-@pytest.fixture
-def pivot_file(tmp_path: Path) -> Path:
-    numbers = pivot_numbers(["left"] * 40)
-    numbers[[6, 21], :3] += [[0.01, 0, 0], [0, -0.008, 0.003]]
-    return write_csv(tmp_path / "pivot.csv", POSE, numbers)
-
-
-@pytest.fixture
-def point_files(tmp_path: Path) -> tuple[Path, Path]:
-    a, b = point_numbers(12)
-    b[4] += [0.01, 0.004, 0.0]
-    return write_csv(tmp_path / "a.csv", XYZ, a), write_csv(tmp_path / "b.csv", XYZ, b)
+from suta_calib.cli import _output
 
 
 # ── all three ────────────────────────────────────────────────────────────────────────────────
@@ -80,9 +66,9 @@ def test_long_work_says_so_on_a_terminal_only(
 ) -> None:
     written = io.StringIO()
     there = Console(file=written, force_terminal=terminal)
-    monkeypatch.setattr(_poses, "console", lambda **_: there)
-    monkeypatch.setattr(_poses, "PATIENCE_S", patience)
-    with _poses.LateStatus("calibrating") as status:
+    monkeypatch.setattr(_output, "console", lambda **_: there)
+    monkeypatch.setattr(_output, "PATIENCE_S", patience)
+    with _output.LateProgress("calibrating") as status:
         for _ in range(100):
             if "calibrating" in written.getvalue():
                 break

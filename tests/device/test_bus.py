@@ -3,8 +3,7 @@ from __future__ import annotations
 import socket
 import threading
 import time
-from collections.abc import Callable, Iterator
-from pathlib import Path
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -18,13 +17,6 @@ from suta_calib.errors import (
     DisconnectedError,
     WrongFormatError,
 )
-
-
-@pytest.fixture
-def arm(tmp_path: Path) -> Iterator[PtyDevice]:
-    """A device on a pty."""
-    with PtyDevice(tmp_path / "arm") as plugged:
-        yield plugged
 
 
 def spec_of(arm: PtyDevice, **changes: object):

@@ -15,7 +15,7 @@ import pytest
 from device_streams import RATE, PtyDevice, device
 
 from suta_calib.device import Bus
-from suta_calib.device.description import glance
+from suta_calib.device.device_file import glance
 from suta_calib.device.port_process import PortProcess
 from suta_calib.errors import DeviceFileError, PortNotFoundError
 

@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import errno
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,13 +19,6 @@ from suta_calib.errors import (
     PortNotFoundError,
     PortPermissionError,
 )
-
-
-@pytest.fixture
-def arm(tmp_path: Path) -> Iterator[PtyDevice]:
-    """A device on a pty."""
-    with PtyDevice(tmp_path / "arm") as plugged:
-        yield plugged
 
 
 def spec_of(arm: PtyDevice):

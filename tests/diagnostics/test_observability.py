@@ -10,9 +10,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from suta_calib.arrays import FloatArray
-from suta_calib.diagnostics.indices import Indices
-from suta_calib.diagnostics.observability import Observability, observe
-from suta_calib.diagnostics.tip_motion import tip_motion
+from suta_calib.diagnostics.explanation import tip_motion
+from suta_calib.diagnostics.observability import Indices, Observability, observe
 from suta_calib.measurements import Artefact, Landmark, Samples
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import Selection

@@ -12,6 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from suta_calib.errors import ArtefactError, SamplesError
 from suta_calib.measurements import Artefact, Landmark, Samples, read_artefact, write_artefact
+from suta_calib.terms import MeasuredPoses
+from suta_calib.terms.landmark import certified_positions
 
 
 @pytest.fixture(scope="session")
@@ -96,9 +98,11 @@ def test_samples_of_unknown_landmarks_are_refused_with_their_row() -> None:
     samples = Samples.from_arrays(
         ["j1"], [[0.0]] * 2, labels={"landmark": ["A", "a"]}, origin=["a.csv:2", "a.csv:3"]
     )
-    artefact([0, 0, 0]).check_labels(samples.take([0]))
-    with pytest.raises(SamplesError, match=r"a\.csv:3: column 'landmark': found 'a'.*mean 'A'"):
-        artefact([0, 0, 0]).check_labels(samples)
+    poses = MeasuredPoses(np.tile(np.eye(3), (2, 1, 1)), np.zeros((2, 3)), samples)
+    certified = certified_positions(poses.take([0]), artefact([1, 2, 3]))
+    np.testing.assert_array_equal(certified, [[1, 2, 3]])
+    with pytest.raises(SamplesError, match=r"a\.csv:3: found landmark 'a'.*mean 'A'"):
+        certified_positions(poses, artefact([0, 0, 0]))
 
 
 def test_impossible_artefacts_in_memory() -> None:

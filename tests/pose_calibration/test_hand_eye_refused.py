@@ -8,7 +8,17 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hand_eye_scenes import NATURES, NOISE, SKEW_AXIS, calibrate, errors, noisy, rows_of, simulate
+from hand_eye_scenes import (
+    NATURES,
+    NOISE,
+    SKEW_AXIS,
+    calibrate,
+    errors,
+    noisy,
+    rows_of,
+    simulate,
+    slides,
+)
 from scipy.spatial.transform import Rotation
 
 from suta_calib.arrays import FloatArray
@@ -18,12 +28,6 @@ from suta_calib.pose_calibration.hand_eye import calibrate_hand_eye
 from suta_calib.terms import HandEye
 from suta_calib.terms.hand_eye_start import Poses, inverse
 from suta_calib.terms.synthetic import EXACT, OutlierModel, PoseNoise, Simulated
-
-
-def slides(problem: SamplesError) -> FloatArray:
-    """The directions (k, 3) along which the message says that X may slide."""
-    found = re.findall(r"slide along \(([^)]*)\)", str(problem))
-    return np.array([[float(v) for v in numbers.split(",")] for numbers in found])
 
 
 @pytest.mark.parametrize("share", [0.0, 0.3])

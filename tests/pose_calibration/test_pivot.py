@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import re
 from typing import Any
 
 import numpy as np
 import pytest
+from hand_eye_scenes import NATURES, NOISE, SKEW_AXIS, slides
 
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import SamplesError
@@ -15,10 +15,7 @@ from suta_calib.pose_calibration.pivot import PivotCalibration, calibrate_pivot
 from suta_calib.terms import FixedPoint
 from suta_calib.terms.synthetic import EXACT, OutlierModel, PoseNoise, Simulated
 
-NOISE = PoseNoise(3e-4, float(np.radians(0.1)))
-NATURES = ("wrong", "slipped", "swapped")
 POSTS = np.array([[0.1, 0.2, -1.0], [0.3, 0.0, -0.9], [0.0, -0.1, -1.1]])
-SKEW_AXIS = np.array([1.0, 2.0, -2.0]) / 3.0
 
 
 def simulate(count: int, **more: Any) -> Simulated[FixedPoint]:
@@ -143,12 +140,6 @@ def test_the_monte_carlo_spread_is_the_predicted_one_closely(count: int, posts: 
 
 
 # ── What is refused ──────────────────────────────────────────────────────────────────────────
-def slides(problem: SamplesError) -> FloatArray:
-    """The directions (k, 3) along which the message says the tip may slide."""
-    found = re.findall(r"slide along \(([^)]*)\)", str(problem))
-    return np.array([[float(v) for v in numbers.split(",")] for numbers in found])
-
-
 @pytest.mark.parametrize("share", [0.0, 0.3])
 @pytest.mark.parametrize("spread", [EXACT, NOISE], ids=["exact", "noisy"])
 @pytest.mark.parametrize("axis", [np.eye(3)[2], SKEW_AXIS], ids=["z", "skew"])

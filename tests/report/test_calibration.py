@@ -13,7 +13,7 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 from lxml import etree
-from report_scenes import AWKWARD, console_text, make_job
+from report_scenes import AWKWARD, console_text
 
 from suta_calib import units
 from suta_calib.atomic import write_bytes_atomically
@@ -29,18 +29,6 @@ from suta_calib.report.files import write_document
 from suta_calib.report.observability import observability_document
 from suta_calib.report.page import page_with
 from suta_calib.words import combination, listed
-
-
-@pytest.fixture(scope="module")
-def result(tmp_path_factory: pytest.TempPathFactory, suta_urdf: Path) -> CalibrationResult:
-    return make_job(tmp_path_factory.mktemp("job"), suta_urdf).run()
-
-
-@pytest.fixture(scope="module")
-def unconverged(tmp_path_factory: pytest.TempPathFactory, suta_urdf: Path) -> CalibrationResult:
-    found = make_job(tmp_path_factory.mktemp("job"), suta_urdf, iterations=1).run()
-    assert not found.solution.converged
-    return found
 
 
 def told(result: CalibrationResult, *, verbose: bool = False) -> str:

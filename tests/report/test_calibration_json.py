@@ -7,11 +7,10 @@ import io
 import json
 import math
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
-from report_scenes import AWKWARD, TRUTH, console_text, make_job
+from report_scenes import AWKWARD, TRUTH, console_text
 
 from suta_calib.job.calibration import CalibrationResult
 from suta_calib.report.calibration import calibration_document
@@ -19,18 +18,6 @@ from suta_calib.report.console import rendered
 from suta_calib.report.errors import RESIDUALS, accuracy_json, by_kind, groups, residual_rows
 from suta_calib.report.listing import Json, csv_text
 from suta_calib.report.page import page_with
-
-
-@pytest.fixture(scope="module")
-def result(tmp_path_factory: pytest.TempPathFactory, suta_urdf: Path) -> CalibrationResult:
-    return make_job(tmp_path_factory.mktemp("job"), suta_urdf).run()
-
-
-@pytest.fixture(scope="module")
-def unconverged(tmp_path_factory: pytest.TempPathFactory, suta_urdf: Path) -> CalibrationResult:
-    found = make_job(tmp_path_factory.mktemp("job"), suta_urdf, iterations=1).run()
-    assert not found.solution.converged
-    return found
 
 
 def result_dict(result: CalibrationResult) -> Json:

@@ -28,22 +28,18 @@ class Row:
 ROWS = (Row("a", 0.0012), Row("b", math.radians(-2.0), "rad", ("a",)))
 PLAIN = Listing[Row](
     "Plain",
-    (
-        Column("name", "name"),
-        Column("size", "size", unit="m", sign=True),
-        Column("ends", None, lambda row: np.array([-row.size, row.size]), "m"),
-    ),
+    Column("name", "name"),
+    Column("size", "size", unit="m", sign=True),
+    Column("ends", None, lambda row: np.array([-row.size, row.size]), "m"),
     key="plain",
 )
 OWN = Listing[Row](
     "Own units",
-    (
-        Column("name", "name"),
-        Column("size", "size", own_unit=lambda row: row.unit),
-        Column("unit", "unit"),
-        Column("given", "given", cell=lambda row: ", ".join(row.given), optional=True),
-        Column("", "fine", lambda row: row.unit == "m", tone=lambda _: "good"),
-    ),
+    Column("name", "name"),
+    Column("size", "size", unit=lambda row: row.unit, si=True),
+    Column("unit", "unit"),
+    Column("given", "given", cell=lambda row: ", ".join(row.given), optional=True),
+    Column("", "fine", lambda row: row.unit == "m", tone=lambda _: "good"),
     key="own",
     named=True,
     strong=lambda row: row.unit == "rad",

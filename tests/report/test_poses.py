@@ -36,8 +36,9 @@ from suta_calib.pose_calibration.pivot import PivotCalibration, calibrate_pivot
 from suta_calib.pose_calibration.registration import Registration, register
 from suta_calib.report.console import rendered
 from suta_calib.report.document import Document
-from suta_calib.report.files import json_text, write_texts
+from suta_calib.report.files import write_texts
 from suta_calib.report.hand_eye import hand_eye_document, hand_eye_plot
+from suta_calib.report.listing import json_text
 from suta_calib.report.pivot import pivot_document, pivot_plot
 from suta_calib.report.poses import pose_record
 from suta_calib.report.registration import register_document, register_plot
@@ -200,10 +201,10 @@ def test_exact_data_are_drawn_at_zero(tmp_path: Path) -> None:
     assert "enlarged 1 times" in drawn(register_plot(found, b))
     random = np.random.default_rng(0)
     data = ToolPoses(
-        tmp_path,
-        tuple(range(8)),
-        np.asarray(Rotation.random(8, random).as_matrix()),
-        np.zeros((8, 3)),
+        path=tmp_path,
+        lines=tuple(range(8)),
+        rotation=np.asarray(Rotation.random(8, random).as_matrix()),
+        position=np.zeros((8, 3)),
     )
     exact = calibrate_pivot(data.rotation, data.position - data.rotation @ [0, 0, 0.1])
     assert re.search("1e[−-]06", drawn(pivot_plot(exact, data)))  # Matplotlib 3.7: a hyphen

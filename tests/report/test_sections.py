@@ -11,17 +11,31 @@ from lxml import html
 
 from suta_calib.assessment import Assessment
 from suta_calib.errors import OutputError
-from suta_calib.report.sections import Plot, Section, Table, Text, page_with, write_analysis
+from suta_calib.report.document import Document, Figure, Text
+from suta_calib.report.files import write_document
+from suta_calib.report.listing import Column, Listing
+from suta_calib.report.page import page_with
 
 SVG = '<svg xmlns="http://www.w3.org/2000/svg" id="{}"><path d="M0 0"/></svg>'
-SECTION = Section(
+LANDMARKS = Listing[tuple[str, float]](
+    "",
+    Column("", "landmark", lambda row: row[0]),
+    Column("", "mm", lambda row: row[1], form=".1f"),
+)
+
+
+def picture(name: str) -> Figure:
+    return Figure(lambda: SVG.format(name), "A picture")
+
+
+SECTION = Document(
     "outliers",
     "Outliers",
     Assessment("care", "one of 15 landmarks", ("one <b>note</b>",)),
     [
         Text("a < b"),
-        Table(["landmark", "mm"], [["S<2>", "1.2"]], frozenset({1})),
-        Plot(SVG.format("p"), "A picture"),
+        LANDMARKS.of([("S<2>", 1.2)]),
+        picture("p"),
     ],
 )
 
@@ -60,11 +74,11 @@ def test_a_page_from_before_there_were_sections_is_kept() -> None:
 
 
 def test_files_are_written_by_the_sections_name(tmp_path: Path) -> None:
-    answer = write_analysis({"a": float("nan")}, SECTION, tmp_path / "new")
+    answer = write_document(SECTION.with_data(a=float("nan")), tmp_path / "new")
     assert set(answer["files"]) == {"outliers.svg", "report.html", "outliers.json"}
     assert json.loads((tmp_path / "new/outliers.json").read_text())["a"] is None
-    two = replace(SECTION, parts=[Plot(SVG.format("a")), Plot(SVG.format("b"))])
-    answer = write_analysis({}, two, tmp_path / "new", {"plan.csv": "x\n"})
+    two = replace(SECTION, parts=[picture("a"), picture("b")])
+    answer = write_document(two, tmp_path / "new", {"plan.csv": "x\n"})
     assert {"outliers_1.svg", "outliers_2.svg", "plan.csv"} < set(answer["files"])
 
 
@@ -73,7 +87,7 @@ def test_a_folder_in_the_place_of_the_report_is_refused_before_anything_is_writt
 ) -> None:
     (tmp_path / "report.html").mkdir()
     with pytest.raises(OutputError, match=r"report\.html"):
-        write_analysis({}, SECTION, tmp_path)
+        write_document(SECTION, tmp_path)
     assert [p.name for p in tmp_path.iterdir()] == ["report.html"]
 
 

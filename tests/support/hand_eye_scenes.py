@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 from suta_calib.arrays import FloatArray
+from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import vector_from_rotation
 from suta_calib.pose_calibration.hand_eye import HandEyeCalibration, calibrate_hand_eye
 from suta_calib.terms import HandEye
@@ -59,3 +61,9 @@ WHOSE: dict[str, tuple[Callable[..., Simulated[HandEye]], float, float]] = {
     "eye": (lambda n, **k: simulate(n, eye=NOISE, **k), 0.0, 0.1),
     "both": (noisy, 0.35, 0.65),
 }
+
+
+def slides(problem: SamplesError) -> FloatArray:
+    """The directions (k, 3) along which the message says that an unknown may slide."""
+    found = re.findall(r"slide along \(([^)]*)\)", str(problem))
+    return np.array([[float(v) for v in numbers.split(",")] for numbers in found])

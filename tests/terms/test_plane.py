@@ -14,7 +14,7 @@ from cli_job import cli
 from measuring_bench import Bench
 from simulated import Spread, arm_named, dh_parameters, perturbed, plane_scene
 
-from suta_calib.analysis.study.resimulation import resimulated
+from suta_calib.analysis.study.trial import resimulated
 from suta_calib.emulation import EmulatedArm
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import rotation_from_vector

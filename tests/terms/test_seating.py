@@ -12,7 +12,7 @@ import pytest
 from cli_job import cli
 from simulated import Scene, arm_named, artefact, artefact_scene, placements, readings_for
 
-from suta_calib.analysis.study.resimulation import resimulated
+from suta_calib.analysis.study.trial import resimulated
 from suta_calib.errors import ArtefactError, JobError, ParameterError
 from suta_calib.geometry.numbers import rotation_from_rpy, rotation_from_vector
 from suta_calib.job.schema import read_job

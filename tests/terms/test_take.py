@@ -7,7 +7,7 @@ import pytest
 from simulated import dh_parameters
 from terms_cases import SIGMA, each_case, noises, problem_of, scene
 
-from suta_calib.analysis.study.resimulation import resimulated
+from suta_calib.analysis.study.trial import resimulated
 from suta_calib.errors import SamplesError
 from suta_calib.model.arm import ArmModel
 from suta_calib.solver.problem import Problem

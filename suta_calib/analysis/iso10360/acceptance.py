@@ -7,7 +7,6 @@ P_Form, the errors of size and form on a sphere of 25 touches.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -33,7 +32,6 @@ from suta_calib.job.limits import (
     StatedUncertainty,
     worst,
 )
-from suta_calib.measurements import Samples
 from suta_calib.units import mm
 
 TOUCHES: Final = 25
@@ -80,10 +78,12 @@ class AcceptanceMeasurements:
             with job.error_context("lengths"):
                 errors = LengthErrors.joined([LengthErrors.of(term) for term in job.lengths])
             found = replace(found, lengths=errors)
-        if job.articulation:
+        for samples in job.articulation:
+            place, labels = job.arm.forward(samples.q)[1], samples.labels
             with job.error_context("articulation"):
-                points = [_articulations(job, samples) for samples in job.articulation]
-            found = replace(found, articulations=tuple(each for some in points for each in some))
+                each = labels.get("articulation")
+                points = articulations(place, labels["point"], each, sphere=job.on_spheres)
+            found = replace(found, articulations=(*found.articulations, *points))
         if job.probing is not None:
             place = job.arm.forward(job.probing.samples.q)[1]
             with job.error_context("probing"):
@@ -95,12 +95,6 @@ class AcceptanceMeasurements:
             with job.error_context("repeatability"):
                 found = replace(found, repeats=repeats(place, job.repeatability.labels["point"]))
         return found
-
-
-def _articulations(job: AcceptanceJob, samples: Samples) -> tuple[Articulation, ...]:
-    place, labels = job.arm.forward(samples.q)[1], samples.labels
-    each = labels.get("articulation")
-    return articulations(place, labels["point"], each, sphere=job.on_spheres)
 
 
 @dataclass(frozen=True)
@@ -156,16 +150,14 @@ class AcceptanceTest:
     @property
     def assessment(self) -> Assessment:
         """Passed, failed, or neither proved."""
-        bad = [_failure(each) for each in self.characteristics if _failure(each)]
-        return Assessment.of(self._sentence(), bad=bad, care=self._cautions())
-
-    def _sentence(self) -> str:
+        bad = [note for each in self.characteristics if (note := _failure(each))]
+        sentence = "No limits given: figures without pass or fail"
         judged = [each for each in self.characteristics if each.limit is not None]
-        if not judged:
-            return "No limits given: figures without pass or fail"
-        kept = sum(each.decision == "pass" for each in judged)
-        words = {"pass": "Passed", "fail": "Failed", "undecided": "Neither passed nor failed"}
-        return f"{words[self.decision]}: {kept} of {len(judged)} limits are kept"
+        if judged:
+            kept = sum(each.decision == "pass" for each in judged)
+            words = {"pass": "Passed", "fail": "Failed", "undecided": "Neither passed nor failed"}
+            sentence = f"{words[self.decision]}: {kept} of {len(judged)} limits are kept"
+        return Assessment.of(sentence, bad=bad, care=self._cautions())
 
     def _cautions(self) -> list[str]:
         notes = [*self.measured.notes]
@@ -199,22 +191,19 @@ class AcceptanceTest:
                 "were not tested."
             )
         if m.articulations:
-            said.append(_articulations_said(m.articulations))
+            fewest = min(len(each.names) for each in m.articulations)
+            made = f"from {fewest} up"
+            if {(a.touches, len(a.names)) for a in m.articulations} == {(TOUCHES, ARTICULATIONS)}:
+                made = "five touches in each of five articulations"
+            said.append(
+                f"Articulations: {made}; the standard finds a sphere's centre from five touches "
+                "in each of five, spread over the range of the wrist."
+            )
         if any(len(each.radial) != TOUCHES for each in m.spheres):
             said.append(f"Probing: the standard asks for {TOUCHES} touches of each sphere.")
         if m.repeats:
             said.append("Repeatability of one point is no characteristic of ISO 10360-12.")
         return tuple(said)
-
-
-def _articulations_said(found: Sequence[Articulation]) -> str:
-    fewest = min(len(each.names) for each in found)
-    several = all(each.touches == TOUCHES and len(each.names) == ARTICULATIONS for each in found)
-    made = "five touches in each of five articulations" if several else f"from {fewest} up"
-    return (
-        f"Articulations: {made}; the standard finds a sphere's centre from five touches in each "
-        "of five, spread over the range of the wrist."
-    )
 
 
 def _failure(each: Characteristic) -> str:
@@ -249,20 +238,23 @@ def accept(
     """Judge what was measured."""
     m, u = measured, uncertainty
     diameter = float(np.hypot(EXPANDED * m.sphere_std, u.size))
+    visits = [(r.point, r.diameter) for r in m.repeats]
     kinds = (
         ("L_Dia", [(a.point, a.diameter) for a in m.articulations], limits.location, u.location),
         ("P_Size", [(s.sphere, s.size) for s in m.spheres], limits.size, diameter),
         ("P_Form", [(s.sphere, s.form) for s in m.spheres], limits.form, u.form),
-        (
-            "repeatability",
-            [(r.point, r.diameter) for r in m.repeats],
-            limits.repeatability,
-            u.repeatability,
-        ),
+        ("repeatability", visits, limits.repeatability, u.repeatability),
     )
-    found = [_worst_place(*kind, rule) for kind in kinds if kind[1]]
+    found = []
     if m.lengths is not None:
-        found.insert(0, _worst_length(m.lengths, m.bidirectional, limits, u, rule))
+        found.append(_worst_length(m.lengths, m.bidirectional, limits, u, rule))
+    for symbol, values, limit, expanded in kinds:
+        if values:
+            where, value = max(values, key=lambda each: abs(each[1]))
+            decision = rule.decide(value, limit, expanded)
+            found.append(
+                Characteristic(symbol, where, value, limit, expanded, decision, len(values))
+            )
     return AcceptanceTest(measured, limits, uncertainty, rule, tuple(found))
 
 
@@ -299,15 +291,3 @@ def _worst_length(
         worst(decisions),
         len(lengths),
     )
-
-
-def _worst_place(
-    symbol: str,
-    values: Sequence[tuple[str, float]],
-    limit: float | None,
-    expanded: float,
-    rule: DecisionRule,
-) -> Characteristic:
-    where, value = max(values, key=lambda each: abs(each[1]))
-    decision = rule.decide(value, limit, expanded)
-    return Characteristic(symbol, where, value, limit, expanded, decision, len(values))

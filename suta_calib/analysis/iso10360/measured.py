@@ -104,14 +104,10 @@ def best_sphere(points: FloatArray, where: str = "") -> Sphere:
         gtol=1e-15,
     ).x * scale  # fmt: skip
     centre = middle + found[:3]
-    return Sphere(centre, float(found[3]), _amplification(points - centre))
-
-
-def _amplification(away: FloatArray) -> float:
-    """For touches (n, 3) seen from the centre; a pole and four places on the equator give 1.5."""
-    normals = away / np.linalg.norm(away, axis=1, keepdims=True)
-    inverse = np.linalg.pinv(np.column_stack([normals, np.ones(len(away))]))
-    return float(np.linalg.norm(inverse[:3]))
+    # How much less sure a centre is than a touch; a pole and four places on the equator give 1.5.
+    normals = (points - centre) / np.linalg.norm(points - centre, axis=1, keepdims=True)
+    inverse = np.linalg.pinv(np.column_stack([normals, np.ones(len(normals))]))
+    return Sphere(centre, float(found[3]), float(np.linalg.norm(inverse[:3])))
 
 
 @dataclass(frozen=True, eq=False)
@@ -335,16 +331,13 @@ def repeats(position: FloatArray, point: NDArray[np.str_]) -> tuple[Repeats, ...
     Raises:
         SamplesError: a point visited fewer than three times.
     """
-    return tuple(_repeats(name, position[point == name]) for name in _names(point))
-
-
-def _repeats(name: str, visits: FloatArray) -> Repeats:
-    if len(visits) < 3:
-        raise SamplesError(
-            f"{len(visits)} visits to point {name!r}", "at least 3", where="repeatability"
-        )
-    return Repeats(name, PositionScatter.of(visits), 2 * smallest_sphere(visits).radius)
-
-
-def _names(labels: NDArray[np.str_]) -> Sequence[str]:
-    return grouped(labels)[0]
+    found = []
+    for name in grouped(point)[0]:
+        visits = position[point == name]
+        if len(visits) < 3:
+            raise SamplesError(
+                f"{len(visits)} visits to point {name!r}", "at least 3", where="repeatability"
+            )
+        diameter = 2 * smallest_sphere(visits).radius
+        found.append(Repeats(name, PositionScatter.of(visits), diameter))
+    return tuple(found)

@@ -8,7 +8,8 @@ placements, or none, whole touches are left out, repeats together.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
@@ -24,7 +25,6 @@ from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.solver.solve import solve
 from suta_calib.terms import Term
-from suta_calib.terms.block import grouped
 from suta_calib.threads import single_threaded
 
 MOST_FOLDS: Final = 10
@@ -37,11 +37,11 @@ MOST_FOLDS_MAY_DIFFER: Final = 0.2
 
 @dataclass(frozen=True, eq=False)
 class Fold:
-    """What is fitted, and what is held out; a term may be missing from what is held out."""
+    """What is fitted, and what is held out, by the number of its term; a term may be missing."""
 
     label: str
     training: tuple[Term, ...]
-    held_out: tuple[Term, ...]
+    held_out: Mapping[int, Term]
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,7 +140,8 @@ def folds_of(terms: Sequence[Term], seed: int = 0) -> tuple[Fold, ...]:
     Raises:
         SamplesError: too few placements and touches to leave any out.
     """
-    placements = list(dict.fromkeys(p for t in terms for p in _placements(t)))
+    columns = [t.poses.samples.labels.get("placement", ()) for t in terms]
+    placements = list(dict.fromkeys(str(name) for column in columns for name in column))
     whole = len(placements) >= FEWEST_PLACEMENTS
     count = min(len(placements), MOST_FOLDS) if whole else FOLDS_OF_TOUCHES
     rng = np.random.default_rng(seed)
@@ -149,10 +150,14 @@ def folds_of(terms: Sequence[Term], seed: int = 0) -> tuple[Fold, ...]:
     for k in range(count):
         label = ", ".join(placements[k::count]) if whole else f"part {k + 1}"
         training = tuple(t.take(n != k) for t, n in zip(terms, number, strict=True))
-        held_out = [_taken(t, n == k) for t, n in zip(terms, number, strict=True)]
-        kept = tuple(t for t in held_out if t is not None)
-        if kept:
-            found.append(Fold(label, training, kept))
+        held_out = {}
+        for row, (term, numbers) in enumerate(zip(terms, number, strict=True)):
+            # What is too small for its kind is left out.
+            with suppress(SamplesError):
+                if (numbers == k).any():
+                    held_out[row] = term.take(numbers == k)
+        if held_out:
+            found.append(Fold(label, training, held_out))
     if len(found) < 2:
         raise SamplesError(
             "too few touches to leave any out",
@@ -160,11 +165,6 @@ def folds_of(terms: Sequence[Term], seed: int = 0) -> tuple[Fold, ...]:
             where="folds",
         )
     return tuple(found)
-
-
-def _placements(term: Term) -> list[str]:
-    labels = term.poses.samples.labels
-    return grouped(labels["placement"])[0] if "placement" in labels else []
 
 
 def _fold_numbers(
@@ -177,16 +177,6 @@ def _fold_numbers(
     touch = term.repeats()
     numbers = np.arange(int(touch.max()) + 1) % count
     return np.asarray(rng.permutation(numbers)[touch], dtype=np.intp)
-
-
-def _taken(term: Term, rows: np.typing.NDArray[np.bool_]) -> Term | None:
-    """The held-out part, or nothing where it is empty or too small for its kind."""
-    if not rows.any():
-        return None
-    try:
-        return term.take(rows)
-    except SamplesError:
-        return None
 
 
 @single_threaded
@@ -216,33 +206,12 @@ def cross_validate(
             return None
         if not solution.converged:
             return None
-        accuracy = assess(solution, fold.held_out)
-        errors.append(_fold_errors(accuracy.validation, _levels(fold, noise)))
+        accuracy = assess(solution, list(fold.held_out.values()))
+        each = iter(noise)
+        levels = [[next(each) for _ in term.blocks] for term in fold.training]
+        kept = [level for k in fold.held_out for level in levels[k]]
+        errors.append(_fold_errors(accuracy.validation, kept))
     return CrossValidation(tuple(errors))
-
-
-def _levels(fold: Fold, noise: Sequence[float]) -> list[float]:
-    """The levels of the held-out blocks: a term whose part is missing is passed over."""
-    levels, found = iter(noise), dict[int, list[float]]()
-    for k, term in enumerate(fold.training):
-        found[k] = [next(levels) for _ in term.blocks]
-    return [v for k, t in _matched(fold) for v in found[k][: len(t.blocks)]]
-
-
-def _matched(fold: Fold) -> list[tuple[int, Term]]:
-    """Which training term each held-out one belongs to: both keep their order."""
-    matched, k = [], 0
-    for term in fold.held_out:
-        while not _same(fold.training[k], term):
-            k += 1
-        matched.append((k, term))
-        k += 1
-    return matched
-
-
-def _same(training: Term, held_out: Term) -> bool:
-    mine, other = training.poses.samples, held_out.poses.samples
-    return training.kind == held_out.kind and mine.labels.keys() == other.labels.keys()
 
 
 def _fold_errors(terms: Sequence[TermAccuracy], levels: Sequence[float]) -> FoldErrors:

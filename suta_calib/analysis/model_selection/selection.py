@@ -14,7 +14,7 @@ must also outdo the geometry.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -34,7 +34,7 @@ from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import PLAUSIBLE, Family, ParameterSet, Selection
 from suta_calib.solver.ipopt import SolverOptions
 from suta_calib.solver.problem import Problem
-from suta_calib.solver.solve import solve
+from suta_calib.solver.solve import Progress, solve
 from suta_calib.terms import Term
 from suta_calib.threads import single_threaded
 from suta_calib.units import text
@@ -61,8 +61,6 @@ SHORT: Final[dict[Family, str]] = {
 }
 # Models that a search usually fits: only to say how far it has come.
 EXPECTED: Final = 12
-
-Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -238,8 +236,14 @@ class _Search:
     ) -> ModelCandidate | None:
         """A model; None where it cannot be fitted or has nothing new."""
         added = tuple(added)
-        unknown = self._unknown(geometry, added)
-        if geometry and len(unknown) == len(self.parameters) + len(added) - self._own():
+        arm = self.arm
+        chosen = dict(arm.select(*geometry_rows())) if geometry else {}
+        rows = _rows(arm, added)
+        chosen |= dict(arm.select(*rows)) if rows else {}
+        chosen |= dict(self.parameters)
+        unknown = ParameterSet(chosen[n] for n in arm.offered if n in chosen)
+        new = len(added) - len(_added(self.parameters))
+        if geometry and len(unknown) == len(self.parameters) + new:
             return None
         try:
             solution = solve(Problem(self.terms, unknown), SolverOptions(starts=1))
@@ -265,8 +269,15 @@ class _Search:
             if current is not start and rival is not None and rival.outdoes(current):
                 break
             better = []
-            for test in _suspects(current):
-                found = self._with(current, test)
+            tests = [t for t in score_tests(current.solution) if t.p_single < SUSPICIOUS]
+            for test in tests[:TRIED]:
+                name = f"{test.joint} {SHORT[test.family]}"
+                if current.added == _added(self.parameters):
+                    name = _with_geometry(name, current.geometry)
+                else:
+                    name = f"{current.name} + {name}"
+                names = dict.fromkeys((*current.added, *test.names))
+                found = self.candidate(name, geometry=current.geometry, added=names)
                 errors = 1.0 if test.suspicious or test.p < PROVEN else UNPROVEN
                 if found is not None and found.outdoes(current, errors):
                     better.append(found)
@@ -289,29 +300,6 @@ class _Search:
             if found is not None and found.outdoes(chosen, UNPROVEN):
                 chosen = found
         return chosen
-
-    def _with(self, current: ModelCandidate, test: ScoreTest) -> ModelCandidate | None:
-        names = tuple(dict.fromkeys((*current.added, *test.names)))
-        start = current.added == _added(self.parameters)
-        what = f"{test.joint} {SHORT[test.family]}"
-        name = _with_geometry(what, current.geometry) if start else f"{current.name} + {what}"
-        return self.candidate(name, geometry=current.geometry, added=names)
-
-    def _own(self) -> int:
-        return len(_added(self.parameters))
-
-    def _unknown(self, geometry: bool, added: Sequence[str]) -> ParameterSet:
-        arm = self.arm
-        chosen = dict(arm.select(*geometry_rows())) if geometry else {}
-        rows = _rows(arm, added)
-        chosen |= dict(arm.select(*rows)) if rows else {}
-        chosen |= dict(self.parameters)
-        return ParameterSet(chosen[n] for n in arm.offered if n in chosen)
-
-
-def _suspects(current: ModelCandidate) -> list[ScoreTest]:
-    tests = [t for t in score_tests(current.solution) if t.p_single < SUSPICIOUS]
-    return tests[:TRIED]
 
 
 def _added(parameters: ParameterSet) -> tuple[str, ...]:

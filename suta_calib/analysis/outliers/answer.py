@@ -237,20 +237,17 @@ class Outliers:
         """What a reader must know: outliers first, then what is suspect or was set aside."""
         solution, terms = self.solution, self.terms
         bad = [] if solution.converged else [f"The calibration itself: {solution.sentence}."]
-        bad += [_exact(t) for t in terms if t.exact]
+        bad += [
+            f"The {t.samples} samples of {t.kind} are fitted exactly: there are as many unknowns "
+            "as data. Nothing can be unlike the others; measure more, or select fewer parameters."
+            for t in terms
+            if t.exact
+        ]
         levels = [level for t in terms for level in t.levels]
-        outliers = [
-            f"{_named(level, g)}: {_flagged(g)}{_where(g)}."
-            for level in levels
-            for g in level.outliers
-        ]
-        suspects = [
-            f"{_named(level, g)} is suspect, not proven: {_flagged(g)}."
-            for level in levels
-            for g in level.suspects
-        ]
-        gross = [_gross(t) for t in terms if t.touches]
-        return Assessment.of(_sentence(terms), bad=bad, care=[*outliers, *suspects, *gross])
+        care = [_accused(level.name, g) for level in levels for g in level.outliers]
+        care += [_accused(level.name, g) for level in levels for g in level.suspects]
+        care += [_gross(t) for t in terms if t.touches]
+        return Assessment.of(_sentence(terms), bad=bad, care=care)
 
     @property
     def exclusion(self) -> list[dict[str, list[str]]]:
@@ -280,32 +277,20 @@ def _sentence(terms: Sequence[TermOutliers]) -> str:
     return f"no {' and no '.join(looked)} is unlike the others"
 
 
-def _named(level: Level, group: Group) -> str:
-    return f"{GROUPING_NOUN[level.name].capitalize()} {group.label}"
-
-
-def _flagged(group: Group) -> str:
+def _accused(level: str, group: Group) -> str:
+    """Which metrics name a group, and where it was touched."""
+    doubt = "" if group.outlier else " is suspect, not proven"
+    n = "all four" if len(group.flags) == len(METRICS) else f"{len(group.flags)} of 4"
     words = ", ".join(WORDS[flag] for flag in group.flags)
-    if len(group.flags) == len(METRICS):
-        return f"all four metrics name it ({words})"
-    return f"{len(group.flags)} of 4 metrics name it ({words})"
-
-
-def _where(group: Group) -> str:
-    if group.displacement is None:
-        return ""
-    x, y, z = mm(group.displacement.vector)
-    std = mm(float(np.max(group.displacement.std)))
-    return (
-        f"; it was touched {x:+.2f}, {y:+.2f}, {z:+.2f} mm from its certified position "
-        f"(artefact's x, y, z; ±{std:.2f} mm)"
+    said = (
+        f"{GROUPING_NOUN[level].capitalize()} {group.label}{doubt}: {n} metrics name it ({words})"
     )
-
-
-def _exact(term: TermOutliers) -> str:
+    if group.suspect or group.displacement is None:
+        return f"{said}."
+    x, y, z = mm(group.displacement.vector)
     return (
-        f"The {term.samples} samples of {term.kind} are fitted exactly: there are as many unknowns "
-        "as data. Nothing can be unlike the others; measure more, or select fewer parameters."
+        f"{said}; it was touched {x:+.2f}, {y:+.2f}, {z:+.2f} mm from its certified position "
+        f"(artefact's x, y, z; ±{mm(float(np.max(group.displacement.std))):.2f} mm)."
     )
 
 

@@ -16,10 +16,9 @@ from typing import Final
 import numpy as np
 
 from suta_calib.analysis.outliers.answer import METRICS, Measures
-from suta_calib.analysis.outliers.groups import Grouping
+from suta_calib.analysis.outliers.groups import Grouping, Registered, systematic
 from suta_calib.analysis.outliers.metrics import Scene, inverse, shares
 from suta_calib.analysis.outliers.reference import Refit
-from suta_calib.analysis.outliers.registration import Registered, systematic
 from suta_calib.analysis.outliers.touches import Touches
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.solver.information import Rows, whitened_rows
@@ -27,6 +26,7 @@ from suta_calib.solver.information import Rows, whitened_rows
 DRAWS: Final = 1000
 # Information, relative to the whole, that is a difference of equal numbers.
 ROUNDING: Final = 1e-9
+_SUMS: Final = [METRICS.index("contribution"), METRICS.index("cooks_distance")]
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +45,10 @@ class Chance:
         NaN where a metric does not exist, with the data or by chance. Over the groups by the
         largest value, over the four metrics by Bonferroni's factor.
         """
-        drawn, seen = _stretched(self.values), _stretched(found.array())
+        drawn, seen = self.values.copy(), found.array()
+        for values in (drawn, seen):
+            # Roots of what is a sum of squares are closer to normal.
+            values[_SUMS] = np.sqrt(np.maximum(values[_SUMS], 0.0))
         told = np.asarray(np.isfinite(drawn).all(axis=1))
         drawn = np.where(told[:, None], drawn, 0.0)
         mean, std = drawn.mean(axis=1), np.maximum(drawn.std(axis=1), 1e-12)
@@ -54,15 +57,6 @@ class Chance:
         above = np.sum(largest[:, :, None] >= z[:, None, :], axis=1)
         p = np.minimum(len(METRICS) * (1.0 + above) / (1.0 + drawn.shape[1]), 1.0)
         return np.asarray(np.where(np.isfinite(seen) & told, p, np.nan))
-
-
-def _stretched(values: FloatArray) -> FloatArray:
-    """Roots of what is a sum of squares: closer to normal."""
-    found = values.copy()
-    for k, name in enumerate(METRICS):
-        if name in ("contribution", "cooks_distance"):
-            found[k] = np.sqrt(np.maximum(values[k], 0.0))
-    return found
 
 
 class Simulator:
@@ -78,7 +72,12 @@ class Simulator:
 
     def __init__(self, scene: Scene, touches: Touches, seed: int) -> None:
         self._scene = scene
-        noise = _noise(scene, touches, seed)
+        random = np.random.default_rng([seed, scene.reference.index])
+        cell = scene.reference.term.repeats()
+        common = random.standard_normal((DRAWS, int(cell.max()) + 1, 3))[:, cell]
+        single = random.standard_normal((DRAWS, len(cell), 3))
+        alone = np.sqrt(max(touches.sigma**2 - touches.shared**2, 0.0))
+        noise = touches.shared * common + alone * single
         self._clean = _Imitation(scene, scene.clean, noise)
         same = scene.clean is scene.whole
         self._whole = self._clean if same else _Imitation(scene, scene.whole, noise)
@@ -91,16 +90,6 @@ class Simulator:
             inside = self._clean if np.any(rows & self._scene.kept) else self._whole
             columns.append(inside.group(grouping, rows))
         return Chance(np.moveaxis(np.array(columns), 0, 2))
-
-
-def _noise(scene: Scene, touches: Touches, seed: int) -> FloatArray:
-    """(draws, samples, 3), m."""
-    random = np.random.default_rng([seed, scene.reference.index])
-    cell = scene.reference.term.repeats()
-    alone = np.sqrt(max(touches.sigma**2 - touches.shared**2, 0.0))
-    common = random.standard_normal((DRAWS, int(cell.max()) + 1, 3))[:, cell]
-    single = random.standard_normal((DRAWS, len(cell), 3))
-    return np.asarray(touches.shared * common + alone * single)
 
 
 class _Imitation:
@@ -120,18 +109,15 @@ class _Imitation:
         self._hessian = prior + sum(_square(r.jacobian[:, self._free]) for r in rows)
         self._jacobian = self._blocked(self._mine[0])
         self._shares = shares(fit.samples, scene.displaced)
-        self._errors(noise)
-
-    def _errors(self, noise: FloatArray) -> None:
-        """Whitened errors (draws, rows, d) after the fit, and the registered touches."""
-        term, sigma = self._scene.reference.term, self._fit.sigma
-        white = term.errors_of_touches(noise, self._fit.samples) / sigma[:, None]
+        # Whitened errors (draws, rows, d) after the fit, and the registered touches.
+        term, sigma = scene.reference.term, fit.sigma
+        white = term.errors_of_touches(noise, fit.samples) / sigma[:, None]
         step = _by_parameter(white, self._jacobian) @ inverse(self._hessian)
         flat = self._jacobian.reshape(-1, len(self._free))
         self._error = white - (step @ flat.T).reshape(white.shape)
         self._white = _Sums(self._error, self._jacobian)
         self._metric = _Sums(self._error * sigma[:, None], self._jacobian * sigma[:, None, None])
-        self._registered = Registered.of(term, self._scene.kept)
+        self._registered = Registered.of(term, scene.kept)
         if self._registered is not None:
             self._touched = self._registered.registered(noise)
 
@@ -152,7 +138,12 @@ class _Imitation:
         fall[exact] = np.nan
         cook = self._scene.influence.distance(step[:, self._named])
         cook = np.divide(cook, variance, out=np.full_like(cook, np.nan), where=~exact)
-        return np.array([contribution, cook, fall, self._bias(grouping, rows, squared)])
+        if self._registered is None:
+            bias = np.sqrt(squared.mean(axis=1))
+        else:
+            touched = rows & self._fit.kept
+            bias = systematic(self._touched, touched, grouping.name, self._registered)
+        return np.array([contribution, cook, fall, bias])
 
     def _step_without(self, rows: BoolArray, inside: IntArray) -> FloatArray:
         """(draws, free) change of the parameters when a group is left out."""
@@ -168,12 +159,6 @@ class _Imitation:
         step = np.zeros_like(gradient)
         step[:, left] = gradient[:, left] @ inverse(rest[np.ix_(left, left)])
         return step
-
-    def _bias(self, grouping: Grouping, rows: BoolArray, squared: FloatArray) -> FloatArray:
-        if self._registered is None:
-            return np.asarray(np.sqrt(squared.mean(axis=1)))
-        touched = rows & self._fit.kept
-        return systematic(self._touched, touched, grouping.name, self._registered)
 
     def _blocked(self, rows: Rows) -> FloatArray:
         size = rows.line.view.block.size

@@ -1,18 +1,23 @@
-"""Which samples belong together: landmarks, placements, sets, points, or every row by itself."""
+"""Which samples belong together, and touches of an artefact with each placement registered."""
 
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import PurePath
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import orth
 
-from suta_calib.arrays import IntArray
+from suta_calib.arrays import BoolArray, FloatArray, IntArray
+from suta_calib.geometry.numbers import register_points
+from suta_calib.measurements.samples import joined
 from suta_calib.terms.block import grouped
-from suta_calib.terms.term import Term, joined
+from suta_calib.terms.landmark import certified_positions
+from suta_calib.terms.term import Term
 
 # With fewer, "unlike the others" means nothing.
 FEWEST: Final = 3
@@ -47,7 +52,8 @@ def groupings(term: Term) -> tuple[Grouping, ...]:
     """
     labels, found = term.poses.samples.labels, dict[tuple[str, ...], Grouping]()
     for noun, columns in term.groupings.items():
-        grouping = _by(f"{noun}s", joined(labels, columns) if columns else row_names(term))
+        names, member = grouped(joined(labels, columns) if columns else row_names(term))
+        grouping = Grouping(f"{noun}s", tuple(names), member)
         coarser = found.get(columns[:-1])
         if coarser is None or len(coarser) < len(grouping):
             found[columns] = grouping
@@ -73,6 +79,90 @@ def touch_name(term: Term, row: int) -> str:
     return str(labels[term.place][row]) if term.place else f"row {row}"
 
 
-def _by(name: str, labels: NDArray[np.str_]) -> Grouping:
-    names, member = grouped(labels)
-    return Grouping(name, tuple(names), member)
+@dataclass(frozen=True, eq=False)
+class Registered:
+    """The touches of a term that knows an artefact, by placement.
+
+    Attributes:
+        term: the touches.
+        certified: (n, 3) where the touched landmarks should be, in the artefact, m.
+        placement: (n,) number of each touch's placement.
+        cell: (n,) number of placement and landmark.
+        used: (n,) touches that decide the registration.
+    """
+
+    term: Term
+    certified: FloatArray
+    placement: IntArray
+    cell: IntArray
+    used: BoolArray
+
+    @classmethod
+    def of(cls, term: Term, used: BoolArray) -> Registered | None:
+        """None where the term knows no artefact."""
+        if term.touched is None:
+            return None
+        certified = certified_positions(term.poses, term.touched)
+        labels = term.poses.samples.labels
+        placement = grouped(labels["placement"])[1]
+        names, landmark = grouped(labels["landmark"])
+        return cls(term, certified, placement, placement * len(names) + landmark, used)
+
+    def residuals(self, values: Mapping[str, float]) -> FloatArray:
+        """(n, 3) touched minus certified positions in the artefact's frame, m."""
+        _, position = self.term.poses.at(values)
+        found = np.zeros((len(position), 3))
+        for rows, used in self._by_placement():
+            r, p = register_points(position[used], self.certified[used])
+            found[rows] = position[rows] @ r.T + p - self.certified[rows]
+        return found
+
+    def registered(self, displacements: FloatArray) -> FloatArray:
+        """The same for small displacements (k, n, 3) of the touches, m, to first order."""
+        found = np.zeros_like(displacements)
+        for rows, used in self._by_placement():
+            centre = self.certified[used].mean(axis=0)
+            motion = np.linalg.pinv(rigid_columns(self.certified[used] - centre))
+            there = displacements[:, used].reshape(len(found), -1)
+            back = rigid_columns(self.certified[rows] - centre) @ (motion @ there.T)
+            found[:, rows] = displacements[:, rows] - back.T.reshape(len(found), -1, 3)
+        return found
+
+    def _by_placement(self) -> list[tuple[IntArray, IntArray]]:
+        found = []
+        for k in range(int(self.placement.max()) + 1):
+            rows = np.flatnonzero(self.placement == k)
+            used = rows[self.used[rows]]
+            found.append((rows, used if len(used) >= 3 else rows))
+        return found
+
+
+def rigid_columns(points: FloatArray) -> FloatArray:
+    """(3 n, 6) displacements of points (n, 3) by unit translations and turns."""
+    columns = np.zeros((len(points), 3, 6))
+    columns[:, :, :3] = np.eye(3)
+    for k, axis in enumerate(np.eye(3)):
+        columns[:, :, 3 + k] = np.cross(axis, points)
+    return columns.reshape(-1, 6)
+
+
+def systematic(
+    residual: FloatArray, rows: BoolArray, level: str, registered: Registered
+) -> FloatArray:
+    """(k,) the part of the residuals (k, n, 3), m, that repeating would not average away.
+
+    Of a landmark: the length of its mean residual. Of a placement: the RMS over its landmarks of
+    the mean over their repeats. Of a set: the RMS displacement of its touches by the rigid motion
+    that fits them best, which is what a slip of the artefact between repeats looks like.
+    """
+    mine = residual[:, rows]
+    if level == "landmarks":
+        return np.asarray(np.linalg.norm(mine.mean(axis=1), axis=1))
+    if level == "placements":
+        cell = registered.cell[rows]
+        means = [mine[:, cell == c].mean(axis=1) for c in np.unique(cell)]
+        return np.asarray(np.sqrt(np.mean(np.sum(np.array(means) ** 2, axis=2), axis=0)))
+    points = registered.certified[rows]
+    basis = orth(rigid_columns(points - points.mean(axis=0)))
+    along = mine.reshape(len(mine), -1) @ basis
+    return np.asarray(np.sqrt(np.sum(along**2, axis=1) / rows.sum()))

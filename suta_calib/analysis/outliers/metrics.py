@@ -25,9 +25,8 @@ from typing import Final
 import numpy as np
 
 from suta_calib.analysis.outliers.answer import Measures
-from suta_calib.analysis.outliers.groups import Grouping
+from suta_calib.analysis.outliers.groups import Grouping, Registered, systematic
 from suta_calib.analysis.outliers.reference import ReferenceFit, Refit
-from suta_calib.analysis.outliers.registration import Registered, systematic
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.solver.information import predicted_information
 
@@ -111,7 +110,11 @@ def measures(
         chosen: those to leave out one by one; the others have a contribution only.
         done: called after each.
     """
-    n = len(grouping)
+    n, whole = len(grouping), scene.whole
+    parts = whole.squared[:, None] * shares(whole.samples, scene.displaced)
+    member = grouping.member[whole.samples]
+    total = float(whole.squared.sum()) or 1.0
+    contribution = np.bincount(member.reshape(-1), parts.reshape(-1), n) / total
     cook, fall, bias = (np.full(n, np.nan) for _ in range(3))
     for g in range(n) if chosen is None else chosen:
         rows = grouping.rows(g)
@@ -122,7 +125,7 @@ def measures(
             cook[g] = _cook(scene, with_it, without)
             fall[g] = 1.0 - without.rms / with_it.rms if with_it.rms > 0 else 0.0
         done()
-    return Measures(_contributions(scene, grouping), cook, fall, bias)
+    return Measures(contribution, cook, fall, bias)
 
 
 def shares(samples: IntArray, displaced: BoolArray) -> FloatArray:
@@ -133,15 +136,6 @@ def shares(samples: IntArray, displaced: BoolArray) -> FloatArray:
     at_fault = displaced[samples]
     blamed = np.where(np.any(at_fault, axis=1, keepdims=True), at_fault, np.ones_like(at_fault))
     return np.asarray(blamed / blamed.sum(axis=1, keepdims=True))
-
-
-def _contributions(scene: Scene, grouping: Grouping) -> FloatArray:
-    fit = scene.whole
-    parts = fit.squared[:, None] * shares(fit.samples, scene.displaced)
-    member = grouping.member[fit.samples]
-    total = np.bincount(member.reshape(-1), parts.reshape(-1), len(grouping))
-    whole = float(fit.squared.sum())
-    return np.asarray(total / whole if whole > 0 else total)
 
 
 def _cook(scene: Scene, with_it: Refit, without: Refit) -> float:

@@ -9,7 +9,7 @@ them out would do on data that were not fitted, `Judge` says.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
@@ -28,6 +28,8 @@ from suta_calib.terms.term import Term
 
 # Folds that rows without placements or points are dealt into.
 FOLDS: Final = 10
+# Errors before and after an exclusion, and which of them count.
+_Compared = tuple[FloatArray, FloatArray, BoolArray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,18 +111,15 @@ class ReferenceFit:
         """
         more = {n for n, p in arm.items() if p.free and n not in self.parameters}
         values = {n: p.nominal for n, p in arm.items()} | dict(self.values)
-        found = ReferenceFit(
-            self.terms, self.index, arm, self.estimated | more, values, self.sigmas
-        )
+        estimated = self.estimated | more
+        found = replace(self, parameters=arm, estimated=estimated, values=values, _known={})
         fit = found.over(kept)
         if fit is None:
             return found
         sigmas = found.block_sigmas(fit.problem.terms)
         noise = noise_levels(fit.problem, fit.x, sigmas)
         known = dict(self.sigmas) | _by_block(fit.problem.terms, noise)
-        return ReferenceFit(
-            self.terms, self.index, arm, found.estimated, values | dict(fit.values), known
-        )
+        return replace(found, values=values | dict(fit.values), sigmas=known, _known={})
 
     @property
     def term(self) -> Term:
@@ -210,24 +209,16 @@ class Judge:
         before, after = self.reference.over(everything), self.reference.over(~rows)
         if before is None or after is None:
             return None
-        pairs = [
-            (
-                *self._errors(term, before.values),
-                *self._errors(term, after.values),
-                _excluded(term, level, label),
-            )
-            for term in self.validation
-            if term.kind == self.validation[0].kind
-        ]
-        first, second, kept = [], [], []
-        for error, samples, other, _, out in pairs:
-            first.append(error)
-            second.append(other)
-            kept.append(~out[samples].any(axis=1))
-        return _summary(*(np.concatenate(part) for part in (first, second, kept)))
+        parts = []
+        for term in self.validation:
+            out = np.zeros(len(term.poses), dtype=bool)
+            if level == "landmarks" and "landmark" in term.poses.samples.labels:
+                out = np.asarray(term.poses.samples.labels["landmark"] == label)
+            parts.append(self._compared(term, before, after, out))
+        return _summary(parts)
 
     def _by_folds(self, rows: BoolArray) -> HeldOut | None:
-        first, second, kept = [], [], []
+        parts = []
         for fold in self._folds()[1]:
             before, after = self.reference.over(~fold), self.reference.over(~fold & ~rows)
             if before is None or after is None:
@@ -236,13 +227,8 @@ class Judge:
                 left_out = self.reference.term.take(np.flatnonzero(fold))
             except InputError:
                 continue
-            error, samples = self._errors(left_out, before.values)
-            first.append(error)
-            second.append(self._errors(left_out, after.values)[0])
-            kept.append(~rows[fold][samples].any(axis=1))
-        if not first:
-            return None
-        return _summary(*(np.concatenate(part) for part in (first, second, kept)))
+            parts.append(self._compared(left_out, before, after, rows[fold]))
+        return _summary(parts)
 
     def _folds(self) -> tuple[str, list[BoolArray]]:
         """Placements, as their repeats are no independent witnesses; else points, else rows."""
@@ -254,8 +240,12 @@ class Judge:
         dealt = np.random.default_rng(0).permutation(n) % min(FOLDS, n)
         return f"{min(FOLDS, n)} parts", [dealt == k for k in range(min(FOLDS, n))]
 
-    def _errors(self, term: Term, values: Mapping[str, float]) -> tuple[FloatArray, FloatArray]:
-        return held_out_errors(term, self.reference.parameters, values)
+    def _compared(self, term: Term, before: Refit, after: Refit, out: BoolArray) -> _Compared:
+        """Errors of a held-out term before and after, and which of them touch no excluded row."""
+        arm = self.reference.parameters
+        first, samples = held_out_errors(term, arm, before.values)
+        second, _ = held_out_errors(term, arm, after.values)
+        return first, second, ~out[samples].any(axis=1)
 
 
 def held_out_errors(
@@ -275,17 +265,13 @@ def held_out_errors(
     return np.linalg.norm(line.residual, axis=1), np.asarray(term.blocks[0].samples)
 
 
-def _excluded(term: Term, level: str, label: str) -> BoolArray:
-    """(samples,) rows of a validation term that are the excluded landmark's too."""
-    names = term.poses.samples.labels.get("landmark") if level == "landmarks" else None
-    return np.zeros(len(term.poses), dtype=bool) if names is None else np.asarray(names == label)
-
-
-def _summary(before: FloatArray, after: FloatArray, kept: BoolArray) -> HeldOut | None:
+def _summary(parts: Sequence[_Compared]) -> HeldOut | None:
+    if not parts:
+        return None
+    before, after, kept = (np.concatenate(part) for part in zip(*parts, strict=True))
     if not kept.any():
         return None
-    return HeldOut(_rms(before[kept]), _rms(after[kept]), _rms(after), int(kept.sum()))
-
-
-def _rms(errors: Sequence[float] | FloatArray) -> float:
-    return float(np.sqrt(np.mean(np.square(errors))))
+    first, second, everything = (
+        float(np.sqrt(np.mean(errors**2))) for errors in (before[kept], after[kept], after)
+    )
+    return HeldOut(first, second, everything, int(kept.sum()))

@@ -9,32 +9,49 @@ a metric is flagged if it exceeds the same threshold *and* chance (`chance`).
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from typing import Final
 
+import numpy as np
+
 from suta_calib.analysis.outliers.answer import (
+    AGREEMENT,
+    METRICS,
+    GrossTouch,
+    Group,
+    HeldOut,
+    Level,
     Outliers,
+    TermOutliers,
     Thresholds,
 )
-from suta_calib.analysis.outliers.groups import groupings
-from suta_calib.analysis.outliers.term_search import TermSearch, arm_of, chosen_groups, not_searched
+from suta_calib.analysis.outliers.chance import Simulator
+from suta_calib.analysis.outliers.groups import Grouping, groupings, row_names, touch_name
+from suta_calib.analysis.outliers.metrics import Scene, measures
+from suta_calib.analysis.outliers.reference import Judge, ReferenceFit
+from suta_calib.analysis.outliers.touches import SMALLEST, Touches, explained_touches
+from suta_calib.arrays import BoolArray
 from suta_calib.errors import SamplesError
 from suta_calib.model.arm import ArmModel
-from suta_calib.model.parameters import Parameter, ParameterSet
+from suta_calib.model.parameters import ParameterSet
 from suta_calib.solver.ipopt import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
-from suta_calib.solver.solve import solve
+from suta_calib.solver.solve import Progress, solve
 from suta_calib.terms.term import Term
 from suta_calib.threads import single_threaded
 from suta_calib.units import from_deg
 
-Progress = Callable[[int, int], None]
 # Standard deviations of a built arm about its drawing or URDF, m and rad.
 LENGTH: Final = 5e-3
 ANGLE: Final = from_deg(1.0)
+# Rows beyond which only those with the largest errors are refitted one by one.
+MOST_ROWS: Final = 300
+# Errors (RMS, m) that are rounding: the fit leaves none.
+ROUNDING: Final = 1e-9
 
 
 @single_threaded
@@ -80,7 +97,14 @@ def find_outliers(
         terms = [not_searched(term) for term in problem.terms]
         return Outliers(solution, terms, thresholds, ())
     arm = whole_arm(problem.arm, arm_of(problem))
-    count = _Count(progress, 2 * sum(len(chosen_groups(g, None)) for own in levels for g in own))
+    total = 2 * sum(len(chosen_groups(g, None)) for own in levels for g in own)
+    numbers = itertools.count(1)
+
+    def count() -> None:
+        done = next(numbers)
+        if progress is not None:
+            progress(done, max(total, done))
+
     terms = [
         TermSearch(solution, arm, k, tuple(validation), thresholds, options.seed, count).run(own)
         for k, own in enumerate(levels)
@@ -106,28 +130,158 @@ def whole_arm(arm: ArmModel | None, job: ParameterSet) -> ParameterSet:
     known = {name: p for name, p in job.items() if p.free}
     for name, p in arm.select("geometric", "*.offset").items():
         if name not in known:
-            known[name] = _loose(p)
+            known[name] = replace(
+                p,
+                lower=-math.inf,
+                upper=math.inf,
+                prior=LENGTH if p.unit == "m" else ANGLE,
+                plausible=math.nan,
+                free=True,
+            )
     return ParameterSet(known.values())
 
 
-def _loose(p: Parameter) -> Parameter:
-    return replace(
-        p,
-        lower=-math.inf,
-        upper=math.inf,
-        prior=LENGTH if p.unit == "m" else ANGLE,
-        plausible=math.nan,
-        free=True,
-    )
+class TermSearch:
+    """One term of a problem.
+
+    Args:
+        solution: the job's own fit.
+        arm: the arm's unknowns with its whole geometry.
+        index: of the term.
+        validation: held-out terms.
+        thresholds: of the metrics.
+        seed: of the simulated noise.
+        count: called for every group that is done.
+    """
+
+    def __init__(
+        self,
+        solution: Solution,
+        arm: ParameterSet,
+        index: int,
+        validation: tuple[Term, ...],
+        thresholds: Thresholds,
+        seed: int,
+        count: Callable[[], None],
+    ) -> None:
+        self._arm, self._seed = arm, seed
+        self._thresholds, self._count = thresholds, count
+        self._own = ReferenceFit.of(solution, arm_of(solution.problem), index)
+        self._term = self._own.term
+        self._judge = Judge(self._own, tuple(t for t in validation if t.kind == self._term.kind))
+
+    def run(self, levels: Sequence[Grouping]) -> TermOutliers:
+        """All levels of the term; none where its errors are rounding."""
+        if sum(term.equations() for term in self._own.terms) <= len(self._own.estimated):
+            # As many unknowns as data: is any error left to look at?
+            fit = self._own.over(np.ones(len(self._term.poses), dtype=bool))
+            if fit is not None and fit.rms < ROUNDING:
+                return not_searched(self._term, exact=True)
+        everything = groupings(self._term)
+        landmarks = next((g for g in everything if g.name == "landmarks"), None)
+        touches = explained_touches(self._own, self._arm, landmarks)
+        judged = self._own.freed(self._arm, ~(touches.gross | _displaced(touches, landmarks)))
+        found = [self._level(judged, g, landmarks, touches) for g in levels]
+        gross = []
+        if not any(g.name == "rows" for g in everything):
+            names, size = row_names(self._term), np.linalg.norm(touches.rest, axis=1)
+            for k in np.flatnonzero(touches.gross):
+                what = touch_name(self._term, int(k))
+                gross.append(GrossTouch(str(names[k]), what, float(size[k])))
+        position = None
+        if landmarks is not None and self._term.touched is not None:
+            position = self._term.touched.position_of(landmarks.labels)
+        return TermOutliers(
+            self._term.kind,
+            tuple(found),
+            tuple(gross),
+            len(self._term.poses),
+            touches.sigma,
+            position,
+            {level.name: self._held_out(g, level) for g, level in zip(levels, found, strict=True)},
+            self._judge.method,
+        )
+
+    def _level(
+        self,
+        judged: ReferenceFit,
+        grouping: Grouping,
+        landmarks: Grouping | None,
+        touches: Touches,
+    ) -> Level:
+        """Values, chance and flags of every group of one level."""
+        n = len(grouping.member)
+        nothing, everything = np.zeros(n, dtype=bool), np.ones(n, dtype=bool)
+        chosen = chosen_groups(grouping, touches)
+        scene = Scene(judged, ~touches.gross, _displaced(touches, landmarks))
+        if grouping.name == "rows":
+            scene = Scene(judged, everything, touches.gross)
+        own = Scene(self._own, everything, nothing)
+        values = measures(scene, grouping, chosen, self._count)
+        calibrated = measures(own, grouping, chosen, self._count).array()
+        p = Simulator(scene, touches, self._seed).chance(grouping).p(values)
+        limits = {m: self._thresholds.of(m, len(grouping)) for m in METRICS}
+        groups = []
+        for g in chosen:
+            rows = grouping.rows(g)
+            value, chance, as_calibrated = (
+                dict(zip(METRICS, figures[:, g].tolist(), strict=True))
+                for figures in (values.array(), p, calibrated)
+            )
+            # Errors of the fit that a group is judged in may be no more than its last digits.
+            fit, _ = scene.with_and_without(rows)
+            flags = tuple(
+                name
+                for name in METRICS
+                if fit is not None
+                and fit.rms > SMALLEST
+                and value[name] > limits[name]
+                and chance[name] <= self._thresholds.significance
+            )
+            groups.append(
+                Group(
+                    grouping.labels[g],
+                    int(rows.sum()),
+                    value,
+                    chance,
+                    flags,
+                    as_calibrated,
+                    len(flags) >= AGREEMENT,
+                    touches.displaced.get(g) if grouping.name == "landmarks" else None,
+                )
+            )
+        return Level(grouping.name, tuple(groups), limits)
+
+    def _held_out(self, grouping: Grouping, level: Level) -> dict[str, HeldOut]:
+        """The effect of excluding each group; of rows, and without validation, of flagged ones."""
+        few = grouping.name == "rows" or self._judge.method != "validation"
+        effects = {
+            g.label: self._judge.of(grouping, grouping.labels.index(g.label))
+            for g in level.groups
+            if g.flags or not few
+        }
+        return {label: effect for label, effect in effects.items() if effect is not None}
 
 
-class _Count:
-    """How many groups are done."""
+def not_searched(term: Term, *, exact: bool = False) -> TermOutliers:
+    """A term of a calibration that did not converge or fits exactly: nothing to compare with."""
+    return TermOutliers(term.kind, (), (), len(term.poses), float("nan"), exact=exact)
 
-    def __init__(self, progress: Progress | None, total: int) -> None:
-        self._progress, self._total, self._done = progress, total, 0
 
-    def __call__(self) -> None:
-        self._done += 1
-        if self._progress is not None:
-            self._progress(self._done, max(self._total, self._done))
+def chosen_groups(grouping: Grouping, touches: Touches | None) -> list[int]:
+    """Groups to refit: all, or of very many rows those with the largest errors."""
+    if len(grouping) <= MOST_ROWS or touches is None:
+        return list(range(min(len(grouping), MOST_ROWS)))
+    size = np.linalg.norm(touches.rest, axis=1)
+    return sorted(np.argsort(-size, kind="stable")[:MOST_ROWS].tolist())
+
+
+def _displaced(touches: Touches, landmarks: Grouping | None) -> BoolArray:
+    if landmarks is None:
+        return np.zeros(len(touches.rest), dtype=bool)
+    return np.isin(landmarks.member, list(touches.displaced))
+
+
+def arm_of(problem: Problem) -> ParameterSet:
+    """The arm's parameters of a problem, without the terms' own."""
+    return ParameterSet(list(problem.parameters.values())[: problem.arm_count])

@@ -19,10 +19,10 @@ from scipy.stats import f as f_distribution
 from suta_calib.analysis.outliers.answer import Displacement
 from suta_calib.analysis.outliers.groups import Grouping
 from suta_calib.analysis.outliers.reference import ReferenceFit
-from suta_calib.analysis.outliers.robust import RobustLinearFit, scatter
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.model.parameters import ParameterSet
 from suta_calib.solver.information import whitened_rows
+from suta_calib.solver.losses import huber_threshold
 from suta_calib.solver.problem import Problem
 
 # Probability that data without gross touches lose one, and without displaced landmarks gain one.
@@ -31,6 +31,16 @@ FALSE_ALARM: Final = 0.01
 SMALLEST: Final = 1e-6
 # Variance of a median over that of a mean, for normal numbers.
 MEDIAN_COST: Final = np.pi / 2
+# Residual, in standard deviations of a component, from which on a touch loses weight: Huber's while
+# the fit settles, then Tukey's, which ignores gross touches altogether.
+TUKEY: Final = 6.0
+SETTLING: Final = 8
+ROUNDS: Final = 30
+SAME: Final = 1e-3
+# Lengths, m, that are rounding.
+FINEST: Final = 1e-9
+# Share of the data that a fit must leave for its scatter to be noise.
+LEAST_LEFT: Final = 0.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,20 +82,22 @@ def explained_touches(
     jacobian = rows.jacobian * np.repeat(rows.line.sigma, vehicle.blocks[0].size)[:, None]
     deviation = x - problem.parameters.array("nominal")
     fit = RobustLinearFit(jacobian, rows.line.residual.copy(), problem.prior_precision(), deviation)
-    return _with_displacements(fit, reference.term.repeats(), landmarks)
-
-
-def _with_displacements(
-    fit: RobustLinearFit, cells: IntArray, landmarks: Grouping | None
-) -> Touches:
-    """Free one landmark after the other for as long as one is significantly displaced."""
-    if landmarks is None:
-        rest, sigma, _ = fit.solve(np.zeros((fit.residual.size, 0)))
-        return Touches(rest, sigma, _shared(rest, cells, sigma), _gross(fit, rest, sigma))
+    cells = reference.term.repeats()
+    # One landmark after the other is freed for as long as one is significantly displaced.
+    member = np.zeros(0, dtype=np.intp) if landmarks is None else landmarks.member
     chosen: list[int] = []
     while True:
-        rest, sigma, shift = fit.solve(_columns(landmarks, chosen))
-        means, of = _cell_means(rest, cells, landmarks)
+        # (n, d, 3 s) derivative of the residuals by the places of the chosen landmarks.
+        columns = np.zeros((*fit.residual.shape, 3 * len(chosen)))
+        for k, mark in enumerate(chosen):
+            columns[member == mark, :, 3 * k : 3 * k + 3] = np.eye(3)
+        rest, sigma, shift = fit.solve(columns.reshape(fit.residual.size, -1))
+        if landmarks is None:
+            break
+        # The median residual over the repeats of each touch, and the landmark of each touch.
+        _, first, index = np.unique(cells, return_index=True, return_inverse=True)
+        means = np.array([np.median(rest[index == k], axis=0) for k in range(len(first))])
+        of = member[first]
         spread = max(scatter(means), SMALLEST)
         worst, p = _most_displaced(means, of, spread, len(landmarks), chosen)
         if p * len(landmarks) > FALSE_ALARM or len(chosen) >= len(landmarks) // 3:
@@ -105,24 +117,6 @@ def _gross(fit: RobustLinearFit, rest: FloatArray, sigma: float) -> BoolArray:
         return np.zeros(len(rest), dtype=bool)
     limit = max(sigma, SMALLEST) * np.sqrt(chi2.ppf(1.0 - FALSE_ALARM / len(rest), rest.shape[1]))
     return np.asarray(np.linalg.norm(rest, axis=1) > limit)
-
-
-def _columns(landmarks: Grouping, chosen: list[int]) -> FloatArray:
-    """(3 n, 3 s) derivative of the residuals by the places of some landmarks."""
-    n = len(landmarks.member)
-    columns = np.zeros((n, 3, 3 * len(chosen)))
-    for k, landmark in enumerate(chosen):
-        columns[landmarks.rows(landmark), :, 3 * k : 3 * k + 3] = np.eye(3)
-    return columns.reshape(3 * n, -1)
-
-
-def _cell_means(
-    rest: FloatArray, cells: IntArray, landmarks: Grouping
-) -> tuple[FloatArray, IntArray]:
-    """Median residual (cells, 3) over the repeats of each touch, and the landmark of each cell."""
-    _, first, index = np.unique(cells, return_index=True, return_inverse=True)
-    means = np.array([np.median(rest[index == k], axis=0) for k in range(len(first))])
-    return means, landmarks.member[first]
 
 
 def _most_displaced(
@@ -150,3 +144,79 @@ def _shared(rest: FloatArray, cells: IntArray, sigma: float) -> float:
     freed = inside / np.sqrt(1.0 - 1.0 / np.maximum(count, 2))[index, None]
     alone = scatter(freed[count[index] > 1])
     return float(np.sqrt(max(sigma**2 - alone**2, 0.0)))
+
+
+class RobustLinearFit:
+    """Robust linear least squares of residual vectors, with priors.
+
+    Args:
+        jacobian: (n d, p), m per unit of parameter.
+        residual: (n, d) where it was linearised, m.
+        precision: (p,) of the priors.
+        deviation: (p,) from the priors' centres, where it was linearised.
+    """
+
+    def __init__(
+        self,
+        jacobian: FloatArray,
+        residual: FloatArray,
+        precision: FloatArray,
+        deviation: FloatArray,
+    ) -> None:
+        self.jacobian, self.residual = jacobian, residual
+        self._precision, self._deviation = precision, deviation
+        # Whether the last fit took up so much that what it leaves is no noise.
+        self.saturated = False
+
+    def solve(self, shift: FloatArray) -> tuple[FloatArray, float, FloatArray]:
+        """Rest (n, d), scatter of one of its components, and the coefficients of ``shift``.
+
+        Args:
+            shift: (n d, s) further columns, without priors.
+        """
+        (n, size), extra = self.residual.shape, shift.shape[1]
+        a = np.hstack([self.jacobian, shift])
+        precision, deviation = (
+            np.concatenate([v, np.zeros(extra)]) for v in (self._precision, self._deviation)
+        )
+        weight, sigma, rest = np.ones(n), scatter(self.residual), self.residual
+        step = np.zeros(a.shape[1])
+        for k in range(ROUNDS):
+            step, used = _weighted_step(a, self.residual, weight / sigma**2, precision, deviation)
+            rest = (self.residual.reshape(-1) + a @ step).reshape(n, size)
+            freedom = max(n * size - used, 0.1 * n * size)
+            found = max(scatter(rest) * np.sqrt(n * size / freedom), FINEST)
+            length = np.linalg.norm(rest, axis=1) / found
+            huber = huber_threshold(size)
+            if k < SETTLING:
+                weight = np.minimum(1.0, huber / np.maximum(length, huber))
+            else:
+                weight = np.maximum(1.0 - (length / TUKEY) ** 2, 0.0) ** 2
+            if k > SETTLING and abs(found - sigma) < SAME * sigma:
+                break
+            sigma = found
+        self.saturated = used > (1.0 - LEAST_LEFT) * n * size
+        return rest, sigma, step[a.shape[1] - extra :]
+
+
+def _weighted_step(
+    a: FloatArray,
+    rest: FloatArray,
+    weight: FloatArray,
+    precision: FloatArray,
+    deviation: FloatArray,
+) -> tuple[FloatArray, float]:
+    """Least-squares step, and how many parameters the data have determined by it."""
+    weighed = a * np.repeat(weight, rest.shape[1])[:, None]
+    data = weighed.T @ a
+    scale = np.sqrt(np.maximum(np.diag(data) + precision, 1e-12))
+    outer = np.outer(scale, scale)
+    inverse = np.linalg.pinv((data + np.diag(precision)) / outer, 1e-12, True) / outer
+    gradient = weighed.T @ rest.reshape(-1) + precision * deviation
+    return -inverse @ gradient, float(np.sum(inverse * data))
+
+
+def scatter(vectors: FloatArray) -> float:
+    """Standard deviation of one component, from the median length."""
+    length = float(np.median(np.linalg.norm(vectors, axis=1)))
+    return length / float(np.sqrt(chi2.ppf(0.5, vectors.shape[1])))

@@ -20,11 +20,26 @@ from suta_calib.analysis.planning.candidates import (
     read_candidates,
     tilted,
 )
-from suta_calib.analysis.planning.design import CRITERIA
-from suta_calib.analysis.planning.generate import Pool
+from suta_calib.analysis.planning.design import (
+    CRITERIA,
+    Design,
+    SharedInformation,
+    Space,
+    best_set,
+    nothing,
+    promised,
+    random_sets,
+)
 from suta_calib.analysis.planning.links import link_points
-from suta_calib.analysis.planning.plan import candidate_places, plan, situation_of_job
-from suta_calib.analysis.planning.region import Region, directions
+from suta_calib.analysis.planning.plan import (
+    candidate_places,
+    forecast,
+    plan,
+    situation_of_job,
+    tip_weight,
+)
+from suta_calib.analysis.planning.reach import Reach
+from suta_calib.analysis.planning.region import Pool, Region, directions, generated
 from suta_calib.analysis.planning.situation import Situation
 
 __all__ = [
@@ -33,6 +48,7 @@ __all__ = [
     "Candidate",
     "CandidateFile",
     "Choice",
+    "Design",
     "Expected",
     "Forecast",
     "Place",
@@ -42,15 +58,25 @@ __all__ = [
     "Point",
     "Pool",
     "Posture",
+    "Reach",
     "Region",
     "Remedy",
+    "SharedInformation",
     "Situation",
+    "Space",
     "Stop",
+    "best_set",
     "candidate_places",
     "directions",
+    "forecast",
+    "generated",
     "link_points",
+    "nothing",
     "plan",
+    "promised",
+    "random_sets",
     "read_candidates",
     "situation_of_job",
     "tilted",
+    "tip_weight",
 ]

@@ -6,8 +6,7 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from suta_calib.analysis.planning.candidates import Candidate, Unreachable
-from suta_calib.analysis.planning.generate import Pool
-from suta_calib.analysis.planning.region import Region
+from suta_calib.analysis.planning.region import Pool, Region
 from suta_calib.analysis.planning.situation import Situation
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment

@@ -1,13 +1,13 @@
 """What could be measured next: places in the base frame, and the touches they stand for.
 
-A user lists the places that would do in ``candidates.yaml``; else they are searched (`generate`).
+A user lists the places that would do in ``candidates.yaml``; else they are searched (`region`).
 """
 
 from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, Literal
@@ -179,14 +179,17 @@ def read_candidates(path: str | Path, arm: ArmModel, directions: int = 20) -> Ca
     top = YamlSection(read_yaml(Path(path), JobError), JobError)
     top.check_keys(KEYS)
     found: list[Place] = []
-    for name, section in _named(top, "placements"):
-        found.append(_placement(name, section))
-    for name, section in _named(top, "grids"):
-        found += _grid(name, section)
-    for name, section in _named(top, "points"):
-        found.append(_point(name, section, directions))
-    for name, section in _named(top, "poses"):
-        found.append(_posture(name, section, arm))
+    readers: dict[str, Callable[[str, YamlSection], list[Place]]] = {
+        "placements": lambda name, section: [_placement(name, section)],
+        "grids": _grid,
+        "points": lambda name, section: [_point(name, section, directions)],
+        "poses": lambda name, section: [_posture(name, section, arm)],
+    }
+    for sort, reader in readers.items():
+        if sort in top:
+            listed = top.section(sort)
+            for name in listed.data:
+                found += reader(str(name), listed.section(name))
     _check(top, found)
     repeats = top.integer("repeats", 1, minimum=1) if "repeats" in top else None
     return CandidateFile(Path(path), tuple(found), repeats)
@@ -202,13 +205,6 @@ def tilted(yaw: float, tilt: float, towards: float) -> FloatArray:
     """
     lean = tilt * np.array([-math.sin(towards), math.cos(towards), 0.0])
     return rotation_from_vector(lean) @ rotation_from_rpy([0.0, 0.0, yaw])
-
-
-def _named(top: YamlSection, key: str) -> Iterator[tuple[str, YamlSection]]:
-    if key in top:
-        listed = top.section(key)
-        for name in listed.data:
-            yield str(name), listed.section(name)
 
 
 def _check(top: YamlSection, found: Sequence[Place]) -> None:
@@ -260,20 +256,17 @@ def _posture(name: str, section: YamlSection, arm: ArmModel) -> Posture:
             continue
         listed = section.section(key("posture", unit))
         for joint in listed.data:
-            _check_joint(listed, joint, unit, arm)
+            if joint not in arm.joints:
+                hint = did_you_mean(joint, arm.joints)
+                expected = ", ".join(arm.joints)
+                raise listed.refuse(f"no joint {joint!r}", expected, at=(joint,), hint=hint)
+            if arm.parameters[f"{joint}.offset"].unit != unit:
+                other = "posture_mm" if unit == "rad" else "posture_deg"
+                raise listed.refuse("a reading in the wrong unit", f"it under {other}", at=(joint,))
             readings[joint] = stored(listed.number(joint), unit)
     if missing := [joint for joint in arm.joints if joint not in readings]:
         raise section.refuse(f"no reading of {missing[0]}", f"all of {', '.join(arm.joints)}")
     return Posture(name, np.array([readings[joint] for joint in arm.joints]), section.line)
-
-
-def _check_joint(listed: YamlSection, joint: str, unit: str, arm: ArmModel) -> None:
-    if joint not in arm.joints:
-        hint = did_you_mean(joint, arm.joints)
-        raise listed.refuse(f"no joint {joint!r}", ", ".join(arm.joints), at=(joint,), hint=hint)
-    if arm.parameters[f"{joint}.offset"].unit != unit:
-        other = "posture_mm" if unit == "rad" else "posture_deg"
-        raise listed.refuse("a reading in the wrong unit", f"it under {other}", at=(joint,))
 
 
 def _grid(name: str, section: YamlSection) -> list[Place]:

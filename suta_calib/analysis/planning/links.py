@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from typing import Any, Final
 
 import numpy as np
@@ -76,7 +77,11 @@ class Collisions:
 
     @classmethod
     def _over(cls, arm: ArmModel, geometry: Any, word: str, visited: FloatArray) -> Collisions:
-        _add_pairs(arm, geometry)
+        # All pairs but those of one link or of neighbours.
+        parents = [shape.parentJoint for shape in geometry.geometryObjects]
+        for (j, b), (i, a) in combinations(enumerate(parents), 2):
+            if a != b and arm.model.parents[a] != b and arm.model.parents[b] != a:
+                geometry.addCollisionPair(pin.CollisionPair(j, i))
         found = cls(arm, geometry, "")
         overlapping = {
             pair for q in visited[:: 1 + len(visited) // _LOOKED_AT] for pair in found._hits(q)
@@ -117,13 +122,3 @@ def _shapes(arm: ArmModel, kind: Any) -> Any:
     locked = [i for i in range(1, model.njoints) if model.names[i] not in kept]
     _, reduced = pin.buildReducedModel(model, [geometry], locked, pin.neutral(model))
     return reduced[0]
-
-
-def _add_pairs(arm: ArmModel, geometry: Any) -> None:
-    """All pairs but those of one link or of neighbours."""
-    parents = [shape.parentJoint for shape in geometry.geometryObjects]
-    for i, a in enumerate(parents):
-        for j in range(i):
-            b = parents[j]
-            if a != b and arm.model.parents[a] != b and arm.model.parents[b] != a:
-                geometry.addCollisionPair(pin.CollisionPair(j, i))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -21,31 +21,32 @@ from suta_calib.analysis.planning.answer import (
     Remedy,
     Stop,
 )
-from suta_calib.analysis.planning.candidates import Candidate, Place, Unreachable, read_candidates
-from suta_calib.analysis.planning.design import Design, best_set, exchange, greedy, random_sets
-from suta_calib.analysis.planning.generate import generated
-from suta_calib.analysis.planning.information import (
+from suta_calib.analysis.planning.candidates import Candidate, Place, read_candidates
+from suta_calib.analysis.planning.design import (
+    Design,
     SharedInformation,
     Space,
+    best_set,
+    exchange,
+    greedy,
     nothing,
     present,
     promised,
+    random_sets,
 )
 from suta_calib.analysis.planning.reach import Reach
-from suta_calib.analysis.planning.region import Region
+from suta_calib.analysis.planning.region import Region, generated
 from suta_calib.analysis.planning.situation import Situation
 from suta_calib.analysis.tip_uncertainty import Sensitivity
 from suta_calib.arrays import FloatArray
 from suta_calib.diagnostics.explanation import Explanation, explain
 from suta_calib.errors import JobError, SamplesError
 from suta_calib.job.calibration import CalibrationJob
-from suta_calib.solver.solve import identify_at, solve
+from suta_calib.solver.solve import Progress, identify_at, solve
 from suta_calib.threads import single_threaded
 
 # Touches of a point where there is no artefact to say how many are usual.
 _TOUCHES: Final = 20
-
-Progress = Callable[[int, int], None]
 
 
 def situation_of_job(job: CalibrationJob, progress: Progress | None = None) -> Situation:
@@ -113,14 +114,27 @@ def plan(
         places = generated(situation, region, options.pool, options.repeats, options.seed)
     reached = Reach(situation, options.repeats, options.seed).candidates(places)
     if not reached.candidates:
-        raise _none(reached.unreachable)
+        none = reached.unreachable
+        first = f"; {none[0].name}: {none[0].reason}" if none else ""
+        raise JobError(
+            f"{len(none)} candidates, none of which the arm reaches{first}",
+            "at least one within reach and joint limits",
+            where="candidates",
+            hint="move them nearer, or give another region",
+        )
     space = Space.of(situation)
     tip = region.sensitivity(situation, space.names[: space.arm_count], options.seed)
-    information = _promises(situation, space, reached.candidates, progress)
+    information = []
+    for done, candidate in enumerate(reached.candidates, start=1):
+        information.append(promised(situation, space, candidate))
+        if progress is not None:
+            progress(done, len(reached.candidates))
     now = present(situation, space)
     design = Design.over(space, information, tip_weight(space, tip), options.criterion, now)
     chosen = best_set(design, now, options.count)
     after = sum((information[k] for k in chosen), now)
+    told = list(zip(reached.candidates, information, strict=True))
+    drawn = random_sets(design, options.count, options.random, options.seed)
     return Plan(
         situation=situation,
         options=options,
@@ -130,13 +144,9 @@ def plan(
         collisions=reached.collisions,
         before=forecast(space, now, tip),
         after=forecast(space, after, tip),
-        chosen=_choices(
-            space, design, now, [(reached.candidates[k], information[k]) for k in chosen]
-        ),
-        best=_best(
-            situation, space, design, now, list(zip(reached.candidates, information, strict=True))
-        ),
-        random=_random(design, now, options),
+        chosen=_choices(space, design, now, [told[k] for k in chosen]),
+        best=_best(situation, space, design, now, told),
+        random=np.array([design.tip(now, rows) for rows in drawn]),
         stop=_stop(design, now, options),
         remedies=remedies(situation, space, now, reached.candidates, information),
     )
@@ -149,30 +159,6 @@ def tip_weight(space: Space, tip: Sensitivity) -> FloatArray:
     arm = slice(0, space.arm_count)
     weight[arm, arm] = np.einsum("nip,niq->pq", jacobian, jacobian) / len(jacobian)
     return weight
-
-
-def _none(unreachable: Sequence[Unreachable]) -> JobError:
-    first = f"; {unreachable[0].name}: {unreachable[0].reason}" if unreachable else ""
-    return JobError(
-        f"{len(unreachable)} candidates, none of which the arm reaches{first}",
-        "at least one within reach and joint limits",
-        where="candidates",
-        hint="move them nearer, or give another region",
-    )
-
-
-def _promises(
-    situation: Situation,
-    space: Space,
-    candidates: Sequence[Candidate],
-    progress: Progress | None,
-) -> list[SharedInformation]:
-    found = []
-    for done, candidate in enumerate(candidates, start=1):
-        found.append(promised(situation, space, candidate))
-        if progress is not None:
-            progress(done, len(candidates))
-    return found
 
 
 def _choices(
@@ -225,11 +211,6 @@ def _best(
         efficiency=(tips[1] / tips[0]) ** 2 if tips[0] > 0 else 1.0,
         d_efficiency=math.exp(2.0 * change),
     )
-
-
-def _random(design: Design, now: SharedInformation, options: PlanOptions) -> FloatArray:
-    sets = random_sets(design, options.count, options.random, options.seed)
-    return np.array([design.tip(now, rows) for rows in sets])
 
 
 def _stop(design: Design, now: SharedInformation, options: PlanOptions) -> Stop:
@@ -303,14 +284,15 @@ def remedies(
     identification = space.identify(present)
     arm = set(space.names[: space.arm_count])
     names = [c.fixed for c in identification.combinations if c.fixed in arm]
-    texts = _explanations(situation)
-    everything = sum(information, present)
+    problem, x = situation.problem, situation.x
+    texts = {e.fixed: e for e in explain(problem, x, identify_at(problem, x, situation.sigmas))}
     found = []
     left = [_fixed(space, present + more) for more in information]
-    left_by_all = _fixed(space, everything)
+    left_by_all = _fixed(space, sum(information, present))
     for name in names:
+        k = space.names.index(name)
         able = [
-            (candidate, _curvature(space, name, more))
+            (candidate, float(more.curvature[k, k]))
             for candidate, more, fixed in zip(candidates, information, left, strict=True)
             if name not in fixed and len(fixed) < len(names)
         ]
@@ -333,15 +315,3 @@ def _fixed(space: Space, information: SharedInformation) -> frozenset[str]:
     """The arm's parameters that would be held."""
     arm = set(space.names[: space.arm_count])
     return frozenset(c.fixed for c in space.identify(information).combinations if c.fixed in arm)
-
-
-def _curvature(space: Space, name: str, information: SharedInformation) -> float:
-    """How much a candidate alone tells of a parameter alone."""
-    k = space.names.index(name)
-    return float(information.curvature[k, k])
-
-
-def _explanations(situation: Situation) -> Mapping[str, Explanation]:
-    problem, x = situation.problem, situation.x
-    identification = identify_at(problem, x, situation.sigmas)
-    return {e.fixed: e for e in explain(problem, x, identification)}

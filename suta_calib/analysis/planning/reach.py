@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -33,6 +33,7 @@ _STARTS: Final = 8
 _ENOUGH: Final = 0.5
 _TRIED: Final = 2
 _GOLDEN: Final = (math.sqrt(5.0) - 1.0) / 2.0
+_ROBERTS: Final = np.array([0.7548776662466927, 0.5698402909980532])
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +66,20 @@ class Reach:
             JobError: a place needs an artefact or an instrument that the job does not have.
         """
         for place in places:
-            self._check(place)
+            if isinstance(place, Placement) and self.situation.touching is None:
+                kinds = [name for name, kind in KINDS.items() if kind.needs_artefact]
+                say = "what is put down"
+            elif isinstance(place, Posture) and self.situation.seen is None:
+                kinds = [name for name, kind in KINDS.items() if kind.medium != "touch"]
+                say = "what sees the arm"
+            else:
+                continue
+            raise JobError(
+                f"{place.kind} {place.name!r}",
+                f"a job with {' or '.join(kinds)} observations, which say {say}",
+                line=place.line,
+                where="candidates",
+            )
         collisions = Collisions.of(self.situation.arm, self.situation.readings)
         found: dict[str, Candidate | Unreachable] = {}
         found |= self._placements([p for p in places if isinstance(p, Placement)])
@@ -78,32 +92,13 @@ class Reach:
             collisions.note,
         )
 
-    def _check(self, place: Place) -> None:
-        if isinstance(place, Placement) and self.situation.touching is None:
-            raise JobError(
-                f"placement {place.name!r}",
-                f"a job with {_kinds(lambda kind: kind.needs_artefact)} observations, which say "
-                "what is put down",
-                line=place.line,
-                where="candidates",
-            )
-        if isinstance(place, Posture) and self.situation.seen is None:
-            raise JobError(
-                f"pose {place.name!r}",
-                f"a job with {_kinds(lambda kind: kind.medium != 'touch')} observations, which say "
-                "what sees the arm",
-                line=place.line,
-                where="candidates",
-            )
-
     def _placements(self, places: Sequence[Placement]) -> dict[str, Candidate | Unreachable]:
         artefact = self.situation.artefact
         if artefact is None or not places:
             return {}
-        marks = list(artefact.landmarks.values())
         q, ok = self._touch(places, artefact)
         found: dict[str, Candidate | Unreachable] = {}
-        names = tuple(mark.name for mark in marks)
+        names = tuple(mark.name for mark in artefact.landmarks.values())
         for place, readings, good in zip(places, q, ok, strict=True):
             if good.all():
                 found[place.name] = Candidate(place, readings, names, self.repeats)
@@ -123,11 +118,8 @@ class Reach:
         q = np.zeros((*position.shape[:2], len(self.situation.arm.joints)))
         ok = np.zeros(position.shape[:2], dtype=bool)
         oriented = np.array([mark.rotation is not None for mark in artefact.landmarks.values()])
-        kinds: tuple[tuple[Matching, NDArray[np.bool_]], ...] = (
-            ("pose", oriented),
-            ("position", ~oriented),
-        )
-        for matching, rows in kinds:
+        kinds: dict[Matching, NDArray[np.bool_]] = {"pose": oriented, "position": ~oriented}
+        for matching, rows in kinds.items():
             if rows.any():
                 targets = Targets(
                     position[:, rows].reshape(-1, 3), rotation[:, rows].reshape(-1, 3, 3), matching
@@ -141,15 +133,19 @@ class Reach:
         if not places:
             return {}
         counts = [_TRIED * place.directions for place in places]
-        kind, settings = self.situation.places, self.situation.place_settings
-        position = np.concatenate(
-            [
-                kind.touches(turning_z_to(-p.axis), p.position, _all_over(n), settings)
-                for p, n in zip(places, counts, strict=True)
-            ]
-        )
-        rotation = np.concatenate([_spiral(p, n) for p, n in zip(places, counts, strict=True)])
-        answer, reached = self._solve(Targets(position, rotation, "axis"))
+        kind = self.situation.places
+        settings = kind.settings if isinstance(kind, Term) else {}
+        position, rotation = [], []
+        for p, n in zip(places, counts, strict=True):
+            k = np.arange(n, dtype=np.float64)
+            # The z axes fill the cone along a spiral; the places touched fill theirs in another
+            # order, by Roberts' sequence: powers of the root of x³ = x + 1, as the golden ratio is
+            # of x² = x + 1.
+            square = (0.5 + k[:, None] * _ROBERTS) % 1.0
+            position.append(kind.touches(turning_z_to(-p.axis), p.position, square, settings))
+            rotation.append(directions(p.axis, p.cone, (k + 0.5) / n, (k * _GOLDEN) % 1.0))
+        targets = Targets(np.concatenate(position), np.concatenate(rotation), "axis")
+        answer, reached = self._solve(targets)
         found: dict[str, Candidate | Unreachable] = {}
         ends = np.cumsum(counts)
         for place, end, count in zip(places, ends, counts, strict=True):
@@ -190,20 +186,3 @@ class Reach:
             return Candidate(candidate.place, candidate.q[rows], (), candidate.repeats)
         reason = f"the arm touches itself in {int((~free).sum())} of {len(free)} postures"
         return Unreachable(candidate.name, candidate.place.kind, reason)
-
-
-def _kinds(which: Callable[[type[Term]], bool]) -> str:
-    return " or ".join(name for name, kind in KINDS.items() if which(kind))
-
-
-def _spiral(place: Point, count: int) -> FloatArray:
-    """Orientations (count, 3, 3) with z axes spread evenly over the point's cone."""
-    k = np.arange(count, dtype=np.float64)
-    return directions(place.axis, place.cone, (k + 0.5) / count, (k * _GOLDEN) % 1.0)
-
-
-def _all_over(count: int) -> FloatArray:
-    """(count, 2) numbers that fill the unit square evenly, in another order than the spiral's."""
-    k = np.arange(count, dtype=np.float64)[:, None]
-    # Roberts' sequence: powers of the root of x³ = x + 1, as the golden ratio is of x² = x + 1.
-    return np.asarray((0.5 + k * np.array([0.7548776662466927, 0.5698402909980532])) % 1.0)

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -105,12 +103,6 @@ class Situation:
         touching = (t for t in self.problem.terms if t.medium == "touch" and t.touched is None)
         return next(touching, None) or first_kind(artefact=False)
 
-    @property
-    def place_settings(self) -> Mapping[str, Any]:
-        """What `Term.touches` must know of them."""
-        places = self.places
-        return places.settings if isinstance(places, Term) else {}
-
     @cached_property
     def repeats(self) -> int:
         """How often a placement was gone through, typically; 1 where nothing was."""
@@ -146,7 +138,14 @@ class Situation:
         """The candidate as observations that meet the present arm exactly, gone through once."""
         q, n, place = candidate.q, len(candidate.q), candidate.place
         if isinstance(place, Posture):
-            return self._seen_from(q)
+            # What the instrument or the camera would report in these postures.
+            assert self.seen is not None
+            poses = ArmPoses(self.arm, Samples.from_arrays(self.arm.joints, q))
+            ideal = self.seen.observed(self.values, poses)
+            oriented = self.seen.poses.samples.rotation is not None
+            rotation = ideal.rotation if oriented else None
+            samples = replace(poses.samples, position=ideal.position, rotation=rotation)
+            return self.seen.over_poses(ArmPoses(self.arm, samples))
         if isinstance(place, Point):
             labels = {self.places.place: [candidate.name] * n}
             poses = ArmPoses(self.arm, Samples.from_arrays(self.arm.joints, q, labels=labels))
@@ -165,32 +164,12 @@ class Situation:
 
     def noise(self, term: Term) -> list[float]:
         """Noise level of each block of a new term: that of its kind, or of the same hand."""
-        known = self._levels()
-        found = []
-        for block in term.blocks:
-            touch = known.get(("touch", "m"), DEFAULT_SIGMA["m"])
-            other = touch if block.unit == "m" else DEFAULT_SIGMA["rad"]
-            found.append(known.get((term.kind, block.name), other))
-        return found
-
-    def _levels(self) -> dict[tuple[str, str], float]:
-        """By kind and block; and of one component of a touch: a distance has those of two."""
-        levels: dict[tuple[str, str], float] = {}
-        k = 0
-        for term in self.problem.terms:
-            for block in term.blocks:
-                levels.setdefault((term.kind, block.name), self.sigmas[k])
-                if block.unit == "m":
-                    levels.setdefault(("touch", "m"), self.sigmas[k] / term.noise_factor)
-                k += 1
-        return levels
-
-    def _seen_from(self, q: FloatArray) -> Term:
-        """What the instrument or the camera would report in these postures."""
-        assert self.seen is not None
-        poses = ArmPoses(self.arm, Samples.from_arrays(self.arm.joints, q))
-        ideal = self.seen.observed(self.values, poses)
-        oriented = self.seen.poses.samples.rotation is not None
-        rotation = ideal.rotation if oriented else None
-        samples = replace(poses.samples, position=ideal.position, rotation=rotation)
-        return self.seen.over_poses(ArmPoses(self.arm, samples))
+        known: dict[tuple[str, str], float] = {}
+        # Of one component of a touch: a distance has those of two.
+        touch: list[float] = []
+        blocks = [(own, block) for own in self.problem.terms for block in own.blocks]
+        for (own, block), sigma in zip(blocks, self.sigmas, strict=True):
+            known.setdefault((own.kind, block.name), sigma)
+            touch += [sigma / own.noise_factor] if block.unit == "m" else []
+        other = {"m": [*touch, DEFAULT_SIGMA["m"]][0], "rad": DEFAULT_SIGMA["rad"]}
+        return [known.get((term.kind, block.name), other[block.unit]) for block in term.blocks]

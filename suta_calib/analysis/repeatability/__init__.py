@@ -15,10 +15,11 @@ from suta_calib.analysis.repeatability.stationary import (
     AllanDeviation,
     JointNoise,
     Stationary,
+    Stream,
     allan_deviation,
+    read_stream,
     stationary,
 )
-from suta_calib.analysis.repeatability.stream import Stream, read_stream
 from suta_calib.analysis.repeatability.visits import (
     DIRECTION,
     PROTOCOL,

@@ -126,32 +126,27 @@ def search_backlash(
     p_values = np.ones(values.shape[1])
     while True:
         shifts = _shifts(groups, values, found)
-        step = _step(groups, values - groups.member @ shifts, found, random)
+        rest = values - groups.member @ shifts
+        taken, alone, chance, by_chance = _step(groups, rest, found, random)
         others = [k for k in range(values.shape[1]) if k not in found]
-        p_values[others] = step.p_values[others]
-        best = max(others, key=lambda k: float(step.taken[k]), default=None)
-        if best is None or step.p_values[best] > FALSE_ALARM:
-            backlash = np.where(np.isin(range(values.shape[1]), found), shifts, step.backlash)
-            return BacklashSearch(tuple(found), as_well, backlash, p_values, step.by_chance)
-        close = (k for k in others if k != best and step.taken[best] - step.taken[k] < _AS_WELL)
-        as_well[best] = tuple(close)
+        p_values[others] = chance[others]
+        best = max(others, key=lambda k: float(taken[k]), default=None)
+        if best is None or chance[best] > FALSE_ALARM:
+            backlash = np.where(np.isin(range(values.shape[1]), found), shifts, alone)
+            return BacklashSearch(tuple(found), as_well, backlash, p_values, by_chance)
+        close = taken[best] - taken < _AS_WELL
+        as_well[best] = tuple(k for k in others if k != best and close[k])
         found.append(best)
-
-
-@dataclass(frozen=True, eq=False)
-class _Step:
-    """What each joint that is not yet found would explain: W (joints,), backlash (k, joints)."""
-
-    taken: FloatArray
-    backlash: FloatArray
-    p_values: FloatArray
-    by_chance: FloatArray
 
 
 def _step(
     groups: DirectionGroups, values: FloatArray, found: Sequence[int], random: np.random.Generator
-) -> _Step:
-    """Look at every joint given the others, those found free to do what they like."""
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """What each joint would explain, given the others, those found free to do what they like.
+
+    Returns:
+        W (joints,), backlash (k, joints), chance (joints,), and peak to peak by chance (joints,).
+    """
     orders = (groups.shuffled(random) for _ in range(PERMUTATIONS))
     drawn = np.array([groups.means(values, order) for order in orders])
     true = groups.means(values)[None]
@@ -162,7 +157,7 @@ def _step(
     chance, first = (np.quantile(np.ptp(each, axis=1), _CHANCE, axis=0) for each in (wide, alone))
     # An effect that is equal but for rounding is no smaller one.
     above = by_chance.max(axis=1)[:, None] >= taken * (1 - 1e-9)
-    return _Step(
+    return (
         taken,
         backlash,
         (1 + above.sum(axis=0)) / (PERMUTATIONS + 1),
@@ -290,44 +285,33 @@ def directional_force(
     search = search_backlash(groups, values[:, : len(joints)], random)
     means = groups.means(values)
     tip = means[:, len(joints) :]
+    # The chance of barycentres so far apart is that under permuted labels.
+    places = values[:, len(joints) :]
+    orders = (groups.shuffled(random) for _ in range(PERMUTATIONS))
+    drawn = np.array([groups.between(places, order) for order in orders])
+    above = int(np.sum(drawn >= groups.between(places) * (1 - 1e-9)))
+    pushes = []
+    for k, (name, unit, lever) in enumerate(joints):
+        backlash = float(np.ptp(search.backlash[:, k]))
+        pushes.append(
+            JointPush(
+                name,
+                unit,
+                dict(zip(groups.names, means[:, k].tolist(), strict=True)),
+                float(np.ptp(means[:, k])),
+                backlash,
+                float(search.by_chance[k]),
+                lever * backlash,
+                float(search.p_values[k]),
+                k in search.joints,
+                tuple(joints[other][0] for other in search.as_well.get(k, ())),
+            )
+        )
     rows = (position[direction == name] for name in groups.names)
     return DirectionalForce(
         {name: PositionScatter.of(each) for name, each in zip(groups.names, rows, strict=True)},
         float(np.linalg.norm(tip[:, None] - tip[None], axis=-1).max()),
-        _tip_p_value(groups, values[:, len(joints) :], random),
-        tuple(_push(groups, joints, means[:, k], search, k) for k in range(len(joints))),
+        (1 + above) / (PERMUTATIONS + 1),
+        tuple(pushes),
         values - groups.member @ means,
     )
-
-
-def _push(
-    groups: DirectionGroups,
-    joints: Sequence[tuple[str, Unit, float]],
-    means: FloatArray,
-    search: BacklashSearch,
-    k: int,
-) -> JointPush:
-    name, unit, lever = joints[k]
-    backlash = float(np.ptp(search.backlash[:, k]))
-    return JointPush(
-        name,
-        unit,
-        dict(zip(groups.names, means.tolist(), strict=True)),
-        float(np.ptp(means)),
-        backlash,
-        float(search.by_chance[k]),
-        lever * backlash,
-        float(search.p_values[k]),
-        k in search.joints,
-        tuple(joints[other][0] for other in search.as_well.get(k, ())),
-    )
-
-
-def _tip_p_value(
-    groups: DirectionGroups, position: FloatArray, random: np.random.Generator
-) -> float:
-    """Chance of barycentres so far apart under permuted labels."""
-    orders = (groups.shuffled(random) for _ in range(PERMUTATIONS))
-    drawn = [groups.between(position, order) for order in orders]
-    above = np.sum(np.array(drawn) >= groups.between(position) * (1 - 1e-9))
-    return float(1 + above) / (PERMUTATIONS + 1)

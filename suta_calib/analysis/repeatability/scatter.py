@@ -80,21 +80,13 @@ def spread(statistic: Callable[[FloatArray], float], rows: FloatArray) -> Scatte
     n, logs = len(parts), np.log(left)
     influence = logs - logs.mean()
     power = float(np.sum(influence**2))
-    return ScatterEstimate(
-        value,
-        n * math.log(value) - (n - 1) * float(logs.mean()),
-        math.sqrt((n - 1) / n * power),
-        _freedom(influence, power),
-    )
-
-
-def _freedom(influence: FloatArray, power: float) -> float:
-    """How much a sum of squares is worth: few large influences make it worth little."""
-    n = len(influence)
-    if power == 0:
-        return float(n - 1)
-    excess = n * float(np.sum(influence**4)) / power**2 - 1.0
-    return min(n - 1.0, max(_LEAST_FREEDOM, 2.0 * n / max(excess, 1e-12)))
+    freedom = n - 1.0
+    if power > 0:
+        # Few large influences make a sum of squares worth little.
+        excess = n * float(np.sum(influence**4)) / power**2 - 1.0
+        freedom = min(freedom, max(_LEAST_FREEDOM, 2.0 * n / max(excess, 1e-12)))
+    centre = n * math.log(value) - (n - 1) * float(logs.mean())
+    return ScatterEstimate(value, centre, math.sqrt((n - 1) / n * power), freedom)
 
 
 def ratio(
@@ -162,13 +154,21 @@ class PositionScatter:
         """Of positions (n, 3), n at least three."""
         centre, sides = position.mean(axis=0), position.std(axis=0, ddof=1)
         size = distances(position)
+
+        def rp(visits: FloatArray) -> float:
+            away = distances(visits)
+            return float(away.mean() + SIGMAS * away.std(ddof=1))
+
+        def rms(visits: FloatArray) -> float:
+            return float(np.sqrt(np.mean(distances(visits) ** 2)))
+
         return cls(
             len(position),
             (float(centre[0]), float(centre[1]), float(centre[2])),
             float(size.mean()),
             float(size.std(ddof=1)),
-            spread(_rp, position),
-            spread(_rms, position),
+            spread(rp, position),
+            spread(rms, position),
             float(size.max()),
             (float(sides[0]), float(sides[1]), float(sides[2])),
         )
@@ -177,15 +177,6 @@ class PositionScatter:
 def distances(position: FloatArray) -> FloatArray:
     """Distance (n,) of each position (n, 3) to their barycentre, m."""
     return np.asarray(np.linalg.norm(position - position.mean(axis=0), axis=1))
-
-
-def _rp(position: FloatArray) -> float:
-    size = distances(position)
-    return float(size.mean() + SIGMAS * size.std(ddof=1))
-
-
-def _rms(position: FloatArray) -> float:
-    return float(np.sqrt(np.mean(distances(position) ** 2)))
 
 
 @dataclass(frozen=True)
@@ -237,12 +228,8 @@ class JointScatter:
 def joint_scatter(joint: str, unit: Unit, readings: FloatArray, lever: float) -> JointScatter:
     """Of readings (n,), n at least three; ``lever`` is how far a unit moves the tip, m."""
     mean, away = deviations(readings, unit)
-    std = spread(_std, away)
+    std = spread(lambda each: float(each.std(ddof=1)), away)
     return JointScatter(joint, unit, mean, std, float(np.ptp(away)), lever * std.value)
-
-
-def _std(values: FloatArray) -> float:
-    return float(values.std(ddof=1))
 
 
 def deviations(readings: FloatArray, unit: Unit) -> tuple[float, FloatArray]:

@@ -108,18 +108,50 @@ class Repeatability:
     @property
     def assessment(self) -> Assessment:
         """What the visits say, and what must be known before the figures are used."""
-        return Assessment.of(self._sentence(), care=self._cautions())
-
-    def _sentence(self) -> str:
         rp, inside = self.position.rp, self.position.rp.interval(self.confidence)
-        return (
+        sentence = (
             f"RP {mm(rp.value):.3f} mm from {self.position.count} visits "
             f"({100 * self.confidence:g} % interval {mm(inside.low):.3f} to "
             f"{mm(inside.high):.3f} mm)"
         )
+        return Assessment.of(sentence, care=[*self._of_visits(), *self._of_effects()])
 
-    def _cautions(self) -> list[str]:
-        notes = [*self._copies(), *self._few(), *self._far()]
+    def _of_visits(self) -> list[str]:
+        """Visits that are copies, few, or of something else."""
+        notes = []
+        # Encoders hardly ever all read the same twice in a row.
+        q = self.samples.q
+        same = int(np.sum(np.all(q[1:] == q[:-1], axis=1)))
+        if same >= MANY_COPIES * len(q):
+            notes.append(
+                f"{same} of {len(q)} visits repeat the readings before them to the last digit: "
+                "were these visits, or one reading written down again?"
+            )
+        parts = self.protocols or {"": self.position}
+        few = [
+            f"{each.count} visits" + (f" with protocol {name}" if name else "")
+            for name, each in parts.items()
+            if each.count < CYCLES
+        ]
+        if few:
+            notes.append(
+                f"{' and '.join(few)}: ISO 9283 asks for {CYCLES}; the intervals are wide."
+            )
+        if self.elsewhere:
+            notes.append(
+                f"Far from the other visits: {self._rows(self.elsewhere)}. Was another point "
+                "visited, or did the tip slip? They count in every figure."
+            )
+        if self.other_posture:
+            notes.append(
+                f"In another posture than the others: {self._rows(self.other_posture)}. The "
+                "figures of the joints, and of directions, mean little with them."
+            )
+        return notes
+
+    def _of_effects(self) -> list[str]:
+        """What makes successive visits, or those pushed another way, differ."""
+        notes = []
         if self.correlation > 1.0:
             notes.append(
                 f"Successive visits resemble each other (they are worth {1 / self.correlation:.0%} "
@@ -131,44 +163,7 @@ class Repeatability:
             named = " or ".join([loosest.joint, *loosest.as_well])
             notes.append(
                 f"{named} gives: with the direction of the push its reading changes by what moves "
-                f"the tip by {mm(loosest.tip):.3f} mm "
-                f"(p = {loosest.p_value:.2g})."
-            )
-        return notes
-
-    def _copies(self) -> list[str]:
-        """Encoders hardly ever all read the same twice in a row."""
-        q = self.samples.q
-        same = int(np.sum(np.all(q[1:] == q[:-1], axis=1)))
-        if same < MANY_COPIES * len(q):
-            return []
-        return [
-            f"{same} of {len(q)} visits repeat the readings before them to the last digit: were "
-            "these visits, or one reading written down again?"
-        ]
-
-    def _few(self) -> list[str]:
-        parts = self.protocols or {"": self.position}
-        named = [
-            f"{each.count} visits" + (f" with protocol {name}" if name else "")
-            for name, each in parts.items()
-            if each.count < CYCLES
-        ]
-        if not named:
-            return []
-        return [f"{' and '.join(named)}: ISO 9283 asks for {CYCLES}; the intervals are wide."]
-
-    def _far(self) -> list[str]:
-        notes = []
-        if self.elsewhere:
-            notes.append(
-                f"Far from the other visits: {self._rows(self.elsewhere)}. Was another point "
-                "visited, or did the tip slip? They count in every figure."
-            )
-        if self.other_posture:
-            notes.append(
-                f"In another posture than the others: {self._rows(self.other_posture)}. The "
-                "figures of the joints, and of directions, mean little with them."
+                f"the tip by {mm(loosest.tip):.3f} mm (p = {loosest.p_value:.2g})."
             )
         return notes
 
@@ -211,7 +206,8 @@ def repeatability(
     """
     _check(samples)
     rotation, position = arm.forward(samples.q)
-    units, levers = _units(arm), tip_levers(arm, samples.q).tolist()
+    units: list[Unit] = ["m" if j.type == "prismatic" else "rad" for j in arm.chain.moving]
+    levers = tip_levers(arm, samples.q).tolist()
     protocol, direction = _several(samples, PROTOCOL), _several(samples, DIRECTION)
     columns = list(zip(arm.joints, units, samples.q.T, levers, strict=True))
     pushed = None
@@ -219,8 +215,17 @@ def repeatability(
         named = list(zip(arm.joints, units, levers, strict=True))
         away = np.stack([deviations(q, unit)[1] for _, unit, q, _ in columns], axis=1)
         pushed = directional_force(named, away, position, direction, protocol, seed)
-    protocols = _by_label(position, protocol)
-    within = _within(position, protocol)
+    protocols = {}
+    within: FloatArray = position - position.mean(axis=0)
+    if protocol is not None:
+        for name in grouped(protocol)[0]:
+            rows = protocol == name
+            protocols[name] = PositionScatter.of(position[rows])
+            within[rows] -= within[rows].mean(axis=0)
+    first, *others = protocols or [""]
+    # Of the principal axis along which successive visits resemble each other most.
+    axes = white(within if pushed is None else pushed.within[:, -3:]).T
+    correlation = max((correlation_length(axis[:, None]) for axis in axes), default=1.0)
     return Repeatability(
         samples,
         position,
@@ -228,28 +233,15 @@ def repeatability(
         OrientationScatter.of(rotation),
         tuple(joint_scatter(*column) for column in columns),
         protocols,
-        _comparisons(protocols, confidence),
+        tuple(
+            compare_protocols(first, protocols[first], other, protocols[other], confidence)
+            for other in others
+        ),
         pushed,
         elsewhere(within),
         other_posture(columns),
-        _correlation(within if pushed is None else pushed.within[:, -3:]),
+        correlation,
         confidence,
-    )
-
-
-def _correlation(away: FloatArray) -> float:
-    """That of the principal axis along which successive visits resemble each other most."""
-    return max((correlation_length(axis[:, None]) for axis in white(away).T), default=1.0)
-
-
-def _comparisons(
-    protocols: Mapping[str, PositionScatter], confidence: float
-) -> tuple[ProtocolComparison, ...]:
-    """The first protocol with each of the others."""
-    first, *others = protocols or [""]
-    return tuple(
-        compare_protocols(first, protocols[first], other, protocols[other], confidence)
-        for other in others
     )
 
 
@@ -260,10 +252,6 @@ def tip_levers(arm: ArmModel, q: FloatArray) -> FloatArray:
     batch.inputs[1][:] = q
     jacobian = batch()[2].reshape(len(q), 6, len(names))
     return np.asarray(np.linalg.norm(jacobian[:, :3], axis=1).mean(axis=0))
-
-
-def _units(arm: ArmModel) -> list[Unit]:
-    return ["m" if joint.type == "prismatic" else "rad" for joint in arm.chain.moving]
 
 
 def _check(samples: Samples) -> None:
@@ -289,18 +277,3 @@ def _several(samples: Samples, key: str) -> NDArray[np.str_] | None:
     """A label column with at least two different labels, or None."""
     labels = samples.labels.get(key)
     return None if labels is None or len(set(labels)) < 2 else labels
-
-
-def _by_label(position: FloatArray, labels: NDArray[np.str_] | None) -> dict[str, PositionScatter]:
-    if labels is None:
-        return {}
-    return {name: PositionScatter.of(position[labels == name]) for name in grouped(labels)[0]}
-
-
-def _within(position: FloatArray, labels: NDArray[np.str_] | None) -> FloatArray:
-    """Positions (n, 3) about the barycentre of their protocol."""
-    away: FloatArray = position - position.mean(axis=0)
-    if labels is not None:
-        for name in np.unique(labels):
-            away[labels == name] -= away[labels == name].mean(axis=0)
-    return away

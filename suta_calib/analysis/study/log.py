@@ -84,19 +84,17 @@ class StudyLog:
         """
         estimates = [trial.estimates.get(name, (math.nan, math.nan)) for name in self._names]
         numbers = [trial.rms, *(number for pair in estimates for number in pair)]
-        cells = [str(trial.size), str(trial.number), trial.problem, *map(_cell, numbers)]
+        told = (repr(number) if math.isfinite(number) else "" for number in numbers)
+        cells = [str(trial.size), str(trial.number), trial.problem, *told]
         try:
             if self._descriptor < 0:
-                self._open()
+                if not self._goes_on:
+                    self.path.parent.mkdir(parents=True, exist_ok=True)
+                    write_bytes_atomically(self.path, "".join(self._head()).encode())
+                self._descriptor = os.open(self.path, os.O_WRONLY | os.O_APPEND)
             os.write(self._descriptor, _line(cells).encode())
         except OSError as error:
             raise OutputError(f"{self.path}: not written: {error.strerror}") from error
-
-    def _open(self) -> None:
-        if not self._goes_on:
-            self.path.parent.mkdir(parents=True, exist_ok=True)
-            write_bytes_atomically(self.path, "".join(self._head()).encode())
-        self._descriptor = os.open(self.path, os.O_WRONLY | os.O_APPEND)
 
     def __enter__(self) -> Self:
         return self
@@ -122,8 +120,17 @@ class StudyLog:
         if len(lines) <= 2:
             return {}
         table = read_csv_table(self.path)
-        trials = (_trial(table, row, self._names) for row in range(len(table)))
-        return {(trial.size, trial.number): trial for trial in trials}
+        done: Done = {}
+        for row, problem in enumerate(table.cells("problem")):
+            estimates = {}
+            for name in self._names:
+                value, std = (_number(table, row, column) for column in (name, f"{name}:std"))
+                if math.isfinite(value):
+                    estimates[name] = (value, std)
+            size, number = (_count(table, row, name) for name in ("size", "trial"))
+            rms = _number(table, row, "rms_m")
+            done[size, number] = Trial(size, number, problem, rms, estimates)
+        return done
 
     def _check(self, first: str) -> None:
         """Refuse trials of another study."""
@@ -141,17 +148,6 @@ class StudyLog:
         )
 
 
-def _trial(table: CsvTable, row: int, names: Sequence[str]) -> Trial:
-    estimates = {}
-    for name in names:
-        value, std = (_number(table, row, column) for column in (name, f"{name}:std"))
-        if math.isfinite(value):
-            estimates[name] = (value, std)
-    size, number = (_whole_number(table, row, name) for name in ("size", "trial"))
-    rms = _number(table, row, "rms_m")
-    return Trial(size, number, table.cells("problem")[row], rms, estimates)
-
-
 def _number(table: CsvTable, row: int, name: str) -> float:
     """The number in a cell, NaN for an empty one."""
     cell = table.cells(name)[row]
@@ -161,15 +157,11 @@ def _number(table: CsvTable, row: int, name: str) -> float:
         raise table.refuse(row, name, repr(cell), "a number, as it was written") from None
 
 
-def _whole_number(table: CsvTable, row: int, name: str) -> int:
+def _count(table: CsvTable, row: int, name: str) -> int:
     cell = table.cells(name)[row]
     if not cell.isdecimal():
         raise table.refuse(row, name, repr(cell), "a whole number, as it was written")
     return int(cell)
-
-
-def _cell(number: float) -> str:
-    return repr(number) if math.isfinite(number) else ""
 
 
 def _line(cells: Sequence[str]) -> str:

@@ -9,13 +9,13 @@ deviations that are predicted are those that appear.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
 from suta_calib.analysis.study.log import StudyLog
 from suta_calib.analysis.study.runner import Task, run_trials
-from suta_calib.analysis.study.sets import Sets, sets_of
+from suta_calib.analysis.study.sets import SAMPLE, Sets, sets_of
 from suta_calib.analysis.study.trial import (
     NAMES,
     FullDataFit,
@@ -29,12 +29,11 @@ from suta_calib.model.parameters import ParameterSet
 from suta_calib.solver.ipopt import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
-from suta_calib.solver.solve import solve
+from suta_calib.solver.solve import Progress, solve
 from suta_calib.terms import Term
 
 # Of the sets, where those not drawn are what is held out, unless the user asks for more.
 MOST_DRAWN: Final = 0.8
-Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,13 +125,7 @@ def plan_study(
     sets = sets_of(terms, request.unit)
     once = SolverOptions(1, 0, options.hessian, options.max_iterations)
     data = StudyData(
-        request.kind,
-        request.seed,
-        parameters,
-        tuple(terms),
-        tuple(validation),
-        sets,
-        once,
+        request.kind, request.seed, parameters, tuple(terms), tuple(validation), sets, once
     )
     if request.kind == "size":
         sizes, left_out = _sizes(request.sizes, sets, whole=bool(validation))
@@ -201,7 +194,12 @@ def _sizes(
     largest = len(sets) if whole else len(sets) - 1
     # An error over one or two held-out sets tells little of the arm.
     judgeable = largest if whole else max(1, int(MOST_DRAWN * len(sets)))
-    wanted = _suitable(judgeable, sets.unit) if asked is None else tuple(sorted(set(asked)))
+    if asked is not None:
+        wanted = sorted(set(asked))
+    elif sets.unit == SAMPLE:
+        wanted = sorted({max(1, round(judgeable * k / 10)) for k in range(1, 11)})
+    else:
+        wanted = list(range(1, min(judgeable, 10) + 1))
     possible = tuple(size for size in wanted if size <= largest)
     if not possible:
         held_out = "" if whole else ", one of them to be held out: the job has no validation data"
@@ -211,10 +209,3 @@ def _sizes(
             where="--sizes",
         )
     return possible, tuple(size for size in wanted if size > largest)
-
-
-def _suitable(largest: int, unit: str) -> tuple[int, ...]:
-    """One to ten sets; of single samples ten sizes over the whole range."""
-    if unit != "sample":
-        return tuple(range(1, min(largest, 10) + 1))
-    return tuple(sorted({max(1, round(largest * k / 10)) for k in range(1, 11)}))

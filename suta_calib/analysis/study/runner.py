@@ -65,6 +65,7 @@ def run_trials(
 
 def _on_cores(data: StudyData, batches: Sequence[Sequence[Task]], workers: int) -> Iterator[Trial]:
     from joblib import Parallel, delayed, parallel_config
+    from joblib.externals.loky import get_reusable_executor
     from joblib.externals.loky.process_executor import BrokenProcessPool
 
     content, key = _packed(data)
@@ -86,7 +87,10 @@ def _on_cores(data: StudyData, batches: Sequence[Sequence[Task]], workers: int) 
                 hint="take fewer, and go on with --resume",
             ) from None
         except BaseException:
-            _end_workers()
+            # Workers ignore an interrupt so as not to cry, and would finish their batch. What is
+            # cancelled is known: joblib would advise another way of handing out tasks.
+            warnings.filterwarnings("ignore", message=".*still being processed by the workers")
+            get_reusable_executor().shutdown(wait=True, kill_workers=True)
             raise
 
 
@@ -106,15 +110,6 @@ def _interrupts_withheld() -> Iterator[None]:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-def _end_workers() -> None:
-    """Workers ignore an interrupt so as not to cry; without this they would finish their batch."""
-    from joblib.externals.loky import get_reusable_executor
-
-    # What is cancelled is known: joblib would advise another way of handing out tasks.
-    warnings.filterwarnings("ignore", message=".*still being processed by the workers")
-    get_reusable_executor().shutdown(wait=True, kill_workers=True)
 
 
 def _on_dask(data: StudyData, batches: Sequence[Sequence[Task]], address: str) -> Iterator[Trial]:
@@ -154,8 +149,12 @@ def _client(distributed: Any, address: str) -> Iterator[Any]:
         # Their tracebacks would stand beside our one line.
         log.setLevel(logging.CRITICAL)
     try:
-        # A client that fails half-way through its construction cries when it is collected.
-        _check_address(distributed, address)
+        # A client that fails half-way through its construction cries when it is collected: first
+        # see whether the address has a port, and a scheme somebody knows.
+        scheme, place = distributed.comm.parse_address(address)
+        distributed.comm.registry.get_backend(scheme)
+        if scheme != "inproc":
+            distributed.comm.addressing.parse_host_port(place)
         client = distributed.Client(address, timeout=CONNECT_S, set_as_default=False)
     except (OSError, ValueError, TypeError) as error:
         reason = " ".join(str(error).split()) or type(error).__name__
@@ -175,14 +174,6 @@ def _client(distributed: Any, address: str) -> Iterator[Any]:
             log.setLevel(level)
     finally:
         client.close()
-
-
-def _check_address(distributed: Any, address: str) -> None:
-    """Raises ValueError where an address has no port, or a scheme nobody knows."""
-    scheme, place = distributed.comm.parse_address(address)
-    distributed.comm.registry.get_backend(scheme)
-    if scheme != "inproc":
-        distributed.comm.addressing.parse_host_port(place)
 
 
 def _packed(data: StudyData) -> tuple[bytes, str]:

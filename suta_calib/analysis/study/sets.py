@@ -12,11 +12,10 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from suta_calib.arrays import IntArray
 from suta_calib.errors import SamplesError, did_you_mean
-from suta_calib.measurements import Samples
+from suta_calib.measurements.samples import joined
 from suta_calib.terms import KINDS
 from suta_calib.terms.poses import ArmPoses
 from suta_calib.terms.term import Term
@@ -94,17 +93,20 @@ class Sets:
         return tuple(found)
 
     def _drawn(self, term: Term, members: IntArray, chosen: Sequence[int]) -> Term:
-        copies = Counter(chosen)
-        rows = [np.flatnonzero(members == k) for k in copies for _ in range(copies[k])]
-        copy = np.concatenate(
-            [np.full(len(r), c) for r, c in zip(rows, _numbers(copies), strict=True)]
-        )
+        copies = [(k, c) for k, count in Counter(chosen).items() for c in range(count)]
+        rows = [np.flatnonzero(members == k) for k, _ in copies]
+        copy = np.repeat([c for _, c in copies], [len(r) for r in rows])
         index = np.concatenate(rows)
         if not copy.any():
             # In the order they were measured: the same set of sets is the same problem.
             return term.take(np.sort(index))
         assert isinstance(term.poses, ArmPoses)
-        samples = _relabelled(term.poses.samples.take(index), copy)
+        samples = term.poses.samples.take(index)
+        if "repeat" in samples.labels:
+            # Copies are further repeats: distances are formed within a repeat.
+            pairs = zip(samples.labels["repeat"], copy, strict=True)
+            repeats = [f"{repeat}~{c + 1}" if c else str(repeat) for repeat, c in pairs]
+            samples = replace(samples, labels={**samples.labels, "repeat": np.array(repeats)})
         return term.over_poses(ArmPoses(term.poses.arm, samples))
 
 
@@ -178,25 +180,4 @@ def _labels(term: Term, unit: str, number: int) -> list[str] | None:
         return [f"{number + 1}:{k + 1}" for k in range(len(samples))]
     if not all(name in samples.labels for name in UNITS[unit]):
         return None
-    return ["/".join(row) for row in _rows(samples, UNITS[unit])]
-
-
-def _rows(samples: Samples, names: Sequence[str]) -> list[tuple[str, ...]]:
-    columns: list[NDArray[np.str_]] = [samples.labels[name] for name in names]
-    return [tuple(str(cell) for cell in row) for row in zip(*columns, strict=True)]
-
-
-def _numbers(copies: Counter[int]) -> list[int]:
-    """0, 1, … for the copies of each set."""
-    return [c for count in copies.values() for c in range(count)]
-
-
-def _relabelled(samples: Samples, copy: IntArray) -> Samples:
-    """Copies of a set as further repeats of it: distances are formed within a repeat."""
-    if "repeat" not in samples.labels:
-        return samples
-    repeats = [
-        f"{repeat}~{c + 1}" if c else str(repeat)
-        for repeat, c in zip(samples.labels["repeat"], copy, strict=True)
-    ]
-    return replace(samples, labels={**samples.labels, "repeat": np.array(repeats)})
+    return [str(name) for name in joined(samples.labels, UNITS[unit])]

@@ -10,19 +10,20 @@ import math
 from collections import Counter
 from collections.abc import Sequence
 from contextlib import nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 
 from suta_calib.analysis.study.log import StudyLog, identity
-from suta_calib.analysis.study.plan import Progress, Request, StudyPlan, plan_study, run_study
+from suta_calib.analysis.study.plan import Request, StudyPlan, plan_study, run_study
 from suta_calib.analysis.study.trial import ESTIMATED, Trial, nominal_rms
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment
 from suta_calib.job.calibration import CalibrationJob
 from suta_calib.solver.solution import Estimate
+from suta_calib.solver.solve import Progress
 from suta_calib.units import shown
 from suta_calib.words import listed
 
@@ -101,17 +102,21 @@ class SizeStudy:
     uncalibrated: float
 
     @property
+    def solved(self) -> list[SizeResult]:
+        """Those with a result."""
+        return [s for s in self.sizes if len(s.rms)]
+
+    @property
     def baseline(self) -> int | None:
         """The size improvements are relative to: the smallest with a result."""
-        return next((s.size for s in self.sizes if len(s.rms)), None)
+        return self.solved[0].size if self.solved else None
 
     @property
     def recommended(self) -> int | None:
         """The smallest size from which on every mean is within the tolerance of the largest's."""
-        solved = [s for s in self.sizes if len(s.rms)]
         enough = None
-        for result in reversed(solved):
-            if result.mean > solved[-1].mean * (1 + self.tolerance):
+        for result in reversed(self.solved):
+            if result.mean > self.solved[-1].mean * (1 + self.tolerance):
                 break
             enough = result.size
         return enough
@@ -119,41 +124,31 @@ class SizeStudy:
     @property
     def levelled(self) -> bool:
         """Whether a smaller size than the largest is enough, so that the curve has levelled off."""
-        largest = next((s.size for s in reversed(self.sizes) if len(s.rms)), None)
-        return self.recommended is not None and self.recommended != largest
+        return self.recommended is not None and self.recommended != self.solved[-1].size
 
     @property
     def assessment(self) -> Assessment:
         """Whether the recommendation may be relied on."""
-        if self.baseline is None:
-            return Assessment.of(
-                "no size can be judged: no trial has a result", bad=self._reasons()
-            )
-        return Assessment.of(self._sentence(), care=self._cautions())
-
-    def _sentence(self) -> str:
-        largest = [s for s in self.sizes if len(s.rms)][-1].size
+        if not self.solved:
+            # Why trials have no result, the most frequent first.
+            bad = [f"{problem} ({count} trials)." for problem, count in self.failures.items()]
+            more = len(bad) - MOST_REASONS
+            bad = bad[:MOST_REASONS] + ([f"And {more} further reasons."] if more > 0 else [])
+            return Assessment.of("no size can be judged: no trial has a result", bad=bad)
+        largest, enough = self.solved[-1].size, self.recommended
         percent = f"{shown(self.tolerance, '%'):g} %"
-        if not self.levelled:
-            return (
-                f"no size below {largest} is within {percent} of the mean error with {largest}: "
-                "more may help"
-            )
-        return (
-            f"{self.recommended} {self._unit(self.recommended)} "
-            f"{'is' if self.recommended == 1 else 'are'} enough: the mean error is within "
-            f"{percent} of that with {largest}"
+        sentence = (
+            f"no size below {largest} is within {percent} of the mean error with {largest}: more "
+            "may help"
         )
-
-    def _reasons(self) -> list[str]:
-        """Why trials have no result, the most frequent first."""
-        told = [f"{problem} ({count} trials)." for problem, count in self.failures.items()]
-        more = len(told) - MOST_REASONS
-        return told[:MOST_REASONS] + ([f"And {more} further reasons."] if more > 0 else [])
-
-    def _unit(self, count: int | None) -> str:
-        unit = self.plan.data.sets.unit
-        return unit if count == 1 else f"{unit}s"
+        if self.levelled:
+            unit = self.plan.data.sets.unit
+            sets_are = f"{unit} is" if enough == 1 else f"{unit}s are"
+            sentence = (
+                f"{enough} {sets_are} enough: the mean error is within {percent} of that with "
+                f"{largest}"
+            )
+        return Assessment.of(sentence, care=self._cautions())
 
     def _cautions(self) -> list[str]:
         found = []
@@ -289,28 +284,28 @@ class SpreadStudy:
 
     def _cautions(self) -> list[str]:
         found = []
-        for word, names in (
-            ("more", [n for n, p in self.parameters.items() if not p.as_predicted and p.ratio > 1]),
-            ("less", [n for n, p in self.parameters.items() if not p.as_predicted and p.ratio < 1]),
-        ):
-            if names:
-                found.append(f"Scattered {word} than predicted: {listed(names)}.")
+        off = {name: p.ratio for name, p in self.parameters.items() if not p.as_predicted}
+        if more := [name for name, ratio in off.items() if ratio > 1]:
+            found.append(f"Scattered more than predicted: {listed(more)}.")
+        if less := [name for name, ratio in off.items() if ratio < 1]:
+            found.append(f"Scattered less than predicted: {listed(less)}.")
         if found and self.plan.data.kind == "bootstrap" and self.plan.data.sets.unit == "set":
             found.append(
                 "Repeats of a placement share what the model gets wrong there; this bootstrap "
                 "takes them for independent, the prediction does not: try --unit placement."
             )
-        rarely = [n for n, p in self.parameters.items() if self._rarely(p)]
+        often = (1 - MANY_FAILED) * self.solved
+        rarely = [
+            name
+            for name, p in self.parameters.items()
+            if p.estimate.state in ESTIMATED and len(p.spread.values) < often
+        ]
         if rarely:
             found.append(f"Not identified in every trial: {listed(rarely)}.")
         failed = self.plan.trials - self.solved
         if failed > MANY_FAILED * self.plan.trials:
             found.append(f"{failed} of {self.plan.trials} trials gave no result.")
         return found
-
-    def _rarely(self, parameter: ParameterSpread) -> bool:
-        estimated = len(parameter.spread.values)
-        return parameter.estimate.state in ESTIMATED and estimated < (1 - MANY_FAILED) * self.solved
 
 
 Study = SizeStudy | SpreadStudy
@@ -362,21 +357,17 @@ def judge_sizes(plan: StudyPlan, trials: Sequence[Trial], tolerance: float) -> S
         trials: of `run_study`.
         tolerance: fraction a mean may exceed the largest size's by and still be enough.
     """
-    results = [_size_result(plan, size, trials) for size in plan.sizes]
+    results = []
+    for size in plan.sizes:
+        mine = [trial for trial in trials if trial.size == size]
+        drawn = {plan.data.chosen(size, trial.number) for trial in mine}
+        rms = np.array([trial.rms for trial in mine if not trial.problem])
+        results.append(SizeResult(size, len(mine), len(drawn), rms))
     first = next((r.mean for r in results if len(r.rms)), math.nan)
-    with_gain = tuple(
-        SizeResult(r.size, r.trials, r.distinct, r.rms, 1.0 - r.mean / first) for r in results
-    )
+    with_gain = tuple(replace(r, improvement=1.0 - r.mean / first) for r in results)
     failures = Counter(trial.problem for trial in trials if trial.problem)
     uncalibrated = nominal_rms(plan.data)
     return SizeStudy(plan, with_gain, tolerance, dict(failures.most_common()), uncalibrated)
-
-
-def _size_result(plan: StudyPlan, size: int, trials: Sequence[Trial]) -> SizeResult:
-    mine = [trial for trial in trials if trial.size == size]
-    drawn = {plan.data.chosen(size, trial.number) for trial in mine}
-    rms = np.array([trial.rms for trial in mine if not trial.problem])
-    return SizeResult(size, len(mine), len(drawn), rms)
 
 
 def judge_spread(plan: StudyPlan, trials: Sequence[Trial]) -> SpreadStudy:
@@ -411,9 +402,8 @@ def _parameter_spread(
     values, stds = np.array(estimated).reshape(-1, 2).T
     priors = any(p.prior is not None for p in plan.data.parameters.values())
     if plan.data.kind == "bootstrap":
-        predicted = math.nan if estimate.std is None else estimate.std
-        return ParameterSpread(
-            estimate, TrialScatter(values), predicted, len(plan.data.sets), priors
-        )
-    predicted = float(np.sqrt(np.mean(stds**2))) if len(stds) else math.nan
-    return ParameterSpread(estimate, TrialScatter(values), predicted, 0, priors)
+        predicted, sets = estimate.std, len(plan.data.sets)
+    else:
+        predicted, sets = float(np.sqrt(np.mean(stds**2))) if len(stds) else None, 0
+    told = math.nan if predicted is None else predicted
+    return ParameterSpread(estimate, TrialScatter(values), told, sets, priors)

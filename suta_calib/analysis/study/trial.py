@@ -2,28 +2,37 @@
 
 A trial is a function of the study's data and of (kind, size, trial) alone: its random numbers hang
 on these, and it starts from nominal. So it gives the same numbers wherever and whenever it runs.
+
+Where the measurement is simulated, a solution is taken for the truth: samples that touched
+something get readings that bring the calibrated tip to where it should have been, plus noise: the
+nearest posture to the measured one. Samples that were seen from afar get what the instrument would
+have seen, plus noise. Noise is normal, of the size the residuals showed. What each kind touches or
+sees is its own to say (`Term.observed`).
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final, Literal
 
 import numpy as np
 
-from suta_calib.analysis.study.resimulation import resimulated
 from suta_calib.analysis.study.sets import Sets
+from suta_calib.arrays import FloatArray
 from suta_calib.diagnostics.accuracy import fit_own
-from suta_calib.errors import InputError
+from suta_calib.errors import InputError, SamplesError
 from suta_calib.model.parameters import ParameterSet
-from suta_calib.simulation.noise import stream
+from suta_calib.simulation.inverse_kinematics import InverseKinematics, Targets
+from suta_calib.simulation.noise import scattered_rotations, stream
 from suta_calib.solver.ipopt import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution, State
 from suta_calib.solver.solve import solve
 from suta_calib.terms import Term
+from suta_calib.terms.poses import ArmPoses, PoseSource
+from suta_calib.terms.term import Observed
 from suta_calib.threads import single_threaded
 
 Kind = Literal["size", "bootstrap", "monte-carlo"]
@@ -201,3 +210,60 @@ def _estimates(solution: Solution, reference: FullDataFit | None) -> dict[str, t
             assert estimate.std is not None
             found[name] = (estimate.value, estimate.std)
     return found
+
+
+def resimulated(
+    terms: Sequence[Term],
+    values: Mapping[str, float],
+    noise: Sequence[float],
+    random: np.random.Generator,
+) -> tuple[Term, ...]:
+    """The terms over simulated samples, as many as there were and in nearly the same postures.
+
+    Args:
+        terms: over an arm's samples.
+        values: what is taken for the truth: of the arm and of the terms' own unknowns, m or rad.
+        noise: of each block of each term, in order, m or rad per component of its residual.
+        random: source of the noise.
+
+    Raises:
+        SamplesError: a kind that has no such simulation, or readings that would touch a target
+            cannot be found.
+    """
+    levels, noisy = iter(noise), _Noisy(values, random)
+    return tuple(
+        term.resimulated(values, [next(levels) for _ in term.blocks], noisy) for term in terms
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Noisy:
+    """A `Resimulation` by inverse kinematics and normal noise."""
+
+    values: Mapping[str, float]
+    random: np.random.Generator
+
+    def touched(self, poses: PoseSource, target: FloatArray, sigma: float) -> PoseSource:
+        assert isinstance(poses, ArmPoses)
+        rotation, _ = poses.at(self.values)
+        reached = target + sigma * self.random.standard_normal(target.shape)
+        kinematics = InverseKinematics(poses.arm, self.values)
+        wanted = Targets(reached, rotation, "position")
+        found = kinematics.solve(wanted, poses.samples.q, self.random, starts=1)
+        for row in np.flatnonzero(found.distance > max(sigma, 1e-6) / 10):
+            raise SamplesError(
+                "a sample whose touch cannot be simulated: no posture nearby reaches it",
+                "an arm that can move its tip in all three directions there",
+                where=poses.samples.origin[row],
+            )
+        return poses.with_samples(replace(poses.samples, q=found.q))
+
+    def seen(self, poses: PoseSource, seen: Observed, noise: Sequence[float]) -> PoseSource:
+        scatter = noise[0] * self.random.standard_normal(seen.position.shape)
+        samples = replace(poses.samples, position=seen.position + scatter)
+        if len(noise) > 1 and seen.rotation is not None:
+            samples = replace(samples, rotation=self.turned(seen.rotation, noise[1]))
+        return poses.with_samples(samples)
+
+    def turned(self, rotation: FloatArray, sigma: float) -> FloatArray:
+        return np.asarray(rotation @ scattered_rotations(self.random, sigma, len(rotation)))

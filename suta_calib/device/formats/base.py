@@ -7,26 +7,36 @@ from __future__ import annotations
 
 import re
 from abc import ABC, abstractmethod
-from typing import Any, ClassVar, Final, Protocol
+from typing import Any, ClassVar, Final
 
+import numpy as np
 from numpy.typing import NDArray
 
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.device.description import DeviceSpec
 from suta_calib.device.reading import Reading, Statistics
+from suta_calib.device.units import signs, values_from_angles
 
 _TEXT: Final = re.compile(rb"[\t\r\n\x20-\x7e]*")
 
 
-class Decoder(Protocol):
+class Decoder(ABC):
     """Turns bytes into readings; the pieces they arrive in make no difference.
+
+    Args:
+        spec: the device.
 
     Attributes:
         statistics: what has passed through so far.
     """
 
-    statistics: Statistics
+    def __init__(self, spec: DeviceSpec) -> None:
+        self.statistics = Statistics(spec.names)
+        self._spec = spec
+        self._signs = signs(spec)
+        self._buffer = bytearray()
 
+    @abstractmethod
     def feed(self, data: bytes, arrival: float) -> list[Reading]:
         """Take the next bytes and give the readings they complete.
 
@@ -37,8 +47,8 @@ class Decoder(Protocol):
         Raises:
             WrongFormatError: good frames of another number of joints, or counts that do not fit.
         """
-        ...
 
+    @abstractmethod
     def resume(self, after: Reading | None) -> None:
         """Begin anew after an interruption: bytes of before do not belong to bytes to come.
 
@@ -46,16 +56,19 @@ class Decoder(Protocol):
             after: the last good reading; time goes on from it by this computer's clock, whatever
                 the device's clock says, and sequence numbers by one.
         """
-        ...
 
 
-class Encoder(Protocol):
+class Encoder(ABC):
     """Turns angles into bytes: what the device would send."""
 
-    def values(self, angles: FloatArray) -> NDArray[Any]:
-        """What is sent for angles (n, joints), rad: as many values."""
-        ...
+    def __init__(self, spec: DeviceSpec) -> None:
+        self._spec = spec
 
+    def values(self, angles: FloatArray) -> NDArray[np.number]:
+        """What is sent for angles (n, joints), rad: as many values."""
+        return values_from_angles(self._spec, angles)
+
+    @abstractmethod
     def packet(
         self,
         sequence: int,
@@ -73,7 +86,6 @@ class Encoder(Protocol):
             error: (joints,) where the encoder raises its error flag.
             warning: (joints,) the same for its warning flag.
         """
-        ...
 
 
 class Format(ABC):
@@ -81,6 +93,7 @@ class Format(ABC):
 
     Attributes:
         name: ``format`` in device.yaml.
+        decoder, encoder: what its bytes are read and, for an emulated device, made with.
         units: what ``unit`` in device.yaml may be, the default first.
         counts_per_turn: the default of that key; None where lines in counts must say it.
         most_joints: how many joints it can carry; None for any number.
@@ -91,6 +104,8 @@ class Format(ABC):
     """
 
     name: ClassVar[str]
+    decoder: ClassVar[type[Decoder]]
+    encoder: ClassVar[type[Encoder]]
     units: ClassVar[tuple[str, ...]] = ("counts",)
     counts_per_turn: ClassVar[int | None] = None
     most_joints: ClassVar[int | None] = None
@@ -98,14 +113,6 @@ class Format(ABC):
     damaged: ClassVar[str]
     damage: ClassVar[str]
     near_miss: ClassVar[str] = ""
-
-    @abstractmethod
-    def decoder(self, spec: DeviceSpec) -> Decoder:
-        """Its decoder for a device."""
-
-    @abstractmethod
-    def encoder(self, spec: DeviceSpec) -> Encoder:
-        """The other direction, for an emulated device."""
 
     @abstractmethod
     def expected(self, joints: int) -> str:

@@ -13,20 +13,19 @@ from typing import Any, ClassVar, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from suta_calib.arrays import BoolArray, FloatArray
+from suta_calib.arrays import BoolArray
 from suta_calib.device.clock import DeviceClock
 from suta_calib.device.description import DeviceSpec
 from suta_calib.device.formats.base import Decoder, Encoder, Format
 from suta_calib.device.formats.words import (
     POSITIONS,
     WordArray,
-    Words,
     frame_crc,
     pack_words,
     unpack_words,
 )
-from suta_calib.device.reading import Reading, Statistics
-from suta_calib.device.units import angles_from_counts, counts_from_angles, signs
+from suta_calib.device.reading import Reading
+from suta_calib.device.units import angles_from_counts
 from suta_calib.errors import WrongFormatError
 
 HEADER: Final = b"\xaa\x55"
@@ -34,6 +33,7 @@ FIELDS: Final = struct.Struct("<HIB")  # sequence number, time in µs, number of
 CRC: Final = struct.Struct("<H")
 FIELDS_AT: Final = len(HEADER)
 WORDS_AT: Final = FIELDS_AT + FIELDS.size
+COUNT_AT: Final = WORDS_AT - 1
 SEQUENCES: Final = 1 << 16
 MICROSECONDS: Final = 1 << 32
 # A frame says how many words it has in one byte.
@@ -43,6 +43,12 @@ MOST_JOINTS: Final = 255
 def frame_size(count: int) -> int:
     """Bytes of a frame of ``count`` words."""
     return WORDS_AT + 4 * count + CRC.size
+
+
+def crc_fits(buffer: bytearray, at: int, end: int) -> bool:
+    """Whether the frame from ``at`` to ``end`` has the CRC-16 that its bytes give."""
+    (crc,) = CRC.unpack_from(buffer, end - CRC.size)
+    return bool(frame_crc()(buffer[at + FIELDS_AT : end - CRC.size]) == crc)
 
 
 def encode_frame(
@@ -103,57 +109,46 @@ class OtherCount:
         while (at := buffer.find(HEADER, at)) >= 0:
             if at + WORDS_AT > len(buffer):
                 return at
-            count = buffer[at + WORDS_AT - 1]
+            count = buffer[at + COUNT_AT]
             end = at + frame_size(count)
             if end > len(buffer):
                 return at
-            at = self._found(count, end) if self._is_other_frame(at, end, count) else at + 1
+            if not self._is_other_frame(at, end, count):
+                at += 1
+                continue
+            at = end
+            self._in_a_row += 1
+            if self._in_a_row >= self._enough:
+                buffer.clear()
+                raise WrongFormatError(
+                    f"{self._spec.port}: found frames of {count} joint{'s' * (count != 1)}; "
+                    f"expected {len(self._spec.joints)}, as many as {self._spec.path} lists under "
+                    "'joints'; list there every joint the device sends, in its order"
+                )
         return len(buffer) - buffer.endswith(HEADER[:1])
 
     def _is_other_frame(self, at: int, end: int, count: int) -> bool:
         if count in (0, len(self._spec.joints)):
             return False
-        (crc,) = CRC.unpack_from(self._buffer, end - CRC.size)
-        if frame_crc()(self._buffer[at + FIELDS_AT : end - CRC.size]) != crc:
+        if not crc_fits(self._buffer, at, end):
             return False
         words = np.frombuffer(bytes(self._buffer[at + WORDS_AT : end - CRC.size]), dtype="<u4")
         return bool(unpack_words(words).good.all())
 
-    def _found(self, count: int, end: int) -> int:
-        self._in_a_row += 1
-        if self._in_a_row >= self._enough:
-            self._buffer.clear()
-            expected = len(self._spec.joints)
-            raise WrongFormatError(
-                f"{self._spec.port}: found frames of {count} joint{'s' * (count != 1)}; "
-                f"expected {expected}, as many as {self._spec.path} lists under 'joints'; "
-                "list there every joint the device sends, in its order"
-            )
-        return end
 
-
-_COUNT_AT: Final = WORDS_AT - 1
-
-
-class FramesDecoder:
+class FramesDecoder(Decoder):
     """`Decoder` of the framed format.
 
     After a frame that cannot be believed the search goes on one byte further, so that ``AA 55``
     inside data never costs the true frame behind it.
-
-    Attributes:
-        statistics: what has passed through so far.
     """
 
     def __init__(self, spec: DeviceSpec) -> None:
-        self.statistics = Statistics(spec.names)
-        self._signs = signs(spec)
+        super().__init__(spec)
         self._count = len(spec.joints)
         self._size = frame_size(self._count)
-        self._crc = frame_crc()
         self._clock = DeviceClock()
         self._other_count = OtherCount(spec)
-        self._buffer = bytearray()
         # Where in the buffer the bytes begin that are in no frame so far, nor counted as garbage.
         self._claimed = 0
 
@@ -185,9 +180,9 @@ class FramesDecoder:
         starts: list[int] = []
         at = 0
         while (at := buffer.find(HEADER, at)) >= 0:
-            if at + _COUNT_AT >= length:
+            if at + COUNT_AT >= length:
                 return starts, at
-            if buffer[at + _COUNT_AT] != self._count:
+            if buffer[at + COUNT_AT] != self._count:
                 at += 1
             elif at + size > length:
                 return starts, at
@@ -199,8 +194,7 @@ class FramesDecoder:
         """Note the frame at ``at`` if its CRC-16 fits; where to look for the next one."""
         end = at + self._size
         self._claim(at, end)
-        (crc,) = CRC.unpack_from(self._buffer, end - CRC.size)
-        if self._crc(self._buffer[at + FIELDS_AT : end - CRC.size]) != crc:
+        if not crc_fits(self._buffer, at, end):
             self.statistics.frame_crc_errors += 1
             return at + 1
         starts.append(at)
@@ -224,51 +218,32 @@ class FramesDecoder:
         return np.frombuffer(data, dtype="<u4").reshape(len(starts), self._count)
 
     def _readings(self, starts: list[int], arrival: float) -> list[Reading]:
-        words = unpack_words(self._words(starts))
+        words, counts = unpack_words(self._words(starts)), self.statistics
         if not words.good.all():
-            starts, words = self._without_bad(starts, words)
-        self._count_flags(words)
+            good: BoolArray = np.asarray(words.good.all(axis=1))
+            counts.word_crc_errors += int((~good).sum())
+            counts.joint_crc_errors += (~words.good).sum(axis=0)
+            starts = [at for at, fits in zip(starts, good.tolist(), strict=True) if fits]
+            words = words.take(good)
+        if words.error.any():
+            counts.error_flags += words.error.sum(axis=0)
+        if words.warning.any():
+            counts.warning_flags += words.warning.sum(axis=0)
         angles = angles_from_counts(words.counts, self._signs, POSITIONS)
         angles.setflags(write=False)
-        return [
-            Reading(*self._moment(at, arrival), row, error, warning, arrival)
-            for at, row, error, warning in zip(
-                starts, angles, words.error, words.warning, strict=True
-            )
-        ]
-
-    def _without_bad(self, starts: list[int], words: Words) -> tuple[list[int], Words]:
-        good: BoolArray = np.asarray(words.good.all(axis=1))
-        self.statistics.word_crc_errors += int((~good).sum())
-        self.statistics.joint_crc_errors += (~words.good).sum(axis=0)
-        kept = [at for at, fits in zip(starts, good.tolist(), strict=True) if fits]
-        return kept, words.take(good)
-
-    def _count_flags(self, words: Words) -> None:
-        if words.error.any():
-            self.statistics.error_flags += words.error.sum(axis=0)
-        if words.warning.any():
-            self.statistics.warning_flags += words.warning.sum(axis=0)
-
-    def _moment(self, at: int, arrival: float) -> tuple[int, float]:
-        """Unwrapped sequence number and time of the frame at ``at``, which is a good one."""
-        sequence, time_us, _ = FIELDS.unpack_from(self._buffer, at + FIELDS_AT)
-        sequence, time, lost = self._clock.unwrap(sequence, time_us, arrival)
-        self.statistics.frames += 1
-        self.statistics.gaps += lost > 0
-        self.statistics.lost_frames += lost
-        return sequence, time
+        readings = []
+        for at, row, error, warning in zip(starts, angles, words.error, words.warning, strict=True):
+            sequence, time_us, _ = FIELDS.unpack_from(self._buffer, at + FIELDS_AT)
+            sequence, time, lost = self._clock.unwrap(sequence, time_us, arrival)
+            counts.gaps += lost > 0
+            counts.lost_frames += lost
+            readings.append(Reading(sequence, time, row, error, warning, arrival))
+        counts.frames += len(readings)
+        return readings
 
 
-class FramesEncoder:
+class FramesEncoder(Encoder):
     """`Encoder` of the framed format."""
-
-    def __init__(self, spec: DeviceSpec) -> None:
-        self._spec = spec
-
-    def values(self, angles: FloatArray) -> NDArray[Any]:
-        """Positions in counts."""
-        return np.asarray(counts_from_angles(self._spec, angles))
 
     def packet(
         self,
@@ -286,20 +261,14 @@ class FramesFormat(Format):
     """Binary frames with a number, a clock, flags and checksums, of encoder words of 22 bits."""
 
     name: ClassVar[str] = "frames"
+    decoder: ClassVar[type[Decoder]] = FramesDecoder
+    encoder: ClassVar[type[Encoder]] = FramesEncoder
     counts_per_turn: ClassVar[int | None] = POSITIONS
     most_joints: ClassVar[int | None] = MOST_JOINTS
     has_clock: ClassVar[bool] = True
     damaged: ClassVar[str] = "frames with a wrong CRC"
     damage: ClassVar[str] = "frames are damaged"
     near_miss: ClassVar[str] = "frame headers AA 55, but no frame whose CRC fits"
-
-    def decoder(self, spec: DeviceSpec) -> Decoder:
-        """A `FramesDecoder`."""
-        return FramesDecoder(spec)
-
-    def encoder(self, spec: DeviceSpec) -> Encoder:
-        """A `FramesEncoder`."""
-        return FramesEncoder(spec)
 
     def expected(self, joints: int) -> str:
         """``frames AA 55 … of 6 joints``."""

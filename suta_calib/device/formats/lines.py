@@ -8,11 +8,11 @@ from typing import Any, ClassVar, Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from suta_calib.arrays import BoolArray, FloatArray
+from suta_calib.arrays import BoolArray
 from suta_calib.device.description import DeviceSpec
 from suta_calib.device.formats.base import Decoder, Encoder, Format, is_text
-from suta_calib.device.reading import Reading, Statistics
-from suta_calib.device.units import ONE_TURN, angles_from_values, signs, turn, values_from_angles
+from suta_calib.device.reading import Reading
+from suta_calib.device.units import ONE_TURN, angles_from_values, turn
 from suta_calib.errors import WrongFormatError
 
 _NUMBER: Final = rb"[ \t]*[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]{1,3})?[ \t]*"
@@ -33,26 +33,21 @@ def encode_line(values: ArrayLike, spec: DeviceSpec) -> bytes:
     return ",".join(form.format(value) for value in np.asarray(values).tolist()).encode() + b"\n"
 
 
-class LinesDecoder:
+class LinesDecoder(Decoder):
     """`Decoder` of the line format.
 
     What comes before the first line's end is left out: it may be the end of a longer line, and
     nothing in the format would show it. Lines have no number and no time: sequence numbers count
-    the good ones, and their time is that of their arrival.
-
-    Attributes:
-        statistics: what has passed through so far; a line that is no list of numbers counts
-            as a damaged frame.
+    the good ones, and their time is that of their arrival. A line that is no list of numbers
+    counts as a damaged frame.
     """
 
     def __init__(self, spec: DeviceSpec) -> None:
-        self.statistics = Statistics(spec.names)
-        self._spec = spec
-        self._signs, self._turn = signs(spec), turn(spec)
+        super().__init__(spec)
+        self._turn = turn(spec)
         self._longest = _LONGEST_VALUE * len(spec.joints)
         self._none_raised = np.zeros(len(spec.joints), dtype=np.bool_)
         self._none_raised.setflags(write=False)
-        self._buffer = bytearray()
         self._whole = False  # the buffer begins where a line begins
         self._sequence = 0
         self._unfit = 0
@@ -70,8 +65,20 @@ class LinesDecoder:
             self._whole = True
             self.statistics.garbage_bytes += len(lines.pop(0)) + 1
         rows = [row for line in lines if (row := self._row(line)) is not None]
-        self._forget_endless_line()
-        return self._readings(np.array(rows), arrival) if rows else []
+        if len(self._buffer) > self._longest:
+            # Noise without an end of line must not fill the memory.
+            self.statistics.garbage_bytes += len(self._buffer)
+            self.resume(None)
+        if not rows:
+            return []
+        first, flags = self._sequence, self._none_raised
+        self._sequence += len(rows)
+        self.statistics.frames += len(rows)
+        angles = angles_from_values(np.array(rows), self._signs, self._turn)
+        return [
+            Reading(first + index, arrival, row, flags, flags, arrival)
+            for index, row in enumerate(angles)
+        ]
 
     def resume(self, after: Reading | None) -> None:
         """Begin anew after an interruption."""
@@ -110,33 +117,9 @@ class LinesDecoder:
             f"check {'counts_per_turn' if spec.unit == 'counts' else 'unit'} in {spec.path}"
         )
 
-    def _forget_endless_line(self) -> None:
-        """Noise without an end of line must not fill the memory."""
-        if len(self._buffer) > self._longest:
-            self.statistics.garbage_bytes += len(self._buffer)
-            self._buffer = bytearray()
-            self._whole = False
 
-    def _readings(self, values: FloatArray, arrival: float) -> list[Reading]:
-        angles = angles_from_values(values, self._signs, self._turn)
-        flags = self._none_raised
-        first, self._sequence = self._sequence, self._sequence + len(angles)
-        self.statistics.frames += len(angles)
-        return [
-            Reading(first + index, arrival, row, flags, flags, arrival)
-            for index, row in enumerate(angles)
-        ]
-
-
-class LinesEncoder:
+class LinesEncoder(Encoder):
     """`Encoder` of the line format, which carries neither clock nor flags."""
-
-    def __init__(self, spec: DeviceSpec) -> None:
-        self._spec = spec
-
-    def values(self, angles: FloatArray) -> NDArray[Any]:
-        """Counts, or signed angles in (-π, π], in the device's unit."""
-        return np.asarray(values_from_angles(self._spec, angles))
 
     def packet(
         self,
@@ -155,18 +138,12 @@ class LinesFormat(Format):
     """Lines of text, a number per joint."""
 
     name: ClassVar[str] = "lines"
+    decoder: ClassVar[type[Decoder]] = LinesDecoder
+    encoder: ClassVar[type[Encoder]] = LinesEncoder
     units: ClassVar[tuple[str, ...]] = ("counts", "rad", "deg")
     has_clock: ClassVar[bool] = False
     damaged: ClassVar[str] = "lines that cannot be read"
     damage: ClassVar[str] = "lines are no lists of numbers"
-
-    def decoder(self, spec: DeviceSpec) -> Decoder:
-        """A `LinesDecoder`."""
-        return LinesDecoder(spec)
-
-    def encoder(self, spec: DeviceSpec) -> Encoder:
-        """A `LinesEncoder`."""
-        return LinesEncoder(spec)
 
     def expected(self, joints: int) -> str:
         """``lines of 6 numbers with commas between``."""

@@ -99,9 +99,9 @@ def pack_words(
     positions = np.asarray(counts, dtype=np.int64)
     if ((positions < 0) | (positions >= POSITIONS)).any():
         raise ValueError(f"encoder positions from 0 to {POSITIONS - 1} expected, found {positions}")
-    no_error = 1 - np.asarray(np.zeros_like(positions) if error is None else error, dtype=np.int64)
-    no_warning = 1 - np.asarray(
-        np.zeros_like(positions) if warning is None else warning, dtype=np.int64
+    no_error, no_warning = (
+        np.ones_like(positions) if raised is None else 1 - np.asarray(raised, dtype=np.int64)
+        for raised in (error, warning)
     )
     payload = (positions << 2 | no_error << 1 | no_warning).astype(np.uint32)
     words: WordArray = payload << np.uint32(6) | word_crc(payload)

@@ -1,0 +1,139 @@
+"""Options that commands share; numbers are finite, and in mm where they are places."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, TypeVar
+
+import click
+import numpy as np
+
+from suta_calib.atomic import check_folder
+from suta_calib.units import from_mm
+
+if TYPE_CHECKING:
+    from suta_calib.arrays import FloatArray
+    from suta_calib.model.arm import ArmModel
+
+Command = TypeVar("Command", bound=Callable[..., Any])
+
+
+class FiniteRange(click.FloatRange):
+    """`click.FloatRange` that refuses ``nan``, which is out of no range, and ``inf`` too."""
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> float:
+        """The number, or a usage error that says what was found."""
+        number: float = super().convert(value, param, ctx)
+        if not math.isfinite(number):
+            self.fail(f"found {value!r}; expected a finite number", param, ctx)
+        return number
+
+
+class Folder(click.Path):
+    """A folder to write into, checked before any work is done."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
+        """The folder, which may be yet to be made."""
+        folder = Path(str(super().convert(value, param, ctx)))
+        check_folder(folder)
+        return folder
+
+
+PATH: Final = click.Path(path_type=Path)
+POSITIVE: Final = FiniteRange(min=0, min_open=True)
+
+
+def numbers_of(text: str) -> list[float]:
+    """Finite numbers with commas between them; none where there is anything else."""
+    try:
+        numbers = [float(part) for part in text.split(",")]
+    except ValueError:
+        return []
+    return numbers if all(map(math.isfinite, numbers)) else []
+
+
+def _place(
+    context: click.Context, parameter: click.Parameter, value: str | None
+) -> FloatArray | None:
+    """As many finite numbers as the option's metavar names, with commas between them, in m."""
+    if value is None:
+        return None
+    names, numbers = str(parameter.metavar), numbers_of(value)
+    if len(numbers) != names.count(",") + 1:
+        raise click.BadParameter(f"found {value!r}; expected {names} in mm", context, parameter)
+    place = from_mm(np.array(numbers))
+    # Six are a lower and an upper corner, (2, 3).
+    return place.reshape(3, 2).T if len(place) == 6 else place
+
+
+job_argument = click.argument("job", type=PATH, metavar="JOB")
+out_option = click.option("--out", type=PATH, help="Folder to write into; results/ beside the job.")
+json_option = click.option(
+    "--json", "as_json", is_flag=True, help="Print one JSON object and nothing else."
+)
+anyway_option = click.option(
+    "--anyway", is_flag=True, help="Take a result that says of itself that it must not be used."
+)
+verbose_option = click.option(
+    "--verbose", "-v", is_flag=True, help="List the unknowns of the observations too."
+)
+region_option = click.option(
+    "--region",
+    metavar="X0,X1,Y0,Y1,Z0,Z1",
+    callback=_place,
+    help="Where the tip works, mm; by default around what was touched.",
+)
+place_option = click.option(
+    "--register-at", metavar="X,Y,Z", callback=_place, help="Where one registers, mm."
+)
+
+
+def seed_option(of: str) -> Callable[[Command], Command]:
+    """``--seed``, whose help says what is drawn with it."""
+    return click.option("--seed", type=click.IntRange(min=0), default=0, help=of)
+
+
+def pose_options(command: Command) -> Command:
+    """``--out``, ``--json``, ``--no-robust`` and ``--seed``."""
+    for option in (
+        seed_option("Of the random samples that outliers are sought with."),
+        click.option(
+            "--no-robust",
+            "plain",
+            is_flag=True,
+            help="Least squares over all rows: look for no outliers.",
+        ),
+        json_option,
+        click.option("--out", type=Folder(), help="Folder to write files into."),
+    ):
+        command = option(command)
+    return command
+
+
+def optional_arm(
+    urdf: Path | None, tip: str | None, base: str | None, what: str
+) -> ArmModel | None:
+    """The arm of ``--urdf``, ``--tip`` and ``--base``; None where none is given.
+
+    Args:
+        urdf: the arm's file.
+        tip: link or frame at the end of the chain.
+        base: link at its start; the root where not given.
+        what: what the tip did, for the message that it is missing.
+
+    Raises:
+        UsageError: a frame without an arm, or an arm without a tip.
+    """
+    if urdf is None:
+        if tip or base:
+            raise click.UsageError("--tip and --base name frames of an arm: give it with --urdf")
+        return None
+    if tip is None:
+        raise click.UsageError(f"--urdf needs --tip: the link or frame that {what}")
+    from suta_calib.model.arm import ArmModel
+
+    return ArmModel.from_urdf(urdf, tip, base)

@@ -1,0 +1,112 @@
+"""``device.yaml``: which port, which format, which joints."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from suta_calib.device.description import (
+    FRAME_COUNTS_PER_TURN,
+    UNITS,
+    DeviceSpec,
+    JointSpec,
+)
+from suta_calib.errors import DeviceFileError
+
+if TYPE_CHECKING:
+    from suta_calib.device.formats import Format
+    from suta_calib.measurements import YamlSection
+
+_DEFAULT_BAUDRATE: Final = 921600
+_KEYS: Final = ("port", "baudrate", "format", "unit", "counts_per_turn", "joints")
+_URL: Final = re.compile(r"[a-z][a-z0-9+.-]*://", re.IGNORECASE)
+_SOCKET: Final = re.compile(r"socket://[^/?]+:\d+([/?].*)?", re.IGNORECASE)
+
+
+def read_device(path: Path) -> DeviceSpec:
+    """Read ``device.yaml``.
+
+    A relative port (``emulated``, a link that an emulator made) is meant from the file's folder
+    if there is something of that name, and passed to pyserial as it stands otherwise.
+
+    Raises:
+        DeviceFileError: unreadable, an unknown, missing or unusable key (with its line), one
+            joint twice, or counts that do not fit the format.
+    """
+    # Whoever only reads a port, or streams, need not wait for what the files need.
+    from suta_calib.device.formats import FORMATS
+    from suta_calib.measurements import YamlSection, read_yaml
+
+    top = YamlSection(read_yaml(path, DeviceFileError), DeviceFileError)
+    top.check_keys(_KEYS, required=("port", "joints"))
+    form = FORMATS[top.choice("format", tuple(FORMATS), default="frames")]
+    unit = top.choice("unit", UNITS, default=form.units[0])
+    if form.counts_per_turn is None and unit == "counts" and "counts_per_turn" not in top:
+        # Nobody's laboratory arm has 22 bits by default: lines in counts must say how many.
+        raise top.refuse(
+            "no such key",
+            f"the counts of one turn: {form.name} in counts need it",
+            at=("counts_per_turn",),
+        )
+    counts = top.integer("counts_per_turn", form.counts_per_turn or FRAME_COUNTS_PER_TURN, 2)
+    if (refused := form.refusal(unit, counts)) is not None:
+        key, expected = refused
+        found = {"unit": repr(unit), "counts_per_turn": str(counts)}[key]
+        raise top.refuse(found, expected, at=(key,))
+    port = top.text("port")
+    if port.lower().startswith("socket://") and not _SOCKET.fullmatch(port):
+        raise top.refuse(repr(port), "socket://host:port", at=("port",))
+    return DeviceSpec(
+        path=path,
+        port=_beside(top.document.path, port),
+        baudrate=top.integer("baudrate", _DEFAULT_BAUDRATE, 1),
+        format=form.name,
+        unit=unit,
+        counts_per_turn=counts,
+        joints=_joints(top, form),
+    )
+
+
+def glance(path: Path) -> DeviceSpec | None:
+    """Port and baud rate of a ``device.yaml``, to open it while everything loads that checks it.
+
+    Returns:
+        A device without joints; None where there is anything to complain of, which is the business
+        of `read_device`.
+    """
+    from ruamel.yaml import YAML
+
+    try:
+        given = YAML(typ="safe", pure=True).load(path.read_text(encoding="utf-8"))
+        port, baudrate = given["port"], given.get("baudrate", _DEFAULT_BAUDRATE)
+    except Exception:  # noqa: BLE001 (whatever it is, it is told later)
+        return None
+    if not (isinstance(port, str) and type(baudrate) is int and baudrate > 0):
+        return None
+    port = _beside(path, port)
+    return DeviceSpec(path, port, baudrate, "frames", "counts", FRAME_COUNTS_PER_TURN, ())
+
+
+def _beside(path: Path, port: str) -> str:
+    """A relative port is meant from the file's folder if there is something of that name."""
+    beside = path.parent / port
+    if not _URL.match(port) and not Path(port).is_absolute() and beside.exists():
+        return str(beside)
+    return port
+
+
+def _joints(top: YamlSection, form: Format) -> tuple[JointSpec, ...]:
+    sections = top.sections("joints")
+    if form.most_joints is not None and len(sections) > form.most_joints:
+        raise top.refuse(f"{len(sections)} joints", f"at most {form.most_joints}", at=("joints",))
+    joints: list[JointSpec] = []
+    for section in sections:
+        section.check_keys(("name", "sign"), required=("name",))
+        name, sign = section.text("name"), section.integer("sign", 1, -1)
+        if sign not in (-1, 1):
+            raise section.refuse(str(sign), "1 or -1", at=("sign",))
+        if name in (joint.name for joint in joints):
+            raise section.refuse(f"{name!r} a second time", "each joint once", at=("name",))
+        joints.append(JointSpec(name, sign))
+    return tuple(joints)
