@@ -266,8 +266,8 @@ def _computation(result: CalibrationResult) -> Iterator[Part]:
     made_with = " · ".join(f"{name} {number}" for name, number in versions().items())
     yield Text(made_with, place="page", look="soft")
     if not result.assessment.usable:
-        instead = f"{NOT_USABLE} holds what was found" if solution.converged else "nor another"
-        yield Text(f"No {CALIBRATED} is written: {instead}.")
+        instead = f": {NOT_USABLE} holds what was found" if solution.converged else ""
+        yield Text(f"No {CALIBRATED} is written{instead}.")
 
 
 # What is written
