@@ -30,7 +30,6 @@ from suta_calib.diagnostics.accuracy import fit_own
 from suta_calib.diagnostics.repeats import gross_rows, repeat_variance
 from suta_calib.errors import ParameterError
 from suta_calib.job.calibration import CalibrationJob
-from suta_calib.model.parameters import ParameterSet
 from suta_calib.solver.solution import Solution
 from suta_calib.solver.solve import Progress
 from suta_calib.terms import KINDS, Term
@@ -220,7 +219,7 @@ def error_budget(
     blocks = _blocks("calibration", problem.terms, at, known, None)
     covariance = solution.covariance[: len(names), : len(names)]
     if validation:
-        arm = ParameterSet(list(problem.parameters.values())[: problem.arm_count])
+        arm = problem.arm_parameters
         values = fit_own(validation, arm, solution.values)
         held_out = linear(validation, names, values, std)
         blocks += _blocks("validation", validation, held_out, known, covariance)

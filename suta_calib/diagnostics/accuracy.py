@@ -120,7 +120,7 @@ def assess(solution: Solution, validation: Sequence[Term] = ()) -> Accuracy:
     otherwise it is fitted on the validation rows alone, for the nominal arm as for the calibrated.
     """
     problem = solution.problem
-    arm = ParameterSet(list(problem.parameters.values())[: problem.arm_count])
+    arm = problem.arm_parameters
     nominal = {p.name: p.nominal for p in arm.values()}
     before = fit_own(problem.terms, arm, nominal)
     after = solution.values

@@ -102,14 +102,15 @@ def find_cause(solution: Solution, options: CauseOptions = CauseOptions()) -> Ca
     problem = solution.problem
     if problem.arm is None:
         return None
-    parameters = ParameterSet(list(problem.parameters.values())[: problem.arm_count])
+    parameters = problem.arm_parameters
     cap = options.cap * _level(problem, solution.x)
     present = misfit(problem, solution.x, cap)
     explained = min(present / options.far_better, options.explained * problem.assumed_sigmas()[0])
     # The nominal arm is far coarser than any fit: there residuals are capped by its own level.
     nominal = Problem(problem.terms)
-    coarse = options.cap * _level(nominal, nominal.start())
-    limit = _registered(problem.terms, coarse)
+    registered = nominal.start()
+    coarse = options.cap * _level(nominal, registered)
+    limit = misfit(nominal, registered, coarse)
     scored = [(_registered(a.terms, coarse), a) for a in _alternatives(problem.terms, options)]
     hopeful = sorted((pair for pair in scored if pair[0] < limit), key=lambda pair: pair[0])
     first = [a for _, a in hopeful[: options.fitted]]

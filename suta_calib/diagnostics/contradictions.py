@@ -17,7 +17,7 @@ import numpy as np
 from suta_calib.arrays import FloatArray
 from suta_calib.diagnostics.held_out import HeldOutErrors, held_out_errors, robust_level
 from suta_calib.measurements import Samples
-from suta_calib.solver.solution import SAME_COST, Solution
+from suta_calib.solver.solution import Solution
 from suta_calib.terms import Term
 from suta_calib.units import text
 
@@ -169,13 +169,11 @@ def _priors(solution: Solution, options: ContradictionOptions) -> Iterator[Contr
 
 
 def _starts(solution: Solution, options: ContradictionOptions) -> Iterator[Contradiction]:
-    attempts = solution.attempts
-    lowest = min(a.cost for a in attempts)
-    same = sum(a.cost <= lowest * (1 + 1e-6) + SAME_COST for a in attempts)
-    if len(attempts) > 1 and same < options.starts * len(attempts):
+    same, tried = solution.agreeing, len(solution.attempts)
+    if tried > 1 and same < options.starts * tried:
         yield Contradiction(
             False,
-            f"Only {same} of {len(attempts)} starts ended in this minimum: there may be a better "
+            f"Only {same} of {tried} starts ended in this minimum: there may be a better "
             "one, or the data fit none well. Tighten the bounds, or raise solver.starts.",
         )
 

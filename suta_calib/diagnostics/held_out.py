@@ -108,7 +108,7 @@ def held_out_errors(solution: Solution, validation: Sequence[Term]) -> tuple[Hel
     if not validation:
         return ()
     problem = solution.problem
-    arm = ParameterSet(list(problem.parameters.values())[: problem.arm_count])
+    arm = problem.arm_parameters
     held_out = Problem(validation, arm)
     found = fit_own(validation, arm, solution.values)
     x = np.array([found[name] for name in held_out.names])

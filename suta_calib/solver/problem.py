@@ -60,6 +60,11 @@ class Problem:
         return tuple(view.block for view in self.evaluation.views)
 
     @property
+    def arm_parameters(self) -> ParameterSet:
+        """The arm's parameters, without the terms' own."""
+        return ParameterSet(list(self.parameters.values())[: self.arm_count])
+
+    @property
     def names(self) -> tuple[str, ...]:
         """Names of the entries of a parameter vector."""
         return self.parameters.names

@@ -93,6 +93,12 @@ class Solution:
         return kept < promised / 2
 
     @property
+    def agreeing(self) -> int:
+        """How many starts ended in the lowest minimum."""
+        lowest = min(a.cost for a in self.attempts)
+        return sum(a.cost <= lowest * (1 + 1e-6) + SAME_COST for a in self.attempts)
+
+    @property
     def sentence(self) -> str:
         """One sentence on whether the values may be used."""
         if self.minimum.converged and self.swamped:
@@ -107,12 +113,10 @@ class Solution:
                 f"{self.minimum.iterations} iterations; look at the residuals for a wrong unit or "
                 "artefact, tighten the bounds, or raise solver.max_iterations"
             )
-        lowest = min(a.cost for a in self.attempts)
-        best = sum(a.cost <= lowest * (1 + 1e-6) + SAME_COST for a in self.attempts)
         estimated = len(self.free)
         return (
             f"converged: {estimated} of {estimated + len(self.identification.fixed)} unknowns "
-            f"estimated; {best} of {len(self.attempts)} starts reached the same minimum"
+            f"estimated; {self.agreeing} of {len(self.attempts)} starts reached the same minimum"
         )
 
     @property

@@ -110,7 +110,7 @@ class ModelCandidate:
     def parameters(self) -> ParameterSet:
         """The arm's unknowns."""
         problem = self.solution.problem
-        return ParameterSet(list(problem.parameters.values())[: problem.arm_count])
+        return problem.arm_parameters
 
     def gain_over(self, other: ModelCandidate) -> tuple[float, float]:
         """How much smaller the held-out loss is, and the standard error of that, paired by fold."""

@@ -284,4 +284,4 @@ def _displaced(touches: Touches, landmarks: Grouping | None) -> BoolArray:
 
 def arm_of(problem: Problem) -> ParameterSet:
     """The arm's parameters of a problem, without the terms' own."""
-    return ParameterSet(list(problem.parameters.values())[: problem.arm_count])
+    return problem.arm_parameters
