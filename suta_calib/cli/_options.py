@@ -70,8 +70,24 @@ def _place(
     return place.reshape(3, 2).T if len(place) == 6 else place
 
 
-job_argument = click.argument("job", type=PATH, metavar="JOB")
-out_option = click.option("--out", type=PATH, help="Folder to write into; results/ beside the job.")
+def _results(context: click.Context, parameter: click.Parameter, out: Path | None) -> Path:
+    """Where the answer on a job, or on a result.json, is written."""
+    del parameter
+    job: Path = context.params["job"]
+    beside = job.parent if job.suffix.lower() == ".json" else job.parent / "results"
+    folder = beside if out is None else out
+    check_folder(folder)
+    return folder
+
+
+# Eager: the folder of results follows from it, wherever it stands on the command line.
+job_argument = click.argument("job", type=PATH, metavar="JOB", is_eager=True)
+out_option = click.option(
+    "--out",
+    type=PATH,
+    callback=_results,
+    help="Folder to write into; results/ beside the job.",
+)
 json_option = click.option(
     "--json", "as_json", is_flag=True, help="Print one JSON object and nothing else."
 )
@@ -98,7 +114,7 @@ def seed_option(of: str) -> Callable[[Command], Command]:
 
 
 def pose_options(command: Command) -> Command:
-    """``--out``, ``--json``, ``--no-robust`` and ``--seed``."""
+    """``--out``, ``--no-robust`` and ``--seed``."""
     for option in (
         seed_option("Of the random samples that outliers are sought with."),
         click.option(
@@ -107,7 +123,6 @@ def pose_options(command: Command) -> Command:
             is_flag=True,
             help="Least squares over all rows: look for no outliers.",
         ),
-        json_option,
         click.option("--out", type=Folder(), help="Folder to write files into."),
     ):
         command = option(command)

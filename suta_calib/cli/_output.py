@@ -6,13 +6,13 @@ import signal
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from functools import wraps
 from pathlib import Path
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final, Self
 
 import click
 
-from suta_calib.atomic import check_folder
+from suta_calib.cli._options import json_option
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -38,48 +38,45 @@ def print_json(data: Mapping[str, Any]) -> None:
     click.echo(json_text(data, indent=2), nl=False)
 
 
-def folder_of(job: Path, out: Path | None) -> Path:
-    """Where the answer on a job is written, checked before any work is done."""
-    folder = job.parent / "results" if out is None else out
-    check_folder(folder)
-    return folder
+def answer_command(command: Callable[..., Document]) -> click.Command:
+    """A command that shows the answer which a function returns; it has an option ``--json``.
 
-
-def finish(
-    context: click.Context,
-    answer: Document,
-    folder: Path | None,
-    *,
-    as_json: bool,
-    texts: Mapping[str, str | bytes] = MappingProxyType({}),
-) -> None:
-    """Write an answer's files, print it, exit with 1 where it must not be used.
-
-    Args:
-        context: of the command.
-        answer: what was found.
-        folder: to write into; nothing is written without one.
-        as_json: print JSON instead of what a console shows.
-        texts: further whole files by name.
+    The answer's files are written to the command's folder ``out``, if it has one, and it exits
+    with 1 where the answer must not be used.
     """
-    written: Mapping[str, Any] | None = None
-    if folder is not None:
-        from suta_calib.report.files import write_document
 
-        written = write_document(answer, folder, texts)
-    if as_json:
-        print_json(answer.json() if written is None else written)
-    else:
-        from suta_calib.report.console import rendered
+    @click.command()
+    @click.pass_context
+    @wraps(command)
+    def shown(
+        context: click.Context, /, *, as_json: bool, out: Path | None = None, **options: Any
+    ) -> None:
+        answer, written = command(**options), None
+        if out is not None:
+            from suta_calib.report.files import write_document
 
-        to = console()
-        to.print(rendered(answer), crop=False)
-        if written is not None:
-            files = written["files"]
-            to.print(f"Written to {folder}: {', '.join(files)}", soft_wrap=True)
-            if answer.written == "opening":
-                to.print(f"Report: {files['report.html']}", soft_wrap=True)
-    context.exit(answer.assessment.exit_code)
+            written = write_document(answer, out)
+        if as_json:
+            print_json(answer.json() if written is None else written)
+        else:
+            from suta_calib.report.console import rendered
+
+            to = console()
+            to.print(rendered(answer), crop=False)
+            if written is not None:
+                files = written["files"]
+                to.print(f"Written to {out}: {', '.join(files)}", soft_wrap=True)
+                if answer.written == "opening":
+                    to.print(f"Report: {files['report.html']}", soft_wrap=True)
+        context.exit(answer.assessment.exit_code)
+
+    return json_option(shown)
+
+
+def results_folder() -> Path:
+    """The folder ``out`` of the command that is running."""
+    folder: Path = click.get_current_context().params["out"]
+    return folder
 
 
 class LateProgress:

@@ -4,18 +4,15 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import click
+from suta_calib.cli._options import job_argument, out_option
+from suta_calib.cli._output import LateProgress, answer_command
+from suta_calib.report.document import Document
 
-from suta_calib.cli._options import job_argument, json_option, out_option
-from suta_calib.cli._output import LateProgress, finish, folder_of
 
-
-@click.command()
+@answer_command
 @job_argument
 @out_option
-@json_option
-@click.pass_context
-def budget(context: click.Context, job: Path, out: Path | None, as_json: bool) -> None:
+def budget(job: Path) -> Document:
     """Split the errors of JOB (a calibration.yaml) by where they come from.
 
     Encoder noise (as the job's section encoders states it), seating (what repeats of a touch
@@ -27,7 +24,6 @@ def budget(context: click.Context, job: Path, out: Path | None, as_json: bool) -
     from suta_calib.report.error_budget import budget_document
 
     loaded = CalibrationJob.load(job)
-    folder = folder_of(job, out)
     with LateProgress("solving") as progress:
         found = error_budget_of_job(loaded, progress)
-    finish(context, budget_document(found), folder, as_json=as_json)
+    return budget_document(found)

@@ -4,21 +4,16 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import click
+from suta_calib.cli._options import job_argument, out_option, verbose_option
+from suta_calib.cli._output import LateProgress, answer_command
+from suta_calib.report.document import Document
 
-from suta_calib.cli._options import job_argument, json_option, out_option, verbose_option
-from suta_calib.cli._output import LateProgress, finish, folder_of
 
-
-@click.command()
+@answer_command
 @job_argument
 @out_option
-@json_option
 @verbose_option
-@click.pass_context
-def calibrate(
-    context: click.Context, job: Path, out: Path | None, as_json: bool, verbose: bool
-) -> None:
+def calibrate(job: Path, verbose: bool) -> Document:
     """Calibrate the arm of JOB (a calibration.yaml) from its measurements.
 
     Writes calibrated.urdf, result.json, residuals.csv and report.html. Exits with 1 where the
@@ -29,7 +24,6 @@ def calibrate(
     from suta_calib.report.calibration import calibration_document
 
     loaded = CalibrationJob.load(job)
-    folder = folder_of(job, out)
     with LateProgress("solving") as progress:
         result = loaded.run(progress)
-    finish(context, calibration_document(result, verbose=verbose), folder, as_json=as_json)
+    return calibration_document(result, verbose=verbose)

@@ -8,22 +8,24 @@ from typing import Final
 
 import click
 
-from suta_calib.cli._options import PATH, FiniteRange, Folder, json_option
-from suta_calib.cli._output import finish
+from suta_calib.cli._options import PATH, FiniteRange, Folder
+from suta_calib.cli._output import answer_command
 from suta_calib.errors import OutputError
+from suta_calib.report.document import Document
 from suta_calib.units import from_deg, from_mm, from_um
 
 LENGTH: Final = FiniteRange(min=0, min_open=True, max=1e6)
 
 
-@click.command()
+@answer_command
 @click.argument("points", type=PATH, metavar="POINTS.csv")
-@click.option("--out", type=PATH, metavar="FILE.yaml", help="The artefact's file.")
+@click.option("--out", "file", type=PATH, metavar="FILE.yaml", help="The artefact's file.")
 @click.option(
     "--nominal", type=PATH, metavar="DRAWING.yaml", help="Compare with this artefact's file."
 )
 @click.option(
     "--report",
+    "out",
     type=Folder(),
     metavar="DIR",
     help="Write certify.json, certify.svg and report.html there.",
@@ -67,14 +69,10 @@ LENGTH: Final = FiniteRange(min=0, min_open=True, max=1e6)
     metavar="NAME=MM",
     help="A spacer's nominal length; may be given again.",
 )
-@json_option
-@click.pass_context
 def certify(
-    context: click.Context,
     points: Path,
-    out: Path | None,
+    file: Path | None,
     nominal: Path | None,
-    report: Path | None,
     sigma_um: float | None,
     tolerance_mm: float | None,
     probe_radius_mm: float,
@@ -82,8 +80,7 @@ def certify(
     front_deg: float,
     name: str,
     spacers: tuple[str, ...],
-    as_json: bool,
-) -> None:
+) -> Document:
     """Certify an artefact: raw laser tracker points in, artefact.yaml out.
 
     POINTS.csv has the columns feature,landmark,index,x,y,z (m; x_mm,y_mm,z_mm: mm). Features:
@@ -96,7 +93,7 @@ def certify(
     from suta_calib.pose_calibration.inputs import error_context
     from suta_calib.report.certification import certification_document
 
-    _check_output(out, [points, nominal])
+    _check_output(file, [points, nominal])
     raw = read_raw_points(points)
     options = CertificationOptions(
         name=" ".join(name.split()),
@@ -111,10 +108,10 @@ def certify(
     with error_context(points):
         found = certified(raw, options)
     answer = certification_document(found)
-    if out is not None:
-        write_certified(out, found)
-        answer = answer.with_data(artefact=str(out))
-    finish(context, answer, report, as_json=as_json)
+    if file is not None:
+        write_certified(file, found)
+        answer = answer.with_data(artefact=str(file))
+    return answer
 
 
 def _lengths(spacers: tuple[str, ...]) -> dict[str, float]:

@@ -6,20 +6,17 @@ from pathlib import Path
 
 import click
 
-from suta_calib.cli._options import job_argument, json_option, out_option, seed_option
-from suta_calib.cli._output import LateProgress, finish, folder_of
+from suta_calib.cli._options import job_argument, out_option, seed_option
+from suta_calib.cli._output import LateProgress, answer_command
+from suta_calib.report.document import Document
 
 
-@click.command()
+@answer_command
 @job_argument
 @click.option("--quick", is_flag=True, help="Leave out the models with every joint at once.")
 @seed_option("Of folds that are not placements.")
 @out_option
-@json_option
-@click.pass_context
-def extend(
-    context: click.Context, job: Path, quick: bool, seed: int, out: Path | None, as_json: bool
-) -> None:
+def extend(job: Path, quick: bool, seed: int) -> Document:
     """Look for errors that are no geometry: eccentric encoders, joints that yield to gravity.
 
     Models with and without them are fitted to the observations of JOB (a calibration.yaml) with one
@@ -31,7 +28,6 @@ def extend(
     from suta_calib.report.model_selection import model_selection_document
 
     loaded = CalibrationJob.load(job)
-    folder = folder_of(job, out)
     with LateProgress("trying models") as progress:
         choice = choose_model(
             loaded.observations,
@@ -41,4 +37,4 @@ def extend(
             seed=seed,
             progress=progress,
         )
-    finish(context, model_selection_document(choice), folder, as_json=as_json)
+    return model_selection_document(choice)

@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING
 import click
 
 from suta_calib.cli._options import PATH, pose_options
-from suta_calib.cli._output import LateProgress, finish
+from suta_calib.cli._output import LateProgress, answer_command
+from suta_calib.report.document import Document
 
 if TYPE_CHECKING:
     from suta_calib.pose_calibration.hand_eye import Model, Setup
 
 
-@click.command("hand-eye")
+@answer_command
 @click.argument("poses", type=PATH, metavar="POSES.csv")
 @click.option(
     "--setup",
@@ -29,17 +30,13 @@ if TYPE_CHECKING:
     help="Ask for X, or for X and Z.",
 )
 @pose_options
-@click.pass_context
 def hand_eye(
-    context: click.Context,
     poses: Path,
     setup: Setup,
     model: Model,
-    out: Path | None,
-    as_json: bool,
     plain: bool,
     seed: int,
-) -> None:
+) -> Document:
     """Find where the eye is from poses of the hand and of what the eye sees.
 
     POSES.csv has the columns a_x,a_y,a_z,a_qx,a_qy,a_qz,a_qw: T_base_hand, and the same with b_:
@@ -54,5 +51,4 @@ def hand_eye(
     data = read_pose_pairs(poses)
     with LateProgress("calibrating"):
         found = hand_eye_from_pairs(data, setup=setup, model=model, robust=not plain, seed=seed)
-    answer = hand_eye_document(found, data).with_data(robust=not plain, seed=seed)
-    finish(context, answer, out, as_json=as_json)
+    return hand_eye_document(found, data).with_data(robust=not plain, seed=seed)

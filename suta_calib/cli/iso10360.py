@@ -6,19 +6,16 @@ from pathlib import Path
 
 import click
 
-from suta_calib.cli._options import PATH, Folder, json_option
-from suta_calib.cli._output import finish
+from suta_calib.cli._options import PATH, Folder
+from suta_calib.cli._output import answer_command
+from suta_calib.report.document import Document
 
 
-@click.command()
+@answer_command
 @click.argument("job", type=PATH, metavar="JOB.yaml")
 @click.option("--urdf", type=PATH, help="In place of the job's own, such as calibrated.urdf.")
 @click.option("--out", type=Folder(), help="Folder for iso10360.json, its picture and report.html.")
-@json_option
-@click.pass_context
-def iso10360(
-    context: click.Context, job: Path, urdf: Path | None, out: Path | None, as_json: bool
-) -> None:
+def iso10360(job: Path, urdf: Path | None) -> Document:
     """Errors of a measuring arm against maximum permissible errors, after ISO 10360-12.
 
     JOB.yaml says which arm, what was measured (lengths of a calibrated artefact, one point from
@@ -33,5 +30,4 @@ def iso10360(
 
     loaded = AcceptanceJob.load(job, urdf)
     answer = acceptance_document(acceptance_test(loaded))
-    answer = answer.with_data(urdf=str(loaded.arm.chain.path), job=str(job))
-    finish(context, answer, out, as_json=as_json)
+    return answer.with_data(urdf=str(loaded.arm.chain.path), job=str(job))

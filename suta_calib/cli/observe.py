@@ -4,18 +4,15 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import click
+from suta_calib.cli._options import job_argument, verbose_option
+from suta_calib.cli._output import answer_command
+from suta_calib.report.document import Document
 
-from suta_calib.cli._options import job_argument, json_option, verbose_option
-from suta_calib.cli._output import finish
 
-
-@click.command()
+@answer_command
 @job_argument
-@json_option
 @verbose_option
-@click.pass_context
-def observe(context: click.Context, job: Path, as_json: bool, verbose: bool) -> None:
+def observe(job: Path, verbose: bool) -> Document:
     """Say what the data of JOB (a calibration.yaml) can and cannot determine.
 
     Nothing is solved: the answer follows from the readings, the nominal arm and the assumed
@@ -26,4 +23,4 @@ def observe(context: click.Context, job: Path, as_json: bool, verbose: bool) -> 
     from suta_calib.report.observability import observability_document
 
     found = look(CalibrationJob.load(job).problem())
-    finish(context, observability_document(found, verbose=verbose), None, as_json=as_json)
+    return observability_document(found, verbose=verbose)

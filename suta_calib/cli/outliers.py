@@ -6,12 +6,13 @@ from pathlib import Path
 
 import click
 
-from suta_calib.cli._options import POSITIVE, job_argument, json_option, out_option
-from suta_calib.cli._output import LateProgress, finish, folder_of
+from suta_calib.cli._options import POSITIVE, job_argument, out_option
+from suta_calib.cli._output import LateProgress, answer_command
+from suta_calib.report.document import Document
 from suta_calib.units import from_mm
 
 
-@click.command()
+@answer_command
 @job_argument
 @click.option(
     "--bias-mm",
@@ -20,11 +21,7 @@ from suta_calib.units import from_mm
     help="Systematic error after registration from which on it is flagged.",
 )
 @out_option
-@json_option
-@click.pass_context
-def outliers(
-    context: click.Context, job: Path, bias_mm: float, out: Path | None, as_json: bool
-) -> None:
+def outliers(job: Path, bias_mm: float) -> Document:
     """Look in the data of JOB (a calibration.yaml) for what does not agree with the rest.
 
     Every landmark, placement and set (of an artefact), every point and row (of other kinds) is
@@ -39,7 +36,6 @@ def outliers(
     from suta_calib.job.calibration import CalibrationJob
     from suta_calib.report.outliers import outliers_document
 
-    folder = folder_of(job, out)
     loaded = CalibrationJob.load(job)
     with LateProgress("looking for outliers") as progress:
         found = find_outliers(
@@ -49,4 +45,4 @@ def outliers(
             Thresholds(bias=from_mm(bias_mm)),
             progress,
         )
-    finish(context, outliers_document(found), folder, as_json=as_json)
+    return outliers_document(found)

@@ -6,11 +6,12 @@ from pathlib import Path
 
 import click
 
-from suta_calib.cli._options import PATH, FiniteRange, Folder, json_option, optional_arm
-from suta_calib.cli._output import LateProgress, finish
+from suta_calib.cli._options import PATH, FiniteRange, Folder, optional_arm
+from suta_calib.cli._output import LateProgress, answer_command
+from suta_calib.report.document import Document
 
 
-@click.command()
+@answer_command
 @click.argument("recorded", type=PATH, metavar="RECORDED.csv")
 @click.argument("reference", type=PATH, metavar="REFERENCE.csv")
 @click.option("--urdf", type=PATH, help="The arm, for hysteresis per joint.")
@@ -23,11 +24,8 @@ from suta_calib.cli._output import LateProgress, finish
     default=0.5,
     help="Largest latency looked at, either way, s.",
 )
-@json_option
 @click.option("--out", type=Folder(), help="Folder to write result.json and dynamics.svg into.")
-@click.pass_context
 def path_accuracy(
-    context: click.Context,
     recorded: Path,
     reference: Path,
     urdf: Path | None,
@@ -35,9 +33,7 @@ def path_accuracy(
     base: str | None,
     registered: bool,
     max_latency: float,
-    as_json: bool,
-    out: Path | None,
-) -> None:
+) -> Document:
     """Compare a recorded motion with a reference: errors, latency, and direction reversals.
 
     Both files have the columns time (s, one clock) and x,y,z (m; x_mm,y_mm,z_mm: mm), and
@@ -53,4 +49,4 @@ def path_accuracy(
     motions = read_trajectory(recorded, arm), read_trajectory(reference)
     with LateProgress("comparing"):
         found = compare(*motions, arm, registered=registered, largest_latency=max_latency)
-    finish(context, path_accuracy_document(found), out, as_json=as_json)
+    return path_accuracy_document(found)

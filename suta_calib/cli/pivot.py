@@ -7,16 +7,14 @@ from pathlib import Path
 import click
 
 from suta_calib.cli._options import PATH, pose_options
-from suta_calib.cli._output import LateProgress, finish
+from suta_calib.cli._output import LateProgress, answer_command
+from suta_calib.report.document import Document
 
 
-@click.command()
+@answer_command
 @click.argument("poses", type=PATH, metavar="POSES.csv")
 @pose_options
-@click.pass_context
-def pivot(
-    context: click.Context, poses: Path, out: Path | None, as_json: bool, plain: bool, seed: int
-) -> None:
+def pivot(poses: Path, plain: bool, seed: int) -> Document:
     """Find the tip of a tool from poses while it rests on one point and is turned about it.
 
     POSES.csv has the columns x,y,z,qx,qy,qz,qw: the pose T_tracker_tool, m (x_mm,y_mm,z_mm: mm).
@@ -32,5 +30,4 @@ def pivot(
     data = read_tool_poses(poses)
     with LateProgress("calibrating"):
         found = pivot_from_poses(data, robust=not plain, seed=seed)
-    answer = pivot_document(found, data).with_data(robust=not plain, seed=seed)
-    finish(context, answer, out, as_json=as_json)
+    return pivot_document(found, data).with_data(robust=not plain, seed=seed)

@@ -11,19 +11,19 @@ from suta_calib.cli._options import (
     PATH,
     FiniteRange,
     job_argument,
-    json_option,
     out_option,
     region_option,
     seed_option,
 )
-from suta_calib.cli._output import LateProgress, finish, folder_of
+from suta_calib.cli._output import LateProgress, answer_command
+from suta_calib.report.document import Document
 from suta_calib.units import from_deg, from_mm, stored
 
 if TYPE_CHECKING:
     from suta_calib.arrays import FloatArray
 
 
-@click.command()
+@answer_command
 @job_argument
 @click.option("-n", "count", type=click.IntRange(1, 50), default=3, help="How many.")
 @click.option("--candidates", type=PATH, help="candidates.yaml; searched in the region by default.")
@@ -50,10 +50,7 @@ if TYPE_CHECKING:
 )
 @seed_option("Of the search.")
 @out_option
-@json_option
-@click.pass_context
 def plan(
-    context: click.Context,
     job: Path,
     count: int,
     candidates: Path | None,
@@ -64,9 +61,7 @@ def plan(
     target_mm: float | None,
     least_gain: float,
     seed: int,
-    out: Path | None,
-    as_json: bool,
-) -> None:
+) -> Document:
     """Choose what to measure next for JOB (a calibration.yaml), and say when to stop.
 
     Candidates are placements of the job's artefact, flat and tilted, single points touched from
@@ -75,9 +70,8 @@ def plan(
     """
     from suta_calib.analysis import planning
     from suta_calib.job.calibration import CalibrationJob
-    from suta_calib.report.plan import bench_files, plan_document
+    from suta_calib.report.plan import plan_document
 
-    folder = folder_of(job, out)
     loaded = CalibrationJob.load(job)
     with LateProgress("calibrating") as progress:
         situation = planning.situation_of_job(loaded, progress)
@@ -96,5 +90,4 @@ def plan(
     where = None if region is None else planning.Region.box(region[0], region[1], situation)
     with LateProgress("planning"):
         found = planning.plan(situation, options, places, where)
-    answer = plan_document(found)
-    finish(context, answer, folder, as_json=as_json, texts=bench_files(found))
+    return plan_document(found)

@@ -7,10 +7,11 @@ from pathlib import Path
 import click
 
 from suta_calib.cli._options import PATH, pose_options
-from suta_calib.cli._output import LateProgress, finish
+from suta_calib.cli._output import LateProgress, answer_command
+from suta_calib.report.document import Document
 
 
-@click.command()
+@answer_command
 @click.argument("a", type=PATH, metavar="A.csv")
 @click.argument("b", type=PATH, metavar="B.csv")
 @click.option(
@@ -20,17 +21,13 @@ from suta_calib.cli._output import LateProgress, finish
     help="Points in A's frame at which the error to expect is wanted.",
 )
 @pose_options
-@click.pass_context
 def register(
-    context: click.Context,
     a: Path,
     b: Path,
     target: Path | None,
-    out: Path | None,
-    as_json: bool,
     plain: bool,
     seed: int,
-) -> None:
+) -> Document:
     """Find T_b_a, which takes the points of A.csv onto those of B.csv.
 
     The files have the columns x,y,z, m (x_mm,y_mm,z_mm: mm), and their rows correspond. With --out
@@ -44,5 +41,4 @@ def register(
     targets = None if target is None else read_points(target)
     with LateProgress("registering"):
         found = registration_from_points(*points, targets, robust=not plain, seed=seed)
-    answer = register_document(found, *points, targets).with_data(robust=not plain, seed=seed)
-    finish(context, answer, out, as_json=as_json)
+    return register_document(found, *points, targets).with_data(robust=not plain, seed=seed)

@@ -11,18 +11,18 @@ from suta_calib.cli._options import (
     PATH,
     FiniteRange,
     Folder,
-    json_option,
     optional_arm,
     seed_option,
 )
-from suta_calib.cli._output import LateProgress, finish
+from suta_calib.cli._output import LateProgress, answer_command
+from suta_calib.report.document import Document
 
 if TYPE_CHECKING:
     from suta_calib.analysis.repeatability import Repeatability, Stationary
     from suta_calib.model.arm import ArmModel
 
 
-@click.command()
+@answer_command
 @click.argument("samples", type=PATH, metavar="[SAMPLES.csv]", required=False)
 @click.option("--urdf", type=PATH, help="The arm, as well calibrated as it is.")
 @click.option("--tip", help="Link or frame that visited the point.")
@@ -41,10 +41,7 @@ if TYPE_CHECKING:
 @click.option(
     "--out", type=Folder(), help="Folder for repeatability.json, pictures and report.html."
 )
-@json_option
-@click.pass_context
 def repeatability(
-    context: click.Context,
     samples: Path | None,
     urdf: Path | None,
     tip: str | None,
@@ -52,9 +49,7 @@ def repeatability(
     at_rest: Path | None,
     confidence: float,
     seed: int,
-    out: Path | None,
-    as_json: bool,
-) -> None:
+) -> Document:
     """How well an arm comes back to one point (ISO 9283), and what its encoders do at rest.
 
     All rows of SAMPLES.csv visited one point: a column per joint, and optionally `direction` (of
@@ -69,8 +64,7 @@ def repeatability(
     with LateProgress("comparing visits"):
         visits = _visits(arm, samples, confidence / 100, seed) if arm and samples else None
         rest = None if at_rest is None else _rest(arm, at_rest)
-    answer = repeatability_document(RepeatabilityTest(visits, rest))
-    finish(context, answer, out, as_json=as_json)
+    return repeatability_document(RepeatabilityTest(visits, rest))
 
 
 def _arm(

@@ -6,11 +6,12 @@ from pathlib import Path
 
 import click
 
-from suta_calib.cli._options import PATH, Folder, json_option
-from suta_calib.cli._output import LateProgress, finish
+from suta_calib.cli._options import PATH, Folder
+from suta_calib.cli._output import LateProgress, answer_command, results_folder
+from suta_calib.report.document import Document
 
 
-@click.command()
+@answer_command
 @click.argument("prefix", type=PATH, metavar="PREFIX")
 @click.option("--out", type=Folder(), required=True, help="Folder to write into.")
 @click.option("--dewarp", is_flag=True, help="Correct the EM tracker's distortion, and navigate.")
@@ -19,11 +20,7 @@ from suta_calib.cli._output import LateProgress, finish
     default=False,
     help="Find markers and frames that do not fit the others, and leave them out.",
 )
-@json_option
-@click.pass_context
-def stereotactic(
-    context: click.Context, prefix: Path, out: Path, dewarp: bool, robust: bool, as_json: bool
-) -> None:
+def stereotactic(prefix: Path, dewarp: bool, robust: bool) -> Document:
     """Solve the stereotactic navigation problem of the files PREFIX-calbody.txt and so on.
 
     Writes NAME-output1.txt and a picture; with --dewarp also NAME-output2.txt, where the fiducials
@@ -37,5 +34,5 @@ def stereotactic(
     with LateProgress("solving"):
         result = solve_stereotactic(data, dewarp=dewarp, robust=robust)
     answer = stereotactic_document(result, compare(result, read_given(result)))
-    check_given(answer, out, data.prefix.parent)
-    finish(context, answer, out, as_json=as_json)
+    check_given(answer, results_folder(), data.prefix.parent)
+    return answer

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Final, cast
 
 import click
 
-from suta_calib.cli._options import POSITIVE, job_argument, json_option, out_option, seed_option
-from suta_calib.cli._output import LateProgress, finish, folder_of
+from suta_calib.cli._options import POSITIVE, job_argument, out_option, seed_option
+from suta_calib.cli._output import LateProgress, answer_command, results_folder
+from suta_calib.report.document import Document
 from suta_calib.units import stored
 
 if TYPE_CHECKING:
@@ -46,7 +47,7 @@ def _range(text: str) -> range:
     return range(start, end + 1, step or 1) if start >= 1 and step != 0 else range(0)
 
 
-@click.command()
+@answer_command
 @job_argument
 @click.option(
     "--kind",
@@ -79,10 +80,7 @@ def _range(text: str) -> range:
 @click.option("--dask", metavar="ADDRESS", help="Run on this Dask cluster, as tcp://host:8786.")
 @click.option("--resume", is_flag=True, help="Go on with the trials an earlier run finished.")
 @out_option
-@json_option
-@click.pass_context
 def study(
-    context: click.Context,
     job: Path,
     kind: str,
     trials: int,
@@ -93,9 +91,7 @@ def study(
     jobs: int | None,
     dask: str | None,
     resume: bool,
-    out: Path | None,
-    as_json: bool,
-) -> None:
+) -> Document:
     """Repeat the calibration of JOB many times over parts of its data.
 
     size: random subsets of the measurement sets, judged on held-out data, say how many are enough.
@@ -114,9 +110,8 @@ def study(
     from suta_calib.job.calibration import CalibrationJob
     from suta_calib.report.study import study_document
 
-    folder = folder_of(job, out)
     request = Request(cast("Kind", kind), trials, sizes, unit, seed, stored(tolerance_pct, "%"))
-    log = folder / request.log_name
+    log = results_folder() / request.log_name
     try:
         with LateProgress("calibrating") as progress:
             found = study_of_job(
@@ -132,4 +127,4 @@ def study(
         if log.exists():
             click.echo(f"finished trials are in {log}: go on with --resume", err=True)
         raise
-    finish(context, study_document(found), folder, as_json=as_json)
+    return study_document(found)

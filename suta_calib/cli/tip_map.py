@@ -11,13 +11,13 @@ from suta_calib.cli._options import (
     PATH,
     FiniteRange,
     anyway_option,
-    json_option,
     out_option,
     place_option,
     region_option,
     seed_option,
 )
-from suta_calib.cli._output import LateProgress, finish, folder_of
+from suta_calib.cli._output import LateProgress, answer_command
+from suta_calib.report.document import Document
 from suta_calib.units import from_mm
 
 if TYPE_CHECKING:
@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     from suta_calib.arrays import FloatArray
 
 
-@click.command("tip-map")
-@click.argument("source", type=PATH, metavar="JOB|result.json")
+@answer_command
+@click.argument("job", type=PATH, metavar="JOB|result.json", is_eager=True)
 @click.option("--urdf", type=PATH, help="With result.json: the nominal arm it was made from.")
 @click.option("--tip", help="With result.json: link or frame of the tip.")
 @click.option("--base", help="With result.json: link the chain starts at; default: the root.")
@@ -39,11 +39,8 @@ if TYPE_CHECKING:
 )
 @seed_option("Of the search.")
 @out_option
-@json_option
-@click.pass_context
 def tip_map(
-    context: click.Context,
-    source: Path,
+    job: Path,
     urdf: Path | None,
     tip: str | None,
     base: str | None,
@@ -53,9 +50,7 @@ def tip_map(
     tolerance_mm: float | None,
     grid: int,
     seed: int,
-    out: Path | None,
-    as_json: bool,
-) -> None:
+) -> Document:
     """Map how far the tip may be off because the arm is not known better.
 
     From the full covariance of JOB's calibration (a calibration.yaml), or of a result.json with
@@ -64,16 +59,15 @@ def tip_map(
     from suta_calib.analysis.tip_map import TipMapOptions
     from suta_calib.report.tip_map import tip_map_document
 
-    folder = source.parent if out is None and urdf else folder_of(source, out)
     tolerance = None if tolerance_mm is None else from_mm(tolerance_mm)
     options = TipMapOptions(region, register_at, tolerance, grid, seed)
     if urdf is not None:
-        found = _of_result(source, urdf, tip, base, options, anyway=anyway)
-    elif tip is not None or source.suffix.lower() == ".json":
+        found = _of_result(job, urdf, tip, base, options, anyway=anyway)
+    elif tip is not None or job.suffix.lower() == ".json":
         raise click.UsageError("a result.json needs --urdf and --tip: the arm it was made from")
     else:
-        found = _of_job(source, options)
-    finish(context, tip_map_document(found), folder, as_json=as_json)
+        found = _of_job(job, options)
+    return tip_map_document(found)
 
 
 def _of_job(job: Path, options: TipMapOptions) -> TipMap:

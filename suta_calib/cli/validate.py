@@ -6,12 +6,13 @@ from pathlib import Path
 
 import click
 
-from suta_calib.cli._options import PATH, anyway_option, job_argument, json_option
-from suta_calib.cli._output import finish
+from suta_calib.cli._options import PATH, anyway_option, job_argument
+from suta_calib.cli._output import answer_command
 from suta_calib.errors import JobError
+from suta_calib.report.document import Document
 
 
-@click.command()
+@answer_command
 @click.argument("urdf", type=PATH, metavar="URDF")
 @job_argument
 @click.option(
@@ -20,11 +21,7 @@ from suta_calib.errors import JobError
     help="The result.json beside it: corrects eccentric encoders and yielding joints too.",
 )
 @anyway_option
-@json_option
-@click.pass_context
-def validate(
-    context: click.Context, urdf: Path, job: Path, result: Path | None, anyway: bool, as_json: bool
-) -> None:
+def validate(urdf: Path, job: Path, result: Path | None, anyway: bool) -> Document:
     """Run the validation data of JOB through URDF, such as a calibrated.urdf.
 
     The arm is held as the URDF has it. "before" is the job's own URDF, "after" the given one.
@@ -51,4 +48,4 @@ def validate(
         check_calibrated(loaded.arm, other, found.values)
         beside = found.beside_geometry
     compared = compare_arms(loaded.observations, loaded.validation, other, beside)
-    finish(context, comparison_document(compared, arm.urdf, urdf), None, as_json=as_json)
+    return comparison_document(compared, arm.urdf, urdf)

@@ -10,9 +10,10 @@ import click
 import numpy as np
 
 from suta_calib.atomic import check_folder
-from suta_calib.cli._options import PATH, POSITIVE, json_option, numbers_of
-from suta_calib.cli._output import finish
+from suta_calib.cli._options import PATH, POSITIVE, numbers_of
+from suta_calib.cli._output import answer_command
 from suta_calib.errors import InputError
+from suta_calib.report.document import Document
 from suta_calib.units import from_deg, from_mm
 
 if TYPE_CHECKING:
@@ -23,7 +24,7 @@ _TOLERANCE_MM: Final = 20.0
 _POSE_NUMBERS: Final = (3, 6)
 
 
-@click.command()
+@answer_command
 @click.argument("urdf", type=PATH, metavar="ARM.urdf")
 @click.option("--tip", required=True, help="Link or frame whose poses are known.")
 @click.option("--base", help="Link the poses are given in; the root link by default.")
@@ -42,27 +43,23 @@ _POSE_NUMBERS: Final = (3, 6)
 @click.option(
     "--branch", type=click.IntRange(min=1), default=1, help="Which of the answers that fit."
 )
-@click.option("--out", type=PATH, help="URDF to write, with the offsets.")
+@click.option("--out", "file", type=PATH, help="URDF to write, with the offsets.")
 @click.option(
     "--tolerance-mm",
     type=POSITIVE,
     default=_TOLERANCE_MM,
     help="How far the tip may stay from where it is known to be (RMS).",
 )
-@json_option
-@click.pass_context
 def zero_offsets(
-    context: click.Context,
     urdf: Path,
     tip: str,
     base: str | None,
     readings: Path,
     pose: tuple[str, ...],
     branch: int,
-    out: Path | None,
+    file: Path | None,
     tolerance_mm: float,
-    as_json: bool,
-) -> None:
+) -> Document:
     """Find the encoder offsets that make ARM.urdf agree with known poses of its tip.
 
     One pose with its orientation tells the offsets of six joints, up to the ways (branches) in
@@ -75,15 +72,15 @@ def zero_offsets(
     from suta_calib.model.arm import ArmModel
     from suta_calib.report.zero_offsets import zero_offsets_document
 
-    if out is not None:
-        check_folder(out.parent)
+    if file is not None:
+        check_folder(file.parent)
     arm = ArmModel.from_urdf(urdf, tip, base)
     options = ZeroOffsetOptions(branch, from_mm(tolerance_mm))
     found = find_zero_offsets(arm, _samples(arm, readings, pose), options)
-    written = out if found.assessment.usable else None
+    written = file if found.assessment.usable else None
     if written is not None:
         arm.write_urdf(written, found.values())
-    finish(context, zero_offsets_document(found, written), None, as_json=as_json)
+    return zero_offsets_document(found, written)
 
 
 def _samples(arm: ArmModel, readings: Path, poses: Sequence[str]) -> Samples:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any, Final
 
 from suta_calib.atomic import write_bytes_atomically
@@ -67,16 +66,13 @@ def write_texts(
     return complete
 
 
-def write_document(
-    answer: Document, folder: Path, texts: Mapping[str, str | bytes] = MappingProxyType({})
-) -> dict[str, Any]:
+def write_document(answer: Document, folder: Path) -> dict[str, Any]:
     """Write a document: its JSON, its pictures and files, its section in ``report.html``.
 
     Args:
         answer: NAME is its name, and `Document.written` says which of these it has. Figures are
             written as ``NAME.svg``, or ``NAME_1.svg``, ``NAME_2.svg``, … where there are several.
         folder: created if it is not there.
-        texts: further whole files by name.
 
     Returns:
         The answer's JSON with ``files``, the paths written by name; what its JSON file holds.
@@ -84,7 +80,7 @@ def write_document(
     Raises:
         OutputError: the folder or a file in it cannot be written.
     """
-    contents = {**texts, **_contents(answer)}
+    contents = _contents(answer)
     if answer.written in ("result", "files"):
         name = "result.json" if answer.written == "result" else None
         return write_texts(answer.json(), contents, folder, name)

@@ -26,7 +26,7 @@ from suta_calib.analysis.planning import (
 from suta_calib.analysis.planning.candidates import Unreachable
 from suta_calib.arrays import FloatArray
 from suta_calib.geometry.numbers import rpy_from_rotation
-from suta_calib.report.document import Document, Figure, Part, Text
+from suta_calib.report.document import Document, Figure, File, Part, Text
 from suta_calib.report.listing import Column, Json, Listing, csv_text, plain
 from suta_calib.report.plan_plots import bench_drawing, gain_curve
 from suta_calib.units import NOTHING, Unit, deg, key, mm, shown, text, unit_name
@@ -133,6 +133,8 @@ def plan_document(found: Plan) -> Document:
     """The plan, where it is on the bench, what each more would bring, and the parameters."""
     pairs = zip(_expected(found.before), _expected(found.after), strict=True)
     parts: list[Part] = [
+        File("plan.csv", lambda: csv_text(_bench_rows(found), found.chosen)),
+        File("plan.yaml", lambda: _bench_yaml(found)),
         CHOSEN.of(found.chosen),
         Figure(partial(bench_drawing, found), "On the bench"),
         *(Text(sentence, bullet=True) for sentence in _remedy_sentences(found)),
@@ -145,11 +147,6 @@ def plan_document(found: Plan) -> Document:
         Text(_WHAT, place="page"),
     ]
     return Document(NAME, TITLE, found.assessment, parts, _data(found))
-
-
-def bench_files(found: Plan) -> dict[str, str]:
-    """``plan.csv``, a row for each place, and ``plan.yaml``, by name."""
-    return {"plan.csv": csv_text(_bench_rows(found), found.chosen), "plan.yaml": _bench_yaml(found)}
 
 
 def _data(found: Plan) -> Json:

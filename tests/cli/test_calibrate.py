@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 from cli_job import NOISE, TRUTH, cli, simulated, write_simulated_job
 
-from suta_calib.cli._output import check_folder
+from suta_calib.atomic import check_folder
 from suta_calib.errors import OutputError
 from suta_calib.job.calibration import CalibrationJob
 from suta_calib.measurements import write_samples

@@ -11,7 +11,7 @@ from lxml import html
 
 from suta_calib.assessment import Assessment
 from suta_calib.errors import OutputError
-from suta_calib.report.document import Document, Figure, Text
+from suta_calib.report.document import Document, Figure, File, Text
 from suta_calib.report.files import write_document
 from suta_calib.report.listing import Column, Listing
 from suta_calib.report.page import page_with
@@ -77,8 +77,8 @@ def test_files_are_written_by_the_sections_name(tmp_path: Path) -> None:
     answer = write_document(SECTION.with_data(a=float("nan")), tmp_path / "new")
     assert set(answer["files"]) == {"outliers.svg", "report.html", "outliers.json"}
     assert json.loads((tmp_path / "new/outliers.json").read_text())["a"] is None
-    two = replace(SECTION, parts=[picture("a"), picture("b")])
-    answer = write_document(two, tmp_path / "new", {"plan.csv": "x\n"})
+    parts = [picture("a"), picture("b"), File("plan.csv", lambda: "x\n")]
+    answer = write_document(replace(SECTION, parts=parts), tmp_path / "new")
     assert {"outliers_1.svg", "outliers_2.svg", "plan.csv"} < set(answer["files"])
 
 
