@@ -9,7 +9,6 @@ from suta_calib.lazy import public
 if TYPE_CHECKING:
     from suta_calib.acquisition.averaging import Average as Average
     from suta_calib.acquisition.averaging import average as average
-    from suta_calib.acquisition.averaging import wrap as wrap
     from suta_calib.acquisition.measuring import Measured as Measured
     from suta_calib.acquisition.measuring import MeasureOptions as MeasureOptions
     from suta_calib.acquisition.measuring import measure as measure

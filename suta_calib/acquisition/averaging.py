@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import SamplesError
+from suta_calib.geometry.numbers import wrap
 
 # Median absolute deviation to standard deviation of a normal distribution.
 NORMAL: Final = 1.4826
@@ -41,12 +42,6 @@ class Average:
     count: int
     left_out: FloatArray
     seconds: float
-
-
-def wrap(angle: ArrayLike) -> FloatArray:
-    """Angles wrapped to (-π, π], rad."""
-    angle = np.asarray(angle, dtype=float)
-    return np.asarray(angle - 2 * np.pi * np.ceil((angle - np.pi) / (2 * np.pi)), dtype=float)
 
 
 def unwrapped_about_median(angles: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -16,8 +16,9 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from suta_calib.acquisition.averaging import spread, steps, unwrapped_about_median, wrap
+from suta_calib.acquisition.averaging import spread, steps, unwrapped_about_median
 from suta_calib.arrays import FloatArray
+from suta_calib.geometry.numbers import wrap
 from suta_calib.units import from_deg
 
 if TYPE_CHECKING:

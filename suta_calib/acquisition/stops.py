@@ -18,10 +18,10 @@ from suta_calib.acquisition.averaging import (
     average,
     spread,
     unwrapped_about_median,
-    wrap,
 )
 from suta_calib.acquisition.rest import DEFAULT_REST, Look, RestDetector, RestSettings
 from suta_calib.arrays import FloatArray
+from suta_calib.geometry.numbers import wrap
 
 if TYPE_CHECKING:
     from suta_calib.device.reading import Reading

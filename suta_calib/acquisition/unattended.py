@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from suta_calib.acquisition.averaging import Average, unwrapped_about_median, wrap
+from suta_calib.acquisition.averaging import Average, unwrapped_about_median
 from suta_calib.acquisition.rest import STALL
 from suta_calib.acquisition.run import Run, SamplesFile, Say
 from suta_calib.acquisition.seating_check import ANOTHER, CERTAIN, likelier
@@ -28,6 +28,7 @@ from suta_calib.acquisition.stops import (
 )
 from suta_calib.acquisition.touch_sequence import TouchSequence
 from suta_calib.arrays import FloatArray
+from suta_calib.geometry.numbers import wrap
 from suta_calib.units import from_deg
 
 if TYPE_CHECKING:

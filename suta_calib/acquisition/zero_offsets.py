@@ -14,12 +14,11 @@ from typing import Final, Literal
 import numpy as np
 from scipy.optimize import least_squares
 
-from suta_calib.acquisition.averaging import wrap
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.assessment import Assessment
 from suta_calib.batched import Batched
 from suta_calib.errors import InputError
-from suta_calib.geometry.numbers import vector_from_rotation
+from suta_calib.geometry.numbers import vector_from_rotation, wrap
 from suta_calib.measurements import Samples
 from suta_calib.model.arm import ArmModel
 from suta_calib.simulation import InverseKinematics, Targets

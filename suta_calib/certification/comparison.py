@@ -10,7 +10,7 @@ import numpy as np
 
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import ArtefactError, SamplesError, did_you_mean
-from suta_calib.geometry.numbers import register_points, rpy_from_rotation
+from suta_calib.geometry.numbers import register_points, rpy_from_rotation, wrap
 from suta_calib.measurements import Artefact
 from suta_calib.pose_calibration.registration import Registration, register
 
@@ -97,7 +97,7 @@ def compare(
             turn[k] = yaw[k] + turned - rpy_from_rotation(seated)[2]
     lacking = tuple(name for name in names if name not in drawing.landmarks)
     untouched = tuple(name for name in drawing.landmarks if name not in names)
-    return DrawingComparison(drawing, found, deviation, wrapped(turn), lacking, untouched)
+    return DrawingComparison(drawing, found, deviation, wrap(turn), lacking, untouched)
 
 
 def _shared(names: Sequence[str], drawing: Artefact) -> list[int]:
@@ -110,8 +110,3 @@ def _shared(names: Sequence[str], drawing: Artefact) -> list[int]:
             hint=did_you_mean(lacking, drawing.landmarks),
         )
     return rows
-
-
-def wrapped(angle: FloatArray) -> FloatArray:
-    """Angles in (-π, π]."""
-    return np.asarray(-((np.pi - np.asarray(angle)) % (2 * np.pi)) + np.pi)

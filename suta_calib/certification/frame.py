@@ -17,7 +17,7 @@ import casadi as ca
 import numpy as np
 
 from suta_calib.arrays import BoolArray, FloatArray
-from suta_calib.certification.comparison import QUARTER, quarter_turns, wrapped
+from suta_calib.certification.comparison import QUARTER, quarter_turns
 from suta_calib.certification.measuring import (
     GROUND,
     YAW,
@@ -32,7 +32,7 @@ from suta_calib.certification.measuring import (
 from suta_calib.certification.plane import agreeing
 from suta_calib.certification.points import CertificationOptions, RawPoints
 from suta_calib.errors import ArtefactError, SamplesError, did_you_mean
-from suta_calib.geometry.numbers import skew
+from suta_calib.geometry.numbers import skew, wrap
 from suta_calib.geometry.symbols import Symbol
 from suta_calib.measurements import Artefact
 
@@ -271,7 +271,7 @@ def _placed(
     has = [len(g.values) > YAW for g in pillars]
     yaw = np.array([g.values[YAW] if h else np.nan for g, h in zip(pillars, has, strict=True)])
     yaw_by = np.array([j[YAW] if h else 0 * angle_by for j, h in zip(jacobians, has, strict=True)])
-    return Placed(position, turned, wrapped(yaw - angle), yaw_by - angle_by, angle_by)
+    return Placed(position, turned, wrap(yaw - angle), yaw_by - angle_by, angle_by)
 
 
 def shape_covariance(position: FloatArray, covariance: FloatArray) -> FloatArray:

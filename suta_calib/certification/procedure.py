@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from suta_calib.arrays import FloatArray
-from suta_calib.certification.comparison import compare, wrapped
+from suta_calib.certification.comparison import compare
 from suta_calib.certification.damage import faults, judged, uneven_tops
 from suta_calib.certification.frame import (
     Heading,
@@ -45,6 +45,7 @@ from suta_calib.certification.result import (
     SpacerLength,
 )
 from suta_calib.errors import SamplesError, did_you_mean
+from suta_calib.geometry.numbers import wrap
 
 
 def certify(raw: RawPoints, options: CertificationOptions = PLAIN) -> Certification:
@@ -66,7 +67,7 @@ def certify(raw: RawPoints, options: CertificationOptions = PLAIN) -> Certificat
     by = sources_of(measured, heading, noise)
     jacobians = by.jacobians(measured.geometry)
     where = placed_in_frame(measured, jacobians, heading, by, origin, options.drawing)
-    yaw = wrapped(where.yaw - options.front)
+    yaw = wrap(where.yaw - options.front)
     comparison = None
     if options.drawing is not None:
         comparison = compare(names, where.position, yaw, options.drawing)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections import deque
 from collections.abc import Callable, Iterable
@@ -16,6 +15,7 @@ from suta_calib.device.description import DeviceSpec
 from suta_calib.device.diagnosis import remarks
 from suta_calib.device.formats import format_of
 from suta_calib.device.reading import Reading, Statistics
+from suta_calib.geometry.numbers import wrap
 from suta_calib.units import deg
 
 if TYPE_CHECKING:
@@ -195,6 +195,5 @@ def _deviation(angles: FloatArray, error: BoolArray) -> FloatArray:
         return np.full(angles.shape[1], np.nan)
     # About a valid angle, the differences do not wrap.
     about = angles[(~error).argmax(axis=0), np.arange(angles.shape[1])]
-    difference = np.remainder(angles - about + math.pi, math.tau) - math.pi
-    valid = np.ma.masked_array(difference, mask=error)
+    valid = np.ma.masked_array(wrap(angles - about), mask=error)
     return np.asarray(np.ma.filled(valid.std(axis=0, ddof=1), np.nan))

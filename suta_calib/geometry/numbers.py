@@ -96,6 +96,12 @@ def rpy_from_rotation(rotation: ArrayLike) -> FloatArray:
     return np.array([roll, pitch, yaw])
 
 
+def wrap(angle: ArrayLike) -> FloatArray:
+    """Angles wrapped to (-π, π], rad; one that is there already keeps every bit."""
+    angle = np.asarray(angle, dtype=float)
+    return np.asarray(angle - 2 * np.pi * np.ceil((angle - np.pi) / (2 * np.pi)), dtype=float)
+
+
 def homogeneous(rotation: ArrayLike, position: ArrayLike) -> FloatArray:
     """Stack a rotation (3x3) and a position (3,) into a 4x4 matrix."""
     matrix = np.eye(4)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from suta_calib.arrays import FloatArray
-from suta_calib.geometry.numbers import rotation_from_vector
+from suta_calib.geometry.numbers import rotation_from_vector, wrap
 from suta_calib.model.arm import ArmModel
 from suta_calib.terms.synthetic import random_directions
 
@@ -102,12 +102,8 @@ def encoder_readings(
 
 
 def wrapped(arm: ArmModel, q: FloatArray) -> FloatArray:
-    """Readings of joints that can turn a full circle, wrapped to (-π, π]; others as they are.
-
-    Readings already in that interval keep every bit.
-    """
-    turns = np.ceil((q - np.pi) / (2 * np.pi))
-    return np.where(full_circle(arm) & (turns != 0), q - 2 * np.pi * turns, q)
+    """Readings of joints that can turn a full circle, wrapped to (-π, π]; others as they are."""
+    return np.where(full_circle(arm), wrap(q), q)
 
 
 def full_circle(arm: ArmModel) -> NDArray[np.bool_]:

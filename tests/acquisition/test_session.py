@@ -8,10 +8,11 @@ from device_stand_in import NOISE, RATE, Script, reading
 from hypothesis import given
 from hypothesis import strategies as st
 
-from suta_calib.acquisition.averaging import average, steps, wrap
+from suta_calib.acquisition.averaging import average, steps
 from suta_calib.acquisition.rest import RestDetector, noise_level
 from suta_calib.acquisition.stops import Began, Complete, Ended, Interrupted, Rejected, StopFinder
 from suta_calib.errors import SamplesError
+from suta_calib.geometry.numbers import wrap
 
 HERE = np.array([0.5, -1.0, np.pi - 1e-6])
 THERE = np.array([0.9, -0.7, -2.5])

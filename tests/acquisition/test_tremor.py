@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from device_stand_in import RATE, Script, reading
 
-from suta_calib.acquisition.averaging import wrap
 from suta_calib.acquisition.rest import RestSettings
 from suta_calib.acquisition.stops import Complete, Event, StopFinder
 from suta_calib.device.reading import Reading
+from suta_calib.geometry.numbers import wrap
 
 HERE = np.array([0.5, -1.0, np.pi - 1e-6])
 NEAR = HERE + np.radians([1.0, -2.0, 0.5])

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from suta_calib.acquisition.averaging import wrap
 from suta_calib.acquisition.zero_offsets import find_zero_offsets
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import InputError
+from suta_calib.geometry.numbers import wrap
 from suta_calib.measurements import Samples
 from suta_calib.model.arm import ArmModel
 

@@ -19,14 +19,13 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from suta_calib.arrays import FloatArray
-from suta_calib.certification.comparison import wrapped
 from suta_calib.certification.frame import shape_covariance
 from suta_calib.certification.measuring import diagonals_cross, order_around
 from suta_calib.certification.points import FEATURES, CertificationOptions, read_raw_points
 from suta_calib.certification.procedure import certify
 from suta_calib.certification.result import write_certified
 from suta_calib.errors import InputError, SamplesError
-from suta_calib.geometry.numbers import rotation_from_rpy, rotation_from_vector
+from suta_calib.geometry.numbers import rotation_from_rpy, rotation_from_vector, wrap
 from suta_calib.measurements import Artefact, Landmark, read_artefact
 
 
@@ -35,7 +34,7 @@ def test_exact_points_give_the_artefact_back(tmp_path: Path) -> None:
     # The file has whole nanometres.
     np.testing.assert_allclose(positions(found), TRUE_POSITIONS, atol=5e-9)
     yaw = np.array([mark.yaw for mark in found.landmarks])
-    np.testing.assert_allclose(wrapped(yaw - yaws(truth())), 0.0, atol=1e-6)
+    np.testing.assert_allclose(wrap(yaw - yaws(truth())), 0.0, atol=1e-6)
     assert (found.origin, found.heading, found.turned) == ("O", "side plane", 0)
     assert [s.length for s in found.spacers] == pytest.approx([0.04, 0.1], abs=5e-9)
     assert found.assessment.level == "good"
@@ -231,7 +230,7 @@ def test_options(tmp_path: Path) -> None:
     expected = TRUE_POSITIONS - TRUE_POSITIONS[1] * [1, 1, 0]
     assert np.abs(positions(found) - expected).max() < 1e-5
     yaw = np.array([mark.yaw for mark in found.landmarks])
-    np.testing.assert_allclose(wrapped(yaw + np.pi / 2 - yaws(truth())), 0.0, atol=1e-3)
+    np.testing.assert_allclose(wrap(yaw + np.pi / 2 - yaws(truth())), 0.0, atol=1e-3)
     assert found.landmarks[0].flats == pytest.approx(8e-3, abs=1e-5)
     assert found.spacers[0].length == pytest.approx(0.038, abs=1e-5)
     assert any("Spacer A" in note for note in found.assessment.notes)

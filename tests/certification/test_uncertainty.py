@@ -11,12 +11,12 @@ import pytest
 from certified_artefact import NOISE, truth, yaws
 
 from suta_calib.arrays import FloatArray
-from suta_calib.certification.comparison import wrapped
 from suta_calib.certification.frame import shape_covariance
 from suta_calib.certification.points import PLAIN, CertificationOptions, read_raw_points
 from suta_calib.certification.procedure import certify
 from suta_calib.certification.result import Certification
 from suta_calib.certification.simulation import csv_text, exact_rows
+from suta_calib.geometry.numbers import wrap
 from suta_calib.measurements import Artefact, read_artefact
 
 FEW = 60
@@ -53,7 +53,7 @@ class Runs:
     def yaws_covered(self) -> FloatArray:
         yaw = np.array([[m.yaw for m in f.landmarks] for f in self.found])
         std = np.array([[m.yaw_std for m in f.landmarks] for f in self.found])
-        return np.mean(np.abs(wrapped(yaw - yaws(self.truth))) <= self.factor[..., 0] * std, axis=0)
+        return np.mean(np.abs(wrap(yaw - yaws(self.truth))) <= self.factor[..., 0] * std, axis=0)
 
 
 def measured(

@@ -13,11 +13,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from cli_job import cli
-from emulated import TRUTH, angles, listen, true_landmarks, wrapped, write_artefact
+from emulated import TRUTH, angles, listen, true_landmarks, write_artefact
 from ruamel.yaml import YAML
 
 from suta_calib.device import read_device
 from suta_calib.emulation import read_truth
+from suta_calib.geometry.numbers import wrap
 from suta_calib.model.arm import ArmModel
 
 JOB = """\
@@ -106,7 +107,7 @@ def check_trajectory(file: Path, arm: ArmModel, values: dict, readings: list) ->
     np.testing.assert_allclose(np.diff(time), 1 / 768, atol=2e-6)
     true = np.array([[float(row[joint]) for joint in arm.joints] for row in rows])
     at = np.searchsorted(time, [each.time - 1e-4 for each in readings])
-    assert np.abs(wrapped(angles(readings) - true[at])).max() < 1.2e-4
+    assert np.abs(wrap(angles(readings) - true[at])).max() < 1.2e-4
     some = slice(None, None, 50)
     pose = np.array([[float(row[key]) for key in "xyz"] for row in rows])
     np.testing.assert_allclose(arm.forward(true[some], values)[1], pose[some], atol=1e-9)

@@ -13,9 +13,9 @@ import pytest
 from cli_job import cli
 from measuring_bench import SECONDS, Bench
 
-from suta_calib.acquisition.averaging import wrap
 from suta_calib.acquisition.guided import Keyboard
 from suta_calib.emulation import EmulatedArm, Still
+from suta_calib.geometry.numbers import wrap
 from suta_calib.terms import FixedPoint
 
 

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 from cli_job import cli
 
-from suta_calib.acquisition.averaging import wrap
-from suta_calib.geometry.numbers import rpy_from_rotation
+from suta_calib.geometry.numbers import rpy_from_rotation, wrap
 from suta_calib.measurements import Samples, write_samples
 from suta_calib.model.arm import ArmModel
 

@@ -6,13 +6,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from emulated import TRUTH, angles, device_of, landmark_stops, listen, true_landmarks, wrapped
+from emulated import TRUTH, angles, device_of, landmark_stops, listen, true_landmarks
 
 from suta_calib.device import Bus, read_device
 from suta_calib.emulation import EmulatedArm, Emulation, Faults, Still, Sweep
 from suta_calib.emulation.player import RoundClock
 from suta_calib.emulation.stream import STALE_TURN
 from suta_calib.errors import SutaCalibError
+from suta_calib.geometry.numbers import wrap
 from suta_calib.model.arm import ArmModel
 
 POSTURE = np.array([0.3, -1.0, 3.1, -3.1, 2.0, 0.0])
@@ -44,7 +45,7 @@ def test_a_port_streams_in_real_time_and_tells_the_truth_afterwards(arm: ArmMode
     arrival = np.array([each.arrival for each in readings])
     assert np.polyfit(found, arrival, 1)[0] == pytest.approx(1, abs=0.1)
     true = emulator.trajectory.at(found)
-    assert np.abs(wrapped(angles(readings) - true)).max() < 6 * 2e-5
+    assert np.abs(wrap(angles(readings) - true)).max() < 6 * 2e-5
     assert np.ptp(true, axis=0).min() > 1e-3
     # Moved only once somebody listened.
     np.testing.assert_allclose(
@@ -83,7 +84,7 @@ def test_a_bus_is_not_fooled_by_a_cache(arm: ArmModel, tmp_path: Path) -> None:
             while len(readings) < 100 and time.perf_counter() < end:
                 readings += bus.read()
     assert len(readings) >= 100
-    assert np.abs(wrapped(angles(readings) - POSTURE)).max() < STALE_TURN / 100
+    assert np.abs(wrap(angles(readings) - POSTURE)).max() < STALE_TURN / 100
     assert bus.statistics.stale_readings >= 10
 
 

@@ -8,13 +8,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from emulated import angles, decoded, device_of, wrapped
+from emulated import angles, decoded, device_of
 
 from suta_calib.device.description import DeviceSpec
 from suta_calib.emulation import Emulation, Faults, Still, Sweep, frames
 from suta_calib.emulation.faults import WORDS, Flag, Gap, Window
 from suta_calib.emulation.stream import STALE_AFTER, STALE_TURN
 from suta_calib.errors import InputError
+from suta_calib.geometry.numbers import wrap
 from suta_calib.model.arm import ArmModel
 
 POSTURE = np.array([0.3, -1.0, 3.1, -3.1, 2.0, 0.0])
@@ -77,19 +78,19 @@ def test_readings_are_true_ones_with_noise_in_whole_counts(moving: Emulation) ->
     noisy = replace(moving, noise=1e-4)
     readings, _ = decoded(noisy, 4.0)
     true = moving.motion.readings(np.arange(len(readings)) / 768)
-    error = wrapped(angles(readings) - true)
+    error = wrap(angles(readings) - true)
     np.testing.assert_allclose(error.std(axis=0), 1e-4, rtol=0.06)
     np.testing.assert_allclose(error.mean(axis=0), 0, atol=5 * 1e-4 / math.sqrt(len(error)))
     counts = angles(readings) / STEP
     np.testing.assert_allclose(counts, np.round(counts), atol=1e-6)
     exact, _ = decoded(replace(moving, noise=0.0), 0.2)
-    error = wrapped(angles(exact) - true[: len(exact)])
+    error = wrap(angles(exact) - true[: len(exact)])
     assert 0.4 * STEP < np.abs(error).max() <= 0.5000001 * STEP
 
 
 def test_each_joint_may_have_noise_of_its_own(moving: Emulation) -> None:
     readings, _ = decoded(replace(moving, noise=np.array([0, 1e-3, 0, 0, 0, 0])), 1.0)
-    error = wrapped(angles(readings) - moving.motion.readings(np.arange(len(readings)) / 768))
+    error = wrap(angles(readings) - moving.motion.readings(np.arange(len(readings)) / 768))
     assert error.std(axis=0)[1] == pytest.approx(1e-3, rel=0.1)
     assert np.delete(error.std(axis=0), 1).max() < STEP
 
@@ -101,7 +102,7 @@ def test_lines(arm: ArmModel, unit: str, turn: int) -> None:
     readings, _ = decoded(emulation, 0.5)
     assert len(readings) == 49, "the first line may be the end of one"
     step = 2 * np.pi / turn if unit == "counts" else 1e-5
-    assert np.abs(wrapped(angles(readings) - POSTURE)).max() <= step / 2
+    assert np.abs(wrap(angles(readings) - POSTURE)).max() <= step / 2
 
 
 def test_an_encoder_of_22_bits_has_no_other_counts(arm: ArmModel) -> None:
@@ -195,7 +196,7 @@ def test_a_cache_gives_old_frames_of_another_posture_first(device: DeviceSpec) -
     assert clocks == [55_000_000 + 2000 * k for k in range(10)]
     assert struct.unpack_from("<I", rest[0][1], 4)[0] == 60_000_000 + round(1e6 * (due + 0.002))
     readings, _ = decoded(emulation, 0.1)
-    old = wrapped(angles(readings[:10]) - POSTURE)
+    old = wrap(angles(readings[:10]) - POSTURE)
     np.testing.assert_allclose(old, STALE_TURN, atol=STEP)
 
 

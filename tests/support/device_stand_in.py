@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from suta_calib.acquisition.averaging import wrap
 from suta_calib.arrays import FloatArray
 from suta_calib.device.reading import Reading
+from suta_calib.geometry.numbers import wrap
 from suta_calib.measurements import Artefact
 from suta_calib.model.arm import ArmModel
 from suta_calib.simulation import InverseKinematics, Targets

@@ -84,10 +84,6 @@ def angles(readings: list[Reading]) -> np.ndarray:
     return np.array([each.angles for each in readings])
 
 
-def wrapped(angle: np.ndarray) -> np.ndarray:
-    return (angle + np.pi) % (2 * np.pi) - np.pi
-
-
 __all__ = [
     "PLACEMENTS",
     "TRUTH",
@@ -97,6 +93,5 @@ __all__ = [
     "landmark_stops",
     "listen",
     "true_landmarks",
-    "wrapped",
     "write_artefact",
 ]

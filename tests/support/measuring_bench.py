@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 from device_stand_in import postures_on
 
-from suta_calib.acquisition.averaging import wrap
 from suta_calib.arrays import FloatArray
 from suta_calib.device.description import DeviceSpec, JointSpec
 from suta_calib.emulation import Emulation, Faults, Stops
 from suta_calib.emulation.motion import Motion, continuous
+from suta_calib.geometry.numbers import wrap
 from suta_calib.job.calibration import joint_ranges
 from suta_calib.measurements import Samples, read_artefact, read_samples
 from suta_calib.model.arm import ArmModel
