@@ -157,7 +157,6 @@ def emulate(**options: Any) -> None:
         faults=Faults.parse(",".join(options.pop("faults"))),
         **options,
     )
-    playing.check(arm.faults)
     with noted_sigterm() as stopped:
         emulated_device(arm).play(playing, announce=click.echo, say=_say, stopped=stopped)
 
