@@ -164,13 +164,17 @@ def pivoting(
     kinematics, rng = InverseKinematics(arm, values), stream(seed, "pivot")
     tilts = rotation_from_vector(_tilts(cone))
 
+    def on_point(start: FloatArray) -> FloatArray:
+        """A posture with the tip on the point; where there is none, no other start helps."""
+        if point is None:
+            return start
+        rotation, _ = arm.forward(start, values)
+        position = np.asarray(point, dtype=float)
+        return _reached(kinematics, position, rotation, "position", start, rng)
+
     def tilted(start: FloatArray) -> FloatArray:
-        """(n, joints) postures with the tip on the point, tilted from the first posture's."""
+        """(n, joints) postures with the tip where it is, tilted from the first posture's."""
         rotation, position = arm.forward(start, values)
-        if point is not None:
-            position = np.asarray(point, dtype=float)
-            start = _reached(kinematics, position, rotation, "position", start, rng)
-            rotation, _ = arm.forward(start, values)
         knots = np.empty((len(tilts), joints))
         for k, tilt in enumerate(tilts):
             start = _reached(kinematics, position, rotation @ tilt, matching, start, rng)
@@ -182,7 +186,7 @@ def pivoting(
         others = kinematics.random_readings(stream(seed, "pivot from"), _OTHERS)
         starts = [kinematics.middle, *others]
     refused: JobError | None = None
-    for start in starts:
+    for start in map(on_point, starts):
         try:
             knots = continuous(tilted(start), full_circle(arm))
             break
