@@ -10,7 +10,7 @@ import os
 import sys
 import warnings
 from collections.abc import Sequence
-from typing import Any, Final, TextIO
+from typing import Any, Final
 
 import click
 
@@ -125,14 +125,6 @@ def _one_line(message: object) -> str:
     return " ".join(str(message).split())
 
 
-def _show_warning(
-    message: Warning | str,
-    category: type[Warning],
-    filename: str,
-    lineno: int,
-    file: TextIO | None = None,
-    line: str | None = None,
-) -> Any:
+def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
     """One line on stderr; where in the source it was raised helps nobody who has a job to run."""
-    del category, filename, lineno, file, line
     click.echo(f"{PROGRAM}: warning: {_one_line(message)}", err=True)

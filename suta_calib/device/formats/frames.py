@@ -91,11 +91,7 @@ class OtherCount:
         self._in_a_row = 0
 
     def feed(self, data: bytes, *, seen: bool) -> None:
-        """Take the next bytes; ``seen``: frames of the right number ended among them.
-
-        Raises:
-            WrongFormatError: names both counts.
-        """
+        """Take the next bytes; ``seen``: frames of the right number ended among them."""
         if seen:
             self._buffer.clear()
             self._enough, self._in_a_row = _ENOUGH_LATER, 0
@@ -150,11 +146,7 @@ class FramesDecoder(Decoder):
         self._claimed = 0
 
     def feed(self, data: bytes, arrival: float) -> list[Reading]:
-        """Take the next bytes and give the readings they complete.
-
-        Raises:
-            WrongFormatError: good frames with another number of joints.
-        """
+        """Take the next bytes and give the readings they complete."""
         self._buffer += data
         starts, end = self._scan()
         readings = self._readings(starts, arrival) if starts else []

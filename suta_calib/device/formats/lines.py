@@ -52,11 +52,7 @@ class LinesDecoder(Decoder):
         self._unfit = 0
 
     def feed(self, data: bytes, arrival: float) -> list[Reading]:
-        """Take the next bytes and give the readings they complete.
-
-        Raises:
-            WrongFormatError: lines of another number of values, or of values of more than a turn.
-        """
+        """Take the next bytes and give the readings they complete."""
         self._buffer += data
         *lines, rest = self._buffer.split(b"\n")
         self._buffer = rest
