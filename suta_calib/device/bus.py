@@ -82,7 +82,7 @@ class Bus:
             PortNotFoundError, PortBusyError, PortPermissionError: it cannot be opened.
             DeviceFileError: port or baud rate mean nothing to pyserial.
         """
-        if self._port is not None and not self._port.serves(self.spec):
+        if isinstance(self._port, PortProcess) and not self._port.serves(self.spec):
             self.close()
         if self._port is None:
             self._port = PortProcess(self.spec)
