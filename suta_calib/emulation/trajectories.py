@@ -118,6 +118,8 @@ def parse_posture(arm: ArmModel, text: str) -> dict[str, float]:
 
 # So dense that a cubic between two of them keeps the tip within a micrometre.
 _KNOTS: Final = 1000
+# Every so many of them tell soon where a tilt is out of reach.
+_COARSE: Final = 25
 _FEWEST_JOINTS: Final = 5
 # So many postures are tried where none is asked for.
 _OTHERS: Final = 20
@@ -169,7 +171,7 @@ def pivoting(
         position = np.asarray(point, dtype=float)
         return _reached(kinematics, position, rotation, "position", start, rng)
 
-    def tilted(start: FloatArray) -> FloatArray:
+    def tilted(start: FloatArray, tilts: FloatArray) -> FloatArray:
         """(n, joints) postures with the tip where it is, tilted from the first posture's."""
         rotation, position = arm.forward(start, values)
         knots = np.empty((len(tilts), joints))
@@ -185,7 +187,8 @@ def pivoting(
     refused: JobError | None = None
     for start in map(on_point, starts):
         try:
-            knots = continuous(tilted(start), full_circle(arm))
+            tilted(start, tilts[::_COARSE])
+            knots = continuous(tilted(start, tilts), full_circle(arm))
             break
         except JobError as error:
             refused = refused or error
