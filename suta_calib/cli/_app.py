@@ -113,6 +113,14 @@ def run(arguments: Sequence[str] | None = None) -> int:
         except OSError as error:
             click.echo(f"{PROGRAM}: error: {error.strerror or error}", err=True)
             return 2
+        except MemoryError as error:
+            too_large = _one_line(error) or "nobody said for what"
+            click.echo(
+                f"{PROGRAM}: error: found too little memory for these data ({too_large}); "
+                "expected as much as they need; give fewer rows, or use a larger computer",
+                err=True,
+            )
+            return 2
     return code if isinstance(code, int) else 0
 
 

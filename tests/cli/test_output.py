@@ -7,9 +7,12 @@ from hashlib import sha256
 from pathlib import Path
 
 import click
+import numpy as np
 import pytest
+from cli_job import cli
 
 from suta_calib.assessment import Assessment
+from suta_calib.cli._app import app
 from suta_calib.cli._options import PATH, WRITTEN, job_argument, out_option
 from suta_calib.cli._output import answer_command, results_folder
 from suta_calib.errors import OutputError
@@ -100,3 +103,16 @@ def test_what_stands_in_the_folder_by_another_hand_is_no_hindrance(job: Path) ->
         (results / name).write_text(text)
     assert run(job) == 0
     assert "result.json" in names(results)
+
+
+def test_too_little_memory_is_a_refusal(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def greedy(*_: object, **__: object) -> None:
+        np.empty((1 << 40, 1 << 10))
+
+    monkeypatch.setattr(app, "main", greedy)
+    assert cli() == 2
+    out, err = capsys.readouterr()
+    assert (out, err.count("\n")) == ("", 1)
+    assert "too little memory for these data (Unable to allocate 8.00 PiB" in err
