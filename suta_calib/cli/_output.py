@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -33,7 +34,8 @@ def print_json(data: Mapping[str, Any]) -> None:
     """One JSON object on stdout; what is not a finite number becomes null."""
     from suta_calib.report.listing import json_text
 
-    click.echo(json_text(data, indent=2), nl=False)
+    unicode = (sys.stdout.encoding or "").lower().startswith("utf")
+    click.echo(json_text(data, indent=2, ascii_only=not unicode), nl=False)
 
 
 def answer_command(command: Callable[..., Document]) -> click.Command:

@@ -44,7 +44,10 @@ def write_document(
     contents = _contents(answer)
     hashes = {name: sha256(data).hexdigest() for name, data in contents.items()}
     run: dict[str, Any] = {"inputs": dict(inputs), "sha256": hashes}
-    run = {"id": sha256(json_text({answer.name: run}).encode()).hexdigest()[:12], **run}
+    run = {
+        "id": sha256(json_text({answer.name: run}, ascii_only=True).encode()).hexdigest()[:12],
+        **run,
+    }
     record = {"result": "result.json", "files": ""}.get(answer.written, f"{answer.name}.json")
     report = folder / REPORT
     if answer.written in ("report", "opening"):
@@ -52,13 +55,14 @@ def write_document(
         made_from = (f" from {Path(n).name} (SHA-256 {h[:12]})" for n, h in inputs.items())
         told = Text(f"Run {run['id']}{', '.join(made_from)}.", place="page", look="soft")
         said = replace(answer, parts=(*answer.parts, told))
-        contents[REPORT] = page_with(said, page).encode()
+        contents[REPORT] = page_with(said, page).encode(errors="replace")
     names = [*contents, record] if record else [*contents]
     complete = answer.json()
     complete |= {"files": {name: str(folder / name) for name in names}}
     if record:
         complete["run"] = run
-        contents[record] = json_text(complete).encode()
+        # Of a name that is no Unicode this makes JSON's own escape.
+        contents[record] = json_text(complete).encode(errors="backslashreplace")
     for path in (folder / name for name in names):
         if path.is_dir():
             raise OutputError(

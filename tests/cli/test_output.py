@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import io
 import json
+import os
+import subprocess
+import sys
 from hashlib import sha256
 from pathlib import Path
 
@@ -14,7 +18,7 @@ from cli_job import cli
 from suta_calib.assessment import Assessment
 from suta_calib.cli._app import app
 from suta_calib.cli._options import PATH, WRITTEN, job_argument, out_option
-from suta_calib.cli._output import answer_command, results_folder
+from suta_calib.cli._output import answer_command, console, print_json, results_folder
 from suta_calib.errors import OutputError
 from suta_calib.report.document import Document, File
 
@@ -116,3 +120,45 @@ def test_too_little_memory_is_a_refusal(
     out, err = capsys.readouterr()
     assert (out, err.count("\n")) == ("", 1)
     assert "too little memory for these data (Unable to allocate 8.00 PiB" in err
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "latin-1", "cp1252", "utf-8"])
+def test_any_encoding_will_do(
+    encoding: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """What cannot be encoded is written in plain letters; JSON says it all the same."""
+    said = {"text": "±0.1 µm → “joint”, Δ, \U0001f4a5, \udcff"}
+
+    def talk(*_: object, **options: object) -> None:
+        click.echo(said["text"])
+        console().print(said["text"], "─" * 3)
+        print_json(said)
+        click.echo(said["text"], err=True)
+
+    streams = [io.TextIOWrapper(io.BytesIO(), encoding=encoding, newline="") for _ in range(2)]
+    for name, stream in zip(("stdout", "stderr"), streams, strict=True):
+        monkeypatch.setattr(f"sys.{name}", stream)
+    monkeypatch.setattr(app, "main", talk)
+    assert cli() == 0
+    out, err = (stream.buffer for stream in streams)  # type: ignore[attr-defined]
+    for stream in streams:
+        stream.flush()
+    text = out.getvalue().decode(encoding)
+    first, _, told = text.partition("{")
+    if encoding == "ascii":
+        assert first.startswith('+-0.1 um -> "joint", ?, ?, ?')
+    assert json.loads("{" + told)["text"][:-1] == said["text"][:-1]
+    assert err.getvalue().decode(encoding) == first.splitlines(keepends=True)[0]
+
+
+@pytest.mark.parametrize("environment", [{"PYTHONIOENCODING": "ascii"}, {"LC_ALL": "C"}])
+def test_a_process_with_another_encoding_ends_without_a_traceback(
+    environment: dict[str, str], tmp_path: Path
+) -> None:
+    command = [sys.executable, "-m", "suta_calib", "observe", str(tmp_path / "µ→.yaml")]
+    done = subprocess.run(
+        command, env=os.environ | environment, capture_output=True, check=False, timeout=60
+    )
+    assert (done.returncode, done.stdout) == (2, b"")
+    assert done.stderr.count(b"\n") == 1
+    assert b"found no such file" in done.stderr
