@@ -8,9 +8,13 @@ process's signals.
 from __future__ import annotations
 
 import contextlib
+import errno
+import math
 import selectors
 import socket
 import threading
+import time
+from ipaddress import ip_address
 from typing import Any, Final
 
 import numpy as np
@@ -21,6 +25,7 @@ from suta_calib.tracking.publisher import Publisher
 from suta_calib.tracking.tracker import TrackedPose
 from suta_calib.units import mm
 
+LOOPBACK: Final = "127.0.0.1"
 # The field's size in the protocol's header.
 LONGEST_NAME: Final = 20
 
@@ -34,7 +39,10 @@ class IgtlPublisher(Publisher):
     Args:
         port: port to listen at; 0 for any free one.
         device_name: of the messages, at most 20 ASCII characters.
-        host: address to listen at; empty for all.
+        host: address to listen at: this computer's own, which nobody else reaches, by default;
+            empty for all.
+        most_clients: so many are served; whoever comes later is hung up on.
+        patience: a client that takes nothing for so long is hung up on, s.
 
     Attributes:
         invalid: poses that were not sent because they were not valid.
@@ -46,16 +54,30 @@ class IgtlPublisher(Publisher):
 
     name = "igtl"
 
-    def __init__(self, port: int, device_name: str = "TipToBase", host: str = "") -> None:
+    def __init__(
+        self,
+        port: int,
+        device_name: str = "TipToBase",
+        host: str = LOOPBACK,
+        *,
+        most_clients: int = 32,
+        patience: float = 5.0,
+    ) -> None:
         super().__init__()
         check_device_name(device_name)
         self._device_name = device_name
         self.invalid = 0
-        self._broadcast = Broadcast(host, port)
+        self._broadcast = Broadcast(host, port, most_clients, patience)
         self.port = self._broadcast.port
+        self._held: list[bytes] = []
+
+    @property
+    def public(self) -> str:
+        """Address and port at which others on the network can read; empty where nobody can."""
+        return self._broadcast.public
 
     def publish(self, pose: TrackedPose) -> None:
-        """Send to everybody who can take it at once."""
+        """Make its message, which `flush` sends."""
         if not pose.valid:
             self.invalid += 1
             return
@@ -67,9 +89,16 @@ class IgtlPublisher(Publisher):
         message = pyigtl.TransformMessage(
             matrix, timestamp=pose.host_time, device_name=self._device_name
         )
-        taken, lost = self._broadcast.send(bytes(message.pack()))
-        self.published += taken
-        self.dropped += lost
+        self._held.append(bytes(message.pack()))
+
+    def flush(self) -> None:
+        """Send to everybody who can take it at once."""
+        if not self._held:
+            return
+        taken, lost = self._broadcast.send(b"".join(self._held))
+        self.published += taken * len(self._held)
+        self.dropped += lost * len(self._held)
+        self._held.clear()
 
     def close(self) -> None:
         """Hang up."""
@@ -95,6 +124,8 @@ def check_device_name(name: str) -> None:
 # one that catches up sees nothing older than these.
 SEND_BUFFER: Final = 1 << 16
 _WAITING_CLIENTS: Final = 16
+# A computer that has no socket left to give is not asked again before that, s.
+_PAUSE_S: Final = 0.5
 _DISCARDED_AT_ONCE: Final = 1 << 16
 
 
@@ -105,6 +136,7 @@ class _Client:
         self.connection = connection
         self.rest = b""
         self.gone = False
+        self.stuck_since = math.inf
         connection.setblocking(False)
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER)
@@ -122,8 +154,11 @@ class _Client:
     def _send(self, data: bytes) -> bytes:
         """What the kernel did not take of it."""
         try:
-            return data[self.connection.send(data) :]
+            left = data[self.connection.send(data) :]
+            self.stuck_since = math.inf
+            return left
         except (BlockingIOError, InterruptedError):
+            self.stuck_since = min(self.stuck_since, time.perf_counter())
             return data
         except OSError:
             self.gone = True
@@ -147,7 +182,8 @@ class Broadcast:
         OutputError: the port cannot be listened at.
     """
 
-    def __init__(self, host: str, port: int) -> None:
+    def __init__(self, host: str, port: int, most_clients: int, patience: float) -> None:
+        self._most_clients, self._patience = most_clients, patience
         try:
             self._listener = socket.create_server((host, port), backlog=_WAITING_CLIENTS)
         except (OSError, OverflowError) as error:
@@ -169,14 +205,21 @@ class Broadcast:
         """How many are connected."""
         return len(self._clients)
 
+    @property
+    def public(self) -> str:
+        """Address and port at which others on the network can read; empty where nobody can."""
+        address, port = self._listener.getsockname()[:2]
+        return "" if ip_address(address).is_loopback else f"{address}:{port}"
+
     def send(self, message: bytes) -> tuple[int, int]:
         """Send to everybody without waiting; how many took it, and how many could not."""
         clients = self._clients
         taken = sum(client.send(message) for client in clients)
         lost = len(clients) - taken
         if lost:
+            late = time.perf_counter() - self._patience
             for client in clients:
-                if client.gone:
+                if client.gone or client.stuck_since < late:
                     # The serving thread sees the end of file and takes it from its selector.
                     with contextlib.suppress(OSError):
                         client.connection.shutdown(socket.SHUT_RDWR)
@@ -193,8 +236,14 @@ class Broadcast:
         with selectors.DefaultSelector() as selector:
             selector.register(self._listener, selectors.EVENT_READ)
             selector.register(self._woken, selectors.EVENT_READ)
+            listen_at = 0.0
             while True:
-                for key, _ in selector.select():
+                pause = max(listen_at - time.perf_counter(), 0.0) if listen_at else None
+                events = selector.select(pause)
+                if listen_at and time.perf_counter() >= listen_at:
+                    selector.register(self._listener, selectors.EVENT_READ)
+                    listen_at = 0.0
+                for key, _ in events:
                     client = key.data
                     if key.fileobj is self._woken:
                         clients, self._clients = self._clients, ()
@@ -202,21 +251,32 @@ class Broadcast:
                             client.connection.close()
                         return
                     if key.fileobj is self._listener:
-                        self._welcome(selector)
+                        if not self._welcome(selector):
+                            selector.unregister(self._listener)
+                            listen_at = time.perf_counter() + _PAUSE_S
                     elif not _still_there(client.connection):
                         self._clients = tuple(c for c in self._clients if c is not client)
                         selector.unregister(client.connection)
                         client.connection.close()
 
-    def _welcome(self, selector: selectors.BaseSelector) -> None:
+    def _welcome(self, selector: selectors.BaseSelector) -> bool:
+        """Let in whoever asks; False where the computer has no socket left to give."""
         try:
             connection, _ = self._listener.accept()
+        except OSError as error:
+            return error.errno not in (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
+        if len(self._clients) >= self._most_clients:
+            connection.close()
+            return True
+        try:
             client = _Client(connection)
         except OSError:
-            return
+            connection.close()
+            return True
         selector.register(connection, selectors.EVENT_READ, client)
         self.connections += 1
         self._clients = (*self._clients, client)
+        return True
 
 
 def _still_there(connection: socket.socket) -> bool:

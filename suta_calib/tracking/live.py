@@ -38,7 +38,8 @@ class TrackOptions:
         result: result.json of the calibration that wrote ``arm``: for the tip's uncertainty.
         anyway: take a result or a tool that says of itself that it must not be used.
         tool: tip.json of a pivot calibration: a tool on the tip.
-        igtl: host (empty for all) and port at which OpenIGTLink clients are served.
+        igtl: host (empty for ``host``) and port at which OpenIGTLink clients are served.
+        host: address of that port; ``0.0.0.0`` lets anybody on the network read.
         igtl_name: the device name of these messages.
         udp: host and port to which JSON datagrams are sent.
         csv, parquet: files that record every pose.
@@ -54,6 +55,7 @@ class TrackOptions:
     anyway: bool = False
     tool: Path | None = None
     igtl: tuple[str, int] | None = None
+    host: str = "127.0.0.1"
     igtl_name: str = "TipToBase"
     udp: tuple[str, int] | None = None
     csv: Path | None = None
@@ -125,6 +127,9 @@ class Tracking:
             publishers = [stack.enter_context(each()) for each in self._wanted()]
             self.session = TrackingSession(self._tracker, publishers, self.options.rate)
             self._publishers = stack.pop_all()
+        for publisher in publishers:
+            if public := getattr(publisher, "public", ""):
+                self.on_event(f"anybody on the network can read the poses at {public}")
         return self
 
     def __exit__(self, *error: Any) -> None:
@@ -190,6 +195,7 @@ class Tracking:
             from suta_calib.tracking.igtl import IgtlPublisher
 
             host, port = options.igtl
+            host = host or options.host
             wanted.append(lambda: IgtlPublisher(port, options.igtl_name, host))
         if options.udp is not None:
             to = options.udp
