@@ -93,7 +93,7 @@ def test_files_are_written_and_the_section_is_replaced(
 
 def test_a_stream_alone_needs_no_arm(resting: Path, tmp_path: Path, capsys: Capture) -> None:
     found = answer(capsys, "--stationary", resting, "--out", tmp_path / "out")
-    assert set(found) == {"stationary", "verdict", "files"}
+    assert set(found) == {"stationary", "verdict", "files", "run"}
     joints = found["stationary"]["joints"]
     assert joints["joint_1"]["std_deg"] == pytest.approx(np.degrees(1e-5), rel=0.1)
     assert joints["joint_2"]["stuck"] is True
