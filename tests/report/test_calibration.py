@@ -25,8 +25,8 @@ from suta_calib.model.arm import ArmModel
 from suta_calib.report import calibration_plots as plots
 from suta_calib.report.calibration import calibration_document
 from suta_calib.report.console import rendered
-from suta_calib.report.errors import by_kind, groups
 from suta_calib.report.document import Document
+from suta_calib.report.errors import by_kind, groups
 from suta_calib.report.files import write_document
 from suta_calib.report.observability import observability_document
 from suta_calib.report.page import page_with
