@@ -22,7 +22,13 @@ from suta_calib.solver.artefact_covariance import (
     artefact_rows,
     residuals_without_artefact,
 )
-from suta_calib.solver.information import Information, Rows, robust_jacobian, whitened_rows
+from suta_calib.solver.information import (
+    Information,
+    Rows,
+    robust_jacobian,
+    scaled_inverse,
+    whitened_rows,
+)
 from suta_calib.solver.problem import Problem
 
 # Touches from which on none has leverage worth freeing residuals of.
@@ -84,7 +90,7 @@ def observed_parts(
     prior = np.diag(problem.prior_precision())
     curvature = prior + sum(j.T @ j for j in map(robust_jacobian, rows))
     bread, artefact = np.zeros_like(prior), np.zeros_like(prior)
-    bread[np.ix_(free, free)] = _pseudo_inverse(curvature[np.ix_(free, free)])
+    bread[np.ix_(free, free)] = scaled_inverse(curvature[np.ix_(free, free)])
     touches = [term.repeats() for term in problem.terms] if touches is None else touches
     part = artefact_rows(rows)
     if part is not None and len(free):
@@ -98,10 +104,10 @@ def observed_parts(
 
 
 def predicted_covariance(problem: Problem, information: Information, free: IntArray) -> FloatArray:
-    """The same before any residual is known, from `predicted_information`."""
+    """Covariance (n, n) before any residual is known, from `predicted_information`."""
     prior = np.diag(problem.prior_precision())
     bread = np.zeros_like(prior)
-    inverse = _pseudo_inverse((information.curvature + prior)[np.ix_(free, free)])
+    inverse = scaled_inverse((information.curvature + prior)[np.ix_(free, free)])
     bread[np.ix_(free, free)] = inverse
     return bread @ (information.variance + prior) @ bread
 
@@ -172,9 +178,3 @@ def _positive(matrix: FloatArray) -> FloatArray:
     """Nearest positive semidefinite matrix: a difference of two need not be one."""
     values, vectors = np.linalg.eigh((matrix + matrix.T) / 2)
     return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)
-
-
-def _pseudo_inverse(matrix: FloatArray) -> FloatArray:
-    scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
-    outer = np.outer(scale, scale)
-    return np.asarray(np.linalg.pinv(matrix / outer, 1e-12, True) / outer)
