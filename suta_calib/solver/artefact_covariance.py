@@ -82,13 +82,7 @@ def _by_coordinates(rows: Rows, index: dict[tuple[object, ...], int]) -> FloatAr
 
 
 def artefact_covariance(rows: Sequence[Rows], part: ArtefactRows, bread: FloatArray) -> FloatArray:
-    """(dx/dl) Σ (dx/dl)ᵀ, (n, n).
-
-    Args:
-        rows: whitened rows at the solution.
-        part: from `artefact_rows`.
-        bread: (n, n) inverse curvature A⁻¹.
-    """
+    """(dx/dl) Σ (dx/dl)ᵀ, (n, n), from whitened rows at the solution and A⁻¹ (n, n)."""
     cross = sum(
         robust_jacobian(r).T @ robust_jacobian(replace(r, jacobian=d))
         for r, d in zip(rows, part.jacobian, strict=True)
@@ -109,15 +103,8 @@ def residuals_without_artefact(
 
     The landmarks are fitted to all rows beside the free parameters, each with its certified
     coordinates as a prior, and the residuals enlarged for the freedom they lose to that, which is
-    a freedom among touches: a repeat sees the same landmark.
-
-    Args:
-        problem: terms and parameters.
-        x: (n,) the estimate.
-        rows: whitened rows at x.
-        part: from `artefact_rows`.
-        free: indices that were estimated.
-        touches: for each term, which samples are one witness.
+    a freedom among touches: a repeat sees the same landmark. Arguments as in `observed_parts`, with
+    the whitened rows at x.
     """
     whites = [_white(r) for r in rows]
     shares = [

@@ -11,7 +11,6 @@ deviations by two to four times.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -37,24 +36,6 @@ MANY_TOUCHES: Final = 2000
 ROUNDING: Final = 1e-14
 
 
-@dataclass(frozen=True, eq=False)
-class CovarianceParts:
-    """Where an estimate's uncertainty comes from; the parts add up.
-
-    Attributes:
-        scatter: (n, n) of everything that differs from touch to touch, and of the priors.
-        artefact: (n, n) of certified coordinates, whose errors all touches share.
-    """
-
-    scatter: FloatArray
-    artefact: FloatArray
-
-    @property
-    def total(self) -> FloatArray:
-        """Covariance (n, n) of the estimate."""
-        return np.asarray(self.scatter + self.artefact)
-
-
 def observed_covariance(
     problem: Problem,
     x: FloatArray,
@@ -63,7 +44,7 @@ def observed_covariance(
     touches: Sequence[IntArray] | None = None,
 ) -> FloatArray:
     """Covariance (n, n) of the estimate at x: the sum of `observed_parts`."""
-    return observed_parts(problem, x, sigmas, free, touches).total
+    return np.asarray(sum(observed_parts(problem, x, sigmas, free, touches)))
 
 
 def observed_parts(
@@ -72,7 +53,7 @@ def observed_parts(
     sigmas: Sequence[float],
     free: IntArray,
     touches: Sequence[IntArray] | None = None,
-) -> CovarianceParts:
+) -> tuple[FloatArray, FloatArray]:
     """Covariance of the estimate at x by origin, zero for entries that were not free.
 
     The sandwich A⁻¹ (M + P) A⁻¹ with the priors' precision P in A as well: scatter as the residuals
@@ -85,6 +66,10 @@ def observed_parts(
         sigmas: noise level of each block.
         free: indices that were estimated.
         touches: for each term (samples,), which samples are one witness; `Term.repeats` by default.
+
+    Returns:
+        Two covariances (n, n) that add up: of what differs from touch to touch, and of the priors;
+        and of certified coordinates, whose errors all touches share.
     """
     rows = whitened_rows(problem, x, sigmas)
     prior = np.diag(problem.prior_precision())
@@ -100,7 +85,7 @@ def observed_parts(
     for term, touch in zip(problem.terms, touches, strict=True):
         mine = [r for r in rows if any(r.line.view.block is b for b in term.blocks)]
         scatter += _clustered_variance(mine, touch, bread)
-    return CovarianceParts(scatter, artefact)
+    return scatter, artefact
 
 
 def predicted_covariance(problem: Problem, information: Information, free: IntArray) -> FloatArray:
@@ -119,11 +104,8 @@ def _clustered_variance(rows: Sequence[Rows], touch: IntArray, bread: FloatArray
     is White's for rows of one sample each. Residuals are freed of their leverage touch by touch
     (CR2; Bell and McCaffrey 2002): a fit follows the few touches it has.
 
-    Args:
-        rows: whitened rows.
-        touch: (samples,) cluster of each sample; repeats of a touch are one cluster, because they
-            share what the model gets wrong about their posture.
-        bread: (n, n) inverse curvature A⁻¹.
+    Repeats of a touch are one cluster, because they share what the model gets wrong about their
+    posture: ``touch`` (samples,) names it.
     """
     unit = np.sqrt(np.maximum(np.diag(bread), 0.0))
     outer = np.outer(unit, unit)

@@ -58,7 +58,7 @@ def solve(
     solved = perf_counter()
     x = minimum.x
     free = _inside(problem, x, estimated)
-    parts = observed_parts(problem, x, sigmas, free)
+    scatter, artefact = observed_parts(problem, x, sigmas, free)
     return Solution(
         problem=problem,
         minimum=minimum,
@@ -66,8 +66,8 @@ def solve(
         before=before,
         identification=identification,
         free=free,
-        covariance=parts.total,
-        artefact_covariance=parts.artefact,
+        covariance=scatter + artefact,
+        artefact_covariance=artefact,
         sigmas=tuple(sigmas),
         noise=tuple(noise_levels(problem, x, sigmas)),
         timing={
