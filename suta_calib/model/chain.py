@@ -103,9 +103,8 @@ def read_chain(path: str | Path, tip: str, base: str | None = None) -> Chain:
     Joints off the chain may be of any type; their origins, axes and limits are not looked at.
 
     Args:
-        path: a URDF file (not a xacro file).
-        tip: name of a link, or of a joint, which stands for its child link. A name that is both
-            means the link.
+        path: of the URDF.
+        tip: name of a link, or of a joint, which stands for its child link; both mean the link.
         base: name of a link above the tip; the root link by default.
 
     Raises:

@@ -73,10 +73,7 @@ class UrdfTree:
 
 
 def read_tree(path: str | Path) -> UrdfTree:
-    """Read a URDF and check that its joints and links make one tree.
-
-    Args:
-        path: a URDF file (not a xacro file).
+    """Read a URDF (not a xacro file) and check that its joints and links make one tree.
 
     Raises:
         UrdfError: the file cannot be read or is not XML, its root is not ``<robot>``, xacro was

@@ -201,7 +201,7 @@ def test_reachable_poses_are_reached_by_the_suta(seed: int) -> None:
     _round_trip("suta", seed)
 
 
-@settings(max_examples=20)
+@settings(max_examples=10)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_reachable_poses_are_reached_by_a_redundant_arm_within_its_limits(seed: int) -> None:
     _round_trip("panda", seed)

@@ -14,6 +14,7 @@ from cli_job import cli
 from measuring_bench import Bench
 from simulated import Spread, arm_named, dh_parameters, perturbed, plane_scene
 
+from suta_calib.analysis.outliers import find_outliers
 from suta_calib.analysis.study.trial import resimulated
 from suta_calib.emulation import EmulatedArm
 from suta_calib.errors import SamplesError
@@ -102,9 +103,7 @@ def test_planes_tell_the_arm(folder: Path, capsys: pytest.CaptureFixture[str]) -
     assert min(numbers) < 0 < max(numbers)
 
 
-def test_a_touch_that_slipped_is_found(
-    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_touch_that_slipped_is_found(folder: Path, tmp_path: Path) -> None:
     text = (folder / "calibration" / "S2.csv").read_text().splitlines()
     cells = text[4].split(",")
     text[4] = ",".join([cells[0], str(float(cells[1]) + 0.01), *cells[2:]])
@@ -116,8 +115,9 @@ def test_a_touch_that_slipped_is_found(
     (tmp_path / "arm.urdf").write_bytes((folder / "arm.urdf").read_bytes())
     job = "\n".join(line for line in JOB.splitlines() if "validation" not in line)
     (tmp_path / "job.yaml").write_text(job)
-    found = answer(capsys, "outliers", tmp_path / "job.yaml", "--out", tmp_path / "o")
-    assert found["exclude"] == [{"rows": ["S2.csv:5"]}]
+    loaded = CalibrationJob.load(tmp_path / "job.yaml")
+    found = find_outliers(loaded.problem(), options=loaded.options())
+    assert found.exclusion == [{"rows": ["S2.csv:5"]}]
     (tmp_path / "job.yaml").write_text(
         job.replace("huber_mm: 1", "exclude: {planes: [S3], rows: [S2.csv:5]}")
     )
