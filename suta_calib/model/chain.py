@@ -148,30 +148,24 @@ def _joints_between(tree: UrdfTree, base: str, tip: str) -> list[TreeJoint]:
 
 
 def _chain_joint(path: Path, joint: TreeJoint) -> ChainJoint:
-    where = f"joint {quoted(joint.name)}"
-    kind = _supported_type(path, joint, where)
+    where, element = f"joint {quoted(joint.name)}", joint.element
+    kind = attribute(path, element, "type", where)
+    if kind not in _SUPPORTED_TYPES:
+        expected = f"{', '.join(_SUPPORTED_TYPES[:-1])} or fixed on the chain"
+        raise refusal(path, element, f"the type {quoted(kind)}", expected, where)
+    for mimic in children(element, "mimic"):
+        found = f"<mimic> of joint {quoted(mimic.get('joint', ''))}"
+        raise refusal(path, mimic, found, "joints with a reading of their own on the chain", where)
     xyz, rpy = np.zeros(3), np.zeros(3)
-    for origin in children(joint.element, "origin")[:1]:
+    for origin in children(element, "origin")[:1]:
         place = f"{where}: <origin>"
         xyz, rpy = (_numbers(path, origin, key, place, (0.0,) * 3) for key in ("xyz", "rpy"))
     moving = kind in _MOVING_TYPES
-    axis = _axis(path, joint.element, where) if moving else np.array([1.0, 0.0, 0.0])
-    lower, upper = _limits(path, joint.element, kind, where)
+    axis = _axis(path, element, where) if moving else np.array([1.0, 0.0, 0.0])
+    lower, upper = _limits(path, element, kind, where)
     return ChainJoint(
         joint.name, kind, joint.parent, joint.child, xyz, rpy, axis, lower, upper, joint.line
     )
-
-
-def _supported_type(path: Path, joint: TreeJoint, where: str) -> str:
-    kind = attribute(path, joint.element, "type", where)
-    if kind not in _SUPPORTED_TYPES:
-        expected = f"{', '.join(_SUPPORTED_TYPES[:-1])} or fixed on the chain"
-        raise refusal(path, joint.element, f"the type {quoted(kind)}", expected, where)
-    for mimic in children(joint.element, "mimic"):
-        found = f"<mimic> of joint {quoted(mimic.get('joint', ''))}"
-        expected = "joints with a reading of their own on the chain"
-        raise refusal(path, mimic, found, expected, where)
-    return kind
 
 
 def _axis(path: Path, element: Element, where: str) -> FloatArray:

@@ -199,15 +199,12 @@ def _check_apart(poses: PoseSource, first: IntArray, second: IntArray) -> None:
 
 def landmark_pairs(samples: Samples) -> IntArray:
     """(n, 2) rows of the same placement and repeat, and different landmarks."""
-    labels = samples.labels
-    _, landmark = grouped(labels["landmark"])
-    _, placement = grouped(labels["placement"])
-    _, repeat = grouped(labels["repeat"])
+    columns = ("landmark", "placement", "repeat")
+    landmark, placement, repeat = (grouped(samples.labels[name])[1] for name in columns)
     sets = placement * (repeat.max(initial=0) + 1) + repeat
     found = [np.zeros((0, 2), dtype=np.intp)]
     for group in np.unique(sets):
         rows = np.flatnonzero(sets == group)
-        i, j = np.triu_indices(len(rows), k=1)
-        different = landmark[rows[i]] != landmark[rows[j]]
-        found.append(np.column_stack([rows[i], rows[j]])[different])
+        pairs = rows[np.column_stack(np.triu_indices(len(rows), k=1))]
+        found.append(pairs[landmark[pairs[:, 0]] != landmark[pairs[:, 1]]])
     return np.concatenate(found).astype(np.intp)
