@@ -19,14 +19,12 @@ import numpy as np
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.certification.comparison import QUARTER, quarter_turns, wrapped
 from suta_calib.certification.measuring import (
+    CENTRE,
     GROUND,
     YAW,
     MeasuredArtefact,
     PillarGeometry,
     ProbingNoise,
-    X,
-    Y,
-    Z,
     levelled,
 )
 from suta_calib.certification.plane import agreeing
@@ -67,12 +65,7 @@ def heading_of(raw: RawPoints, measured: MeasuredArtefact, noise: float) -> Head
     """Along the side plane's line in the ground, with the artefact on its left; None without side.
 
     Where the touches differ in height, the side may lean: its line at the height of the ground
-    counts, not the touches' projection.
-
-    Args:
-        raw: points as they were read.
-        measured: the same in the ground's frame.
-        noise: standard deviation of a touch, m.
+    counts, not the touches' projection. ``noise`` is a touch's standard deviation, m.
 
     Raises:
         SamplesError: the side's touches lie together.
@@ -230,13 +223,8 @@ def placed_in_frame(
 ) -> Placed:
     """Landmarks in the artefact's frame, turned by quarters to be as in the drawing.
 
-    Args:
-        measured: pillars in the ground's frame.
-        jacobians: of each pillar by everything touched.
-        heading: the side's direction, if one was touched.
-        by: what was touched.
-        origin: which landmark is the origin.
-        drawing: of the artefact, if there is one.
+    ``jacobians`` are of each pillar by everything touched (``by``), ``heading`` is the side's
+    direction if one was touched, ``origin`` the landmark that counts as the origin.
     """
     if heading is None:
         angle, angle_by = _towards_farthest(measured, jacobians, origin, drawing)
@@ -258,8 +246,8 @@ def _placed(
     angle_by: FloatArray,
 ) -> Placed:
     """Turn by the heading, and count x and y from the origin."""
-    local = np.array([g.values[[X, Y, Z]] for g in pillars])
-    by = np.array([j[[X, Y, Z]] for j in jacobians])
+    local = np.array([g.values[CENTRE] for g in pillars])
+    by = np.array([j[CENTRE] for j in jacobians])
     local[:, :2] -= local[origin, :2].copy()
     by[:, :2] -= by[origin, :2].copy()
     c, s = np.cos(angle), np.sin(angle)

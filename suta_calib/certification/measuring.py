@@ -24,7 +24,8 @@ from suta_calib.geometry.symbols import Symbol, symbolic_rotation
 from suta_calib.units import mm
 
 # Rows of a pillar's answer.
-X, Y, Z, SLOPE_X, SLOPE_Y, UNEVEN_X, UNEVEN_Y, DIAGONAL_02, DIAGONAL_13, YAW, WIDTH = range(11)
+CENTRE, SLOPES, UNEVEN, DIAGONALS = slice(0, 3), slice(3, 5), slice(5, 7), slice(7, 9)
+YAW, WIDTH = 9, 10
 # Inputs about the ground: turns about x and y (rad), height (m).
 GROUND: Final = 3
 # Conditioning of the top's fit: its touches are millimetres apart.
@@ -57,13 +58,7 @@ class PillarGeometry:
 def pillar_geometry(
     top: FloatArray, holes: FloatArray, flats: tuple[FloatArray, FloatArray] | None
 ) -> PillarGeometry:
-    """Evaluate one pillar.
-
-    Args:
-        top: (k, 3) touches used, in the ground's frame, m.
-        holes: (4, 3) in order around.
-        flats: front and back (3,), or None.
-    """
+    """Evaluate one pillar in the ground's frame, from (k, 3) touches used and (4, 3) holes, m."""
     touches = np.vstack([top, holes, *(flats or ())])
     outputs = _pillar(len(top), flats is not None)(touches.T, np.zeros(GROUND))
     values, by_touch, by_ground = (np.asarray(o.full(), dtype=float) for o in outputs)
@@ -110,9 +105,7 @@ def crossing(hole: Symbol) -> Symbol:
 def diagonals_cross(holes: FloatArray, least: float) -> bool:
     """Whether the diagonals 0-2 and 1-3 of (4, 2 or 3) points cross well inside both.
 
-    Args:
-        holes: in the ground's frame, m.
-        least: smallest share of a diagonal on either side of the crossing.
+    Well means with at least the share ``least`` of a diagonal on either side.
     """
     a, b = holes[2, :2] - holes[0, :2], holes[3, :2] - holes[1, :2]
     start = holes[1, :2] - holes[0, :2]
@@ -153,11 +146,7 @@ class MeasuredArtefact:
 
 
 def measure(raw: RawPoints, sigma: float | None) -> MeasuredArtefact:
-    """Fit the ground, judge the tops and work out every pillar.
-
-    Args:
-        raw: points as they were read.
-        sigma: standard deviation of a touched coordinate, m, if it is stated.
+    """Fit the ground, judge the tops and work out every pillar; ``sigma`` (m) is a stated noise.
 
     Raises:
         SamplesError: touches that define no plane or no centre, and which.

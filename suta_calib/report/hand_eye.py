@@ -54,9 +54,9 @@ def hand_eye_document(found: HandEyeCalibration, data: PosePairs) -> Document:
     )
     parts: list[Part] = [
         *poses,
-        *fit_texts(fit, "pair", found.inliers, data.lines),
+        *fit_texts(fit, "pair", found, data.lines),
         residuals_file(
-            found.inliers, {"line": data.lines}, found.position_residuals, found.rotation_residuals
+            found.inliers, {"line": data.lines}, found.residuals, found.rotation_residuals
         ),
         Figure(partial(hand_eye_plot, found)),
     ]
@@ -79,7 +79,7 @@ def _data(found: HandEyeCalibration, data: PosePairs) -> Json:
         "frames": {name: FRAMES[found.setup][name] for name in names},
         "std": {name: pose_std_record(found.std[name]) for name in names},
         **CALIBRATION.record(found),
-        **fitted_rows(found.inliers, data.lines),
+        **fitted_rows(found, data.lines),
         "covariance": covariance_record(found.covariance[:size, :size], order, "m, rad"),
         "input": str(data.path),
     }
@@ -90,7 +90,7 @@ def hand_eye_plot(found: HandEyeCalibration) -> str:
     with picture(NAME, (LARGE, 4.6)) as figure:
         panels = figure.subplot_mosaic("LA;TA", width_ratios=(1.5, 1))
         length, turn, inliers = panels["L"], panels["T"], found.inliers
-        draw_residuals(length, found.position_residuals, inliers, found.rms, "m", "")
+        draw_residuals(length, found.residuals, inliers, found.rms, "m", "")
         draw_residuals(
             turn, found.rotation_residuals, inliers, found.rms_angle, "rad", "pair (row, from 0)"
         )

@@ -63,7 +63,7 @@ def pivot_document(found: PivotCalibration, data: ToolPoses) -> Document:
         f"the tool was turned by {deg(found.turn):.0f}° RMS"
     )
     parts += [
-        *fit_texts(fit, "pose", found.inliers, data.lines),
+        *fit_texts(fit, "pose", found, data.lines),
         residuals_file(found.inliers, {"line": data.lines, **touched}, found.residuals),
         Figure(partial(pivot_plot, found, data)),
     ]
@@ -83,7 +83,7 @@ def _data(found: PivotCalibration, data: ToolPoses) -> Json:
     return {
         **CALIBRATION.record(found),
         **posts,
-        **fitted_rows(found.inliers, data.lines),
+        **fitted_rows(found, data.lines),
         "covariance": covariance_record(found.covariance, order, "m²"),
         "input": str(data.path),
     }

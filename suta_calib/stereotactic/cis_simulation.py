@@ -60,7 +60,7 @@ class StereotacticTruth:
 
 @dataclass(frozen=True, eq=False)
 class SimulatedSet:
-    """Simulated data and the truth behind them."""
+    """Simulated data and what they were made from."""
 
     data: StereotacticData
     truth: StereotacticTruth
@@ -105,7 +105,7 @@ def simulate_stereotactic(
 
     Args:
         name: what the names of the files begin with.
-        seed: the same seed gives the same set.
+        seed: of everything random.
         distortion: largest displacement of an EM reading in the working volume, per axis, about, m.
         em_noise: standard deviation of an EM reading per coordinate, m.
         jiggle: how far the optical tracker moves between frames, standard deviation per axis, m.
@@ -191,8 +191,7 @@ def _lattice(n: int, size: float) -> FloatArray:
 
 def _probe(random: np.random.Generator) -> tuple[FloatArray, FloatArray]:
     """(6, 3) markers and (3,) tip of a probe, m."""
-    axes = np.eye(3)
-    markers = 0.05 * np.stack([0 * axes[0], axes[0], 2 * axes[0], axes[1], 2 * axes[1], axes[2]])
+    markers = 0.05 * np.array([[0, 0, 0], [1, 0, 0], [2, 0, 0], [0, 1, 0], [0, 2, 0], [0, 0, 1]])
     return markers - markers.mean(axis=0), np.array([0.0, 0.0, -0.1]) + random.normal(0, 0.01, 3)
 
 
@@ -212,15 +211,11 @@ def _tables(data: StereotacticData) -> Mapping[str, tuple[tuple[int, ...], tuple
     tables = {
         "calbody": (markers, (body.base, body.optical, body.em)),
         "calreadings": ((*markers, len(frames)), (frames,)),
-        "empivot": _em_table(data.em_pivot),
         "optpivot": ((markers[0], probe, len(optical)), (optical,)),
     }
+    by_em = {"empivot": data.em_pivot}
     if given is not None:
         tables["ct-fiducials"] = ((len(given.ct_fiducials),), (given.ct_fiducials,))
-        tables["em-fiducials"] = _em_table(given.em_fiducials)
-        tables["EM-nav"] = _em_table(given.em_nav)
-    return tables
-
-
-def _em_table(frames: FloatArray) -> tuple[tuple[int, ...], tuple[FloatArray, ...]]:
-    return (frames.shape[1], len(frames)), (frames,)
+        by_em |= {"em-fiducials": given.em_fiducials, "EM-nav": given.em_nav}
+    em_tables = {kind: ((seen.shape[1], len(seen)), (seen,)) for kind, seen in by_em.items()}
+    return tables | em_tables

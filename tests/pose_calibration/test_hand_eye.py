@@ -71,7 +71,7 @@ def test_the_residuals_are_those_of_the_loop() -> None:
     data = noisy(40)
     found = calibrate(data)
     R, p = loops(data.poses, (found.X[:3, :3], found.X[:3, 3]), data.seen)
-    np.testing.assert_allclose(found.position_residuals, p - found.Z[:3, 3], atol=1e-12)
+    np.testing.assert_allclose(found.residuals, p - found.Z[:3, 3], atol=1e-12)
     turned = vector_from_rotation(found.Z[:3, :3].T @ R)
     np.testing.assert_allclose(found.rotation_residuals, turned, atol=1e-12)
     assert found.rms == pytest.approx(
