@@ -31,7 +31,6 @@ from suta_calib.certification.plane import agreeing
 from suta_calib.certification.points import CertificationOptions, RawPoints
 from suta_calib.errors import ArtefactError, SamplesError, did_you_mean
 from suta_calib.geometry.numbers import skew
-from suta_calib.geometry.symbols import Symbol
 from suta_calib.measurements import Artefact
 
 Source = Literal["side plane", "farthest landmark"]
@@ -83,7 +82,7 @@ def heading_of(raw: RawPoints, measured: MeasuredArtefact, noise: float) -> Head
         )
     middle = np.mean([g.values[:2] for g in measured.geometry], axis=0)
     leaning = len(side) > 4 and float(np.std(side[:, 2])) > UPRIGHT
-    columns = 3 if leaning else 2
+    columns = 2 + leaning
 
     def fit(rows: BoolArray) -> tuple[FloatArray, FloatArray]:
         centre, turn = _lined_up(side[rows, :2], middle)
@@ -116,23 +115,16 @@ def _lined_up(points: FloatArray, middle: FloatArray) -> tuple[FloatArray, Float
 def _side(count: int, leaning: bool) -> Any:
     touches, ground = ca.SX.sym("touches", 3, count), ca.SX.sym("ground", GROUND)
     start = ca.SX.sym("start")
-    level = levelled(touches, ground)
-    x, y = level[0, :].T, level[1, :].T
+    x, y, z = ca.horzsplit(levelled(touches, ground).T)
     along = ca.cos(start) * x + ca.sin(start) * y
     across = ca.cos(start) * y - ca.sin(start) * x
-    design = [ca.SX.ones(count, 1), _centred(along)]
-    if leaning:
-        # The slope along the ground is the same at any height.
-        design.append(_centred(level[2, :].T))
-    matrix = ca.horzcat(*design)
+    # The slope along the ground is the same at any height.
+    columns = [column - ca.sum1(column) / count for column in [along, z][: 1 + leaning]]
+    matrix = ca.horzcat(ca.SX.ones(count, 1), *columns)
     found = ca.inv(matrix.T @ matrix) @ (matrix.T @ across)
     angle = start + ca.atan(found[1])
     derivatives = [ca.jacobian(angle, ca.vec(touches)), ca.jacobian(angle, ground)]
     return ca.Function("side", [touches, ground, start], [angle, *derivatives], {"cse": True})
-
-
-def _centred(column: Symbol) -> Symbol:
-    return column - ca.dot(column, ca.SX.ones(*column.shape)) / column.shape[0]
 
 
 @dataclass(frozen=True, eq=False)

@@ -55,17 +55,6 @@ class PillarGeometry:
     by_ground: FloatArray
 
 
-def pillar_geometry(
-    top: FloatArray, holes: FloatArray, flats: tuple[FloatArray, FloatArray] | None
-) -> PillarGeometry:
-    """Evaluate one pillar in the ground's frame, from (k, 3) touches used and (4, 3) holes, m."""
-    touches = np.vstack([top, holes, *(flats or ())])
-    outputs = _pillar(len(top), flats is not None)(touches.T, np.zeros(GROUND))
-    values, by_touch, by_ground = (np.asarray(o.full(), dtype=float) for o in outputs)
-    # CasADi's columns run over coordinates first: touches were given as 3 x k for that.
-    return PillarGeometry(values[:, 0], by_touch, by_ground)
-
-
 @lru_cache(maxsize=32)
 def _pillar(tops: int, flats: bool) -> Any:
     touches = ca.SX.sym("touches", 3, tops + 4 + 2 * flats)
@@ -163,10 +152,12 @@ def measure(raw: RawPoints, sigma: float | None) -> MeasuredArtefact:
     judged = judge_tops(tops, sigma, ground.rms)
     geometry = []
     for pillar, points, hole, verdict in zip(raw.pillars, tops, holes, judged, strict=True):
-        flats = None
-        if pillar.front is not None and pillar.back is not None:
-            flats = local(pillar.front), local(pillar.back)
-        geometry.append(pillar_geometry(points[verdict.inliers], hole, flats))
+        flats = [local(flat) for flat in (pillar.front, pillar.back) if flat is not None]
+        # CasADi's columns run over coordinates first: touches are given as 3 x k for that.
+        touches = np.vstack([points[verdict.inliers], hole, *flats]).T
+        outputs = _pillar(int(verdict.inliers.sum()), len(flats) > 0)(touches, np.zeros(GROUND))
+        values, by_touch, by_ground = (np.asarray(o.full(), dtype=float) for o in outputs)
+        geometry.append(PillarGeometry(values[:, 0], by_touch, by_ground))
     inside = local(raw.ground.position[ground.inliers])
     return MeasuredArtefact(ground, inside, raw.pillars, judged, tuple(geometry))
 
@@ -189,36 +180,31 @@ def _ground(raw: RawPoints, sigma: float | None) -> Plane:
 
 
 def _check_pillar(raw: RawPoints, pillar: Pillar, top: FloatArray, holes: FloatArray) -> None:
-    where = f"landmark {pillar.name!r}"
-    lines = ", ".join(str(line) for line in pillar.holes.lines)
+    where, first = f"landmark {pillar.name!r}", pillar.top.lines[0]
     if not diagonals_cross(holes, LEAST_SHARE):
-        order = order_around(holes)
-        hint = ""
-        if order not in ((0, 1, 2, 3), (0, 3, 2, 1)):
-            hint = f"around the pillar they follow as {' '.join(map(str, order))}"
+        order, lines = order_around(holes), ", ".join(map(str, pillar.holes.lines))
+        hint = f"around the pillar they follow as {' '.join(map(str, order))}"
+        if order in ((0, 1, 2, 3), (0, 3, 2, 1)):
+            hint = "one of them belongs elsewhere"
         raise SamplesError(
             f"holes (lines {lines}) whose diagonals 0-2 and 1-3 do not cross each other",
             "four holes 0 1 2 3 in order around the pillar",
             file=raw.path,
             where=where,
-            hint=hint or "one of them belongs elsewhere",
+            hint=hint,
         )
     if on_a_line(top * [1, 1, 0], 0.0):
-        raise SamplesError(
-            f"{len(top)} touches of its top on a line",
-            "touches spread over the top",
-            file=raw.path,
-            line=pillar.top.lines[0],
-            where=where,
-        )
+        found = f"{len(top)} touches of its top on a line"
+        spread = "touches spread over the top"
+        raise SamplesError(found, spread, file=raw.path, line=first, where=where)
     apart = float(np.hypot(*(top.mean(axis=0) - holes.mean(axis=0))[:2]))
     around = float(np.linalg.norm(holes - holes.mean(axis=0), axis=1).max())
     if apart > 2.0 * around:
         raise SamplesError(
             f"a top {mm(apart):.1f} mm beside the middle of its holes",
-            f"a top within {2e3 * around:.1f} mm of it",
+            f"a top within {mm(2.0 * around):.1f} mm of it",
             file=raw.path,
-            line=pillar.top.lines[0],
+            line=first,
             where=where,
             hint="do both belong to this landmark?",
         )

@@ -67,10 +67,10 @@ def certify(raw: RawPoints, options: CertificationOptions = PLAIN) -> Certificat
     drawing = options.drawing
     comparison = None if drawing is None else compare(names, where.position, yaw, drawing)
     landmarks, covariance = _landmarks(measured, jacobians, where, yaw, by, options)
-    ground_tilt = max(by.std(row) for row in by.ground[:2])
     side = None
     if raw.side is not None and heading is not None:
         side = _quality(raw.side, heading, by.std(by.heading_jacobian(heading)))
+    ground_tilt = max(by.std(row) for row in by.ground[:2])
     found = judged(measured, jacobians, by, landmarks, comparison)
     return Certification(
         path=raw.path,

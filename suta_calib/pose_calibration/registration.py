@@ -287,11 +287,7 @@ def _check_fit(fit: RobustFit, moved: FloatArray, length: float) -> None:
 
 
 def distinct_rows(a: FloatArray, b: FloatArray) -> tuple[IntArray, IntArray]:
-    """Pairs of points without their exact copies.
-
-    Args:
-        a: (n, 3) points in one frame.
-        b: (n, 3) the same points in another.
+    """Pairs of points (n, 3) without their exact copies.
 
     Returns:
         (k,) rows that are not copies of one before, in their order; and (n,) for every row the

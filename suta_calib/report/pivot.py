@@ -69,24 +69,17 @@ def pivot_document(found: PivotCalibration, data: ToolPoses) -> Document:
     ]
     if found.assessment.usable:
         parts.append(File("tip.json", lambda: json_text(TIP.record(found))))
-    return Document(
-        NAME, "Pivot calibration", found.assessment, parts, _data(found, data), "result"
-    )
-
-
-def _data(found: PivotCalibration, data: ToolPoses) -> Json:
-    posts: Json = {}
-    if data.point is not None:
-        posts["posts_mm"] = plain(found.posts, "m")
-        posts["posts_std_mm"] = {n: plain(found.post_std(n), "m") for n in found.posts}
     order = [f"{name}.{axis}" for name in ("tip", *found.posts) for axis in "xyz"]
-    return {
-        **CALIBRATION.record(found),
-        **posts,
+    record: Json = CALIBRATION.record(found)
+    if data.point is not None:
+        record["posts_mm"] = plain(found.posts, "m")
+        record["posts_std_mm"] = {n: plain(found.post_std(n), "m") for n in found.posts}
+    record |= {
         **fitted_rows(found, data.lines),
         "covariance": covariance_record(found.covariance, order, "m²"),
         "input": str(data.path),
     }
+    return Document(NAME, "Pivot calibration", found.assessment, parts, record, "result")
 
 
 def pivot_plot(found: PivotCalibration, data: ToolPoses) -> str:

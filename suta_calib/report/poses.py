@@ -99,10 +99,9 @@ def fit_texts(figures: str, what: str, found: RobustAnswer, lines: Sequence[int]
 
 
 # ── poses ────────────────────────────────────────────────────────────────────────────────────
-# A label and four cells.
-_POSE: Final = Listing[tuple[str, ...]](
-    "", Column("", "", itemgetter(0)), *(shown_as("", itemgetter(k)) for k in range(1, 5))
-)
+# Of a label and four texts.
+_CELLS: Final[list[Callable[[tuple[str, ...]], str]]] = [itemgetter(k) for k in range(5)]
+_POSE: Final = Listing("", Column("", "", _CELLS[0]), *(shown_as("", c) for c in _CELLS[1:]))
 
 
 def pose_table(title: str, pose: FloatArray, std: FloatArray, axes: str) -> Table:

@@ -27,7 +27,7 @@ from suta_calib.report.listing import (
 )
 from suta_calib.report.poses import axes_with_std
 from suta_calib.report.svg import BLUE, GREY, ORANGE, WIDTH, picture, plain_log, svg_text
-from suta_calib.stereotactic.cis_files import output1_text, output2_text
+from suta_calib.stereotactic.cis_files import output1_text, points_text
 from suta_calib.stereotactic.distortion import DistortionCorrection
 from suta_calib.stereotactic.solve import Navigation, StereotacticErrors, StereotacticResult
 from suta_calib.units import mm, text
@@ -146,8 +146,8 @@ def stereotactic_document(result: StereotacticResult, errors: StereotacticErrors
         first, second = (f"{name}-output{k}.txt" for k in (1, 2))
         parts.append(File(first, lambda: output1_text(result.output1, first)))
         if navigation is not None:
-            tips_in_ct = navigation.ct
-            parts.append(File(second, lambda: output2_text(tips_in_ct, second)))
+            in_ct = navigation.ct
+            parts.append(File(second, lambda: points_text((len(in_ct),), second, in_ct)))
     data = _data(result) | {
         "comparison": {key: value for each in compared for key, value in each.record().items()}
     }

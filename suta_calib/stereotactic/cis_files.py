@@ -32,23 +32,14 @@ Counts = tuple[int, ...]
 
 
 @dataclass(frozen=True, eq=False)
-class CalibrationBody:
-    """Where the markers are, m.
+class CalibrationMarkers:
+    """Where the markers are, m; as seen (N_frames, …), in the tracker that sees them.
 
     Attributes:
         base: (N_D, 3) optical markers on the EM tracker's base, in the EM tracker.
         optical: (N_A, 3) optical markers on the calibration object, in it.
         em: (N_C, 3) EM markers on the calibration object, in it.
     """
-
-    base: FloatArray
-    optical: FloatArray
-    em: FloatArray
-
-
-@dataclass(frozen=True, eq=False)
-class CalibrationReadings:
-    """The same as seen in (N_frames, …) placements of the object, m, ``em`` in the EM tracker."""
 
     base: FloatArray
     optical: FloatArray
@@ -78,16 +69,16 @@ class Output1:
     expected: FloatArray
 
 
-def read_calibration_body(path: Path) -> CalibrationBody:
+def read_calibration_body(path: Path) -> CalibrationMarkers:
     """``-calbody.txt``: header ``N_D, N_A, N_C, name``, then the points in that order."""
     counts, points = _read(path, ("N_D", "N_A", "N_C"), sum)
-    return CalibrationBody(*_split(points, counts))
+    return CalibrationMarkers(*_split(points, counts))
 
 
-def read_calibration_readings(path: Path) -> CalibrationReadings:
+def read_calibration_readings(path: Path) -> CalibrationMarkers:
     """``-calreadings.txt``: header ``N_D, N_A, N_C, N_frames, name``, then frame by frame."""
     (*counts, frames), points = _read(path, ("N_D", "N_A", "N_C", "N_frames"), _by_frame)
-    return CalibrationReadings(*_split(points.reshape(frames, -1, 3), counts))
+    return CalibrationMarkers(*_split(points.reshape(frames, -1, 3), counts))
 
 
 def read_optical_pivot(path: Path) -> OpticalPivot:
@@ -122,11 +113,6 @@ def output1_text(output: Output1, name: str) -> str:
     frames, markers = output.expected.shape[:2]
     posts = np.stack([output.em_post, output.optical_post])
     return points_text((markers, frames), name, posts, output.expected)
-
-
-def output2_text(tips: FloatArray, name: str) -> str:
-    """``-output2.txt``: (N_frames, 3) positions of the probe's tip in CT, m."""
-    return points_text((len(tips),), name, tips)
 
 
 def points_text(counts: Counts, name: str, *points: FloatArray) -> str:
@@ -173,8 +159,8 @@ class StereotacticData:
     """
 
     prefix: Path
-    body: CalibrationBody
-    readings: CalibrationReadings
+    body: CalibrationMarkers
+    readings: CalibrationMarkers
     em_pivot: FloatArray
     optical_pivot: OpticalPivot
     navigation: NavigationData | None = None

@@ -322,11 +322,6 @@ class StereotacticErrors:
     optical_post: float | None = None
     navigation: FloatArray | None = None
 
-    @property
-    def empty(self) -> bool:
-        """Whether nothing was given to compare with."""
-        return self.expected is None and self.navigation is None
-
 
 GivenOutputs = tuple[Output1 | None, FloatArray | None]
 
