@@ -19,23 +19,16 @@ _ASKING: Final = "Enter keeps it, r records again, s skips, b goes back, q quits
 
 
 class Guided:
-    """Asks for one station after the other; a sample counts when it is confirmed.
-
-    Args:
-        run: the stations.
-        finder: where the stops come from.
-        seconds: how long a stop is recorded.
-    """
+    """Asks for one station after the other, recorded for ``seconds``; what is confirmed counts."""
 
     def __init__(self, run: Run, finder: StopFinder, seconds: float) -> None:
         self._run, self._finder, self._seconds = run, finder, seconds
         self._sample: Average | None = None
         # The arm may rest anywhere when the command starts: the first rest is asked for.
-        self._asked = False
-        self._quit = False
+        self._asked = self._quit = False
         if run.last is not None:
             finder.measure_excursion_from(run.last)
-        self._ask()
+        self._next()
 
     @property
     def done(self) -> bool:
@@ -90,11 +83,9 @@ class Guided:
 
     def _next(self) -> None:
         self._sample, self._asked = None, False
-        if not self._run.done:
-            self._ask()
-
-    def _ask(self) -> None:
         run = self._run
+        if run.done:
+            return
         place = f"{run.index + 1} of {len(run.plan.stations)}"
         start = "" if run.last is None else "moving there and resting records it; "
         run.say(f"Bring the tip to {run.station.name} ({place}): {start}{_WAITING}")
@@ -105,9 +96,6 @@ _END: Final = "q"
 
 class Keyboard:
     """Standard input, or another file descriptor, as a source of keys.
-
-    Args:
-        descriptor: to read from.
 
     Attributes:
         terminal: whether somebody sits at it.

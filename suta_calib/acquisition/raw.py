@@ -58,7 +58,17 @@ class RawRecorder:
         self._schema = self._arrow.schema(fields)
         with self._telling():
             if self._part.exists():
-                say(_recovered(self._part, path))
+                names = (
+                    path.with_name(f"{path.stem}-recovered-{k}{path.suffix}") for k in count(1)
+                )
+                name = next(each for each in names if not each.exists())
+                if rows := _to_parquet(self._part, name):
+                    say(f"{rows} readings of a run that was killed are in {name}")
+                else:
+                    name.unlink(missing_ok=True)
+                    say(
+                        f"{self._part}, which a run that was killed left, held no readings: removed"
+                    )
             self._sink = self._part.open("xb")
             self._writer = self._arrow.ipc.new_stream(self._sink, self._schema)
 
@@ -109,17 +119,6 @@ class RawRecorder:
         batch = self._arrow.RecordBatch.from_arrays(arrays, schema=self._schema)
         self._writer.write_batch(batch)
         self._sink.flush()
-
-
-def _recovered(part: Path, path: Path) -> str:
-    """Make a Parquet file of what a killed recording left; what was done, in a sentence."""
-    names = (path.with_name(f"{path.stem}-recovered-{k}{path.suffix}") for k in count(1))
-    name = next(each for each in names if not each.exists())
-    rows = _to_parquet(part, name)
-    if not rows:
-        name.unlink(missing_ok=True)
-        return f"{part}, which a run that was killed left, held no readings: removed"
-    return f"{rows} readings of a run that was killed are in {name}"
 
 
 def _to_parquet(part: Path, path: Path) -> int:

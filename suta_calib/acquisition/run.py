@@ -30,11 +30,6 @@ _MOST_DISTANCES: Final = 4
 class Run:
     """The stations of a plan, and which of them have been measured.
 
-    Args:
-        plan: what to measure.
-        file: where confirmed samples go.
-        say: shows the user a line.
-
     Attributes:
         index: number of the station that is next.
         skipped: names of stations that were left out.
@@ -85,12 +80,7 @@ class Run:
         return tuple(s.name for k, s in enumerate(self.plan.stations) if k not in self._rows)
 
     def confirm(self, average: Average, note: str = "", *, described: bool = True) -> None:
-        """Write the sample of the next station, then say so, then go on.
-
-        Args:
-            average: the sample.
-            note: said with it.
-            described: whether to describe it, which `described` has not yet done.
+        """Write the sample of the next station, say so (and describe it), go on.
 
         Raises:
             OutputError: it could not be written.

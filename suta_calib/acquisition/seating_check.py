@@ -7,10 +7,11 @@ among the distances of the same placement is.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from itertools import combinations_with_replacement
+from itertools import combinations, combinations_with_replacement
 from typing import Final
 
 import numpy as np
+from scipy.spatial.distance import pdist
 
 from suta_calib.arrays import FloatArray
 from suta_calib.geometry.numbers import register_points, rms_length
@@ -33,10 +34,6 @@ _COLLINEAR: Final = 0.1
 
 class SeatingCheck:
     """The landmarks measured so far at one placement, through the job's own URDF.
-
-    Args:
-        arm: at nominal.
-        artefact: certified landmarks.
 
     Attributes:
         tips: (3,) position of the tip on each landmark measured, base frame, m.
@@ -71,12 +68,9 @@ class SeatingCheck:
         errors = self.distances(landmark, angles)
         if not errors:
             return False
-        others = list(errors)
-        usual = [
-            abs(self._error(a, self.tips[a], b)) for k, a in enumerate(others) for b in others[:k]
-        ]
+        usual = [abs(self._error(a, self.tips[a], b)) for a, b in combinations(errors, 2)]
         limit = max(_NOMINAL_ERROR, _OUTSTANDING * float(np.median(usual)) if usual else 0.0)
-        if len(others) >= _MANY:
+        if len(errors) >= _MANY:
             limit = min(limit, _NEVER_USUAL)
         return float(np.median(np.abs(list(errors.values())))) > limit
 
@@ -85,9 +79,8 @@ class SeatingCheck:
         positions = np.array([mark.position for mark in self._artefact.landmarks.values()])
         if len(positions) < 2:
             return False
-        apart = np.linalg.norm(positions[:, None] - positions[None], axis=2)
-        shortest = float(np.min(apart[np.triu_indices(len(positions), 1)]))
-        return bool(np.linalg.norm(self.tip(angles) - self.tip(other)) < _SAME * shortest)
+        apart = np.linalg.norm(self.tip(angles) - self.tip(other))
+        return bool(apart < _SAME * pdist(positions).min())
 
     def misfit(self, landmark: str, angles: FloatArray) -> float:
         """How badly a landmark of this name would fit here, m; zero while nothing can be said."""

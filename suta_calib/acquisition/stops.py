@@ -98,11 +98,9 @@ class StopFinder:
     Args:
         joints: names of the device's joints, in the order of the readings' angles.
         seconds: how long a stop is recorded.
-        settings: what counts as rest.
-        even: see `RestDetector`.
+        settings, even: see `RestDetector`.
 
     Attributes:
-        settings: what counts as rest.
         excursion: how far any joint has been from `reference` since that was set, rad.
         restless: names of the joints that last kept the arm from resting.
     """
@@ -152,21 +150,17 @@ class StopFinder:
         """What new readings tell."""
         events: list[Event] = []
         for reading in readings:
-            if reading.error.any():
-                events += self._flag(reading)
+            if not reading.error.any():
+                for look in self._detector.feed([reading]):
+                    events += self._take(look)
                 continue
-            for look in self._detector.feed([reading]):
-                events += self._take(look)
+            # An encoder says its position is invalid: told once for each stop and joint.
+            if self._window is not None and not self._window.complete:
+                self._window.clear()
+            new = set(np.flatnonzero(reading.error).tolist()) - self._flagged
+            self._flagged |= new
+            events += [Rejected("error flag", self._names(sorted(new)))] if new else []
         return events
-
-    def _flag(self, reading: Reading) -> list[Event]:
-        """An encoder says its position is invalid: once for each stop and joint."""
-        found = set(np.flatnonzero(reading.error).tolist())
-        if self._window is not None and not self._window.complete:
-            self._window.clear()
-        new = found - self._flagged
-        self._flagged |= found
-        return [Rejected("error flag", self._names(sorted(new)))] if new else []
 
     def _take(self, look: Look) -> list[Event]:
         events: list[Event] = [Interrupted(look.gap)] if look.gap else []
@@ -216,20 +210,17 @@ class StopFinder:
             window.add(reading, self.settings.gap)
         if window.seconds < self._seconds:
             return []
-        crept = self._crept(np.array(window.angles))
-        if crept:
-            window.clear()
-            return [Rejected("crept", crept)]
-        window.complete = True
-        return [Complete(window.average())]
-
-    def _crept(self, angles: FloatArray) -> tuple[str, ...]:
-        """Joints that moved too slowly for the short window: begin against end of the long one."""
-        _, deviation = unwrapped_about_median(angles)
+        # Joints that move too slowly for the short window: begin against end of the long one.
+        _, deviation = unwrapped_about_median(np.array(window.angles))
         quarter = max(1, len(deviation) // 4)
         drift = np.median(deviation[-quarter:], axis=0) - np.median(deviation[:quarter], axis=0)
         tremor = 2 * spread(deviation) * min(1.0, 4 * self.settings.tremor / self._seconds)
-        return self._names(np.flatnonzero(np.abs(drift) > self._limit() + tremor).tolist())
+        crept = np.flatnonzero(np.abs(drift) > self._limit() + tremor).tolist()
+        if crept:
+            window.clear()
+            return [Rejected("crept", self._names(crept))]
+        window.complete = True
+        return [Complete(window.average())]
 
     def _limit(self) -> FloatArray:
         """(n,) by how much two looks at an arm that stands still may differ, rad."""

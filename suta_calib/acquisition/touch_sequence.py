@@ -18,7 +18,6 @@ from suta_calib.measurements import Artefact, read_artefact
 from suta_calib.model.arm import ArmModel
 from suta_calib.terms import KINDS, Term
 
-FREE: Final = "free"
 _WHICH: Final = re.compile(r"(?:(observations|validation)(?:\[(\d+)\])?|(\d+))")
 _WILD: Final = re.compile(r"[*?\[]")
 
@@ -74,14 +73,12 @@ class TouchSequence:
 
     Attributes:
         arm: at nominal.
-        kind: of observation, or ``free``.
         artefact: certified landmarks, or None.
         stations: in order.
         key: labels that all stations share: they tell one run's rows from another's.
     """
 
     arm: ArmModel
-    kind: str
     artefact: Artefact | None
     stations: tuple[Station, ...]
     key: Mapping[str, str]
@@ -165,7 +162,7 @@ def touched(
         row.artefact.landmark(name)
     key = {"placement": checked_label(placement, "--placement"), "repeat": repeat}
     stations = tuple(Station(name, key | {"landmark": name}) for name in names)
-    return TouchSequence(arm, row.kind, row.artefact, stations, key)
+    return TouchSequence(arm, row.artefact, stations, key)
 
 
 def repeated(
@@ -177,7 +174,7 @@ def repeated(
         key = {kind.place: checked_label(label, place_option(kind))} | key
     where = "anywhere" if label is None else label
     stations = tuple(Station(f"{where}, rest {k + 1}", key) for k in range(count))
-    return TouchSequence(arm, FREE if kind is None else kind.kind, None, stations, key)
+    return TouchSequence(arm, None, stations, key)
 
 
 def place_option(kind: type[Term]) -> str:
@@ -191,11 +188,7 @@ def kinds_of(place: str) -> tuple[str, ...]:
 
 
 def checked_label(label: str, option: str) -> str:
-    """A label that can stand in a cell and in a file's name.
-
-    Raises:
-        InputError: it cannot.
-    """
+    """A label; refused with an InputError where it cannot stand in a cell and in a file's name."""
     if not label.strip() or not label.isprintable() or "/" in label or label.strip() != label:
         raise InputError(repr(label), "a label without slashes or blanks around it", where=option)
     return label

@@ -48,13 +48,7 @@ _NOWHERE: Final = 40e-3
 
 
 class Unattended:
-    """Takes stops as they come.
-
-    Args:
-        run: the stations.
-        finder: where the stops come from.
-        seconds: how long a stop is recorded.
-    """
+    """Takes stops as they come; each is recorded for ``seconds``."""
 
     def __init__(self, run: Run, finder: StopFinder, seconds: float) -> None:
         self._run, self._finder, self._seconds = run, finder, seconds
@@ -180,10 +174,18 @@ class Unattended:
         return seating.disagreement(names, [seating.tips[name] for name in names]) < _AGREED
 
     def _confirm(self, average: Average, note: str = "") -> None:
-        if self._doubt or self._sure():
-            self._skip_missed(average)
+        run = self._run
+        if run.seating is not None and (self._doubt or self._sure()):
+            # A motion may have been missed: it goes on to the landmark the arm really rests on.
+            found = run.seating.which(run.station.name, [s.name for s in run.left], average.angles)
+            missed = []
+            while run.station.name != found:
+                missed.append(run.station.name)
+                run.skip()
+            if missed:
+                run.say(f"missed {', '.join(missed)}: by its distances this is {found}")
         self._doubt = False
-        self._run.confirm(average, note)
+        run.confirm(average, note)
         self._left(average.angles)
         if self._fresh:
             self._check_names()
@@ -209,19 +211,6 @@ class Unattended:
         )
         run.rename(true)
 
-    def _skip_missed(self, average: Average) -> None:
-        """Go on to the landmark the arm really rests on, where a motion may have been missed."""
-        run = self._run
-        if run.seating is None:
-            return
-        found = run.seating.which(run.station.name, [s.name for s in run.left], average.angles)
-        missed = []
-        while run.station.name != found:
-            missed.append(run.station.name)
-            run.skip()
-        if missed:
-            run.say(f"missed {', '.join(missed)}: by its distances this is {found}")
-
     def _left(self, angles: FloatArray) -> None:
         self._finder.measure_excursion_from(angles)
         self._said_still = False
@@ -240,14 +229,10 @@ _NEW_POSTURE: Final = from_deg(0.5)
 
 
 class Continuous:
-    """Takes a sample every so often while the arm moves.
+    """Takes a sample ``every`` so many seconds while the arm moves, for ``seconds``.
 
-    Args:
-        plan: whose stations' labels all samples carry.
-        file: where samples go; several at a time, so that the disk is not asked too often.
-        say: shows the user a line.
-        seconds: for how long.
-        every: time between two samples, s.
+    All samples carry the labels of the plan's stations. Several are written at a time, so that the
+    disk is not asked too often.
     """
 
     def __init__(
@@ -274,9 +259,8 @@ class Continuous:
         """Write what is not written yet."""
         if not self._waiting:
             return
-        rows = [(self._plan.stations[0].labels, angles) for angles in self._waiting]
-        self._file.put_all(rows)
-        self.count += len(rows)
+        self._file.put_all([(self._plan.stations[0].labels, each) for each in self._waiting])
+        self.count += len(self._waiting)
         self._waiting = []
         self._say(f"{self.count} samples, {max(0.0, self._seconds - self._elapsed):.0f} s to go")
 

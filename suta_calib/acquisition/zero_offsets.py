@@ -216,7 +216,8 @@ def _apart(arm: ArmModel, offsets: Sequence[FloatArray]) -> list[FloatArray]:
 def _distinct(fit: _OffsetFit, answers: Sequence[FloatArray]) -> tuple[Branch, ...]:
     """The answers that fit, each once, the smallest offsets first."""
     costs = np.array([fit.cost(answer) for answer in answers])
-    limit = max(fit.noise_cost, _NOT_MUCH_WORSE**2 * float(costs.min()))
+    # Every residual may be as large as the noise assumed.
+    limit = max(len(fit.rows(answers[0])[0]), _NOT_MUCH_WORSE**2 * float(costs.min()))
     good = [answers[k] for k in np.argsort(costs, kind="stable") if costs[k] <= limit]
     apart = _apart(fit.arm, good)
     return tuple(fit.branch(o) for o in sorted(apart, key=lambda o: float(np.linalg.norm(o))))
@@ -232,11 +233,6 @@ class _OffsetFit:
         self._position, self._rotation = samples.position, samples.rotation
         self._batch = Batched(arm.function(list(self.names)), len(samples), shared=[0])
         self._batch.inputs[1][:] = samples.q
-
-    @property
-    def noise_cost(self) -> float:
-        """Cost at which every residual is as large as the noise assumed."""
-        return float(self._position.size * (1 if self._rotation is None else 2))
 
     def _poses(self, offsets: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         self._batch.inputs[0][:] = offsets

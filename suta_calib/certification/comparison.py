@@ -65,13 +65,7 @@ def quarter_turns(names: Sequence[str], position: FloatArray, drawing: Artefact)
 def compare(
     names: Sequence[str], position: FloatArray, yaw: FloatArray, drawing: Artefact
 ) -> DrawingComparison:
-    """Register and subtract.
-
-    Args:
-        names: of the landmarks.
-        position: (n, 3) certified, m.
-        yaw: (n,) certified turn of the seated tip, rad; NaN where there is none.
-        drawing: to compare with.
+    """Register certified landmarks (positions, m; turns of the seated tip, rad) and subtract.
 
     Raises:
         ArtefactError: fewer than three landmarks in common, or these are on a line, or are not

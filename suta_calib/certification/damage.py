@@ -21,16 +21,7 @@ from scipy.stats import norm, t
 from suta_calib.arrays import FloatArray
 from suta_calib.certification.comparison import DrawingComparison
 from suta_calib.certification.frame import Sources
-from suta_calib.certification.measuring import (
-    DIAGONAL_02,
-    DIAGONAL_13,
-    SLOPE_X,
-    SLOPE_Y,
-    UNEVEN_X,
-    UNEVEN_Y,
-    WIDTH,
-    MeasuredArtefact,
-)
+from suta_calib.certification.measuring import DIAGONALS, SLOPES, UNEVEN, WIDTH, MeasuredArtefact
 from suta_calib.certification.plane import MAD
 from suta_calib.certification.result import CertifiedLandmark, Fault
 
@@ -69,13 +60,10 @@ def faults(
     freedom: float,
     tolerance: float | None,
 ) -> tuple[Fault, ...]:
-    """What is wrong, landmark by landmark in the order given.
+    """What is wrong, landmark by landmark in the order of ``names``.
 
-    Args:
-        names: of the landmarks.
-        quantities: what is judged.
-        freedom: degrees of freedom of the noise; inf where it is stated.
-        tolerance: largest acceptable departure, m, if there is one.
+    ``freedom`` is of the noise (inf where it is stated), ``tolerance`` the largest acceptable
+    departure, m, if there is one.
     """
     tests = max(sum(int(np.isfinite(q.value).sum()) for q in quantities), 1)
     chance = FALSE_ALARM / tests / 2 if tolerance is None else RISK
@@ -120,34 +108,26 @@ def judged(
     landmarks: Sequence[CertifiedLandmark],
     comparison: DrawingComparison | None,
 ) -> list[Quantity]:
-    """Every quantity of every pillar.
+    """Every quantity of every pillar; ``jacobians`` are of each by everything touched (``by``)."""
 
-    Args:
-        measured: pillars in the ground's frame.
-        jacobians: of each pillar by everything touched.
-        by: what was touched.
-        landmarks: the result, for the uncertainty of places.
-        comparison: with a drawing.
-    """
-
-    def rows(*which: int) -> tuple[FloatArray, FloatArray]:
-        value = np.full((len(jacobians), len(which)), np.nan)
+    def rows(which: slice) -> tuple[FloatArray, FloatArray]:
+        value = np.full((len(jacobians), which.stop - which.start), np.nan)
         std = np.ones_like(value)
         for k, (g, j) in enumerate(zip(measured.geometry, jacobians, strict=True)):
-            if max(which) < len(g.values):
-                value[k] = g.values[list(which)]
-                std[k] = np.linalg.norm(j[list(which)] * by.sigma, axis=1)
+            if which.stop <= len(g.values):
+                value[k] = g.values[which]
+                std[k] = np.linalg.norm(j[which] * by.sigma, axis=1)
         return value, std
 
     # From the middle of a top to its outermost touch: over it a lean becomes a length.
     tops = [pillar.top.position for pillar in measured.pillars]
     radius = np.array([[np.linalg.norm(top - top.mean(axis=0), axis=1).max()] for top in tops])
-    slope, slope_std = rows(SLOPE_X, SLOPE_Y)
+    slope, slope_std = rows(SLOPES)
     found = [
         Quantity("rise of its top", radius * slope, radius * slope_std, True),
-        Quantity("middles of its diagonals apart", *rows(UNEVEN_X, UNEVEN_Y), True),
-        Quantity("length of a diagonal", *rows(DIAGONAL_02, DIAGONAL_13), False),
-        Quantity("distance of its flats", *rows(WIDTH), False),
+        Quantity("middles of its diagonals apart", *rows(UNEVEN), True),
+        Quantity("length of a diagonal", *rows(DIAGONALS), False),
+        Quantity("distance of its flats", *rows(slice(WIDTH, WIDTH + 1)), False),
     ]
     if comparison is None:
         return found

@@ -19,21 +19,18 @@ import numpy as np
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.certification.comparison import QUARTER, quarter_turns
 from suta_calib.certification.measuring import (
+    CENTRE,
     GROUND,
     YAW,
     MeasuredArtefact,
     PillarGeometry,
     ProbingNoise,
-    X,
-    Y,
-    Z,
     levelled,
 )
 from suta_calib.certification.plane import agreeing
 from suta_calib.certification.points import CertificationOptions, RawPoints
 from suta_calib.errors import ArtefactError, SamplesError, did_you_mean
 from suta_calib.geometry.numbers import skew, wrap
-from suta_calib.geometry.symbols import Symbol
 from suta_calib.measurements import Artefact
 
 Source = Literal["side plane", "farthest landmark"]
@@ -67,12 +64,7 @@ def heading_of(raw: RawPoints, measured: MeasuredArtefact, noise: float) -> Head
     """Along the side plane's line in the ground, with the artefact on its left; None without side.
 
     Where the touches differ in height, the side may lean: its line at the height of the ground
-    counts, not the touches' projection.
-
-    Args:
-        raw: points as they were read.
-        measured: the same in the ground's frame.
-        noise: standard deviation of a touch, m.
+    counts, not the touches' projection. ``noise`` is a touch's standard deviation, m.
 
     Raises:
         SamplesError: the side's touches lie together.
@@ -90,7 +82,7 @@ def heading_of(raw: RawPoints, measured: MeasuredArtefact, noise: float) -> Head
         )
     middle = np.mean([g.values[:2] for g in measured.geometry], axis=0)
     leaning = len(side) > 4 and float(np.std(side[:, 2])) > UPRIGHT
-    columns = 3 if leaning else 2
+    columns = 2 + leaning
 
     def fit(rows: BoolArray) -> tuple[FloatArray, FloatArray]:
         centre, turn = _lined_up(side[rows, :2], middle)
@@ -123,23 +115,16 @@ def _lined_up(points: FloatArray, middle: FloatArray) -> tuple[FloatArray, Float
 def _side(count: int, leaning: bool) -> Any:
     touches, ground = ca.SX.sym("touches", 3, count), ca.SX.sym("ground", GROUND)
     start = ca.SX.sym("start")
-    level = levelled(touches, ground)
-    x, y = level[0, :].T, level[1, :].T
+    x, y, z = ca.horzsplit(levelled(touches, ground).T)
     along = ca.cos(start) * x + ca.sin(start) * y
     across = ca.cos(start) * y - ca.sin(start) * x
-    design = [ca.SX.ones(count, 1), _centred(along)]
-    if leaning:
-        # The slope along the ground is the same at any height.
-        design.append(_centred(level[2, :].T))
-    matrix = ca.horzcat(*design)
+    # The slope along the ground is the same at any height.
+    columns = [column - ca.sum1(column) / count for column in [along, z][: 1 + leaning]]
+    matrix = ca.horzcat(ca.SX.ones(count, 1), *columns)
     found = ca.inv(matrix.T @ matrix) @ (matrix.T @ across)
     angle = start + ca.atan(found[1])
     derivatives = [ca.jacobian(angle, ca.vec(touches)), ca.jacobian(angle, ground)]
     return ca.Function("side", [touches, ground, start], [angle, *derivatives], {"cse": True})
-
-
-def _centred(column: Symbol) -> Symbol:
-    return column - ca.dot(column, ca.SX.ones(*column.shape)) / column.shape[0]
 
 
 @dataclass(frozen=True, eq=False)
@@ -230,13 +215,8 @@ def placed_in_frame(
 ) -> Placed:
     """Landmarks in the artefact's frame, turned by quarters to be as in the drawing.
 
-    Args:
-        measured: pillars in the ground's frame.
-        jacobians: of each pillar by everything touched.
-        heading: the side's direction, if one was touched.
-        by: what was touched.
-        origin: which landmark is the origin.
-        drawing: of the artefact, if there is one.
+    ``jacobians`` are of each pillar by everything touched (``by``), ``heading`` is the side's
+    direction if one was touched, ``origin`` the landmark that counts as the origin.
     """
     if heading is None:
         angle, angle_by = _towards_farthest(measured, jacobians, origin, drawing)
@@ -258,8 +238,8 @@ def _placed(
     angle_by: FloatArray,
 ) -> Placed:
     """Turn by the heading, and count x and y from the origin."""
-    local = np.array([g.values[[X, Y, Z]] for g in pillars])
-    by = np.array([j[[X, Y, Z]] for j in jacobians])
+    local = np.array([g.values[CENTRE] for g in pillars])
+    by = np.array([j[CENTRE] for j in jacobians])
     local[:, :2] -= local[origin, :2].copy()
     by[:, :2] -= by[origin, :2].copy()
     c, s = np.cos(angle), np.sin(angle)

@@ -24,7 +24,8 @@ from suta_calib.geometry.symbols import Symbol, symbolic_rotation
 from suta_calib.units import mm
 
 # Rows of a pillar's answer.
-X, Y, Z, SLOPE_X, SLOPE_Y, UNEVEN_X, UNEVEN_Y, DIAGONAL_02, DIAGONAL_13, YAW, WIDTH = range(11)
+CENTRE, SLOPES, UNEVEN, DIAGONALS = slice(0, 3), slice(3, 5), slice(5, 7), slice(7, 9)
+YAW, WIDTH = 9, 10
 # Inputs about the ground: turns about x and y (rad), height (m).
 GROUND: Final = 3
 # Conditioning of the top's fit: its touches are millimetres apart.
@@ -52,23 +53,6 @@ class PillarGeometry:
     values: FloatArray
     by_touch: FloatArray
     by_ground: FloatArray
-
-
-def pillar_geometry(
-    top: FloatArray, holes: FloatArray, flats: tuple[FloatArray, FloatArray] | None
-) -> PillarGeometry:
-    """Evaluate one pillar.
-
-    Args:
-        top: (k, 3) touches used, in the ground's frame, m.
-        holes: (4, 3) in order around.
-        flats: front and back (3,), or None.
-    """
-    touches = np.vstack([top, holes, *(flats or ())])
-    outputs = _pillar(len(top), flats is not None)(touches.T, np.zeros(GROUND))
-    values, by_touch, by_ground = (np.asarray(o.full(), dtype=float) for o in outputs)
-    # CasADi's columns run over coordinates first: touches were given as 3 x k for that.
-    return PillarGeometry(values[:, 0], by_touch, by_ground)
 
 
 @lru_cache(maxsize=32)
@@ -110,9 +94,7 @@ def crossing(hole: Symbol) -> Symbol:
 def diagonals_cross(holes: FloatArray, least: float) -> bool:
     """Whether the diagonals 0-2 and 1-3 of (4, 2 or 3) points cross well inside both.
 
-    Args:
-        holes: in the ground's frame, m.
-        least: smallest share of a diagonal on either side of the crossing.
+    Well means with at least the share ``least`` of a diagonal on either side.
     """
     a, b = holes[2, :2] - holes[0, :2], holes[3, :2] - holes[1, :2]
     start = holes[1, :2] - holes[0, :2]
@@ -153,11 +135,7 @@ class MeasuredArtefact:
 
 
 def measure(raw: RawPoints, sigma: float | None) -> MeasuredArtefact:
-    """Fit the ground, judge the tops and work out every pillar.
-
-    Args:
-        raw: points as they were read.
-        sigma: standard deviation of a touched coordinate, m, if it is stated.
+    """Fit the ground, judge the tops and work out every pillar; ``sigma`` (m) is a stated noise.
 
     Raises:
         SamplesError: touches that define no plane or no centre, and which.
@@ -174,10 +152,12 @@ def measure(raw: RawPoints, sigma: float | None) -> MeasuredArtefact:
     judged = judge_tops(tops, sigma, ground.rms)
     geometry = []
     for pillar, points, hole, verdict in zip(raw.pillars, tops, holes, judged, strict=True):
-        flats = None
-        if pillar.front is not None and pillar.back is not None:
-            flats = local(pillar.front), local(pillar.back)
-        geometry.append(pillar_geometry(points[verdict.inliers], hole, flats))
+        flats = [local(flat) for flat in (pillar.front, pillar.back) if flat is not None]
+        # CasADi's columns run over coordinates first: touches are given as 3 x k for that.
+        touches = np.vstack([points[verdict.inliers], hole, *flats]).T
+        outputs = _pillar(int(verdict.inliers.sum()), len(flats) > 0)(touches, np.zeros(GROUND))
+        values, by_touch, by_ground = (np.asarray(o.full(), dtype=float) for o in outputs)
+        geometry.append(PillarGeometry(values[:, 0], by_touch, by_ground))
     inside = local(raw.ground.position[ground.inliers])
     return MeasuredArtefact(ground, inside, raw.pillars, judged, tuple(geometry))
 
@@ -200,36 +180,31 @@ def _ground(raw: RawPoints, sigma: float | None) -> Plane:
 
 
 def _check_pillar(raw: RawPoints, pillar: Pillar, top: FloatArray, holes: FloatArray) -> None:
-    where = f"landmark {pillar.name!r}"
-    lines = ", ".join(str(line) for line in pillar.holes.lines)
+    where, first = f"landmark {pillar.name!r}", pillar.top.lines[0]
     if not diagonals_cross(holes, LEAST_SHARE):
-        order = order_around(holes)
-        hint = ""
-        if order not in ((0, 1, 2, 3), (0, 3, 2, 1)):
-            hint = f"around the pillar they follow as {' '.join(map(str, order))}"
+        order, lines = order_around(holes), ", ".join(map(str, pillar.holes.lines))
+        hint = f"around the pillar they follow as {' '.join(map(str, order))}"
+        if order in ((0, 1, 2, 3), (0, 3, 2, 1)):
+            hint = "one of them belongs elsewhere"
         raise SamplesError(
             f"holes (lines {lines}) whose diagonals 0-2 and 1-3 do not cross each other",
             "four holes 0 1 2 3 in order around the pillar",
             file=raw.path,
             where=where,
-            hint=hint or "one of them belongs elsewhere",
+            hint=hint,
         )
     if on_a_line(top * [1, 1, 0], 0.0):
-        raise SamplesError(
-            f"{len(top)} touches of its top on a line",
-            "touches spread over the top",
-            file=raw.path,
-            line=pillar.top.lines[0],
-            where=where,
-        )
+        found = f"{len(top)} touches of its top on a line"
+        spread = "touches spread over the top"
+        raise SamplesError(found, spread, file=raw.path, line=first, where=where)
     apart = float(np.hypot(*(top.mean(axis=0) - holes.mean(axis=0))[:2]))
     around = float(np.linalg.norm(holes - holes.mean(axis=0), axis=1).max())
     if apart > 2.0 * around:
         raise SamplesError(
             f"a top {mm(apart):.1f} mm beside the middle of its holes",
-            f"a top within {2e3 * around:.1f} mm of it",
+            f"a top within {mm(2.0 * around):.1f} mm of it",
             file=raw.path,
-            line=pillar.top.lines[0],
+            line=first,
             where=where,
             hint="do both belong to this landmark?",
         )

@@ -59,12 +59,10 @@ class Plane:
 
 
 def fit_plane(points: FloatArray, noise: float | None = None) -> Plane:
-    """Orthogonal least squares, without touches that the others refute.
+    """Orthogonal least squares over (n, 3), m, without touches that the others refute.
 
-    Args:
-        points: (n, 3), m.
-        noise: standard deviation of a touch, m, if it is known; a larger scatter of the touches
-            counts instead of it, because a surface is not flat to the instrument's noise.
+    Where the ``noise`` of a touch is known (m), a larger scatter of the touches counts instead of
+    it, because a surface is not flat to the instrument's noise.
     """
 
     def line_up(rows: BoolArray) -> tuple[FloatArray, FloatArray]:
@@ -163,8 +161,8 @@ def judge_tops(tops: Sequence[FloatArray], noise: float | None, fallback: float)
 
     Args:
         tops: touches (k, 3) of each top in the ground's frame, m.
-        noise: standard deviation of a touch, m, if it is stated.
-        fallback: what to take for it where the tops cannot tell: the scatter of the ground, m.
+        noise: of a touch, m, if it is stated.
+        fallback: for it where the tops cannot tell: the scatter of the ground, m.
     """
     fits = [_fit(points, np.ones(len(points), dtype=np.bool_)) for points in tops]
     level, freedom = fallback, len(tops)

@@ -31,12 +31,7 @@ COINCIDENT: Final = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class ProbedPoints:
-    """Points of one feature.
-
-    Attributes:
-        position: (n, 3) in the instrument's frame, m.
-        lines: (n,) their lines in the file.
-    """
+    """Points (n, 3) of one feature in the instrument's frame, m, and their lines in the file."""
 
     position: FloatArray
     lines: tuple[int, ...]
@@ -70,14 +65,6 @@ class Pillar:
 
 
 @dataclass(frozen=True, eq=False)
-class SpacerEnds:
-    """The two ends of a spacer: (2, 3), m."""
-
-    name: str
-    ends: FloatArray
-
-
-@dataclass(frozen=True, eq=False)
 class RawPoints:
     """Everything in one file.
 
@@ -86,7 +73,7 @@ class RawPoints:
         ground: touches of the ground plane.
         pillars: in order of first appearance.
         side: touches of the side plane, or None.
-        spacers: pairs of ends.
+        spacers: (2, 3) ends of each, m, by name.
         count: rows in the file.
     """
 
@@ -94,7 +81,7 @@ class RawPoints:
     ground: ProbedPoints
     pillars: tuple[Pillar, ...]
     side: ProbedPoints | None
-    spacers: tuple[SpacerEnds, ...]
+    spacers: dict[str, FloatArray]
     count: int
 
 
@@ -130,7 +117,7 @@ def read_raw_points(path: Path) -> RawPoints:
         ground=rows.touches(ground),
         pillars=pillars,
         side=rows.touches(side) if side else None,
-        spacers=tuple(_spacers(rows)),
+        spacers=dict(_spacers(rows)),
         count=len(table),
     )
 
@@ -182,19 +169,18 @@ def _pillar(rows: _Rows, name: str) -> Pillar:
     top = rows.touches(rows.of("top", landmark=name))
     if len(top) < LEAST_ON_PLANE:
         raise rows.missing(f"{len(top)} touches of its top", "five, at least three", where)
-    holes = {rows.index(row, HOLES): row for row in rows.of("hole", landmark=name)}
-    count = len(rows.of("hole", landmark=name))
+    touched = rows.of("hole", landmark=name)
+    holes = {rows.index(row, HOLES): row for row in touched}
     # Some count from one.
-    if count != HOLES or len(holes) != HOLES or {0, HOLES} <= set(holes):
+    if len(touched) != HOLES or len(holes) != HOLES or {0, HOLES} <= set(holes):
         listed = ", ".join(str(k) for k in sorted(holes)) or "none"
         raise rows.missing(
-            f"{count} touches of its holes, with the indices {listed}",
+            f"{len(touched)} touches of its holes, with the indices {listed}",
             "four, 0 1 2 3 in order around the pillar",
             where,
         )
-    flats = rows.of("flat", landmark=name)
     sides: tuple[list[int], list[int]] = ([], [])
-    for row in flats:
+    for row in rows.of("flat", landmark=name):
         sides[rows.index(row, 1)].append(row)
     if bool(sides[0]) != bool(sides[1]):
         raise rows.missing("one flat only", "index 0 (front) and 1 (back), or none", where)
@@ -203,7 +189,7 @@ def _pillar(rows: _Rows, name: str) -> Pillar:
     return Pillar(name, top, in_order, front, back, (len(sides[0]) or 1, len(sides[1]) or 1))
 
 
-def _spacers(rows: _Rows) -> Iterable[SpacerEnds]:
+def _spacers(rows: _Rows) -> Iterable[tuple[str, FloatArray]]:
     """Ends in pairs: by index where a spacer's indices differ, else as they follow in the file."""
     for name in dict.fromkeys(rows.landmark[row] for row in rows.of("spacer")):
         listed = rows.of("spacer", landmark=name)
@@ -220,7 +206,7 @@ def _spacers(rows: _Rows) -> Iterable[SpacerEnds]:
             label = f"{called} {number}" if len(pairs) > 1 else called
             if np.ptp(rows.position[list(pair)], axis=0).max() < COINCIDENT:
                 raise rows.missing("both ends in one place", "two ends", f"spacer {label!r}")
-            yield SpacerEnds(label, rows.position[list(pair)])
+            yield label, rows.position[list(pair)]
 
 
 @dataclass(frozen=True, eq=False)

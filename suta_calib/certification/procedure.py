@@ -25,12 +25,9 @@ from suta_calib.certification.frame import (
     sources_of,
 )
 from suta_calib.certification.measuring import (
-    DIAGONAL_02,
-    DIAGONAL_13,
-    SLOPE_X,
-    SLOPE_Y,
-    UNEVEN_X,
-    UNEVEN_Y,
+    DIAGONALS,
+    SLOPES,
+    UNEVEN,
     WIDTH,
     MeasuredArtefact,
     measure,
@@ -68,14 +65,13 @@ def certify(raw: RawPoints, options: CertificationOptions = PLAIN) -> Certificat
     jacobians = by.jacobians(measured.geometry)
     where = placed_in_frame(measured, jacobians, heading, by, origin, options.drawing)
     yaw = wrap(where.yaw - options.front)
-    comparison = None
-    if options.drawing is not None:
-        comparison = compare(names, where.position, yaw, options.drawing)
+    drawing = options.drawing
+    comparison = None if drawing is None else compare(names, where.position, yaw, drawing)
     landmarks, covariance = _landmarks(measured, jacobians, where, yaw, by, options)
-    ground_tilt = max(by.std(row) for row in by.ground[:2])
     side = None
     if raw.side is not None and heading is not None:
         side = _quality(raw.side, heading, by.std(by.heading_jacobian(heading)))
+    ground_tilt = max(by.std(row) for row in by.ground[:2])
     found = judged(measured, jacobians, by, landmarks, comparison)
     return Certification(
         path=raw.path,
@@ -128,11 +124,11 @@ def _landmarks(
                 shape_std=shape[k],
                 yaw=float(yaw[k]) if has else None,
                 yaw_std=by.std(where.yaw_by[k]) if has else None,
-                tilt=float(np.arctan(np.hypot(g[SLOPE_X], g[SLOPE_Y]))),
-                tilt_std=max(by.std(jacobians[k][row]) for row in (SLOPE_X, SLOPE_Y)),
+                tilt=float(np.arctan(np.hypot(*g[SLOPES]))),
+                tilt_std=max(by.std(row) for row in jacobians[k][SLOPES]),
                 flatness=float(np.abs(top.residuals[top.inliers]).max()),
-                symmetry=float(np.hypot(g[UNEVEN_X], g[UNEVEN_Y])),
-                diagonals=g[[DIAGONAL_02, DIAGONAL_13]],
+                symmetry=float(np.hypot(*g[UNEVEN])),
+                diagonals=g[DIAGONALS],
                 flats=float(g[WIDTH]) - 2 * options.probe_radius if has else None,
                 touches=int(top.inliers.sum()),
                 wrong_touches=pillar.top.lines_without(top.inliers),
@@ -150,19 +146,18 @@ def _quality(touches: ProbedPoints, plane: Plane | Heading, tilt_std: float) -> 
 def _spacers(
     raw: RawPoints, options: CertificationOptions, noise: float
 ) -> tuple[SpacerLength, ...]:
-    names = [spacer.name for spacer in raw.spacers]
     for name in options.spacers:
-        if name not in names:
+        if name not in raw.spacers:
+            touched = f"one of {', '.join(raw.spacers)}"
             raise SamplesError(
                 f"no touched spacer {name!r}",
-                f"one of {', '.join(names)}" if names else "touches of the feature 'spacer'",
+                touched if raw.spacers else "touches of the feature 'spacer'",
                 file=raw.path,
-                hint=did_you_mean(name, names),
+                hint=did_you_mean(name, raw.spacers),
             )
     found = []
-    for spacer in raw.spacers:
+    for name, ends in raw.spacers.items():
         # The ball's centre stays a radius off either end.
-        length = float(np.linalg.norm(np.diff(spacer.ends, axis=0))) - 2 * options.probe_radius
-        nominal = options.spacers.get(spacer.name)
-        found.append(SpacerLength(spacer.name, length, noise * 2**0.5, nominal))
+        length = float(np.linalg.norm(np.diff(ends, axis=0))) - 2 * options.probe_radius
+        found.append(SpacerLength(name, length, noise * 2**0.5, options.spacers.get(name)))
     return tuple(found)

@@ -35,14 +35,7 @@ _WIDTH: Final = 98  # of the comments in an artefact's file
 
 @dataclass(frozen=True)
 class Fault:
-    """Why a landmark is called damaged.
-
-    Attributes:
-        landmark: its name.
-        what: the quantity's name.
-        size: by how much it is off, m.
-        limit: beyond which that is too much, m.
-    """
+    """Why a landmark is called damaged: a quantity is off by ``size``, more than ``limit``, m."""
 
     landmark: str
     what: str
@@ -213,8 +206,21 @@ class Certification:
             f"{mm(fault.limit):.4f} mm would be {too_much}."
             for fault in self.faults
         ]
-        remarks = (_touches, _frame, _drawing, _spacers)
-        care = [note for remark in remarks for note in remark(self)]
+        care = [*_touches(self), *_drawing(self)]
+        if self.heading == "farthest landmark":
+            care.append("No side plane was touched: the direction of x is a convention.")
+        if without := [m.name for m in self.landmarks if m.yaw is None]:
+            which = "any landmark" if len(without) == len(self.landmarks) else ", ".join(without)
+            care.append(f"No flats were touched on {which}: no rotation of the seated tip there.")
+        for spacer in self.spacers:
+            limit = self.coverage_factor * spacer.std + (self.tolerance or 0.0)
+            if spacer.deviation is not None and abs(spacer.deviation) > limit:
+                part = 1e6 * spacer.deviation / (spacer.nominal or 1.0)
+                care.append(
+                    f"Spacer {spacer.name} measures {mm(spacer.deviation):+.4f} mm from its "
+                    f"nominal ({part:+.0f} µm/m): look for the instrument's scale or the "
+                    "temperature."
+                )
         return Assessment.of(sentence, bad=bad, care=care)
 
     def artefact(self) -> Artefact:
@@ -254,15 +260,6 @@ def _lines(lines: tuple[int, ...]) -> str:
     return f"line{'s' * (len(lines) > 1)} {shown}{', …' * (len(lines) > MOST_LINES)}; not used"
 
 
-def _frame(found: Certification) -> Iterator[str]:
-    if found.heading == "farthest landmark":
-        yield "No side plane was touched: the direction of x is a convention."
-    without = [m.name for m in found.landmarks if m.yaw is None]
-    if without:
-        which = "any landmark" if len(without) == len(found.landmarks) else ", ".join(without)
-        yield f"No flats were touched on {which}: no rotation of the seated tip there."
-
-
 def _drawing(found: Certification) -> Iterator[str]:
     comparison = found.comparison
     if comparison is None:
@@ -282,52 +279,31 @@ def _drawing(found: Certification) -> Iterator[str]:
     yield from (note for note in comparison.registration.assessment.notes if "times as far" in note)
 
 
-def _spacers(found: Certification) -> Iterator[str]:
-    for spacer in found.spacers:
-        limit = found.coverage_factor * spacer.std + (found.tolerance or 0.0)
-        if spacer.deviation is not None and abs(spacer.deviation) > limit:
-            part = 1e6 * spacer.deviation / (spacer.nominal or 1.0)
-            yield (
-                f"Spacer {spacer.name} measures {mm(spacer.deviation):+.4f} mm from its nominal "
-                f"({part:+.0f} µm/m): look for the instrument's scale or the temperature."
-            )
-
-
 def write_certified(path: Path, found: Certification) -> None:
     """Write ``artefact.yaml`` with a header that says how it came about.
 
     Raises:
         OutputError: the file cannot be written; what was there is untouched.
     """
-    header = "".join(
-        f"{line}\n"
-        for paragraph in _story(found)
-        for line in textwrap.wrap(paragraph, _WIDTH, initial_indent="# ", subsequent_indent="# ")
-    )
-    write_text(path, f"{header}{artefact_text(found.artefact())}")
-
-
-def _story(found: Certification) -> Iterator[str]:
-    yield (
+    story = [
         f"Certified by suta-calib certify from {found.points} points of {found.path.name}. "
         f"One touched coordinate scatters by {um(found.noise):.2f} µm (one standard deviation, "
-        f"{noise_source(found)})."
-    )
-    yield (
+        f"{noise_source(found)}).",
         f"Frame: {frame_sentence(found)} A position is the centre of a pillar's top; "
-        "rotation_rpy_deg is the seated tip's (z down, x from the back flat to the front one)."
-    )
-    yield (
+        "rotation_rpy_deg is the seated tip's (z down, x from the back flat to the front one).",
         "sigma_mm is the largest of the three coordinates' standard deviations in this frame, by "
-        "first-order propagation from every touch."
-    )
+        "first-order propagation from every touch.",
+    ]
     if found.wrong_touches:
-        yield f"Touches not used, by line: {', '.join(map(str, found.wrong_touches))}."
+        story.append(f"Touches not used, by line: {', '.join(map(str, found.wrong_touches))}.")
     if found.damaged:
-        yield (
+        story.append(
             f"DAMAGED, OR TOUCHED WRONGLY: {', '.join(found.damaged)}. Do not calibrate with this "
             "file before that is settled."
         )
+    comment = textwrap.TextWrapper(_WIDTH, initial_indent="# ", subsequent_indent="# ")
+    header = [line for paragraph in story for line in comment.wrap(paragraph)]
+    write_text(path, "\n".join([*header, artefact_text(found.artefact())]))
 
 
 def noise_source(found: Certification) -> str:

@@ -93,7 +93,8 @@ def certify(
     from suta_calib.pose_calibration.inputs import error_context
     from suta_calib.report.certification import certification_document
 
-    _check_output(file, [points, nominal])
+    if file is not None:
+        _check_output(file, [points, nominal])
     raw = read_raw_points(points)
     options = CertificationOptions(
         name=" ".join(name.split()),
@@ -131,10 +132,8 @@ def _lengths(spacers: tuple[str, ...]) -> dict[str, float]:
     return found
 
 
-def _check_output(out: Path | None, inputs: list[Path | None]) -> None:
+def _check_output(out: Path, inputs: list[Path | None]) -> None:
     """Refuse what cannot be written, and what would replace an input, before any work."""
-    if out is None:
-        return
     if not out.parent.is_dir() or out.is_dir():
         what = "a folder" if out.is_dir() else f"no folder {out.parent}"
         raise OutputError(f"{out}: found {what}; expected a file's name in a folder that exists")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
@@ -16,10 +15,6 @@ from suta_calib.cli._options import (
 )
 from suta_calib.cli._output import LateProgress, answer_command
 from suta_calib.report.document import Document
-
-if TYPE_CHECKING:
-    from suta_calib.analysis.repeatability import Repeatability, Stationary
-    from suta_calib.model.arm import ArmModel
 
 
 @answer_command
@@ -57,43 +52,28 @@ def repeatability(
     SAMPLES.csv, --stationary alone looks at the encoders. Exits with 1 where an arm that should
     have been at rest moved.
     """
-    from suta_calib.analysis.repeatability import RepeatabilityTest
+    from suta_calib.analysis import repeatability as repeated
+    from suta_calib.job.calibration import joint_ranges
+    from suta_calib.measurements import SampleColumns, read_csv_table, read_samples
     from suta_calib.report.repeatability import repeatability_document
 
-    arm = _arm(samples, urdf, tip, base, at_rest)
-    with LateProgress("comparing visits"):
-        visits = _visits(arm, samples, confidence / 100, seed) if arm and samples else None
-        rest = None if at_rest is None else _rest(arm, at_rest)
-    return repeatability_document(RepeatabilityTest(visits, rest))
-
-
-def _arm(
-    samples: Path | None, urdf: Path | None, tip: str | None, base: str | None, at_rest: Path | None
-) -> ArmModel | None:
     if samples is None and at_rest is None:
         raise click.UsageError("give SAMPLES.csv (visits to one point), --stationary, or both")
     if urdf is None and samples is not None:
         raise click.UsageError("SAMPLES.csv needs --urdf and --tip: whose visits these are")
-    return optional_arm(urdf, tip, base, "visited the point")
-
-
-def _visits(arm: ArmModel, path: Path, confidence: float, seed: int) -> Repeatability:
-    from suta_calib.analysis.repeatability import DIRECTION, PROTOCOL, repeatability
-    from suta_calib.job.calibration import joint_ranges
-    from suta_calib.measurements import SampleColumns, read_csv_table, read_samples
-
-    columns = read_csv_table(path).columns
-    labels = tuple(name for name in (DIRECTION, PROTOCOL) if name in columns)
-    samples = read_samples([path], joint_ranges(arm), SampleColumns(labels=labels))
-    return repeatability(arm, samples, confidence=confidence, seed=seed)
-
-
-def _rest(arm: ArmModel | None, path: Path) -> Stationary:
-    from suta_calib.analysis.repeatability import read_stream, stationary, tip_levers
-    from suta_calib.job.calibration import joint_ranges
-
-    if arm is None:
-        return stationary(read_stream(path))
-    stream = read_stream(path, arm.joints)
-    units = [joint.unit for joint in joint_ranges(arm)]
-    return stationary(stream, units, tip_levers(arm, stream.readings[:1]))
+    arm = optional_arm(urdf, tip, base, "visited the point")
+    visits = rest = None
+    with LateProgress("comparing visits"):
+        if arm is not None and samples is not None:
+            given = read_csv_table(samples).columns
+            labels = tuple(n for n in (repeated.DIRECTION, repeated.PROTOCOL) if n in given)
+            rows = read_samples([samples], joint_ranges(arm), SampleColumns(labels=labels))
+            visits = repeated.repeatability(arm, rows, confidence=confidence / 100, seed=seed)
+        if at_rest is not None and arm is None:
+            rest = repeated.stationary(repeated.read_stream(at_rest))
+        elif at_rest is not None and arm is not None:
+            stream = repeated.read_stream(at_rest, arm.joints)
+            units = [joint.unit for joint in joint_ranges(arm)]
+            levers = repeated.tip_levers(arm, stream.readings[:1])
+            rest = repeated.stationary(stream, units, levers)
+    return repeatability_document(repeated.RepeatabilityTest(visits, rest))

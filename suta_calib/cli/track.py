@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from rich.live import Live
     from rich.table import Table
 
-    from suta_calib.device import Statistics
     from suta_calib.tracking.live import Tracking
     from suta_calib.tracking.session import TrackingSession
 
@@ -229,27 +228,28 @@ def _line(session: TrackingSession, rate: float, *, stats: bool) -> str:
 
 
 def _table(tracking: Tracking, rate: float, *, stats: bool) -> RenderableType:
-    """The pose, what publishers did, what the device lost."""
+    """The pose, what the device lost, what publishers did, percentiles of latency."""
     from rich.console import Group
+    from rich.text import Text
 
-    session = tracking.session
-    counts = _counts(session, tracking.statistics, rate)
-    parts: list[RenderableType] = [_pose_table(session), *counts]
+    session, device = tracking.session, tracking.statistics
+    lost = f"{device.lost_frames} lost, {device.frame_crc_errors} damaged frames"
+    lost += f", {device.word_crc_errors} damaged words"
+    lines = [f"{rate:.0f} poses a second, {session.valid} valid, {session.invalid} not; {lost}"]
+    if session.last is not None and session.last.warnings:
+        lines.append(f"warning flag of {', '.join(session.last.warnings)}")
+    for publisher in session.publishers:
+        counts = ", ".join(f"{name} {value}" for name, value in publisher.statistics().items())
+        lines.append(f"{publisher.name}: {counts}")
+    parts: list[RenderableType] = [_pose_table(session), Text("\n".join(lines))]
     if stats:
-        parts.append(_latency_table(session))
-    return Group(*parts)
-
-
-def _latency_table(session: TrackingSession) -> RenderableType:
-    """Percentiles of latency, and of the interval between frames."""
-    table = _titled("From the frame's arrival to publication, ms")
-    for name in ("", "p50", "p95", "p99", "max", "mean", "jitter"):
-        table.add_column(name, justify="right" if name else "left")
-    for name, each in (("latency", session.latency), ("interval", session.interval)):
-        figures = each.summary()
         keys = ("p50", "p95", "p99", "max", "mean", "jitter")
-        table.add_row(name, *(f"{figures[f'{key}_ms']:.3f}" for key in keys))
-    return table
+        table = _titled("From the frame's arrival to publication, ms", *keys)
+        for name, each in (("latency", session.latency), ("interval", session.interval)):
+            figures = each.summary()
+            table.add_row(name, *(f"{figures[f'{key}_ms']:.3f}" for key in keys))
+        parts.append(table)
+    return Group(*parts)
 
 
 def _pose_table(session: TrackingSession) -> RenderableType:
@@ -263,9 +263,7 @@ def _pose_table(session: TrackingSession) -> RenderableType:
     if not pose.valid:
         return Text(f"NOT VALID: error flag of {', '.join(pose.errors)}", style="bold red")
     stale = _stale(session)
-    table = _titled(f"Tip in the base{f': {stale.upper()}' if stale else ''}")
-    for name in ("", "x", "y", "z"):
-        table.add_column(name, justify="right" if name else "left", min_width=10 if name else 0)
+    table = _titled(f"Tip in the base{f': {stale.upper()}' if stale else ''}", *"xyz", width=10)
     table.add_row("position, mm", *(f"{v:.3f}" for v in mm(pose.position)), style="bold")
     if pose.std is not None:
         table.add_row("± std, mm", *(f"{v:.3f}" for v in mm(pose.std)))
@@ -281,23 +279,12 @@ def _stale(session: TrackingSession) -> str:
     return f"no reading for {age:.1f} s" if age > _STALE_S else ""
 
 
-def _counts(session: TrackingSession, device: Statistics, rate: float) -> list[RenderableType]:
-    from rich.text import Text
-
-    lost = f"{device.lost_frames} lost, {device.frame_crc_errors} damaged frames"
-    lost += f", {device.word_crc_errors} damaged words"
-    lines = [f"{rate:.0f} poses a second, {session.valid} valid, {session.invalid} not; {lost}"]
-    pose = session.last
-    if pose is not None and pose.warnings:
-        lines.append(f"warning flag of {', '.join(pose.warnings)}")
-    for publisher in session.publishers:
-        counts = ", ".join(f"{name} {value}" for name, value in publisher.statistics().items())
-        lines.append(f"{publisher.name}: {counts}")
-    return [Text(line) for line in lines]
-
-
-def _titled(title: str) -> Table:
+def _titled(title: str, *heads: str, width: int = 0) -> Table:
+    """A table of numbers, each row with a name."""
     from rich import box
     from rich.table import Table
 
-    return Table(title=title, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD)
+    table = Table("", title=title, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD)
+    for head in heads:
+        table.add_column(head, justify="right", min_width=width)
+    return table

@@ -53,7 +53,14 @@ def assess_calibration(solution: Solution, accuracy: Accuracy) -> Assessment:
             *([] if accuracy.validation else [fitted_only]),
             *_on_parameters(solution),
             *_on_redundancy(solution),
-            *_on_fit(solution),
+            *(
+                f"The residuals ({text(fit.residual, fit.unit, with_unit=True)}) are "
+                f"{fit.ratio:.1f} times what repeats of the same touch scatter "
+                f"({text(fit.repeat, fit.unit, with_unit=True)}): the model lacks something. "
+                "Values and ± hold only within it; free more of the geometry (select: geometric)."
+                for fit in lack_of_fit(solution)
+                if fit.ratio > LACKING
+            ),
             *_beside_geometry(solution),
             *_on_noise(solution),
         ],
@@ -98,17 +105,6 @@ def _on_redundancy(solution: Solution) -> list[str]:
     return [
         f"{equations} independent equations for {len(solution.free)} unknowns: so few to spare "
         "tell little of the noise, and every ± may be several times too small. Measure more."
-    ]
-
-
-def _on_fit(solution: Solution) -> list[str]:
-    return [
-        f"The residuals ({text(fit.residual, fit.unit, with_unit=True)}) are {fit.ratio:.1f} times "
-        "what repeats of the same touch scatter "
-        f"({text(fit.repeat, fit.unit, with_unit=True)}): the model lacks something. Values and ± "
-        "hold only within it; free more of the geometry (select: geometric)."
-        for fit in lack_of_fit(solution)
-        if fit.ratio > LACKING
     ]
 
 

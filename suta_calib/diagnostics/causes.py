@@ -10,27 +10,27 @@ seen to explain the data.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import partial
-from itertools import combinations
-from typing import Any, Final
+from itertools import chain, combinations
+from typing import Final
 
 import numpy as np
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.diagnostics.held_out import robust_level
-from suta_calib.errors import SamplesError, SutaCalibError
+from suta_calib.errors import SutaCalibError
 from suta_calib.geometry.numbers import quaternion_from_rotation, rotation_from_quaternion
 from suta_calib.measurements import Samples
 from suta_calib.model.arm import ArmModel
-from suta_calib.model.parameters import ParameterSet
 from suta_calib.solver.ipopt import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.solver.solve import solve
 from suta_calib.terms import ArmPoses, Term
+from suta_calib.terms.term import SeenTerm
 from suta_calib.units import from_deg, from_mm, mm
 
 Change = Callable[[Samples], Samples]
@@ -79,15 +79,6 @@ class Cause:
     after: float
 
 
-@dataclass(frozen=True, eq=False)
-class _Alternative:
-    """Terms read in another way; ``always`` where the nominal arm is too coarse to rank it."""
-
-    sentence: str
-    terms: tuple[Term, ...]
-    always: bool = False
-
-
 def find_cause(solution: Solution, options: CauseOptions = CauseOptions()) -> Cause | None:
     """The one change to the samples under which they agree far better with the arm.
 
@@ -102,7 +93,6 @@ def find_cause(solution: Solution, options: CauseOptions = CauseOptions()) -> Ca
     problem = solution.problem
     if problem.arm is None:
         return None
-    parameters = problem.arm_parameters
     cap = options.cap * _level(problem, solution.x)
     present = misfit(problem, solution.x, cap)
     explained = min(present / options.far_better, options.explained * problem.assumed_sigmas()[0])
@@ -111,13 +101,16 @@ def find_cause(solution: Solution, options: CauseOptions = CauseOptions()) -> Ca
     registered = nominal.start()
     coarse = options.cap * _level(nominal, registered)
     limit = misfit(nominal, registered, coarse)
-    scored = [(_registered(a.terms, coarse), a) for a in _alternatives(problem.terms, options)]
-    hopeful = sorted((pair for pair in scored if pair[0] < limit), key=lambda pair: pair[0])
-    first = [a for _, a in hopeful[: options.fitted]]
-    for alternative in [*first, *(a for _, a in scored if a.always and a not in first)]:
-        after = _fitted(alternative.terms, parameters, cap)
-        if after < explained:
-            return Cause(alternative.sentence, present, after)
+    readings = [(*each, _registered(each[1], coarse)) for each in _readings(problem.terms, options)]
+    first = sorted((each for each in readings if each[2] < limit), key=lambda each: each[2])
+    hopeful = [(sentence, terms) for sentence, terms, _ in first[: options.fitted]]
+    # The nominal arm is too coarse to rank this one.
+    few = SolverOptions(starts=1, max_iterations=50)
+    for sentence, terms in [*hopeful, *_moved(problem.terms)]:
+        with suppress(SutaCalibError):
+            again = solve(Problem(terms, problem.arm_parameters), few)
+            if (after := misfit(again.problem, again.x, cap)) < explained:
+                return Cause(sentence, present, after)
     return None
 
 
@@ -146,84 +139,73 @@ def _first(problem: Problem, x: FloatArray) -> list[FloatArray]:
 
 
 def _registered(terms: Sequence[Term], cap: float) -> float:
-    """With the nominal arm, and what is external at its closed-form start."""
-    try:
+    """Misfit with the nominal arm, and what is external at its closed-form start."""
+    with suppress(SutaCalibError):
         problem = Problem(terms)
         return misfit(problem, problem.start(), cap)
-    except SutaCalibError:
-        return math.inf
-
-
-def _fitted(terms: Sequence[Term], parameters: ParameterSet, cap: float) -> float:
-    few = SolverOptions(starts=1, max_iterations=50)
-    try:
-        solution = solve(Problem(terms, parameters), few)
-    except SutaCalibError:
-        return math.inf
-    return misfit(solution.problem, solution.x, cap)
+    return math.inf
 
 
 # ── Readings ─────────────────────────────────────────────────────────────────────────────────
-def _alternatives(terms: Sequence[Term], options: CauseOptions) -> Iterator[_Alternative]:
-    for sentence, change in _changes(terms, options):
-        with suppress(SutaCalibError):
-            yield _Alternative(sentence, tuple(_read(term, change) for term in terms))
-    moved = [part for term in terms for part in _in_halves(term)]
-    if len(moved) > len(terms) or any(m is not t for m, t in zip(moved, terms, strict=False)):
-        yield _Alternative(
-            "the instrument, the artefact or what was touched was moved after the first half of "
-            "the rows",
-            tuple(moved),
-            always=True,
-        )
-
-
-def _read(term: Term, change: Change) -> Term:
-    assert isinstance(term.poses, ArmPoses)
-    samples = change(term.poses.samples)
-    if not len(samples):
-        raise SamplesError("no rows that are left", "some", where=term.kind)
-    return term.over_poses(ArmPoses(term.poses.arm, samples))
-
-
-def _changes(terms: Sequence[Term], options: CauseOptions) -> Iterator[tuple[str, Change]]:
+def _readings(
+    terms: Sequence[Term], options: CauseOptions
+) -> Iterator[tuple[str, tuple[Term, ...]]]:
+    """The terms with their samples read in another way, and what would have to be so."""
     poses = terms[0].poses
     assert isinstance(poses, ArmPoses)
     samples = [term.poses.samples for term in terms]
-    yield from _of_joints(poses.arm)
+    changes = [_of_joints(poses.arm)]
     if any(s.position is not None for s in samples):
-        yield from _of_instrument(any(s.rotation is not None for s in samples), options)
+        changes.append(_of_instrument(any(s.rotation is not None for s in samples), options))
     if any(LANDMARK in s.labels for s in samples):
-        yield from _of_landmarks(samples, options)
+        changes.append(_of_landmarks(samples, options))
+    for sentence, change in chain(*changes):
+        changed = [change(s) for s in samples]
+        with suppress(SutaCalibError):
+            if all(map(len, changed)):
+                yield (
+                    sentence,
+                    tuple(
+                        term.over_poses(term.poses.with_samples(read))
+                        for term, read in zip(terms, changed, strict=True)
+                    ),
+                )
 
 
 def _of_joints(arm: ArmModel) -> Iterator[tuple[str, Change]]:
-    turning = [k for k, j in enumerate(arm.chain.moving) if j.type != "prismatic"]
-    names = arm.joints
+    """What encoders do: they count the other way, start elsewhere, are exchanged, say degrees."""
+    names, one = arm.joints, np.eye(len(arm.joints))
+    turning = np.array([joint.type != "prismatic" for joint in arm.chain.moving])
     for k, name in enumerate(names):
-        yield f"{name} counts the other way (sign: -1)", partial(_joint, k, -1.0, 0.0)
-    for k in turning:
+        flipped = one * np.where(one[k], -1.0, 1.0)
+        yield f"{name} counts the other way (sign: -1)", partial(_mapped, flipped, 0.0)
+    for k in np.flatnonzero(turning).tolist():
         for angle in (90.0, -90.0, 180.0):
-            yield f"{names[k]} reads {-angle:g}° too much", partial(_joint, k, 1.0, from_deg(angle))
-    for j, k in combinations(range(len(names)), 2):
-        yield f"the columns of {names[j]} and {names[k]} are exchanged", partial(_exchanged, j, k)
-    yield "the joints' columns are in degrees, not rad", partial(_in_degrees, turning)
+            shift = partial(_mapped, one, from_deg(angle) * one[k])
+            yield f"{names[k]} reads {-angle:g}° too much", shift
+    for a, b in combinations(range(len(names)), 2):
+        swapped = one.copy()
+        swapped[[a, b]] = one[[b, a]]
+        sentence = f"the columns of {names[a]} and {names[b]} are exchanged"
+        yield sentence, partial(_mapped, swapped, 0.0)
+    in_degrees = one * np.where(turning, from_deg(1.0), 1.0)
+    yield "the joints' columns are in degrees, not rad", partial(_mapped, in_degrees, 0.0)
 
 
 def _of_instrument(oriented: bool, options: CauseOptions) -> Iterator[tuple[str, Change]]:
-    yield "the measured positions are in mm, not m", partial(_scaled, np.full(3, from_mm(1.0)))
-    yield (
-        "the measured positions are in m, but were divided by 1000",
-        partial(_scaled, np.full(3, mm(1.0))),
-    )
-    yield "the instrument's frame is left-handed", partial(_scaled, np.array([1.0, -1.0, 1.0]))
+    for sentence, factors in (
+        ("the measured positions are in mm, not m", [from_mm(1.0)] * 3),
+        ("the measured positions are in m, but were divided by 1000", [mm(1.0)] * 3),
+        ("the instrument's frame is left-handed", [1.0, -1.0, 1.0]),
+    ):
+        yield sentence, partial(_scaled, np.array(factors))
     if oriented:
         yield "the measured poses are inverted", _inverted
         yield "the quaternions' order is w x y z", _reordered
     for rows in range(1, options.shifts + 1):
         count = "one row" if rows == 1 else f"{rows} rows"
-        yield f"what the instrument saw is {count} late", partial(_slid, rows)
-        yield f"what the instrument saw is {count} early", partial(_slid, -rows)
+        for sentence, offset in ((f"{count} late", rows), (f"{count} early", -rows)):
+            yield f"what the instrument saw is {sentence}", partial(_slid, offset, ())
     yield "what the instrument saw is in the opposite order", _backwards
 
 
@@ -233,45 +215,42 @@ def _of_landmarks(
     names = dict.fromkeys(str(n) for s in samples for n in s.labels.get(LANDMARK, ()))
     if len(names) <= options.most_landmarks:
         for a, b in combinations(names, 2):
-            yield f"landmarks {a} and {b} are exchanged", partial(_renamed, a, b)
-    yield "the labels of landmarks are one row late", partial(_labels_slid, 1)
-    yield "the labels of landmarks are one row early", partial(_labels_slid, -1)
+            yield f"landmarks {a} and {b} are exchanged", partial(_renamed, {a: b, b: a})
+    for sentence, offset in (("late", 1), ("early", -1)):
+        yield (
+            f"the labels of landmarks are one row {sentence}",
+            partial(_slid, offset, (LANDMARK,)),
+        )
 
 
-def _in_halves(term: Term) -> list[Term]:
-    """The term as if what is external had stood elsewhere for the second half of its rows."""
-    samples = term.poses.samples
-    assert isinstance(term.poses, ArmPoses)
-    if term.place in samples.labels and term.own:
-        label = samples.labels[term.place].astype(object)
-        for name in np.unique(samples.labels[term.place]):
-            rows = np.flatnonzero(samples.labels[term.place] == name)
-            label[rows[len(rows) // 2 :]] = f"{name} (moved)"
-        labels = {**samples.labels, term.place: label.astype(np.str_)}
-        return [term.over_poses(ArmPoses(term.poses.arm, replace(samples, labels=labels)))]
-    if term.own and "label" in {f.name for f in fields(term)}:
-        first, second = np.array_split(np.arange(len(samples)), 2)
-        moved: Any = term.take(second)
-        return [term.take(first), replace(moved, label=f"{moved.label} (moved)")]
-    return [term]
+def _moved(terms: Sequence[Term]) -> Iterator[tuple[str, tuple[Term, ...]]]:
+    """As if what is external had stood elsewhere for the second half of its rows."""
+    halves: list[Term] = []
+    for term in terms:
+        samples = term.poses.samples
+        if term.place in samples.labels and term.own:
+            label = samples.labels[term.place].astype(object)
+            for name in np.unique(samples.labels[term.place]):
+                rows = np.flatnonzero(samples.labels[term.place] == name)
+                label[rows[len(rows) // 2 :]] = f"{name} (moved)"
+            labels = {**samples.labels, term.place: label.astype(np.str_)}
+            halves.append(term.over_poses(term.poses.with_samples(replace(samples, labels=labels))))
+        elif isinstance(term, SeenTerm):
+            first, second = np.array_split(np.arange(len(samples)), 2)
+            halves.append(term.take(first))
+            halves.append(replace(term.take(second), label=f"{term.label} (moved)"))
+        else:
+            halves.append(term)
+    if any(half not in terms for half in halves):
+        yield (
+            "the instrument, the artefact or what was touched was moved after the first half of "
+            "the rows",
+            tuple(halves),
+        )
 
 
-def _joint(k: int, factor: float, more: float, samples: Samples) -> Samples:
-    q = samples.q.copy()
-    q[:, k] = factor * q[:, k] + more
-    return replace(samples, q=q)
-
-
-def _exchanged(j: int, k: int, samples: Samples) -> Samples:
-    q = samples.q.copy()
-    q[:, [j, k]] = q[:, [k, j]]
-    return replace(samples, q=q)
-
-
-def _in_degrees(turning: Sequence[int], samples: Samples) -> Samples:
-    q = samples.q.copy()
-    q[:, turning] = from_deg(q[:, turning])
-    return replace(samples, q=q)
+def _mapped(matrix: FloatArray, shift: FloatArray | float, samples: Samples) -> Samples:
+    return replace(samples, q=samples.q @ matrix + shift)
 
 
 def _scaled(factors: FloatArray, samples: Samples) -> Samples:
@@ -296,11 +275,24 @@ def _reordered(samples: Samples) -> Samples:
     return replace(samples, rotation=rotation_from_quaternion(np.column_stack([y, z, w, x])))
 
 
-def _slid(rows: int, samples: Samples) -> Samples:
-    """Readings paired with what was seen ``rows`` later; rows without a partner are left out."""
-    seen = _followers(samples, rows)
-    kept = np.flatnonzero(seen >= 0)
-    return _paired(samples, kept, seen[kept])
+def _renamed(names: Mapping[str, str], samples: Samples) -> Samples:
+    if LANDMARK not in samples.labels:
+        return samples
+    new = np.array([names.get(str(old), str(old)) for old in samples.labels[LANDMARK]])
+    return replace(samples, labels={**samples.labels, LANDMARK: new})
+
+
+def _slid(offset: int, labels: Sequence[str], samples: Samples) -> Samples:
+    """Readings paired with the labels, or else with what was seen, ``offset`` rows later.
+
+    Rows without a partner in their file are left out.
+    """
+    if not set(labels) <= samples.labels.keys():
+        return samples
+    files, rows = _files(samples), np.arange(len(samples))
+    other = np.clip(rows + offset, 0, len(rows) - 1)
+    kept = rows[(other == rows + offset) & (files[other] == files)]
+    return _paired(samples, kept, kept + offset, labels)
 
 
 def _backwards(samples: Samples) -> Samples:
@@ -309,38 +301,15 @@ def _backwards(samples: Samples) -> Samples:
     return _paired(samples, np.sort(order), order)
 
 
-def _paired(samples: Samples, rows: IntArray, seen: IntArray) -> Samples:
+def _paired(
+    samples: Samples, rows: IntArray, seen: IntArray, labels: Sequence[str] = ()
+) -> Samples:
     read, other = samples.take(rows), samples.take(seen)
+    if labels:
+        return replace(read, labels={**read.labels, **{n: other.labels[n] for n in labels}})
     return replace(read, position=other.position, rotation=other.rotation)
-
-
-def _followers(samples: Samples, rows: int) -> IntArray:
-    """For each row the one ``rows`` further in its file, -1 without one."""
-    files, n = _files(samples), len(samples)
-    other = np.arange(n) + rows
-    inside = (other >= 0) & (other < n)
-    same = inside & (files[np.clip(other, 0, n - 1)] == files)
-    return np.where(same, other, -1).astype(np.intp)
 
 
 def _files(samples: Samples) -> IntArray:
     names = [origin.rpartition(":")[0] for origin in samples.origin]
     return np.unique(names, return_inverse=True)[1].astype(np.intp)
-
-
-def _renamed(a: str, b: str, samples: Samples) -> Samples:
-    if LANDMARK not in samples.labels:
-        return samples
-    old = samples.labels[LANDMARK]
-    new = np.where(old == a, b, np.where(old == b, a, old))
-    return replace(samples, labels={**samples.labels, LANDMARK: new})
-
-
-def _labels_slid(rows: int, samples: Samples) -> Samples:
-    if LANDMARK not in samples.labels:
-        return samples
-    other = _followers(samples, rows)
-    kept = np.flatnonzero(other >= 0)
-    names = samples.labels[LANDMARK][other[kept]]
-    left = samples.take(kept)
-    return replace(left, labels={**left.labels, LANDMARK: names})

@@ -10,18 +10,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 
-from suta_calib.arrays import FloatArray
 from suta_calib.diagnostics.held_out import HeldOutErrors, held_out_errors, robust_level
 from suta_calib.measurements import Samples
 from suta_calib.solver.solution import Solution
 from suta_calib.terms import Term
 from suta_calib.units import text
-
-MOST_NAMES: Final = 3
 
 
 @dataclass(frozen=True)
@@ -88,10 +84,16 @@ def contradictions(
         *_residuals(solution, options),
         *_held_out(held_out_errors(solution, validation), options),
         *_priors(solution, options),
-        *_starts(solution, options),
         *dead_joints(solution, options),
         *_repeated(solution, validation),
     ]
+    same, tried = solution.agreeing, len(solution.attempts)
+    if tried > 1 and same < options.starts * tried:
+        sentence = (
+            f"Only {same} of {tried} starts ended in this minimum: there may be a better one, or "
+            "the data fit none well. Tighten the bounds, or raise solver.starts."
+        )
+        found.append(Contradiction(False, sentence))
     return tuple(sorted(found, key=lambda each: not each.bad))
 
 
@@ -149,33 +151,24 @@ def _held_out(
 
 
 def _priors(solution: Solution, options: ContradictionOptions) -> Iterator[Contradiction]:
-    problem = solution.problem
-    pulls: list[tuple[float, str]] = []
-    for name, p in list(problem.parameters.items())[: problem.arm_count]:
-        if p.prior and p.free:
-            pulls.append((abs(solution.estimates[name].value - p.nominal) / p.prior, name))
-    far = sorted((each for each in pulls if each[0] > options.pull_care), reverse=True)
+    parameters, values = solution.problem.arm_parameters, solution.values
+    pulls = [
+        (abs(values[p.name] - p.nominal) / p.prior, p.name)
+        for p in parameters.values()
+        if p.prior and p.free
+    ]
+    far = [pull for pull in pulls if pull[0] > options.pull_care]
     if not far:
         return
-    worst, name = far[0]
-    e, p = solution.estimates[name], problem.parameters[name]
+    worst, name = max(far)
+    p = parameters[name]
     others = f" and {len(far) - 1} more" if len(far) > 1 else ""
     yield Contradiction(
         worst > options.pull,
         f"{name}{others} ended {worst:.0f} standard deviations from what the priors say (by "
-        f"{text(e.value - e.nominal, e.unit, with_unit=True)}, prior "
+        f"{text(values[name] - p.nominal, p.unit, with_unit=True)}, prior "
         f"{text(p.prior, p.unit, with_unit=True)}): the prior is wrong, or the data are.",
     )
-
-
-def _starts(solution: Solution, options: ContradictionOptions) -> Iterator[Contradiction]:
-    same, tried = solution.agreeing, len(solution.attempts)
-    if tried > 1 and same < options.starts * tried:
-        yield Contradiction(
-            False,
-            f"Only {same} of {tried} starts ended in this minimum: there may be a better "
-            "one, or the data fit none well. Tighten the bounds, or raise solver.starts.",
-        )
 
 
 def dead_joints(
@@ -202,9 +195,9 @@ def dead_joints(
 
 
 def _repeated(solution: Solution, validation: Sequence[Term]) -> Iterator[Contradiction]:
-    fitted = {row for term in solution.problem.terms for row in _rows(term.poses.samples)}
+    known = {row for term in solution.problem.terms for row in _rows(term.poses.samples)}
     rows = [row for term in validation for row in _rows(term.poses.samples)]
-    again = sum(row in fitted for row in rows)
+    again = sum(row in known for row in rows)
     if again:
         yield Contradiction(
             False,
@@ -215,8 +208,5 @@ def _repeated(solution: Solution, validation: Sequence[Term]) -> Iterator[Contra
 
 def _rows(samples: Samples) -> list[bytes]:
     """Readings and what was observed with them, as something to compare."""
-    parts: list[FloatArray] = [samples.q]
-    if samples.position is not None:
-        parts.append(samples.position)
-    numbers = np.ascontiguousarray(np.hstack(parts))
-    return [row.tobytes() for row in numbers]
+    seen = () if samples.position is None else (samples.position,)
+    return [row.tobytes() for row in np.hstack([samples.q, *seen])]

@@ -165,10 +165,10 @@ def _fitted_levels(solution: Solution) -> dict[tuple[str, str], float]:
 
 def _predicted(solution: Solution, held_out: Problem, rows: Sequence[Rows]) -> list[FloatArray]:
     """Standard deviation (n,) of one component of every row of each block."""
-    index = {name: k for k, name in enumerate(solution.problem.names)}
-    known = [k for k, name in enumerate(held_out.names) if name in index]
-    new = [k for k, name in enumerate(held_out.names) if name not in index]
-    at = [index[held_out.names[k]] for k in known]
+    names = solution.problem.names
+    known = [k for k, name in enumerate(held_out.names) if name in names]
+    new = [k for k, name in enumerate(held_out.names) if name not in names]
+    at = [names.index(held_out.names[k]) for k in known]
     covariance = solution.covariance[np.ix_(at, at)]
     jacobian = np.vstack([r.jacobian for r in rows])
     own = jacobian[:, new]

@@ -57,14 +57,8 @@ class Indices:
         if not len(s) or s.min() <= 0.0 or samples < 1:
             return cls(0.0, 0.0, 0.0, 0.0, 0.0)
         least, most = float(s.min()), float(s.max())
-        geometric_mean = float(np.exp(np.mean(np.log(s))))
-        return cls(
-            geometric_mean / samples**0.5,
-            least / most,
-            least,
-            least**2 / most,
-            1.0 / float(np.sum(1.0 / s)),
-        )
+        o1 = float(np.exp(np.mean(np.log(s)))) / samples**0.5
+        return cls(o1, least / most, least, least**2 / most, 1.0 / float(np.sum(1.0 / s)))
 
     def as_dict(self) -> dict[str, float]:
         """By the names of the literature, ``O1`` … ``O5``."""
@@ -190,10 +184,7 @@ def observe(problem: Problem, x: FloatArray | None = None) -> Observability:
 
 
 def _prospects(
-    problem: Problem,
-    information: Information,
-    identification: Identification,
-    estimated: IntArray,
+    problem: Problem, information: Information, identification: Identification, estimated: IntArray
 ) -> dict[str, Prospect]:
     covariance = predicted_covariance(problem, information, estimated)
     std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
@@ -201,7 +192,6 @@ def _prospects(
     found = {}
     for k, p in enumerate(problem.parameters.values()):
         known = float(std[k]) if k in will_be else None
-        given = identification.given(p.name) if k in will_be else ()
         state: State = "identified"
         if not p.free:
             state = "fixed"
@@ -209,18 +199,10 @@ def _prospects(
             state = "unidentified"
         elif p.prior is not None and known**2 > INFORMED * p.prior**2:
             state = "prior"
-        found[p.name] = Prospect(
-            p.name,
-            p.owner,
-            p.unit,
-            p.nominal,
-            p.plausible,
-            p.upper - p.nominal if np.isfinite(p.upper) else None,
-            p.prior,
-            known,
-            state,
-            given,
-        )
+        given = () if known is None else identification.given(p.name)
+        bound = p.upper - p.nominal if np.isfinite(p.upper) else None
+        seen = (p.name, p.owner, p.unit, p.nominal, p.plausible, bound, p.prior)
+        found[p.name] = Prospect(*seen, known, state, given)
     return found
 
 

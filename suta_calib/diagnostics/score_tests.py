@@ -113,8 +113,8 @@ def score_tests(solution: Solution) -> tuple[ScoreTest, ...]:
     extended, x = _extended(solution, list(order))
     rows = whitened_rows(extended, x, solution.sigmas)
     columns = np.array([extended.names.index(n) for n in order], dtype=np.intp)
-    known = (order, problem.parameters)
-    others = [k for k, n in enumerate(extended.names) if not any(n in names for names in known)]
+    known = order.keys() | problem.parameters.keys()
+    others = [k for k, n in enumerate(extended.names) if n not in known]
     more = np.array(others, dtype=np.intp)
     beside = scores_of(extended, rows, columns, np.zeros(0, dtype=np.intp))
     alone = scores_of(extended, rows, columns, more)
@@ -122,15 +122,14 @@ def score_tests(solution: Solution) -> tuple[ScoreTest, ...]:
     freedom = alone.touches - len(solution.free)
     if freedom < 1:
         return ()
-    estimated = {
-        key: np.array([order[n] for n in names if alone.telling[order[n]]], dtype=np.intp)
+    kept = {
+        key: np.array([order[n] for n in told], dtype=np.intp)
         for key, names in groups.items()
+        if (told := [n for n in names if alone.telling[order[n]]])
     }
-    kept = {key: index for key, index in estimated.items() if len(index)}
-    names = list(order)
-    found = []
+    names, found = list(order), []
     for (joint, family), index in kept.items():
-        p = _p(alone, index, freedom)
+        p = alone.p_by_touch(index, freedom)
         gain = alone.gain(index, solution) - len(index) * float(np.log(alone.touches))
         found.append(
             ScoreTest(
@@ -140,20 +139,12 @@ def score_tests(solution: Solution) -> tuple[ScoreTest, ...]:
                 tuple(float(v) for v in alone.step(index)),
                 p,
                 min(1.0, len(kept) * p),
-                min(1.0, len(kept) * _p(beside, index, freedom)),
+                min(1.0, len(kept) * beside.p_by_touch(index, freedom)),
                 min(1.0, len(kept) * alone.p_variance(index, solution)),
                 gain > geometry,
             )
         )
     return tuple(sorted(found, key=lambda test: test.p_single))
-
-
-def _p(scores: Scores, index: IntArray, freedom: int) -> float:
-    """Chance of so large a score."""
-    kept = index[scores.telling[index]]
-    if not len(kept):
-        return 1.0
-    return float(fdtrc(len(kept), freedom, scores.statistic(kept)))
 
 
 def _geometry_gain(
@@ -176,17 +167,14 @@ def _geometry_gain(
 
 def _extended(solution: Solution, candidates: Sequence[str]) -> tuple[Problem, FloatArray]:
     """The problem with all of the geometry and the candidates unknown, at the same point."""
-    problem, arm = solution.problem, solution.problem.arm
+    arm, fitted, values = solution.problem.arm, solution.problem.arm_parameters, solution.values
     assert arm is not None
-    fitted = list(problem.parameters.values())[: problem.arm_count]
-    known = {p.name for p in fitted}
     more = [
         p
         for n, p in arm.offered.items()
-        if n not in known and (n in arm.geometric or p.key == OFFSET or n in candidates)
+        if n not in fitted and (n in arm.geometric or p.key == OFFSET or n in candidates)
     ]
-    extended = Problem(problem.terms, ParameterSet([*fitted, *more]))
-    values = solution.values
+    extended = Problem(solution.problem.terms, ParameterSet([*fitted.values(), *more]))
     start = [values.get(p.name, p.nominal) for p in extended.parameters.values()]
     return extended, np.array(start)
 
@@ -212,11 +200,14 @@ class Scores:
     touches: int
     squares: float
 
-    def statistic(self, chosen: IntArray) -> float:
-        """F of some columns together."""
-        part = self.score[chosen]
-        pushed = np.linalg.pinv(self.variance[np.ix_(chosen, chosen)], hermitian=True) @ part
-        return float(part @ pushed) / len(chosen)
+    def p_by_touch(self, chosen: IntArray, freedom: int) -> float:
+        """Chance of so large scores of some columns together, by their variance among touches."""
+        kept = chosen[self.telling[chosen]]
+        if not len(kept):
+            return 1.0
+        part = self.score[kept]
+        pushed = np.linalg.pinv(self.variance[np.ix_(kept, kept)], hermitian=True) @ part
+        return float(fdtrc(len(kept), freedom, part @ pushed / len(kept)))
 
     def step(self, chosen: IntArray) -> FloatArray:
         """What one step of Gauss and Newton makes of some columns together."""

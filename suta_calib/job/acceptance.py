@@ -21,7 +21,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Final, TypeVar
+from typing import Any, Final, TypeVar
 
 from suta_calib.errors import InputError, JobError, UrdfError
 from suta_calib.job.calibration import CalibrationJob, joint_ranges, read_term
@@ -34,7 +34,7 @@ from suta_calib.job.limits import (
     read_rule,
     read_uncertainty,
 )
-from suta_calib.job.schema import ObservationSpec
+from suta_calib.job.schema import ObservationSpec, read_arm
 from suta_calib.measurements import SampleColumns, Samples, YamlSection, read_samples, read_yaml
 from suta_calib.model.arm import ArmModel
 from suta_calib.terms import KINDS, ArmPoses, Term
@@ -127,12 +127,8 @@ class AcceptanceJob:
             return _of_calibration(path, urdf)
         top.check_keys(_KEYS)
         job = replace(_tested(top, urdf), path=path)
-        return replace(
-            job,
-            limits=read_limits(top),
-            uncertainty=read_uncertainty(top),
-            rule=read_rule(top),
-        )
+        limits, uncertainty, rule = read_limits(top), read_uncertainty(top), read_rule(top)
+        return replace(job, limits=limits, uncertainty=uncertainty, rule=rule)
 
     @contextmanager
     def error_context(self, key: str) -> Iterator[None]:
@@ -162,66 +158,57 @@ def _tested(top: YamlSection, urdf: Path | None) -> AcceptanceJob:
             if key in top:
                 raise top.refuse(f"{key} beside job", "one or the other", at=(key,))
         return _of_calibration(top.existing_file("job"), urdf)
-    top.check_keys(_KEYS, required=("arm",))
     if not any(key in top for key in _MEASURED):
         raise top.refuse("nothing that was measured", f"one of {', '.join(_MEASURED)}")
-    section = top.section("arm")
-    section.check_keys(("urdf", "tip", "base"), required=("urdf", "tip"))
-    base = section.text("base") if "base" in section else None
-    file = section.existing_file("urdf") if urdf is None else urdf
-    arm = ArmModel.from_urdf(file, section.text("tip"), base)
+    spec = read_arm(top, urdf)
+    arm = ArmModel.from_urdf(spec.urdf, spec.tip, spec.base)
     sections = {key: top.section(key) for key in _MEASURED if key in top}
     job = AcceptanceJob(top.document.path, arm, sections=sections)
     for key, read in zip(_MEASURED, (_lengths, _articulation, _probing, _visits), strict=True):
         if key in sections:
-            job = read(job, sections[key])
+            job = replace(job, **read(arm, sections[key]))
     return job
 
 
-def _lengths(job: AcceptanceJob, section: YamlSection) -> AcceptanceJob:
+def _lengths(arm: ArmModel, section: YamlSection) -> dict[str, Any]:
     section.check_keys(("artefact", "samples", "bidirectional"), required=("artefact", "samples"))
-    row = ObservationSpec(
-        _LENGTHS.kind,
-        section.texts("samples"),
-        section.files("samples"),
-        section.existing_file("artefact"),
-        line=section.line,
-    )
-    term = read_term(job.arm, row, job.path)
-    return replace(job, lengths=(term,), bidirectional=section.flag("bidirectional"))
+    patterns, files = section.texts("samples"), section.files("samples")
+    artefact = section.existing_file("artefact")
+    row = ObservationSpec(_LENGTHS.kind, patterns, files, artefact, line=section.line)
+    term = read_term(arm, row, section.document.path)
+    return {"lengths": (term,), "bidirectional": section.flag("bidirectional")}
 
 
-def _articulation(job: AcceptanceJob, section: YamlSection) -> AcceptanceJob:
+def _articulation(arm: ArmModel, section: YamlSection) -> dict[str, Any]:
     section.check_keys(("samples", "probed"), required=("samples",))
     sphere = section.choice("probed", ("seat", "sphere"), "seat") == "sphere"
-    samples = _samples(job, section, "point", "articulation")
+    samples = _samples(arm, section, "point", "articulation")
     if sphere and "articulation" not in samples.labels:
         raise section.refuse(
             "spheres, but samples without a column articulation",
             "a column articulation that says which touches make a sphere",
             at=("probed",),
         )
-    return replace(job, articulation=(samples,), on_spheres=sphere)
+    return {"articulation": (samples,), "on_spheres": sphere}
 
 
-def _probing(job: AcceptanceJob, section: YamlSection) -> AcceptanceJob:
+def _probing(arm: ArmModel, section: YamlSection) -> dict[str, Any]:
     keys = ("samples", "diameter_mm", "sigma_mm", "stylus_diameter_mm")
     section.check_keys(keys, required=("samples", "diameter_mm"))
     diameter = from_mm(section.number("diameter_mm", "positive"))
     stylus = section.optional_number("stylus_diameter_mm", "non-negative", unit="m") or 0.0
     std = section.optional_number("sigma_mm", "non-negative", unit="m") or 0.0
-    samples = _samples(job, section, "sphere")
-    return replace(job, probing=ProbedSpheres(samples, diameter + stylus, std))
+    return {"probing": ProbedSpheres(_samples(arm, section, "sphere"), diameter + stylus, std)}
 
 
-def _visits(job: AcceptanceJob, section: YamlSection) -> AcceptanceJob:
+def _visits(arm: ArmModel, section: YamlSection) -> dict[str, Any]:
     section.check_keys(("samples",), required=("samples",))
-    return replace(job, repeatability=_samples(job, section, "point"))
+    return {"repeatability": _samples(arm, section, "point")}
 
 
-def _samples(job: AcceptanceJob, section: YamlSection, label: str, *optional: str) -> Samples:
+def _samples(arm: ArmModel, section: YamlSection, label: str, *optional: str) -> Samples:
     columns = SampleColumns(labels=(label,), optional_labels=optional)
-    return read_samples(section.files("samples"), joint_ranges(job.arm), columns)
+    return read_samples(section.files("samples"), joint_ranges(arm), columns)
 
 
 # ── from a calibration ───────────────────────────────────────────────────────────────────────

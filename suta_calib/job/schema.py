@@ -156,8 +156,7 @@ def read_job(path: Path) -> JobSpec:
         ("arm", "parameters", "observations", "validation", "solver", "encoders"),
         required=("arm",),
     )
-    arm = top.section("arm")
-    arm.check_keys(("urdf", "tip", "base"), required=("urdf", "tip"))
+    arm = read_arm(top)
     if "parameters" not in top:
         raise top.refuse(
             "no such key",
@@ -167,11 +166,7 @@ def read_job(path: Path) -> JobSpec:
         )
     return JobSpec(
         path,
-        ArmSpec(
-            arm.existing_file("urdf"),
-            arm.text("tip"),
-            arm.text("base") if "base" in arm else None,
-        ),
+        arm,
         tuple(_selection(row) for row in top.sections("parameters")),
         tuple(_observation(row) for row in top.sections("observations")),
         tuple(_observation(row) for row in top.sections("validation"))
@@ -180,6 +175,14 @@ def read_job(path: Path) -> JobSpec:
         _solver(top.section("solver")) if "solver" in top else SolverSpec(),
         _encoders(top.section("encoders")) if "encoders" in top else None,
     )
+
+
+def read_arm(top: YamlSection, urdf: Path | None = None) -> ArmSpec:
+    """The key ``arm`` of a job, ``urdf`` in place of the file that it names."""
+    arm = top.section("arm")
+    arm.check_keys(("urdf", "tip", "base"), required=("urdf", "tip"))
+    file = arm.existing_file("urdf") if urdf is None else urdf
+    return ArmSpec(file, arm.text("tip"), arm.text("base") if "base" in arm else None)
 
 
 def _selection(row: YamlSection) -> Selection:

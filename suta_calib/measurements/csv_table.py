@@ -10,6 +10,7 @@ import csv
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import compress
 from pathlib import Path
 
 import numpy as np
@@ -89,6 +90,35 @@ class CsvTable:
         for row in np.flatnonzero(labels == ""):
             raise self.refuse(int(row), name, "an empty cell", "a label")
         return labels
+
+    def valid(self) -> CsvTable:
+        """Only the rows of a recording that say of themselves that they are valid.
+
+        A row is not where its ``valid`` is 0, or where ``errors`` names a joint.
+        """
+        rows = np.ones(len(self), dtype=bool)
+        if "valid" in self.columns:
+            rows &= [cell.lower() not in ("0", "false") for cell in self.columns["valid"]]
+        if "errors" in self.columns:
+            rows &= [not cell for cell in self.columns["errors"]]
+        columns = {name: tuple(compress(cells, rows)) for name, cells in self.columns.items()}
+        return CsvTable(self.path, columns, self.header_line, tuple(compress(self.lines, rows)))
+
+    def time(self, hint: str) -> FloatArray:
+        """The column ``time``, (n,) s.
+
+        Args:
+            hint: what to do where it does not increase.
+
+        Raises:
+            SamplesError: no such column, a cell that is no number, or time that does not increase.
+        """
+        time = self.numbers("time", "a column time, in s")
+        for row in np.flatnonzero(np.diff(time) <= 0):
+            cells = self.columns["time"][row : row + 2]
+            found = f"{cells[1]} after {cells[0]}"
+            raise self.refuse(int(row) + 1, "time", found, "time that increases", hint)
+        return time
 
     def refuse(
         self, row: int, name: str, found: str, expected: str, hint: str = ""

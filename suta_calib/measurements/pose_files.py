@@ -6,7 +6,7 @@ Lengths are in m unless the columns are named ``…_mm``; unknown columns are ig
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
@@ -103,7 +103,7 @@ def read_tool_poses(path: str | Path) -> ToolPoses:
     table = read_csv_table(Path(path))
     (rotation, position), notes = _poses(table)
     point = table.labels("point") if "point" in table.columns else None
-    _check_different(table, np.hstack([position, rotation.reshape(-1, 9)]))
+    _check_different(table, position, rotation)
     return ToolPoses(
         path=table.path,
         lines=table.lines,
@@ -121,8 +121,7 @@ def read_pose_pairs(path: str | Path) -> PosePairs:
     """
     table = read_csv_table(Path(path))
     (hand, of_hand), (seen, of_seen) = _poses(table, "a_"), _poses(table, "b_")
-    numbers = [part.reshape(len(table), -1) for part in (*hand, *seen)]
-    _check_different(table, np.hstack(numbers))
+    _check_different(table, *hand, *seen)
     notes = of_hand + of_seen
     return PosePairs(path=table.path, lines=table.lines, unit_notes=notes, hand=hand, seen=seen)
 
@@ -137,7 +136,7 @@ def read_points(path: str | Path) -> Points:
         SutaCalibWarning: lengths that look like another unit.
     """
     table = read_csv_table(Path(path))
-    return _hinted(table, _points(table))
+    return _points(table, _positions(table))
 
 
 def read_corresponding_points(path_a: str | Path, path_b: str | Path) -> tuple[Points, Points]:
@@ -151,38 +150,41 @@ def read_corresponding_points(path_a: str | Path, path_b: str | Path) -> tuple[P
         SutaCalibWarning: lengths that look like another unit.
     """
     tables = [read_csv_table(Path(path)) for path in (path_a, path_b)]
-    a, b = (_points(table) for table in tables)
-    if len(a.lines) != len(b.lines):
+    both = [_positions(table) for table in tables]
+    a, b = tables
+    if len(a) != len(b):
+        raise SamplesError(_rows(len(b)), f"{len(a)}, as in {a.path}: rows correspond", file=b.path)
+    for table, points in zip(tables, both, strict=True):
+        _count_different(table, points, "points")
+    (smaller, _), (larger, file) = sorted(
+        (_size(points), table.path) for table, points in zip(tables, both, strict=True)
+    )
+    ratio = larger / smaller if smaller else 1.0
+    if OTHER_UNIT[0] < ratio < OTHER_UNIT[1]:
+        other = a.path if file == b.path else b.path
         raise SamplesError(
-            f"{_rows(len(b.lines))}",
-            f"{len(a.lines)}, as in {a.path}: rows correspond",
-            file=b.path,
+            f"points {ratio:.0f} times as far apart as in {other}",
+            "the same distances in both: lengths are m, or mm in columns x_mm, y_mm, z_mm",
+            file=file,
+            hint="one of the files is in another unit than its columns say",
         )
-    for table, points in zip(tables, (a, b), strict=True):
-        _count_different(table, points.position, "points")
-    _check_same_unit(a, b)
-    return _hinted(tables[0], a), _hinted(tables[1], b)
+    return _points(a, both[0]), _points(b, both[1])
 
 
-def _points(table: CsvTable) -> Points:
-    return Points(path=table.path, lines=table.lines, position=_positions(table))
-
-
-def _hinted(table: CsvTable, points: Points) -> Points:
-    return replace(points, unit_notes=_hint_at_unit(table, points.position))
+def _points(table: CsvTable, position: FloatArray) -> Points:
+    notes = _hint_at_unit(table, position)
+    return Points(path=table.path, lines=table.lines, unit_notes=notes, position=position)
 
 
 def _poses(
     table: CsvTable, prefix: str = ""
 ) -> tuple[tuple[FloatArray, FloatArray], tuple[str, ...]]:
     position = _positions(table, prefix)
-    rotation = rotations(table, prefix)
-    return (rotation, position), _hint_at_unit(table, position, prefix)
+    return (rotations(table, prefix), position), _hint_at_unit(table, position, prefix)
 
 
 def _positions(table: CsvTable, prefix: str = "") -> FloatArray:
-    found = positions(table, prefix)
-    names = _names(table, prefix)
+    found, names = positions(table, prefix), _names(table, prefix)
     for row, axis in np.argwhere(np.abs(found) > LARGEST):
         cell = repr(table.columns[names[axis]][row])
         raise table.refuse(int(row), names[axis], cell, f"a position within {LARGEST:g} m")
@@ -214,8 +216,9 @@ def _hint_at_unit(table: CsvTable, found: FloatArray, prefix: str = "") -> tuple
     return (f"{note}.",)
 
 
-def _check_different(table: CsvTable, numbers: FloatArray) -> None:
+def _check_different(table: CsvTable, *parts: FloatArray) -> None:
     """Refuse poses that are all copies of one or two; warn about copies."""
+    numbers = np.hstack([part.reshape(len(table), -1) for part in parts])
     copies = len(table) - _count_different(table, numbers, "poses")
     if copies:
         _warn(
@@ -233,19 +236,6 @@ def _count_different(table: CsvTable, numbers: FloatArray, what: str) -> int:
             file=table.path,
         )
     return different
-
-
-def _check_same_unit(a: Points, b: Points) -> None:
-    smaller, larger = sorted((a, b), key=lambda points: _size(points.position))
-    size = _size(smaller.position)
-    ratio = _size(larger.position) / size if size else 1.0
-    if OTHER_UNIT[0] < ratio < OTHER_UNIT[1]:
-        raise SamplesError(
-            f"points {ratio:.0f} times as far apart as in {smaller.path}",
-            "the same distances in both: lengths are m, or mm in columns x_mm, y_mm, z_mm",
-            file=larger.path,
-            hint="one of the files is in another unit than its columns say",
-        )
 
 
 def _size(points: FloatArray) -> float:

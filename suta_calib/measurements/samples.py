@@ -133,7 +133,6 @@ def _frozen(array: Array) -> Array:
 
 
 def _floats(name: str, values: ArrayLike) -> FloatArray:
-    """Copy as an array of floats with at least one dimension."""
     try:
         return np.array(values, dtype=float, ndmin=1)
     except (TypeError, ValueError) as problem:
@@ -141,11 +140,7 @@ def _floats(name: str, values: ArrayLike) -> FloatArray:
 
 
 def _finite(name: str, values: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
-    """Read-only copy as floats of the given shape.
-
-    Raises:
-        SamplesError: another shape, or a value that is not finite.
-    """
+    """Read-only copy as finite floats of the given shape, or the error that it is not."""
     array = _floats(name, values)
     if array.shape != shape:
         raise SamplesError(f"shape {array.shape}", f"shape {shape}", where=name)

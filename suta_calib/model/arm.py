@@ -7,7 +7,7 @@ from copy import copy
 from dataclasses import replace
 from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import Final
+from typing import cast
 
 import numpy as np
 import pinocchio as pin
@@ -34,13 +34,6 @@ from suta_calib.model.parameters import (
     select_parameters,
 )
 from suta_calib.model.urdf import folded_origin, urdf_bytes
-
-_MOTION: Final[dict[str, Motion]] = {
-    "fixed": "fixed",
-    "prismatic": "prismatic",
-    "revolute": "revolute",
-    "continuous": "revolute",
-}
 
 
 class ArmModel:
@@ -139,12 +132,9 @@ class ArmModel:
     @cached_property
     def loads(self) -> tuple[Load, ...]:
         """The masses on the moving joints, base → tip, as the URDF has them."""
-        names = [joint.name for joint in self.chain.moving]
-        bodies = [self.model.inertias[self.model.getJointId(name)] for name in names]
-        return tuple(
-            Load(name, float(body.mass), body.lever.copy())
-            for name, body in zip(names, bodies, strict=True)
-        )
+        bodies = [self.model.inertias[self.model.getJointId(name)] for name in self.joints]
+        pairs = zip(self.joints, bodies, strict=True)
+        return tuple(Load(name, float(body.mass), body.lever.copy()) for name, body in pairs)
 
     def select(self, *rows: Selection | str) -> ParameterSet:
         """The parameters that are to be estimated; strings stand for unbounded selections.
@@ -223,11 +213,7 @@ class ArmModel:
         return urdf_bytes(self.chain.path, self.origins(values))
 
     def write_urdf(self, destination: str | Path, values: Mapping[str, float]) -> None:
-        """Write `calibrated_urdf` to a file.
-
-        Args:
-            destination: file to write.
-            values: parameter values by name.
+        """Write `calibrated_urdf` of these values to a file.
 
         Raises:
             OutputError: the file could not be written; nothing is left half-written.
@@ -235,11 +221,7 @@ class ArmModel:
         write_bytes_atomically(destination, self.calibrated_urdf(values))
 
     def origins(self, values: Mapping[str, float]) -> dict[str, tuple[FloatArray, FloatArray]]:
-        """Position (3,), m, and rpy (3,), rad, of every joint's origin with these values folded in.
-
-        Args:
-            values: parameter values by name, as in `calibrated_urdf`; nominal where not given.
-        """
+        """Position (3,), m, and rpy (3,), rad, of every joint's origin as in `calibrated_urdf`."""
         found = {}
         for joint, segment in zip(self.chain.joints, self.segments, strict=True):
             own = segment.names(*segment.keys)
@@ -272,11 +254,11 @@ def _segment(model: pin.Model, joint: ChainJoint, owner: str) -> Segment:
         kinds = pin.FrameType.FIXED_JOINT
         placement = model.frames[model.getFrameId(joint.name, kinds)].placement
     origin = parent.placement.actInv(placement)
-    return Segment(owner, _MOTION[joint.type], origin.rotation, joint.xyz, axis)
+    motion = cast(Motion, "revolute" if joint.type == "continuous" else joint.type)
+    return Segment(owner, motion, origin.rotation, joint.xyz, axis)
 
 
 def _geometric(segment: Segment) -> Iterator[Parameter]:
-    """Its placement, and its offset if it moves: lengths in m, angles in rad."""
     for key, nominal in zip(POSITION, segment.position, strict=True):
         yield Parameter(segment.owner, key, "m", float(nominal))
     for key in ROTATION:
@@ -286,7 +268,6 @@ def _geometric(segment: Segment) -> Iterator[Parameter]:
 
 
 def _nongeometric(segment: Segment) -> Iterator[Parameter]:
-    """Eccentricity (rad) and compliance (rad/Nm) of a revolute joint."""
     if segment.motion == "revolute":
         for key in ECCENTRICITY:
             yield Parameter(segment.owner, key, "rad", plausible=PLAUSIBLE_ECCENTRICITY)

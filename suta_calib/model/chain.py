@@ -25,6 +25,7 @@ from suta_calib.model.urdf_tree import (
     children,
     quoted,
     read_tree,
+    refusal,
     suggestion,
 )
 
@@ -102,9 +103,8 @@ def read_chain(path: str | Path, tip: str, base: str | None = None) -> Chain:
     Joints off the chain may be of any type; their origins, axes and limits are not looked at.
 
     Args:
-        path: a URDF file (not a xacro file).
-        tip: name of a link, or of a joint, which stands for its child link. A name that is both
-            means the link.
+        path: of the URDF.
+        tip: name of a link, or of a joint, which stands for its child link; both mean the link.
         base: name of a link above the tip; the root link by default.
 
     Raises:
@@ -148,43 +148,33 @@ def _joints_between(tree: UrdfTree, base: str, tip: str) -> list[TreeJoint]:
 
 
 def _chain_joint(path: Path, joint: TreeJoint) -> ChainJoint:
-    where = f"joint {quoted(joint.name)}"
-    kind = _supported_type(path, joint, where)
+    where, element = f"joint {quoted(joint.name)}", joint.element
+    kind = attribute(path, element, "type", where)
+    if kind not in _SUPPORTED_TYPES:
+        expected = f"{', '.join(_SUPPORTED_TYPES[:-1])} or fixed on the chain"
+        raise refusal(path, element, f"the type {quoted(kind)}", expected, where)
+    for mimic in children(element, "mimic"):
+        found = f"<mimic> of joint {quoted(mimic.get('joint', ''))}"
+        raise refusal(path, mimic, found, "joints with a reading of their own on the chain", where)
     xyz, rpy = np.zeros(3), np.zeros(3)
-    for origin in children(joint.element, "origin")[:1]:
+    for origin in children(element, "origin")[:1]:
         place = f"{where}: <origin>"
-        xyz, rpy = (_triple(path, origin, key, place) for key in ("xyz", "rpy"))
+        xyz, rpy = (_numbers(path, origin, key, place, (0.0,) * 3) for key in ("xyz", "rpy"))
     moving = kind in _MOVING_TYPES
-    axis = _axis(path, joint.element, where) if moving else np.array([1.0, 0.0, 0.0])
-    lower, upper = _limits(path, joint.element, kind, where)
+    axis = _axis(path, element, where) if moving else np.array([1.0, 0.0, 0.0])
+    lower, upper = _limits(path, element, kind, where)
     return ChainJoint(
         joint.name, kind, joint.parent, joint.child, xyz, rpy, axis, lower, upper, joint.line
     )
 
 
-def _supported_type(path: Path, joint: TreeJoint, where: str) -> str:
-    kind = attribute(path, joint.element, "type", where)
-    if kind not in _SUPPORTED_TYPES:
-        expected = f"{', '.join(_SUPPORTED_TYPES[:-1])} or fixed on the chain"
-        found = f"the type {quoted(kind)}"
-        raise UrdfError(found, expected, file=path, line=joint.line, where=where)
-    mimic = children(joint.element, "mimic")
-    if mimic:
-        found = f"<mimic> of joint {quoted(mimic[0].get('joint', ''))}"
-        expected = "joints with a reading of their own on the chain"
-        line = mimic[0].sourceline
-        raise UrdfError(found, expected, file=path, line=line, where=where)
-    return kind
-
-
 def _axis(path: Path, element: Element, where: str) -> FloatArray:
     for axis in children(element, "axis")[:1]:
-        vector = _triple(path, axis, "xyz", f"{where}: <axis>", default=(1.0, 0.0, 0.0))
+        place = f"{where}: <axis>"
+        vector = _numbers(path, axis, "xyz", place, (1.0, 0.0, 0.0))
         largest = np.abs(vector).max()
         if largest < _SHORTEST_AXIS:
-            found = f"xyz={quoted(axis.get('xyz'))}"
-            place = f"{where}: <axis>"
-            raise UrdfError(found, "a direction", file=path, line=axis.sourceline, where=place)
+            raise refusal(path, axis, f"xyz={quoted(axis.get('xyz'))}", "a direction", place)
         # Scaled first, so that the squares of very large numbers do not overflow.
         scaled = vector / largest
         return np.asarray(scaled / np.linalg.norm(scaled), dtype=float)
@@ -197,47 +187,32 @@ def _limits(path: Path, element: Element, kind: str, where: str) -> tuple[float,
         return 0.0, 0.0
     given = children(element, "limit")[:1]
     if not given and kind in ("revolute", "prismatic"):
-        raise UrdfError(
-            f"a {kind} joint without <limit>",
-            "<limit lower=… upper=… effort=… velocity=…>, which URDF asks for",
-            file=path,
-            line=element.sourceline,
-            where=where,
-            hint="add it, or make a revolute joint continuous",
-        )
+        expected = "<limit lower=… upper=… effort=… velocity=…>, which URDF asks for"
+        hint = "add it, or make a revolute joint continuous"
+        raise refusal(path, element, f"a {kind} joint without <limit>", expected, where, hint)
     if kind == "continuous" or not given or not {"lower", "upper"} & set(given[0].keys()):
         return -math.inf, math.inf
     place = f"{where}: <limit>"
-    lower, upper = (_numbers(path, given[0], key, place, (0.0,))[0] for key in ("lower", "upper"))
+    lower, upper = (
+        float(_numbers(path, given[0], key, place, (0.0,))[0]) for key in ("lower", "upper")
+    )
     if lower > upper:
         found = f"lower={lower!r} above upper={upper!r}"
-        line = given[0].sourceline
-        raise UrdfError(found, "lower at most upper", file=path, line=line, where=place)
+        raise refusal(path, given[0], found, "lower at most upper", place)
     return lower, upper
-
-
-def _triple(
-    path: Path,
-    element: Element,
-    key: str,
-    where: str,
-    default: tuple[float, ...] = (0.0, 0.0, 0.0),
-) -> FloatArray:
-    return np.array(_numbers(path, element, key, where, default))
 
 
 def _numbers(
     path: Path, element: Element, key: str, where: str, default: tuple[float, ...]
-) -> list[float]:
+) -> FloatArray:
     """The numbers of an attribute, as many as its default has."""
     text = element.get(key)
     if text is None:
-        return list(default)
+        return np.array(default)
     words = text.split()
     numbers = [float(word) for word in words if _NUMBER.fullmatch(word)]
     if len(words) == len(numbers) == len(default) and all(map(math.isfinite, numbers)):
-        return numbers
+        return np.array(numbers)
     expected = "a finite number" if len(default) == 1 else f"{len(default)} finite numbers"
     hint = "run xacro first" if "${" in text or "$(" in text else ""
-    found, line = f"{key}={quoted(text)}", element.sourceline
-    raise UrdfError(found, expected, file=path, line=line, where=where, hint=hint)
+    raise refusal(path, element, f"{key}={quoted(text)}", expected, where, hint)

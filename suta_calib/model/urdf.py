@@ -104,7 +104,7 @@ def urdf_bytes(source: str | Path, origins: Mapping[str, Origin]) -> bytes:
             hint = suggestion(name, tags, "joints")
             raise UrdfError("no joint of that name", file=source, where=quoted(name), hint=hint)
         values = {b"xyz": _finite(name, xyz), b"rpy": _finite(name, rpy)}
-        splices.extend(_origin_splices(data, tags[name], values))
+        splices += _origin_splices(data, tags[name], values)
     pieces, position = [], 0
     for start, stop, text in sorted(splices, key=lambda splice: splice[0]):
         pieces += [data[position:start], text]
@@ -113,16 +113,10 @@ def urdf_bytes(source: str | Path, origins: Mapping[str, Origin]) -> bytes:
 
 
 def write_urdf(source: str | Path, destination: str | Path, origins: Mapping[str, Origin]) -> None:
-    """Write `urdf_bytes` in one step.
-
-    Args:
-        source: the user's URDF.
-        destination: the file to write; may be the source.
-        origins: as there.
+    """Write `urdf_bytes` of a source in one step to a destination, which may be the source.
 
     Raises:
-        UrdfError: as there.
-        OutputError: a number is not finite, or the destination cannot be written.
+        UrdfError, OutputError: as there, or the destination cannot be written.
     """
     write_bytes_atomically(destination, urdf_bytes(source, origins))
 

@@ -73,10 +73,7 @@ class UrdfTree:
 
 
 def read_tree(path: str | Path) -> UrdfTree:
-    """Read a URDF and check that its joints and links make one tree.
-
-    Args:
-        path: a URDF file (not a xacro file).
+    """Read a URDF (not a xacro file) and check that its joints and links make one tree.
 
     Raises:
         UrdfError: the file cannot be read or is not XML, its root is not ``<robot>``, xacro was
@@ -88,8 +85,7 @@ def read_tree(path: str | Path) -> UrdfTree:
     links = _by_name(path, robot, "link")
     elements = _by_name(path, robot, "joint")
     if not elements:
-        line = robot.sourceline
-        raise UrdfError("no <joint> in <robot>", "a chain of joints", file=path, line=line)
+        raise refusal(path, robot, "no <joint> in <robot>", "a chain of joints")
     joints: dict[str, TreeJoint] = {}
     into: dict[str, TreeJoint] = {}
     for name, element in elements.items():
@@ -101,16 +97,14 @@ def read_tree(path: str | Path) -> UrdfTree:
                 f"two joints into it, {quoted(other.name)} (line {other.line}) and "
                 f"{quoted(name)}: a closed loop"
             )
-            where = f"link {quoted(child)}"
-            raise UrdfError(found, "a serial chain", file=path, line=joint.line, where=where)
+            raise refusal(path, element, found, "a serial chain", f"link {quoted(child)}")
     _refuse_cycle(path, into)
     root, *others = [link for link in links if link not in into]
     if others:
         found = f"{1 + len(others)} links without a parent: {quoted(root)}, {quoted(others[0])}"
         found += ", …" if len(others) > 1 else ""
         hint = "connect them by joints or remove what is not used"
-        line = links[others[0]].sourceline
-        raise UrdfError(found, "one root link", file=path, line=line, hint=hint)
+        raise refusal(path, links[others[0]], found, "one root link", hint=hint)
     return UrdfTree(path, robot.get("name"), tuple(links), joints, into, root)
 
 
@@ -120,8 +114,7 @@ def _by_name(path: Path, robot: Element, tag: str) -> dict[str, Element]:
         name = attribute(path, element, "name", f"<{tag}>")
         if name in named:
             found = f"the {tag} name {quoted(name)}, already used in line {named[name].sourceline}"
-            expected = f"every {tag} to have its own name"
-            raise UrdfError(found, expected, file=path, line=element.sourceline)
+            raise refusal(path, element, found, f"every {tag} to have its own name")
         named[name] = element
     return named
 
@@ -132,17 +125,12 @@ def _linked(
     where = f"joint {quoted(joint)}"
     found = children(element, tag)
     if not found:
-        expected = f'<{tag} link="…"/>'
-        raise UrdfError(f"no <{tag}>", expected, file=path, line=element.sourceline, where=where)
+        raise refusal(path, element, f"no <{tag}>", f'<{tag} link="…"/>', where)
     link = attribute(path, found[0], "link", f"{where}: <{tag}>")
     if link not in links:
-        raise UrdfError(
-            f"the {tag} link {quoted(link)}, which no <link> declares",
-            file=path,
-            line=found[0].sourceline,
-            where=where,
-            hint=suggestion(link, links, "links"),
-        )
+        unknown = f"the {tag} link {quoted(link)}, which no <link> declares"
+        hint = suggestion(link, links, "links")
+        raise refusal(path, found[0], unknown, where=where, hint=hint)
     return link
 
 
@@ -156,8 +144,7 @@ def _refuse_cycle(path: Path, into: Mapping[str, TreeJoint]) -> None:
             if link in walk:
                 joint = walk[link]
                 found = f"a cycle: following parents from link {quoted(link)} leads back to it"
-                where = f"joint {quoted(joint.name)}"
-                raise UrdfError(found, "a tree", file=path, line=joint.line, where=where)
+                raise refusal(path, joint.element, found, "a tree", f"joint {quoted(joint.name)}")
             walk[link] = into[link]
             link = into[link].parent
         grounded.update(walk)
@@ -173,13 +160,11 @@ def read_robot(path: Path) -> Element:
     """
     root = _parsed(path, read_urdf_bytes(path))
     if tag_of(root) != "robot":
-        found = f"the root element <{tag_of(root)[:_LONGEST_QUOTE]}>"
-        raise UrdfError(found, "<robot>", file=path, line=root.sourceline)
+        raise refusal(path, root, f"the root element <{tag_of(root)[:_LONGEST_QUOTE]}>", "<robot>")
     for element in root.iter():
         if tag_of(element).startswith("xacro:"):
             found = f"<{tag_of(element)[:_LONGEST_QUOTE]}>, which xacro has not expanded"
-            line = element.sourceline
-            raise UrdfError(found, "plain URDF", file=path, line=line, hint=_XACRO_HINT)
+            raise refusal(path, element, found, "plain URDF", hint=_XACRO_HINT)
     attribute(path, root, "name", "<robot>")
     return root
 
@@ -228,9 +213,15 @@ def attribute(path: Path, element: Element, name: str, where: str) -> str:
     text = element.get(name)
     if not text:
         found = f"no {name}" if text is None else f"an empty {name}"
-        expected = f'{name}="…"'
-        raise UrdfError(found, expected, file=path, line=element.sourceline, where=where)
+        raise refusal(path, element, found, f'{name}="…"', where)
     return str(text)
+
+
+def refusal(
+    path: Path, element: Element, found: str, expected: str = "", where: str = "", hint: str = ""
+) -> UrdfError:
+    """Error about an element, with its line, to be raised by the caller."""
+    return UrdfError(found, expected, file=path, line=element.sourceline, where=where, hint=hint)
 
 
 def quoted(text: str) -> str:

@@ -25,20 +25,10 @@ FALSE_ALARM: Final = 0.01
 # A residual is three components, each normal.
 DIMENSION: Final = 3
 
-# Models from rows: (m, k) rows → whatever `Residuals` takes, with a leading dimension m.
-Propose = Callable[[IntArray], Any]
-# Norms of the residuals (m, n, kinds) of all n rows under m models.
-Residuals = Callable[[Any], FloatArray]
-
 
 @dataclass(frozen=True, eq=False)
 class Consensus:
-    """What most rows agree on.
-
-    Attributes:
-        inliers: (n,) rows that agree.
-        sigmas: (kinds,) scatter of one component of each kind of residual.
-    """
+    """Rows that agree, ``inliers`` (n,), and ``sigmas`` (kinds,): scatter of one component each."""
 
     inliers: BoolArray
     sigmas: FloatArray
@@ -50,14 +40,17 @@ class Consensus:
 
 
 def find_consensus(
-    samples: IntArray, propose: Propose, residuals: Residuals, needed: int
+    samples: IntArray,
+    propose: Callable[[IntArray], Any],
+    residuals: Callable[[Any], FloatArray],
+    needed: int,
 ) -> Consensus:
     """The rows that agree, from minimal samples.
 
     Args:
         samples: (m, k) rows of each minimal sample, from `minimal_samples`.
-        propose: closed-form solutions of rows.
-        residuals: norms of all rows' residuals under them.
+        propose: closed-form models of rows (m, k), with a leading dimension m.
+        residuals: norms (m, n, kinds) of all n rows' residuals under m models.
         needed: rows that determine a solution.
     """
     norms = residuals(propose(samples))

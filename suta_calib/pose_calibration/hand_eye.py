@@ -9,7 +9,7 @@ from typing import Final, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from suta_calib.arrays import BoolArray, FloatArray, IntArray
+from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.assessment import Assessment
 from suta_calib.errors import ParameterError, SamplesError
 from suta_calib.geometry.numbers import (
@@ -25,9 +25,8 @@ from suta_calib.pose_calibration.consensus import Consensus, find_consensus, min
 from suta_calib.pose_calibration.hand_eye_causes import refuse_misread, refuse_strangers
 from suta_calib.pose_calibration.inputs import checked_poses, error_context
 from suta_calib.pose_calibration.robot_noise import EYE, RobotNoise
-from suta_calib.pose_calibration.robust_fit import RobustFit, objections, outlier_rows, robust_fit
+from suta_calib.pose_calibration.robust_fit import RobustAnswer, robust_fit
 from suta_calib.pose_calibration.undetermined import axis_of_all_turns, refuse_undetermined
-from suta_calib.solver.solution import Solution
 from suta_calib.terms.hand_eye_start import (
     Poses,
     close_the_loop,
@@ -56,44 +55,34 @@ FINEST_POSITION: Final = 5e-4
 # Pairs below which a standard deviation is hardly more than a guess.
 ENOUGH: Final = 12
 UNSURE_TURN: Final = from_deg(0.5)
-_SLIDE: Final = slice(0, 3)
-_TURN: Final = slice(3, 6)
 
 
-@dataclass(frozen=True, eq=False)
-class HandEyeCalibration:
-    """Where the eye is, and where the target.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class HandEyeCalibration(RobustAnswer):
+    """Where the eye is, and where the target; `solution` is in units of `length`.
+
+    The covariance (12, 12) is of X and Z: displacement (m, outer frame's axes) and small turn (rad,
+    axes of the eye and of the target) of each; residuals are ``A_i X B_i - Z`` in Z's outer frame.
 
     Attributes:
         setup: ``eye-in-hand`` or ``eye-to-hand``.
         model: ``AX=XB`` or ``AX=ZB``.
         X: (4, 4), ``T_hand_eye``, or ``T_base_eye`` for eye-to-hand; m.
         Z: (4, 4), ``T_base_target``, or ``T_hand_target`` for eye-to-hand; m.
-        covariance: (12, 12) of X and Z: displacement (m, outer frame's axes) and small turn (rad,
-            axes of the eye and of the target) of each.
-        position_residuals: (n, 3), ``A_i X B_i - Z`` in the outer frame of Z, m.
         rotation_residuals: (n, 3), the turn between ``A_i X B_i`` and Z, rad.
-        inliers: (n,) pairs that were fitted.
         axes: (n - 1, 3) rotation vectors of the hand's consecutive motions, rad.
         robot_noise_fraction: part of the rotational noise that seems to be the hand's, 0 to 1.
-        solution: of the solver, in units of `length`.
         length: m per unit of `solution`.
-        notes: what the file of the data gives to think about, one sentence each.
     """
 
     setup: Setup
     model: Model
     X: FloatArray
     Z: FloatArray
-    covariance: FloatArray
-    position_residuals: FloatArray
     rotation_residuals: FloatArray
-    inliers: BoolArray
     axes: FloatArray
     robot_noise_fraction: float
-    solution: Solution
     length: float
-    notes: tuple[str, ...] = ()
 
     @property
     def unknowns(self) -> tuple[Literal["X", "Z"], ...]:
@@ -107,19 +96,9 @@ class HandEyeCalibration:
         return {"X": std[:6], "Z": std[6:]}
 
     @property
-    def rms(self) -> float:
-        """Root mean square distance of the inliers' ``A_i X B_i`` from Z, m."""
-        return rms_length(self.position_residuals[self.inliers])
-
-    @property
     def rms_angle(self) -> float:
         """Root mean square turn of the inliers' ``A_i X B_i`` against Z, rad."""
         return rms_length(self.rotation_residuals[self.inliers])
-
-    @property
-    def outliers(self) -> tuple[int, ...]:
-        """Pairs judged outliers, from 0."""
-        return outlier_rows(self.inliers)
 
     @property
     def assessment(self) -> Assessment:
@@ -130,15 +109,14 @@ class HandEyeCalibration:
                 f"Only {int(self.inliers.sum())} pairs: the standard deviations are guesses "
                 "themselves, and a wrong pair may not show; take a dozen or more."
             )
-        displaced, turned = (float(np.linalg.norm(self.std["X"][k])) for k in (_SLIDE, _TURN))
+        displaced, turned = np.linalg.norm(self.std["X"].reshape(2, 3), axis=1).tolist()
         if displaced > UNSURE or turned > UNSURE_TURN:
             caution.append(
                 f"X is known to ± {mm(displaced):.1f} mm and ± {deg(turned):.2f}° only "
                 "(one sigma): add poses, turned by 30° or more about different axes."
             )
-        return Assessment.of(
-            bad=objections(self.solution, self.inliers, "pairs"), care=[*caution, *self.notes]
-        )
+        bad = self.objections("pairs", self.inliers)
+        return Assessment.of(bad=bad, care=[*caution, *self.notes])
 
 
 def calibrate_hand_eye(
@@ -209,7 +187,26 @@ def calibrate_hand_eye(
         "turn the hand about at least two axes that are not parallel",
         axis_of_all_turns(A[0][fit.inliers], fit.sigmas[1]),
     )
-    return _result(fit, A, B, centre, length, setup, model, noise.fraction)
+    x = fit.solution.x
+    X = rotation_from_vector(x[3:6]), x[:3] * length
+    Z = rotation_from_vector(x[9:12]), x[6:9] * length + centre
+    found = loops(A, X, B)
+    jacobian = np.diag(np.tile(np.repeat([length, 1.0], 3), 2))
+    jacobian[3:6, 3:6], jacobian[9:, 9:] = tangent_of_vector(x[3:6]), tangent_of_vector(x[9:12])
+    return HandEyeCalibration(
+        setup=setup,
+        model=model,
+        X=homogeneous(*X),
+        Z=homogeneous(*Z),
+        covariance=jacobian @ fit.covariance @ jacobian.T,
+        residuals=found[1] - Z[1],
+        rotation_residuals=vector_from_rotation(Z[0].T @ found[0]),
+        inliers=fit.inliers,
+        axes=vector_from_rotation(np.swapaxes(A[0][1:], 1, 2) @ A[0][:-1]),
+        robot_noise_fraction=noise.fraction,
+        solution=fit.solution,
+        length=length,
+    )
 
 
 def hand_eye_from_pairs(
@@ -220,56 +217,12 @@ def hand_eye_from_pairs(
     robust: bool = True,
     seed: int = 0,
 ) -> HandEyeCalibration:
-    """`calibrate_hand_eye` of a file: its errors name it, its assessment knows what it found.
-
-    Args:
-        pairs: as `suta_calib.measurements.pose_files.read_pose_pairs` reads them.
-        setup: where the eye is; the target is on the other.
-        model: which of the two is asked for.
-        robust: False for least squares over all pairs.
-        seed: of the minimal samples.
-
-    Raises:
-        SamplesError: as of `calibrate_hand_eye`.
-    """
+    """`calibrate_hand_eye` of a file: its errors name it, its assessment knows what it found."""
     with error_context(pairs.path):
         found = calibrate_hand_eye(
             pairs.hand, pairs.seen, setup=setup, model=model, robust=robust, seed=seed
         )
     return replace(found, notes=pairs.unit_notes)
-
-
-def _result(
-    fit: RobustFit,
-    A: Poses,
-    B: Poses,
-    centre: FloatArray,
-    length: float,
-    setup: Setup,
-    model: Model,
-    robot_noise_fraction: float,
-) -> HandEyeCalibration:
-    x = fit.solution.x
-    X = rotation_from_vector(x[3:6]), x[:3] * length
-    Z = rotation_from_vector(x[9:12]), x[6:9] * length + centre
-    found = loops(A, X, B)
-    jacobian = np.diag(np.tile(np.repeat([length, 1.0], 3), 2))
-    jacobian[3:6, 3:6], jacobian[9:, 9:] = tangent_of_vector(x[3:6]), tangent_of_vector(x[9:12])
-    motions = np.swapaxes(A[0][1:], 1, 2) @ A[0][:-1]
-    return HandEyeCalibration(
-        setup=setup,
-        model=model,
-        X=homogeneous(*X),
-        Z=homogeneous(*Z),
-        covariance=jacobian @ fit.covariance @ jacobian.T,
-        position_residuals=found[1] - Z[1],
-        rotation_residuals=vector_from_rotation(Z[0].T @ found[0]),
-        inliers=fit.inliers,
-        axes=vector_from_rotation(motions),
-        robot_noise_fraction=robot_noise_fraction,
-        solution=fit.solution,
-        length=length,
-    )
 
 
 def _start(A: Poses, B: Poses, seed: int | None) -> Consensus:

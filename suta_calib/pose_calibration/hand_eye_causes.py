@@ -45,18 +45,15 @@ Start = Callable[[Poses, Poses], Consensus]
 def refuse_misread(
     found: Consensus, A: Poses, B: Poses, length: float, other_setup: str, start: Start
 ) -> None:
-    """Refuse poses that fit together as soon as they are read in another way.
+    """Refuse poses that fit together as soon as they are read in another way, which it names.
 
     Args:
         found: what `start` says of the poses as they are.
-        A: rotations (n, 3, 3) and positions (n, 3), in units of the extent.
+        A: poses of the hand, in units of the extent.
         B: the same of the target.
         length: the extent, m.
         other_setup: the one that was not asked for.
         start: how the loops of poses scatter, in units of the extent and rad.
-
-    Raises:
-        SamplesError: names the reading under which they agree.
     """
     if found.sigmas[0] < SUSPICIOUS:
         return
@@ -71,15 +68,9 @@ def refuse_misread(
 
 
 def refuse_strangers(fit: RobustFit, start: Consensus, length: float) -> None:
-    """Refuse pairs of which nothing fits: what they leave open is not the trouble.
+    """Refuse pairs of which nothing fits (``start`` before the fit, in units of ``length``).
 
-    Args:
-        fit: of the pairs.
-        start: how the loops scattered before it, in units of the extent and rad.
-        length: the extent, m.
-
-    Raises:
-        SamplesError: says how far they are apart.
+    What they leave open is not the trouble then.
     """
     if fit.sigmas[1] > NO_AGREEMENT:
         raise SamplesError(

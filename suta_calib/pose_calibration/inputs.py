@@ -12,33 +12,23 @@ from numpy.typing import ArrayLike
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import InputError, SamplesError
 
-_ORTHONORMAL: float = 1e-6
-
 
 def checked_points(points: ArrayLike, where: str) -> FloatArray:
-    """(n, 3) finite numbers.
-
-    Raises:
-        SamplesError: another shape, or something that is not a finite number.
-    """
+    """(n, 3) finite numbers; `SamplesError` for anything else."""
     return _checked(points, (3,), where)
 
 
 def checked_poses(
     rotation: ArrayLike, position: ArrayLike, where: str
 ) -> tuple[FloatArray, FloatArray]:
-    """Rotations (n, 3, 3) and positions (n, 3) of the same n.
-
-    Raises:
-        SamplesError: another shape, numbers that are not finite, or matrices that are no rotations.
-    """
+    """Finite rotations (n, 3, 3) and positions (n, 3) of the same n; `SamplesError` else."""
     R, p = _checked(rotation, (3, 3), where), _checked(position, (3,), where)
     if len(R) != len(p):
         raise SamplesError(
             f"{len(R)} rotations and {len(p)} positions", "as many of each", where=where
         )
     skewed = np.abs(R @ np.swapaxes(R, 1, 2) - np.eye(3)).max(axis=(1, 2), initial=0.0)
-    for row in np.flatnonzero((skewed > _ORTHONORMAL) | (np.linalg.det(R) < 0)):
+    for row in np.flatnonzero((skewed > 1e-6) | (np.linalg.det(R) < 0)):
         raise SamplesError(
             "a matrix that is not a rotation", "orthonormal, right-handed", where=f"{where}[{row}]"
         )

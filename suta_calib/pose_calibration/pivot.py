@@ -9,17 +9,15 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from suta_calib.arrays import BoolArray, FloatArray, IntArray
+from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.assessment import Assessment
 from suta_calib.errors import SamplesError
-from suta_calib.geometry.numbers import rms_length
 from suta_calib.measurements.pose_files import ToolPoses
 from suta_calib.measurements.samples import Samples
 from suta_calib.pose_calibration.consensus import Consensus, find_consensus, minimal_samples
 from suta_calib.pose_calibration.inputs import checked_poses, error_context
-from suta_calib.pose_calibration.robust_fit import RobustFit, objections, outlier_rows, robust_fit
+from suta_calib.pose_calibration.robust_fit import RobustAnswer, robust_fit
 from suta_calib.pose_calibration.undetermined import refuse_undetermined
-from suta_calib.solver.solution import Solution
 from suta_calib.terms.block import Noise, grouped
 from suta_calib.terms.fixed_point import FixedPoint, stacked_pivot
 from suta_calib.terms.poses import MeasuredPoses
@@ -38,34 +36,27 @@ NO_POINT: Final = 0.1
 HARDLY_TURNED: Final = from_deg(2.0)
 
 
-@dataclass(frozen=True, eq=False)
-class PivotCalibration:
-    """The tip of a tool, and the points it rested on.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PivotCalibration(RobustAnswer):
+    """The tip of a tool, and the points it rested on; `solution` is in units of `length`.
+
+    The covariance (3 + 3k, 3 + 3k), m², is of the tip and then of the posts in order; residuals are
+    ``R_iᵀ (c - p_i) - t`` of every pose, in the tool.
 
     Attributes:
         tip: (3,) in the tool, m.
         posts: (3,) each, in the tracker, m, by label.
-        covariance: (3 + 3k, 3 + 3k), m², of the tip and then of the posts in order.
-        residuals: (n, 3), ``R_iᵀ (c - p_i) - t`` of every pose, in the tool, m.
-        inliers: (n,) poses that were fitted.
         sigma: scatter of one component of an inlier's residual, m.
         turn: root mean square turn of the inliers' orientations about their mean, as far as it
             tells the tip along the direction of the tool that they tell least about, rad.
-        solution: of the solver, in units of `length`.
         length: m per unit of `solution`.
-        notes: what the file of the data gives to think about, one sentence each.
     """
 
     tip: FloatArray
     posts: dict[str, FloatArray]
-    covariance: FloatArray
-    residuals: FloatArray
-    inliers: BoolArray
     sigma: float
     turn: float
-    solution: Solution
     length: float
-    notes: tuple[str, ...] = ()
 
     @property
     def post(self) -> FloatArray:
@@ -83,16 +74,6 @@ class PivotCalibration:
         return np.asarray(np.sqrt(np.diag(self.covariance)[first : first + 3]))
 
     @property
-    def rms(self) -> float:
-        """Root mean square length of the inliers' residuals, m."""
-        return rms_length(self.residuals[self.inliers])
-
-    @property
-    def outliers(self) -> tuple[int, ...]:
-        """Poses judged outliers, from 0."""
-        return outlier_rows(self.inliers)
-
-    @property
     def assessment(self) -> Assessment:
         """How far to trust the tip."""
         caution = list[str]()
@@ -104,9 +85,8 @@ class PivotCalibration:
         unsure = float(np.linalg.norm(self.tip_std))
         if unsure > UNSURE:
             caution.append(f"The tip is known to ± {mm(unsure):.2f} mm only (one sigma, 3-D).")
-        return Assessment.of(
-            bad=objections(self.solution, self.inliers, "poses"), care=[*caution, *self.notes]
-        )
+        bad = self.objections("poses", self.inliers)
+        return Assessment.of(bad=bad, care=[*caution, *self.notes])
 
 
 def calibrate_pivot(
@@ -147,7 +127,11 @@ def calibrate_pivot(
             raise SamplesError(
                 f"one pose for point {name}", "at least 2 poses for every point", where="point"
             )
-    centre, length = p.mean(axis=0), _extent(R, p, index)
+    # Lengths are solved in units of how large all this is, so that none counts. A tool whose tip is
+    # its own origin has no extent; then the way to the tracker tells.
+    centre, norms = p.mean(axis=0), np.linalg.norm(p, axis=1)
+    tool = np.linalg.norm(stacked_pivot(R, p, index)) + np.linalg.norm(p - centre, axis=1).max()
+    length = max(float(tool), 0.1 * float(norms.max())) or 1.0
     scaled = (p - centre) / length
     start = _start(R, scaled, index, seed if robust else None)
 
@@ -175,32 +159,8 @@ def calibrate_pivot(
         )
     advice = "turn the tool more while its tip rests on the point"
     refuse_undetermined(fit.solution, "tip", "the tip in the tool", advice)
-    return _result(fit, names, R, centre, length)
-
-
-def pivot_from_poses(poses: ToolPoses, *, robust: bool = True, seed: int = 0) -> PivotCalibration:
-    """`calibrate_pivot` of a file: its errors name the file, its assessment knows what it found.
-
-    Args:
-        poses: as `suta_calib.measurements.pose_files.read_tool_poses` reads them.
-        robust: False for plain least squares over all poses.
-        seed: of the minimal samples.
-
-    Raises:
-        SamplesError: as of `calibrate_pivot`.
-    """
-    with error_context(poses.path):
-        found = calibrate_pivot(
-            poses.rotation, poses.position, poses.point, robust=robust, seed=seed
-        )
-    return replace(found, notes=poses.unit_notes)
-
-
-def _result(
-    fit: RobustFit, names: Sequence[str], R: FloatArray, centre: FloatArray, length: float
-) -> PivotCalibration:
-    labels = ["tip", *(f"{FixedPoint.place_unknown}[{n}]" for n in names)]
-    parameters = [f"{label}.{axis}" for label in labels for axis in "xyz"]
+    labels_of = ["tip", *(f"{FixedPoint.place_unknown}[{n}]" for n in names)]
+    parameters = [f"{label}.{axis}" for label in labels_of for axis in "xyz"]
     x = np.array([fit.solution.values[n] for n in parameters]) * length
     order = [fit.solution.problem.names.index(n) for n in parameters]
     return PivotCalibration(
@@ -216,19 +176,20 @@ def _result(
     )
 
 
+def pivot_from_poses(poses: ToolPoses, *, robust: bool = True, seed: int = 0) -> PivotCalibration:
+    """`calibrate_pivot` of a file: its errors name the file, its assessment knows what it found."""
+    with error_context(poses.path):
+        found = calibrate_pivot(
+            poses.rotation, poses.position, poses.point, robust=robust, seed=seed
+        )
+    return replace(found, notes=poses.unit_notes)
+
+
 def _turns(R: FloatArray) -> FloatArray:
     """Root mean square turns (3,), rad, as far as they tell a tip, from least to most."""
     mean = R.mean(axis=0)
     told = np.linalg.eigvalsh(np.eye(3) - mean.T @ mean)
     return np.asarray(np.sqrt(np.maximum(told, 0.0)))
-
-
-def _extent(R: FloatArray, p: FloatArray, index: IntArray) -> float:
-    """How large all this is: lengths are solved in units of it, so that none counts, m."""
-    spread = float(np.linalg.norm(p - p.mean(axis=0), axis=1).max())
-    tool = float(np.linalg.norm(stacked_pivot(R, p, index))) + spread
-    # A tool whose tip is its own origin has no extent; then the way to the tracker tells.
-    return max(tool, 0.1 * float(np.linalg.norm(p, axis=1).max())) or 1.0
 
 
 def _norms(R: FloatArray, p: FloatArray, index: IntArray, tips: FloatArray) -> FloatArray:

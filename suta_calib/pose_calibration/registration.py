@@ -16,7 +16,6 @@ from suta_calib.geometry.numbers import (
     extent,
     homogeneous,
     register_points,
-    rms_length,
     rotation_from_vector,
     skew,
     tangent_of_vector,
@@ -25,14 +24,7 @@ from suta_calib.measurements.pose_files import Points
 from suta_calib.measurements.samples import Samples
 from suta_calib.pose_calibration.consensus import Consensus, find_consensus, minimal_samples
 from suta_calib.pose_calibration.inputs import checked_points, error_context
-from suta_calib.pose_calibration.robust_fit import (
-    ROUNDING,
-    RobustFit,
-    objections,
-    outlier_rows,
-    robust_fit,
-)
-from suta_calib.solver.solution import Solution
+from suta_calib.pose_calibration.robust_fit import ROUNDING, RobustAnswer, RobustFit, robust_fit
 from suta_calib.terms.block import Noise
 from suta_calib.terms.poses import MeasuredPoses
 from suta_calib.terms.tracked_point import TrackedPoint
@@ -57,40 +49,33 @@ UNSURE_TURN: Final = from_deg(1.0)
 OTHER_SCALE: Final = 0.02
 
 
-@dataclass(frozen=True, eq=False)
-class Registration:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Registration(RobustAnswer):
     """``T_b_a``, which takes points in frame a (the source) to frame b (the target).
+
+    The covariance (6, 6) is of a small displacement (m) and turn (rad) of the moved points about
+    `centre`, in the axes of frame b; residuals are ``R a_i + p - b_i``, the fiducial registration
+    error.
 
     Attributes:
         rotation: (3, 3).
         position: (3,), m.
-        covariance: (6, 6) of a small displacement (m) and turn (rad) of the moved points about
-            `centre`, in the axes of frame b.
         centre: (3,) middle of the fitted points in frame b, m.
-        residuals: (n, 3), ``R a_i + p - b_i``, in frame b, m.
-        inliers: (n,) points that were fitted.
         distinct: (n,) points that are not copies of one before. Copies count once, except where all
             points are believed.
         sigma: scatter of one component of an inlier's residual, m.
         scale: how many times larger the fitted points are in the target than in the source, which
             a rigid transform cannot make up for.
         scale_std: standard deviation of that, as far as the scatter makes it.
-        solution: of the solver.
-        notes: what the files of the data give to think about, one sentence each.
     """
 
     rotation: FloatArray
     position: FloatArray
-    covariance: FloatArray
     centre: FloatArray
-    residuals: FloatArray
-    inliers: BoolArray
     distinct: BoolArray
     sigma: float
     scale: float
     scale_std: float
-    solution: Solution
-    notes: tuple[str, ...] = ()
 
     @property
     def matrix(self) -> FloatArray:
@@ -122,16 +107,6 @@ class Registration:
         return np.asarray(np.sqrt([*np.diag(position), *np.diag(self.covariance)[3:]]))
 
     @property
-    def rms(self) -> float:
-        """Fiducial registration error: root mean square length of the inliers' residuals, m."""
-        return rms_length(self.residuals[self.inliers])
-
-    @property
-    def outliers(self) -> tuple[int, ...]:
-        """Points judged outliers, from 0."""
-        return outlier_rows(self.inliers)
-
-    @property
     def assessment(self) -> Assessment:
         """How far to trust it."""
         caution, inliers = list[str](), self.inliers[self.distinct]
@@ -153,9 +128,8 @@ class Registration:
                 f"The points' middle is known to ± {mm(unsure):.2f} mm and the turn to "
                 f"± {deg(turned):.2f}° only (one sigma)."
             )
-        return Assessment.of(
-            bad=objections(self.solution, inliers, "points"), care=[*caution, *self.notes]
-        )
+        bad = self.objections("points", inliers)
+        return Assessment.of(bad=bad, care=[*caution, *self.notes])
 
 
 def register(
@@ -235,15 +209,7 @@ def registration_from_points(
 ) -> Registration:
     """`register` of two files: errors name them, the assessment knows what was found in them.
 
-    Args:
-        a: the source; `suta_calib.measurements.pose_files.read_corresponding_points` reads both.
-        b: the target.
-        targets: points in frame a at which the error to expect will be asked for.
-        robust: False for plain least squares over all points.
-        seed: of the minimal samples.
-
-    Raises:
-        SamplesError: as of `register`.
+    ``targets`` are points in frame a at which the error to expect will be asked for.
     """
     with error_context(a.path, f"registered to {b.path}"):
         found = register(a.position, b.position, robust=robust, seed=seed)
@@ -253,21 +219,22 @@ def registration_from_points(
 
 def _start(a: FloatArray, b: FloatArray, seed: int | None) -> Consensus:
     """What most points agree on; all of them without a seed."""
-    if seed is None:
-        R, p = register_points(a, b)
-        return Consensus.of_all(len(a), float(np.sqrt(np.mean((a @ R.T + p - b) ** 2))))
+    if seed is not None:
+        return agreeing_points(a, b, seed, determining_rows(a, b))
+    R, p = register_points(a, b)
+    return Consensus.of_all(len(a), float(np.sqrt(np.mean((a @ R.T + p - b) ** 2))))
 
-    def propose(rows: IntArray) -> tuple[FloatArray, FloatArray]:
-        return kabsch(a[rows], b[rows])
+
+def agreeing_points(a: FloatArray, b: FloatArray, seed: int, needed: int) -> Consensus:
+    """The points (n, 3) that most agree on how ``a`` lies on ``b``; ``needed`` determine it."""
 
     def residuals(model: tuple[FloatArray, FloatArray]) -> FloatArray:
         R, p = model
         error = np.einsum("mij,nj->mni", R, a) + p[:, None, :] - b
         return np.asarray(np.linalg.norm(error, axis=2)[..., None])
 
-    everyone = np.zeros(len(a), dtype=np.intp)
-    samples = minimal_samples(everyone, LEAST_POINTS, seed)
-    return find_consensus(samples, propose, residuals, determining_rows(a, b))
+    samples = minimal_samples(np.zeros(len(a), dtype=np.intp), LEAST_POINTS, seed)
+    return find_consensus(samples, lambda rows: kabsch(a[rows], b[rows]), residuals, needed)
 
 
 def kabsch(source: FloatArray, target: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -320,11 +287,7 @@ def _check_fit(fit: RobustFit, moved: FloatArray, length: float) -> None:
 
 
 def distinct_rows(a: FloatArray, b: FloatArray) -> tuple[IntArray, IntArray]:
-    """Pairs of points without their exact copies.
-
-    Args:
-        a: (n, 3) points in one frame.
-        b: (n, 3) the same points in another.
+    """Pairs of points (n, 3) without their exact copies.
 
     Returns:
         (k,) rows that are not copies of one before, in their order; and (n,) for every row the

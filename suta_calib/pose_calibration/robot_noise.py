@@ -33,9 +33,8 @@ def estimate_robot_noise_fraction(position: FloatArray, swept: FloatArray) -> fl
     sees does not. The regression of one on the other is the fraction, shrunk towards one half where
     few poses tell little.
 
-    Args:
-        position: (n, 3) residuals of the target's position in the eye.
-        swept: (n, 3) turn in each residual times the lever from hand to target, the same unit.
+    ``position`` (n, 3) are residuals of the target's position in the eye, ``swept`` the turn in
+    each residual times the lever from hand to target, in the same unit.
     """
     told, against = float(np.sum(swept**2)), float(np.sum(swept * position))
     if told == 0.0:

@@ -14,6 +14,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
+from suta_calib.geometry.numbers import rms_length
 from suta_calib.pose_calibration.consensus import DIMENSION, Consensus, outlier_limit
 from suta_calib.pose_calibration.serial_correlation import blocks
 from suta_calib.solver.covariance import observed_covariance, predicted_covariance
@@ -65,26 +66,43 @@ class RobustFit:
     covariance: FloatArray
 
 
-def outlier_rows(inliers: BoolArray) -> tuple[int, ...]:
-    """Rows judged outliers, from 0."""
-    return tuple(int(row) for row in np.flatnonzero(~inliers))
+@dataclass(frozen=True, eq=False, kw_only=True)
+class RobustAnswer:
+    """What the answers of pivot, hand-eye and registration share.
 
-
-def objections(solution: Solution, inliers: BoolArray, what: str) -> list[str]:
-    """Why an answer must not be used, one sentence each; none where nothing speaks against it.
-
-    Args:
-        solution: of the solver.
+    Attributes:
+        covariance: of the answer's unknowns, m and rad.
+        residuals: (n, 3) of all rows, m.
         inliers: (n,) rows that were fitted.
-        what: the rows are, such as ``poses``.
+        solution: of the solver.
+        notes: what the files of the data give to think about, one sentence each.
     """
-    found = list[str]()
-    if not solution.converged:
-        found.append(f"The solver did not converge: {solution.sentence}.")
-    share = 1.0 - float(inliers.mean())
-    if share > MANY_OUTLIERS:
-        found.append(f"{share:.0%} of the {what} do not agree with the rest.")
-    return found
+
+    covariance: FloatArray
+    residuals: FloatArray
+    inliers: BoolArray
+    solution: Solution
+    notes: tuple[str, ...] = ()
+
+    @property
+    def rms(self) -> float:
+        """Root mean square length of the inliers' residuals, m."""
+        return rms_length(self.residuals[self.inliers])
+
+    @property
+    def outliers(self) -> tuple[int, ...]:
+        """Rows judged outliers, from 0."""
+        return tuple(int(row) for row in np.flatnonzero(~self.inliers))
+
+    def objections(self, what: str, inliers: BoolArray) -> list[str]:
+        """Why it must not be used, one sentence each, given which of the rows (``what``) agree."""
+        found = list[str]()
+        if not self.solution.converged:
+            found.append(f"The solver did not converge: {self.solution.sentence}.")
+        share = 1.0 - float(inliers.mean())
+        if share > MANY_OUTLIERS:
+            found.append(f"{share:.0%} of the {what} do not agree with the rest.")
+        return found
 
 
 def robust_fit(

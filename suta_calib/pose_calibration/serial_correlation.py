@@ -17,13 +17,10 @@ LEAST_BLOCKS: Final = 12
 
 
 def correlation_length(residuals: FloatArray) -> float:
-    """Integrated autocorrelation 1 + 2 Σ ρ_k of rows in their order; 1 where they are white.
+    """Integrated autocorrelation 1 + 2 Σ ρ_k of rows (n, d) in their order; 1 where they are white.
 
     Summed up to the first lag that white noise could have (Geyer 1992, doi:10.1214/ss/1177011137,
     with a plainer rule for where to stop).
-
-    Args:
-        residuals: (n, d), the rows that were fitted, in the order they were measured.
     """
     n = len(residuals)
     power = float(np.sum(residuals**2))

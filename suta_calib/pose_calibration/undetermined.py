@@ -19,18 +19,15 @@ NOTICEABLE: Final = 0.02
 def refuse_undetermined(
     solution: Solution, unknown: str, what: str, advice: str, slides: FloatArray | None = None
 ) -> None:
-    """Refuse a solution whose data leave directions of an unknown open.
+    """Refuse a solution whose data leave directions of an unknown open, and name them.
 
     Args:
         solution: what was solved.
         unknown: prefix of the parameters, such as ``tip``.
-        what: what a reader calls it, with its frame, such as ``the tip in the tool``.
+        what: a reader calls it, with its frame, such as ``the tip in the tool``.
         advice: what to do.
         slides: (k, 3) directions to name instead of those found at the solution, which says nothing
             true where the start was as undetermined as the solution.
-
-    Raises:
-        SamplesError: names the directions.
     """
     directions = undetermined_directions(solution, unknown)
     if directions and slides is not None and len(slides):
@@ -65,14 +62,9 @@ def undetermined_directions(solution: Solution, unknown: str) -> list[str]:
 
 
 def axis_of_all_turns(rotation: FloatArray, noise: float) -> FloatArray:
-    """The axis that all orientations are turned about, if there is just one.
+    """The axis (1, 3) in the body that all orientations are turned about; (0, 3) if not just one.
 
-    Args:
-        rotation: (n, 3, 3) of the body.
-        noise: of a component of their rotation vectors, rad.
-
-    Returns:
-        (1, 3) in the body, or (0, 3).
+    ``noise`` is of a component of their rotation vectors, rad.
     """
     mean = rotation.mean(axis=0)
     # Noise may be as small a part of what an axis turns by, as a variance, as of any direction.

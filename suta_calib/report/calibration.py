@@ -207,26 +207,19 @@ def _untold(result: CalibrationResult) -> Iterator[Part]:
 
 
 def _remaining_errors(result: CalibrationResult) -> Iterator[Part]:
-    accuracy = result.accuracy
-    sets = (("Validation", accuracy.validation), ("Calibration", accuracy.calibration))
-    found: list[Part] = []
-    for name, terms in sets:
-        by_label = [plot for label in GROUPINGS for plot in _grouped(name, terms, label)]
+    accuracy, found = result.accuracy, list[Figure]()
+    for name, terms in (("Validation", accuracy.validation), ("Calibration", accuracy.calibration)):
+        of = {label: groups(terms, label) for label in (*GROUPINGS, "file")}
+        told = [label for label in GROUPINGS if len(of[label]) > 1]
         # Files are usually split by label: only without labels do they tell more.
-        found += by_label or _grouped(name, terms, "file")
+        for label in told or ["file"] * (len(of["file"]) > 1):
+            rest = len(of[label]) - plots.MOST_GROUPS
+            title = f"{name}: by {label}" + (f" (without the {rest} best)" if rest > 0 else "")
+            svg_name = f"errors-{name.lower()}-{label}"
+            found.append(Figure(partial(plots.grouped_errors, of[label], label, svg_name), title))
     if found:
         yield Text("Where the remaining errors are", place="page", look="heading")
         yield from found
-
-
-def _grouped(name: str, terms: Sequence[TermAccuracy], grouping: str) -> list[Figure]:
-    of = groups(terms, grouping)
-    if len(of) < 2:
-        return []
-    rest = len(of) - plots.MOST_GROUPS
-    title = f"{name}: by {grouping}" + (f" (without the {rest} best)" if rest > 0 else "")
-    svg_name = f"errors-{name.lower()}-{grouping}"
-    return [Figure(partial(plots.grouped_errors, of, grouping, svg_name), title)]
 
 
 def _noise_and_correlations(result: CalibrationResult) -> Iterator[Part]:

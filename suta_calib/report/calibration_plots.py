@@ -44,8 +44,23 @@ def error_histogram(errors: KindErrors, name: str) -> str:
     with picture(name, (WIDTH, 3.0)) as figure:
         axes = figure.subplots()
         bins, logarithmic = _bins(before, after)
-        _histogram(axes, before, bins, ("before", ORANGE, "////", ":"), unit)
-        _histogram(axes, after, bins, ("after", BLUE, "", "--"), unit)
+        for values, label, colour, hatch, line in (
+            (before, "before", ORANGE, "////", ":"),
+            (after, "after", BLUE, "", "--"),
+        ):
+            m, inside = Metrics.of(values), np.clip(values, bins[0], bins[-1])
+            look: dict[str, Any] = {
+                "facecolor": "none" if hatch else colour,
+                "edgecolor": colour,
+                "hatch": hatch,
+            }
+            axes.hist(inside, bins=list(bins), label=label, zorder=2 + bool(hatch), **look)
+            rms, mean = (
+                f"{name} {label} {v:.3g} {unit}" for name, v in (("RMS", m.rms), ("mean", m.mean))
+            )
+            axes.axvline(m.rms, color="black", linestyle=line, linewidth=1.2, label=rms)
+            mark: dict[str, Any] = {"color": colour, "markeredgecolor": "black", "markersize": 7}
+            axes.plot(m.mean, 0.0, "^", clip_on=False, label=mean, **mark)
         if logarithmic:
             plain_log(axes.xaxis, axes.set_xscale)
         lowest = f" (the first bar: {bins[1]:.2g} and less)" if logarithmic else ""
@@ -65,29 +80,6 @@ def _bins(before: FloatArray, after: FloatArray) -> tuple[FloatArray, bool]:
     # The few that are almost zero would stretch a log axis: the first bin takes them all.
     low = max(min(float(np.percentile(both, 1)), middle[0] / 3), middle[0] / 100)
     return np.geomspace(low, top * 1.001, count + 1), True
-
-
-def _histogram(
-    axes: Axes, errors: FloatArray, bins: FloatArray, look: tuple[str, str, str, str], unit: str
-) -> None:
-    label, colour, hatch, line = look
-    filling: dict[str, Any] = {"facecolor": "none" if hatch else colour, "hatch": hatch}
-    m = Metrics.of(errors)
-    inside = np.clip(errors, bins[0], bins[-1])
-    axes.hist(
-        inside, bins=list(bins), edgecolor=colour, label=label, zorder=2 + bool(hatch), **filling
-    )
-    axes.axvline(
-        m.rms, color="black", linestyle=line, linewidth=1.2, label=f"RMS {label} {m.rms:.3g} {unit}"
-    )
-    axes.plot(
-        *(m.mean, 0.0, "^"),
-        color=colour,
-        markeredgecolor="black",
-        markersize=7,
-        clip_on=False,
-        label=f"mean {label} {m.mean:.3g} {unit}",
-    )
 
 
 def grouped_errors(groups: Mapping[str, FloatArray], grouping: str, name: str) -> str:
@@ -190,7 +182,14 @@ def correlation_map(names: Sequence[str], matrix: FloatArray, name: str) -> str:
         ticks = range(len(keep))
         axes.set_xticks(ticks, shown_names, rotation=90, fontsize=7)
         axes.set_yticks(ticks, shown_names, fontsize=7)
-        _write_signs(axes, part)
+        for i, j in np.argwhere((np.abs(part) >= 0.1) & ~np.eye(len(part), dtype=bool)):
+            value = float(part[i, j])
+            sign = f"{value:+.1f}" if len(part) <= MOST_WRITTEN else ("+" if value > 0 else "−")
+            look: dict[str, Any] = {
+                "color": "white" if abs(value) > 0.5 else "black",
+                "fontsize": 6,
+            }
+            axes.text(j, i, sign, ha="center", va="center", **look)
         bar = figure.colorbar(image, ax=axes, shrink=0.7, format="%.1f")
         bar.set_label("size of the correlation (dimensionless)")
         return svg_text(figure, name, "Correlations of the estimated parameters")
@@ -235,18 +234,6 @@ def _changes(axes: Axes, found: Sequence[Estimate], unit: Unit) -> None:
     axes.grid(axis="x")
     axes.set_xlabel(f"change ± std, {unit_name(unit)}")
     axes.legend(ncols=2, fontsize=8, loc="lower left", bbox_to_anchor=(0, 1))
-
-
-def _write_signs(axes: Axes, matrix: FloatArray) -> None:
-    for i, j in np.argwhere(np.abs(matrix) >= 0.1):
-        if i == j:
-            continue
-        value = float(matrix[i, j])
-        dark = abs(value) > 0.5
-        sign = f"{value:+.1f}" if len(matrix) <= MOST_WRITTEN else ("+" if value > 0 else "−")
-        axes.text(
-            *(j, i, sign), ha="center", va="center", fontsize=6, color="white" if dark else "black"
-        )
 
 
 def _short(text: str, most: int = 40) -> str:

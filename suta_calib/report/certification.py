@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Ellipse
 from matplotlib.patheffects import withStroke
 
-from suta_calib.arrays import FloatArray
+from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.certification.comparison import DrawingComparison
 from suta_calib.certification.result import (
     Certification,
@@ -63,11 +63,6 @@ class Drawn:
     deviation: FloatArray
     turn: float
 
-    @property
-    def distance(self) -> float:
-        """Length of the deviation, m."""
-        return float(np.linalg.norm(self.deviation))
-
 
 @dataclass(frozen=True, eq=False)
 class Judged:
@@ -100,10 +95,6 @@ def _rows(found: Certification) -> list[Judged]:
     ]
 
 
-def _mark(row: Judged) -> CertifiedLandmark:
-    return row.mark
-
-
 def _micrometres(heading: str, value: Callable[[Judged], float], form: str) -> Column[Judged]:
     return shown_as(heading, lambda row: f"{um(value(row)):{form}}")
 
@@ -121,7 +112,8 @@ HOLES: Final = Listing[CertifiedLandmark](
 )
 DRAWN: Final = Listing[Drawn](
     "",
-    *written("position", "deviation", "distance", unit="m"),
+    *written("position", "deviation", unit="m"),
+    Column("distance", value=lambda drawn: np.linalg.norm(drawn.deviation), unit="m"),
     Column("turn", unit="rad"),
 )
 FAULTS: Final = Listing[Fault]("", Column("what"), *written("size", "limit", unit="m"))
@@ -135,8 +127,8 @@ LANDMARKS: Final = Listing[Judged](
     Column("", "turn, deg", lambda row: row.mark.yaw, "rad", form=_TURN),
     Column("", "tilt, deg", lambda row: row.mark.tilt, "rad", form=_TURN),
     Column("position", None, lambda row: row.mark.position + 0.0, "m"),
-    *(c.over(_mark) for c in written("std", "shape_std", "sigma", unit="m")),
-    *(c.over(_mark) for c in written("rotation_rpy", "yaw_std", unit="rad")),
+    *(c.over(lambda row: row.mark) for c in written("std", "shape_std", "sigma", unit="m")),
+    *(c.over(lambda row: row.mark) for c in written("rotation_rpy", "yaw_std", unit="rad")),
     Column("height", None, lambda row: row.mark.position[2], "m"),
     Column("height_std", None, lambda row: row.mark.std[2], "m"),
     Column("top", None, lambda row: TOP.record(row.mark)),
@@ -161,16 +153,20 @@ PILLARS: Final = Listing[Judged](
 )
 
 
-def _off(row: Judged) -> FloatArray | None:
-    # Rounded first: a −0.0000 would suggest a direction that is not there.
-    return None if row.drawn is None else np.round(row.drawn.deviation, 7)
-
-
 DEVIATIONS: Final = Listing[Judged](
     "Certified less drawn",
     LANDMARKS.columns[0],
-    *components(("dx, mm", "dy, mm", "dz, mm"), _off, "m", sign=True, form=_FINE),
-    Column("", "length, mm", lambda row: row.drawn and row.drawn.distance, "m", form=_FINE),
+    # Rounded first: a −0.0000 would suggest a direction that is not there.
+    *components(
+        ("dx, mm", "dy, mm", "dz, mm"),
+        lambda row: row.drawn and np.round(row.drawn.deviation, 7),
+        "m",
+        sign=True,
+        form=_FINE,
+    ),
+    Column(
+        "", "length, mm", lambda row: row.drawn and DRAWN.columns[2].of(row.drawn), "m", form=_FINE
+    ),
     Column("", "turn, deg", lambda row: row.drawn and row.drawn.turn + 0.0, "rad", form=_TURN),
 )
 
@@ -284,15 +280,17 @@ def certification_plot(found: Certification) -> str:
 
 def _from_above(axes: Axes, found: Certification) -> None:
     places = np.array([mark.position for mark in found.landmarks])
-    extent = float(np.ptp(places[:, :2], axis=0).max()) or 1.0
+    damaged = np.array([mark.name in found.damaged for mark in found.landmarks])
+    # The longest arrow or ellipse, m.
+    most = LONGEST * (float(np.ptp(places[:, :2], axis=0).max()) or 1.0)
     if found.comparison is None:
-        factor = _ellipses(axes, found, places, extent)
+        factor = _ellipses(axes, found, places, most)
         title = f"95 % ellipses, enlarged {factor:g} times"
     else:
-        factor, shortened = _arrows(axes, found, places, extent)
+        factor, shortened = _arrows(axes, found.comparison, places, ~damaged, most)
         cut = "; the longest shortened" * shortened
         title = f"Certified less drawn, enlarged {factor:g} times{cut}"
-    _marks(axes, found, places)
+    _marks(axes, found, places, damaged)
     # Two lines leave room for the legend.
     axes.set_title("From above\n" + title)
     axes.set_xlabel("x, mm (at each landmark: its height, mm)")
@@ -302,8 +300,7 @@ def _from_above(axes: Axes, found: Certification) -> None:
     axes.grid()
 
 
-def _marks(axes: Axes, found: Certification, places: FloatArray) -> None:
-    bad = np.array([mark.name in found.damaged for mark in found.landmarks])
+def _marks(axes: Axes, found: Certification, places: FloatArray, bad: BoolArray) -> None:
     x, y = mm(places[:, 0]), mm(places[:, 1])
     axes.plot(x[~bad], y[~bad], "o", color=BLUE, ms=5, label="landmark")
     if bad.any():
@@ -311,57 +308,44 @@ def _marks(axes: Axes, found: Certification, places: FloatArray) -> None:
         axes.legend(loc="lower right", bbox_to_anchor=(1, 1), fontsize=8, borderaxespad=0.2)
     falls = np.zeros(len(x)) if found.comparison is None else found.comparison.deviation[:, 1]
     for mark, across, up, fall in zip(found.landmarks, x, y, falls, strict=True):
-        text = f"{mark.name}\n{mm(mark.position[2]):.1f}"
         # Clear of an arrow that points down.
         drop, align = (3, "bottom") if fall < 0 else (-3, "top")
-        axes.annotate(
-            text,
-            (across, up),
-            (7, drop),
-            textcoords="offset points",
-            fontsize=7,
-            va=align,
-            zorder=4,
-            path_effects=[withStroke(linewidth=2, foreground="white")],
-        )
+        label = f"{mark.name}\n{mm(mark.position[2]):.1f}"
+        halo = [withStroke(linewidth=2, foreground="white")]
+        look: dict[str, Any] = {"fontsize": 7, "va": align, "zorder": 4, "path_effects": halo}
+        axes.annotate(label, (across, up), (7, drop), textcoords="offset points", **look)
 
 
-def _ellipses(axes: Axes, found: Certification, places: FloatArray, extent: float) -> float:
-    """Confidence ellipses in the plane; the largest is a part of the extent."""
+def _ellipses(axes: Axes, found: Certification, places: FloatArray, most: float) -> float:
+    """Confidence ellipses in the plane, and how much they are enlarged."""
     # 95 % of two dimensions: √χ²(2).
     scale = found.coverage_factor * 1.249
     blocks = [found.covariance[3 * k : 3 * k + 2, 3 * k : 3 * k + 2] for k in range(len(places))]
-    axes_of = [np.linalg.eigh(block) for block in blocks]
-    longest = max(float(np.sqrt(max(values[-1], 0.0))) for values, _ in axes_of) * scale
-    factor = round_down(LONGEST * extent / 2 / longest) if longest > 0 else 1.0
-    for place, (values, vectors) in zip(places, axes_of, strict=True):
-        size = 2 * scale * factor * np.sqrt(np.maximum(values, 0.0))
-        turn = deg(float(np.arctan2(vectors[1, 1], vectors[0, 1])))
-        centre, size = tuple(mm(place[:2])), mm(size)
-        axes.add_patch(
-            Ellipse(centre, size[1], size[0], angle=turn, facecolor="none", edgecolor=GREY, lw=1.2)
-        )
+    variance, directions = np.linalg.eigh(blocks)
+    half = scale * np.sqrt(np.maximum(variance, 0.0))
+    factor = round_down(most / 2 / half.max()) if half.any() else 1.0
+    look: dict[str, Any] = {"facecolor": "none", "edgecolor": GREY, "lw": 1.2}
+    for place, (height, width), axis in zip(places, mm(2 * factor * half), directions, strict=True):
+        turn = deg(float(np.arctan2(axis[1, 1], axis[0, 1])))
+        axes.add_patch(Ellipse(tuple(mm(place[:2])), width, height, angle=turn, **look))
     return factor
 
 
 def _arrows(
-    axes: Axes, found: Certification, places: FloatArray, extent: float
+    axes: Axes, found: DrawingComparison, places: FloatArray, sound: BoolArray, most: float
 ) -> tuple[float, bool]:
     """Deviations in the plane; a damaged pillar's may be longer than the others'."""
-    assert found.comparison is not None
-    turned = found.comparison.deviation @ found.comparison.registration.rotation
-    sound = np.array([mark.name not in found.damaged for mark in found.landmarks])
+    turned = (found.deviation @ found.registration.rotation)[:, :2]
     known = np.isfinite(turned[:, 0])
     judged = turned[known & sound] if (known & sound).any() else turned[known]
-    longest = float(np.linalg.norm(judged[:, :2], axis=1).max())
-    factor = round_down(LONGEST * extent / longest) if longest > 0 else 1.0
-    vectors = turned[:, :2] * factor
+    longest = float(np.linalg.norm(judged, axis=1).max())
+    factor = round_down(most / longest) if longest > 0 else 1.0
+    vectors = turned[known] * factor
     # An arrow out of the picture would hide the others; its number is in the table.
-    length = np.nan_to_num(np.linalg.norm(vectors, axis=1))
-    shorten = np.minimum(1.0, 2 * LONGEST * extent / np.maximum(length, 1e-12))
-    drawn = (vectors * shorten[:, None])[known]
+    length = np.linalg.norm(vectors, axis=1)
+    shorten = np.minimum(1.0, 2 * most / np.maximum(length, 1e-12))
     axes.quiver(
-        *mm(places[known, :2].T), *mm(drawn.T),
+        *mm(places[known, :2].T), *mm(vectors * shorten[:, None]).T,
         angles="xy", scale_units="xy", scale=1.0, width=0.004, color="black", zorder=3,
     )  # fmt: skip
     return factor, bool((shorten < 1).any())

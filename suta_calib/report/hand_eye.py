@@ -41,48 +41,35 @@ CALIBRATION: Final = Listing[HandEyeCalibration](
 
 def hand_eye_document(found: HandEyeCalibration, data: PosePairs) -> Document:
     """X, and Z where the model asks for it, with standard deviations; ``residuals.csv``."""
-    poses = []
-    for name in found.unknowns:
-        frames = FRAMES[found.setup][name]
-        _, base, what = frames.split("_")
-        title = f"{name} = {frames}: the {what} in the {base}, {found.setup}"
-        axes = f"the {what}'s axes"
-        poses.append(pose_table(title, getattr(found, name), found.std[name], axes))
+    names, frames = found.unknowns, FRAMES[found.setup]
+    parts: list[Part] = []
+    record: Json = {"setup": found.setup, "model": found.model}
+    for name in names:
+        pose, (_, base, what) = getattr(found, name), frames[name].split("_")
+        title = f"{name} = {frames[name]}: the {what} in the {base}, {found.setup}"
+        parts.append(pose_table(title, pose, found.std[name], f"the {what}'s axes"))
+        record |= {name: pose, **pose_record(pose, f"{name}_")}
     fit = (
         f"rms {text(found.rms, 'm', with_unit=True)} (3-D), "
         f"{text(found.rms_angle, 'rad', with_unit=True)}"
     )
-    parts: list[Part] = [
-        *poses,
-        *fit_texts(fit, "pair", found.inliers, data.lines),
-        residuals_file(
-            found.inliers, {"line": data.lines}, found.position_residuals, found.rotation_residuals
-        ),
+    residuals, turns = found.residuals, found.rotation_residuals
+    parts += [
+        *fit_texts(fit, "pair", found, data.lines),
+        residuals_file(found.inliers, {"line": data.lines}, residuals, turns),
         Figure(partial(hand_eye_plot, found)),
     ]
-    return Document(
-        NAME, "Hand-eye calibration", found.assessment, parts, _data(found, data), "result"
-    )
-
-
-def _data(found: HandEyeCalibration, data: PosePairs) -> Json:
-    names = found.unknowns
     size = 6 * len(names)
     order = [f"{name}.{key}" for name in names for key in PLACEMENT]
-    poses: Json = {}
-    for name in names:
-        poses |= {name: getattr(found, name), **pose_record(getattr(found, name), f"{name}_")}
-    return {
-        "setup": found.setup,
-        "model": found.model,
-        **poses,
-        "frames": {name: FRAMES[found.setup][name] for name in names},
+    record |= {
+        "frames": {name: frames[name] for name in names},
         "std": {name: pose_std_record(found.std[name]) for name in names},
         **CALIBRATION.record(found),
-        **fitted_rows(found.inliers, data.lines),
+        **fitted_rows(found, data.lines),
         "covariance": covariance_record(found.covariance[:size, :size], order, "m, rad"),
         "input": str(data.path),
     }
+    return Document(NAME, "Hand-eye calibration", found.assessment, parts, record, "result")
 
 
 def hand_eye_plot(found: HandEyeCalibration) -> str:
@@ -90,7 +77,7 @@ def hand_eye_plot(found: HandEyeCalibration) -> str:
     with picture(NAME, (LARGE, 4.6)) as figure:
         panels = figure.subplot_mosaic("LA;TA", width_ratios=(1.5, 1))
         length, turn, inliers = panels["L"], panels["T"], found.inliers
-        draw_residuals(length, found.position_residuals, inliers, found.rms, "m", "")
+        draw_residuals(length, found.residuals, inliers, found.rms, "m", "")
         draw_residuals(
             turn, found.rotation_residuals, inliers, found.rms_angle, "rad", "pair (row, from 0)"
         )

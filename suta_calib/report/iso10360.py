@@ -176,9 +176,9 @@ def _lengths_dict(found: AcceptanceTest, lengths: LengthErrors) -> Json:
         "repeat_range_mm": plain(lengths.repeat_range, "m"),
         "placements": PLACEMENTS.records(_by_placement(lengths)[0]),
         "rows": {
-            "pair": list(lengths.label),
-            "placement": list(lengths.placement),
-            "repeat": list(lengths.repeat),
+            "pair": lengths.label.tolist(),
+            "placement": lengths.placement.tolist(),
+            "repeat": lengths.repeat.tolist(),
             "length_mm": plain(lengths.length, "m"),
             "error_mm": plain(lengths.error, "m"),
             "limit_mm": plain(limit, "m"),
@@ -224,35 +224,22 @@ def _lengths(axes: Axes, found: AcceptanceTest, lengths: LengthErrors) -> None:
         colour, marker = _LOOKS[k % len(_LOOKS)]
         places = mm(lengths.length[rows]), mm(lengths.error[rows])
         axes.plot(*places, marker, color=colour, ms=3, mew=0.7, mfc="none", label=placement)
-    _length_limits(axes, found, lengths)
+    if found.limits.length is not None:
+        # The limit, and on either side of it the band in which nothing is proved.
+        order = np.argsort(lengths.length)
+        length, limit = mm(lengths.length[order]), mm(found.limits.length.at(lengths.length[order]))
+        guard = mm(found.rule.guard(found.length_expanded[order]))
+        for sign, named, unproved in ((1, "limit", "undecided"), (-1, None, None)):
+            axes.plot(length, sign * limit, "k--", lw=1.2, label=named)
+            if guard.any():
+                ends = sign * (limit - guard), sign * (limit + guard)
+                axes.fill_between(length, *ends, color=GREY, alpha=0.35, lw=0, label=unproved)
     axes.axhline(0, color=GREY, lw=0.8)
     axes.set_title("Errors of length, one mark for every pair of landmarks")
     axes.set_xlabel("calibrated length, mm")
     axes.set_ylabel("measured − calibrated, mm")
     axes.grid(axis="y")
     axes.legend(fontsize=7, loc="center left", bbox_to_anchor=(1, 0.5), borderaxespad=0.3)
-
-
-def _length_limits(axes: Axes, found: AcceptanceTest, lengths: LengthErrors) -> None:
-    """The limit, and on either side of it the band in which nothing is proved."""
-    if found.limits.length is None:
-        return
-    order = np.argsort(lengths.length)
-    length = lengths.length[order]
-    limit = found.limits.length.at(length)
-    guard = found.rule.guard(found.length_expanded[order])
-    for sign in (1, -1):
-        axes.plot(mm(length), sign * mm(limit), "k--", lw=1.2, label="limit" if sign > 0 else None)
-        if guard.any():
-            axes.fill_between(
-                mm(length),
-                sign * mm(limit - guard),
-                sign * mm(limit + guard),
-                color=GREY,
-                alpha=0.35,
-                lw=0,
-                label="undecided" if sign > 0 else None,
-            )
 
 
 def _articulations(axes: Axes, found: AcceptanceTest) -> None:

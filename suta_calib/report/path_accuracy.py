@@ -16,7 +16,7 @@ from suta_calib.report.document import Document, Figure, Part, Text
 from suta_calib.report.listing import Column, Json, Listing
 from suta_calib.report.poses import LARGE, pose_record
 from suta_calib.report.svg import BLUE, GREY, ORANGE, picture, shown_array, svg_text
-from suta_calib.tracking.path_accuracy import ErrorFigures, PathAccuracy
+from suta_calib.tracking.path_accuracy import PathAccuracy
 from suta_calib.tracking.reversals import ChannelReversals
 from suta_calib.units import NOTHING, Unit, mm, ms, text, unit_name
 
@@ -25,14 +25,14 @@ NAME: Final = "dynamics"
 _MOST_POINTS: Final = 2000
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ErrorKind:
-    """One way to look at the error, and what it is then."""
+    """One way to look at the error, and its sizes (n,), m or rad."""
 
     key: str
     name: str
     unit: Unit
-    figures: ErrorFigures
+    sizes: FloatArray
 
 
 def _unit(each: ErrorKind) -> Unit:
@@ -42,11 +42,11 @@ def _unit(each: ErrorKind) -> Unit:
 ERRORS: Final = Listing[ErrorKind](
     "Distance from the reference",
     Column("", "", lambda each: f"{each.name}, {unit_name(each.unit)}"),
-    Column("rms", "RMS", lambda each: each.figures.rms, _unit),
-    Column("mean", "mean", lambda each: each.figures.mean, _unit),
-    Column("p95", "95 %", lambda each: each.figures.p95, _unit),
-    Column("max", "max", lambda each: each.figures.maximum, _unit),
-    Column("count", None, lambda each: each.figures.count),
+    Column("rms", "RMS", lambda each: np.sqrt(np.mean(each.sizes**2)), _unit),
+    Column("mean", "mean", lambda each: each.sizes.mean(), _unit),
+    Column("p95", "95 %", lambda each: np.percentile(each.sizes, 95), _unit),
+    Column("max", "max", lambda each: each.sizes.max(), _unit),
+    Column("count", None, lambda each: len(each.sizes)),
 )
 
 
@@ -99,7 +99,15 @@ def path_accuracy_document(found: PathAccuracy) -> Document:
     ``latency_removed``, ``path`` (the part of it across the motion) and, with orientations,
     ``orientation``.
     """
-    alignment, errors = found.alignment, _errors(found)
+    alignment = found.alignment
+    same_time, aligned = np.linalg.norm([found.error_same_time, found.error], axis=2)
+    errors = [
+        ErrorKind("same_time", "at the same time", "m", same_time),
+        ErrorKind("latency_removed", "latency removed", "m", aligned),
+        ErrorKind("path", "across the path", "m", found.path_error),
+    ]
+    if found.angle_error is not None:
+        errors.append(ErrorKind("orientation", "orientation", "rad", found.angle_error))
     reversals = JOINTS if found.per == "joint" else AXES
     unknown = (math.nan, math.nan)
     rows = [
@@ -136,21 +144,6 @@ def path_accuracy_document(found: PathAccuracy) -> Document:
         "input": {"recorded": str(found.recorded.path), "reference": str(found.reference.path)},
     }
     return Document(NAME, "Path accuracy", found.assessment, parts, data, "result")
-
-
-def _errors(found: PathAccuracy) -> list[ErrorKind]:
-    def of(vectors: FloatArray) -> ErrorFigures:
-        return ErrorFigures.of(np.linalg.norm(vectors, axis=1))
-
-    errors = [
-        ErrorKind("same_time", "at the same time", "m", of(found.error_same_time)),
-        ErrorKind("latency_removed", "latency removed", "m", of(found.error)),
-        ErrorKind("path", "across the path", "m", ErrorFigures.of(found.path_error)),
-    ]
-    if found.angle_error is not None:
-        turned = ErrorFigures.of(found.angle_error)
-        errors.append(ErrorKind("orientation", "orientation", "rad", turned))
-    return errors
 
 
 def path_accuracy_plot(found: PathAccuracy) -> str:

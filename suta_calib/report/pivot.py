@@ -63,30 +63,23 @@ def pivot_document(found: PivotCalibration, data: ToolPoses) -> Document:
         f"the tool was turned by {deg(found.turn):.0f}° RMS"
     )
     parts += [
-        *fit_texts(fit, "pose", found.inliers, data.lines),
+        *fit_texts(fit, "pose", found, data.lines),
         residuals_file(found.inliers, {"line": data.lines, **touched}, found.residuals),
         Figure(partial(pivot_plot, found, data)),
     ]
     if found.assessment.usable:
         parts.append(File("tip.json", lambda: json_text(TIP.record(found))))
-    return Document(
-        NAME, "Pivot calibration", found.assessment, parts, _data(found, data), "result"
-    )
-
-
-def _data(found: PivotCalibration, data: ToolPoses) -> Json:
-    posts: Json = {}
-    if data.point is not None:
-        posts["posts_mm"] = plain(found.posts, "m")
-        posts["posts_std_mm"] = {n: plain(found.post_std(n), "m") for n in found.posts}
     order = [f"{name}.{axis}" for name in ("tip", *found.posts) for axis in "xyz"]
-    return {
-        **CALIBRATION.record(found),
-        **posts,
-        **fitted_rows(found.inliers, data.lines),
+    record: Json = CALIBRATION.record(found)
+    if data.point is not None:
+        record["posts_mm"] = plain(found.posts, "m")
+        record["posts_std_mm"] = {n: plain(found.post_std(n), "m") for n in found.posts}
+    record |= {
+        **fitted_rows(found, data.lines),
         "covariance": covariance_record(found.covariance, order, "m²"),
         "input": str(data.path),
     }
+    return Document(NAME, "Pivot calibration", found.assessment, parts, record, "result")
 
 
 def pivot_plot(found: PivotCalibration, data: ToolPoses) -> str:

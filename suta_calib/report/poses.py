@@ -18,6 +18,7 @@ from matplotlib.ticker import MaxNLocator
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.geometry.numbers import quaternion_from_rotation, rpy_from_rotation
 from suta_calib.model.parameters import PLACEMENT
+from suta_calib.pose_calibration.robust_fit import RobustAnswer
 from suta_calib.report.document import File, Text
 from suta_calib.report.listing import Column, Json, Listing, Row, Table, csv_text, plain, shown_as
 from suta_calib.report.svg import BLUE, GREY, ORANGE, WIDTH, plain_log, shown_array
@@ -65,61 +66,48 @@ def residuals_file(
     """
     columns = [Column[int]("row", value=int)]
     columns += [Column(name, value=cells.__getitem__) for name, cells in names.items()]
-    columns += _vector_columns(("x", "y", "z", "norm"), slides, "m")
-    if turns is not None:
-        columns += _vector_columns(("rx", "ry", "rz", "norm"), turns, "rad")
+    vectors: list[tuple[str, Unit, FloatArray]] = [("", "m", slides)]
+    vectors += [] if turns is None else [("r", "rad", turns)]
+    for prefix, unit, each in vectors:
+        parts = [*each.T, np.linalg.norm(each, axis=1)]
+        keys = (*(f"{prefix}{axis}" for axis in "xyz"), "norm")
+        for name, part in zip(keys, parts, strict=True):
+            columns.append(Column(name, value=part.__getitem__, unit=unit))
     columns.append(Column("status", value=lambda k: "inlier" if inliers[k] else "outlier"))
     rows = Listing("", *columns)
     return File("residuals.csv", lambda: csv_text(rows, range(len(inliers)), _DIGITS))
 
 
-def _vector_columns(keys: Sequence[str], vectors: FloatArray, unit: Unit) -> list[Column[int]]:
-    """Components and length of vectors (n, 3), by row."""
-    parts = np.column_stack([vectors, np.linalg.norm(vectors, axis=1)]).T
-    return [
-        Column(key, value=part.__getitem__, unit=unit)
-        for key, part in zip(keys, parts, strict=True)
-    ]
-
-
-def fitted_rows(inliers: BoolArray, lines: Sequence[int]) -> Json:
+def fitted_rows(found: RobustAnswer, lines: Sequence[int]) -> Json:
     """Outliers and counts, for JSON."""
-    outliers = [int(row) for row in np.flatnonzero(~inliers)]
-    count = len(inliers)
+    count, lost = len(found.inliers), found.outliers
     return {
-        "outliers": outliers,
-        "outlier_lines": [lines[row] for row in outliers],
-        "counts": {"rows": count, "inliers": count - len(outliers), "outliers": len(outliers)},
+        "outliers": list(lost),
+        "outlier_lines": [lines[row] for row in lost],
+        "counts": {"rows": count, "inliers": count - len(lost), "outliers": len(lost)},
     }
 
 
-def fit_texts(figures: str, what: str, inliers: BoolArray, lines: Sequence[int]) -> list[Text]:
+def fit_texts(figures: str, what: str, found: RobustAnswer, lines: Sequence[int]) -> list[Text]:
     """How well the rows agree, and which do not."""
-    count, lost = len(inliers), [int(row) for row in np.flatnonzero(~inliers)]
+    count, lost = len(found.inliers), found.outliers
     fitted = f"{count - len(lost)} of {count} {what}s fitted"
     if lost:
-        rows = listed([f"{row} (line {lines[row]})" for row in lost], MOST_OUTLIERS)
-        outliers = "outlier" if len(lost) == 1 else "outliers"
-        fitted += f"; {len(lost)} {outliers}: row{'s' * (len(lost) > 1)} {rows}"
+        rows, s = listed([f"{row} (line {lines[row]})" for row in lost], MOST_OUTLIERS), "s"
+        fitted += f"; {len(lost)} outlier{s * (len(lost) > 1)}: row{s * (len(lost) > 1)} {rows}"
     return [Text(figures), Text(fitted)]
 
 
 # ── poses ────────────────────────────────────────────────────────────────────────────────────
-_Words = tuple[str, ...]  # a label and four cells
-_CELLS: Final[list[Callable[[_Words], str]]] = [itemgetter(k) for k in range(5)]
-_POSE: Final = Listing[_Words](
-    "", Column("", "", _CELLS[0]), *(shown_as("", cell) for cell in _CELLS[1:])
-)
+# Of a label and four texts.
+_CELLS: Final[list[Callable[[tuple[str, ...]], str]]] = [itemgetter(k) for k in range(5)]
+_POSE: Final = Listing("", Column("", "", _CELLS[0]), *(shown_as("", c) for c in _CELLS[1:]))
 
 
 def pose_table(title: str, pose: FloatArray, std: FloatArray, axes: str) -> Table:
-    """A pose in words: position, roll pitch yaw, quaternion, with standard deviations.
+    """A pose (4, 4), m, in words: position, roll pitch yaw, quaternion.
 
-    Args:
-        title: above it.
-        pose: (4, 4), m.
-        std: (6,) of its position, m, and of a small turn, rad.
-        axes: that the turn is about.
+    ``std`` (6,) is of its position, m, and of a small turn about ``axes``, rad.
     """
     rpy, quaternion = rpy_from_rotation(pose[:3, :3]), quaternion_from_rotation(pose[:3, :3])
     rows = (
@@ -135,12 +123,7 @@ def pose_table(title: str, pose: FloatArray, std: FloatArray, axes: str) -> Tabl
 def axes_with_std(
     position: Callable[[Row], FloatArray], std: Callable[[Row], FloatArray]
 ) -> tuple[Column[Row], ...]:
-    """Columns x, y, z that show each coordinate of a place ± its standard deviation, mm.
-
-    Args:
-        position: (3,) of a row, m.
-        std: (3,) of the same row, m.
-    """
+    """Columns x, y, z that show each coordinate of a row's place ± its standard deviation, mm."""
 
     def cell(k: int) -> Callable[[Row], str]:
         return lambda row: f"{text(position(row)[k], 'm')} ± {text(std(row)[k], 'm')}"

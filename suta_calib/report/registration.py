@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from matplotlib.axes import Axes
 
-from suta_calib.arrays import BoolArray, FloatArray
+from suta_calib.arrays import FloatArray
 from suta_calib.measurements.pose_files import Points
 from suta_calib.model.parameters import PLACEMENT
 from suta_calib.pose_calibration.registration import Registration
@@ -95,7 +95,7 @@ def register_document(
     lines = {"line_a": a.lines, "line_b": b.lines}
     parts: list[Part] = [
         pose_table("T_b_a: frame a in frame b", found.matrix, found.origin_std, "b's axes"),
-        *fit_texts(fit, "point", found.inliers, a.lines),
+        *fit_texts(fit, "point", found, a.lines),
         residuals_file(found.inliers, lines, found.residuals),
         Figure(partial(register_plot, found, b)),
         TARGETS.of(at[:MOST_TARGETS]),
@@ -110,7 +110,7 @@ def register_document(
         **REGISTRATION.record(found),
         "std": pose_std_record(found.origin_std),
         "std_at_centre": pose_std_record(np.sqrt(np.diag(found.covariance))),
-        **fitted_rows(found.inliers, a.lines),
+        **fitted_rows(found, a.lines),
         "covariance": covariance_record(
             found.covariance, PLACEMENT, "m, rad; at the centre, axes of b"
         ),
@@ -135,30 +135,24 @@ def register_plot(found: Registration, b: Points) -> str:
 
 def _arrow_views(first: Axes, second: Axes, found: Registration, points: FloatArray) -> None:
     """Residuals in the plane that the points come nearest to, and across it."""
-    centred = points - points[found.inliers].mean(axis=0)
-    principal = np.linalg.svd(centred[found.inliers])[2]
+    inliers = found.inliers
+    centred = points - points[inliers].mean(axis=0)
+    principal = np.linalg.svd(centred[inliers])[2]
     places, vectors = centred @ principal.T, found.residuals @ principal.T
-    longest = float(np.linalg.norm(vectors[found.inliers], axis=1).max())
-    extent = float(np.ptp(places[found.inliers], axis=0).max())
+    longest = float(np.linalg.norm(vectors[inliers], axis=1).max())
+    extent = float(np.ptp(places[inliers], axis=0).max())
     factor = round_down(ARROW * extent / longest) if mm(longest) >= ROUNDING else 1.0
     views = ((first, 1, "2nd", "in the points' plane"), (second, 2, "3rd", "across it"))
     for axes, other, name, where in views:
-        plane = [0, other]
-        _arrows(axes, places[:, plane], vectors[:, plane], found.inliers, factor)
+        fitted, astray = (mm(places[which][:, [0, other]].T) for which in (inliers, ~inliers))
+        axes.plot(*fitted, **INLIER)
+        axes.plot(*astray, **OUTLIER)
+        # An outlier's arrow would only hide the others.
+        arrows = mm(factor * vectors[inliers][:, [0, other]].T)
+        axes.quiver(*fitted, *arrows, angles="xy", scale_units="xy", scale=1.0, width=0.006)
+        axes.set_aspect("equal", adjustable="datalim")
+        axes.margins(0.15)
+        axes.grid()
         axes.set_title(f"Residuals {where}, enlarged {factor:g} times")
         axes.set_xlabel("along the points' 1st principal axis, mm")
         axes.set_ylabel(f"along their {name}, mm")
-
-
-def _arrows(
-    axes: Axes, places: FloatArray, vectors: FloatArray, inliers: BoolArray, factor: float
-) -> None:
-    """Arrows from the fitted points; an outlier's would only hide them."""
-    axes.plot(*mm(places[inliers].T), **INLIER)
-    axes.plot(*mm(places[~inliers].T), **OUTLIER)
-    x, y = mm(places[inliers].T)
-    dx, dy = mm(factor * vectors[inliers].T)
-    axes.quiver(x, y, dx, dy, angles="xy", scale_units="xy", scale=1.0, width=0.006)
-    axes.set_aspect("equal", adjustable="datalim")
-    axes.margins(0.15)
-    axes.grid()

@@ -16,10 +16,10 @@ from suta_calib.analysis.repeatability import (
     JointScatter,
     OrientationScatter,
     PositionScatter,
+    ProtocolComparison,
     Repeatability,
     RepeatabilityTest,
     Stationary,
-    Stream,
 )
 from suta_calib.report.document import Document, Figure, Part, Text
 from suta_calib.report.listing import Column, Json, Listing, shown_as, written
@@ -27,7 +27,6 @@ from suta_calib.report.repeatability_plots import stationary_plot, visits_plot
 from suta_calib.units import NOTHING, Unit, text, thousandths, unit_name
 
 NAME: Final = "repeatability"
-SECONDS_PER_HOUR: Final = 3600.0
 # Encoders are finer than the decimals of a pose.
 _DIGITS: Final = 3
 _HOW: Final = (
@@ -57,16 +56,6 @@ class NamedScatter:
     scatter: PositionScatter
     confidence: float
 
-    @property
-    def rp_interval(self) -> Interval:
-        """Of their position repeatability, m."""
-        return self.scatter.rp.interval(self.confidence)
-
-    @property
-    def rms_interval(self) -> Interval:
-        """Of the root mean square of their distances, m."""
-        return self.scatter.rms.interval(self.confidence)
-
 
 def _interval(each: Interval, *, sign: bool = False) -> str:
     return f"{text(each.low, 'm', sign=sign)} to {text(each.high, 'm', sign=sign)}"
@@ -80,14 +69,14 @@ POSITION: Final = Listing[NamedScatter](
     Column(
         "rp_interval",
         "interval",
-        lambda each: each.rp_interval.ends,
+        lambda each: each.scatter.rp.interval(each.confidence).ends,
         "m",
-        cell=lambda each: _interval(each.rp_interval),
+        cell=lambda each: _interval(each.scatter.rp.interval(each.confidence)),
     ),
     Column("mean", "mean", lambda each: each.scatter.mean, "m"),
     Column("std", "std", lambda each: each.scatter.std, "m"),
     Column("rms", "RMS", lambda each: each.scatter.rms.value, "m"),
-    Column("rms_interval", None, lambda each: each.rms_interval.ends, "m"),
+    Column("rms_interval", None, lambda e: e.scatter.rms.interval(e.confidence).ends, "m"),
     Column("max", "max", lambda each: each.scatter.maximum, "m"),
     Column("axis_std", None, lambda each: each.scatter.axis_std, "m"),
     Column("barycentre", None, lambda each: each.scatter.barycentre, "m"),
@@ -132,28 +121,22 @@ CHANGE: Final = Listing[Change](
 )
 
 
-@dataclass(frozen=True, eq=False)
-class ComparedFigure:
-    """One figure of two protocols."""
-
-    protocols: str
-    figure: str
-    change: Change
-
-
-COMPARISONS: Final = Listing[ComparedFigure](
-    "Protocols compared",
-    Column("", "protocols", lambda row: row.protocols),
-    Column("", "", lambda row: row.figure),
-    shown_as("mm", lambda row: f"{text(row.change.first, 'm')} → {text(row.change.second, 'm')}"),
-    Column("", "ratio", lambda row: row.change.factor, form=".2f"),
-    shown_as("interval", lambda row: f"{row.change.ratio.low:.2f} to {row.change.ratio.high:.2f}"),
-    shown_as("difference, mm", lambda row: _interval(row.change.difference, sign=True)),
+COMPARED: Final = Listing[ProtocolComparison](
+    "",
+    *written("first", "second"),
+    Column("rp", value=lambda each: CHANGE.record(each.rp)),
+    Column("rms", value=lambda each: CHANGE.record(each.rms)),
 )
-
-
-def _gives(each: JointPush) -> str:
-    return f"gives{'?' if each.as_well else ''}" if each.has_backlash else ""
+# One figure of two protocols: which protocols, which figure, how it changes.
+COMPARISONS: Final = Listing[tuple[str, str, Change]](
+    "Protocols compared",
+    Column("", "protocols", lambda row: row[0]),
+    Column("", "", lambda row: row[1]),
+    shown_as("mm", lambda row: f"{text(row[2].first, 'm')} → {text(row[2].second, 'm')}"),
+    Column("", "ratio", lambda row: row[2].factor, form=".2f"),
+    shown_as("interval", lambda row: f"{row[2].ratio.low:.2f} to {row[2].ratio.high:.2f}"),
+    shown_as("difference, mm", lambda row: _interval(row[2].difference, sign=True)),
+)
 
 
 PUSHES: Final = Listing[JointPush](
@@ -164,7 +147,12 @@ PUSHES: Final = Listing[JointPush](
     Column("play_by_chance", "by chance", lambda each: each.by_chance, _unit),
     Column("tip", "tip, mm", unit="m"),
     Column("p_value", "p", form=".2g"),
-    Column("gives", "", lambda each: each.has_backlash, cell=_gives),
+    Column(
+        "gives",
+        "",
+        lambda each: each.has_backlash,
+        cell=lambda each: each.has_backlash * f"gives{'?' * bool(each.as_well)}",
+    ),
     Column("as_well"),
     Column("means", unit=_unit),
     named=True,
@@ -213,15 +201,6 @@ def _fine(key: str, heading: str) -> Column[JointNoise]:
     return Column(key, heading, unit=_unit, cell=lambda each: _small(getattr(each, key), each.unit))
 
 
-def _drift(each: JointNoise) -> str:
-    per_hour = SECONDS_PER_HOUR * each.drift, SECONDS_PER_HOUR * each.drift_half
-    return " ± ".join(_small(value, each.unit) for value in per_hour)
-
-
-def _best_time(each: JointNoise) -> str:
-    return f"{each.allan.tau[each.allan.best]:.3g}{'' if each.allan.bottomed else '+'}"
-
-
 def _rate(each: JointNoise) -> Unit:
     return "rad/s" if each.unit == "rad" else "m/s"
 
@@ -234,7 +213,12 @@ NOISE: Final = Listing[JointNoise](
     _fine("std_detrended", "detrended"),
     *written("std_short", "peak_to_peak", unit=_unit),
     _fine("step", "step"),
-    Column("drift", "drift per h", unit=_rate, cell=_drift),
+    Column(
+        "drift",
+        "drift per h",
+        unit=_rate,
+        cell=lambda e: " ± ".join(_small(value, _rate(e)) for value in (e.drift, e.drift_half)),
+    ),
     Column("drift_half_interval", value=lambda each: each.drift_half, unit=_rate),
     *written("drifts", "moved", "stuck", "levels", "left_out"),
     Column(
@@ -244,19 +228,18 @@ NOISE: Final = Listing[JointNoise](
         cell=lambda each: _small(each.allan.deviation[each.allan.best], each.unit),
         numeric=True,
     ),
-    shown_as("at, s", _best_time),
+    shown_as(
+        "at, s", lambda e: f"{e.allan.tau[e.allan.best]:.3g}{'' if e.allan.bottomed else '+'}"
+    ),
     named=True,
-)
-STREAM: Final = Listing[Stream](
-    "",
-    Column("readings", value=lambda stream: len(stream.time)),
-    Column("rate_hz", value=lambda stream: 1 / stream.period),
-    *written("gaps", "dropped"),
-    Column("input", value=lambda stream: str(stream.path)),
 )
 STATIONARY: Final = Listing[Stationary](
     "",
-    *(column.over(lambda found: found.stream) for column in STREAM.columns),
+    Column("readings", value=lambda found: len(found.stream.time)),
+    Column("rate_hz", value=lambda found: 1 / found.stream.period),
+    Column("gaps", value=lambda found: found.stream.gaps),
+    Column("dropped", value=lambda found: found.stream.dropped),
+    Column("input", value=lambda found: str(found.stream.path)),
     Column("seconds"),
     Column("tip_noise", value=lambda found: found.tip_std, unit="m"),
     Column("joints", value=lambda found: NOISE.records(found.joints)),
@@ -298,7 +281,7 @@ def _visits_parts(found: Repeatability) -> list[Part]:
         ),
         COMPARISONS.of(
             (
-                ComparedFigure(f"{each.first} → {each.second}", name, change)
+                (f"{each.first} → {each.second}", name, change)
                 for each in found.comparisons
                 for name, change in (("RP", each.rp), ("RMS", each.rms))
             ),
@@ -331,21 +314,12 @@ def _visits_data(found: Repeatability) -> Json:
             "joints": PUSHES.records(pushed.joints),
             "scatter": _positions(pushed.scatter, confidence),
         }
-    comparisons = [
-        {
-            "first": each.first,
-            "second": each.second,
-            "rp": CHANGE.record(each.rp),
-            "rms": CHANGE.record(each.rms),
-        }
-        for each in found.comparisons
-    ]
     return {
         **REPEATABILITY.record(found),
         "position": POSITION.record(NamedScatter("", found.position, confidence)),
         "joints": JOINTS.records(Joint(each, confidence) for each in found.joints),
         "protocols": _positions(found.protocols, confidence),
-        "comparisons": comparisons,
+        "comparisons": COMPARED.records(found.comparisons),
         "directions": directions,
     }
 

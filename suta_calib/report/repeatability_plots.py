@@ -48,17 +48,12 @@ def visits_plot(found: Repeatability) -> str:
         return svg_text(figure, name, "Visits about their barycentre, in mm, and in their order")
 
 
-def _labels(found: Repeatability) -> tuple[list[str], Any]:
-    """What colours the visits: direction, else protocol, else nothing."""
-    for key in (DIRECTION, PROTOCOL):
-        if len(set(found.samples.labels.get(key, ()))) > 1:
-            return grouped(found.samples.labels[key])
-    return ["visits"], np.zeros(len(found.samples), dtype=np.intp)
-
-
 def _cloud(axes: Axes, found: Repeatability, across: int, up: int) -> None:
     away = mm(found.position_of - found.position_of.mean(axis=0))
-    names, index = _labels(found)
+    names, index = ["visits"], np.zeros(len(away), dtype=np.intp)
+    for key in (PROTOCOL, DIRECTION):
+        if len(set(found.samples.labels.get(key, ()))) > 1:
+            names, index = grouped(found.samples.labels[key])
     for k, label in enumerate(names):
         colour, marker = _LOOKS[k % len(_LOOKS)]
         rows = away[index == k]

@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Picture
+from scipy.stats import binned_statistic_2d
 
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import OutputError
@@ -19,7 +20,6 @@ from suta_calib.report.listing import (
     Column,
     Json,
     Listing,
-    Table,
     components,
     plain,
     shown_as,
@@ -27,7 +27,7 @@ from suta_calib.report.listing import (
 )
 from suta_calib.report.poses import axes_with_std
 from suta_calib.report.svg import BLUE, GREY, ORANGE, WIDTH, picture, plain_log, svg_text
-from suta_calib.stereotactic.cis_files import output1_text, output2_text
+from suta_calib.stereotactic.cis_files import output1_text, points_text
 from suta_calib.stereotactic.distortion import DistortionCorrection
 from suta_calib.stereotactic.solve import Navigation, StereotacticErrors, StereotacticResult
 from suta_calib.units import mm, text
@@ -36,18 +36,18 @@ NAME: Final = "stereotactic"
 CELLS: Final = 8  # of the map, in each direction
 
 
-def _frames(found: PivotCalibration) -> str:
-    lost = len(found.outliers)
-    return f"{len(found.residuals)}" + (f", {lost} off" if lost else "")
-
-
 # The two pivots by name.
 PIVOTS: Final = Listing[tuple[str, PivotCalibration]](
     "Posts in the EM tracker, mm",
     Column("", "pivot", lambda row: row[0]),
     *axes_with_std(lambda row: row[1].post, lambda row: row[1].post_std()),
     Column("pivot_rms", "rms", lambda row: row[1].rms, "m"),
-    shown_as("frames", lambda row: _frames(row[1])),
+    shown_as(
+        "frames",
+        lambda row: (
+            f"{len(row[1].inliers)}" + f", {len(row[1].outliers)} off" * bool(row[1].outliers)
+        ),
+    ),
     Column("post_std", None, lambda row: row[1].post_std(), "m"),
     *(c.over(lambda row: row[1]) for c in written("post", "tip", "tip_std", unit="m")),
     Column("pivot_outliers", None, lambda row: row[1].outliers),
@@ -117,16 +117,26 @@ COMPARISON: Final = Listing[ComparedOutput](
 def stereotactic_document(result: StereotacticResult, errors: StereotacticErrors) -> Document:
     """Posts, EM readings, navigation, comparison; the picture and the output files.
 
-    An answer that must not be used yields only the picture.
-
-    Args:
-        result: the answer.
-        errors: of it, where output files were given.
+    An answer that must not be used yields only the picture. ``errors`` are those against output
+    files that were given.
     """
     name, compared = result.data.name, _compared(errors)
-    parts: list[Part] = [PIVOTS.of(_pivots_of(result)), *_readings(result)]
-    if result.navigation is not None:
-        parts += _navigation(result.navigation)
+    parts: list[Part] = [PIVOTS.of(_pivots_of(result))]
+    readings = [("as measured", _sizes(result.em_error))]
+    if (correction := result.correction) is None:
+        parts.append(READINGS.of(readings))
+    else:
+        done = f"corrected, degree {correction.degree}" if correction.degree else "no distortion"
+        left_out = text(correction.cross_validation[correction.degree], "m", with_unit=True)
+        readings.append((done, _sizes(correction.residuals)))
+        parts += [READINGS.of(readings), Text(f"frames left out of the fit: rms {left_out}")]
+    if (navigation := result.navigation) is not None:
+        tips = zip(navigation.ct, navigation.target_error.tolist(), strict=True)
+        registration = navigation.registration
+        off = f", {len(registration.outliers)} of them off" * (not registration.inliers.all())
+        fiducials = f"registered by {len(navigation.fiducials)} fiducials{off}"
+        rms = text(registration.rms, "m", with_unit=True)
+        parts += [NAVIGATION.of(enumerate(tips, start=1)), Text(f"{fiducials}: rms {rms}")]
     parts.append(COMPARISON.of(compared))
     if lost := {kind: count for kind, count in result.outliers.items() if count}:
         counts = ", ".join(f"{count} in {kind}" for kind, count in lost.items())
@@ -135,8 +145,9 @@ def stereotactic_document(result: StereotacticResult, errors: StereotacticErrors
     if result.assessment.usable:
         first, second = (f"{name}-output{k}.txt" for k in (1, 2))
         parts.append(File(first, lambda: output1_text(result.output1, first)))
-        if (navigation := result.navigation) is not None:
-            parts.append(File(second, lambda: output2_text(navigation.ct, second)))
+        if navigation is not None:
+            in_ct = navigation.ct
+            parts.append(File(second, lambda: points_text((len(in_ct),), second, in_ct)))
     data = _data(result) | {
         "comparison": {key: value for each in compared for key, value in each.record().items()}
     }
@@ -147,13 +158,8 @@ def stereotactic_document(result: StereotacticResult, errors: StereotacticErrors
 def check_given(answer: Document, folder: Path, inputs: Path) -> None:
     """Refuse to replace what may be the reference that came with the inputs.
 
-    Args:
-        answer: whose output files are to be written.
-        folder: to write into.
-        inputs: folder of the inputs.
-
     Raises:
-        OutputError: the folder is that of the inputs, and an output file in it differs.
+        OutputError: the folder to write into is that of the inputs, and a file in it differs.
     """
     if not (inputs.is_dir() and folder.is_dir() and folder.samefile(inputs)):
         return
@@ -195,27 +201,6 @@ def _sizes(vectors: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.norm(vectors, axis=-1)).ravel()
 
 
-def _readings(result: StereotacticResult) -> list[Table | Text]:
-    rows = [("as measured", _sizes(result.em_error))]
-    if (correction := result.correction) is None:
-        return [READINGS.of(rows)]
-    name = f"corrected, degree {correction.degree}" if correction.degree else "no distortion"
-    rows.append((name, _sizes(correction.residuals)))
-    left_out = text(correction.cross_validation[correction.degree], "m", with_unit=True)
-    return [READINGS.of(rows), Text(f"frames left out of the fit: rms {left_out}")]
-
-
-def _navigation(found: Navigation) -> list[Table | Text]:
-    tips = zip(found.ct, found.target_error.tolist(), strict=True)
-    lost = len(found.registration.outliers)
-    fiducials = (
-        f"registered by {len(found.fiducials)} fiducials"
-        + (f", {lost} of them off" if lost else "")
-        + f": rms {text(found.registration.rms, 'm', with_unit=True)}"
-    )
-    return [NAVIGATION.of(enumerate(tips, start=1)), Text(fiducials)]
-
-
 def _compared(errors: StereotacticErrors) -> list[ComparedOutput]:
     given = (
         ("c_expected", "expected EM markers", errors.expected),
@@ -251,14 +236,11 @@ def _map(figure: Picture, axes: Axes, result: StereotacticResult) -> None:
     points, errors = (mm(v.reshape(-1, 3)) for v in (result.expected, result.em_error))
     low, high = np.quantile(points[:, 2], [1 / 3, 2 / 3])
     slab = (points[:, 2] >= low) & (points[:, 2] <= high)
-    places, vectors = _cell_means(points[slab], errors[slab])
-    sizes = np.linalg.norm(vectors, axis=1)
+    plane, vectors = points[slab, :2].T, errors[slab].T
+    x, y, *error = binned_statistic_2d(*plane, [*plane, *vectors], bins=CELLS).statistic
+    sizes = np.linalg.norm(error, axis=0)
     arrows = axes.quiver(
-        *(places[:, 0], places[:, 1], vectors[:, 0], vectors[:, 1], sizes),
-        cmap="viridis_r",
-        angles="xy",
-        pivot="tail",
-        width=0.006,
+        *(x, y, error[0], error[1], sizes), cmap="viridis_r", angles="xy", pivot="tail", width=0.006
     )
     axes.set_aspect("equal")
     axes.margins(0.12)
@@ -267,20 +249,6 @@ def _map(figure: Picture, axes: Axes, result: StereotacticResult) -> None:
     axes.set_xlabel(f"x in the EM tracker, mm (z from {low:.0f} to {high:.0f} mm)")
     axes.set_ylabel("y in the EM tracker, mm")
     figure.colorbar(arrows, ax=axes, shrink=0.85).set_label("mean error in 3-D, mm")
-
-
-def _cell_means(points: FloatArray, vectors: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Mean place and mean vector of the points in each cell of x and y that has any."""
-    plane = points[:, :2]
-    extent = np.maximum(np.ptp(plane, axis=0), 1e-9)
-    cell = np.minimum(((plane - plane.min(axis=0)) / extent * CELLS).astype(int), CELLS - 1)
-    _, which = np.unique(cell, axis=0, return_inverse=True)
-    count = np.bincount(which)[:, None]
-    sums = [
-        np.stack([np.bincount(which, weights=column) for column in values.T], axis=1)
-        for values in (points, vectors)
-    ]
-    return sums[0] / count, sums[1] / count
 
 
 def _pivots(axes: Axes, result: StereotacticResult) -> None:
@@ -302,23 +270,15 @@ def _pivots(axes: Axes, result: StereotacticResult) -> None:
 
 def _effect(axes: Axes, before: FloatArray, correction: DistortionCorrection) -> None:
     """How many markers are off by how much, before and after."""
-    sizes = [mm(np.linalg.norm(v, axis=-1).ravel()) for v in (before, correction.residuals)]
+    sizes = [mm(_sizes(v)) for v in (before, correction.residuals)]
     # Two decimals in the files: below that there is nothing to see.
     least, most = 1e-3, max(float(sizes[0].max()), float(sizes[1].max()), 1e-2)
     bins = np.geomspace(least, most, 40)
     looks = (("as measured", ORANGE, "////"), ("corrected", BLUE, ""))
     for values, (label, colour, hatch) in zip(sizes, looks, strict=True):
-        clipped = np.clip(values, least, most)
-        axes.hist(
-            clipped,
-            bins.tolist(),
-            histtype="stepfilled",
-            facecolor="white" if hatch else colour,
-            edgecolor=colour,
-            alpha=0.75,
-            hatch=hatch,
-            label=label,
-        )
+        look: dict[str, Any] = {"edgecolor": colour, "hatch": hatch, "alpha": 0.75, "label": label}
+        face, clipped = "white" if hatch else colour, np.clip(values, least, most)
+        axes.hist(clipped, bins.tolist(), histtype="stepfilled", facecolor=face, **look)
     plain_log(axes.xaxis, axes.set_xscale)
     axes.set_title("EM markers", pad=22)
     axes.set_xlabel("distance from where the optical tracker says, mm")
@@ -332,14 +292,9 @@ def _validation(axes: Axes, correction: DistortionCorrection) -> None:
     rms = [mm(value) for value in correction.cross_validation.values()]
     axes.plot(degrees, rms, "o-", color=GREY, markerfacecolor=BLUE, markeredgecolor=BLUE)
     chosen = correction.degree
-    axes.plot(
-        *([chosen], [mm(correction.cross_validation[chosen])], "o"),
-        markersize=12,
-        markerfacecolor="none",
-        markeredgecolor=ORANGE,
-        markeredgewidth=2,
-        label=f"chosen: {chosen}",
-    )
+    ring: dict[str, Any] = {"ms": 12, "mfc": "none", "mec": ORANGE, "mew": 2}
+    at = mm(correction.cross_validation[chosen])
+    axes.plot([chosen], [at], "o", label=f"chosen: {chosen}", **ring)
     plain_log(axes.yaxis, axes.set_yscale)
     axes.set_xticks(degrees)
     axes.grid(axis="y", which="both")

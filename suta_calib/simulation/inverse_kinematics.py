@@ -22,6 +22,11 @@ from suta_calib.simulation.noise import full_circle, wrapped
 
 # What of a target's orientation counts: all of it, the direction of the tip's z axis, or nothing.
 Matching = Literal["pose", "axis", "position"]
+_KEPT: Final = {
+    "pose": np.array([1.0, 1.0, 1.0]),
+    "axis": np.array([1.0, 1.0, 0.0]),
+    "position": np.zeros(3),
+}
 # Weighs angles against lengths (m): the size of a tool.
 _LENGTH: Final = 0.25
 _TOLERANCE: Final = 1e-12
@@ -144,8 +149,9 @@ class InverseKinematics:
 
     def _descend(self, targets: Targets, q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """One damped Gauss–Newton search per row: final readings and residuals (n, 6)."""
-        evaluate = _Residuals(self._function, self._theta, targets, q.shape[1])
-        error, jacobian = evaluate(q)
+        batch = Batched(self._function, len(targets), shared=[0])
+        batch.inputs[0][:] = self._theta
+        error, jacobian = _residuals(batch, targets, q)
         cost = (error**2).sum(axis=1)
         damping = np.full(len(q), 1e-3)
         for _ in range(_ITERATIONS):
@@ -154,7 +160,7 @@ class InverseKinematics:
             floor = (damping * cost + 1e-12)[:, None, None] * np.eye(q.shape[1])
             step = np.linalg.solve(transposed @ jacobian + floor, transposed @ error[..., None])
             moved = np.clip(q + np.clip(step[..., 0], -1.0, 1.0), self._lower, self._upper)
-            new_error, new_jacobian = evaluate(moved)
+            new_error, new_jacobian = _residuals(batch, targets, moved)
             new_cost = (new_error**2).sum(axis=1)
             better = new_cost < cost
             q = np.where(better[:, None], moved, q)
@@ -167,31 +173,19 @@ class InverseKinematics:
         return q, error
 
 
-class _Residuals:
-    """Residual of each row and its derivative with respect to the readings."""
-
-    def __init__(self, function: object, theta: FloatArray, targets: Targets, joints: int) -> None:
-        self._batch = Batched(function, len(targets), shared=[0])
-        self._batch.inputs[0][:] = theta
-        self._targets, self._joints, self._parameters = targets, joints, len(theta)
-        kept = {"pose": (1.0, 1.0, 1.0), "axis": (1.0, 1.0, 0.0), "position": (0.0, 0.0, 0.0)}
-        self._kept = np.array(kept[targets.matching])
-
-    def __call__(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """(n, 6) residuals in the tip's frame, lengths in units of `_LENGTH`; (n, 6, joints)."""
-        self._batch.inputs[1][:] = q
-        flat, position, jacobian = self._batch()
-        rotation = np.swapaxes(flat.reshape(-1, 3, 3), 1, 2)
-        to_tip = np.swapaxes(rotation, 1, 2)
-        columns = jacobian.reshape(len(q), 6, self._parameters)[:, :, : self._joints]
-        linear = to_tip @ columns[:, :3] / _LENGTH
-        angular = self._kept[:, None] * (to_tip @ columns[:, 3:])
-        away = (to_tip @ (self._targets.position - position)[..., None])[..., 0]
-        relative = to_tip @ self._targets.rotation
-        turn = (
-            vector_from_rotation(relative)
-            if self._targets.matching == "pose"
-            else vector_turning_z_to(relative[:, :, 2])
-        )
-        error = np.concatenate([away / _LENGTH, self._kept * turn], axis=1)
-        return error, np.concatenate([linear, angular], axis=1)
+def _residuals(batch: Batched, targets: Targets, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(n, 6) residuals in the tip's frame, lengths in units of `_LENGTH`; (n, 6, joints) by q."""
+    batch.inputs[1][:] = q
+    flat, position, jacobian = batch()
+    to_tip = flat.reshape(-1, 3, 3)  # Column by column: R of the tip in the base, transposed.
+    kept = _KEPT[targets.matching][:, None]
+    columns = jacobian.reshape(len(q), 6, -1)[:, :, : q.shape[1]]
+    linear, angular = to_tip @ columns[:, :3] / _LENGTH, kept * (to_tip @ columns[:, 3:])
+    away = to_tip @ (targets.position - position)[..., None] / _LENGTH
+    relative = to_tip @ targets.rotation
+    if targets.matching == "pose":
+        turn = vector_from_rotation(relative)
+    else:
+        turn = vector_turning_z_to(relative[:, :, 2])
+    error = np.concatenate([away, kept * turn[..., None]], axis=1)[..., 0]
+    return error, np.concatenate([linear, angular], axis=1)

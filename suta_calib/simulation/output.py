@@ -111,21 +111,15 @@ def _row(values: dict[str, Any]) -> CommentedMap:
 
 
 def _readme(simulation: Simulation) -> str:
-    rows = [f"- `{f.path}`: {len(f.samples)} samples" for f in simulation.files]
     name = simulation.spec.path.name
-    return "\n".join(
-        [
-            _TITLE,
-            "",
-            f"Everything listed here is simulated: no arm was touched. It was made from `{name}` "
-            f"with seed {simulation.seed} by",
-            f"`suta-calib simulate {name} --out .`, which replaces these files and this page.",
-            "`truth.yaml` holds the true parameters and says which rows are outliers.",
-            "",
-            *rows,
-            "",
-        ]
+    text = (
+        f"{_TITLE}\n\n"
+        f"Everything listed here is simulated: no arm was touched. It was made from `{name}` "
+        f"with seed {simulation.seed} by\n"
+        f"`suta-calib simulate {name} --out .`, which replaces these files and this page.\n"
+        "`truth.yaml` holds the true parameters and says which rows are outliers.\n\n"
     )
+    return text + "".join(f"- `{f.path}`: {len(f.samples)} samples\n" for f in simulation.files)
 
 
 def _check_readme(path: Path) -> None:

@@ -20,6 +20,8 @@ from suta_calib.units import deg, mm
 # A direction that few starts reach is not worth more: another one is drawn.
 _STARTS_PER_DIRECTION: Final = 6
 _MOST_BATCHES: Final = 20
+# A place that none of so many batches reaches is out of reach.
+_EMPTY_BATCHES: Final = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +104,7 @@ class Visitor:
         axis = -pose.rotation[:, 2] if plan.axis is None else plan.axis
         turned = rotation_from_vector(vector_turning_z_to(axis))
         q, touched = np.empty((0, len(self.posture))), np.empty((0, 3))
-        for _ in range(_MOST_BATCHES):
+        for batch in range(_MOST_BATCHES):
             where = spread.random((plan.directions, 2))
             position = plan.term.touches(pose.rotation, pose.position, where, plan.settings)
             # Uniform over the cone: the height on a sphere is uniform.
@@ -118,18 +120,18 @@ class Visitor:
             answer = self.kinematics.solve(wanted, starts, rng, _STARTS_PER_DIRECTION)
             q = np.concatenate([q, answer.q[answer.reached]])
             touched = np.concatenate([touched, position[answer.reached]])
-            if len(q) >= plan.directions:
+            if len(q) >= plan.directions or (batch == _EMPTY_BATCHES and not len(q)):
                 break
-        else:
+        n = plan.directions
+        if len(q) < n:
             raise self._refused(
                 plan,
                 label,
                 pose.line,
                 f"{len(q)} directions within reach of {plan.term.place} {label!r}",
-                f"{plan.directions} within {deg(plan.cone):.3g} deg of the axis",
+                f"{n} within {deg(plan.cone):.3g} deg of the axis",
                 f"move the {plan.term.place}, or ask for fewer directions or a wider cone",
             )
-        n = plan.directions
         targets = Targets(touched[:n], np.tile(np.eye(3), (n, 1, 1)))
         # Whatever the direction, the place is touched: it alone has to be met again with noise.
         unoriented = np.zeros(n, dtype=bool)

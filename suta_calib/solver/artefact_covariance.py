@@ -20,9 +20,8 @@ from typing import Final
 import numpy as np
 
 from suta_calib.arrays import FloatArray, IntArray
-from suta_calib.solver.information import Rows, robust_jacobian
+from suta_calib.solver.information import Rows, robust_jacobian, scaled_inverse
 from suta_calib.solver.problem import Problem
-from suta_calib.terms.block import Block
 from suta_calib.terms.term import Term
 
 # The noise that weighs the landmarks' prior settles in so many rounds.
@@ -51,24 +50,19 @@ class ArtefactRows:
 
 def artefact_rows(rows: Sequence[Rows]) -> ArtefactRows | None:
     """The artefact's part in the rows; None where nothing certified has an uncertainty."""
-    blocks = [r.line.view.block for r in rows]
-    sigma = _landmark_sigmas(blocks)
+    # One artefact in two terms counts once.
+    sigma = {
+        key: float(stated)
+        for certified in (r.line.view.block.certified for r in rows)
+        if certified is not None
+        for key, stated in zip(certified.keys, certified.sigma, strict=True)
+        if stated > 0
+    }
     if not sigma:
         return None
     index = {key: k for k, key in enumerate(sigma)}
     jacobian = tuple(_by_coordinates(r, index) for r in rows)
     return ArtefactRows(tuple(sigma), np.repeat(list(sigma.values()), 3), jacobian)
-
-
-def _landmark_sigmas(blocks: Sequence[Block]) -> dict[tuple[object, ...], float]:
-    """Landmarks of all terms that have an uncertainty; one artefact in two terms counts once."""
-    found: dict[tuple[object, ...], float] = {}
-    for certified in (block.certified for block in blocks):
-        if certified is not None:
-            for key, sigma in zip(certified.keys, certified.sigma, strict=True):
-                if sigma > 0:
-                    found[key] = float(sigma)
-    return found
 
 
 def _by_coordinates(rows: Rows, index: dict[tuple[object, ...], int]) -> FloatArray:
@@ -88,13 +82,7 @@ def _by_coordinates(rows: Rows, index: dict[tuple[object, ...], int]) -> FloatAr
 
 
 def artefact_covariance(rows: Sequence[Rows], part: ArtefactRows, bread: FloatArray) -> FloatArray:
-    """(dx/dl) Σ (dx/dl)ᵀ, (n, n).
-
-    Args:
-        rows: whitened rows at the solution.
-        part: from `artefact_rows`.
-        bread: (n, n) inverse curvature A⁻¹.
-    """
+    """(dx/dl) Σ (dx/dl)ᵀ, (n, n), from whitened rows at the solution and A⁻¹ (n, n)."""
     cross = sum(
         robust_jacobian(r).T @ robust_jacobian(replace(r, jacobian=d))
         for r, d in zip(rows, part.jacobian, strict=True)
@@ -115,46 +103,25 @@ def residuals_without_artefact(
 
     The landmarks are fitted to all rows beside the free parameters, each with its certified
     coordinates as a prior, and the residuals enlarged for the freedom they lose to that, which is
-    a freedom among touches: a repeat sees the same landmark.
-
-    Args:
-        problem: terms and parameters.
-        x: (n,) the estimate.
-        rows: whitened rows at x.
-        part: from `artefact_rows`.
-        free: indices that were estimated.
-        touches: for each term, which samples are one witness.
+    a freedom among touches: a repeat sees the same landmark. Arguments as in `observed_parts`, with
+    the whitened rows at x.
     """
-    if all(_share(r, d, part.sigma) < NEGLIGIBLE for r, d in zip(rows, part.jacobian, strict=True)):
+    whites = [_white(r) for r in rows]
+    shares = [
+        float(np.einsum("ij,j->", d**2, part.sigma**2)) / max(float(np.sum(w**2)), 1e-300)
+        for d, w in zip(part.jacobian, whites, strict=True)
+    ]
+    if max(shares) < NEGLIGIBLE:
         return list(rows)
     counts = np.array([_equations(problem.terms, r, touches) for r in rows])
-    fit = _joint_fit(problem, x, rows, part, free, counts[:, 0])
-    left = np.maximum(1.0 - fit.taken / counts[:, 1], LEAST_FREEDOM)
-    return [
-        _with_residual(r, white / np.sqrt(share))
-        for r, white, share in zip(rows, fit.residuals, left, strict=True)
-    ]
-
-
-def _share(rows: Rows, by_mark: FloatArray, sigma: FloatArray) -> float:
-    """The stated uncertainty's part of a block's residuals, if it is all there."""
-    stated = float(np.einsum("ij,j->", by_mark**2, sigma**2)) / len(by_mark)
-    return stated / max(float(np.mean(_white(rows) ** 2)), 1e-300)
-
-
-@dataclass(frozen=True, eq=False)
-class _JointFit:
-    """Parameters and landmarks fitted together.
-
-    Attributes:
-        residuals: for each block (n·d,), whitened and believed as the fit does.
-        taken: for each block the freedom that the landmarks take of it.
-        levels: for each block the variance of its residuals, in units of the assumed one.
-    """
-
-    residuals: Sequence[FloatArray]
-    taken: FloatArray
-    levels: FloatArray
+    residuals, taken = _joint_fit(problem, x, rows, part, free, counts[:, 0])
+    left = np.maximum(1.0 - taken / counts[:, 1], LEAST_FREEDOM)
+    found = []
+    for r, white, share in zip(rows, residuals, left, strict=True):
+        scale = r.line.sigma / np.sqrt(r.line.weight * share)
+        residual = white.reshape(r.line.residual.shape) * scale[:, None]
+        found.append(replace(r, line=replace(r.line, residual=residual)))
+    return found
 
 
 def _joint_fit(
@@ -164,46 +131,42 @@ def _joint_fit(
     part: ArtefactRows,
     free: IntArray,
     equations: FloatArray,
-) -> _JointFit:
-    """One linear step, weighed by the noise that it leaves: repeated until that has settled."""
+) -> tuple[list[FloatArray], FloatArray]:
+    """Parameters and landmarks fitted together: a linear step, weighed by the noise it leaves.
+
+    Returns:
+        For each block the residuals (n·d,), whitened and believed as the fit does, and the freedom
+        that the landmarks take of it.
+    """
     precision = problem.prior_precision()
     pull = precision * (x - problem.parameters.array("nominal"))
     prior = np.concatenate([precision[free], part.sigma**-2.0])
     slope = np.concatenate([pull[free], np.zeros(len(part.sigma))])
-    gains = [_joint(r, d, free) for r, d in zip(rows, part.jacobian, strict=True)]
-    whites = [_white(r) for r in rows]
-    levels = np.array([float(np.mean(white**2)) for white in whites])
-    fit = _JointFit(whites, np.zeros(len(rows)), levels)
+    gains = [
+        np.hstack([r.jacobian[:, free], d])
+        * np.repeat(np.sqrt(r.line.weight), r.line.residual.shape[1])[:, None]
+        for r, d in zip(rows, part.jacobian, strict=True)
+    ]
+    residuals = whites = [_white(r) for r in rows]
+    levels, taken = np.array([float(np.mean(w**2)) for w in whites]), np.zeros(len(rows))
     for _ in range(ROUNDS):
         # Rows that share samples say less than their number.
-        trust = equations / [w.size for w in whites] / np.maximum(fit.levels, 1e-300)
+        trust = equations / [w.size for w in whites] / np.maximum(levels, 1e-300)
         squares = [t * g.T @ g for t, g in zip(trust, gains, strict=True)]
-        inverse = _inverse(np.asarray(sum(squares)) + np.diag(prior))
+        inverse = scaled_inverse(np.asarray(sum(squares)) + np.diag(prior))
         weighed = zip(trust, gains, whites, strict=True)
         step = -inverse @ (slope + sum(t * g.T @ w for t, g, w in weighed))
         residuals = [w + g @ step for w, g in zip(whites, gains, strict=True)]
         share = np.array([np.einsum("ij,ji->i", inverse, square) for square in squares])
         left = np.maximum(1.0 - share.sum(axis=1) / equations, LEAST_FREEDOM)
         levels = np.array([float(np.mean(r**2)) for r in residuals]) / left
-        fit = _JointFit(residuals, share[:, len(free) :].sum(axis=1), levels)
-    return fit
-
-
-def _joint(rows: Rows, by_mark: FloatArray, free: IntArray) -> FloatArray:
-    believed = np.repeat(np.sqrt(rows.line.weight), rows.line.residual.shape[1])
-    return np.asarray(np.hstack([rows.jacobian[:, free], by_mark]) * believed[:, None])
+        taken = share[:, len(free) :].sum(axis=1)
+    return residuals, taken
 
 
 def _white(rows: Rows) -> FloatArray:
     line = rows.line
     return np.asarray((line.residual * (np.sqrt(line.weight) / line.sigma)[:, None]).reshape(-1))
-
-
-def _with_residual(rows: Rows, white: FloatArray) -> Rows:
-    line = rows.line
-    scale = line.sigma / np.sqrt(line.weight)
-    residual = white.reshape(line.residual.shape) * scale[:, None]
-    return replace(rows, line=replace(line, residual=residual))
 
 
 def _equations(
@@ -217,9 +180,3 @@ def _equations(
             equations = term.equations() * len(block) * block.size / whole
             return equations, equations * (int(touch.max()) + 1) / len(touch)
     raise ValueError("a row of no term")
-
-
-def _inverse(matrix: FloatArray) -> FloatArray:
-    scale = 1.0 / np.sqrt(np.diag(matrix))
-    outer = np.outer(scale, scale)
-    return np.asarray(np.linalg.pinv(matrix * outer, 1e-12, True) * outer)

@@ -11,7 +11,6 @@ deviations by two to four times.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -22,31 +21,19 @@ from suta_calib.solver.artefact_covariance import (
     artefact_rows,
     residuals_without_artefact,
 )
-from suta_calib.solver.information import Information, Rows, robust_jacobian, whitened_rows
+from suta_calib.solver.information import (
+    Information,
+    Rows,
+    robust_jacobian,
+    scaled_inverse,
+    whitened_rows,
+)
 from suta_calib.solver.problem import Problem
 
 # Touches from which on none has leverage worth freeing residuals of.
 MANY_TOUCHES: Final = 2000
 # Eigenvalue of a covariance, relative to the largest, that is rounding.
 ROUNDING: Final = 1e-14
-
-
-@dataclass(frozen=True, eq=False)
-class CovarianceParts:
-    """Where an estimate's uncertainty comes from; the parts add up.
-
-    Attributes:
-        scatter: (n, n) of everything that differs from touch to touch, and of the priors.
-        artefact: (n, n) of certified coordinates, whose errors all touches share.
-    """
-
-    scatter: FloatArray
-    artefact: FloatArray
-
-    @property
-    def total(self) -> FloatArray:
-        """Covariance (n, n) of the estimate."""
-        return np.asarray(self.scatter + self.artefact)
 
 
 def observed_covariance(
@@ -57,7 +44,7 @@ def observed_covariance(
     touches: Sequence[IntArray] | None = None,
 ) -> FloatArray:
     """Covariance (n, n) of the estimate at x: the sum of `observed_parts`."""
-    return observed_parts(problem, x, sigmas, free, touches).total
+    return np.asarray(sum(observed_parts(problem, x, sigmas, free, touches)))
 
 
 def observed_parts(
@@ -66,7 +53,7 @@ def observed_parts(
     sigmas: Sequence[float],
     free: IntArray,
     touches: Sequence[IntArray] | None = None,
-) -> CovarianceParts:
+) -> tuple[FloatArray, FloatArray]:
     """Covariance of the estimate at x by origin, zero for entries that were not free.
 
     The sandwich A⁻¹ (M + P) A⁻¹ with the priors' precision P in A as well: scatter as the residuals
@@ -79,12 +66,16 @@ def observed_parts(
         sigmas: noise level of each block.
         free: indices that were estimated.
         touches: for each term (samples,), which samples are one witness; `Term.repeats` by default.
+
+    Returns:
+        Two covariances (n, n) that add up: of what differs from touch to touch, and of the priors;
+        and of certified coordinates, whose errors all touches share.
     """
     rows = whitened_rows(problem, x, sigmas)
     prior = np.diag(problem.prior_precision())
     curvature = prior + sum(j.T @ j for j in map(robust_jacobian, rows))
     bread, artefact = np.zeros_like(prior), np.zeros_like(prior)
-    bread[np.ix_(free, free)] = _pseudo_inverse(curvature[np.ix_(free, free)])
+    bread[np.ix_(free, free)] = scaled_inverse(curvature[np.ix_(free, free)])
     touches = [term.repeats() for term in problem.terms] if touches is None else touches
     part = artefact_rows(rows)
     if part is not None and len(free):
@@ -94,14 +85,14 @@ def observed_parts(
     for term, touch in zip(problem.terms, touches, strict=True):
         mine = [r for r in rows if any(r.line.view.block is b for b in term.blocks)]
         scatter += _clustered_variance(mine, touch, bread)
-    return CovarianceParts(scatter, artefact)
+    return scatter, artefact
 
 
 def predicted_covariance(problem: Problem, information: Information, free: IntArray) -> FloatArray:
-    """The same before any residual is known, from `predicted_information`."""
+    """Covariance (n, n) before any residual is known, from `predicted_information`."""
     prior = np.diag(problem.prior_precision())
     bread = np.zeros_like(prior)
-    inverse = _pseudo_inverse((information.curvature + prior)[np.ix_(free, free)])
+    inverse = scaled_inverse((information.curvature + prior)[np.ix_(free, free)])
     bread[np.ix_(free, free)] = inverse
     return bread @ (information.variance + prior) @ bread
 
@@ -113,11 +104,8 @@ def _clustered_variance(rows: Sequence[Rows], touch: IntArray, bread: FloatArray
     is White's for rows of one sample each. Residuals are freed of their leverage touch by touch
     (CR2; Bell and McCaffrey 2002): a fit follows the few touches it has.
 
-    Args:
-        rows: whitened rows.
-        touch: (samples,) cluster of each sample; repeats of a touch are one cluster, because they
-            share what the model gets wrong about their posture.
-        bread: (n, n) inverse curvature A⁻¹.
+    Repeats of a touch are one cluster, because they share what the model gets wrong about their
+    posture: ``touch`` (samples,) names it.
     """
     unit = np.sqrt(np.maximum(np.diag(bread), 0.0))
     outer = np.outer(unit, unit)
@@ -172,9 +160,3 @@ def _positive(matrix: FloatArray) -> FloatArray:
     """Nearest positive semidefinite matrix: a difference of two need not be one."""
     values, vectors = np.linalg.eigh((matrix + matrix.T) / 2)
     return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)
-
-
-def _pseudo_inverse(matrix: FloatArray) -> FloatArray:
-    scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
-    outer = np.outer(scale, scale)
-    return np.asarray(np.linalg.pinv(matrix / outer, 1e-12, True) / outer)

@@ -74,19 +74,16 @@ class PoseTable:
                 if batch is not None:
                     batch.inputs[1][:] += shift
                 else:
-                    self._displace(rows, shift)
+                    columns = self.rotation[rows].reshape(-1, 3, 3)  # one row a matrix's column
+                    turn = rotation_from_vector(shift[:, 3:])
+                    self.rotation[rows] = (columns @ np.swapaxes(turn, 1, 2)).reshape(-1, 9)
+                    self.position[rows] += shift[:, :3]
             yield
         finally:
             self.rotation[:], self.position[:] = poses
             for (_, batch), q in zip(self._sources, kept, strict=True):
                 if batch is not None:
                     batch.inputs[1][:] = q
-
-    def _displace(self, rows: slice, shift: FloatArray) -> None:
-        columns = self.rotation[rows].reshape(-1, 3, 3)  # one row a column of the rotation matrix
-        turn = rotation_from_vector(shift[:, 3:])
-        self.rotation[rows] = (columns @ np.swapaxes(turn, 1, 2)).reshape(-1, 9)
-        self.position[rows] += shift[:, :3]
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,37 +158,27 @@ class Evaluation:
         self, x: FloatArray, sigmas: Sequence[float]
     ) -> tuple[float, FloatArray, FloatArray]:
         """½ Σ ρ, its gradient, and the Gauss-Newton matrix of the robust cost."""
-        n = self.arm_count + self.own_count
+        a, n = self.arm_count, self.arm_count + self.own_count
         cost, gradient, hessian = 0.0, np.zeros(n), np.zeros((n, n))
         for line in self.linearise(x, sigmas):
             cost += self._cost(line)
             residual, by_pose, by_own = _corrected(line)
             arm, own = self.columns(line, by_pose, by_own)
-            self._accumulate(residual.reshape(-1), arm, own, gradient, hessian)
+            white = residual.reshape(-1)
+            gradient[:a] += arm.T @ white
+            hessian[:a, :a] += arm.T @ arm
+            if own is not None:
+                cross = own.T @ arm
+                gradient[a:] += own.T @ white
+                hessian[a:, :a] += cross
+                hessian[:a, a:] += cross.T
+                hessian[a:, a:] += (own.T @ own).toarray()
         return cost, gradient, hessian
 
     def columns(self, line: Linearised, by_pose: FloatArray, by_own: FloatArray) -> tuple[Any, Any]:
         """Jacobian of a block's rows: dense by the arm's parameters, sparse by the own ones."""
         arm = line.pattern.by_velocity(by_pose) @ self.table.velocity
         return arm, line.pattern.by_own(by_own)
-
-    def _accumulate(
-        self,
-        residual: FloatArray,
-        arm: FloatArray,
-        own: Any,
-        gradient: FloatArray,
-        hessian: FloatArray,
-    ) -> None:
-        a = self.arm_count
-        gradient[:a] += arm.T @ residual
-        hessian[:a, :a] += arm.T @ arm
-        if own is not None:
-            cross = own.T @ arm
-            gradient[a:] += own.T @ residual
-            hessian[a:, :a] += cross
-            hessian[:a, a:] += cross.T
-            hessian[a:, a:] += (own.T @ own).toarray()
 
     @staticmethod
     def _cost(line: Linearised) -> float:

@@ -87,28 +87,25 @@ def identify(
     unit = np.where(precision > 0, 2.0 * prior_std / WEAK, parameters.array("plausible"))
     names = np.array(parameters.names)
     free = np.array([p.free for p in parameters.values()], dtype=bool)
-    scaled = [m * np.outer(unit, unit) for m in _matrices(information)]
+    matrices = (information.curvature, information.variance, information.noise_induced)
+    scaled = [m * np.outer(unit, unit) for m in matrices]
     prior = precision * unit**2
     arm, own = np.flatnonzero(free[:arm_count]), np.arange(arm_count, len(unit))
     reduced = schur_complement(scaled, prior, arm, own)
     spectrum = np.sqrt(np.maximum(np.linalg.eigvalsh(reduced[0])[::-1], 0.0))
     fixed, combinations = list[int](), list[Combination]()
     rank = _preference(parameters)
-    for members, matrices in ((arm, reduced), (own, [m[np.ix_(own, own)] for m in scaled])):
+    for members, of_members in ((arm, reduced), (own, [m[np.ix_(own, own)] for m in scaled])):
         if not len(members):
             continue
-        chosen, directions = _choose_fixed(matrices, prior[members], rank[members])
+        chosen, directions = _choose_fixed(of_members, prior[members], rank[members])
         fixed += [int(members[i]) for i in chosen]
-        known = matrices[0] + np.diag(prior[members])
-        sparse = _echelon(directions, chosen, known, matrices[2])
+        known = of_members[0] + np.diag(prior[members])
+        sparse = _echelon(directions, chosen, known, of_members[2])
         combinations += _combinations(names[members], unit[members], chosen, sparse)
     if not len(arm):
         spectrum = np.sqrt(np.maximum(np.linalg.eigvalsh(scaled[0])[::-1], 0.0))
     return Identification(np.array(fixed, dtype=np.intp), tuple(combinations), spectrum)
-
-
-def _matrices(information: Information) -> list[FloatArray]:
-    return [information.curvature, information.variance, information.noise_induced]
 
 
 def schur_complement(

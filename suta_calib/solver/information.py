@@ -232,3 +232,10 @@ def robust_jacobian(rows: Rows) -> FloatArray:
         along = np.einsum("nd,ndp->np", unit, jacobian[outer])
         jacobian[outer] -= unit[:, :, None] * along[:, None, :]
     return jacobian.reshape(n * size, -1)
+
+
+def scaled_inverse(matrix: FloatArray) -> FloatArray:
+    """Pseudo-inverse of a positive semidefinite matrix whose diagonal spans many magnitudes."""
+    scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    outer = np.outer(scale, scale)
+    return np.asarray(np.linalg.pinv(matrix / outer, 1e-12, True) / outer)

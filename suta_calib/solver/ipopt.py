@@ -169,9 +169,19 @@ class RobustNlp:
         if self._options.hessian == "exact":
             return ca.nlpsol("calibration", "ipopt", {"x": z, "f": self._exact_cost(z)}, common)
         n = len(self._free)
+        cost = _Callback("cost", n, ("x",), ("f",), lambda arg: [shared(arg[0])[0]])
+        gradient = _Callback(
+            "nlp_grad_f", n, ("x", "p"), ("f", "grad_f_x"), lambda arg: [*shared(arg[0])[:2]]
+        )
+        hessian = _Callback(
+            "nlp_hess_l",
+            n,
+            ("x", "p", "lam_f", "lam_g"),
+            ("triu_hess_gamma_x_x",),
+            lambda arg: [ca.triu(ca.DM(float(arg[2]) * shared(arg[0])[2]))],
+        )
         # CasADi does not keep Python callbacks alive: the solver must.
-        self._callbacks = (_Cost(shared, n), _Gradient(shared, n), _Hessian(shared, n))
-        cost, gradient, hessian = self._callbacks
+        self._callbacks = (cost, gradient, hessian)
         options = common | {"grad_f": gradient, "hess_lag": hessian, "no_nlp_grad": True}
         return ca.nlpsol("calibration", "ipopt", {"x": z, "f": cost(z)}, options)
 
@@ -210,65 +220,42 @@ class _Shared:
 
 
 class _Callback(ca.Callback):
-    inputs: tuple[str, ...]
-    outputs: tuple[str, ...]
+    """One of IPOPT's questions, answered from the shared evaluation."""
 
-    def __init__(self, name: str, shared: _Shared, n: int) -> None:
+    def __init__(
+        self,
+        name: str,
+        n: int,
+        inputs: tuple[str, ...],
+        outputs: tuple[str, ...],
+        answer: Callable[[Any], list[Any]],
+    ) -> None:
         ca.Callback.__init__(self)
-        self.shared, self.n = shared, n
+        self._n, self._inputs, self._outputs, self._answer = n, inputs, outputs, answer
         self.construct(name, {})
 
     def get_n_in(self) -> int:
-        return len(self.inputs)
+        return len(self._inputs)
 
     def get_n_out(self) -> int:
-        return len(self.outputs)
+        return len(self._outputs)
 
     def get_name_in(self, i: int) -> str:
-        return self.inputs[i]
+        return self._inputs[i]
 
     def get_name_out(self, i: int) -> str:
-        return self.outputs[i]
+        return self._outputs[i]
 
     def get_sparsity_in(self, i: int) -> Any:
-        sizes = {"x": ca.Sparsity.dense(self.n, 1), "lam_f": ca.Sparsity.dense(1, 1)}
-        return sizes.get(self.inputs[i], ca.Sparsity(0, 0))
+        sizes = {"x": ca.Sparsity.dense(self._n, 1), "lam_f": ca.Sparsity.dense(1, 1)}
+        return sizes.get(self._inputs[i], ca.Sparsity(0, 0))
 
     def get_sparsity_out(self, i: int) -> Any:
         return {
             "f": ca.Sparsity.dense(1, 1),
-            "grad_f_x": ca.Sparsity.dense(self.n, 1),
-            "triu_hess_gamma_x_x": ca.Sparsity.upper(self.n),
-        }[self.outputs[i]]
-
-
-class _Cost(_Callback):
-    inputs, outputs = ("x",), ("f",)
-
-    def __init__(self, shared: _Shared, n: int) -> None:
-        super().__init__("cost", shared, n)
+            "grad_f_x": ca.Sparsity.dense(self._n, 1),
+            "triu_hess_gamma_x_x": ca.Sparsity.upper(self._n),
+        }[self._outputs[i]]
 
     def eval(self, arg: Any) -> list[Any]:
-        return [self.shared(arg[0])[0]]
-
-
-class _Gradient(_Callback):
-    inputs, outputs = ("x", "p"), ("f", "grad_f_x")
-
-    def __init__(self, shared: _Shared, n: int) -> None:
-        super().__init__("nlp_grad_f", shared, n)
-
-    def eval(self, arg: Any) -> list[Any]:
-        cost, gradient, _ = self.shared(arg[0])
-        return [cost, gradient]
-
-
-class _Hessian(_Callback):
-    inputs, outputs = ("x", "p", "lam_f", "lam_g"), ("triu_hess_gamma_x_x",)
-
-    def __init__(self, shared: _Shared, n: int) -> None:
-        super().__init__("nlp_hess_l", shared, n)
-
-    def eval(self, arg: Any) -> list[Any]:
-        hessian = self.shared(arg[0])[2]
-        return [ca.triu(ca.DM(float(arg[2]) * hessian))]
+        return self._answer(arg)

@@ -132,7 +132,7 @@ def _compiled(
         ca.substitute(e, velocity, ca.SX.zeros(6 * poses, 1))
         for e in (value, ca.jacobian(value, velocity), ca.jacobian(value, own_symbol))
     ]
-    columns = _nonzero_columns(at_rest[1])
+    columns = np.flatnonzero(np.diff(at_rest[1].sparsity().colind())).astype(np.intp)
     symbols = [s for pair in zip(rotations, positions, strict=True) for s in pair]
     outputs = [at_rest[0], at_rest[1][:, columns.tolist()].T, at_rest[2].T]
     everything = ca.veccat(*outputs)
@@ -146,12 +146,6 @@ def _compiled(
     if value.shape != (size, 1):
         raise ValueError(f"{residual} gives {value.shape} numbers; its block says {size}")
     return function, columns, used
-
-
-def _nonzero_columns(jacobian: Any) -> IntArray:
-    pattern = jacobian.sparsity()
-    counts = np.diff(np.array(pattern.colind()))
-    return np.flatnonzero(counts).astype(np.intp)
 
 
 def _sparse(columns: IntArray, size: int, width: int) -> Any:

@@ -14,7 +14,6 @@ import numpy as np
 
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import ParameterError
-from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import Parameter, ParameterSet
 from suta_calib.solver.evaluation import BlockView, Evaluation, Linearised
 from suta_calib.terms.block import Block
@@ -46,7 +45,12 @@ class Problem:
 
     def __init__(self, terms: Sequence[Term], parameters: ParameterSet | None = None) -> None:
         self.terms = tuple(terms)
-        self.arm = _shared_arm(self.terms)
+        if not self.terms:
+            raise ParameterError("no observations", "at least one term")
+        arms = [t.poses.arm for t in self.terms if isinstance(t.poses, ArmPoses)]
+        if any(arm is not arms[0] for arm in arms):
+            raise ParameterError("terms over different arms", "one arm shared by all terms")
+        self.arm = arms[0] if arms else None
         chosen = parameters or ParameterSet()
         own = _own_parameters(self.terms)
         self.parameters = ParameterSet([*chosen.values(), *own.values()])
@@ -71,7 +75,7 @@ class Problem:
 
     def start(self, arm_values: Mapping[str, float] | None = None) -> FloatArray:
         """The vector for given arm values (nominal where not given) and closed-form own ones."""
-        values = {p.name: p.nominal for p in list(self.parameters.values())[: self.arm_count]}
+        values = {p.name: p.nominal for p in self.arm_parameters.values()}
         values |= {k: v for k, v in (arm_values or {}).items() if k in values}
         for term in self.terms:
             for name, value in term.start_values(values).items():
@@ -84,16 +88,13 @@ class Problem:
 
     def assumed_sigmas(self) -> list[float]:
         """Noise level of each block as the job gives it, or `DEFAULT_SIGMA`."""
-        sigmas = []
-        for block in self.blocks:
-            noise = block.noise
-            sigmas.append(DEFAULT_SIGMA[block.unit] if noise.sigma is None else noise.sigma)
-        return sigmas
+        return [
+            DEFAULT_SIGMA[b.unit] if b.noise.sigma is None else b.noise.sigma for b in self.blocks
+        ]
 
     def prior_precision(self) -> FloatArray:
         """1/prior² per parameter (n,), zero where nothing is known beforehand."""
-        prior = self.parameters.array("prior")
-        return np.where(np.isnan(prior), 0.0, 1.0 / np.where(np.isnan(prior), 1.0, prior) ** 2)
+        return np.nan_to_num(self.parameters.array("prior") ** -2.0, nan=0.0, posinf=np.inf)
 
     def linearise(self, x: FloatArray, sigmas: Sequence[float]) -> list[Linearised]:
         """Residuals and derivatives of every block at x, for given noise levels."""
@@ -128,12 +129,3 @@ def _own_parameters(terms: Sequence[Term]) -> dict[str, Parameter]:
                 )
             own[parameter.name] = parameter
     return own
-
-
-def _shared_arm(terms: Sequence[Term]) -> ArmModel | None:
-    if not terms:
-        raise ParameterError("no observations", "at least one term")
-    arms = [t.poses.arm for t in terms if isinstance(t.poses, ArmPoses)]
-    if any(arm is not arms[0] for arm in arms):
-        raise ParameterError("terms over different arms", "one arm shared by all terms")
-    return arms[0] if arms else None

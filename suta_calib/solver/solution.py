@@ -143,7 +143,9 @@ class Solution:
         for k, p in enumerate(self.problem.parameters.values()):
             state = self._state(k, p, float(std[k]), free, fixed)
             given = self.identification.given(p.name) if k in free else ()
-            known = self._known(p, float(std[k])) if state in ("identified", "prior") else None
+            # A misfit may scatter an estimate more, but nobody knows less than before the data.
+            told = float(std[k]) if p.prior is None else min(float(std[k]), p.prior)
+            known = told if state in ("identified", "prior") else None
             found[p.name] = Estimate(
                 p.name, p.owner, p.unit, p.nominal, float(self.x[k]), known, state, given
             )
@@ -153,11 +155,6 @@ class Solution:
     def arm_estimates(self) -> dict[str, Estimate]:
         """Estimates of the arm's parameters, without the terms' own unknowns."""
         return {name: self.estimates[name] for name in self.problem.names[: self.problem.arm_count]}
-
-    @staticmethod
-    def _known(p: Parameter, std: float) -> float:
-        """A misfit may scatter an estimate more, but nobody knows less than before the data."""
-        return std if p.prior is None else min(std, p.prior)
 
     def correlation(self, *, arm: bool = False) -> tuple[tuple[str, ...], FloatArray]:
         """How far estimates go together.

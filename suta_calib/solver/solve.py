@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from time import perf_counter
 from typing import Final
 
@@ -12,7 +11,6 @@ import numpy as np
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.errors import ParameterError, SamplesError
-from suta_calib.model.parameters import Parameter
 from suta_calib.solver.covariance import observed_parts
 from suta_calib.solver.identifiability import Identification, identify
 from suta_calib.solver.information import noise_levels, predicted_information
@@ -52,22 +50,24 @@ def solve(
     before = identify_at(problem, nominal, sigmas)
     _check_determined(problem, before)
     checked = perf_counter()
-    fit = _fit(problem, nominal, before, sigmas, options, progress)
+    minimum, attempts, identification, estimated = _fit(
+        problem, nominal, before, sigmas, options, progress
+    )
     # With hardly any redundancy the residuals vanish, and what was held seems to be determined.
-    _check_redundant(problem, fit.free)
+    _check_redundant(problem, estimated)
     solved = perf_counter()
-    x = fit.minimum.x
-    free = _inside(problem, x, fit.free)
-    parts = observed_parts(problem, x, sigmas, free)
+    x = minimum.x
+    free = _inside(problem, x, estimated)
+    scatter, artefact = observed_parts(problem, x, sigmas, free)
     return Solution(
         problem=problem,
-        minimum=fit.minimum,
-        attempts=fit.attempts,
+        minimum=minimum,
+        attempts=attempts,
         before=before,
-        identification=fit.identification,
+        identification=identification,
         free=free,
-        covariance=parts.total,
-        artefact_covariance=parts.artefact,
+        covariance=scatter + artefact,
+        artefact_covariance=artefact,
         sigmas=tuple(sigmas),
         noise=tuple(noise_levels(problem, x, sigmas)),
         timing={
@@ -108,14 +108,6 @@ def _check_redundant(problem: Problem, free: IntArray) -> None:
         )
 
 
-@dataclass(frozen=True, eq=False)
-class _BestFit:
-    minimum: Minimum
-    attempts: tuple[Minimum, ...]
-    identification: Identification
-    free: IntArray
-
-
 def _fit(
     problem: Problem,
     nominal: FloatArray,
@@ -123,16 +115,25 @@ def _fit(
     sigmas: Sequence[float],
     options: SolverOptions,
     progress: Progress | None,
-) -> _BestFit:
-    """Minimise from all starts, then again from the best for as long as the verdict changes."""
+) -> tuple[Minimum, tuple[Minimum, ...], Identification, IntArray]:
+    """Minimise from all starts, then again from the best for as long as the verdict changes.
+
+    Returns:
+        The best minimum, what each start ended in, the last verdict, and what was free.
+    """
+    wanted = np.flatnonzero([p.free for p in problem.parameters.values()])
     fixed = set(identification.fixed.tolist())
     starts = start_points(problem, nominal, fixed, options)
     attempts: tuple[Minimum, ...] = ()
     levels = [math.inf] * len(sigmas)
     for revision in range(MAX_REVISIONS):
-        free = _free(problem, fixed)
+        free = np.setdiff1d(wanted, list(fixed))
         solver = RobustNlp(problem, free, sigmas, options)
-        tried = _attempts(solver, starts, progress if revision == 0 else None)
+        tried = []
+        for start in starts:
+            tried.append(solver.minimise(start))
+            if progress is not None and revision == 0:
+                progress(len(tried), len(starts))
         attempts = attempts or tuple(tried)
         minimum = solver.polish(min(tried, key=lambda m: (not m.converged, m.cost)))
         # What is held adds misfit, which is not noise: the freest fit tells the noise best.
@@ -149,7 +150,7 @@ def _fit(
         again = minimum.x.copy()
         again[list(fixed)] = nominal[list(fixed)]
         starts = [again]
-    return _BestFit(minimum, attempts, identification, free)
+    return minimum, attempts, identification, free
 
 
 def identify_at(
@@ -165,36 +166,17 @@ def start_points(
 ) -> list[FloatArray]:
     """Nominal first, then seeded uniform draws of the arm's parameters within their bounds."""
     random = np.random.default_rng(options.seed)
-    arm = list(problem.parameters.values())[: problem.arm_count]
+    arm = problem.arm_parameters.values()
+    reach = [
+        0.0 if k in fixed or not p.free else min(p.plausible, p.prior or math.inf)
+        for k, p in enumerate(arm)
+    ]
     points = [nominal]
     for _ in range(options.starts - 1):
-        draw = random.uniform(-1.0, 1.0, len(arm))
-        values = {
-            p.name: p.nominal + (0.0 if k in fixed or not p.free else d * _reach(p))
-            for k, (p, d) in enumerate(zip(arm, draw, strict=True))
-        }
+        draw = random.uniform(-1.0, 1.0, len(reach)) * reach
+        values = {p.name: p.nominal + float(d) for p, d in zip(arm, draw, strict=True)}
         points.append(problem.start(values))
     return points
-
-
-def _reach(parameter: Parameter) -> float:
-    return min(parameter.plausible, parameter.prior or np.inf)
-
-
-def _attempts(
-    solver: RobustNlp, starts: Sequence[FloatArray], progress: Progress | None
-) -> list[Minimum]:
-    found = []
-    for done, start in enumerate(starts):
-        found.append(solver.minimise(start))
-        if progress is not None:
-            progress(done + 1, len(starts))
-    return found
-
-
-def _free(problem: Problem, fixed: set[int]) -> IntArray:
-    wanted = [p.free for p in problem.parameters.values()]
-    return np.array([k for k, w in enumerate(wanted) if w and k not in fixed], dtype=np.intp)
 
 
 def _inside(problem: Problem, x: FloatArray, free: IntArray) -> IntArray:

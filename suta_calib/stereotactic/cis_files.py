@@ -32,28 +32,13 @@ Counts = tuple[int, ...]
 
 
 @dataclass(frozen=True, eq=False)
-class CalibrationBody:
-    """Where the markers are on the calibration object and on the EM tracker's base.
+class CalibrationMarkers:
+    """Where the markers are, m; as seen (N_frames, …), in the tracker that sees them.
 
     Attributes:
-        base: (N_D, 3) optical markers on the EM tracker's base, in the EM tracker, m.
-        optical: (N_A, 3) optical markers on the calibration object, in it, m.
-        em: (N_C, 3) EM markers on the calibration object, in it, m.
-    """
-
-    base: FloatArray
-    optical: FloatArray
-    em: FloatArray
-
-
-@dataclass(frozen=True, eq=False)
-class CalibrationReadings:
-    """The markers of `CalibrationBody` as seen in N_frames placements of the object.
-
-    Attributes:
-        base: (N_frames, N_D, 3) in the optical tracker, m.
-        optical: (N_frames, N_A, 3) in the optical tracker, m.
-        em: (N_frames, N_C, 3) in the EM tracker, m.
+        base: (N_D, 3) optical markers on the EM tracker's base, in the EM tracker.
+        optical: (N_A, 3) optical markers on the calibration object, in it.
+        em: (N_C, 3) EM markers on the calibration object, in it.
     """
 
     base: FloatArray
@@ -63,12 +48,7 @@ class CalibrationReadings:
 
 @dataclass(frozen=True, eq=False)
 class OpticalPivot:
-    """An optical probe turned about its tip.
-
-    Attributes:
-        base: (N_frames, N_D, 3) markers on the EM tracker's base, in the optical tracker, m.
-        probe: (N_frames, N_H, 3) markers on the probe, in the optical tracker, m.
-    """
+    """An optical probe turned about its tip: markers (N_frames, …, 3) in the optical tracker, m."""
 
     base: FloatArray
     probe: FloatArray
@@ -89,16 +69,16 @@ class Output1:
     expected: FloatArray
 
 
-def read_calibration_body(path: Path) -> CalibrationBody:
+def read_calibration_body(path: Path) -> CalibrationMarkers:
     """``-calbody.txt``: header ``N_D, N_A, N_C, name``, then the points in that order."""
     counts, points = _read(path, ("N_D", "N_A", "N_C"), sum)
-    return CalibrationBody(*_split(points, counts))
+    return CalibrationMarkers(*_split(points, counts))
 
 
-def read_calibration_readings(path: Path) -> CalibrationReadings:
+def read_calibration_readings(path: Path) -> CalibrationMarkers:
     """``-calreadings.txt``: header ``N_D, N_A, N_C, N_frames, name``, then frame by frame."""
     (*counts, frames), points = _read(path, ("N_D", "N_A", "N_C", "N_frames"), _by_frame)
-    return CalibrationReadings(*_split(points.reshape(frames, -1, 3), counts))
+    return CalibrationMarkers(*_split(points.reshape(frames, -1, 3), counts))
 
 
 def read_optical_pivot(path: Path) -> OpticalPivot:
@@ -129,15 +109,10 @@ def read_output1(path: Path) -> Output1:
 
 
 def output1_text(output: Output1, name: str) -> str:
-    """``-output1.txt``; ``name`` is the file's own name, which its header ends with."""
+    """``-output1.txt``, whose own name its header ends with."""
     frames, markers = output.expected.shape[:2]
     posts = np.stack([output.em_post, output.optical_post])
     return points_text((markers, frames), name, posts, output.expected)
-
-
-def output2_text(tips: FloatArray, name: str) -> str:
-    """``-output2.txt``: (N_frames, 3) positions of the probe's tip in CT, m."""
-    return points_text((len(tips),), name, tips)
 
 
 def points_text(counts: Counts, name: str, *points: FloatArray) -> str:
@@ -184,8 +159,8 @@ class StereotacticData:
     """
 
     prefix: Path
-    body: CalibrationBody
-    readings: CalibrationReadings
+    body: CalibrationMarkers
+    readings: CalibrationMarkers
     em_pivot: FloatArray
     optical_pivot: OpticalPivot
     navigation: NavigationData | None = None
@@ -231,14 +206,14 @@ class StereotacticData:
         return data._with_navigation(prefix) if navigation else data
 
     def _with_navigation(self, prefix: str | Path) -> Self:
-        ct_path, nav_path = path_of(prefix, "ct-fiducials"), path_of(prefix, "EM-nav")
         spellings = [path_of(prefix, kind) for kind in EM_FIDUCIALS]
         em_path = next(filter(os.path.lexists, spellings), spellings[0])
-        paths = (ct_path, em_path, nav_path)
+        paths = path_of(prefix, "ct-fiducials"), em_path, path_of(prefix, "EM-nav")
         if missing := [str(path) for path in paths if not os.path.lexists(path)]:
             if len(missing) < len(paths):
                 warnings.warn(f"no navigation: there is no {', no '.join(missing)}", stacklevel=2)
             return self
+        ct_path, _, nav_path = paths
         ct, fiducials, nav = read_points(ct_path), read_em_frames(em_path), read_em_frames(nav_path)
         agree(em_path, "N_frames", len(fiducials), "fiducials", len(ct), ct_path)
         markers, pivot = self.em_pivot.shape[1], path_of(prefix, "empivot")
@@ -253,27 +228,10 @@ def path_of(prefix: str | Path, kind: str) -> Path:
 
 
 def agree(path: Path, name: str, found: int, what: str, expected: int, other: Path) -> None:
-    """Refuse a file whose header gives another count than there is in another file.
-
-    Args:
-        path: the file.
-        name: of the count in its header.
-        found: what it says.
-        what: is counted, as a reader is told.
-        expected: the other file's count.
-        other: the other file.
-
-    Raises:
-        SamplesError: the counts differ.
-    """
+    """Refuse a file whose header gives another count (``name``) than there is in another file."""
     if found != expected:
-        raise SamplesError(
-            str(found),
-            f"{expected}: {other.name} has {expected} {what}",
-            file=path,
-            line=1,
-            where=name,
-        )
+        said = f"{expected}: {other.name} has {expected} {what}"
+        raise SamplesError(str(found), said, file=path, line=1, where=name)
 
 
 def _by_frame(counts: Counts) -> int:
@@ -294,8 +252,19 @@ def _read(
     lines = re.split(r"\r\n|\r|\n", read_text(path, SamplesError).rstrip())
     if lines == [""]:
         raise SamplesError("an empty file", f"a header {layout} and points", file=path)
-    counts = _counts(path, lines[0], names, layout)
-    rows, wanted = lines[1:], expected(counts)
+    header, *rows = lines
+    cells = [cell.strip() for cell in header.split(",", len(names))]
+    if len(cells) <= len(names):
+        raise SamplesError(
+            f"the header {header[:60]!r}", f"{layout}, separated by commas", file=path, line=1
+        )
+    for name, cell in zip(names, cells[:-1], strict=True):
+        if not _COUNT.fullmatch(cell) or int(cell) == 0:
+            raise SamplesError(
+                repr(cell[:40]), "a whole number from 1", file=path, line=1, where=name
+            )
+    counts = tuple(map(int, cells[:-1]))
+    wanted = expected(counts)
     points = [_numbers(row) for row in rows]
     for line, values in enumerate(points[:wanted], 2):
         if len(values) != 3 or not all(abs(value) <= LARGEST for value in values):
@@ -317,20 +286,6 @@ def _read(
             hint="the file was cut off" if len(rows) < wanted else "delete the surplus rows",
         )
     return counts, from_mm(np.array(points))
-
-
-def _counts(path: Path, header: str, names: tuple[str, ...], layout: str) -> Counts:
-    cells = [cell.strip() for cell in header.split(",", len(names))]
-    if len(cells) <= len(names):
-        raise SamplesError(
-            f"the header {header[:60]!r}", f"{layout}, separated by commas", file=path, line=1
-        )
-    for name, cell in zip(names, cells[:-1], strict=True):
-        if not _COUNT.fullmatch(cell) or int(cell) == 0:
-            raise SamplesError(
-                repr(cell[:40]), "a whole number from 1", file=path, line=1, where=name
-            )
-    return tuple(map(int, cells[:-1]))
 
 
 def _numbers(row: str) -> list[float]:

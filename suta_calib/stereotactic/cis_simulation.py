@@ -6,7 +6,6 @@ a correction by polynomials is tested on what it cannot represent exactly.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -17,14 +16,12 @@ from suta_calib.arrays import FloatArray
 from suta_calib.atomic import write_bytes_atomically
 from suta_calib.geometry.numbers import rotation_from_vector
 from suta_calib.stereotactic.cis_files import (
-    CalibrationBody,
-    CalibrationReadings,
+    CalibrationMarkers,
     NavigationData,
     OpticalPivot,
     Output1,
     StereotacticData,
     output1_text,
-    output2_text,
     points_text,
 )
 from suta_calib.stereotactic.marker_cloud import BodyPoses
@@ -42,41 +39,48 @@ EM_BASE: Final = np.array([0.0, 0.0, -1.5])
 
 
 @dataclass(frozen=True, eq=False)
-class StereotacticTruth:
+class StereotacticTruth(Output1):
     """What the simulated files were made from.
 
     Attributes:
-        em_post: (3,) in the EM tracker, m.
-        optical_post: (3,) in the EM tracker, m.
-        expected: (N_frames, N_C, 3) where the EM markers were, in the EM tracker, m.
         navigation: (N_frames, 3) where the EM probe's tip was, in CT, m.
     """
 
-    em_post: FloatArray
-    optical_post: FloatArray
-    expected: FloatArray
     navigation: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
 class SimulatedSet:
-    """Simulated data and the truth behind them."""
+    """Simulated data and what they were made from."""
 
     data: StereotacticData
     truth: StereotacticTruth
 
     def texts(self) -> dict[str, str]:
         """Content of the files by name; ``output1`` and ``output2`` hold the truth."""
-        name, given, truth = self.data.name, self.data, self.truth
-        file = f"{name}-{{}}.txt".format
-        output1 = Output1(truth.em_post, truth.optical_post, truth.expected)
-        texts = {
-            file(kind): points_text(counts, file(kind), *points)
-            for kind, (counts, points) in _tables(given).items()
+        data, truth, file = self.data, self.truth, f"{self.data.name}-{{}}.txt".format
+        body, seen, pivot, given = data.body, data.readings, data.optical_pivot, data.navigation
+        markers = (len(body.base), len(body.optical), len(body.em))
+        optical = np.concatenate([pivot.base, pivot.probe], axis=1)
+        tables: dict[str, tuple[tuple[int, ...], tuple[FloatArray, ...]]] = {
+            "calbody": (markers, (body.base, body.optical, body.em)),
+            "calreadings": (
+                (*markers, len(seen.em)),
+                (np.concatenate([seen.base, seen.optical, seen.em], axis=1),),
+            ),
+            "optpivot": ((markers[0], pivot.probe.shape[1], len(optical)), (optical,)),
+            "output2": ((len(truth.navigation),), (truth.navigation,)),
         }
-        texts[file("output1")] = output1_text(output1, file("output1"))
-        texts[file("output2")] = output2_text(truth.navigation, file("output2"))
-        return texts
+        by_em = {"empivot": data.em_pivot}
+        if given is not None:
+            tables["ct-fiducials"] = ((len(given.ct_fiducials),), (given.ct_fiducials,))
+            by_em |= {"em-fiducials": given.em_fiducials, "EM-nav": given.em_nav}
+        for kind, frames in by_em.items():
+            tables[kind] = ((frames.shape[1], len(frames)), (frames,))
+        return {file("output1"): output1_text(truth, file("output1"))} | {
+            file(kind): points_text(counts, file(kind), *points)
+            for kind, (counts, points) in tables.items()
+        }
 
     def write(self, folder: str | Path) -> Path:
         """Write the files into an existing folder, with the two decimals the format has.
@@ -105,7 +109,7 @@ def simulate_stereotactic(
 
     Args:
         name: what the names of the files begin with.
-        seed: the same seed gives the same set.
+        seed: of everything random.
         distortion: largest displacement of an EM reading in the working volume, per axis, about, m.
         em_noise: standard deviation of an EM reading per coordinate, m.
         jiggle: how far the optical tracker moves between frames, standard deviation per axis, m.
@@ -117,70 +121,41 @@ def simulate_stereotactic(
     if grid < 2:
         raise ValueError(f"grid: found {grid}; expected 2 or more")
     random = np.random.default_rng(seed)
-    world = _World(random, distortion, em_noise, jiggle)
-    body = CalibrationBody(_lattice(2, BASE), _lattice(2, OBJECT), _lattice(3, OBJECT))
-    readings, expected = world.calibration(body, grid)
-    em_post, optical_post = (p + random.uniform(-0.01, 0.01, 3) for p in (EM_POST, OPTICAL_POST))
-    probe, tip = _probe(random)
-    em_pivot = world.em(_about(em_post, tip, random, PIVOT_FRAMES).to_tracker(probe))
-    navigation, tips = world.navigation(probe, tip)
-    data = StereotacticData(
-        Path(name), body, readings, em_pivot, world.optical_pivot(body, optical_post), navigation
-    )
-    return SimulatedSet(data, StereotacticTruth(em_post, optical_post, expected, tips))
+    waves, phases = random.uniform(-4.0, 4.0, (3, 3)), random.uniform(0.0, 2 * np.pi, 3)
 
+    def em(points: FloatArray) -> FloatArray:
+        """What the EM tracker reads: about half a wave of error over its volume in each axis."""
+        bent = distortion * np.sin(points @ waves.T + phases)
+        return np.asarray(points + bent + em_noise * random.standard_normal(points.shape))
 
-class _World:
-    """Two trackers with their faults; everything true is said in the EM tracker's frame."""
-
-    def __init__(
-        self, random: np.random.Generator, distortion: float, em_noise: float, jiggle: float
-    ) -> None:
-        self._random, self._distortion = random, distortion
-        self._em_noise, self._jiggle = em_noise, jiggle
-        # About half a wave over the working volume in every direction.
-        self._waves = random.uniform(-4.0, 4.0, (3, 3))
-        self._phases = random.uniform(0.0, 2 * np.pi, 3)
-
-    def em(self, points: FloatArray) -> FloatArray:
-        """What the EM tracker reads: (..., 3) → (..., 3), m."""
-        bent = self._distortion * np.sin(points @ self._waves.T + self._phases)
-        noise = self._em_noise * self._random.standard_normal(points.shape)
-        return np.asarray(points + bent + noise)
-
-    def base_poses(self, frames: int) -> BodyPoses:
+    def base_poses(frames: int) -> BodyPoses:
         """``T_optical_em`` of every frame."""
-        shift = self._jiggle * self._random.standard_normal((frames, 3))
-        turn = self._jiggle * self._random.standard_normal((frames, 3))
+        shift, turn = jiggle * random.standard_normal((2, frames, 3))
         return BodyPoses(rotation_from_vector(turn), EM_BASE + shift)
 
-    def calibration(
-        self, body: CalibrationBody, grid: int
-    ) -> tuple[CalibrationReadings, FloatArray]:
-        """The calibration object at the points of a grid, turned a little each time."""
-        places = CORNER + _lattice(grid, EXTENT - OBJECT)
-        turn = rotation_from_vector(self._random.uniform(-0.03, 0.03, places.shape))
-        placed, base = BodyPoses(turn, places), self.base_poses(len(places))
-        expected = placed.to_tracker(body.em)
-        optical = base.to_tracker(placed.to_tracker(body.optical))
-        return CalibrationReadings(base.to_tracker(body.base), optical, self.em(expected)), expected
-
-    def optical_pivot(self, body: CalibrationBody, post: FloatArray) -> OpticalPivot:
-        """An optical probe of its own turned about its tip."""
-        probe, tip = _probe(self._random)
-        markers = _about(post, tip, self._random, PIVOT_FRAMES).to_tracker(probe)
-        base = self.base_poses(PIVOT_FRAMES)
-        return OpticalPivot(base.to_tracker(body.base), base.to_tracker(markers))
-
-    def navigation(self, probe: FloatArray, tip: FloatArray) -> tuple[NavigationData, FloatArray]:
-        """The EM probe's tip in each fiducial and at the targets; the targets in CT, m."""
-        random = self._random
-        rotation, position = rotation_from_vector(random.uniform(-0.1, 0.1, 3)), np.full(3, 0.3)
-        ct = random.uniform(0.0, 0.2, (FIDUCIALS + NAV_FRAMES, 3))
-        em = ct @ rotation.T + position
-        frames = self.em(_about(em, tip, random, len(em)).to_tracker(probe))
-        given = NavigationData(ct[:FIDUCIALS], frames[:FIDUCIALS], frames[FIDUCIALS:])
-        return given, ct[FIDUCIALS:]
+    # The calibration object at the points of a grid, turned a little each time.
+    body = CalibrationMarkers(_lattice(2, BASE), _lattice(2, OBJECT), _lattice(3, OBJECT))
+    places = CORNER + _lattice(grid, EXTENT - OBJECT)
+    placed = BodyPoses(rotation_from_vector(random.uniform(-0.03, 0.03, places.shape)), places)
+    base, expected = base_poses(len(places)), placed.to_tracker(body.em)
+    optical = base.to_tracker(placed.to_tracker(body.optical))
+    readings = CalibrationMarkers(base.to_tracker(body.base), optical, em(expected))
+    # Either probe turned about its tip.
+    em_post, optical_post = (p + random.uniform(-0.01, 0.01, 3) for p in (EM_POST, OPTICAL_POST))
+    probe, tip = _probe(random)
+    em_pivot = em(_about(em_post, tip, random, PIVOT_FRAMES).to_tracker(probe))
+    # The EM probe's tip in each fiducial and at the targets.
+    rotation, position = rotation_from_vector(random.uniform(-0.1, 0.1, 3)), np.full(3, 0.3)
+    ct = random.uniform(0.0, 0.2, (FIDUCIALS + NAV_FRAMES, 3))
+    at_points = _about(ct @ rotation.T + position, tip, random, len(ct))
+    frames = em(at_points.to_tracker(probe))
+    navigation = NavigationData(ct[:FIDUCIALS], frames[:FIDUCIALS], frames[FIDUCIALS:])
+    optical_probe, optical_tip = _probe(random)
+    markers = _about(optical_post, optical_tip, random, PIVOT_FRAMES).to_tracker(optical_probe)
+    base = base_poses(PIVOT_FRAMES)
+    optical_pivot = OpticalPivot(base.to_tracker(body.base), base.to_tracker(markers))
+    data = StereotacticData(Path(name), body, readings, em_pivot, optical_pivot, navigation)
+    return SimulatedSet(data, StereotacticTruth(em_post, optical_post, expected, ct[FIDUCIALS:]))
 
 
 def _lattice(n: int, size: float) -> FloatArray:
@@ -191,8 +166,7 @@ def _lattice(n: int, size: float) -> FloatArray:
 
 def _probe(random: np.random.Generator) -> tuple[FloatArray, FloatArray]:
     """(6, 3) markers and (3,) tip of a probe, m."""
-    axes = np.eye(3)
-    markers = 0.05 * np.stack([0 * axes[0], axes[0], 2 * axes[0], axes[1], 2 * axes[1], axes[2]])
+    markers = 0.05 * np.array([[0, 0, 0], [1, 0, 0], [2, 0, 0], [0, 1, 0], [0, 2, 0], [0, 0, 1]])
     return markers - markers.mean(axis=0), np.array([0.0, 0.0, -0.1]) + random.normal(0, 0.01, 3)
 
 
@@ -200,27 +174,3 @@ def _about(post: FloatArray, tip: FloatArray, random: np.random.Generator, n: in
     """N poses of a probe whose tip stays at a post, (3,), or is at one after the other, (n, 3)."""
     rotation = rotation_from_vector(random.uniform(-0.6, 0.6, (n, 3)))
     return BodyPoses(rotation, post - rotation @ tip)
-
-
-def _tables(data: StereotacticData) -> Mapping[str, tuple[tuple[int, ...], tuple[FloatArray, ...]]]:
-    """Counts and points of every input file by kind."""
-    body, seen, pivot, given = data.body, data.readings, data.optical_pivot, data.navigation
-    markers = (len(body.base), len(body.optical), len(body.em))
-    frames = np.concatenate([seen.base, seen.optical, seen.em], axis=1)
-    optical = np.concatenate([pivot.base, pivot.probe], axis=1)
-    probe = pivot.probe.shape[1]
-    tables = {
-        "calbody": (markers, (body.base, body.optical, body.em)),
-        "calreadings": ((*markers, len(frames)), (frames,)),
-        "empivot": _em_table(data.em_pivot),
-        "optpivot": ((markers[0], probe, len(optical)), (optical,)),
-    }
-    if given is not None:
-        tables["ct-fiducials"] = ((len(given.ct_fiducials),), (given.ct_fiducials,))
-        tables["em-fiducials"] = _em_table(given.em_fiducials)
-        tables["EM-nav"] = _em_table(given.em_nav)
-    return tables
-
-
-def _em_table(frames: FloatArray) -> tuple[tuple[int, ...], tuple[FloatArray, ...]]:
-    return (frames.shape[1], len(frames)), (frames,)

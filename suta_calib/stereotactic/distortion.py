@@ -144,12 +144,7 @@ def fit_distortion(
 
 
 def is_distorted(measured: FloatArray, expected: FloatArray) -> bool:
-    """Whether a correction would take more than a third off the error of left-out frames.
-
-    Args:
-        measured: (N_frames, n, 3) points as the EM tracker saw them, m.
-        expected: (N_frames, n, 3) where they were, m.
-    """
+    """Whether a correction would take more than a third off the error of left-out frames."""
     try:
         fit = fit_distortion(measured, expected, COARSE)
     except SamplesError:

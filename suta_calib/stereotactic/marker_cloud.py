@@ -10,17 +10,13 @@ from scipy.stats import chi2
 
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.errors import SamplesError
-from suta_calib.pose_calibration.consensus import (
-    DIMENSION,
-    find_consensus,
-    minimal_samples,
-    outlier_limit,
-)
+from suta_calib.pose_calibration.consensus import DIMENSION, outlier_limit
 from suta_calib.pose_calibration.registration import (
     ENOUGH_TO_JUDGE,
     LEAST_POINTS,
     MIRRORED,
     ON_A_LINE,
+    agreeing_points,
     kabsch,
 )
 
@@ -60,21 +56,13 @@ class BodyPoses:
 
 @dataclass(frozen=True, eq=False)
 class MarkerCloud:
-    """Markers that are fixed to one body.
-
-    Attributes:
-        markers: (n, 3) in the body, m.
-    """
+    """Markers (n, 3) that are fixed to one body, in it, m."""
 
     markers: FloatArray
 
     @classmethod
     def from_frame(cls, frame: FloatArray) -> Self:
-        """A body defined by one frame: axes of the tracker, origin at the markers' centroid.
-
-        Args:
-            frame: (n, 3) markers in the tracker, m.
-        """
+        """A body defined by one frame: axes of the tracker, origin at the markers' centroid."""
         return cls(frame - frame.mean(axis=0))
 
     def poses(self, frames: FloatArray, *, robust: bool = False) -> BodyPoses:
@@ -134,7 +122,7 @@ def _norms(markers: FloatArray, frames: FloatArray, used: BoolArray) -> FloatArr
 
 def _agreeing(markers: FloatArray, frames: FloatArray) -> BoolArray:
     """Markers that fit: a start in each frame alone, then one scatter for all frames."""
-    used = np.stack([_start(markers, frame) for frame in frames])
+    used = np.stack([agreeing_points(markers, f, 0, LEAST_POINTS).inliers for f in frames])
     floor = ROUNDING * float(np.ptp(markers))
     limit = np.sqrt(outlier_limit(used.size, 1))
     for _ in range(MAX_ROUNDS):
@@ -147,20 +135,6 @@ def _agreeing(markers: FloatArray, frames: FloatArray) -> BoolArray:
             break
         used = agreeing
     return used
-
-
-def _start(markers: FloatArray, frame: FloatArray) -> BoolArray:
-    """Markers that most of one frame agrees on, (n,)."""
-
-    def residuals(poses: tuple[FloatArray, FloatArray]) -> FloatArray:
-        moved = np.einsum("mij,nj->mni", poses[0], markers) + poses[1][:, None]
-        return np.asarray(np.linalg.norm(moved - frame, axis=-1)[..., None])
-
-    samples = minimal_samples(np.zeros(len(markers), dtype=np.intp), LEAST_POINTS, seed=0)
-    found = find_consensus(
-        samples, lambda rows: kabsch(markers[rows], frame[rows]), residuals, LEAST_POINTS
-    )
-    return found.inliers
 
 
 def _check_handedness(markers: FloatArray, frames: FloatArray, everything: BoolArray) -> None:

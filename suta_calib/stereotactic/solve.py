@@ -192,12 +192,9 @@ class _Bodies:
 
 
 def _expected_markers(bodies: _Bodies) -> FloatArray:
-    """Where the EM markers on the calibration object were: ``F_D⁻¹ F_A c``, every frame.
+    """Where the EM markers were in the EM tracker: ``F_D⁻¹ F_A c`` (N_frames, N_C, 3), m.
 
     F_D is the pose of the EM tracker's base and F_A that of the object, in the optical tracker.
-
-    Returns:
-        (N_frames, N_C, 3) in the EM tracker, m.
     """
     body, seen = bodies.data.body, bodies.data.readings
     base = bodies.poses("calreadings", MarkerCloud(body.base), seen.base)
@@ -324,11 +321,6 @@ class StereotacticErrors:
     em_post: float | None = None
     optical_post: float | None = None
     navigation: FloatArray | None = None
-
-    @property
-    def empty(self) -> bool:
-        """Whether nothing was given to compare with."""
-        return self.expected is None and self.navigation is None
 
 
 GivenOutputs = tuple[Output1 | None, FloatArray | None]

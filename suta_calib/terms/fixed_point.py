@@ -33,16 +33,11 @@ from suta_calib.terms.term import Gap, Observed, Setup, Term, point_named, point
 _ROUNDING: Final = 1e-12
 
 
-def _at_origin(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
+def _position(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
     """In the tool's frame: in the base frame, noise would seem to tell where the arm points."""
     del data
-    return poses[0].inverse_act(own)
-
-
-def _at_tip(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
-    """The same for a tip somewhere on the tool."""
-    del data
-    return poses[0].inverse_act(own[3:6]) - own[0:3]
+    touched = poses[0].inverse_act(own[-3:])
+    return touched - own[:3] if own.numel() > 3 else touched
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +78,7 @@ class FixedPoint(Term):
     @cached_property
     def own(self) -> tuple[Parameter, ...]:
         """The tip in a tracked body, and the points."""
-        names, _ = self._points
+        names, _ = self.places
         points = (p for n in names for p in point_parameters(f"fixed_point[{n}]"))
         return (*self._tip, *points)
 
@@ -91,16 +86,10 @@ class FixedPoint(Term):
     def blocks(self) -> tuple[Block, ...]:
         """The positions."""
         n, tip = len(self.poses), len(self._tip)
-        point = tip + 3 * self._points[1][:, None] + np.arange(3)
+        point = tip + 3 * self.places[1][:, None] + np.arange(3)
         own = np.hstack([np.tile(np.arange(tip), (n, 1)), point])
-        residual, labels = _at_tip if tip else _at_origin, self.poses.samples.labels["point"]
-        none = np.zeros((n, 0))
-        return (Block.per_sample("position", "m", 3, residual, own, none, self.noise, labels),)
-
-    @cached_property
-    def _points(self) -> tuple[list[str], IntArray]:
-        """Names of the points, and which of them each sample has."""
-        return grouped(self.poses.samples.labels["point"])
+        none, labels = np.zeros((n, 0)), self.poses.samples.labels["point"]
+        return (Block.per_sample("position", "m", 3, _position, own, none, self.noise, labels),)
 
     @cached_property
     def _tip(self) -> tuple[Parameter, ...]:
@@ -152,7 +141,7 @@ class FixedPoint(Term):
 
     def start(self, rotation: FloatArray, position: FloatArray) -> FloatArray:
         """The tip by linear least squares, then the mean of the touches of each point."""
-        names, point = self._points
+        names, point = self.places
         tip = stacked_pivot(rotation, position, point) if self._tip else np.zeros(3)
         touched = position + rotation @ tip
         means = [touched[point == k].mean(axis=0) for k in range(len(names))]
@@ -160,7 +149,7 @@ class FixedPoint(Term):
 
     def check_enough(self) -> None:
         """Two touches of every point at least."""
-        names, point = self._points
+        names, point = self.places
         for name, touches in zip(names, np.bincount(point), strict=True):
             if touches < 2:
                 raise SamplesError(

@@ -12,11 +12,7 @@ from typing import Final
 import numpy as np
 
 from suta_calib.arrays import FloatArray
-from suta_calib.geometry.numbers import (
-    quaternion_from_rotation,
-    rotation_from_quaternion,
-    skew,
-)
+from suta_calib.geometry.numbers import quaternion_from_rotation, rotation_from_quaternion, skew
 
 Poses = tuple[FloatArray, FloatArray]  # rotations (..., n, 3, 3) and positions (..., n, 3), m
 # Relative singular value below which a translation is not determined at all.
@@ -45,14 +41,15 @@ def quaternion_hand_eye(hand: Poses, seen: Poses) -> Poses:
         Rotation (..., 3, 3) and position (..., 3) of ``T_hand_eye``. What the motions leave
         undetermined is chosen arbitrarily (rotation) or as small as possible (translation).
     """
-    A, B = _motions_of_hand(hand), _motions_of_eye(seen)
+    A = _after(inverse(_rows(hand, slice(1, None))), _rows(hand, slice(-1)))
+    B = _after(_rows(seen, slice(1, None)), inverse(_rows(seen, slice(-1))))
     R = _rotation_between(A, B)
     left = A[0] - np.eye(3)
     right = np.einsum("...ij,...nj->...ni", R, B[1]) - A[1]
     normal = np.einsum("...nij,...nik->...jk", left, left)
     moment = np.einsum("...nij,...ni->...j", left, right)
-    inverse = np.linalg.pinv(normal, _ROUNDING, hermitian=True)
-    return R, np.einsum("...ij,...j->...i", inverse, moment)
+    solved = np.linalg.pinv(normal, _ROUNDING, hermitian=True)
+    return R, np.einsum("...ij,...j->...i", solved, moment)
 
 
 def close_the_loop(hand: Poses, X: Poses, seen: Poses) -> Poses:
@@ -65,10 +62,8 @@ def close_the_loop(hand: Poses, X: Poses, seen: Poses) -> Poses:
 
 def loops(hand: Poses, X: Poses, seen: Poses) -> Poses:
     """Every ``A_i X B_i``, which would all be Z without noise."""
-    (RA, pA), (RX, pX), (RB, pB) = hand, X, seen
-    eye = RA @ RX[..., None, :, :]
-    at_eye = np.einsum("...nij,...j->...ni", RA, pX) + pA
-    return eye @ RB, np.einsum("...nij,...nj->...ni", eye, pB) + at_eye
+    every = X[0][..., None, :, :], X[1][..., None, :]
+    return _after(_after(hand, every), seen)
 
 
 def inverse(poses: Poses) -> Poses:
@@ -78,19 +73,14 @@ def inverse(poses: Poses) -> Poses:
     return back, -np.einsum("...ij,...j->...i", back, p)
 
 
-def _motions_of_hand(poses: Poses) -> Poses:
-    """``A_{i+1}⁻¹ A_i``."""
-    R, p = poses
-    back = np.swapaxes(R[..., 1:, :, :], -1, -2)
-    moved = np.einsum("...ij,...j->...i", back, p[..., :-1, :] - p[..., 1:, :])
-    return back @ R[..., :-1, :, :], moved
+def _after(outer: Poses, inner: Poses) -> Poses:
+    """``T_a_c = T_a_b T_b_c``, row by row."""
+    (R, p), (turn, shift) = outer, inner
+    return R @ turn, np.einsum("...ij,...j->...i", R, shift) + p
 
 
-def _motions_of_eye(poses: Poses) -> Poses:
-    """``B_{i+1} B_i⁻¹``."""
-    R, p = poses
-    turn = R[..., 1:, :, :] @ np.swapaxes(R[..., :-1, :, :], -1, -2)
-    return turn, p[..., 1:, :] - np.einsum("...ij,...j->...i", turn, p[..., :-1, :])
+def _rows(poses: Poses, rows: slice) -> Poses:
+    return poses[0][..., rows, :, :], poses[1][..., rows, :]
 
 
 def _rotation_between(A: Poses, B: Poses) -> FloatArray:

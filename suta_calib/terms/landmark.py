@@ -15,12 +15,12 @@ from scipy.spatial.transform import Rotation
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.errors import SamplesError, did_you_mean
 from suta_calib.geometry.numbers import register_points, rotation_from_vector
-from suta_calib.geometry.symbols import Symbol, symbolic_chordal_log
+from suta_calib.geometry.symbols import Symbol, symbolic_chordal_log, symbolic_rotation
 from suta_calib.measurements import Artefact, SampleColumns
 from suta_calib.model.parameters import Parameter
 from suta_calib.terms.block import LEARNT, Block, Certified, Noise, Pose, flat, grouped, pose_of
 from suta_calib.terms.poses import PoseSource
-from suta_calib.terms.seating import Seating, seat_axes, seated_at, turned_about_z
+from suta_calib.terms.seating import Seating, seat_axes, seated_at
 from suta_calib.terms.term import (
     Observed,
     Resimulation,
@@ -42,24 +42,17 @@ ARTEFACT_GROUPINGS: Final = {
 
 def _position(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
     """In the artefact's frame, which turns with the arm: the base gauge stays unobservable."""
-    return pose_of(own).inverse_act(poses[0].p) - data
-
-
-def _rotation(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
-    seated = ca.reshape(data, 3, 3)
-    return symbolic_chordal_log(seated.T @ pose_of(own).R.T @ poses[0].R)
-
-
-def _position_shifted(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
-    """The same where the tip sits off the landmark's axis."""
-    seat = data[0:3] + ca.reshape(data[3:9], 3, 2) @ own[6:8]
+    seat = data[0:3]
+    if own.numel() > 6:  # The tip sits off the landmark's axis.
+        seat = seat + ca.reshape(data[3:9], 3, 2) @ own[6:8]
     return pose_of(own).inverse_act(poses[0].p) - seat
 
 
-def _rotation_turned(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
-    """The same where the tip is turned in its seat."""
-    seated = ca.reshape(data, 3, 3) @ turned_about_z(own[6])
-    return symbolic_chordal_log(seated.T @ pose_of(own).R.T @ poses[0].R)
+def _rotation(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
+    seat = ca.reshape(data, 3, 3)
+    if own.numel() > 6:  # The tip is turned in its seat.
+        seat = seat @ symbolic_rotation(ca.vertcat(0, 0, own[6]))
+    return symbolic_chordal_log(seat.T @ pose_of(own).R.T @ poses[0].R)
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,7 +102,7 @@ class TouchedLandmark(Term):
     @cached_property
     def own(self) -> tuple[Parameter, ...]:
         """The pose of every placement, then the seating."""
-        names, _ = self._placements
+        names, _ = self.places
         poses = (p for name in names for p in pose_parameters(f"placement[{name}]"))
         return (*poses, *(() if self.seating is None else self.seating.parameters(self.label)))
 
@@ -118,29 +111,21 @@ class TouchedLandmark(Term):
         """Positions, and rotations where the artefact gives the seats'."""
         certified, marks, oriented = self._certified, self._marks, self._oriented
         rows = np.arange(len(marks))
-        residual, data, own = _position, certified, self._own_rows(rows, (".x", ".y"))
+        data, own = certified, self._own_rows(rows, (".x", ".y"))
         if self.seating is not None:
             axes = seat_axes(self.artefact, marks)
-            if own.shape[1] > 6:
-                residual, data = _position_shifted, np.hstack([certified, flat(axes)])
+            data = np.hstack([certified, flat(axes)]) if own.shape[1] > 6 else certified
         by_mark = np.tile(-np.eye(3)[:, None, :], (len(rows), 1, 1, 1))
-        labels = tuple(str(name) for name in marks)
-        sigma = np.array([self.artefact.landmarks[name].sigma for name in labels])
         touched = Certified.of(self.artefact, marks[:, None], by_mark)
-        seen, noise = rows[:, None], self.noise
-        position = Block(
-            "position", "m", 3, residual, seen, own, data, noise, sigma, labels, touched
-        )
+        position = Block.per_sample("position", "m", 3, _position, own, data, self.noise, marks)
+        known = touched.sigma[touched.marks[:, 0]]
+        position = replace(position, known_sigma=known, certified=touched)
         if not len(oriented):
             return (position,)
-        own = self._own_rows(oriented, (".rz",))
-        residual = _rotation_turned if own.shape[1] > 6 else _rotation
-        data, known = flat(self._seats[oriented]), np.zeros(len(oriented))
-        labels, noise = tuple(labels[row] for row in oriented), self.angular_noise
-        seen = oriented[:, None]
-        return position, Block(
-            "rotation", "rad", 3, residual, seen, own, data, noise, known, labels
-        )
+        own, data = self._own_rows(oriented, (".rz",)), flat(self._seats[oriented])
+        noise, labels = self.angular_noise, marks[oriented]
+        rotation = Block.per_sample("rotation", "rad", 3, _rotation, own, data, noise, labels)
+        return position, replace(rotation, samples=oriented[:, None])
 
     def observed(self, values: Mapping[str, float], poses: PoseSource) -> Observed:
         """Every landmark where its placement's pose has it, the tip as it sits there."""
@@ -161,7 +146,7 @@ class TouchedLandmark(Term):
         found = super().resimulated(values, noise, again)
         if not len(self._oriented):
             return found
-        rows, (names, placement) = self._oriented, self._placements
+        rows, (names, placement) = self._oriented, self.places
         R = np.array([pose_named(values, f"placement[{name}]")[0] for name in names])[placement]
         rotation, _ = found.poses.at(values)
         seats = again.turned(np.swapaxes(R[rows], 1, 2) @ rotation[rows], noise[1])
@@ -187,7 +172,7 @@ class TouchedLandmark(Term):
     def start(self, rotation: FloatArray, position: FloatArray) -> FloatArray:
         """Arun's registration of each placement; by orientation where the landmarks are in line."""
         values, oriented = [], frozenset(self._oriented.tolist())
-        names, placement = self._placements
+        names, placement = self.places
         for k in range(len(names)):
             rows = np.flatnonzero(placement == k)
             r, p = register_points(self._certified[rows], position[rows])
@@ -210,7 +195,7 @@ class TouchedLandmark(Term):
 
     def check_enough(self) -> None:
         """Two different landmarks at every placement, or one with its orientation."""
-        marks, (names, placement) = self._marks, self._placements
+        marks, (names, placement) = self._marks, self.places
         for k, name in enumerate(names):
             touched = {str(n) for n in marks[placement == k]}
             if len(touched) < 2 and not len(self._oriented):
@@ -224,11 +209,6 @@ class TouchedLandmark(Term):
     @property
     def _marks(self) -> NDArray[np.str_]:
         return self.poses.samples.labels["landmark"]
-
-    @cached_property
-    def _placements(self) -> tuple[list[str], IntArray]:
-        """Names of the placements, and which of them each sample has."""
-        return grouped(self.poses.samples.labels["placement"])
 
     @cached_property
     def _certified(self) -> FloatArray:
@@ -247,7 +227,7 @@ class TouchedLandmark(Term):
 
     def _own_rows(self, rows: IntArray, keys: tuple[str, ...]) -> IntArray:
         """The placement's pose, and those of the seating's unknowns whose names end so."""
-        names, placement = self._placements
+        names, placement = self.places
         seats = range(6 * len(names), len(self.own))
         more = [k for k in seats if self.own[k].name.endswith(keys)]
         pose = 6 * placement[rows, None] + np.arange(6)

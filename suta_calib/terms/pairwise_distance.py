@@ -32,15 +32,11 @@ from suta_calib.terms.seating import Seating, seat_axes, seated_at
 from suta_calib.terms.term import Observed, Setup, Term
 
 
-def _residual(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
-    del own
-    return norm(poses[0].p - poses[1].p) - data[0]
-
-
-def _seated(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
-    """The same where the tip sits off the landmarks' axes, by as much everywhere."""
-    apart = data[0:3] + ca.reshape(data[3:9], 3, 2) @ own
-    return norm(poses[0].p - poses[1].p) - norm(apart)
+def _distance(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
+    length = data[0]
+    if own.numel():  # The tip sits off the landmarks' axes, by as much everywhere.
+        length = norm(data[0:3] + ca.reshape(data[3:9], 3, 2) @ own)
+    return norm(poses[0].p - poses[1].p) - length
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,26 +110,17 @@ class PairwiseDistance(Term):
         apart = certified[first] - certified[second]
         length = np.linalg.norm(apart, axis=1)
         along = (apart / length[:, None])[:, None, None, :]
-        sigma = np.array([artefact.landmarks[str(name)].sigma for name in names])
-        residual, data = _residual, length[:, None]
+        by_mark = np.concatenate([-along, along], axis=2)
+        touched = Certified.of(artefact, names[pairs], by_mark)
+        data = length[:, None]
         if self.own:
             axes = seat_axes(artefact, names)
-            residual, data = _seated, np.hstack([apart, flat(axes[first] - axes[second])])
-        return (
-            Block(
-                "distance",
-                "m",
-                1,
-                residual,
-                pairs,
-                np.tile(np.arange(len(self.own)), (len(pairs), 1)),
-                data,
-                self.noise,
-                np.hypot(sigma[first], sigma[second]),
-                tuple(f"{names[i]}-{names[j]}" for i, j in pairs),
-                Certified.of(artefact, names[pairs], np.concatenate([-along, along], axis=2)),
-            ),
-        )
+            data = np.hstack([apart, flat(axes[first] - axes[second])])
+        own = np.tile(np.arange(len(self.own)), (len(pairs), 1))
+        known = np.hypot(*touched.sigma[touched.marks].T)
+        labels = [f"{names[i]}-{names[j]}" for i, j in pairs]
+        block = Block.per_sample("distance", "m", 1, _distance, own, data, self.noise, labels)
+        return (replace(block, samples=pairs, known_sigma=known, certified=touched),)
 
     def equations(self) -> int:
         """Distances between m points of one set fix their shape: 3 m - 6 numbers, not m²/2."""
@@ -212,15 +199,12 @@ def _check_apart(poses: PoseSource, first: IntArray, second: IntArray) -> None:
 
 def landmark_pairs(samples: Samples) -> IntArray:
     """(n, 2) rows of the same placement and repeat, and different landmarks."""
-    labels = samples.labels
-    _, landmark = grouped(labels["landmark"])
-    _, placement = grouped(labels["placement"])
-    _, repeat = grouped(labels["repeat"])
+    columns = ("landmark", "placement", "repeat")
+    landmark, placement, repeat = (grouped(samples.labels[name])[1] for name in columns)
     sets = placement * (repeat.max(initial=0) + 1) + repeat
     found = [np.zeros((0, 2), dtype=np.intp)]
     for group in np.unique(sets):
         rows = np.flatnonzero(sets == group)
-        i, j = np.triu_indices(len(rows), k=1)
-        different = landmark[rows[i]] != landmark[rows[j]]
-        found.append(np.column_stack([rows[i], rows[j]])[different])
+        pairs = rows[np.column_stack(np.triu_indices(len(rows), k=1))]
+        found.append(pairs[landmark[pairs[:, 0]] != landmark[pairs[:, 1]]])
     return np.concatenate(found).astype(np.intp)

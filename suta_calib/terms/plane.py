@@ -104,7 +104,7 @@ class TouchedPlane(Term):
         """Distance and direction of every plane."""
         return tuple(
             p
-            for name in self._planes[0]
+            for name in self.places[0]
             for p in pose_parameters(f"plane[{name}]")
             if p.name.endswith((".z", ".rx", ".ry"))
         )
@@ -112,17 +112,12 @@ class TouchedPlane(Term):
     @cached_property
     def blocks(self) -> tuple[Block, ...]:
         """The signed distances."""
-        own = 3 * self._planes[1][:, None] + np.arange(3)
+        own = 3 * self.places[1][:, None] + np.arange(3)
         labels = self.poses.samples.labels["plane"]
         radius = np.full((len(self.poses), 1), self.radius)
         return (
             Block.per_sample("distance", "m", 1, _signed_distance, own, radius, self.noise, labels),
         )
-
-    @cached_property
-    def _planes(self) -> tuple[list[str], IntArray]:
-        """Names of the planes, and which of them each sample has."""
-        return grouped(self.poses.samples.labels["plane"])
 
     @property
     def settings(self) -> Mapping[str, Any]:
@@ -156,7 +151,7 @@ class TouchedPlane(Term):
 
     def _by_plane(self, position: FloatArray) -> Iterator[tuple[IntArray, FloatArray]]:
         """Rows of every plane, and their positions (k, 3) about their mean."""
-        names, plane = self._planes
+        names, plane = self.places
         for k in range(len(names)):
             rows = np.flatnonzero(plane == k)
             yield rows, position[rows] - position[rows].mean(axis=0)
@@ -164,7 +159,7 @@ class TouchedPlane(Term):
     def check_enough(self) -> None:
         """Four touches of every plane at least, not on one line at nominal."""
         _, position = self.poses.at({})
-        for name, (rows, centred) in zip(self._planes[0], self._by_plane(position), strict=True):
+        for name, (rows, centred) in zip(self.places[0], self._by_plane(position), strict=True):
             if len(rows) < FEWEST:
                 raise SamplesError(
                     f"plane {name} touched {len(rows)} times",

@@ -20,12 +20,10 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Final
 
-import casadi as ca
 import numpy as np
 
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import ArtefactError, ParameterError
-from suta_calib.geometry.symbols import Symbol, symbolic_rotation
 from suta_calib.measurements import Artefact
 from suta_calib.model.parameters import Parameter
 from suta_calib.units import deg, mm
@@ -102,8 +100,3 @@ def seated_at(own: Iterable[Parameter], values: Mapping[str, float]) -> tuple[Fl
     found = {p.key: values[p.name] for p in own if p.owner.startswith(_OWNER)}
     x, y, turn = (found.get(key, 0.0) for key in KEYS)
     return np.array([x, y]), turn
-
-
-def turned_about_z(angle: Symbol) -> Symbol:
-    """Rotation (3, 3) about z by an angle, rad."""
-    return symbolic_rotation(ca.vertcat(0, 0, angle))

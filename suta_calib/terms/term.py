@@ -27,7 +27,7 @@ from suta_calib.errors import ArtefactError, SamplesError
 from suta_calib.geometry.numbers import rotation_from_vector, vector_from_rotation
 from suta_calib.measurements import Artefact, SampleColumns, YamlSection
 from suta_calib.model.parameters import PLACEMENT, POSITION, ROTATION, Parameter
-from suta_calib.terms.block import LEARNT, Block, Noise
+from suta_calib.terms.block import LEARNT, Block, Noise, grouped
 from suta_calib.terms.poses import PoseSource
 from suta_calib.terms.seating import Seating
 
@@ -188,6 +188,11 @@ class Term(ABC):
     @abstractmethod
     def blocks(self) -> tuple[Block, ...]:
         """Its residuals: of lengths first, then of angles where there are any."""
+
+    @cached_property
+    def places(self) -> tuple[list[str], IntArray]:
+        """Labels of the places that are touched, and which of them each sample has, (n,)."""
+        return grouped(self.poses.samples.labels[self.place])
 
     @classmethod
     @abstractmethod

@@ -38,7 +38,7 @@ class IgtlPublisher(Publisher):
 
     Args:
         port: port to listen at; 0 for any free one.
-        device_name: of the messages, at most 20 ASCII characters.
+        device_name: of the messages.
         host: address to listen at: this computer's own, which nobody else reaches, by default;
             empty for all.
         most_clients: so many are served; whoever comes later is hung up on.
@@ -48,7 +48,7 @@ class IgtlPublisher(Publisher):
         invalid: poses that were not sent because they were not valid.
 
     Raises:
-        InputError: a device name that does not fit.
+        InputError: a device name that is empty, longer than 20 characters or not printable ASCII.
         OutputError: the port cannot be listened at.
     """
 
@@ -64,7 +64,10 @@ class IgtlPublisher(Publisher):
         patience: float = 5.0,
     ) -> None:
         super().__init__()
-        check_device_name(device_name)
+        fits = 0 < len(device_name) <= LONGEST_NAME
+        if not (fits and device_name.isascii() and device_name.isprintable()):
+            expected = f"1 to {LONGEST_NAME} ASCII characters"
+            raise InputError(repr(device_name), expected, where="--igtl-name")
         self._device_name = device_name
         self.invalid = 0
         self._broadcast = Broadcast(host, port, most_clients, patience)
@@ -110,16 +113,6 @@ class IgtlPublisher(Publisher):
         return super().statistics() | connections | {"invalid": self.invalid}
 
 
-def check_device_name(name: str) -> None:
-    """Refuse a name that the protocol's header cannot carry.
-
-    Raises:
-        InputError: empty, longer than 20 characters, or not printable ASCII.
-    """
-    if not (0 < len(name) <= LONGEST_NAME and name.isascii() and name.isprintable()):
-        raise InputError(f"{name!r}", f"1 to {LONGEST_NAME} ASCII characters", where="--igtl-name")
-
-
 # Bytes the kernel may keep for a client: a client that falls behind further loses messages, and
 # one that catches up sees nothing older than these.
 SEND_BUFFER: Final = 1 << 16
@@ -151,6 +144,15 @@ class _Client:
         self.rest = b"" if len(left) == len(message) else left
         return len(left) < len(message)
 
+    def has_hung_up(self) -> bool:
+        """Read and forget what the client says, which it does no more once it has gone."""
+        try:
+            return not self.connection.recv(_DISCARDED_AT_ONCE)
+        except (BlockingIOError, InterruptedError):
+            return False
+        except OSError:
+            return True
+
     def _send(self, data: bytes) -> bytes:
         """What the kernel did not take of it."""
         try:
@@ -170,13 +172,6 @@ class Broadcast:
 
     Clients come and go in a thread of their own; what they send is read and ignored. A client
     that does not read loses messages: whole ones, so that what it does receive stays readable.
-
-    Args:
-        host: address to listen at; empty for all.
-        port: port to listen at; 0 for any free one.
-
-    Attributes:
-        port: the port it listens at.
 
     Raises:
         OutputError: the port cannot be listened at.
@@ -254,7 +249,7 @@ class Broadcast:
                         if not self._welcome(selector):
                             selector.unregister(self._listener)
                             listen_at = time.perf_counter() + _PAUSE_S
-                    elif not _still_there(client.connection):
+                    elif client.has_hung_up():
                         self._clients = tuple(c for c in self._clients if c is not client)
                         selector.unregister(client.connection)
                         client.connection.close()
@@ -277,13 +272,3 @@ class Broadcast:
         self.connections += 1
         self._clients = (*self._clients, client)
         return True
-
-
-def _still_there(connection: socket.socket) -> bool:
-    """Read and forget what a client says; False when it has hung up."""
-    try:
-        return bool(connection.recv(_DISCARDED_AT_ONCE))
-    except (BlockingIOError, InterruptedError):
-        return True
-    except OSError:
-        return False

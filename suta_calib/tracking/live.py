@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import AbstractContextManager, ExitStack, nullcontext
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any, Self
 
@@ -17,7 +16,7 @@ from suta_calib.model.arm import ArmModel
 from suta_calib.tracking.publisher import Publisher, UdpPublisher, pose_dict
 from suta_calib.tracking.recording import CsvRecorder, ParquetRecorder
 from suta_calib.tracking.session import TrackingSession, low_latency
-from suta_calib.tracking.tracker import TipKinematics, Tool, Tracker, read_tool
+from suta_calib.tracking.tracker import NO_TOOL, TipKinematics, Tracker, read_tool
 from suta_calib.tracking.uncertainty import (
     SOURCE_WORDS,
     CalibrationUncertainty,
@@ -101,14 +100,19 @@ class Tracking:
         self.uncertainty: CalibrationUncertainty | None = None
         if options.result is not None:
             self.uncertainty = read_uncertainty(options.result, self.arm, anyway=options.anyway)
-        self.tool = Tool.none()
+        self.tool = NO_TOOL
         if options.tool is not None:
             self.tool = read_tool(options.tool, anyway=options.anyway)
         kinematics = TipKinematics(self.arm, self.tool, self.uncertainty)
         self._tracker = Tracker(self.arm, self.device.names, kinematics, options.device)
         self.events: list[str] = []
         self.interrupted = False
-        self._bus = Bus(self.device, reconnect=True, on_event=self._note)
+
+        def note(event: str) -> None:
+            self.events.append(event)
+            self.on_event(event)
+
+        self._bus = Bus(self.device, reconnect=True, on_event=note)
 
     @property
     def statistics(self) -> Statistics:
@@ -123,9 +127,21 @@ class Tracking:
             InputError: a name of an OpenIGTLink device, or a host, that cannot be used.
             MissingExtraError: Parquet is asked for and pyarrow is not installed.
         """
+        options, publishers = self.options, list[Publisher]()
         with ExitStack() as stack:
-            publishers = [stack.enter_context(each()) for each in self._wanted()]
-            self.session = TrackingSession(self._tracker, publishers, self.options.rate)
+            if options.igtl is not None:
+                from suta_calib.tracking.igtl import IgtlPublisher
+
+                host, port = options.igtl
+                server = IgtlPublisher(port, options.igtl_name, host or options.host)
+                publishers.append(stack.enter_context(server))
+            if options.udp is not None:
+                publishers.append(stack.enter_context(UdpPublisher(*options.udp)))
+            for path, recorder in ((options.csv, CsvRecorder), (options.parquet, ParquetRecorder)):
+                if path is not None:
+                    check_folder(path.parent)
+                    publishers.append(stack.enter_context(recorder(path, self.arm.joints)))
+            self.session = TrackingSession(self._tracker, publishers, options.rate)
             self._publishers = stack.pop_all()
         for publisher in publishers:
             if public := getattr(publisher, "public", ""):
@@ -186,26 +202,3 @@ class Tracking:
             "events": self.events,
             "interrupted": self.interrupted,
         }
-
-    def _wanted(self) -> list[Callable[[], Publisher]]:
-        """The publishers that were asked for, not yet open."""
-        options, joints = self.options, self.arm.joints
-        wanted: list[Callable[[], Publisher]] = []
-        if options.igtl is not None:
-            from suta_calib.tracking.igtl import IgtlPublisher
-
-            host, port = options.igtl
-            host = host or options.host
-            wanted.append(lambda: IgtlPublisher(port, options.igtl_name, host))
-        if options.udp is not None:
-            to = options.udp
-            wanted.append(lambda: UdpPublisher(*to))
-        for path, recorder in ((options.csv, CsvRecorder), (options.parquet, ParquetRecorder)):
-            if path is not None:
-                check_folder(path.parent)
-                wanted.append(partial(recorder, path, joints))
-        return wanted
-
-    def _note(self, event: str) -> None:
-        self.events.append(event)
-        self.on_event(event)

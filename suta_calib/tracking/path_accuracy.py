@@ -30,28 +30,6 @@ _UNSURE: Final = 0.2
 _SLOW: Final = 0.02
 
 
-@dataclass(frozen=True)
-class ErrorFigures:
-    """Of a row of distances or angles, m or rad."""
-
-    rms: float
-    mean: float
-    p95: float
-    maximum: float
-    count: int
-
-    @classmethod
-    def of(cls, sizes: FloatArray) -> ErrorFigures:
-        """Figures of sizes (n,), at least one."""
-        return cls(
-            float(np.sqrt(np.mean(sizes**2))),
-            float(sizes.mean()),
-            float(np.percentile(sizes, 95)),
-            float(sizes.max()),
-            len(sizes),
-        )
-
-
 @dataclass(frozen=True, eq=False)
 class PathAccuracy:
     """The answer of `compare`, over the rows of `Alignment.rows`.

@@ -22,8 +22,7 @@ from suta_calib.device.description import columns_of
 from suta_calib.errors import InputError
 from suta_calib.geometry.symbols import symbolic_skew
 from suta_calib.model.arm import ArmModel
-from suta_calib.tracking.json_files import numbers, read_json_object
-from suta_calib.tracking.uncertainty import CalibrationUncertainty
+from suta_calib.tracking.uncertainty import CalibrationUncertainty, numbers, read_json_object
 from suta_calib.units import from_mm
 
 if TYPE_CHECKING:
@@ -83,10 +82,9 @@ class Tool:
     tip: FloatArray
     std: FloatArray | None = None
 
-    @classmethod
-    def none(cls) -> Tool:
-        """No tool: the tip is the arm's own."""
-        return cls(np.zeros(3))
+
+# The tip is the arm's own.
+NO_TOOL: Final = Tool(np.zeros(3))
 
 
 def read_tool(path: str | Path, *, anyway: bool = False) -> Tool:
@@ -119,9 +117,6 @@ def read_tool(path: str | Path, *, anyway: bool = False) -> Tool:
     return Tool(tip, None if std is None else from_mm(numbers(std, (3,), path, "tip_std_mm")))
 
 
-_NOTHING: Final = Tool.none()
-
-
 class TipKinematics:
     """``T_base_tip`` of a calibrated arm with a tool, and how far it may be off.
 
@@ -142,10 +137,10 @@ class TipKinematics:
     def __init__(
         self,
         arm: ArmModel,
-        tool: Tool = _NOTHING,
+        tool: Tool = NO_TOOL,
         uncertainty: CalibrationUncertainty | None = None,
     ) -> None:
-        self.has_std = uncertainty is not None
+        self._known = uncertainty is not None
         self._run = Batched(_compiled(arm, tool, uncertainty), 1)
 
     def __call__(self, angles: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray | None]:
@@ -158,7 +153,7 @@ class TipKinematics:
         run.inputs[0][0] = angles
         flat, position, std = run()
         rotation = flat.reshape(3, 3).T.copy()
-        return rotation, position[0].copy(), std[0].copy() if self.has_std else None
+        return rotation, position[0].copy(), std[0].copy() if self._known else None
 
 
 def quaternion(rotation: FloatArray) -> FloatArray:
@@ -211,15 +206,18 @@ class Tracker:
         kinematics: TipKinematics,
         device: Path | None = None,
     ) -> None:
-        self.joints = arm.joints
         self.kinematics = kinematics
         self._columns = matched_joints(arm, device_joints, device)
+        self._named = list(zip(arm.joints, self._columns.tolist(), strict=True))
         self._since_1970 = time.time() - time.perf_counter()
 
     def pose(self, reading: Reading) -> TrackedPose:
         """The tip's pose at this reading."""
         angles = reading.angles[self._columns]
-        errors, warnings = self._flagged(reading.error), self._flagged(reading.warning)
+        errors, warnings = (
+            tuple(name for name, column in self._named if flags[column]) if flags.any() else ()
+            for flags in (reading.error, reading.warning)
+        )
         rotation, position, std = _NO_POSE if errors else self.kinematics(angles)
         turn = _NO_QUATERNION if errors else quaternion(rotation)
         return TrackedPose(
@@ -235,12 +233,6 @@ class Tracker:
             errors,
             warnings,
         )
-
-    def _flagged(self, flags: np.typing.NDArray[np.bool_]) -> tuple[str, ...]:
-        if not flags.any():
-            return ()
-        mine = flags[self._columns]
-        return tuple(name for name, raised in zip(self.joints, mine, strict=True) if raised)
 
 
 def matched_joints(

@@ -11,7 +11,6 @@ import numpy as np
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import SamplesError
 from suta_calib.measurements.csv_table import (
-    CsvTable,
     has_rotations,
     position_columns,
     positions,
@@ -52,20 +51,10 @@ def read_trajectory(path: str | Path, arm: ArmModel | None = None) -> Trajectory
         SamplesError: unreadable, a column missing, a value that is none, time that does not
             increase, or fewer than 20 rows.
     """
-    table = read_csv_table(Path(path))
-    if "valid" in table.columns:
-        kept = [k for k, cell in enumerate(table.columns["valid"]) if cell not in ("0", "false")]
-        columns = {name: tuple(cells[k] for k in kept) for name, cells in table.columns.items()}
-        lines = tuple(table.lines[k] for k in kept)
-        table = CsvTable(table.path, columns, table.header_line, lines)
+    table = read_csv_table(Path(path)).valid()
     if len(table) < LEAST_ROWS:
         raise SamplesError(f"{len(table)} valid rows", f"at least {LEAST_ROWS}", file=table.path)
-    time = table.numbers("time", "a column time in s")
-    for row in np.flatnonzero(np.diff(time) <= 0):
-        found = f"{table.columns['time'][row + 1]} after {table.columns['time'][row]}"
-        raise table.refuse(
-            int(row) + 1, "time", found, "time that increases", "one motion, one clock"
-        )
+    time = table.time("one motion, one clock")
     angles = None
     if arm is not None and all(name in table.columns for name in arm.joints):
         angles = np.stack([table.numbers(name) for name in arm.joints], axis=-1)

@@ -7,6 +7,7 @@ of the one is a small error of the other: `CalibrationUncertainty.folded` gives 
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -23,12 +24,12 @@ from suta_calib.geometry.numbers import (
     rpy_from_rotation,
     vector_from_rotation,
 )
+from suta_calib.measurements.files import read_text
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.chain import ChainJoint
 from suta_calib.model.kinematics import Segment
 from suta_calib.model.parameters import OFFSET, PLACEMENT, POSITION
 from suta_calib.model.urdf import folded_origin
-from suta_calib.tracking.json_files import numbers, read_json_object
 
 Source = Literal["covariance", "correlations", "std"]
 # How the figures were told, for people.
@@ -203,3 +204,40 @@ def _unfolded(joint: ChainJoint, vector: FloatArray, offset: float) -> ChainJoin
     slide = turned @ joint.axis * offset if joint.type == "prismatic" else np.zeros(3)
     rpy = rpy_from_rotation(turned @ rotation_from_vector(-vector))
     return replace(joint, xyz=joint.xyz - slide, rpy=rpy)
+
+
+# ── JSON of earlier commands ────────────────────────────────────────────────────────────────
+def read_json_object(path: Path) -> dict[str, Any]:
+    """The one JSON object in a file.
+
+    Raises:
+        InputError: no such file, not JSON (with the line), or something else than an object.
+    """
+    try:
+        data = json.loads(read_text(path))
+    except json.JSONDecodeError as error:
+        raise InputError(
+            f"text that is not JSON ({error.msg})", "a JSON object", file=path, line=error.lineno
+        ) from None
+    if not isinstance(data, dict):
+        raise InputError(f"a JSON {type(data).__name__}", "a JSON object", file=path)
+    return data
+
+
+def numbers(data: Any, shape: tuple[int, ...], path: Path, where: str) -> FloatArray:
+    """Finite numbers of a given shape.
+
+    Raises:
+        InputError: anything else.
+    """
+    try:
+        found = np.array(data, dtype=float)
+    except (TypeError, ValueError):
+        found = np.full(1, np.nan)
+    if found.shape != shape or not np.isfinite(found).all():
+        said = repr(data)
+        said = said if len(said) <= 60 else said[:57] + "…"
+        raise InputError(
+            said, f"{' x '.join(map(str, shape))} finite numbers", file=path, where=where
+        )
+    return found

@@ -18,7 +18,7 @@ from suta_calib.analysis.repeatability import (
     read_stream,
     stationary,
 )
-from suta_calib.analysis.repeatability.stationary import Stationary, overlapping
+from suta_calib.analysis.repeatability.at_rest import Stationary, overlapping
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import SamplesError
 

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import signal
 import subprocess
 import sys
 import time
+from contextlib import redirect_stderr, redirect_stdout
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -41,14 +44,37 @@ def files_below(folder: Path) -> set[str]:
     return {str(p.relative_to(folder)) for p in folder.rglob("*") if p.is_file()}
 
 
-def test_calibrate_writes_beside_the_job(job: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli("calibrate", job) == 0
-    folder = job.parent / "results"
+@dataclass(frozen=True)
+class Calibrated:
+    """A job that was calibrated into the folder beside it, and what was said."""
+
+    job: Path
+    code: int
+    out: str
+    err: str
+
+    @property
+    def result(self) -> dict[str, Any]:
+        found = json.loads((self.job.parent / "results" / "result.json").read_text())
+        assert isinstance(found, dict)
+        return found
+
+
+@pytest.fixture(scope="module")
+def calibrated(tmp_path_factory: pytest.TempPathFactory, suta_urdf: Path) -> Calibrated:
+    job = write_simulated_job(tmp_path_factory.mktemp("calibrated") / "job", suta_urdf)
+    out, err = io.StringIO(), io.StringIO()
+    with redirect_stdout(out), redirect_stderr(err):
+        code = cli("calibrate", job)
+    return Calibrated(job, code, out.getvalue(), err.getvalue())
+
+
+def test_calibrate_writes_beside_the_job(calibrated: Calibrated) -> None:
+    assert (calibrated.code, calibrated.err) == (0, "")
+    folder = calibrated.job.parent / "results"
     assert files_below(folder) == RESULTS
-    out, err = capsys.readouterr()
-    assert err == ""
-    assert "joint_1.offset" in out
-    assert str(folder / "report.html") in "".join(out.splitlines()[-2:])
+    assert "joint_1.offset" in calibrated.out
+    assert str(folder / "report.html") in "".join(calibrated.out.splitlines()[-2:])
 
 
 def test_calibrate_finds_the_truth(job: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -71,11 +97,11 @@ def test_calibrate_that_does_not_converge_exits_with_1(
     job: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     job.write_text(job.read_text().replace("starts: 2", "starts: 1, max_iterations: 1"))
-    assert cli("calibrate", job, "--json") == 1
-    assert printed_json(capsys)["status"] == "not_converged"
-    assert not (job.parent / "results" / "calibrated.urdf").exists()
     assert cli("calibrate", job) == 1
     assert "not converged" in capsys.readouterr().out
+    result = job.parent / "results" / "result.json"
+    assert json.loads(result.read_text())["status"] == "not_converged"
+    assert not result.with_name("calibrated.urdf").exists()
 
 
 def test_observe_tells_what_the_data_can_determine(
@@ -100,25 +126,23 @@ def test_observe_tells_what_the_data_can_determine(
 
 
 def test_predicted_deviations_are_those_of_the_fit(
-    job: Path, capsys: pytest.CaptureFixture[str]
+    calibrated: Calibrated, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert cli("observe", job, "--json") == 0
+    assert cli("observe", calibrated.job, "--json") == 0
     predicted = printed_json(capsys)["parameters"]
-    assert cli("calibrate", job, "--json") == 0
-    for name, fitted in printed_json(capsys)["parameters"].items():
+    for name, fitted in calibrated.result["parameters"].items():
         if fitted["state"] == "identified" and name in predicted:
             assert 0.5 < predicted[name]["std"] / fitted["std"] < 2.0, name
 
 
 def test_validate_tells_the_calibrated_arm_from_the_nominal(
-    job: Path, capsys: pytest.CaptureFixture[str]
+    calibrated: Calibrated, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert cli("calibrate", job, "--json") == 0
-    calibrated = printed_json(capsys)["metrics"]["validation"]
+    job, wanted = calibrated.job, calibrated.result["metrics"]["validation"]
     assert cli("validate", job.parent / "results" / "calibrated.urdf", job, "--json") == 0
     found = printed_json(capsys)["metrics"]["validation"]
     for key in ("before", "after"):
-        assert found[key] == pytest.approx(calibrated[key], rel=1e-4), key
+        assert found[key] == pytest.approx(wanted[key], rel=1e-4), key
     assert found["after"]["rms_mm"] < 0.1 < found["before"]["rms_mm"]
     assert cli("validate", job.parent / "arm.urdf", job) == 0
     assert "0.0 %" in capsys.readouterr().out.replace("\n", "")

@@ -89,7 +89,9 @@ def test_ctrl_c_leaves_what_was_confirmed(bench: Bench) -> None:
     assert len(bench.samples()) == 1
 
 
-@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize(
+    "how", [signal.SIGTERM, pytest.param(signal.SIGINT, marks=pytest.mark.slow)]
+)
 def test_broken_off_the_answer_is_json_all_the_same(bench: Bench, how: signal.Signals) -> None:
     emulation = bench.emulation(Still(bench.postures["O"]))
     with EmulatedArm(emulation) as emulator:

@@ -16,7 +16,7 @@ from suta_calib.stereotactic.cis_files import read_output1, read_points
 from suta_calib.stereotactic.cis_simulation import SimulatedSet, simulate_stereotactic
 
 NAME = "sim"
-MADE = simulate_stereotactic(NAME, seed=2, distortion=3e-3, em_noise=0.05e-3, grid=4)
+MADE = simulate_stereotactic(NAME, seed=2, distortion=3e-3, em_noise=0.05e-3, grid=3)
 
 
 @pytest.fixture
@@ -103,8 +103,8 @@ def test_second_assignment(prefix: Path, out: Path, capsys: pytest.CaptureFixtur
 def test_headers_and_layout(prefix: Path, out: Path) -> None:
     assert cli("stereotactic", prefix, "--out", out, "--dewarp") == 0
     first = (out / f"{NAME}-output1.txt").read_text().split("\n")
-    assert first[0] == f"27, 64, {NAME}-output1.txt"
-    assert len(first) == 1 + 2 + 27 * 64 + 1
+    assert first[0] == f"27, 27, {NAME}-output1.txt"
+    assert len(first) == 1 + 2 + 27 * 27 + 1
     second = (out / f"{NAME}-output2.txt").read_text().split("\n")
     assert second[0] == f"4, {NAME}-output2.txt"
     for row in (*first[1:-1], *second[1:-1]):

@@ -7,7 +7,7 @@ import re
 from pathlib import Path
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from suta_calib.errors import JobError
@@ -223,6 +223,7 @@ def test_arbitrary_bytes(scratch: Path, content: bytes) -> None:
     read_or_refuse(scratch)
 
 
+@settings(max_examples=50)
 @given(at=st.integers(0, len(EXAMPLE)), cut=st.integers(0, 30), insert=st.text(max_size=6))
 def test_arbitrary_edits(scratch: Path, at: int, cut: int, insert: str) -> None:
     text = EXAMPLE[:at] + insert + EXAMPLE[at + cut :]

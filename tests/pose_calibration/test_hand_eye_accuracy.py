@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from hand_eye_scenes import NATURES, WHOSE, calibrate, errors, noisy, rows_of
+from spread import is_as_predicted
 
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import SamplesError
@@ -34,9 +35,8 @@ def spread_over_prediction(whose: str, count: int, trials: int) -> FloatArray:
 
 
 def test_the_monte_carlo_spread_is_the_predicted_one() -> None:
-    """40 trials: a standard deviation scatters by 11 %, three together by 7 %."""
-    ratio = spread_over_prediction("both", 30, 40)
-    assert ((ratio > 0.8) & (ratio < 1.25)).all(), ratio
+    ratio = spread_over_prediction("both", 30, 14)
+    assert all(is_as_predicted(each, 3 * 14) for each in ratio), ratio
 
 
 @pytest.mark.slow
@@ -57,7 +57,7 @@ def median_errors(count: int, share: float, trials: int) -> FloatArray:
 
 def test_100_poses_of_good_instruments_and_20_percent_outliers_among_them() -> None:
     """0.1° and 0.3 mm per axis, on hand and eye: 0.046° and 0.41 mm over 320 sets."""
-    clean, spoiled = median_errors(100, 0.0, 9), median_errors(100, 0.2, 9)
+    clean, spoiled = median_errors(100, 0.0, 5), median_errors(100, 0.2, 5)
     limit = np.array([0.06, 0.53])
     assert (clean < limit).all(), clean
     assert (spoiled < 1.2 * np.minimum(limit, 1.05 * clean)).all(), spoiled
@@ -66,7 +66,7 @@ def test_100_poses_of_good_instruments_and_20_percent_outliers_among_them() -> N
 @pytest.mark.parametrize("nature", NATURES)
 def test_outliers_are_listed_and_cost_next_to_nothing(nature: Any) -> None:
     robust, alone = [], []
-    for seed in range(4):
+    for seed in range(3):
         data = noisy(60, seed=seed, gross=OutlierModel(0.3, nature))
         found = calibrate(data)
         assert found.outliers == data.outliers, seed
@@ -90,7 +90,7 @@ def assert_no_failures(trials: int) -> None:
 
 
 def test_30_percent_outliers_never_win() -> None:
-    assert_no_failures(15)
+    assert_no_failures(6)
 
 
 @pytest.mark.slow
@@ -113,7 +113,7 @@ def test_few_poses_are_said_to_be_few() -> None:
 def test_few_pairs_with_exact_turns_are_as_sure_as_they_scatter() -> None:
     """Turns are weighed by no less than a tenth of a degree, and scatter by what they scatter."""
     found, predicted = [], []
-    for seed in range(40):
+    for seed in range(14):
         s = HandEye.simulate(25, hand=PoseNoise(0.0, 0.0), eye=PoseNoise(0.5e-3, 0.0), seed=seed)
         seen = s.seen
         assert seen is not None
@@ -121,14 +121,15 @@ def test_few_pairs_with_exact_turns_are_as_sure_as_they_scatter() -> None:
         true = s.true_pose("hand_eye")
         found.append(vector_from_rotation(true[0].T @ result.X[:3, :3]))
         predicted.append(result.std["X"][3:] ** 2)
-    assert 0.75 < np.sqrt(np.mean(np.square(found)) / np.mean(predicted)) < 1.3
+    ratio = np.sqrt(np.mean(np.square(found)) / np.mean(predicted))
+    assert is_as_predicted(ratio, np.size(found))
 
 
 @pytest.mark.parametrize("count", [3, 4, 6])
 def test_a_handful_of_pairs_is_never_called_sure(count: int) -> None:
     """Three pairs can be fitted exactly in position, which says nothing of how sure they are."""
     ratios = []
-    for seed in range(25):
+    for seed in range(10):
         s = HandEye.simulate(count, hand=EXACT, eye=PoseNoise(0.3e-3, np.radians(0.1)), seed=seed)
         assert s.seen is not None
         try:
@@ -138,5 +139,5 @@ def test_a_handful_of_pairs_is_never_called_sure(count: int) -> None:
         assert found.assessment.level != "good"
         error = found.X[:3, 3] - s.true_pose("hand_eye")[1]
         ratios.append(np.sum(error**2) / np.sum(found.std["X"][:3] ** 2))
-    assert len(ratios) > 5
+    assert len(ratios) > 3
     assert np.sqrt(np.median(ratios)) < 3.0

@@ -174,7 +174,7 @@ def test_the_angles_between_poses_tell_none_of_it(which: str) -> None:
 def test_poses_read_rightly_are_never_told_another_way(
     count: int, share: float, noise: PoseNoise
 ) -> None:
-    for seed in range(4):
+    for seed in range(2):
         gross = OutlierModel(share, NATURES[seed % 2])  # type: ignore[arg-type]
         data = simulate(count, hand=noise, eye=noise, seed=seed, gross=gross)
         assert "they agree with one" not in said_of(data)

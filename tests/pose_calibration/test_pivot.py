@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from hand_eye_scenes import NATURES, NOISE, SKEW_AXIS, slides
+from spread import is_as_predicted
 
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import SamplesError
@@ -127,9 +128,9 @@ def spread_over_prediction(trials: int, posts: FloatArray, count: int) -> FloatA
 
 @pytest.mark.parametrize(("count", "posts"), [(60, POSTS[:1]), (12, POSTS)])
 def test_the_monte_carlo_spread_is_the_predicted_one(count: int, posts: FloatArray) -> None:
-    """60 trials of three numbers: 5 to 9 %."""
-    ratio = spread_over_prediction(60, posts, count)
-    assert ((ratio > 0.8) & (ratio < 1.25)).all(), ratio
+    tip, post = spread_over_prediction(20, posts, count)
+    assert is_as_predicted(tip, 3 * 20)
+    assert is_as_predicted(post, 3 * 20)
 
 
 @pytest.mark.slow

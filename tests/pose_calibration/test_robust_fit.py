@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -11,7 +12,6 @@ from registration_scenes import NOISE, simulate
 
 from suta_calib.pose_calibration import robust_fit as module
 from suta_calib.pose_calibration.registration import Registration, register
-from suta_calib.pose_calibration.robust_fit import objections, outlier_rows
 from suta_calib.solver.covariance import observed_covariance
 
 
@@ -38,17 +38,18 @@ def test_white_rows_have_the_covariance_of_the_solver(monkeypatch: pytest.Monkey
 
 
 def test_outliers_are_the_rows_that_were_not_fitted() -> None:
-    assert outlier_rows(np.array([True, False, True, False])) == (1, 3)
-    assert outlier_rows(np.ones(3, dtype=np.bool_)) == ()
+    answer = replace(registered(correlated=False), inliers=np.arange(60) % 2 == 0)
+    assert answer.outliers == tuple(range(1, 60, 2))
+    assert replace(answer, inliers=np.ones(60, dtype=np.bool_)).outliers == ()
 
 
 def test_what_speaks_against_an_answer() -> None:
     converged: Any = SimpleNamespace(converged=True, sentence="")
     stuck: Any = SimpleNamespace(converged=False, sentence="Iteration limit")
-    inliers = np.arange(10) < 6
-    assert objections(converged, inliers, "poses") == []
+    answer, inliers = registered(correlated=False), np.arange(10) < 6
+    assert replace(answer, solution=converged).objections("poses", inliers) == []
     inliers[0] = False
-    assert objections(stuck, inliers, "poses") == [
+    assert replace(answer, solution=stuck).objections("poses", inliers) == [
         "The solver did not converge: Iteration limit.",
         "50% of the poses do not agree with the rest.",
     ]

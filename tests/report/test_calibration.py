@@ -6,6 +6,7 @@ import json
 import math
 import re
 from dataclasses import replace
+from functools import cache
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -24,6 +25,7 @@ from suta_calib.model.arm import ArmModel
 from suta_calib.report import calibration_plots as plots
 from suta_calib.report.calibration import calibration_document
 from suta_calib.report.console import rendered
+from suta_calib.report.document import Document
 from suta_calib.report.errors import by_kind, groups
 from suta_calib.report.files import write_document
 from suta_calib.report.observability import observability_document
@@ -31,16 +33,22 @@ from suta_calib.report.page import page_with
 from suta_calib.words import combination, listed
 
 
+@cache
+def document_of(result: CalibrationResult) -> Document:
+    """Its pictures are drawn once."""
+    return calibration_document(result)
+
+
 def told(result: CalibrationResult, *, verbose: bool = False) -> str:
     return console_text(rendered(calibration_document(result, verbose=verbose)))
 
 
 def render_report(result: CalibrationResult) -> str:
-    return page_with(calibration_document(result), None)
+    return page_with(document_of(result), None)
 
 
 def write_results(result: CalibrationResult, folder: Path) -> dict[str, Path]:
-    answer = write_document(calibration_document(result), folder)
+    answer = write_document(document_of(result), folder)
     return {name: Path(path) for name, path in answer["files"].items()}
 
 

@@ -1,15 +1,15 @@
-"""None"""
+"""Simulated measurements are what the model says, with noise and errors as asked for."""
 
 from __future__ import annotations
 
 import math
-import sysconfig
 from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from simulated import arm_named
 from simulation_scenes import EXACT, Folder, with_noise
 
 from suta_calib.geometry.numbers import homogeneous, vector_from_rotation
@@ -25,13 +25,16 @@ from suta_calib.simulation import (
 )
 from suta_calib.simulation.noise import encoder_readings, wrapped
 
-ROBOTS = Path(sysconfig.get_paths()["purelib"]) / "cmeel.prefix/share/example-robot-data/robots"
-PANDA = ROBOTS / "panda_description/urdf/panda.urdf"
-
 
 @pytest.fixture
 def folder(tmp_path: Path, suta_urdf: Path) -> Folder:
     return Folder(tmp_path, suta_urdf)
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory, suta_urdf: Path) -> Simulation:
+    """Without noise."""
+    return Folder(tmp_path_factory.mktemp("exact"), suta_urdf).simulate()
 
 
 def seats(made: Simulation, path: str) -> tuple[np.ndarray, np.ndarray]:
@@ -45,8 +48,7 @@ def seats(made: Simulation, path: str) -> tuple[np.ndarray, np.ndarray]:
 
 
 # ── What is simulated is what the model says ─────────────────────────────────────────────────
-def test_without_noise_the_true_tip_is_at_the_landmark(folder: Folder) -> None:
-    made = folder.simulate()
+def test_without_noise_the_true_tip_is_at_the_landmark(made: Simulation) -> None:
     assert [file.path for file in made.files][:2] == ["calibration/P1.csv", "calibration/P2.csv"]
     for path in ("calibration/P1.csv", "calibration/P2.csv"):
         tip, landmark = seats(made, path)
@@ -55,8 +57,7 @@ def test_without_noise_the_true_tip_is_at_the_landmark(folder: Folder) -> None:
     assert np.abs(nominal - tip).max() > 1e-3
 
 
-def test_without_noise_the_true_tip_has_the_landmarks_orientation(folder: Folder) -> None:
-    made = folder.simulate()
+def test_without_noise_the_true_tip_has_the_landmarks_orientation(made: Simulation) -> None:
     samples, plan = made.files[0].samples, made.spec.sets[0]
     rotation = made.arm.forward(samples.q, made.values)[0]
     marks = made.artefacts["calibration"].landmarks
@@ -67,8 +68,7 @@ def test_without_noise_the_true_tip_has_the_landmarks_orientation(folder: Folder
             np.testing.assert_allclose(rotation[row], expected, atol=1e-10, rtol=0)
 
 
-def test_the_fixed_point_is_touched_from_directions_within_the_cone(folder: Folder) -> None:
-    made = folder.simulate()
+def test_the_fixed_point_is_touched_from_directions_within_the_cone(made: Simulation) -> None:
     samples = made.files[2].samples
     rotation, tip = made.arm.forward(samples.q, made.values)
     np.testing.assert_allclose(tip, np.tile([0.4, 0.0, 0.1], (12, 1)), atol=1e-10, rtol=0)
@@ -78,8 +78,7 @@ def test_the_fixed_point_is_touched_from_directions_within_the_cone(folder: Fold
     assert set(samples.labels["point"]) == {"F1"}
 
 
-def test_the_instrument_sees_the_true_tip(folder: Folder) -> None:
-    made = folder.simulate()
+def test_the_instrument_sees_the_true_tip(made: Simulation) -> None:
     samples = made.files[3].samples
     base = made.spec.sets[2].frames["base_in_instrument"]
     rotation, tip = made.arm.forward(samples.q, made.values)
@@ -96,8 +95,8 @@ def test_readings_stay_within_the_encoders_turn(folder: Folder) -> None:
 
 
 # ── The truth ────────────────────────────────────────────────────────────────────────────────
-def test_later_rows_win_and_values_are_exact(folder: Folder) -> None:
-    values = folder.simulate().values
+def test_later_rows_win_and_values_are_exact(made: Simulation) -> None:
+    values = made.values
     assert values["joint_2.offset"] == pytest.approx(math.radians(4.1), abs=1e-15)
     assert values["joint_4.z"] != 0.571
 
@@ -112,8 +111,10 @@ def test_drawn_errors_have_the_size_asked_for(folder: Folder, suta_urdf: Path) -
     assert twists.std() == pytest.approx(0.1, rel=0.1)
 
 
-def test_a_changed_row_leaves_other_parameters_as_they_were(folder: Folder) -> None:
-    before = folder.simulate().values
+def test_a_changed_row_leaves_other_parameters_as_they_were(
+    made: Simulation, folder: Folder
+) -> None:
+    before = made.values
     after = folder.simulate(EXACT.replace("value_deg: 4.1", "value_deg: -2")).values
     assert {n for n in before if before[n] != after[n]} == {"joint_2.offset"}
 
@@ -196,20 +197,18 @@ def test_outliers_listed_are_the_outliers_present(folder: Folder) -> None:
 # ── Inverse kinematics ───────────────────────────────────────────────────────────────────────
 @settings(max_examples=20)
 @given(seed=st.integers(0, 2**32 - 1))
-def test_reachable_poses_are_reached_by_the_suta(suta_urdf: Path, seed: int) -> None:
-    _round_trip(ArmModel.from_urdf(suta_urdf, "tip"), seed)
+def test_reachable_poses_are_reached_by_the_suta(seed: int) -> None:
+    _round_trip("suta", seed)
 
 
-@settings(max_examples=20)
+@settings(max_examples=10)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_reachable_poses_are_reached_by_a_redundant_arm_within_its_limits(seed: int) -> None:
-    if not PANDA.is_file():
-        pytest.skip("example-robot-data is not installed")
-    _round_trip(ArmModel.from_urdf(PANDA, "panda_hand", "panda_link0"), seed)
+    _round_trip("panda", seed)
 
 
-def _round_trip(arm: ArmModel, seed: int) -> None:
-    rng = np.random.default_rng(seed)
+def _round_trip(name: str, seed: int) -> None:
+    arm, rng = arm_named(name), np.random.default_rng(seed)
     values = {n: p.nominal + 0.002 * rng.standard_normal() for n, p in arm.parameters.items()}
     kinematics = InverseKinematics(arm, values)
     rotation, position = arm.forward(kinematics.random_readings(rng, 4), values)

@@ -29,7 +29,7 @@ from suta_calib.solver.solution import Solution
 from suta_calib.solver.solve import solve
 from suta_calib.terms import KINDS, ArmPoses, Noise, Setup
 
-FEW = 60
+FEW = 30
 TENTH = Noise(1e-4)
 MANY = 300
 

@@ -28,8 +28,8 @@ from suta_calib.solver.solve import solve
 from suta_calib.terms import Noise
 
 SEATING = Spread(position=1e-4)
-# A single parameter's ratio then scatters by 1/√400 = 5 %, and what is pooled by less.
-TRIALS = 200
+# A single parameter's ratio then scatters by 1/√200 = 7 %, and what is pooled by less.
+TRIALS = 100
 
 
 @cache
@@ -139,7 +139,7 @@ def test_a_mix_of_kinds() -> None:
 
 @both
 def test_correlations_too(trials: Callable[[], Trials]) -> None:
-    """A coefficient near zero scatters by 1/√200 = 0.07 between repetitions."""
+    """A coefficient near zero scatters by 1/√100 = 0.1 between repetitions."""
     found = trials()
     std = np.sqrt(np.diag(found.covariance))
     predicted = found.covariance / np.outer(std, std)

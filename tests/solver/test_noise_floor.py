@@ -14,7 +14,9 @@ from suta_calib.solver.problem import Problem
 COPIED = ("simulation.yaml", "artefact.yaml", "calibration_full.yaml")
 
 
-@pytest.mark.parametrize(("outliers", "within"), [(0.0, 1.05), (0.1, 1.10)])
+@pytest.mark.parametrize(
+    ("outliers", "within"), [pytest.param(0.0, 1.05, marks=pytest.mark.slow), (0.1, 1.10)]
+)
 def test_held_out_errors_are_near_those_of_the_true_arm(
     repository: Path, tmp_path: Path, outliers: float, within: float
 ) -> None:

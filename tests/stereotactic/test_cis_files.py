@@ -16,7 +16,6 @@ from suta_calib.errors import SamplesError
 from suta_calib.stereotactic.cis_files import (
     Output1,
     output1_text,
-    output2_text,
     points_text,
     read_calibration_body,
     read_calibration_readings,
@@ -58,7 +57,7 @@ def test_output1_comes_back(data: st.DataObject, frames: int, markers: int, scra
 
 @given(tips=st.integers(1, 5).flatmap(lambda n: points(n)))
 def test_output2_comes_back(tips: np.ndarray, scratch: Path) -> None:
-    scratch.write_text(output2_text(tips, "a-output2.txt"))
+    scratch.write_text(points_text((len(tips),), "a-output2.txt", tips))
     np.testing.assert_allclose(read_points(scratch), tips, atol=1e-9)
 
 
@@ -100,7 +99,8 @@ def test_given_outputs_are_written_as_they_were(shared: Path) -> None:
         if "output1" in file.name:
             text = output1_text(read_output1(file), file.name)
         else:
-            text = output2_text(read_points(file), file.name)
+            points = read_points(file)
+            text = points_text((len(points),), file.name, points)
         assert text.encode() == file.read_bytes(), file.name
 
 

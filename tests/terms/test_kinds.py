@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ast
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import pytest
@@ -32,15 +32,15 @@ OTHERS = {
 each_kind = pytest.mark.parametrize("kind", KINDS.values(), ids=KINDS)
 
 
-def literals(tree: ast.AST) -> Iterator[str]:
+def literals(nodes: Sequence[ast.AST]) -> Iterator[str]:
     """Text in the code, docstrings apart."""
     documented = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
     docstrings = {
         id(node.body[0].value)
-        for node in ast.walk(tree)
+        for node in nodes
         if isinstance(node, documented) and node.body and isinstance(node.body[0], ast.Expr)
     }
-    for node in ast.walk(tree):
+    for node in nodes:
         if isinstance(node, ast.Constant) and id(node) not in docstrings:
             yield str(node.value)
 
@@ -54,11 +54,11 @@ def test_no_file_outside_terms_names_a_kind(repository: Path) -> None:
         place = file.relative_to(package).as_posix()
         if place.startswith("terms/"):
             continue
-        tree = ast.parse(file.read_text(encoding="utf-8"))
-        used = {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
-        used |= {a.name for n in ast.walk(tree) if isinstance(n, ast.ImportFrom) for a in n.names}
+        nodes = list(ast.walk(ast.parse(file.read_text(encoding="utf-8"))))
+        used = {node.id for node in nodes if isinstance(node, ast.Name)}
+        used |= {a.name for n in nodes if isinstance(n, ast.ImportFrom) for a in n.names}
         found += [f"{place}: {name}" for name in sorted(used & classes - BY_NAME.get(place, set()))]
-        named = {text for text in literals(tree) if names.search(text)}
+        named = {text for text in literals(nodes) if names.search(text)}
         found += [f"{place}: {text!r}" for text in sorted(named - OTHERS.get(place, set()))]
     assert not found, "\n".join(found)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -14,7 +13,12 @@ from simulated import Scene, arm_named, artefact, artefact_scene, placements, re
 
 from suta_calib.analysis.study.trial import resimulated
 from suta_calib.errors import ArtefactError, JobError, ParameterError
-from suta_calib.geometry.numbers import rotation_from_rpy, rotation_from_vector
+from suta_calib.geometry.numbers import (
+    rotation_from_rpy,
+    rotation_from_vector,
+    vector_from_rotation,
+)
+from suta_calib.job.calibration import CalibrationJob
 from suta_calib.job.schema import read_job
 from suta_calib.measurements import Artefact, Samples
 from suta_calib.model.parameters import Selection
@@ -77,7 +81,7 @@ def test_the_residual_is_zero_at_the_truth(kind: type[Term]) -> None:
     if kind is TouchedLandmark:  # the placements' start is a registration of what is off its axis
         scene = seated_scene(artefact(oriented=True))
         for k, (R, p) in enumerate(placements(4)):
-            vector = solve_rotation(R)
+            vector = vector_from_rotation(R)
             keys = ("x", "y", "z", "rx", "ry", "rz")
             pairs = zip(keys, (*p, *vector), strict=True)
             values |= {f"placement[P{k}].{key}": float(v) for key, v in pairs}
@@ -85,12 +89,6 @@ def test_the_residual_is_zero_at_the_truth(kind: type[Term]) -> None:
     x = np.array([values[name] for name in problem.names])
     for line in problem.linearise(x, problem.assumed_sigmas()):
         np.testing.assert_allclose(line.residual, 0.0, atol=1e-9)
-
-
-def solve_rotation(rotation: np.ndarray) -> np.ndarray:
-    from suta_calib.geometry.numbers import vector_from_rotation
-
-    return vector_from_rotation(rotation)
 
 
 @pytest.mark.parametrize("kind", [PairwiseDistance, TouchedLandmark])
@@ -230,9 +228,7 @@ sets:
 """
 
 
-def test_from_simulation_to_result(
-    tmp_path: Path, suta_urdf: Path, repository: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_from_simulation_to_result(tmp_path: Path, suta_urdf: Path, repository: Path) -> None:
     (tmp_path / "arm.urdf").write_bytes(suta_urdf.read_bytes())
     (tmp_path / "a.yaml").write_bytes((repository / "data/suta/artefact.yaml").read_bytes())
     (tmp_path / "simulation.yaml").write_text(SIMULATION.replace("URDF", "arm.urdf"))
@@ -245,11 +241,9 @@ def test_from_simulation_to_result(
     (tmp_path / "job.yaml").write_text(text)
     held_out = "validation: [{kind: landmark, artefact: a.yaml, samples: 'calibration/*.csv'}]\n"
     (tmp_path / "forgotten.yaml").write_text(text + held_out)
-    cli("calibrate", tmp_path / "forgotten.yaml")
-    assert "validation row of landmark has no seating" in " ".join(capsys.readouterr().out.split())
-    assert cli("calibrate", tmp_path / "job.yaml") == 0
-    capsys.readouterr()
-    found = json.loads((tmp_path / "results" / "result.json").read_text())["parameters"]
-    assert found["seating.x"]["value"] == pytest.approx(0.2e-3, abs=2e-5)
-    assert found["seating.y"]["value"] == pytest.approx(-0.1e-3, abs=2e-5)
-    assert math.degrees(found["seating.rz"]["value"]) == pytest.approx(1.5, abs=0.05)
+    result = CalibrationJob.load(tmp_path / "forgotten.yaml").run()
+    assert "validation row of landmark has no seating" in " ".join(result.assessment.notes)
+    found = CalibrationJob.load(tmp_path / "job.yaml").run().solution.values
+    assert found["seating.x"] == pytest.approx(0.2e-3, abs=2e-5)
+    assert found["seating.y"] == pytest.approx(-0.1e-3, abs=2e-5)
+    assert math.degrees(found["seating.rz"]) == pytest.approx(1.5, abs=0.05)

@@ -68,11 +68,11 @@ def spread_over_prediction(name: str, trials: int) -> float:
 
 @each_case
 def test_the_monte_carlo_spread_is_the_predicted_one(name: str) -> None:
-    """120 trials: a single parameter's ratio scatters by 1/√240 = 6.5 %, pooled ones by less.
+    """48 trials: a single parameter's ratio scatters by 1/√96 = 10 %, ten and more by a third.
 
-    The limits are then more than three standard deviations away, whatever the correlation.
+    The limits are then more than four standard deviations away.
     """
-    assert 0.8 < spread_over_prediction(name, trials=120) < 1.25
+    assert 0.8 < spread_over_prediction(name, trials=48) < 1.25
 
 
 @pytest.mark.slow

@@ -14,7 +14,7 @@ from tracking_scene import TRUTH, Calibrated, calibrated, reading, suta_tracker
 
 from suta_calib.errors import InputError
 from suta_calib.model.arm import ArmModel
-from suta_calib.tracking.tracker import TipKinematics, Tool, Tracker, quaternion, read_tool
+from suta_calib.tracking.tracker import NO_TOOL, TipKinematics, Tool, Tracker, quaternion, read_tool
 from suta_calib.tracking.uncertainty import read_uncertainty
 
 
@@ -86,7 +86,7 @@ def test_offsets_of_joints_that_slide_are_folded_too(tmp_path: Path):
     known = read_uncertainty(result, arm)
     assert known.source == "std"
     q, step = np.array([0.4, -0.2]), 1e-6
-    _, _, found = TipKinematics(arm, Tool.none(), known)(q)
+    _, _, found = TipKinematics(arm, NO_TOOL, known)(q)
     variance = np.zeros(3)
     for name in truth:
         ends = [
@@ -150,7 +150,7 @@ def test_a_result_that_must_not_be_used_is_taken_where_one_insists(
 def test_the_nominal_urdf_is_not_what_was_calibrated(scene: Calibrated):
     known = read_uncertainty(scene.path, scene.nominal)
     with pytest.raises(InputError, match=r"joint_4\.z: found 0\.574 m, and 0\.571 m in the URDF"):
-        TipKinematics(scene.nominal, Tool.none(), known)
+        TipKinematics(scene.nominal, NO_TOOL, known)
 
 
 @pytest.mark.parametrize(
@@ -212,7 +212,7 @@ def test_a_device_that_lacks_a_joint_is_refused():
 def test_a_pose_takes_less_than_100_microseconds(scene: Calibrated):
     """A limit ten times what it takes, so that a busy machine does not fail it."""
     known = read_uncertainty(scene.path, scene.arm)
-    tracker = Tracker(scene.arm, scene.arm.joints, TipKinematics(scene.arm, Tool.none(), known))
+    tracker = Tracker(scene.arm, scene.arm.joints, TipKinematics(scene.arm, NO_TOOL, known))
     one = reading(np.full(6, 0.3))
     times = []
     for _ in range(300):

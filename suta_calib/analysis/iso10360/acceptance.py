@@ -119,6 +119,16 @@ class Characteristic:
     decision: Decision
     count: int
 
+    @property
+    def broken(self) -> str:
+        """Of one that has not passed: how it stands to its limit, in a sentence."""
+        how = "beyond" if self.decision == "fail" else "too near to"
+        sure = f" with U {mm(self.expanded):.4f} mm" if self.expanded else ""
+        return (
+            f"{self.symbol}: {mm(self.value):+.4f} mm ({self.where}) is {how} the limit "
+            f"±{mm(self.limit or 0.0):.4f} mm{sure}."
+        )
+
 
 @dataclass(frozen=True, eq=False)
 class AcceptanceTest:
@@ -145,21 +155,19 @@ class AcceptanceTest:
     @property
     def length_expanded(self) -> FloatArray:
         """(n,) expanded uncertainty of every length, m."""
-        return length_uncertainty(self.measured.lengths, self.uncertainty)
+        lengths = self.measured.lengths
+        return np.zeros(0) if lengths is None else length_uncertainty(lengths, self.uncertainty)
 
     @property
     def assessment(self) -> Assessment:
         """Passed, failed, or neither proved."""
-        bad = [note for each in self.characteristics if (note := _failure(each))]
         sentence = "No limits given: figures without pass or fail"
         judged = [each for each in self.characteristics if each.limit is not None]
         if judged:
             kept = sum(each.decision == "pass" for each in judged)
             words = {"pass": "Passed", "fail": "Failed", "undecided": "Neither passed nor failed"}
             sentence = f"{words[self.decision]}: {kept} of {len(judged)} limits are kept"
-        return Assessment.of(sentence, bad=bad, care=self._cautions())
-
-    def _cautions(self) -> list[str]:
+        bad = [each.broken for each in judged if each.decision != "pass"]
         notes = [*self.measured.notes]
         for each in self.measured.articulations:
             if each.amplification > _BADLY_SPREAD:
@@ -176,7 +184,7 @@ class AcceptanceTest:
                 )
             if found.limit is None and self.limits.given:
                 notes.append(f"{found.symbol}: no limit is given.")
-        return notes
+        return Assessment.of(sentence, bad=bad, care=notes)
 
     @property
     def simplified(self) -> tuple[str, ...]:
@@ -206,17 +214,6 @@ class AcceptanceTest:
         return tuple(said)
 
 
-def _failure(each: Characteristic) -> str:
-    if each.decision not in ("fail", "undecided") or each.limit is None:
-        return ""
-    how = "beyond" if each.decision == "fail" else "too near to"
-    sure = f" with U {mm(each.expanded):.4f} mm" if each.expanded else ""
-    return (
-        f"{each.symbol}: {mm(each.value):+.4f} mm ({each.where}) is {how} the limit "
-        f"±{mm(each.limit):.4f} mm{sure}."
-    )
-
-
 def acceptance_test(job: AcceptanceJob) -> AcceptanceTest:
     """Measure and judge what a job names.
 
@@ -236,7 +233,9 @@ def accept(
     rule: DecisionRule = GUARDED,
 ) -> AcceptanceTest:
     """Judge what was measured."""
-    m, u = measured, uncertainty
+    m, u, found = measured, uncertainty, []
+    if m.lengths is not None:
+        found.append(_worst_length(m.lengths, m.bidirectional, limits, u, rule))
     diameter = float(np.hypot(EXPANDED * m.sphere_std, u.size))
     visits = [(r.point, r.diameter) for r in m.repeats]
     kinds = (
@@ -245,9 +244,6 @@ def accept(
         ("P_Form", [(s.sphere, s.form) for s in m.spheres], limits.form, u.form),
         ("repeatability", visits, limits.repeatability, u.repeatability),
     )
-    found = []
-    if m.lengths is not None:
-        found.append(_worst_length(m.lengths, m.bidirectional, limits, u, rule))
     for symbol, values, limit, expanded in kinds:
         if values:
             where, value = max(values, key=lambda each: abs(each[1]))
@@ -258,10 +254,8 @@ def accept(
     return AcceptanceTest(measured, limits, uncertainty, rule, tuple(found))
 
 
-def length_uncertainty(lengths: LengthErrors | None, u: StatedUncertainty) -> FloatArray:
+def length_uncertainty(lengths: LengthErrors, u: StatedUncertainty) -> FloatArray:
     """Expanded (k = 2) uncertainty (n,) of what each length truly was, m."""
-    if lengths is None:
-        return np.zeros(0)
     own = (EXPANDED * lengths.calibration_std) ** 2
     return np.asarray(np.sqrt(own + u.length**2 + (u.per_length * lengths.length) ** 2))
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from itertools import combinations
 from typing import Final
 
@@ -122,9 +122,9 @@ class LengthErrors:
         calibration_std: (n,) standard uncertainty of the calibrated length, m.
     """
 
-    label: tuple[str, ...]
-    placement: tuple[str, ...]
-    repeat: tuple[str, ...]
+    label: NDArray[np.str_]
+    placement: NDArray[np.str_]
+    repeat: NDArray[np.str_]
     length: FloatArray
     error: FloatArray
     calibration_std: FloatArray
@@ -138,9 +138,9 @@ class LengthErrors:
         measured = np.linalg.norm(position[first] - position[second], axis=1)
         labels, length = term.poses.samples.labels, block.data[:, 0]
         return cls(
-            block.labels,
-            tuple(labels["placement"][first].tolist()),
-            tuple(labels["repeat"][first].tolist()),
+            np.array(block.labels),
+            labels["placement"][first],
+            labels["repeat"][first],
             length,
             measured - length,
             block.known_sigma,
@@ -149,14 +149,8 @@ class LengthErrors:
     @classmethod
     def joined(cls, parts: Sequence[LengthErrors]) -> LengthErrors:
         """Those of several artefacts, one after the other."""
-        return cls(
-            tuple(each for part in parts for each in part.label),
-            tuple(each for part in parts for each in part.placement),
-            tuple(each for part in parts for each in part.repeat),
-            np.concatenate([part.length for part in parts]),
-            np.concatenate([part.error for part in parts]),
-            np.concatenate([part.calibration_std for part in parts]),
-        )
+        columns = [[getattr(part, each.name) for part in parts] for each in fields(cls)]
+        return cls(*map(np.concatenate, columns))
 
     def __len__(self) -> int:
         return len(self.error)
@@ -164,19 +158,16 @@ class LengthErrors:
     @property
     def repeat_range(self) -> float | None:
         """Largest range of a length's errors over the repeats of one placement, m."""
-        groups: dict[tuple[str, str], list[float]] = {}
-        pairs = zip(self.placement, self.label, self.error.tolist(), strict=True)
-        for placement, label, error in pairs:
-            names = "-".join(sorted(label.split("-")))
-            groups.setdefault((placement, names), []).append(error)
+        groups: dict[tuple[str, ...], list[float]] = {}
+        for placement, label, error in zip(self.placement, self.label, self.error, strict=True):
+            groups.setdefault((placement, *sorted(label.split("-"))), []).append(float(error))
         ranges = [max(errors) - min(errors) for errors in groups.values() if len(errors) > 1]
         return max(ranges, default=None)
 
     def by_placement(self) -> Iterator[tuple[str, IntArray]]:
         """Rows of each placement."""
-        placement = np.array(self.placement)
-        for name in dict.fromkeys(self.placement):
-            yield name, np.flatnonzero(placement == name)
+        for name in grouped(self.placement)[0]:
+            yield name, np.flatnonzero(self.placement == name)
 
 
 @dataclass(frozen=True, eq=False)
@@ -235,42 +226,37 @@ def articulations(
     found = []
     for name in grouped(point)[0]:
         rows = np.flatnonzero(point == name)
-        labels = None if articulation is None else articulation[rows]
-        found.append(_articulation(name, position[rows], labels, sphere=sphere))
-    return tuple(found)
-
-
-def _articulation(
-    point: str, position: FloatArray, labels: NDArray[np.str_] | None, *, sphere: bool
-) -> Articulation:
-    names, index = [str(k + 1) for k in range(len(position))], np.arange(len(position))
-    if labels is not None:
-        names, index = grouped(labels)
-    if len(names) < 2:
-        raise SamplesError(
-            f"point {point!r} from {len(names)} articulation",
-            "every point from several",
-            where="articulation",
+        names, index = [str(k + 1) for k in range(len(rows))], np.arange(len(rows))
+        if articulation is not None:
+            names, index = grouped(articulation[rows])
+        if len(names) < 2:
+            raise SamplesError(
+                f"point {name!r} from {len(names)} articulation",
+                "every point from several",
+                where="articulation",
+            )
+        places = [position[rows[index == k]] for k in range(len(names))]
+        centres, amplification = np.array([each.mean(axis=0) for each in places]), 0.0
+        if sphere:
+            where = [f"point {name!r}, articulation {each!r}" for each in names]
+            fitted = [best_sphere(*each) for each in zip(places, where, strict=True)]
+            centres = np.array([each.centre for each in fitted])
+            amplification = max(each.amplification for each in fitted)
+        away = np.linalg.norm(centres - centres.mean(axis=0), axis=1)
+        found.append(
+            Articulation(
+                name,
+                tuple(names),
+                centres,
+                2 * smallest_sphere(centres).radius,
+                away,
+                2 * float(np.sqrt(np.sum(away**2) / (len(away) - 1))),
+                np.ptp(centres, axis=0),
+                len(rows),
+                amplification,
+            )
         )
-    places = [position[index == k] for k in range(len(names))]
-    where = [f"point {point!r}, articulation {name!r}" for name in names]
-    centres, amplification = np.array([each.mean(axis=0) for each in places]), 0.0
-    if sphere:
-        fitted = [best_sphere(*each) for each in zip(places, where, strict=True)]
-        centres = np.array([each.centre for each in fitted])
-        amplification = max(each.amplification for each in fitted)
-    away = np.linalg.norm(centres - centres.mean(axis=0), axis=1)
-    return Articulation(
-        point,
-        tuple(names),
-        centres,
-        2 * smallest_sphere(centres).radius,
-        away,
-        2 * float(np.sqrt(np.sum(away**2) / (len(away) - 1))),
-        np.ptp(centres, axis=0),
-        len(position),
-        amplification,
-    )
+    return tuple(found)
 
 
 @dataclass(frozen=True, eq=False)
@@ -306,7 +292,7 @@ def probings(
         fitted = best_sphere(points, f"sphere {name!r}")
         radial = np.linalg.norm(points - fitted.centre, axis=1) - fitted.radius
         size = 2 * fitted.radius - diameter
-        found.append(SphereProbing(name, radial, float(size), float(np.ptp(radial))))
+        found.append(SphereProbing(name, radial, size, float(np.ptp(radial))))
     return tuple(found)
 
 

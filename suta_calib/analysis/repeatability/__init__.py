@@ -1,56 +1,34 @@
 """Repeatability of visits to one point, and what the encoders do while nothing moves."""
 
-from suta_calib.analysis.repeatability.directions import DirectionalForce, JointPush
-from suta_calib.analysis.repeatability.scatter import (
-    Change,
-    Interval,
-    JointScatter,
-    OrientationScatter,
-    PositionScatter,
-    ProtocolComparison,
-    ScatterEstimate,
-    compare_protocols,
-)
-from suta_calib.analysis.repeatability.stationary import (
-    AllanDeviation,
-    JointNoise,
-    Stationary,
-    Stream,
-    allan_deviation,
-    read_stream,
-    stationary,
-)
-from suta_calib.analysis.repeatability.visits import (
-    DIRECTION,
-    PROTOCOL,
-    Repeatability,
-    RepeatabilityTest,
-    repeatability,
-    tip_levers,
-)
+from __future__ import annotations
 
-__all__ = [
-    "DIRECTION",
-    "PROTOCOL",
-    "AllanDeviation",
-    "Change",
-    "DirectionalForce",
-    "Interval",
-    "JointNoise",
-    "JointPush",
-    "JointScatter",
-    "OrientationScatter",
-    "PositionScatter",
-    "ProtocolComparison",
-    "Repeatability",
-    "RepeatabilityTest",
-    "ScatterEstimate",
-    "Stationary",
-    "Stream",
-    "allan_deviation",
-    "compare_protocols",
-    "read_stream",
-    "repeatability",
-    "stationary",
-    "tip_levers",
-]
+from typing import TYPE_CHECKING
+
+from suta_calib.lazy import public
+
+if TYPE_CHECKING:
+    from suta_calib.analysis.repeatability.at_rest import AllanDeviation as AllanDeviation
+    from suta_calib.analysis.repeatability.at_rest import JointNoise as JointNoise
+    from suta_calib.analysis.repeatability.at_rest import Stationary as Stationary
+    from suta_calib.analysis.repeatability.at_rest import Stream as Stream
+    from suta_calib.analysis.repeatability.at_rest import allan_deviation as allan_deviation
+    from suta_calib.analysis.repeatability.at_rest import read_stream as read_stream
+    from suta_calib.analysis.repeatability.at_rest import stationary as stationary
+    from suta_calib.analysis.repeatability.directions import DirectionalForce as DirectionalForce
+    from suta_calib.analysis.repeatability.directions import JointPush as JointPush
+    from suta_calib.analysis.repeatability.scatter import Change as Change
+    from suta_calib.analysis.repeatability.scatter import Interval as Interval
+    from suta_calib.analysis.repeatability.scatter import JointScatter as JointScatter
+    from suta_calib.analysis.repeatability.scatter import OrientationScatter as OrientationScatter
+    from suta_calib.analysis.repeatability.scatter import PositionScatter as PositionScatter
+    from suta_calib.analysis.repeatability.scatter import ProtocolComparison as ProtocolComparison
+    from suta_calib.analysis.repeatability.scatter import ScatterEstimate as ScatterEstimate
+    from suta_calib.analysis.repeatability.scatter import compare_protocols as compare_protocols
+    from suta_calib.analysis.repeatability.visits import DIRECTION as DIRECTION
+    from suta_calib.analysis.repeatability.visits import PROTOCOL as PROTOCOL
+    from suta_calib.analysis.repeatability.visits import Repeatability as Repeatability
+    from suta_calib.analysis.repeatability.visits import RepeatabilityTest as RepeatabilityTest
+    from suta_calib.analysis.repeatability.visits import repeatability as repeatability
+    from suta_calib.analysis.repeatability.visits import tip_levers as tip_levers
+
+__getattr__, __all__ = public(__name__)

@@ -68,28 +68,19 @@ class DirectionGroups:
         """(k,) visits of each direction."""
         return np.asarray(self.member.sum(axis=0))
 
-    def centred(self, values: FloatArray) -> FloatArray:
-        """Values (n, c) with each protocol's mean taken out."""
-        centred = values.copy()
-        for rows in self.strata:
-            centred[rows] -= centred[rows].mean(axis=0)
-        return centred
-
     def means(self, values: FloatArray, order: IntArray | None = None) -> FloatArray:
         """(k, c) means of values (n, c), with the labels in another order if one is given."""
         member = self.member if order is None else self.member[order]
         return np.asarray(member.T @ values / self.counts[:, None])
 
-    def between(self, values: FloatArray, order: IntArray | None = None) -> float:
-        """Sum of squares of values (n, c) that directions explain."""
-        return float(self.counts @ (self.means(values, order) ** 2).sum(axis=1))
-
-    def shuffled(self, random: np.random.Generator) -> IntArray:
-        """(n,) an order in which labels have changed places within their protocols."""
-        order = np.arange(len(self.member))
-        for rows in self.strata:
-            order[rows] = random.permutation(rows)
-        return order
+    def shuffled_means(self, values: FloatArray, random: np.random.Generator) -> FloatArray:
+        """(b, k, c) means with the labels of each protocol dealt anew, b times."""
+        drawn, order = [], np.arange(len(self.member))
+        for _ in range(PERMUTATIONS):
+            for rows in self.strata:
+                order[rows] = random.permutation(rows)
+            drawn.append(self.means(values, order))
+        return np.array(drawn)
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,8 +138,7 @@ def _step(
     Returns:
         W (joints,), backlash (k, joints), chance (joints,), and peak to peak by chance (joints,).
     """
-    orders = (groups.shuffled(random) for _ in range(PERMUTATIONS))
-    drawn = np.array([groups.means(values, order) for order in orders])
+    drawn = groups.shuffled_means(values, random)
     true = groups.means(values)[None]
     taken, backlash = (each[0] for each in _explained(groups, values, true, found))
     by_chance, wide = _explained(groups, values, drawn, found)
@@ -280,16 +270,17 @@ def directional_force(
         seed: of the permutations.
     """
     groups = DirectionGroups.of(direction, protocol)
-    values = groups.centred(np.hstack([away, position]))
+    values = np.hstack([away, position])
+    for rows in groups.strata:
+        values[rows] -= values[rows].mean(axis=0)
     random = np.random.default_rng(seed)
     search = search_backlash(groups, values[:, : len(joints)], random)
     means = groups.means(values)
     tip = means[:, len(joints) :]
-    # The chance of barycentres so far apart is that under permuted labels.
-    places = values[:, len(joints) :]
-    orders = (groups.shuffled(random) for _ in range(PERMUTATIONS))
-    drawn = np.array([groups.between(places, order) for order in orders])
-    above = int(np.sum(drawn >= groups.between(places) * (1 - 1e-9)))
+    # Whether permuted labels explain as much of the sum of squares of the places.
+    drawn = groups.shuffled_means(values[:, len(joints) :], random)
+    between = [np.einsum("k,...kc->...", groups.counts, means**2) for means in (tip, drawn)]
+    above = int(np.sum(between[1] >= between[0] * (1 - 1e-9)))
     pushes = []
     for k, (name, unit, lever) in enumerate(joints):
         backlash = float(np.ptp(search.backlash[:, k]))
@@ -307,9 +298,8 @@ def directional_force(
                 tuple(joints[other][0] for other in search.as_well.get(k, ())),
             )
         )
-    rows = (position[direction == name] for name in groups.names)
     return DirectionalForce(
-        {name: PositionScatter.of(each) for name, each in zip(groups.names, rows, strict=True)},
+        {name: PositionScatter.of(position[direction == name]) for name in groups.names},
         float(np.linalg.norm(tip[:, None] - tip[None], axis=-1).max()),
         (1 + above) / (PERMUTATIONS + 1),
         tuple(pushes),

@@ -62,6 +62,11 @@ class ScatterEstimate:
     log_std: float
     freedom: float
 
+    @property
+    def centre(self) -> float:
+        """The value with the jackknife's bias taken out."""
+        return math.exp(self.log_centre) if math.isfinite(self.log_centre) else self.value
+
     def interval(self, confidence: float = CONFIDENCE) -> Interval:
         """What the true value lies in, of visits without end under the same conditions."""
         if not math.isfinite(self.log_centre):
@@ -111,21 +116,17 @@ def difference(
     Zou, Donner (2008), doi:10.1002/sim.3095: each end is as far off as the ends that cause it.
     """
     one, two = first.interval(confidence), second.interval(confidence)
-    middle = _centre(second) - _centre(first)
-    below = math.hypot(_centre(second) - two.low, one.high - _centre(first))
-    above = math.hypot(two.high - _centre(second), _centre(first) - one.low)
+    below = math.hypot(second.centre - two.low, one.high - first.centre)
+    above = math.hypot(two.high - second.centre, first.centre - one.low)
+    middle = second.centre - first.centre
     return Interval(middle - below, middle + above)
-
-
-def _centre(each: ScatterEstimate) -> float:
-    return math.exp(each.log_centre) if math.isfinite(each.log_centre) else each.value
 
 
 def _factor(confidence: float, freedom: float) -> float:
     return float(t.ppf(0.5 + confidence / 2, freedom))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class PositionScatter:
     """Position repeatability of the tip, ISO 9283:1998, 7.2.2: all lengths in m.
 
@@ -141,18 +142,17 @@ class PositionScatter:
     """
 
     count: int
-    barycentre: tuple[float, float, float]
+    barycentre: FloatArray
     mean: float
     std: float
     rp: ScatterEstimate
     rms: ScatterEstimate
     maximum: float
-    axis_std: tuple[float, float, float]
+    axis_std: FloatArray
 
     @classmethod
     def of(cls, position: FloatArray) -> PositionScatter:
         """Of positions (n, 3), n at least three."""
-        centre, sides = position.mean(axis=0), position.std(axis=0, ddof=1)
         size = distances(position)
 
         def rp(visits: FloatArray) -> float:
@@ -164,13 +164,13 @@ class PositionScatter:
 
         return cls(
             len(position),
-            (float(centre[0]), float(centre[1]), float(centre[2])),
+            position.mean(axis=0),
             float(size.mean()),
             float(size.std(ddof=1)),
             spread(rp, position),
             spread(rms, position),
             float(size.max()),
-            (float(sides[0]), float(sides[1]), float(sides[2])),
+            position.std(axis=0, ddof=1),
         )
 
 

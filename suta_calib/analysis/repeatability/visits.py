@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from suta_calib.analysis.repeatability.at_rest import Stationary
 from suta_calib.analysis.repeatability.directions import DirectionalForce, directional_force
 from suta_calib.analysis.repeatability.scatter import (
     CONFIDENCE,
@@ -23,7 +24,6 @@ from suta_calib.analysis.repeatability.scatter import (
     joint_scatter,
     median_angle,
 )
-from suta_calib.analysis.repeatability.stationary import Stationary
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment
 from suta_calib.batched import Batched
@@ -66,12 +66,6 @@ def other_posture(columns: Iterable[tuple[str, Unit, FloatArray, float]]) -> tup
             limit = max(_POSTURE, _UNUSUAL * float(np.median(size)))
             odd |= {int(row) for row in np.flatnonzero(size > limit)}
     return tuple(sorted(odd))
-
-
-def white(away: FloatArray) -> FloatArray:
-    """Deviations (n, 3) along their principal axes, all of one size."""
-    vectors, sizes, _ = np.linalg.svd(away - away.mean(axis=0), full_matrices=False)
-    return np.array(vectors[:, sizes > 1e-9 * max(float(sizes[0]), 1e-300)], dtype=float)
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,8 +207,8 @@ def repeatability(
     pushed = None
     if direction is not None:
         named = list(zip(arm.joints, units, levers, strict=True))
-        away = np.stack([deviations(q, unit)[1] for _, unit, q, _ in columns], axis=1)
-        pushed = directional_force(named, away, position, direction, protocol, seed)
+        off = np.stack([deviations(q, unit)[1] for _, unit, q, _ in columns], axis=1)
+        pushed = directional_force(named, off, position, direction, protocol, seed)
     protocols = {}
     within: FloatArray = position - position.mean(axis=0)
     if protocol is not None:
@@ -224,8 +218,10 @@ def repeatability(
             within[rows] -= within[rows].mean(axis=0)
     first, *others = protocols or [""]
     # Of the principal axis along which successive visits resemble each other most.
-    axes = white(within if pushed is None else pushed.within[:, -3:]).T
-    correlation = max((correlation_length(axis[:, None]) for axis in axes), default=1.0)
+    away = within if pushed is None else pushed.within[:, -3:]
+    axes, sizes, _ = np.linalg.svd(away - away.mean(axis=0), full_matrices=False)
+    axes = axes[:, sizes > 1e-9 * max(float(sizes[0]), 1e-300)]
+    correlation = max((correlation_length(axis[:, None]) for axis in axes.T), default=1.0)
     return Repeatability(
         samples,
         position,

@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import chi2, t
 
 from suta_calib.analysis.repeatability.scatter import deviations, median_angle
@@ -184,22 +183,23 @@ class Stationary:
     @property
     def assessment(self) -> Assessment:
         """Whether the arm was at rest, and what the encoders do meanwhile."""
-        moved = [each.joint for each in self.joints if each.moved]
-        bad = [f"{', '.join(moved)} moved: the figures are no noise. Let the arm rest."]
         worst = max(self.joints, key=lambda each: each.std_detrended)
         sentence = (
             f"{len(self.stream.time)} readings in {self.seconds:.1f} s at "
             f"{1 / self.stream.period:.4g} Hz; most noise: {worst.joint}"
         )
-        return Assessment.of(
-            sentence, bad=bad if moved else [], care=[] if moved else self._cautions()
-        )
 
-    def _cautions(self) -> list[str]:
+        def which(quality: str) -> str:
+            return ", ".join(each.joint for each in self.joints if getattr(each, quality))
+
+        if names := which("moved"):
+            return Assessment.of(
+                sentence, bad=[f"{names} moved: the figures are no noise. Let the arm rest."]
+            )
         notes = []
-        if names := self._which("stuck"):
+        if names := which("stuck"):
             notes.append(f"{names} never changed: noise below one step, or an encoder that hangs.")
-        if names := self._which("drifts"):
+        if names := which("drifts"):
             notes.append(f"{names} drifts: more than its noise explains.")
         if gross := [f"{each.joint} ({each.left_out})" for each in self.joints if each.left_out]:
             notes.append(f"Grossly wrong readings were left out: {', '.join(gross)}.")
@@ -209,10 +209,7 @@ class Stationary:
             )
         if self.stream.dropped:
             notes.append(f"{self.stream.dropped} rows not valid, or with an error flag, left out.")
-        return notes
-
-    def _which(self, quality: str) -> str:
-        return ", ".join(each.joint for each in self.joints if getattr(each, quality))
+        return Assessment.of(sentence, care=notes)
 
 
 def stationary(
@@ -240,7 +237,12 @@ def stationary(
 def _joint(
     joint: str, unit: Unit, readings: FloatArray, time: FloatArray, period: float
 ) -> JointNoise:
-    kept = _honest(readings, unit)
+    off = readings - (median_angle(readings) if unit == "rad" else np.median(readings))
+    off = np.angle(np.exp(1j * off)) if unit == "rad" else off
+    size = np.abs(off - np.median(off))
+    # Where most readings are one and the same, the median deviation is zero and says nothing.
+    scale = max(_NORMAL * float(np.median(size)), float(np.quantile(size, 0.99)) / 3)
+    kept = size <= _GROSS * scale + _ROUNDING
     mean, away = deviations(readings[kept], unit)
     moment = time[kept]
     levels, step = _steps(readings[kept])
@@ -262,18 +264,6 @@ def _joint(
         batch_range,
         allan_deviation(away, period),
     )
-
-
-def _honest(readings: FloatArray, unit: Unit) -> NDArray[np.bool_]:
-    """Readings that are no gross errors, (n,)."""
-    away = readings - (median_angle(readings) if unit == "rad" else np.median(readings))
-    away = np.angle(np.exp(1j * away)) if unit == "rad" else away
-    away = away - np.median(away)
-    # Where most readings are one and the same, the median deviation is zero and says nothing.
-    scale = max(
-        _NORMAL * float(np.median(np.abs(away))), float(np.quantile(np.abs(away), 0.99)) / 3
-    )
-    return np.asarray(np.abs(away) <= _GROSS * scale + _ROUNDING)
 
 
 def _steps(readings: FloatArray) -> tuple[int, float | None]:
@@ -359,35 +349,18 @@ def read_stream(path: Path, joints: Sequence[str] = ()) -> Stream:
             "one column per joint, in rad",
             file=path,
         )
-    kept = _kept(table)
-    if len(kept.lines) < LEAST_ROWS:
+    kept = table.valid()
+    if len(kept) < LEAST_ROWS:
         raise SamplesError(
-            f"{len(kept.lines)} valid rows", f"at least {LEAST_ROWS}: some seconds", file=path
+            f"{len(kept)} valid rows", f"at least {LEAST_ROWS}: some seconds", file=path
         )
-    time = kept.numbers("time", "a column time, in s")
-    for row in np.flatnonzero(np.diff(time) <= 0):
-        found = f"{kept.columns['time'][row + 1]} after {kept.columns['time'][row]}"
-        raise kept.refuse(int(row) + 1, "time", found, "time that increases", "one clock")
+    time = kept.time("one clock")
     readings = np.stack([kept.numbers(n, "one column per joint, in rad") for n in names], axis=1)
     for row, column in np.argwhere(np.abs(readings) > _LARGEST_ANGLE):
         value = f"{readings[row, column]:.6g}"
         hint = "looks like degrees or counts: convert it"
         raise kept.refuse(int(row), names[column], value, "rad", hint)
     return Stream(path, names, time, readings, len(table) - len(kept))
-
-
-def _kept(table: CsvTable) -> CsvTable:
-    """The rows that are valid and carry no error."""
-    valid, errors = table.columns.get("valid"), table.columns.get("errors")
-    rows = [
-        row
-        for row in range(len(table))
-        if not (valid and valid[row].lower() in ("0", "false")) and not (errors and errors[row])
-    ]
-    if len(rows) == len(table):
-        return table
-    columns = {name: tuple(cells[row] for row in rows) for name, cells in table.columns.items()}
-    return CsvTable(table.path, columns, table.header_line, tuple(table.lines[row] for row in rows))
 
 
 def _read_parquet(path: Path) -> CsvTable:
