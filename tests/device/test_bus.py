@@ -33,6 +33,14 @@ def read_until(bus: Bus, enough: Callable[[list[Reading]], bool], limit: float =
     return found
 
 
+def read_on(bus: Bus, until: Callable[[], bool]) -> None:
+    """Leave out what comes."""
+    end = time.perf_counter() + 30
+    while not until():
+        assert time.perf_counter() < end, "nothing is said"
+        bus.read(0.02)
+
+
 def never(found: list[Reading]) -> bool:
     """Reads on until something is raised."""
     return len(found) < 0
@@ -203,15 +211,18 @@ def test_a_stall_is_said_and_survived(arm: PtyDevice) -> None:
     with Bus(spec_of(arm), reconnect=True, silence=0.1, on_event=said.append) as opened:
         read_until(opened, bool)
         arm.stop()
+        # A busy machine may stall too: what is said of it is over once frames come again.
+        read_on(opened, lambda: len(said) % 2 == 1)
+        once = len(said)
         end = time.perf_counter() + 0.2
         while time.perf_counter() < end:
             opened.read(0.02)
-        assert len(said) == 1
-        assert "not a single byte" in said[0]
+        assert len(said) == once
         arm.stream()
         read_until(opened, bool)
-    assert "come again" in said[1]
-    assert len(said) == 2
+    assert len(said) % 2 == 0
+    assert all("not a single byte" in sentence for sentence in said[::2])
+    assert all("come again" in sentence for sentence in said[1::2])
 
 
 def test_a_burst_of_garbage_is_said_and_survived(arm: PtyDevice) -> None:
@@ -221,13 +232,11 @@ def test_a_burst_of_garbage_is_said_and_survived(arm: PtyDevice) -> None:
         read_until(opened, bool)
         arm.stop()
         arm.stream(lambda *_: b"\x99" * 20)
-        while not said:
-            opened.read(0.02)
+        read_on(opened, lambda: "none of them readable" in "".join(said))
         arm.stop()
         arm.stream()
         read_until(opened, bool)
-    assert "none of them readable" in said[0]
-    assert "come again" in said[1]
+    assert "come again" in said[-1]
 
 
 def test_a_clock_that_jumps_is_said_and_settled_again(arm: PtyDevice) -> None:
