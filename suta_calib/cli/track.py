@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, Final, Self
 
 import click
@@ -17,7 +17,6 @@ from suta_calib.units import deg, mm
 if TYPE_CHECKING:
     from rich.console import RenderableType
     from rich.live import Live
-    from rich.table import Table
 
     from suta_calib.tracking.live import Tracking
     from suta_calib.tracking.session import TrackingSession
@@ -230,7 +229,8 @@ def _line(session: TrackingSession, rate: float, *, stats: bool) -> str:
 def _table(tracking: Tracking, rate: float, *, stats: bool) -> RenderableType:
     """The pose, what the device lost, what publishers did, percentiles of latency."""
     from rich.console import Group
-    from rich.text import Text
+
+    from suta_calib.report.console import Wrapped
 
     session, device = tracking.session, tracking.statistics
     lost = f"{device.lost_frames} lost, {device.frame_crc_errors} damaged frames"
@@ -241,14 +241,14 @@ def _table(tracking: Tracking, rate: float, *, stats: bool) -> RenderableType:
     for publisher in session.publishers:
         counts = ", ".join(f"{name} {value}" for name, value in publisher.statistics().items())
         lines.append(f"{publisher.name}: {counts}")
-    parts: list[RenderableType] = [_pose_table(session), Text("\n".join(lines))]
+    parts: list[RenderableType] = [_pose_table(session), Wrapped("\n".join(lines))]
     if stats:
         keys = ("p50", "p95", "p99", "max", "mean", "jitter")
-        table = _titled("From the frame's arrival to publication, ms", *keys)
+        title, rows = "From the frame's arrival to publication, ms", []
         for name, each in (("latency", session.latency), ("interval", session.interval)):
             figures = each.summary()
-            table.add_row(name, *(f"{figures[f'{key}_ms']:.3f}" for key in keys))
-        parts.append(table)
+            rows.append((name, *(f"{figures[f'{key}_ms']:.3f}" for key in keys)))
+        parts.append(_numbers(title, keys, rows))
     return Group(*parts)
 
 
@@ -263,13 +263,12 @@ def _pose_table(session: TrackingSession) -> RenderableType:
     if not pose.valid:
         return Text(f"NOT VALID: error flag of {', '.join(pose.errors)}", style="bold red")
     stale = _stale(session)
-    table = _titled(f"Tip in the base{f': {stale.upper()}' if stale else ''}", *"xyz", width=10)
-    table.add_row("position, mm", *(f"{v:.3f}" for v in mm(pose.position)), style="bold")
+    told = {"position, mm": mm(pose.position)}
     if pose.std is not None:
-        table.add_row("± std, mm", *(f"{v:.3f}" for v in mm(pose.std)))
-    angles = deg(rpy_from_rotation(pose.rotation))
-    table.add_row("roll pitch yaw, deg", *(f"{v:.3f}" for v in angles))
-    return table
+        told["± std, mm"] = mm(pose.std)
+    told["roll pitch yaw, deg"] = deg(rpy_from_rotation(pose.rotation))
+    rows = [(name, *(f"{v:10.3f}" for v in values)) for name, values in told.items()]
+    return _numbers(f"Tip in the base{f': {stale.upper()}' if stale else ''}", "xyz", rows)
 
 
 def _stale(session: TrackingSession) -> str:
@@ -279,12 +278,11 @@ def _stale(session: TrackingSession) -> str:
     return f"no reading for {age:.1f} s" if age > _STALE_S else ""
 
 
-def _titled(title: str, *heads: str, width: int = 0) -> Table:
+def _numbers(title: str, heads: Sequence[str], rows: list[tuple[str, ...]]) -> RenderableType:
     """A table of numbers, each row with a name."""
-    from rich import box
-    from rich.table import Table
+    from suta_calib.report.console import Fitted
+    from suta_calib.report.listing import Table
 
-    table = Table("", title=title, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD)
-    for head in heads:
-        table.add_column(head, justify="right", min_width=width)
-    return table
+    columns = ["", *heads]
+    untoned = [[None] * len(columns)] * len(rows)
+    return Fitted(Table(title, "", columns, frozenset(range(1, len(columns))), rows, untoned, list))
