@@ -10,7 +10,7 @@ import os
 import sys
 import warnings
 from collections.abc import Sequence
-from typing import Any, Final, TextIO
+from typing import Any, Final
 
 import click
 
@@ -18,35 +18,32 @@ from suta_calib.errors import SutaCalibError
 
 PROGRAM: Final = "suta-calib"
 INTERRUPTED: Final = 130
-# Name → module that holds the click command of that name, and a line for --help.
+# What --help says of each; the module of its name holds the click command.
 COMMANDS: Final = {
-    "calibrate": ("suta_calib.cli.calibrate", "Calibrate an arm: everything a job asks for."),
-    "observe": ("suta_calib.cli.observe", "What a job's data can and cannot determine."),
-    "study": ("suta_calib.cli.study", "How many sets are enough, and how far answers scatter."),
-    "extend": ("suta_calib.cli.extend", "Eccentric encoders, joints that yield: worth having?"),
-    "budget": ("suta_calib.cli.budget", "What the errors come from: encoders, seating, artefact."),
-    "validate": ("suta_calib.cli.validate", "A job's validation data through any URDF."),
-    "outliers": ("suta_calib.cli.outliers", "What in a job's data does not agree with the rest."),
-    "init": ("suta_calib.cli.init", "Start a job for a URDF: commented files to fill in."),
-    "simulate": ("suta_calib.cli.simulate", "Simulate measurements of an arm with known errors."),
-    "pivot": ("suta_calib.cli.pivot", "The tip of a tracked tool that pivots on a point."),
-    "hand-eye": ("suta_calib.cli.hand_eye", "Where a camera is: AX=XB or AX=ZB."),
-    "register": ("suta_calib.cli.register", "A rigid transform between corresponding points."),
-    "stereotactic": ("suta_calib.cli.stereotactic", "Two trackers, distortion and CT: JHU files."),
-    "certify": ("suta_calib.cli.certify", "An artefact from raw laser tracker points."),
-    "monitor": ("suta_calib.cli.monitor", "What a device sends, live, and what is wrong with it."),
-    "emulate": ("suta_calib.cli.emulate", "An arm without the arm: frames on a virtual port."),
-    "track": ("suta_calib.cli.track", "The calibrated tip live: console, files, OpenIGTLink, UDP."),
-    "path-accuracy": (
-        "suta_calib.cli.path_accuracy",
-        "How well a recorded motion follows a reference.",
-    ),
-    "measure": ("suta_calib.cli.measure", "From an arm on a cable to a samples file."),
-    "plan": ("suta_calib.cli.plan", "Where to measure next, and when to stop."),
-    "tip-map": ("suta_calib.cli.tip_map", "How sure the tip is, over the whole workspace."),
-    "zero-offsets": ("suta_calib.cli.zero_offsets", "Encoder offsets from known poses of the tip."),
-    "repeatability": ("suta_calib.cli.repeatability", "How well an arm comes back; its encoders."),
-    "iso10360": ("suta_calib.cli.iso10360", "Acceptance test of a measuring arm, ISO 10360-12."),
+    "calibrate": "Calibrate an arm: everything a job asks for.",
+    "observe": "What a job's data can and cannot determine.",
+    "study": "How many sets are enough, and how far answers scatter.",
+    "extend": "Eccentric encoders, joints that yield: worth having?",
+    "budget": "What the errors come from: encoders, seating, artefact.",
+    "validate": "A job's validation data through any URDF.",
+    "outliers": "What in a job's data does not agree with the rest.",
+    "init": "Start a job for a URDF: commented files to fill in.",
+    "simulate": "Simulate measurements of an arm with known errors.",
+    "pivot": "The tip of a tracked tool that pivots on a point.",
+    "hand-eye": "Where a camera is: AX=XB or AX=ZB.",
+    "register": "A rigid transform between corresponding points.",
+    "stereotactic": "Two trackers, distortion and CT: JHU files.",
+    "certify": "An artefact from raw laser tracker points.",
+    "monitor": "What a device sends, live, and what is wrong with it.",
+    "emulate": "An arm without the arm: frames on a virtual port.",
+    "track": "The calibrated tip live: console, files, OpenIGTLink, UDP.",
+    "path-accuracy": "How well a recorded motion follows a reference.",
+    "measure": "From an arm on a cable to a samples file.",
+    "plan": "Where to measure next, and when to stop.",
+    "tip-map": "How sure the tip is, over the whole workspace.",
+    "zero-offsets": "Encoder offsets from known poses of the tip.",
+    "repeatability": "How well an arm comes back; its encoders.",
+    "iso10360": "Acceptance test of a measuring arm, ISO 10360-12.",
 }
 
 # Earlier names of commands, which scripts still use.
@@ -65,15 +62,15 @@ class LazyGroup(click.Group):
         cmd_name = ALIASES.get(cmd_name, cmd_name)
         if cmd_name not in COMMANDS:
             return None
-        module = importlib.import_module(COMMANDS[cmd_name][0])
-        command = getattr(module, cmd_name.replace("-", "_"))
+        name = cmd_name.replace("-", "_")
+        command = getattr(importlib.import_module(f"suta_calib.cli.{name}"), name)
         assert isinstance(command, click.Command)
         return command
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         del ctx
         with formatter.section("Commands"):
-            formatter.write_dl([(name, line) for name, (_, line) in COMMANDS.items()])
+            formatter.write_dl(list(COMMANDS.items()))
 
 
 @click.group(
@@ -128,14 +125,6 @@ def _one_line(message: object) -> str:
     return " ".join(str(message).split())
 
 
-def _show_warning(
-    message: Warning | str,
-    category: type[Warning],
-    filename: str,
-    lineno: int,
-    file: TextIO | None = None,
-    line: str | None = None,
-) -> Any:
+def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
     """One line on stderr; where in the source it was raised helps nobody who has a job to run."""
-    del category, filename, lineno, file, line
     click.echo(f"{PROGRAM}: warning: {_one_line(message)}", err=True)

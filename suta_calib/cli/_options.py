@@ -132,17 +132,7 @@ def pose_options(command: Command) -> Command:
 def optional_arm(
     urdf: Path | None, tip: str | None, base: str | None, what: str
 ) -> ArmModel | None:
-    """The arm of ``--urdf``, ``--tip`` and ``--base``; None where none is given.
-
-    Args:
-        urdf: the arm's file.
-        tip: link or frame at the end of the chain.
-        base: link at its start; the root where not given.
-        what: what the tip did, for the message that it is missing.
-
-    Raises:
-        UsageError: a frame without an arm, or an arm without a tip.
-    """
+    """The arm of ``--urdf``, ``--tip`` and ``--base``, whose tip did ``what``; None without."""
     if urdf is None:
         if tip or base:
             raise click.UsageError("--tip and --base name frames of an arm: give it with --urdf")

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import click
 
@@ -19,9 +19,6 @@ if TYPE_CHECKING:
     from rich.progress import Progress
 
     from suta_calib.report.document import Document
-
-# Shorter runs are over before anybody wonders.
-PATIENCE_S: Final = 2.0
 
 
 def console(*, stderr: bool = False) -> Console:
@@ -83,14 +80,18 @@ class LateProgress:
     """A bar on stderr that work goes on: on a terminal only, and not before it is worth it.
 
     Called with what is done and the total, it says how far the work has come.
+
+    Args:
+        what: is being done.
+        patience: shorter runs are over before anybody wonders, s.
     """
 
-    def __init__(self, what: str) -> None:
+    def __init__(self, what: str, patience: float = 2.0) -> None:
         self._told: dict[str, Any] = {"description": what, "total": None}
         self._console = console(stderr=True)
         self._bar: Progress | None = None
         self._lock, self._over = threading.Lock(), False
-        self._timer = threading.Timer(PATIENCE_S, self._show)
+        self._timer = threading.Timer(patience, self._show)
         self._timer.daemon = True
 
     def __enter__(self) -> Self:

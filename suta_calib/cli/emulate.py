@@ -157,9 +157,12 @@ def emulate(**options: Any) -> None:
         faults=Faults.parse(",".join(options.pop("faults"))),
         **options,
     )
-    playing.check(arm.faults)
+
+    def say(text: str) -> None:
+        click.echo(f"emulate: {text}", err=True)
+
     with noted_sigterm() as stopped:
-        emulated_device(arm).play(playing, announce=click.echo, say=_say, stopped=stopped)
+        emulated_device(arm).play(playing, announce=click.echo, say=say, stopped=stopped)
 
 
 def _listed(text: str) -> tuple[str, ...]:
@@ -178,7 +181,3 @@ def _places(texts: tuple[str, ...], where: str) -> dict[str, PoseSpec | None]:
     from suta_calib.emulation.script import parse_pose
 
     return dict(parse_pose(text, where) if "=" in text else (text, None) for text in texts)
-
-
-def _say(text: str) -> None:
-    click.echo(f"emulate: {text}", err=True)

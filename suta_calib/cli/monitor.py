@@ -93,12 +93,7 @@ def monitor(
 
 
 class _Tip:
-    """The tip's pose of an arm, through its URDF as it stands.
-
-    Raises:
-        UrdfError: no such file, frame or chain.
-        InputError: the device lacks a joint of the chain.
-    """
+    """The tip's pose of an arm, through its URDF as it stands."""
 
     def __init__(self, urdf: Path, tip: str, base: str | None, spec: DeviceSpec) -> None:
         from suta_calib.model.arm import ArmModel
@@ -122,15 +117,7 @@ class _Tip:
 
 
 class _View:
-    """Shows the stream while it runs.
-
-    In a terminal a table that is drawn anew four times a second, elsewhere a line per second.
-
-    Args:
-        port: the device's.
-        tip: to show the tip's pose, or None.
-        quiet: show nothing, not even what happens.
-    """
+    """Shows the stream while it runs: a table in a terminal, elsewhere a line per second."""
 
     def __init__(self, port: str, tip: _Tip | None, quiet: bool) -> None:
         self._port, self._tip, self._quiet = port, tip, quiet

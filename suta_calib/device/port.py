@@ -135,7 +135,15 @@ def opening_error(spec: DeviceSpec, error: Exception) -> SutaCalibError:
             found, expected, key = f"{spec.port!r}", "a pyserial URL", "port"
         return DeviceFileError(f"{found} ({text})", expected, file=spec.path, where=key)
     if number in _ABSENT:
-        return _not_found(spec)
+        link, ports = Path(spec.port), existing_ports()
+        gone = f"a link to {link.readlink()}, which is gone" if link.is_symlink() else ""
+        expected = (
+            f"one of: {', '.join(ports)}" if ports else "a serial port; this computer has none"
+        )
+        return PortNotFoundError(
+            f"{spec.port}: found {gone or 'no such port'}; expected {expected}; "
+            f"check the cable, and 'port' in {spec.path}"
+        )
     if number in _BUSY or (os.name == "nt" and "PermissionError" in text):
         by = ", ".join(_users(spec.port)) or "another program"
         return PortBusyError(
@@ -167,17 +175,6 @@ def existing_ports() -> list[str]:
         else f"{p.device} ({p.description})"
         for p in sorted(list_ports.comports())
     ]
-
-
-def _not_found(spec: DeviceSpec) -> PortNotFoundError:
-    link = Path(spec.port)
-    found = f"a link to {link.readlink()}, which is gone" if link.is_symlink() else "no such port"
-    ports = existing_ports()
-    expected = f"one of: {', '.join(ports)}" if ports else "a serial port; this computer has none"
-    return PortNotFoundError(
-        f"{spec.port}: found {found}; expected {expected}; "
-        f"check the cable, and 'port' in {spec.path}"
-    )
 
 
 def _forbidden(spec: DeviceSpec) -> PortPermissionError:

@@ -12,9 +12,9 @@ import pickle
 import signal
 import sys
 import threading
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -24,18 +24,8 @@ from suta_calib.emulation.terminal import PseudoTerminal
 from suta_calib.errors import SutaCalibError
 
 
-@dataclass(frozen=True, eq=False)
-class Orders:
-    """What a process is to play.
-
-    Attributes:
-        emulation: the arm.
-        link: to the port.
-        seconds: how long at most.
-        wait: for somebody to open the port before anything moves.
-        gated: whether the arm waits between rounds.
-        trajectory: where the true trajectory goes at the end (npz).
-    """
+class Orders(NamedTuple):
+    """What a process is to play, and where the true trajectory goes at the end (npz)."""
 
     emulation: Emulation
     link: Path
@@ -52,17 +42,18 @@ def main() -> None:
     orders: Orders = pickle.load(sys.stdin.buffer)
     stop = threading.Event()
     signal.signal(signal.SIGTERM, lambda *_: stop.set())
-    threading.Thread(target=_until_closed, args=(stop,), daemon=True).start()
+
+    def stop_when_closed() -> None:
+        # Not sys.stdin: its lock, held here, would keep the interpreter from ending.
+        while os.read(sys.stdin.fileno(), 1):
+            pass
+        stop.set()
+
+    threading.Thread(target=stop_when_closed, daemon=True).start()
     try:
         with PseudoTerminal(orders.link) as terminal:
             _say(port=terminal.name)
-            player = Player(
-                orders.emulation,
-                terminal,
-                lambda text: _say(event=text),
-                gated=orders.gated,
-                recorded=True,
-            )
+            player = Player(orders.emulation, terminal, _event, gated=orders.gated, recorded=True)
             player.run(orders.seconds, stop.is_set, wait=orders.wait)
         np.savez(orders.trajectory, **vars(player.trajectory))
         _say(played=asdict(player.played))
@@ -70,11 +61,8 @@ def main() -> None:
         _say(error=str(error))
 
 
-def _until_closed(stop: threading.Event) -> None:
-    # Not sys.stdin: its lock, held here, would keep the interpreter from ending.
-    while os.read(sys.stdin.fileno(), 1):
-        pass
-    stop.set()
+def _event(text: str) -> None:
+    _say(event=text)
 
 
 def _say(**message: Any) -> None:

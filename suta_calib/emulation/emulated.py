@@ -16,7 +16,6 @@ from suta_calib.emulation.motion import Motion, Still, Stops
 from suta_calib.emulation.player import Played, Player
 from suta_calib.emulation.script import (
     PLACE_FORM,
-    ScriptFile,
     Timing,
     artefact_set,
     placement_within_reach,
@@ -34,10 +33,11 @@ from suta_calib.emulation.truth import (
     truth_text,
     write_trajectory,
 )
-from suta_calib.errors import InputError, did_you_mean
+from suta_calib.errors import InputError, JobError, did_you_mean
+from suta_calib.job.outline import JobOutline
 from suta_calib.measurements import write_text
 from suta_calib.model.arm import ArmModel
-from suta_calib.simulation import NoiseLevels, PoseSpec, SetSpec
+from suta_calib.simulation import NoiseLevels, PoseSpec, SetSpec, SimulationSpec
 from suta_calib.simulation.schema import PostureRow
 from suta_calib.units import from_deg
 
@@ -111,23 +111,6 @@ class EmulationOptions:
     baudrate: int = BAUDRATE
     faults: Faults = field(default_factory=Faults)
 
-    def check(self) -> None:
-        """Refuse options that the others leave without meaning.
-
-        Raises:
-            InputError: there are such.
-        """
-        if self.script is not None and (self.motion or self.csv):
-            raise InputError("--script beside --motion or --csv", "one of them")
-        if self.csv is not None and self.motion not in (None, "trajectory"):
-            raise InputError(f"--csv beside --motion {self.motion}", "--motion trajectory")
-        if self.script is None and self.placements:
-            raise InputError(
-                "--placement without --script", "the job whose artefact is placed there"
-            )
-        if self.script is None and self.points and self.motion != "pivot":
-            raise InputError("--point without --script", "--script, or --motion pivot")
-
 
 @dataclass(frozen=True)
 class PlayOptions:
@@ -150,19 +133,6 @@ class PlayOptions:
     device_out: Path | None = None
     truth_out: Path | None = None
     trajectory_out: Path | None = None
-
-    def check(self, faults: Faults) -> None:
-        """Refuse faults that need a link where there is none.
-
-        Raises:
-            InputError: so it is.
-        """
-        if faults.absences and self.link is None:
-            raise InputError(
-                "a port that vanishes and comes back under another name",
-                "--link PATH, by which it is found again",
-                where="--faults",
-            )
 
 
 @dataclass(frozen=True, eq=False)
@@ -214,7 +184,12 @@ class EmulatedDevice:
             OutputError: a file or link that cannot be made.
         """
         emulation, arm, values = self.emulation, self.arm, self.values
-        options.check(emulation.faults)
+        if emulation.faults.absences and options.link is None:
+            raise InputError(
+                "a port that vanishes and comes back under another name",
+                "--link PATH, by which it is found again",
+                where="--faults",
+            )
         with PseudoTerminal(options.link) as terminal:
             if options.device_out is not None:
                 device = replace(emulation.device, port=str(Path(terminal.port).absolute()))
@@ -241,9 +216,21 @@ def emulated_device(options: EmulationOptions) -> EmulatedDevice:
     Raises:
         InputError: options that contradict each other, or a file that cannot be used.
     """
-    options.check()
+    if options.script is not None and (options.motion or options.csv):
+        raise InputError("--script beside --motion or --csv", "one of them")
+    if options.csv is not None and options.motion not in (None, "trajectory"):
+        raise InputError(f"--csv beside --motion {options.motion}", "--motion trajectory")
+    if options.script is None and options.placements:
+        raise InputError("--placement without --script", "the job whose artefact is placed there")
+    if options.script is None and options.points and options.motion != "pivot":
+        raise InputError("--point without --script", "--script, or --motion pivot")
     script = None if options.script is None else read_script(options.script)
-    arm = _arm(options, script)
+    tip, base = options.tip, options.base
+    if tip is None:
+        if script is None:
+            raise InputError("no tip", "--tip FRAME, the link or frame whose pose matters")
+        tip, base = script.tip, base or script.base
+    arm = ArmModel.from_urdf(options.urdf, tip, base)
     device = device_of(
         arm,
         form=options.form,
@@ -258,8 +245,10 @@ def emulated_device(options: EmulationOptions) -> EmulatedDevice:
     if script is None:
         motion = _free_motion(options, arm, values)
     else:
-        job = script.simulation is None
-        plan = _job_plan(options, script, arm, values) if job else _set(options, script)
+        if isinstance(script, SimulationSpec):
+            plan = _set(options, script)
+        else:
+            plan = _job_plan(options, script, arm, values)
         motion = _script_motion(options, script, arm, values, plan)
     emulation = Emulation(
         device, motion, options.rate, options.encoder, options.faults, options.seed
@@ -267,30 +256,31 @@ def emulated_device(options: EmulationOptions) -> EmulatedDevice:
     return EmulatedDevice(arm, values, plan, emulation)
 
 
-def _arm(options: EmulationOptions, script: ScriptFile | None) -> ArmModel:
-    if options.tip is not None:
-        return ArmModel.from_urdf(options.urdf, options.tip, options.base)
-    if script is None:
-        raise InputError("no tip", "--tip FRAME, the link or frame whose pose matters")
-    return ArmModel.from_urdf(options.urdf, script.tip, options.base or script.base)
-
-
 def _values(
-    options: EmulationOptions, script: ScriptFile | None, arm: ArmModel
+    options: EmulationOptions, script: JobOutline | SimulationSpec | None, arm: ArmModel
 ) -> dict[str, float]:
     seed = options.errors_seed
     if options.truth is not None:
         return read_truth(options.truth, arm, seed)
-    if script is not None and script.simulation is not None:
+    if isinstance(script, SimulationSpec):
         return read_truth(script.path, arm, seed)
     if seed is None:
         return nominal_values(arm)
     return drawn_truth(arm, seed, () if script is None else script.unknowns)
 
 
-def _set(options: EmulationOptions, script: ScriptFile) -> SetSpec:
-    """A set of a simulation, with what the options change of it."""
-    plan = script.set(options.set_name)
+def _set(options: EmulationOptions, script: SimulationSpec) -> SetSpec:
+    """A set of a simulation that a tip can touch, with what the options change of it."""
+    touched = {each.name: each for each in script.sets if each.term.medium == "touch"}
+    name = options.set_name or next(iter(touched), "")
+    if name not in touched:
+        raise JobError(
+            repr(name) if name else "nothing that a tip touches",
+            f"a set whose tip touches something: {', '.join(touched) or 'none here'}",
+            file=script.path,
+            where="sets",
+        )
+    plan = touched[name]
     if options.seating is not None:
         plan = replace(plan, noise=replace(plan.noise, seating=options.seating))
     if plan.term.needs_artefact:
@@ -301,7 +291,7 @@ def _set(options: EmulationOptions, script: ScriptFile) -> SetSpec:
 
 
 def _job_plan(
-    options: EmulationOptions, script: ScriptFile, arm: ArmModel, values: dict[str, float]
+    options: EmulationOptions, job: JobOutline, arm: ArmModel, values: dict[str, float]
 ) -> SetSpec:
     """What a job's arm shall touch: the job itself does not say where anything stands."""
     seating = options.seating
@@ -310,22 +300,23 @@ def _job_plan(
         points = _places(options.points, {}, "--point")
         directions = options.directions or SetSpec.directions
         return point_set(points, directions, options.cone, noise)
-    if script.artefact is None:
+    artefacts = (row.artefact() for row in job.rows if not row.held_out)
+    if (artefact := next(filter(None, artefacts), None)) is None:
         raise InputError(
             "no artefact in the job",
             "--point F1=x,y,z of a fixed point, in mm in the base frame",
-            file=script.path,
+            file=options.script,
         )
     posture = posture_of(arm, parse_posture(arm, options.posture))
     placements = {
         label: placement_within_reach(
-            arm, values, script.artefact, label, seed=options.seed, posture=posture
+            arm, values, artefact, label, seed=options.seed, posture=posture
         )
         if pose is None
         else pose
         for label, pose in (options.placements or {"P1": None}).items()
     }
-    return artefact_set(script.artefact, placements, options.repeats or 1, noise)
+    return artefact_set(artefact, placements, options.repeats or 1, noise)
 
 
 def _places(wanted: Places, known: Mapping[str, PoseSpec], where: str) -> dict[str, PoseSpec]:
@@ -341,12 +332,12 @@ def _places(wanted: Places, known: Mapping[str, PoseSpec], where: str) -> dict[s
 
 def _script_motion(
     options: EmulationOptions,
-    script: ScriptFile,
+    script: JobOutline | SimulationSpec,
     arm: ArmModel,
     values: dict[str, float],
     plan: SetSpec,
 ) -> Motion:
-    posture = () if script.simulation is None else script.simulation.posture
+    posture = script.posture if isinstance(script, SimulationSpec) else ()
     units = {name: arm.parameters[f"{name}.offset"].unit for name in arm.joints}
     # Checked here too: below, a wrong joint would be blamed on the script's file.
     given = parse_posture(arm, options.posture)
@@ -360,7 +351,7 @@ def _script_motion(
         sequence=options.sequence,
         posture=posture,
         timing=options.timing,
-        path=script.path,
+        path=options.script,
     )
 
 

@@ -104,11 +104,6 @@ class Faults:
         """When the port is gone, in order."""
         return tuple(sorted((*self.disconnects, *self.reboots), key=lambda each: each.start))
 
-    @property
-    def damages(self) -> bool:
-        """Whether single bytes are damaged."""
-        return bool(self.corrupt or self.flip or self.lose)
-
     def check_joints(self, joints: Sequence[str]) -> None:
         """Refuse flags of joints that the device does not have.
 
@@ -197,7 +192,7 @@ class Damage:
 
     def __call__(self, data: bytes) -> bytes:
         """The bytes as they arrive."""
-        if not self._faults.damages:
+        if not (self._faults.corrupt or self._faults.flip or self._faults.lose):
             return data
         received = np.frombuffer(data, dtype=np.uint8).copy()
         # Exclusive-or with anything but zero: a corrupted byte is never the right one by chance.

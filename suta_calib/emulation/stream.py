@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.device.description import DeviceSpec
-from suta_calib.device.formats import format_of
+from suta_calib.device.formats import Sample, format_of
 from suta_calib.emulation.faults import Damage, Faults, Flag
 from suta_calib.emulation.motion import Motion
 from suta_calib.errors import InputError
@@ -144,9 +144,8 @@ class _Source:
             return b""
         if faults.stale and number <= self._stale_at:
             return self._old_frames() if number == self._stale_at else b""
-        sequence, time_us = self._clock(number, time)
         error, warning = self._flags(faults.errors, time), self._flags(faults.warnings, time)
-        data = self._encoder.packet(sequence, time_us, values, error, warning)
+        data = self._encoder.packet(Sample(*self._clock(number, time), values, error, warning))
         if any(time in window for window in faults.bursts):
             return self._damage.garbage(len(data))
         return self._damage(data)
@@ -165,11 +164,9 @@ class _Source:
         assert self._stale is not None
         none = self._flags((), 0.0)
         age = round(STALE_AGE * self._emulation.rate)
-        data = b""
-        for number in range(-age, self._emulation.faults.stale - age):
-            sequence, time_us = self._clock(number, 0.0)
-            data += self._encoder.packet(sequence, time_us, self._stale, none, none)
-        return data
+        numbers = range(-age, self._emulation.faults.stale - age)
+        samples = (Sample(*self._clock(n, 0.0), self._stale, none, none) for n in numbers)
+        return b"".join(map(self._encoder.packet, samples))
 
     def _flags(self, flags: Sequence[Flag], time: float) -> BoolArray:
         raised = {flag.joint for flag in flags if time in flag.window}

@@ -39,11 +39,12 @@ def posture_of(arm: ArmModel, readings: Mapping[str, float] | None = None) -> Fl
                 where="posture",
                 hint=did_you_mean(name, arm.joints),
             )
-        joint = arm.chain.moving[arm.joints.index(name)]
+        at = arm.joints.index(name)
+        joint = arm.chain.moving[at]
         if not joint.lower <= reading <= joint.upper:
             limits = f"{joint.lower:.4g} to {joint.upper:.4g}"
             raise InputError(f"{reading:.4g} for {name!r}", limits, where="posture")
-        posture[arm.joints.index(name)] = reading
+        posture[at] = reading
     return posture
 
 
@@ -98,29 +99,27 @@ def parse_posture(arm: ArmModel, text: str) -> dict[str, float]:
         InputError: something that is neither.
     """
     parts = [part.strip() for part in text.split(",") if part.strip()]
-    named = [part.partition("=") for part in parts]
-    if not any(equals for _, equals, _ in named) and len(parts) == len(arm.joints):
-        named = [(joint, "=", part) for joint, part in zip(arm.joints, parts, strict=True)]
-    return {name.strip(): _si(arm, name.strip(), equals, value) for name, equals, value in named}
-
-
-def _si(arm: ArmModel, name: str, equals: str, value: str) -> float:
-    try:
-        number = float(value)
-    except ValueError:
-        number = math.nan
-    if not (equals and math.isfinite(number)):
-        raise InputError(
-            repr(f"{name}{equals}{value}"),
-            f"JOINT=DEGREES, or {len(arm.joints)} numbers",
-            where="posture",
-        )
+    if "=" not in text and len(parts) == len(arm.joints):
+        parts = [f"{joint}={part}" for joint, part in zip(arm.joints, parts, strict=True)]
     prismatic = [joint.name for joint in arm.chain.moving if joint.type == "prismatic"]
-    return stored(number, "m" if name in prismatic else "rad")
+    posture = {}
+    for part in parts:
+        name, equals, value = (word.strip() for word in part.partition("="))
+        try:
+            number = float(value)
+        except ValueError:
+            number = math.nan
+        if not (equals and math.isfinite(number)):
+            expected = f"JOINT=DEGREES, or {len(arm.joints)} numbers"
+            raise InputError(repr(part), expected, where="posture")
+        posture[name] = stored(number, "m" if name in prismatic else "rad")
+    return posture
 
 
 # So dense that a cubic between two of them keeps the tip within a micrometre.
 _KNOTS: Final = 1000
+# Every so many of them tell soon where a tilt is out of reach.
+_COARSE: Final = 25
 _FEWEST_JOINTS: Final = 5
 # So many postures are tried where none is asked for.
 _OTHERS: Final = 20
@@ -164,13 +163,17 @@ def pivoting(
     kinematics, rng = InverseKinematics(arm, values), stream(seed, "pivot")
     tilts = rotation_from_vector(_tilts(cone))
 
-    def tilted(start: FloatArray) -> FloatArray:
-        """(n, joints) postures with the tip on the point, tilted from the first posture's."""
+    def on_point(start: FloatArray) -> FloatArray:
+        """A posture with the tip on the point; where there is none, no other start helps."""
+        if point is None:
+            return start
+        rotation, _ = arm.forward(start, values)
+        position = np.asarray(point, dtype=float)
+        return _reached(kinematics, position, rotation, "position", start, rng)
+
+    def tilted(start: FloatArray, tilts: FloatArray) -> FloatArray:
+        """(n, joints) postures with the tip where it is, tilted from the first posture's."""
         rotation, position = arm.forward(start, values)
-        if point is not None:
-            position = np.asarray(point, dtype=float)
-            start = _reached(kinematics, position, rotation, "position", start, rng)
-            rotation, _ = arm.forward(start, values)
         knots = np.empty((len(tilts), joints))
         for k, tilt in enumerate(tilts):
             start = _reached(kinematics, position, rotation @ tilt, matching, start, rng)
@@ -182,9 +185,10 @@ def pivoting(
         others = kinematics.random_readings(stream(seed, "pivot from"), _OTHERS)
         starts = [kinematics.middle, *others]
     refused: JobError | None = None
-    for start in starts:
+    for start in map(on_point, starts):
         try:
-            knots = continuous(tilted(start), full_circle(arm))
+            tilted(start, tilts[::_COARSE])
+            knots = continuous(tilted(start, tilts), full_circle(arm))
             break
         except JobError as error:
             refused = refused or error

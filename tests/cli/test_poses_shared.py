@@ -67,8 +67,7 @@ def test_long_work_says_so_on_a_terminal_only(
     written = io.StringIO()
     there = Console(file=written, force_terminal=terminal)
     monkeypatch.setattr(_output, "console", lambda **_: there)
-    monkeypatch.setattr(_output, "PATIENCE_S", patience)
-    with _output.LateProgress("calibrating") as status:
+    with _output.LateProgress("calibrating", patience) as status:
         for _ in range(100):
             if "calibrating" in written.getvalue():
                 break

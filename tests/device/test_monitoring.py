@@ -158,12 +158,9 @@ def test_an_interrupt_still_says_what_was_seen(
     assert said.err.strip() == "suta-calib: interrupted; nothing half-written was left"
 
 
-def test_silence_is_one_line(
-    arm: PtyDevice, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr("suta_calib.device.diagnosis._START_FACTOR", 0.1)
+def test_silence_is_one_line(arm: PtyDevice, capsys: pytest.CaptureFixture[str]) -> None:
     for more in ((), ("--json",)):
-        assert monitor(arm, *more) == 2
+        assert monitor(arm, "--silence", "0.1", *more) == 2
         said = capsys.readouterr()
         assert said.out == ""
         assert said.err.startswith(f"suta-calib: error: {arm.link}: found not a single byte")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from suta_calib.device.description import DeviceSpec
-from suta_calib.device.formats.base import Decoder, Encoder, Format
+from suta_calib.device.formats.base import Decoder, Encoder, Format, Sample
 from suta_calib.device.formats.frames import FramesFormat, encode_frame
 from suta_calib.device.formats.lines import LinesFormat, encode_line
 
@@ -14,6 +14,7 @@ __all__ = [
     "Decoder",
     "Encoder",
     "Format",
+    "Sample",
     "decoder_for",
     "encode_frame",
     "encode_line",

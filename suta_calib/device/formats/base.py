@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 from abc import ABC, abstractmethod
-from typing import Any, ClassVar, Final
+from typing import Any, ClassVar, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,6 +58,24 @@ class Decoder(ABC):
         """
 
 
+class Sample(NamedTuple):
+    """What a device sends of one moment.
+
+    Attributes:
+        sequence: number of the sample.
+        time_us: the device's clock, µs.
+        values: (joints,) as `Encoder.values` gives them.
+        error: (joints,) where the encoder raises its error flag.
+        warning: (joints,) the same for its warning flag.
+    """
+
+    sequence: int
+    time_us: int
+    values: NDArray[Any]
+    error: BoolArray
+    warning: BoolArray
+
+
 class Encoder(ABC):
     """Turns angles into bytes: what the device would send."""
 
@@ -69,23 +87,8 @@ class Encoder(ABC):
         return values_from_angles(self._spec, angles)
 
     @abstractmethod
-    def packet(
-        self,
-        sequence: int,
-        time_us: int,
-        values: NDArray[Any],
-        error: BoolArray,
-        warning: BoolArray,
-    ) -> bytes:
-        """The bytes of one sample.
-
-        Args:
-            sequence: number of the sample.
-            time_us: the device's clock, µs.
-            values: (joints,) as `values` gives them.
-            error: (joints,) where the encoder raises its error flag.
-            warning: (joints,) the same for its warning flag.
-        """
+    def packet(self, sample: Sample) -> bytes:
+        """The bytes of one sample."""
 
 
 class Format(ABC):

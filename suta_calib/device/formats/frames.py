@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from suta_calib.arrays import BoolArray
 from suta_calib.device.clock import DeviceClock
 from suta_calib.device.description import DeviceSpec
-from suta_calib.device.formats.base import Decoder, Encoder, Format
+from suta_calib.device.formats.base import Decoder, Encoder, Format, Sample
 from suta_calib.device.formats.words import (
     POSITIONS,
     WordArray,
@@ -54,7 +54,7 @@ def crc_fits(buffer: bytearray, at: int, end: int) -> bool:
 def encode_frame(
     sequence: int,
     time_us: int,
-    counts: Sequence[int],
+    counts: Sequence[int] | NDArray[Any],
     error: Sequence[bool] | BoolArray | None = None,
     warning: Sequence[bool] | BoolArray | None = None,
 ) -> bytes:
@@ -91,11 +91,7 @@ class OtherCount:
         self._in_a_row = 0
 
     def feed(self, data: bytes, *, seen: bool) -> None:
-        """Take the next bytes; ``seen``: frames of the right number ended among them.
-
-        Raises:
-            WrongFormatError: names both counts.
-        """
+        """Take the next bytes; ``seen``: frames of the right number ended among them."""
         if seen:
             self._buffer.clear()
             self._enough, self._in_a_row = _ENOUGH_LATER, 0
@@ -113,7 +109,12 @@ class OtherCount:
             end = at + frame_size(count)
             if end > len(buffer):
                 return at
-            if not self._is_other_frame(at, end, count):
+            ours = count in (0, len(self._spec.joints))
+            if ours or not crc_fits(buffer, at, end):
+                at += 1
+                continue
+            words = np.frombuffer(bytes(buffer[at + WORDS_AT : end - CRC.size]), dtype="<u4")
+            if not unpack_words(words).good.all():
                 at += 1
                 continue
             at = end
@@ -126,14 +127,6 @@ class OtherCount:
                     "'joints'; list there every joint the device sends, in its order"
                 )
         return len(buffer) - buffer.endswith(HEADER[:1])
-
-    def _is_other_frame(self, at: int, end: int, count: int) -> bool:
-        if count in (0, len(self._spec.joints)):
-            return False
-        if not crc_fits(self._buffer, at, end):
-            return False
-        words = np.frombuffer(bytes(self._buffer[at + WORDS_AT : end - CRC.size]), dtype="<u4")
-        return bool(unpack_words(words).good.all())
 
 
 class FramesDecoder(Decoder):
@@ -153,11 +146,7 @@ class FramesDecoder(Decoder):
         self._claimed = 0
 
     def feed(self, data: bytes, arrival: float) -> list[Reading]:
-        """Take the next bytes and give the readings they complete.
-
-        Raises:
-            WrongFormatError: good frames with another number of joints.
-        """
+        """Take the next bytes and give the readings they complete."""
         self._buffer += data
         starts, end = self._scan()
         readings = self._readings(starts, arrival) if starts else []
@@ -224,7 +213,7 @@ class FramesDecoder(Decoder):
             counts.word_crc_errors += int((~good).sum())
             counts.joint_crc_errors += (~words.good).sum(axis=0)
             starts = [at for at, fits in zip(starts, good.tolist(), strict=True) if fits]
-            words = words.take(good)
+            words = unpack_words(self._words(starts))
         if words.error.any():
             counts.error_flags += words.error.sum(axis=0)
         if words.warning.any():
@@ -245,16 +234,9 @@ class FramesDecoder(Decoder):
 class FramesEncoder(Encoder):
     """`Encoder` of the framed format."""
 
-    def packet(
-        self,
-        sequence: int,
-        time_us: int,
-        values: NDArray[Any],
-        error: BoolArray,
-        warning: BoolArray,
-    ) -> bytes:
+    def packet(self, sample: Sample) -> bytes:
         """One frame."""
-        return encode_frame(sequence, time_us, values.tolist(), error, warning)
+        return encode_frame(*sample)
 
 
 class FramesFormat(Format):

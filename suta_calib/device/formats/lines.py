@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import re
-from typing import Any, ClassVar, Final
+from typing import ClassVar, Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from suta_calib.arrays import BoolArray
 from suta_calib.device.description import DeviceSpec
-from suta_calib.device.formats.base import Decoder, Encoder, Format, is_text
+from suta_calib.device.formats.base import Decoder, Encoder, Format, Sample, is_text
 from suta_calib.device.reading import Reading
 from suta_calib.device.units import ONE_TURN, angles_from_values, turn
 from suta_calib.errors import WrongFormatError
@@ -53,11 +52,7 @@ class LinesDecoder(Decoder):
         self._unfit = 0
 
     def feed(self, data: bytes, arrival: float) -> list[Reading]:
-        """Take the next bytes and give the readings they complete.
-
-        Raises:
-            WrongFormatError: lines of another number of values, or of values of more than a turn.
-        """
+        """Take the next bytes and give the readings they complete."""
         self._buffer += data
         *lines, rest = self._buffer.split(b"\n")
         self._buffer = rest
@@ -121,17 +116,9 @@ class LinesDecoder(Decoder):
 class LinesEncoder(Encoder):
     """`Encoder` of the line format, which carries neither clock nor flags."""
 
-    def packet(
-        self,
-        sequence: int,
-        time_us: int,
-        values: NDArray[Any],
-        error: BoolArray,
-        warning: BoolArray,
-    ) -> bytes:
+    def packet(self, sample: Sample) -> bytes:
         """One line."""
-        del sequence, time_us, error, warning
-        return encode_line(values.tolist(), self._spec)
+        return encode_line(sample.values, self._spec)
 
 
 class LinesFormat(Format):

@@ -65,10 +65,6 @@ class Words(NamedTuple):
     warning: BoolArray
     good: BoolArray
 
-    def take(self, rows: BoolArray) -> Words:
-        """The words of some rows."""
-        return Words(self.counts[rows], self.error[rows], self.warning[rows], self.good[rows])
-
 
 def unpack_words(words: WordArray) -> Words:
     """Take encoder words apart: any shape of uint32."""

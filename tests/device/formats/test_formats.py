@@ -11,6 +11,7 @@ from device_streams import device
 
 from suta_calib.device import FORMATS, Format, decoder_for, read_device
 from suta_calib.device.diagnosis import describe_bytes
+from suta_calib.device.formats import Sample
 from suta_calib.errors import DeviceFileError
 
 ANGLES = np.array([[0.0, 1.0, -2.0, 3.0], [0.1, 1.1, -2.1, 3.1], [math.pi, -1.0, 0.5, -0.5]])
@@ -20,7 +21,9 @@ NONE = np.zeros(4, dtype=bool)
 def sent(form: Format) -> bytes:
     encoder = form.encoder(device(4, format=form.name))
     values = encoder.values(ANGLES)
-    return b"".join(encoder.packet(k, 1000 * k, row, NONE, NONE) for k, row in enumerate(values))
+    return b"".join(
+        encoder.packet(Sample(k, 1000 * k, row, NONE, NONE)) for k, row in enumerate(values)
+    )
 
 
 @pytest.mark.parametrize("form", FORMATS.values(), ids=FORMATS)
