@@ -60,8 +60,8 @@ def compare_arms(
     Args:
         observations: the job's terms.
         validation: the terms to judge by, over the same arm.
-        other: the arm to compare with; it must have the same moving joints.
-        beside_geometry: its eccentricities and compliances by name, which its URDF cannot hold.
+        other: the arm to compare with, of the same moving joints.
+        beside_geometry: its eccentricities and compliances by name.
 
     Raises:
         UrdfError: the arms differ in their moving joints.

@@ -28,22 +28,15 @@ def _sizes(
         return None
     found: set[int] = set()
     for part in value.split(","):
-        sizes = _range(part.strip())
+        match = _RANGE.fullmatch(part.strip())
+        first, last, step = match.groups() if match is not None else ("0", None, None)
+        start, by = int(first), int(step or 1)
+        sizes = range(start, int(last or first) + 1, by) if start and by else ()
         if not sizes:
             expected = "numbers from 1 and ranges, such as 1-10, 2,4,8 or 10-100:10"
             raise click.BadParameter(f"found {value!r}; expected {expected}", context, parameter)
         found.update(sizes)
     return tuple(sorted(found))
-
-
-def _range(text: str) -> range:
-    """A number or a range; empty where it is none."""
-    match = _RANGE.fullmatch(text)
-    if match is None:
-        return range(0)
-    first, last, step = (None if number is None else int(number) for number in match.groups())
-    start, end = first or 0, last if last is not None else first or 0
-    return range(start, end + 1, step or 1) if start >= 1 and step != 0 else range(0)
 
 
 @click.command()

@@ -84,7 +84,7 @@ def test_contributions_share_every_squared_error_by_its_two_landmarks(
     for label, e in zip(study.calibration.blocks[0].labels, error, strict=True):
         for name in label.split("-"):
             expected[name] += e**2 / 2 / np.sum(error**2)
-    got = measures(calibrated, landmarks, chosen=[]).contribution
+    got = measures(calibrated, landmarks, chosen=[])[METRICS.index("contribution")]
     np.testing.assert_allclose(got, list(expected.values()), rtol=1e-9)
     assert got.sum() == pytest.approx(1.0)
 
@@ -117,7 +117,7 @@ def test_leave_one_out_is_the_relative_fall_of_the_rms(study: Study, calibrated:
     whole, without = calibrated.whole, calibrated.reference.over(~landmarks.rows(k))
     assert without is not None
     rms = [np.sqrt(np.mean(fit.residual**2)) for fit in (whole, without)]
-    got = measures(calibrated, landmarks, [k]).leave_one_out[k]
+    got = measures(calibrated, landmarks, [k])[METRICS.index("leave_one_out"), k]
     assert got == pytest.approx(1 - rms[1] / rms[0])
 
 
@@ -127,11 +127,11 @@ def test_simulated_metrics_are_those_of_exact_refits() -> None:
     exact = []
     for samples in scene.samples(Spread(position=sigma), seed=3, trials=12):
         metrics = own_fit(scene.term(samples))
-        exact.append(measures(metrics, groupings(metrics.reference.term)[0]).array())
+        exact.append(measures(metrics, groupings(metrics.reference.term)[0]))
     n = len(metrics.believed)
     noise = Touches(np.zeros((n, 3)), sigma, 0.0, np.zeros(n, dtype=bool))
     landmarks = groupings(metrics.reference.term)[0]
-    simulated = Simulator(metrics, noise, 0).chance(landmarks).values.mean(axis=(1, 2))
+    simulated = Simulator(metrics, noise, 0).metrics(landmarks).mean(axis=(1, 2))
     ratio = np.mean(exact, axis=(0, 2)) / simulated
     contribution, cook, _, bias = ratio
     assert contribution == pytest.approx(1.0)

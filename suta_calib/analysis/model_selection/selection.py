@@ -73,8 +73,8 @@ class ModelSelection:
         folds: what was left out each time.
         tests: of the residuals of the job's own model.
         undecided: whether something beside geometry helps, but geometry helps as much.
-        validated: RMS of the errors on data that took no part in the choice, m, with the job's
-            model and with the chosen one, Huber-limited as those held out; None without such data.
+        validated: Huber-limited RMS on data that took no part in the choice, m, with the job's
+            model and with the chosen one; None without such data.
     """
 
     tried: tuple[ModelCandidate, ...]
@@ -161,9 +161,9 @@ def choose_model(
     """Search for errors beside geometry that predict left-out placements better.
 
     Args:
-        terms: the observations; validation data must not be among them.
+        terms: the observations, validation data not among them.
         parameters: the arm's unknowns as the job has them.
-        validation: held-out terms, which take no part in the choice: it is judged on them.
+        validation: held-out terms that take no part in the choice: it is judged on them.
         families: also try every joint at once: both harmonics, compliance, everything.
         seed: of the folds where there are no placements.
         progress: called with (models fitted, models at most).
@@ -312,8 +312,7 @@ def _with_geometry(name: str, geometry: bool) -> str:
 
 def _rows(arm: ArmModel | None, names: Sequence[str]) -> tuple[Selection, ...]:
     """Rows that select these, within what is plausible: eccentricities, then compliances."""
-    if arm is None:
-        return ()
+    assert arm is not None
     turning = tuple(n for n in names if arm.offered[n].unit == "rad")
     yielding = tuple(n for n in names if arm.offered[n].unit != "rad")
     rows: list[Selection] = []

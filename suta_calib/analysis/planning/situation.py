@@ -59,7 +59,7 @@ class Situation:
 
     @cached_property
     def values(self) -> dict[str, float]:
-        """Parameter values by name, the terms' own among them."""
+        """Of all parameters by name, the terms' own among them."""
         return self.problem.values(self.x)
 
     @cached_property
@@ -149,10 +149,8 @@ class Situation:
         if isinstance(place, Point):
             labels = {self.places.place: [candidate.name] * n}
             poses = ArmPoses(self.arm, Samples.from_arrays(self.arm.joints, q, labels=labels))
-            known = self.places
-            return (
-                known.over_poses(poses) if isinstance(known, Term) else known.over(poses, Setup())
-            )
+            kind = self.places
+            return kind.over_poses(poses) if isinstance(kind, Term) else kind.over(poses, Setup())
         labels = {
             "placement": [candidate.name] * n,
             "repeat": ["1"] * n,
