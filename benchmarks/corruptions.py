@@ -443,7 +443,8 @@ def corrupted(sound: Sound, corruption: Corruption | None, folder: Path) -> Path
         meant = {"all": True, "fitted": not held_out, "first": first, "validation": held_out}
         suffers = corruption is not None and has(file.samples, corruption.needs)
         if corruption is not None and suffers and meant[corruption.files]:
-            file = replace(file, samples=corruption.samples(file.samples))
+            samples = corruption.samples(file.samples)
+            file = replace(file, samples=samples, displacement=np.zeros((len(samples), 3)))
         files.append(file)
     write_simulation(replace(sound.made, files=tuple(files)), folder)
     artefact = read_artefact(SUTA / "artefact.yaml")

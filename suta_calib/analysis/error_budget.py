@@ -257,17 +257,21 @@ class ErrorBudget:
         return Assessment.of(sentence, care=care)
 
 
-def error_budget_of_job(job: CalibrationJob, progress: Progress | None = None) -> ErrorBudget:
+def error_budget_of_job(
+    job: CalibrationJob, progress: Progress | None = None, *, anyway: bool = False
+) -> ErrorBudget:
     """Calibrate a job, whose section ``encoders`` states what is known, and split its errors.
 
     Raises:
         SamplesError: the calibration does not converge.
+        NotUsableError: it must not be used, and not ``anyway``.
     """
     stated = job.spec.encoders
     encoders = None
     if stated is not None:
         encoders = EncoderNoise(stated.bits, stated.noise_rad, stated.noise_m)
-    return error_budget(job.usable_solution(progress), job.validation, encoders)
+    solution = job.usable_solution(progress, anyway=anyway)
+    return error_budget(solution, job.validation, encoders)
 
 
 @single_threaded

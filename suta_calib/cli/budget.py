@@ -6,16 +6,19 @@ from pathlib import Path
 
 import click
 
-from suta_calib.cli._options import job_argument, json_option, out_option
+from suta_calib.cli._options import anyway_option, job_argument, json_option, out_option
 from suta_calib.cli._output import LateProgress, finish, folder_of
 
 
 @click.command()
 @job_argument
+@anyway_option
 @out_option
 @json_option
 @click.pass_context
-def budget(context: click.Context, job: Path, out: Path | None, as_json: bool) -> None:
+def budget(
+    context: click.Context, job: Path, anyway: bool, out: Path | None, as_json: bool
+) -> None:
     """Split the errors of JOB (a calibration.yaml) by where they come from.
 
     Encoder noise (as the job's section encoders states it), seating (what repeats of a touch
@@ -29,5 +32,5 @@ def budget(context: click.Context, job: Path, out: Path | None, as_json: bool) -
     loaded = CalibrationJob.load(job)
     folder = folder_of(job, out)
     with LateProgress("solving") as progress:
-        found = error_budget_of_job(loaded, progress)
+        found = error_budget_of_job(loaded, progress, anyway=anyway)
     finish(context, budget_document(found), folder, as_json=as_json)

@@ -8,7 +8,14 @@ from typing import TYPE_CHECKING, Final, cast
 
 import click
 
-from suta_calib.cli._options import POSITIVE, job_argument, json_option, out_option, seed_option
+from suta_calib.cli._options import (
+    POSITIVE,
+    anyway_option,
+    job_argument,
+    json_option,
+    out_option,
+    seed_option,
+)
 from suta_calib.cli._output import LateProgress, finish, folder_of
 from suta_calib.units import stored
 
@@ -71,6 +78,7 @@ def _sizes(
 @click.option("--jobs", type=click.IntRange(1), help="Processes; default: one per core.")
 @click.option("--dask", metavar="ADDRESS", help="Run on this Dask cluster, as tcp://host:8786.")
 @click.option("--resume", is_flag=True, help="Go on with the trials an earlier run finished.")
+@anyway_option
 @out_option
 @json_option
 @click.pass_context
@@ -86,6 +94,7 @@ def study(
     jobs: int | None,
     dask: str | None,
     resume: bool,
+    anyway: bool,
     out: Path | None,
     as_json: bool,
 ) -> None:
@@ -117,6 +126,7 @@ def study(
                 request,
                 log,
                 resume=resume,
+                anyway=anyway,
                 workers=jobs or int(cpu_count()),
                 dask=dask,
                 progress=progress,

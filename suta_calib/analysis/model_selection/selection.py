@@ -28,6 +28,7 @@ from suta_calib.analysis.model_selection.cross_validation import (
 )
 from suta_calib.assessment import Assessment
 from suta_calib.diagnostics.accuracy import assess
+from suta_calib.diagnostics.assessment import assess_calibration
 from suta_calib.diagnostics.score_tests import ScoreTest, offered_names, score_tests
 from suta_calib.errors import ParameterError, SamplesError
 from suta_calib.model.arm import ArmModel
@@ -73,6 +74,7 @@ class ModelSelection:
         folds: what was left out each time.
         tests: of the residuals of the job's own model.
         undecided: whether something beside geometry helps, but geometry helps as much.
+        calibration: whether the chosen model's calibration may be used.
         validated: Huber-limited RMS on data that took no part in the choice, m, with the job's
             model and with the chosen one; None without such data.
     """
@@ -82,6 +84,7 @@ class ModelSelection:
     folds: tuple[str, ...]
     tests: tuple[ScoreTest, ...]
     undecided: bool
+    calibration: Assessment
     validated: tuple[float, float] | None = None
 
     @property
@@ -119,7 +122,10 @@ class ModelSelection:
             sentence = (
                 "No error beside geometry predicts left-out data better: leave the job as it is"
             )
-        return Assessment.of(sentence, care=self._notes())
+        fitted = self.calibration
+        why = next(iter(fitted.notes), fitted.sentence).rstrip(".")
+        bad = f"The calibration with this model must not be used ({why}): mend that first."
+        return Assessment.of(sentence, bad=[] if fitted.usable else [bad], care=self._notes())
 
     def _notes(self) -> list[str]:
         notes = []
@@ -188,14 +194,15 @@ def choose_model(
     if families:
         chosen = search.whole_families(chosen, job if not chosen.geometry else wide or job)
     labels = tuple(fold.label for fold in search.folds)
-    tests = score_tests(job.solution)
+    accuracy = assess(chosen.solution, validation)
+    calibration = assess_calibration(chosen.solution, accuracy)
     validated = None
     if validation:
-        before, after = (
-            limited_rms(assess(model.solution, validation).validation) for model in (job, chosen)
-        )
-        validated = before, after
-    return ModelSelection(tuple(search.tried), chosen, labels, tests, undecided, validated)
+        before = assess(job.solution, validation).validation
+        validated = limited_rms(before), limited_rms(accuracy.validation)
+    tests = score_tests(job.solution)
+    tried = tuple(search.tried)
+    return ModelSelection(tried, chosen, labels, tests, undecided, calibration, validated)
 
 
 def _better_end(

@@ -195,8 +195,8 @@ class Plan:
         )
         trouble = self.situation.trouble
         bad = [
-            f"The calibration itself is {trouble}. Mend that first: this plan rests on the nominal "
-            "arm, and on what the job says of artefact and readings."
+            f"The calibration itself must not be used ({trouble.rstrip('.')}). Mend that first: "
+            "this plan rests on the nominal arm, and on what the job says of artefact and readings."
         ]
         return Assessment.of(sentence, bad=bad if trouble else [], care=self._notes())
 

@@ -42,7 +42,7 @@ from suta_calib.arrays import FloatArray
 from suta_calib.diagnostics.explanation import Explanation, explain
 from suta_calib.errors import JobError, SamplesError
 from suta_calib.job.calibration import CalibrationJob
-from suta_calib.solver.solve import Progress, identify_at, solve
+from suta_calib.solver.solve import Progress, identify_at
 from suta_calib.threads import single_threaded
 
 # Touches of a point where there is no artefact to say how many are usual.
@@ -59,12 +59,13 @@ def situation_of_job(job: CalibrationJob, progress: Progress | None = None) -> S
     Raises:
         JobError: it looks at no arm.
     """
-    problem = job.problem()
     try:
-        solution = solve(problem, job.options(), progress)
+        result = job.run(progress)
     except SamplesError:  # too little data is what a plan is for
-        return Situation.of(problem)
-    return Situation.of(problem, solution)
+        return Situation.of(job.problem())
+    judged = result.assessment
+    trouble = "" if judged.usable else next(iter(judged.notes), judged.sentence)
+    return Situation.of(result.solution.problem, result.solution, trouble)
 
 
 def candidate_places(

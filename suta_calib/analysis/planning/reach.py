@@ -85,12 +85,17 @@ class Reach:
         found |= self._points([p for p in places if isinstance(p, Point)])
         for place in places:
             if isinstance(place, Posture):
-                found[place.name] = Candidate(place, place.readings[None, :], (), 1)
-                moving = self.situation.arm.chain.moving
-                for joint, reading in zip(moving, place.readings, strict=True):
-                    if not joint.lower - 1e-9 <= reading <= joint.upper + 1e-9:
-                        reason = f"{joint.name} beyond its limits"
-                        found[place.name] = Unreachable(place.name, place.kind, reason)
+                q, moving = place.readings, self.situation.arm.chain.moving
+                off = [
+                    joint.name
+                    for joint, reading in zip(moving, q, strict=True)
+                    if not joint.lower - 1e-9 <= reading <= joint.upper + 1e-9
+                ]
+                found[place.name] = (
+                    Unreachable(place.name, place.kind, f"{off[0]} beyond its limits")
+                    if off
+                    else Candidate(place, q[None, :], (), 1)
+                )
         judged = [self._colliding(found[place.name], collisions) for place in places]
         return Reached(
             tuple(c for c in judged if isinstance(c, Candidate)),

@@ -96,6 +96,7 @@ def plan_study(
     validation: Sequence[Term],
     options: SolverOptions,
     request: Request,
+    solution: Solution | None = None,
 ) -> StudyPlan:
     """Decide what to draw, and solve with all data where the study compares with that.
 
@@ -105,6 +106,7 @@ def plan_study(
         validation: held-out terms, may be none.
         options: of the solver for all data; a trial has one start, from nominal.
         request: what is asked for.
+        solution: with all data, where it is known already.
 
     Raises:
         SamplesError: too few sets, or none of the sizes is possible.
@@ -118,7 +120,7 @@ def plan_study(
     if request.kind == "size":
         sizes, left_out = _sizes(request.sizes, sets, whole=bool(validation))
         return StudyPlan(data, sizes, request.trials, left_out)
-    solution = solve(Problem(terms, parameters), options)
+    solution = solution or solve(Problem(terms, parameters), options)
     if not solution.converged:
         raise JobError(
             f"a calibration with all data that is {solution.sentence}",

@@ -302,6 +302,7 @@ def study_of_job(
     log: Path | None = None,
     *,
     resume: bool = False,
+    anyway: bool = False,
     workers: int = 1,
     dask: str | None = None,
     progress: Progress | None = None,
@@ -313,16 +314,21 @@ def study_of_job(
         request: what is asked for.
         log: file that finished trials are written to, for an interrupted study to go on.
         resume: go on with the trials in the log.
+        anyway: study a job whose answer must not be used, too.
         workers: processes on this computer; the answer does not depend on how many.
         dask: address of a Dask scheduler to run on instead.
         progress: called with (trials done, trials).
 
     Raises:
         SamplesError: too few sets, or none of the sizes is possible.
-        JobError: the calibration with all data does not converge, or the log is of another study.
+        JobError: the log is of another study.
+        NotUsableError: the answer with all data must not be used.
         InputError: no Dask scheduler answers, or its workers cannot run a trial.
     """
-    plan = plan_study(job.parameters, job.observations, job.validation, job.options(), request)
+    solution = job.usable_solution(anyway=anyway)
+    plan = plan_study(
+        job.parameters, job.observations, job.validation, job.options(), request, solution
+    )
 
     into = nullcontext() if log is None else StudyLog(log, identity(job, plan.data), plan.names)
     with into as opened:
