@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -285,7 +286,7 @@ arm: {{urdf: {urdf}, tip: tip}}
 parameters:
 {parameters}observations: [{{kind: {kind}, {row}samples: calibration/*.csv}}]
 validation: [{{kind: {kind}, {row}samples: validation/*.csv}}]
-solver: {{starts: 4}}
+solver: {{starts: {starts}}}
 """
 PARAMETERS: Final = {
     "bounds": '  - {select: ["*.offset"], bound_deg: 15}\n'
@@ -374,13 +375,15 @@ def has(samples: Samples, needed: str) -> bool:
     return needed in ("", "artefact", *samples.labels)
 
 
-def sound_jobs(kinds: Iterable[str] = KINDS, shipped: bool = True) -> Iterator[Sound]:
+def sound_jobs(
+    kinds: Iterable[str] = KINDS, *, shipped: bool = True, starts: int = 4
+) -> Iterator[Sound]:
     """The shipped jobs, and one of every kind with bounds and one with priors."""
     if shipped:
         made = simulate(read_simulation(SUTA / "simulation.yaml"))
         for name in ("calibration", "calibration_full"):
             text = (SUTA / f"{name}.yaml").read_text().replace("../../urdf/suta.urdf", str(URDF))
-            text = text.replace("starts: 8", "starts: 4")
+            text = text.replace("starts: 8", f"starts: {starts}")
             used = tuple(file for file in made.files if file.path.split("/")[0] in text)
             yield Sound(name, text, replace(made, files=used))
     for kind in kinds:
@@ -391,8 +394,8 @@ def sound_jobs(kinds: Iterable[str] = KINDS, shipped: bool = True) -> Iterator[S
             file.write_text(SIMULATION.format(urdf=URDF, **sets))
             made = simulate(read_simulation(file))
         for what, parameters in PARAMETERS.items():
-            text = JOB.format(urdf=URDF, kind=kind, row=row, parameters=parameters)
-            yield Sound(f"{kind}, {what}", text, made)
+            rows = {"kind": kind, "row": row, "parameters": parameters, "starts": starts}
+            yield Sound(f"{kind}, {what}", JOB.format(urdf=URDF, **rows), made)
 
 
 # ── What becomes of them ─────────────────────────────────────────────────────────────────────
@@ -517,8 +520,8 @@ def judge(found: Outcome, clean: Outcome, corruption: Corruption) -> Judged:
     return Judged(found, fate, named, note)
 
 
-def study(jobs: Sequence[Sound], most: int | None = None, shown: bool = True) -> list[Judged]:
-    """Every job with every corruption that can happen to it.
+def study(jobs: Sequence[Sound], most: int | None = None, shown: bool = True) -> Iterator[Judged]:
+    """Every job, and what became of it with every corruption that can happen to it.
 
     Args:
         jobs: sound ones.
@@ -526,18 +529,16 @@ def study(jobs: Sequence[Sound], most: int | None = None, shown: bool = True) ->
         shown: whether progress is.
     """
     suffered = [(job, [c for c in CORRUPTIONS if job.suffers(c)][:most]) for job in jobs]
-    found = []
     with Progress(disable=not shown) as progress:
-        done = progress.add_task("corrupting", total=sum(1 + len(own) for _, own in suffered))
+        done = progress.add_task("", total=sum(1 + len(own) for _, own in suffered))
         for job, own in suffered:
             progress.update(done, description=job.name)
             clean = outcome(job, None)
-            found.append(Judged(clean, "sound", True, "; ".join(clean.said[1:])))
+            yield Judged(clean, "sound", True, "; ".join(clean.said[1:]))
             progress.advance(done)
             for corruption in own:
-                found.append(judge(outcome(job, corruption), clean, corruption))
+                yield judge(outcome(job, corruption), clean, corruption)
                 progress.advance(done)
-    return found
 
 
 # ── Tables ───────────────────────────────────────────────────────────────────────────────────
@@ -582,14 +583,19 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="Two kinds, eight corruptions each.")
     parser.add_argument("--kind", action="append", choices=[*KINDS, "shipped"], help="Only these.")
-    parser.add_argument("--json", type=Path, help="Write every outcome here.")
+    parser.add_argument("--starts", type=int, default=4, help="Of each calibration.")
+    parser.add_argument("--json", type=Path, help="Write every outcome here, a line each.")
     asked = parser.parse_args()
     kinds = asked.kind or (["tracked_point", "landmark"] if asked.quick else [*KINDS, "shipped"])
-    jobs = sound_jobs([k for k in kinds if k != "shipped"], shipped="shipped" in kinds)
-    found = study(list(jobs), 8 if asked.quick else None)
+    simulated = [kind for kind in kinds if kind != "shipped"]
+    jobs = [*sound_jobs(simulated, shipped="shipped" in kinds, starts=asked.starts)]
+    found = []
+    with Path(asked.json or os.devnull).open("w", encoding="utf-8") as file:
+        for each in study(jobs, 8 if asked.quick else None):
+            found.append(each)
+            file.write(json.dumps(asdict(each)) + "\n")
+            file.flush()
     show(found, Console(width=180))
-    if asked.json is not None:
-        asked.json.write_text(json.dumps([asdict(each) for each in found], indent=1))
 
 
 if __name__ == "__main__":

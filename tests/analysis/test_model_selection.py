@@ -28,13 +28,10 @@ YIELDING = "{select: [joint_2.compliance], value_deg_per_nm: 0.05}"
 
 
 def chosen(
-    seed: int, errors: str = "", *, bent: bool = False, families: bool = False, whole: bool = False
+    seed: int, errors: str = "", *, bent: bool = False, families: bool = False
 ) -> ModelSelection:
-    """What is chosen with one round of every placement, or with the whole data."""
     found = scene(seed, errors, bent=bent)
-    term = found.term("calibration")
-    once = term.take(term.poses.samples.labels["repeat"] == "1")
-    return choose_model([term if whole else once], thirteen(found.arm), families=families)
+    return choose_model([found.term("calibration")], thirteen(found.arm), families=families)
 
 
 def held_out(choice: ModelSelection, seed: int, errors: str, *, bent: bool = False) -> float:
@@ -45,7 +42,7 @@ def held_out(choice: ModelSelection, seed: int, errors: str, *, bent: bool = Fal
 
 
 def test_an_eccentric_encoder_is_found_and_held_out_errors_fall_to_the_floor() -> None:
-    choice = chosen(0, ECCENTRIC, whole=True)
+    choice = chosen(0, ECCENTRIC)
     assert choice.added == ("joint_3.ecc_c1", "joint_3.ecc_s1")
     e = choice.chosen.solution.estimates["joint_3.ecc_c1"]
     assert e.value == pytest.approx(math.radians(0.2), abs=4 * (e.std or 0))
@@ -53,6 +50,7 @@ def test_an_eccentric_encoder_is_found_and_held_out_errors_fall_to_the_floor() -
     assert not choice.undecided
 
 
+@pytest.mark.slow
 def test_it_is_found_beside_geometry_that_is_off_too() -> None:
     choice = chosen(3, ECCENTRIC, bent=True)
     assert choice.added == ("joint_3.ecc_c1", "joint_3.ecc_s1")
@@ -62,7 +60,7 @@ def test_it_is_found_beside_geometry_that_is_off_too() -> None:
 
 
 def test_bent_joints_are_geometry() -> None:
-    choice = chosen(0, bent=True, whole=True)
+    choice = chosen(0, bent=True)
     assert not choice.added
     assert choice.chosen.geometry
     assert choice.chosen.name == "all of the geometry"
@@ -91,14 +89,14 @@ def test_a_yielding_joint_is_found() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("bent", [False, True])
 def test_it_is_not_chosen_without_cause_in_95_of_100_seeds(bent: bool) -> None:
-    wrong = [seed for seed in range(100) if chosen(seed, bent=bent, whole=True).added]
+    wrong = [seed for seed in range(100) if chosen(seed, bent=bent).added]
     assert len(wrong) <= 5
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("bent", [False, True])
 def test_it_is_found_in_most_of_twenty_seeds(bent: bool) -> None:
-    choices = {seed: chosen(seed, ECCENTRIC, bent=bent, whole=True) for seed in range(20)}
+    choices = {seed: chosen(seed, ECCENTRIC, bent=bent) for seed in range(20)}
     ratios = [held_out(c, seed, ECCENTRIC, bent=bent) for seed, c in choices.items()]
     assert sum(any("joint_3.ecc" in n for n in c.added) for c in choices.values()) >= 19
     # Distances at five placements tell all of the geometry less well than thirteen unknowns.
