@@ -9,7 +9,7 @@ from functools import cached_property
 from pathlib import Path
 from time import perf_counter
 
-from suta_calib.assessment import Assessment
+from suta_calib.assessment import Assessment, refuse_unusable
 from suta_calib.diagnostics.accuracy import Accuracy, TermAccuracy, assess
 from suta_calib.diagnostics.assessment import assess_calibration
 from suta_calib.diagnostics.explanation import Explanation, explain
@@ -83,16 +83,21 @@ class CalibrationJob:
         solution = replace(solution, timing={"build": build} | solution.timing)
         return CalibrationResult(self, solution, assess(solution, self.validation))
 
-    def usable_solution(self, progress: Progress | None = None) -> Solution:
+    def usable_solution(
+        self, progress: Progress | None = None, *, anyway: bool = False
+    ) -> Solution:
         """Solve for an analysis that builds on the calibration.
 
         Args:
             progress: called with (starts done, starts).
+            anyway: give what must not be used too, if it converged (``--anyway``).
 
         Raises:
-            SamplesError: it did not converge, so that nothing may be built on it.
+            SamplesError: it did not converge, so that nothing can be built on it.
+            NotUsableError: its assessment says that it must not be used.
         """
-        solution = solve(self.problem(), self.options(), progress)
+        result = self.run(progress)
+        solution = result.solution
         if not solution.converged:
             raise SamplesError(
                 f"a calibration that may not be used ({solution.sentence})",
@@ -100,6 +105,8 @@ class CalibrationJob:
                 file=self.spec.path,
                 hint="run suta-calib calibrate, and mend what it names",
             )
+        if not anyway:
+            refuse_unusable(result.assessment, self.spec.path)
         return solution
 
 

@@ -84,7 +84,7 @@ def test_contributions_share_every_squared_error_by_its_two_landmarks(
     for label, e in zip(study.calibration.blocks[0].labels, error, strict=True):
         for name in label.split("-"):
             expected[name] += e**2 / 2 / np.sum(error**2)
-    got = measures(calibrated, landmarks, chosen=[]).contribution
+    got = measures(calibrated, landmarks, chosen=[])[METRICS.index("contribution")]
     np.testing.assert_allclose(got, list(expected.values()), rtol=1e-9)
     assert got.sum() == pytest.approx(1.0)
 
@@ -117,7 +117,7 @@ def test_leave_one_out_is_the_relative_fall_of_the_rms(study: Study, calibrated:
     whole, without = calibrated.whole, calibrated.reference.over(~landmarks.rows(k))
     assert without is not None
     rms = [np.sqrt(np.mean(fit.residual**2)) for fit in (whole, without)]
-    got = measures(calibrated, landmarks, [k]).leave_one_out[k]
+    got = measures(calibrated, landmarks, [k])[METRICS.index("leave_one_out"), k]
     assert got == pytest.approx(1 - rms[1] / rms[0])
 
 
@@ -127,11 +127,11 @@ def test_simulated_metrics_are_those_of_exact_refits() -> None:
     exact = []
     for samples in scene.samples(Spread(position=sigma), seed=3, trials=12):
         metrics = own_fit(scene.term(samples))
-        exact.append(measures(metrics, groupings(metrics.reference.term)[0]).array())
+        exact.append(measures(metrics, groupings(metrics.reference.term)[0]))
     n = len(metrics.believed)
     noise = Touches(np.zeros((n, 3)), sigma, 0.0, np.zeros(n, dtype=bool))
     landmarks = groupings(metrics.reference.term)[0]
-    simulated = Simulator(metrics, noise, 0).chance(landmarks).values.mean(axis=(1, 2))
+    simulated = Simulator(metrics, noise, 0).metrics(landmarks).mean(axis=(1, 2))
     ratio = np.mean(exact, axis=(0, 2)) / simulated
     contribution, cook, _, bias = ratio
     assert contribution == pytest.approx(1.0)
@@ -170,7 +170,7 @@ def test_all_four_metrics_name_the_landmark_and_say_where_it_is(found: Outliers)
 
 def test_gross_touches_are_named_singly_and_blame_no_landmark() -> None:
     study = suta_study(3, {})
-    one = study.outliers()
+    one = study.outliers("landmarks")
     assert len(one.terms[0].touches) == study.gross == 5
     assert named(one)[1] == []
     # One of them weighs so much in the job's own fit that three raw metrics exceed there.
@@ -187,23 +187,23 @@ def test_excluding_it_helps_on_data_that_were_not_fitted(found: Outliers) -> Non
 
 
 def test_without_validation_placements_are_held_out(study: Study) -> None:
-    one = find_outliers(Problem([study.calibration], suta_job().parameters))
-    term = one.terms[0]
+    problem = Problem([study.calibration], suta_job().parameters)
+    term = find_outliers(problem, sorts={"landmarks"}).terms[0]
     assert term.method == "leave one of the placements out"
     assert set(term.held_out["landmarks"]) == {"S2"}
 
 
 def test_a_large_displacement_hides_no_small_one() -> None:
     shifts = {"S2": np.array([0.0, 2 * MM, 0.0]), "L1": np.array([12 * MM, 0.0, 0.0])}
-    _, outliers = named(suta_study(2, shifts).outliers())
+    _, outliers = named(suta_study(2, shifts).outliers("landmarks"))
     assert set(outliers) == {"S2", "L1"}
 
 
 def test_the_same_numbers_every_time(study: Study, found: Outliers) -> None:
-    again = study.outliers()
-    for one, other in zip(found.terms[0].levels, again.terms[0].levels, strict=True):
-        for g, h in zip(one.groups, other.groups, strict=True):
-            assert [*g.values.values(), *g.p.values()] == [*h.values.values(), *h.p.values()]
+    """Whatever else is looked at beside landmarks."""
+    one, other = (level(each, "landmarks") for each in (found, study.outliers("landmarks")))
+    for g, h in zip(one.groups, other.groups, strict=True):
+        assert [*g.values.values(), *g.p.values()] == [*h.values.values(), *h.p.values()]
 
 
 def touched(kind: str) -> Scene:
@@ -271,7 +271,8 @@ def test_turning_the_artefact_s_frame_changes_nothing(study: Study, found: Outli
     turned = type(study.calibration)(
         ArmPoses(suta_job().arm, samples), replace(known, landmarks=marks), study.calibration.noise
     )
-    one = find_outliers(Problem([turned], suta_job().parameters))
+    problem = Problem([turned], suta_job().parameters)
+    one = find_outliers(problem, [study.validation], sorts={"landmarks"})
     for g, h in zip(level(found, "landmarks").groups, level(one, "landmarks").groups, strict=True):
         assert g.values["bias"] == pytest.approx(h.values["bias"], abs=1e-6)
         assert g.flags == h.flags

@@ -40,7 +40,7 @@ class Thresholds:
         cook: Cook's distance, in multiples of 1/n.
         leave_one_out: relative fall of the RMS.
         bias: systematic error after registration, m.
-        significance: probability that chance alone makes any of the 4 n values so conspicuous.
+        significance: probability that chance makes any of the 4 n values so conspicuous.
     """
 
     contribution: float = 1.5
@@ -51,34 +51,8 @@ class Thresholds:
 
     def of(self, metric: Metric, n: int) -> float:
         """The threshold of a metric over n groups, in the metric's unit."""
-        return {
-            "contribution": self.contribution / n,
-            "cooks_distance": self.cook / n,
-            "leave_one_out": self.leave_one_out,
-            "bias": self.bias,
-        }[metric]
-
-
-@dataclass(frozen=True, eq=False)
-class Measures:
-    """The four metrics of n groups; NaN where one does not exist.
-
-    Attributes:
-        contribution: (n,) share of the sum of squared errors; sums to one.
-        cooks_distance: (n,) change of the identified parameters when the group is left out, in
-            units of their covariance, per parameter.
-        leave_one_out: (n,) relative fall of the RMS when the group is left out of the fit.
-        bias: (n,) systematic error after registration, m.
-    """
-
-    contribution: FloatArray
-    cooks_distance: FloatArray
-    leave_one_out: FloatArray
-    bias: FloatArray
-
-    def array(self) -> FloatArray:
-        """(4, n) in the order of `METRICS`."""
-        return np.array([getattr(self, name) for name in METRICS])
+        limits = (self.contribution / n, self.cook / n, self.leave_one_out, self.bias)
+        return limits[METRICS.index(metric)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,12 +75,12 @@ class Group:
     Attributes:
         label: what a person calls it.
         samples: how many touches it has.
-        values: the four metrics by name, as judged.
+        values: the four metrics, as judged.
         p: for each, the probability that chance makes any metric of any group so conspicuous.
         flags: metrics that are over their threshold and beyond chance.
-        as_calibrated: the four metrics of the job's own fit, nothing set aside.
+        as_calibrated: the metrics in the job's own fit, nothing set aside.
         outlier: whether enough metrics agree.
-        displacement: of a landmark that is not where it is certified, else None.
+        displacement: of a landmark that is not where it is certified.
     """
 
     label: str
@@ -126,12 +100,9 @@ class Group:
 
 @dataclass(frozen=True, eq=False)
 class Level:
-    """All groups of one sort.
+    """All groups of one sort (``landmarks``, ``rows``, …) in the order of the file.
 
-    Attributes:
-        name: ``landmarks``, ``placements``, ``sets``, ``points`` or ``rows``.
-        groups: in the order of the file.
-        thresholds: of each metric for this many groups.
+    ``thresholds`` are those of each metric for so many groups.
     """
 
     name: str
@@ -154,8 +125,8 @@ class GrossTouch:
     """A single touch far beyond the noise of its neighbours.
 
     Attributes:
-        origin: file and line it came from.
-        what: the landmark or point, with its placement and repeat.
+        origin: file and line.
+        what: was touched.
         size: length of its residual, m.
     """
 
@@ -191,7 +162,7 @@ class TermOutliers:
 
     Attributes:
         kind: of observation.
-        levels: landmarks, placements, sets, points or rows.
+        levels: its groups by sort.
         touches: single touches that were set aside.
         samples: how many touches there are.
         sigma: noise of one coordinate of one touch, m.

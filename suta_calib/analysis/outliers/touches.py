@@ -49,8 +49,8 @@ class Touches:
 
     Attributes:
         rest: (n, d) what is left of each residual, m.
-        sigma: standard deviation of one component of one touch, m.
-        shared: of what repeats of a touch have in common, m; part of ``sigma``.
+        sigma, shared: standard deviation of one component of one touch, m; the part of it that
+            repeats of a touch have in common.
         gross: (n,) touches far beyond that.
         displaced: landmarks by number.
     """
@@ -65,12 +65,9 @@ class Touches:
 def explained_touches(
     reference: ReferenceFit, arm: ParameterSet, landmarks: Grouping | None
 ) -> Touches:
-    """Split every touch of a term into explained, displaced and gross.
+    """Split every touch of a term, at the job's fit, into explained, displaced and gross.
 
-    Args:
-        reference: the job's fit, where it is linearised.
-        arm: the arm's unknowns that may explain, with their priors.
-        landmarks: whose displacement is looked for, or None.
+    What may explain are the arm's unknowns with their priors, and displaced landmarks.
     """
     vehicle = reference.term.single_touches()
     problem = Problem([vehicle], arm)
@@ -109,14 +106,9 @@ def explained_touches(
         )
         for k, mark in enumerate(chosen)
     }
-    return Touches(rest, sigma, _shared(rest, cells, sigma), _gross(fit, rest, sigma), displaced)
-
-
-def _gross(fit: RobustLinearFit, rest: FloatArray, sigma: float) -> BoolArray:
-    if fit.saturated:
-        return np.zeros(len(rest), dtype=bool)
     limit = max(sigma, SMALLEST) * np.sqrt(chi2.ppf(1.0 - FALSE_ALARM / len(rest), rest.shape[1]))
-    return np.asarray(np.linalg.norm(rest, axis=1) > limit)
+    gross = (np.linalg.norm(rest, axis=1) > limit) & (not fit.saturated)
+    return Touches(rest, sigma, _shared(rest, cells, sigma), gross, displaced)
 
 
 def _most_displaced(
@@ -147,13 +139,9 @@ def _shared(rest: FloatArray, cells: IntArray, sigma: float) -> float:
 
 
 class RobustLinearFit:
-    """Robust linear least squares of residual vectors, with priors.
+    """Robust linear least squares of residual vectors (n, d), m, with priors.
 
-    Args:
-        jacobian: (n d, p), m per unit of parameter.
-        residual: (n, d) where it was linearised, m.
-        precision: (p,) of the priors.
-        deviation: (p,) from the priors' centres, where it was linearised.
+    The Jacobian is (n d, p); precision of the priors and deviation from their centres are (p,).
     """
 
     def __init__(
