@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import secrets
+from collections.abc import Collection, Mapping
 from pathlib import Path
 
 from suta_calib.errors import OutputError
@@ -22,25 +23,53 @@ def write_bytes_atomically(path: str | Path, data: bytes) -> None:
             no temporary file is left.
     """
     path = Path(path)
+    exchange_files(path.parent, {path.name: data})
+
+
+def exchange_files(
+    folder: Path, contents: Mapping[str, bytes], stale: Collection[str] = ()
+) -> None:
+    """Write files that belong together: nothing is replaced before all of them are on the disk.
+
+    The last file is the record of the others: it goes first and comes last, so that whoever finds
+    it finds the files it tells of, at whatever moment the computer stops.
+
+    Args:
+        folder: exists.
+        contents: of the files by name, the record last.
+        stale: names of files of an earlier run that these do not replace; removed.
+
+    Raises:
+        OutputError: a file could not be written. Where the disk or the folder is why, what was
+            there before is untouched, and no temporary file is left.
+    """
     # Not tempfile: it makes files only their owner may read, and the rename would keep that.
-    temporary = path.parent / f".{path.name[:40]}.{secrets.token_hex(6)}.tmp"
+    staged = {
+        folder / name: folder / f".{name[:40]}.{secrets.token_hex(6)}.tmp" for name in contents
+    }
+    at = folder
     try:
-        with temporary.open("xb") as file:
-            file.write(data)
-            file.flush()
-            # Without this a power cut after the rename can leave a complete name on an empty file.
-            os.fsync(file.fileno())
-        os.replace(temporary, path)  # noqa: PTH105
+        for name, data in contents.items():
+            at = folder / name
+            with staged[at].open("xb") as file:
+                file.write(data)
+                file.flush()
+                # Without this a power cut after the rename can leave a name on an empty file.
+                os.fsync(file.fileno())
+        gone = [folder / name for name in stale]
+        for path in (at, *gone) if gone or len(staged) > 1 else ():
+            path.unlink(missing_ok=True)
+        for at, temporary in staged.items():
+            os.replace(temporary, at)  # noqa: PTH105
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
-        if not path.parent.is_dir():
-            reason = f"there is no folder {path.parent}"
-        raise OutputError(
-            f"{path}: not written: {reason}; nothing half-written was left"
-        ) from error
+        if not folder.is_dir():
+            reason = f"there is no folder {folder}"
+        raise OutputError(f"{at}: not written: {reason}; nothing half-written was left") from error
     finally:
-        with contextlib.suppress(OSError, ValueError):
-            temporary.unlink(missing_ok=True)
+        for temporary in staged.values():
+            with contextlib.suppress(OSError, ValueError):
+                temporary.unlink(missing_ok=True)
 
 
 def check_folder(folder: Path) -> None:

@@ -10,10 +10,7 @@ from hypothesis import strategies as st
 from reading import write
 
 from suta_calib.errors import OutputError, SamplesError
-from suta_calib.measurements import (
-    expand,
-    write_text,
-)
+from suta_calib.measurements import expand, files, write_text
 
 
 # ── patterns and writing ─────────────────────────────────────────────────────────────────────
@@ -41,6 +38,41 @@ def test_expand_takes_any_pattern(scratch: Path, pattern: str) -> None:
         expand(pattern, folder)
     except SamplesError as error:
         assert str(folder) in str(error)  # noqa: PT017 (whether it raises depends on the example)
+
+
+def touched(path: Path) -> None:
+    path.parent.mkdir(exist_ok=True)
+    path.touch()
+
+
+def test_a_pattern_that_goes_through_the_whole_computer_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Looking at a hundred thousand entries takes a second; at all of a disk, for ever."""
+    monkeypatch.setattr(files, "MOST_ENTRIES", 50)
+    for k in range(60):
+        touched(tmp_path / f"{k % 7}/{k}.csv")
+    for pattern in ("**/*.csv", "*/*.csv", "**", "*/**/x.csv"):
+        with pytest.raises(SamplesError, match="more than 50 files"):
+            expand(pattern, tmp_path)
+    assert len(expand("3/*.csv", tmp_path)) == 9
+
+
+def test_a_link_that_leads_back_is_gone_through_once(tmp_path: Path) -> None:
+    touched(tmp_path / "a/x.csv")
+    (tmp_path / "a" / "back").symlink_to(tmp_path)
+    assert expand("**/*.csv", tmp_path) == [tmp_path / "a" / "x.csv"]
+    elsewhere = tmp_path.parent / f"{tmp_path.name}-elsewhere"
+    touched(elsewhere / "y.csv")
+    (tmp_path / "day").symlink_to(elsewhere)
+    assert expand("**/y.csv", tmp_path) == [tmp_path / "day" / "y.csv"]
+
+
+def test_hidden_files_are_not_meant(tmp_path: Path) -> None:
+    for name in (".x.csv", ".git/y.csv", "z.csv"):
+        touched(tmp_path / name)
+    assert expand("**/*.csv", tmp_path) == [tmp_path / "z.csv"]
+    assert expand(".*.csv", tmp_path) == [tmp_path / ".x.csv"]
 
 
 def test_write_text_is_whole_or_nothing(tmp_path: Path) -> None:

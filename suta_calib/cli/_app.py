@@ -5,7 +5,9 @@ Commands are imported only when they are called: ``--help`` must not wait for Pi
 
 from __future__ import annotations
 
+import codecs
 import importlib
+import io
 import os
 import sys
 import warnings
@@ -93,6 +95,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
     Returns:
         The exit code. Bad input, bad usage and an interrupt are one line on stderr.
     """
+    _forgive_encodings()
     with warnings.catch_warnings():
         warnings.showwarning = _show_warning
         try:
@@ -113,12 +116,55 @@ def run(arguments: Sequence[str] | None = None) -> int:
         except OSError as error:
             click.echo(f"{PROGRAM}: error: {error.strerror or error}", err=True)
             return 2
+        except MemoryError as error:
+            too_large = _one_line(error) or "nobody said for what"
+            click.echo(
+                f"{PROGRAM}: error: found too little memory for these data ({too_large}); "
+                "expected as much as they need; give fewer rows, or use a larger computer",
+                err=True,
+            )
+            return 2
     return code if isinstance(code, int) else 0
 
 
 def main() -> None:
     """Entry point of the command ``suta-calib``."""
     sys.exit(run())
+
+
+# What stands for a character that a terminal's encoding lacks; a question mark for any other.
+_PLAIN: Final = {
+    **{"±": "+-", "−": "-", "–": "-", "…": "...", "°": " deg", "µ": "u", "·": ".", "•": "*"},
+    **{"→": "->", "←": "<-", "≤": "<=", "σ": "sigma", "×": "x", "²": "^2", "“": '"', "”": '"'},
+}
+
+# What has another name click does not take for a mistake: where it reads "ascii", it writes UTF-8.
+_ASCII: Final = codecs.lookup("ascii")
+_PLAIN_ASCII: Final = codecs.CodecInfo(
+    _ASCII.encode,
+    _ASCII.decode,
+    incrementalencoder=_ASCII.incrementalencoder,
+    incrementaldecoder=_ASCII.incrementaldecoder,
+    name="plain_ascii",
+)
+
+
+def _forgive_encodings() -> None:
+    """From now on, what stdout and stderr cannot encode is written in plain letters."""
+
+    def plain(error: UnicodeError) -> tuple[str, int]:
+        if not isinstance(error, UnicodeEncodeError):
+            raise error
+        lacking = error.object[error.start : error.end]
+        return "".join(_PLAIN.get(each, "?") for each in lacking), error.end
+
+    codecs.register_error("suta_calib.plain", plain)
+    codecs.register({"plain_ascii": _PLAIN_ASCII}.get)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            is_ascii = codecs.lookup(stream.encoding).name == "ascii"
+            encoding = "plain_ascii" if is_ascii else stream.encoding
+            stream.reconfigure(encoding=encoding, errors="suta_calib.plain")
 
 
 def _one_line(message: object) -> str:

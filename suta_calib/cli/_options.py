@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
@@ -43,7 +45,9 @@ class Folder(click.Path):
         return folder
 
 
+# A file or folder that is read, and a file that is written.
 PATH: Final = click.Path(path_type=Path)
+WRITTEN: Final = click.Path(path_type=Path)
 POSITIVE: Final = FiniteRange(min=0, min_open=True)
 
 
@@ -71,13 +75,24 @@ def _place(
 
 
 def _results(context: click.Context, parameter: click.Parameter, out: Path | None) -> Path:
-    """Where the answer on a job, or on a result.json, is written."""
+    """Where the answer on a job, or on a result.json, is written; each job has its own folder."""
     del parameter
     job: Path = context.params["job"]
-    beside = job.parent if job.suffix.lower() == ".json" else job.parent / "results"
-    folder = beside if out is None else out
-    check_folder(folder)
-    return folder
+    if out is None:
+        out = job.parent if job.suffix.lower() == ".json" else job.parent / "results"
+        others = (job.parent / name for name in _jobs_of(out))
+        if any(other.is_file() and other.name != job.name for other in others):
+            out = job.parent / f"results-{job.stem}"
+    check_folder(out)
+    return out
+
+
+def _jobs_of(folder: Path) -> Iterator[str]:
+    """Names of the jobs whose answers a folder holds."""
+    for file in folder.glob("*.json"):
+        with suppress(OSError, ValueError, KeyError, TypeError):
+            inputs = json.loads(file.read_text(encoding="utf-8"))["run"]["inputs"]
+            yield Path(next(iter(inputs), "")).name
 
 
 # Eager: the folder of results follows from it, wherever it stands on the command line.

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import signal
+import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import wraps
+from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 import click
 
-from suta_calib.cli._options import json_option
+from suta_calib.cli._options import PATH, json_option
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -32,7 +34,8 @@ def print_json(data: Mapping[str, Any]) -> None:
     """One JSON object on stdout; what is not a finite number becomes null."""
     from suta_calib.report.listing import json_text
 
-    click.echo(json_text(data, indent=2), nl=False)
+    unicode = (sys.stdout.encoding or "").lower().startswith("utf")
+    click.echo(json_text(data, indent=2, ascii_only=not unicode), nl=False)
 
 
 def answer_command(command: Callable[..., Document]) -> click.Command:
@@ -48,11 +51,13 @@ def answer_command(command: Callable[..., Document]) -> click.Command:
     def shown(
         context: click.Context, /, *, as_json: bool, out: Path | None = None, **options: Any
     ) -> None:
+        # Before anything is computed: nobody knows what a file holds by then.
+        inputs = {} if out is None else _inputs(context)
         answer, written = command(**options), None
         if out is not None:
             from suta_calib.report.files import write_document
 
-            written = write_document(answer, out)
+            written = write_document(answer, out, inputs)
         if as_json:
             print_json(answer.json() if written is None else written)
         else:
@@ -68,6 +73,16 @@ def answer_command(command: Callable[..., Document]) -> click.Command:
         context.exit(answer.assessment.exit_code)
 
     return json_option(shown)
+
+
+def _inputs(context: click.Context) -> dict[str, str]:
+    """SHA-256 of the files that the command line names, in its order."""
+    given = (context.params[str(each.name)] for each in context.command.params if each.type is PATH)
+    return {
+        str(path): sha256(path.read_bytes()).hexdigest()
+        for path in given
+        if path is not None and path.is_file()
+    }
 
 
 def results_folder() -> Path:

@@ -8,7 +8,7 @@ from typing import Final
 
 import click
 
-from suta_calib.cli._options import PATH, FiniteRange, Folder
+from suta_calib.cli._options import PATH, WRITTEN, FiniteRange, Folder
 from suta_calib.cli._output import answer_command
 from suta_calib.errors import OutputError
 from suta_calib.report.document import Document
@@ -19,7 +19,7 @@ LENGTH: Final = FiniteRange(min=0, min_open=True, max=1e6)
 
 @answer_command
 @click.argument("points", type=PATH, metavar="POINTS.csv")
-@click.option("--out", "file", type=PATH, metavar="FILE.yaml", help="The artefact's file.")
+@click.option("--out", "file", type=WRITTEN, metavar="FILE.yaml", help="The artefact's file.")
 @click.option(
     "--nominal", type=PATH, metavar="DRAWING.yaml", help="Compare with this artefact's file."
 )

@@ -10,7 +10,6 @@ from typing import Any, Final, Self
 import click
 from rich.console import Group
 from rich.live import Live
-from rich.table import Table
 from rich.text import Text
 
 from suta_calib.cli._options import PATH, POSITIVE, FiniteRange, json_option
@@ -18,6 +17,8 @@ from suta_calib.cli._output import console, ended_by_sigterm, print_json
 from suta_calib.device import Bus, DeviceSpec, Reading, read_device
 from suta_calib.device.monitoring import LOSSES, Monitor, stream_report, watch
 from suta_calib.device.reading import ERROR_MEANING, WARNING_MEANING
+from suta_calib.report.console import Fitted
+from suta_calib.report.listing import Column, Listing, Tone, shown_as
 from suta_calib.units import deg, mm
 
 # With --json somebody waits for the answer.
@@ -169,24 +170,27 @@ class _View:
         title = f"{data['port']} · {data['frame_rate_hz']:.1f} {data['format']}/s"
         if data["clock_ppm"] is not None:
             title += f" · device clock {data['clock_ppm']:+.0f} ppm"
-        table = Table(title=title, title_justify="left")
-        table.add_column("joint")
-        for name in ("angle, °", "noise, °"):
-            table.add_column(name, justify="right")
-        table.add_column("flags")
-        for name, joint in data["joints"].items():
-            style, said = "", "good"
-            if joint["error"]:
-                style, said = "red", ERROR_MEANING
-            elif joint["warning"]:
-                style, said = "yellow", WARNING_MEANING
-            angle, noise = _number(joint["angle_deg"], 4), _number(joint["noise_deg"], 5)
-            table.add_row(name, angle, noise, Text(said, style=style))
+        table = Fitted(JOINTS.of(data["joints"].items(), title))
         found = [Text(f"· {remark}", style="yellow") for remark in data["remarks"]]
         if self._tip is not None and data["tip"] is not None:
             where, turn = (_vector(data["tip"][key]) for key in ("position_mm", "rotation_rpy_deg"))
             found = [Text(f"{self._tip.frames}: {where} mm, roll pitch yaw {turn}°"), *found]
-        return Group(table, Text(_losses(data)), *found)
+        return Group(table, Text(_losses(data), overflow="ignore"), *found)
+
+
+def _flag(joint: dict[str, Any]) -> tuple[str, Tone | None]:
+    if joint["error"]:
+        return ERROR_MEANING, "bad"
+    return (WARNING_MEANING, "care") if joint["warning"] else ("good", None)
+
+
+JOINTS: Final = Listing[tuple[str, dict[str, Any]]](
+    "",
+    Column("", "joint", lambda row: row[0]),
+    shown_as("angle, °", lambda row: _number(row[1]["angle_deg"], 4)),
+    shown_as("noise, °", lambda row: _number(row[1]["noise_deg"], 5)),
+    Column("", "flags", lambda row: _flag(row[1])[0], tone=lambda row: _flag(row[1])[1]),
+)
 
 
 def _line(data: dict[str, Any]) -> str:

@@ -70,6 +70,12 @@ def _address(host_needed: bool) -> Callable[..., tuple[str, int] | None]:
     metavar="[HOST:]PORT",
     help="Serve OpenIGTLink TRANSFORM messages, mm, to any number of clients. [Slicer: 18944]",
 )
+@click.option(
+    "--host",
+    default="127.0.0.1",
+    metavar="ADDRESS",
+    help="Where --igtl listens: on this computer only; 0.0.0.0 lets anybody on the network read.",
+)
 @click.option("--igtl-name", default="TipToBase", help="Their device name.")
 @click.option(
     "--udp",

@@ -10,7 +10,7 @@ import click
 import numpy as np
 
 from suta_calib.atomic import check_folder
-from suta_calib.cli._options import PATH, POSITIVE, numbers_of
+from suta_calib.cli._options import PATH, POSITIVE, WRITTEN, numbers_of
 from suta_calib.cli._output import answer_command
 from suta_calib.errors import InputError
 from suta_calib.report.document import Document
@@ -43,7 +43,7 @@ _POSE_NUMBERS: Final = (3, 6)
 @click.option(
     "--branch", type=click.IntRange(min=1), default=1, help="Which of the answers that fit."
 )
-@click.option("--out", "file", type=PATH, help="URDF to write, with the offsets.")
+@click.option("--out", "file", type=WRITTEN, help="URDF to write, with the offsets.")
 @click.option(
     "--tolerance-mm",
     type=POSITIVE,

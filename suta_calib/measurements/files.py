@@ -8,7 +8,11 @@ from __future__ import annotations
 
 import glob
 import os
+from collections.abc import Iterator, Sequence
+from fnmatch import fnmatch
+from itertools import count
 from pathlib import Path
+from typing import Final
 
 from suta_calib.atomic import write_bytes_atomically
 from suta_calib.errors import InputError, SamplesError
@@ -47,6 +51,10 @@ def write_text(path: Path, text: str) -> None:
     write_bytes_atomically(path, text.encode("utf-8"))
 
 
+# So many that a pattern was not meant.
+MOST_ENTRIES: Final = 100_000
+
+
 def expand(pattern: str, folder: Path) -> list[Path]:
     """Files that match a glob pattern (``**`` descends), sorted, at least one.
 
@@ -55,12 +63,61 @@ def expand(pattern: str, folder: Path) -> list[Path]:
         folder: where relative patterns start.
 
     Raises:
-        SamplesError: no file matches; says the pattern and the folder.
+        SamplesError: no file matches, or so many have to be looked at that it was not meant; says
+            the pattern and the folder.
     """
-    if os.path.isfile(folder / pattern):  # noqa: PTH113 (Path.is_file raises on overlong names)
+    is_file = os.path.isfile  # Path.is_file raises on overlong names
+    if is_file(folder / pattern):
         return [folder / pattern]
-    found = glob.glob(pattern, root_dir=folder, recursive=True)  # noqa: PTH207 (Path.glob refuses absolute patterns)
-    files = sorted(path for name in found if (path := folder / name).is_file())
+    given = Path(pattern)
+    paths = _matching(folder / given.anchor, given.relative_to(given.anchor).parts, count())
+    try:
+        files = sorted({path for path in paths if is_file(path)})
+    except OverflowError:
+        raise SamplesError(
+            f"{pattern!r} in {folder}, which goes through more than {MOST_ENTRIES:,} files",
+            "a pattern that names the folder of the files",
+        ) from None
     if not files:
         raise SamplesError(f"no file that matches {pattern!r} in {folder}", "at least one file")
     return files
+
+
+def _matching(folder: Path, parts: Sequence[str], looked: Iterator[int]) -> Iterator[Path]:
+    """What matches the parts of a pattern below a folder.
+
+    Not `glob.glob`, which says nothing until it has gone through all there is.
+
+    Raises:
+        OverflowError: too much has been looked at.
+    """
+    if not parts:
+        yield folder
+        return
+    part, rest = parts[0], parts[1:]
+    if not glob.has_magic(part):
+        yield from _matching(folder / part, rest, looked)
+        return
+    descends = part == "**"
+    if descends:
+        rest = rest or ("*",)
+        yield from _matching(folder, rest, looked)
+    try:
+        entries = list(os.scandir(folder))
+    except (OSError, ValueError):
+        return
+    for entry in entries:
+        if next(looked) >= MOST_ENTRIES:
+            raise OverflowError
+        if entry.name.startswith(".") and not part.startswith("."):
+            continue
+        if descends and entry.is_dir() and not _leads_back(entry):
+            yield from _matching(folder / entry.name, parts, looked)
+        elif not descends and fnmatch(entry.name, part):
+            yield from _matching(folder / entry.name, rest, looked)
+
+
+def _leads_back(entry: os.DirEntry[str]) -> bool:
+    """Whether it is a link to a folder that it is in."""
+    real = Path(entry.path).resolve()
+    return entry.is_symlink() and Path(entry.path).parent.resolve().is_relative_to(real)

@@ -31,6 +31,11 @@ Sign = Literal["any", "non-negative", "positive"]
 _LONGEST_QUOTE = 60
 _MOST_BITS: Final = 52
 
+# A file of this field has a few thousand values, of which aliases may make many more.
+MOST_VALUES: Final = 200_000
+MOST_BYTES: Final = 8_000_000
+MOST_LEVELS: Final = 50
+
 # No length, angle or count of this field is larger; its square would soon be infinite.
 LARGEST: Final = 1e12
 
@@ -61,9 +66,13 @@ def read_yaml(path: Path, error: type[InputError] = InputError) -> YamlDocument:
 
     Raises:
         InputError: (as ``error``) unreadable, empty, not YAML, a key twice, a reference to
-            itself, or another top level; with the line where there is one.
+            itself, more than any file of this field says, or another top level; with the line
+            where there is one.
     """
     text = read_text(path, error)
+    if len(text) > MOST_BYTES:
+        found, expected = f"{len(text):,} characters", f"at most {MOST_BYTES:,}"
+        raise error(found, expected, file=path, hint="long tables belong into a CSV file")
     try:
         yaml = YAML(typ="rt", pure=True)
         yaml.composer.warn_double_anchors = False
@@ -103,6 +112,11 @@ class _Plain:
             self.lines.setdefault(keys, node.start_mark.line + 1)
         if any(node is outer for outer in inside):
             raise self._refuse("a reference to itself", "a value", node)
+        if len(inside) > MOST_LEVELS:
+            raise self._refuse("lists nested too deeply", f"at most {MOST_LEVELS} levels", node)
+        if len(self.lines) > MOST_VALUES:
+            most = f"at most {MOST_VALUES:,} values, aliases counted as often as they are used"
+            raise self._refuse("a file that says too much", most, node)
         if isinstance(node, MappingNode):
             return self._mapping(node, keys, (*inside, node))
         if isinstance(node, SequenceNode):

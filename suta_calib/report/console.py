@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import dataclass
+from textwrap import wrap
 from typing import Final
 
 from rich import box
-from rich.console import Group, RenderableType
-from rich.padding import Padding
+from rich.cells import cell_len
+from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderResult
 from rich.table import Table
 from rich.text import Text
 
@@ -22,63 +25,142 @@ TONE: Final[dict[Tone, str]] = {
     "bad": "red",
     "soft": "dim",
 }
-# Columns of the narrowest terminal in which no number may be cut.
-NARROW: Final = 80
+
+# `box.SIMPLE_HEAD`, in place of which rich would draw a fence.
+_ASCII: Final = box.Box("    \n    \n -- \n" + 5 * "    \n", ascii=True)
 
 
 def rendered(answer: document.Document) -> RenderableType:
-    """A document for a terminal of 80 columns: its parts, and how far to trust it last."""
+    """A document for a terminal: its parts, and how far to trust it last.
+
+    Lines are broken between words only, and a table that does not fit becomes lines: no number and
+    no name is ever cut. Print it with ``crop=False``, or a word longer than the terminal is.
+    """
     parts: list[RenderableType] = []
     for part in answer.shown("console"):
         if isinstance(part, document.Text):
             if part.bullet:
                 parts.append(bullet(part.text))
             elif part.look == "remedy":
-                parts.append(Padding(Text(f"→ {part.text}", style="italic"), (0, 0, 0, 5)))
+                parts.append(Wrapped(part.text, "     → ", "     ", "italic"))
             elif part.look == "verbatim":
                 parts.append(Text(part.text, no_wrap=True, overflow="ignore"))
             else:
-                parts.append(Text(part.text, style="bold" if part.look == "heading" else ""))
+                parts.append(Wrapped(part.text, style="bold" if part.look == "heading" else ""))
         elif isinstance(part, listing.Table):
-            parts.append(table(part))
+            parts.append(Fitted(part))
     # A table ends with an empty line of its own.
-    apart = [] if not parts or (isinstance(parts[-1], Table) and parts[-1].box) else [""]
+    apart = [] if not parts or isinstance(parts[-1], Fitted) else [""]
     how_far = answer.assessment
-    verdict = Text(f"{how_far.word}.", style=COLOUR[how_far.level])
-    if said := how_far.sentence:
-        verdict = Text.assemble(verdict, " ", said[:1].upper() + said[1:])
-    return Group(*parts, *apart, verdict, *map(bullet, how_far.notes))
+    said = how_far.sentence[:1].upper() + how_far.sentence[1:]
+    word = Text(f"{how_far.word}. " if said else f"{how_far.word}.", style=COLOUR[how_far.level])
+    return Group(*parts, *apart, Wrapped(said, word), *map(bullet, how_far.notes))
 
 
-def table(listed: listing.Table) -> Table:
-    """Rows of a document; names wrap, numbers never do."""
-    drawn = Table(
-        title=listed.title,
-        title_justify="left",
-        title_style="bold",
-        box=box.SIMPLE_HEAD,
-        pad_edge=False,
-        show_header=any(listed.heads),
-        header_style="bold",
-    )
-    widths = [max(map(len, column)) for column in zip(listed.heads, *listed.cells, strict=True)]
-    if sum(widths) + 2 * len(widths) > NARROW:
-        drawn.padding = 0
-    for k, head in enumerate(listed.heads):
-        right = k in listed.numeric
-        drawn.add_column(head, justify="right" if right else "left", no_wrap=right, overflow="fold")
-    for k, row in enumerate(listed.cells):
-        strong = k in listed.strong
-        cells = [
-            Text(cell, style="" if tone is None else TONE[tone])
-            for cell, tone in zip(row, listed.tones[k], strict=True)
+@dataclass(frozen=True)
+class Wrapped:
+    """A text whose lines are broken between words only.
+
+    Attributes:
+        text: of one line or several.
+        first, rest: what its first line begins with, and the others.
+        style: of the text.
+    """
+
+    text: str
+    first: Text | str = ""
+    rest: str = ""
+    style: str = ""
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        del console
+        begin = self.first
+        for line in self.text.split("\n"):
+            # A name that is longer than the terminal stays whole, too.
+            wrapped = wrap(
+                line,
+                options.max_width,
+                initial_indent=str(begin),
+                subsequent_indent=self.rest,
+                break_long_words=False,
+                break_on_hyphens=False,
+            )
+            for part in wrapped or [str(begin)]:
+                words = (part[len(begin) :], self.style)
+                yield Text.assemble(begin, words, no_wrap=True, overflow="ignore")
+                begin = self.rest
+
+
+def bullet(note: str) -> Wrapped:
+    """A sentence behind a bullet."""
+    return Wrapped(note, " • ", "   ")
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """A table where the terminal is wide enough for its numbers and words, or else lines."""
+
+    listed: listing.Table
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        del console
+        listed, width = self.listed, options.max_width
+        if listed.title:
+            yield Wrapped(listed.title, style="bold")
+        padding = 1 if self._widths(width, 1) else 0
+        widths = self._widths(width, padding)
+        if not widths:
+            for line in self._lines(width):
+                yield Text(line, no_wrap=True, overflow="ignore")
+            yield ""
+            return
+        drawn = Table(
+            box=_ASCII if options.ascii_only else box.SIMPLE_HEAD,
+            pad_edge=False,
+            padding=(0, padding),
+            show_header=any(listed.heads),
+            header_style="bold",
+        )
+        for k, (head, width) in enumerate(zip(listed.heads, widths, strict=True)):
+            drawn.add_column(head, justify="right" if k in listed.numeric else "left", width=width)
+        for k, row in enumerate(listed.cells):
+            strong = k in listed.strong
+            cells = [
+                Text(cell, style="" if tone is None else TONE[tone])
+                for cell, tone in zip(row, listed.tones[k], strict=True)
+            ]
+            drawn.add_row(*cells, style="bold" if strong else "", end_section=strong)
+        yield drawn
+
+    def _widths(self, width: int, padding: int) -> list[int]:
+        """Of the columns, in a table as wide as that; none where it cannot be."""
+        columns = list(zip(self.listed.heads, *self.listed.cells, strict=True))
+        widths = [max(map(cell_len, column)) for column in columns]
+        # Numbers stay on their line, whatever is between them; other cells break between words.
+        least = [
+            widest
+            if k in self.listed.numeric
+            else max(map(cell_len, " ".join(column).split()), default=0)
+            for k, (widest, column) in enumerate(zip(widths, columns, strict=True))
         ]
-        drawn.add_row(*cells, style="bold" if strong else "", end_section=strong)
-    return drawn
+        # The frame and what is between two columns.
+        room = width - 2 - (1 + 2 * padding) * (len(widths) - 1)
+        while sum(widths) > room:
+            wide = [k for k in range(len(widths)) if widths[k] > least[k]]
+            if not wide:
+                return []
+            widths[max(wide, key=widths.__getitem__)] -= 1
+        return widths
 
-
-def bullet(note: str) -> Table:
-    """A sentence behind a bullet, indented where it wraps."""
-    grid = Table.grid(padding=(0, 1))
-    grid.add_row(" •", Text(note))
-    return grid
+    def _lines(self, width: int) -> Iterator[str]:
+        """Every row as its first cell and, behind their headings, as many more as a line takes."""
+        for row in self.listed.cells:
+            pairs = zip(self.listed.heads, row, strict=True)
+            first, *more = (f"{head} {cell}".strip() for head, cell in pairs if cell.strip())
+            line = first
+            for pair in more:
+                if len(line) + len("  ") + len(pair) > width:
+                    yield line
+                    line = ""
+                line += f"  {pair}"
+            yield line

@@ -1,103 +1,110 @@
-"""A folder of results: JSON and whatever stands beside it, each file complete or not there."""
+"""A folder of results: JSON and whatever stands beside it, the files of one run together."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
+from dataclasses import replace
+from hashlib import sha256
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Final
 
-from suta_calib.atomic import write_bytes_atomically
+from suta_calib.atomic import exchange_files
 from suta_calib.errors import OutputError
-from suta_calib.report.document import Document, Figure, File
+from suta_calib.report.document import Document, Figure, File, Text
 from suta_calib.report.listing import json_text
 from suta_calib.report.page import page_with
 
 REPORT: Final = "report.html"
 
 
-def make_folder(folder: Path) -> None:
-    """Create a folder and its parents.
+def write_document(
+    answer: Document, folder: Path, inputs: Mapping[str, str] = MappingProxyType({})
+) -> dict[str, Any]:
+    """Write a document: its JSON, its pictures and files, its section in ``report.html``.
+
+    The files are exchanged together, and those of the run before that this one does not write are
+    removed: what stands in the folder is of one run. The JSON says of which.
+
+    Args:
+        answer: NAME is its name, and `Document.written` says which of these it has. Figures are
+            written as ``NAME.svg``, or ``NAME_1.svg``, ``NAME_2.svg``, … where there are several.
+        folder: created if it is not there.
+        inputs: files that it was made from, the job first: the SHA-256 of each.
+
+    Returns:
+        The answer's JSON, and what its file holds beside: ``files``, the paths written by name,
+        and ``run``, its id, its inputs and the SHA-256 of its files.
 
     Raises:
-        OutputError: it cannot be created, or a file is in its place.
+        OutputError: the folder or a file in it cannot be written. Where that can be seen before,
+            nothing is written.
     """
+    contents = _contents(answer)
+    hashes = {name: sha256(data).hexdigest() for name, data in contents.items()}
+    run: dict[str, Any] = {"inputs": dict(inputs), "sha256": hashes}
+    run = {
+        "id": sha256(json_text({answer.name: run}, ascii_only=True).encode()).hexdigest()[:12],
+        **run,
+    }
+    record = {"result": "result.json", "files": ""}.get(answer.written, f"{answer.name}.json")
+    report = folder / REPORT
+    if answer.written in ("report", "opening"):
+        page = report.read_text(encoding="utf-8", errors="replace") if report.is_file() else None
+        made_from = (f" from {Path(n).name} (SHA-256 {h[:12]})" for n, h in inputs.items())
+        told = Text(f"Run {run['id']}{', '.join(made_from)}.", place="page", look="soft")
+        said = replace(answer, parts=(*answer.parts, told))
+        contents[REPORT] = page_with(said, page).encode(errors="replace")
+    names = [*contents, record] if record else [*contents]
+    complete = answer.json()
+    complete |= {"files": {name: str(folder / name) for name in names}}
+    if record:
+        complete["run"] = run
+        # Of a name that is no Unicode this makes JSON's own escape.
+        contents[record] = json_text(complete).encode(errors="backslashreplace")
+    for path in (folder / name for name in names):
+        if path.is_dir():
+            raise OutputError(
+                f"{path}: not written: found a folder of this name; expected a file or nothing; "
+                "choose another folder with --out"
+            )
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise OutputError(
             f"{folder}: cannot be used as the output folder: {error.strerror}; choose another one"
         ) from error
-
-
-def write_texts(
-    answer: Mapping[str, Any],
-    texts: Mapping[str, str | bytes],
-    folder: Path,
-    name: str | None = "result.json",
-) -> dict[str, Any]:
-    """Write ``texts`` and then the answer, so that whoever waits for it finds the others.
-
-    Args:
-        answer: content of the JSON file.
-        texts: whole contents by file name.
-        folder: created if it is not there.
-        name: of the JSON file; None for none.
-
-    Returns:
-        ``answer`` with ``files``, the paths written by name; what the JSON file holds.
-
-    Raises:
-        OutputError: the folder or a file in it cannot be written. Where that can be seen before,
-            nothing is written.
-    """
-    paths = {each: folder / each for each in (*texts, *([] if name is None else [name]))}
-    complete = {**answer, "files": {each: str(path) for each, path in paths.items()}}
-    contents = dict(texts) if name is None else {**texts, name: json_text(complete)}
-    for path in paths.values():
-        if path.is_dir():
-            raise OutputError(
-                f"{path}: not written: found a folder of this name; expected a file or nothing; "
-                "choose another folder with --out"
-            )
-    make_folder(folder)
-    for each, path in paths.items():
-        content = contents[each]
-        write_bytes_atomically(path, content if isinstance(content, bytes) else content.encode())
+    stale = _written_before(folder / record) - {*names, REPORT} if record else ()
+    exchange_files(folder, contents, stale)
     return complete
 
 
-def write_document(answer: Document, folder: Path) -> dict[str, Any]:
-    """Write a document: its JSON, its pictures and files, its section in ``report.html``.
-
-    Args:
-        answer: NAME is its name, and `Document.written` says which of these it has. Figures are
-            written as ``NAME.svg``, or ``NAME_1.svg``, ``NAME_2.svg``, … where there are several.
-        folder: created if it is not there.
-
-    Returns:
-        The answer's JSON with ``files``, the paths written by name; what its JSON file holds.
-
-    Raises:
-        OutputError: the folder or a file in it cannot be written.
-    """
-    contents = _contents(answer)
-    if answer.written in ("result", "files"):
-        name = "result.json" if answer.written == "result" else None
-        return write_texts(answer.json(), contents, folder, name)
-    report = folder / REPORT
-    page = report.read_text(encoding="utf-8", errors="replace") if report.is_file() else None
-    contents[REPORT] = page_with(answer, page)
-    return write_texts(answer.json(), contents, folder, f"{answer.name}.json")
+def _written_before(record: Path) -> set[str]:
+    """Names of files that a run before wrote beside its JSON, as far as nobody changed them."""
+    try:
+        told = json.loads(record.read_text(encoding="utf-8"))
+        files, hashes = dict(told["files"]), dict(told.get("run", {}).get("sha256", {}))
+    except (OSError, ValueError, TypeError, KeyError, AttributeError):
+        return set()
+    found = set()
+    for name in files:
+        path = record.parent / name
+        if Path(name).name == name and path.is_file():
+            data = path.read_bytes() if name in hashes else b""
+            if name not in hashes or sha256(data).hexdigest() == hashes[name]:
+                found.add(name)
+    return found
 
 
-def _contents(answer: Document) -> dict[str, str | bytes]:
+def _contents(answer: Document) -> dict[str, bytes]:
     """Pictures and further files by name, in the document's order."""
     figures = [part for part in answer.parts if isinstance(part, Figure)]
-    found: dict[str, str | bytes] = {}
+    found: dict[str, bytes] = {}
     for part in answer.parts:
         if isinstance(part, File):
-            found[part.name] = part.content()
+            found[part.name] = part.as_bytes()
         elif isinstance(part, Figure) and answer.written != "opening":
             number = f"_{figures.index(part) + 1}" if len(figures) > 1 else ""
-            found[f"{answer.name}{number}.svg"] = part.svg
+            found[f"{answer.name}{number}.svg"] = part.svg.encode()
     return found

@@ -284,7 +284,7 @@ def plain(value: Any, unit: Unit | None = None) -> Any:
     return value if math.isfinite(value) else None
 
 
-def json_text(data: Mapping[str, Any], indent: int = 1) -> str:
+def json_text(data: Mapping[str, Any], indent: int = 1, *, ascii_only: bool = False) -> str:
     """A JSON document as it is written; what is not a finite number becomes null."""
     finite = json.loads(json.dumps(data), parse_constant=lambda _: None)
-    return json.dumps(finite, indent=indent, ensure_ascii=False, allow_nan=False) + "\n"
+    return json.dumps(finite, indent=indent, ensure_ascii=ascii_only, allow_nan=False) + "\n"

@@ -8,9 +8,13 @@ process's signals.
 from __future__ import annotations
 
 import contextlib
+import errno
+import math
 import selectors
 import socket
 import threading
+import time
+from ipaddress import ip_address
 from typing import Any, Final
 
 import numpy as np
@@ -21,6 +25,7 @@ from suta_calib.tracking.publisher import Publisher
 from suta_calib.tracking.tracker import TrackedPose
 from suta_calib.units import mm
 
+LOOPBACK: Final = "127.0.0.1"
 # The field's size in the protocol's header.
 LONGEST_NAME: Final = 20
 
@@ -33,8 +38,11 @@ class IgtlPublisher(Publisher):
 
     Args:
         port: port to listen at; 0 for any free one.
-        device_name: of the messages.
-        host: address to listen at; empty for all.
+        device_name: of the messages, at most 20 ASCII characters.
+        host: address to listen at: this computer's own, which nobody else reaches, by default;
+            empty for all.
+        most_clients: so many are served; whoever comes later is hung up on.
+        patience: a client that takes nothing for so long is hung up on, s.
 
     Attributes:
         invalid: poses that were not sent because they were not valid.
@@ -46,7 +54,15 @@ class IgtlPublisher(Publisher):
 
     name = "igtl"
 
-    def __init__(self, port: int, device_name: str = "TipToBase", host: str = "") -> None:
+    def __init__(
+        self,
+        port: int,
+        device_name: str = "TipToBase",
+        host: str = LOOPBACK,
+        *,
+        most_clients: int = 32,
+        patience: float = 5.0,
+    ) -> None:
         super().__init__()
         fits = 0 < len(device_name) <= LONGEST_NAME
         if not (fits and device_name.isascii() and device_name.isprintable()):
@@ -54,11 +70,17 @@ class IgtlPublisher(Publisher):
             raise InputError(repr(device_name), expected, where="--igtl-name")
         self._device_name = device_name
         self.invalid = 0
-        self._broadcast = Broadcast(host, port)
+        self._broadcast = Broadcast(host, port, most_clients, patience)
         self.port = self._broadcast.port
+        self._held: list[bytes] = []
+
+    @property
+    def public(self) -> str:
+        """Address and port at which others on the network can read; empty where nobody can."""
+        return self._broadcast.public
 
     def publish(self, pose: TrackedPose) -> None:
-        """Send to everybody who can take it at once."""
+        """Make its message, which `flush` sends."""
         if not pose.valid:
             self.invalid += 1
             return
@@ -70,9 +92,16 @@ class IgtlPublisher(Publisher):
         message = pyigtl.TransformMessage(
             matrix, timestamp=pose.host_time, device_name=self._device_name
         )
-        taken, lost = self._broadcast.send(bytes(message.pack()))
-        self.published += taken
-        self.dropped += lost
+        self._held.append(bytes(message.pack()))
+
+    def flush(self) -> None:
+        """Send to everybody who can take it at once."""
+        if not self._held:
+            return
+        taken, lost = self._broadcast.send(b"".join(self._held))
+        self.published += taken * len(self._held)
+        self.dropped += lost * len(self._held)
+        self._held.clear()
 
     def close(self) -> None:
         """Hang up."""
@@ -88,6 +117,8 @@ class IgtlPublisher(Publisher):
 # one that catches up sees nothing older than these.
 SEND_BUFFER: Final = 1 << 16
 _WAITING_CLIENTS: Final = 16
+# A computer that has no socket left to give is not asked again before that, s.
+_PAUSE_S: Final = 0.5
 _DISCARDED_AT_ONCE: Final = 1 << 16
 
 
@@ -98,6 +129,7 @@ class _Client:
         self.connection = connection
         self.rest = b""
         self.gone = False
+        self.stuck_since = math.inf
         connection.setblocking(False)
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER)
@@ -124,8 +156,11 @@ class _Client:
     def _send(self, data: bytes) -> bytes:
         """What the kernel did not take of it."""
         try:
-            return data[self.connection.send(data) :]
+            left = data[self.connection.send(data) :]
+            self.stuck_since = math.inf
+            return left
         except (BlockingIOError, InterruptedError):
+            self.stuck_since = min(self.stuck_since, time.perf_counter())
             return data
         except OSError:
             self.gone = True
@@ -142,7 +177,8 @@ class Broadcast:
         OutputError: the port cannot be listened at.
     """
 
-    def __init__(self, host: str, port: int) -> None:
+    def __init__(self, host: str, port: int, most_clients: int, patience: float) -> None:
+        self._most_clients, self._patience = most_clients, patience
         try:
             self._listener = socket.create_server((host, port), backlog=_WAITING_CLIENTS)
         except (OSError, OverflowError) as error:
@@ -164,14 +200,21 @@ class Broadcast:
         """How many are connected."""
         return len(self._clients)
 
+    @property
+    def public(self) -> str:
+        """Address and port at which others on the network can read; empty where nobody can."""
+        address, port = self._listener.getsockname()[:2]
+        return "" if ip_address(address).is_loopback else f"{address}:{port}"
+
     def send(self, message: bytes) -> tuple[int, int]:
         """Send to everybody without waiting; how many took it, and how many could not."""
         clients = self._clients
         taken = sum(client.send(message) for client in clients)
         lost = len(clients) - taken
         if lost:
+            late = time.perf_counter() - self._patience
             for client in clients:
-                if client.gone:
+                if client.gone or client.stuck_since < late:
                     # The serving thread sees the end of file and takes it from its selector.
                     with contextlib.suppress(OSError):
                         client.connection.shutdown(socket.SHUT_RDWR)
@@ -188,8 +231,14 @@ class Broadcast:
         with selectors.DefaultSelector() as selector:
             selector.register(self._listener, selectors.EVENT_READ)
             selector.register(self._woken, selectors.EVENT_READ)
+            listen_at = 0.0
             while True:
-                for key, _ in selector.select():
+                pause = max(listen_at - time.perf_counter(), 0.0) if listen_at else None
+                events = selector.select(pause)
+                if listen_at and time.perf_counter() >= listen_at:
+                    selector.register(self._listener, selectors.EVENT_READ)
+                    listen_at = 0.0
+                for key, _ in events:
                     client = key.data
                     if key.fileobj is self._woken:
                         clients, self._clients = self._clients, ()
@@ -197,18 +246,29 @@ class Broadcast:
                             client.connection.close()
                         return
                     if key.fileobj is self._listener:
-                        self._welcome(selector)
+                        if not self._welcome(selector):
+                            selector.unregister(self._listener)
+                            listen_at = time.perf_counter() + _PAUSE_S
                     elif client.has_hung_up():
                         self._clients = tuple(c for c in self._clients if c is not client)
                         selector.unregister(client.connection)
                         client.connection.close()
 
-    def _welcome(self, selector: selectors.BaseSelector) -> None:
+    def _welcome(self, selector: selectors.BaseSelector) -> bool:
+        """Let in whoever asks; False where the computer has no socket left to give."""
         try:
             connection, _ = self._listener.accept()
+        except OSError as error:
+            return error.errno not in (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
+        if len(self._clients) >= self._most_clients:
+            connection.close()
+            return True
+        try:
             client = _Client(connection)
         except OSError:
-            return
+            connection.close()
+            return True
         selector.register(connection, selectors.EVENT_READ, client)
         self.connections += 1
         self._clients = (*self._clients, client)
+        return True

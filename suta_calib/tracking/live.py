@@ -37,7 +37,8 @@ class TrackOptions:
         result: result.json of the calibration that wrote ``arm``: for the tip's uncertainty.
         anyway: take a result or a tool that says of itself that it must not be used.
         tool: tip.json of a pivot calibration: a tool on the tip.
-        igtl: host (empty for all) and port at which OpenIGTLink clients are served.
+        igtl: host (empty for ``host``) and port at which OpenIGTLink clients are served.
+        host: address of that port; ``0.0.0.0`` lets anybody on the network read.
         igtl_name: the device name of these messages.
         udp: host and port to which JSON datagrams are sent.
         csv, parquet: files that record every pose.
@@ -53,6 +54,7 @@ class TrackOptions:
     anyway: bool = False
     tool: Path | None = None
     igtl: tuple[str, int] | None = None
+    host: str = "127.0.0.1"
     igtl_name: str = "TipToBase"
     udp: tuple[str, int] | None = None
     csv: Path | None = None
@@ -131,7 +133,7 @@ class Tracking:
                 from suta_calib.tracking.igtl import IgtlPublisher
 
                 host, port = options.igtl
-                server = IgtlPublisher(port, options.igtl_name, host)
+                server = IgtlPublisher(port, options.igtl_name, host or options.host)
                 publishers.append(stack.enter_context(server))
             if options.udp is not None:
                 publishers.append(stack.enter_context(UdpPublisher(*options.udp)))
@@ -141,6 +143,9 @@ class Tracking:
                     publishers.append(stack.enter_context(recorder(path, self.arm.joints)))
             self.session = TrackingSession(self._tracker, publishers, options.rate)
             self._publishers = stack.pop_all()
+        for publisher in publishers:
+            if public := getattr(publisher, "public", ""):
+                self.on_event(f"anybody on the network can read the poses at {public}")
         return self
 
     def __exit__(self, *error: Any) -> None:

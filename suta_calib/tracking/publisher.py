@@ -30,6 +30,9 @@ class Publisher(ABC):
     def publish(self, pose: TrackedPose) -> None:
         """Hand one pose over, valid or not, and return at once."""
 
+    def flush(self) -> None:  # noqa: B027 (most hand over each pose as it comes)
+        """Hand over what `publish` has held back: no more poses come at the moment."""
+
     @abstractmethod
     def close(self) -> None:
         """Finish what was begun; a second time does nothing."""

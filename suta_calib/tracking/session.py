@@ -74,20 +74,25 @@ class TrackingSession:
         end = float("inf") if seconds is None else self.began + seconds
         try:
             while not stop() and (left := end - time.perf_counter()) > 0:
-                for reading in source.read(min(_LOOK, left)):
-                    self.take(reading)
+                self.take(*source.read(min(_LOOK, left)))
         finally:
             self.ended, self.running = time.perf_counter(), False
 
-    def take(self, reading: Reading) -> None:
-        """Publish one reading's pose, unless it comes earlier than the rate allows."""
-        self.readings += 1
-        if not self._is_due(reading.time):
-            return
-        pose = self.tracker.pose(reading)
+    def take(self, *readings: Reading) -> None:
+        """Publish the poses of readings that came together, as many as the rate allows."""
+        self.readings += len(readings)
+        poses = [self.tracker.pose(each) for each in readings if self._is_due(each.time)]
+        for pose in poses:
+            for publisher in self.publishers:
+                publisher.publish(pose)
         for publisher in self.publishers:
-            publisher.publish(pose)
-        self.latency.add(time.perf_counter() - reading.arrival)
+            publisher.flush()
+        now = time.perf_counter()
+        for pose in poses:
+            self._count(pose, now)
+
+    def _count(self, pose: TrackedPose, published: float) -> None:
+        self.latency.add(published - pose.arrival)
         if self.last is not None:
             self.interval.add(max(pose.arrival - self.last.arrival, 0.0))
         self.last = pose

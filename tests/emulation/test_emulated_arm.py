@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from emulated import TRUTH, angles, device_of, landmark_stops, listen, true_landmarks
 
-from suta_calib.device import Bus, read_device
+from suta_calib.device import Bus, Reading, read_device
 from suta_calib.emulation import EmulatedArm, Emulation, Faults, Still, Sweep
 from suta_calib.emulation.player import RoundClock
 from suta_calib.emulation.stream import STALE_TURN
@@ -16,6 +16,7 @@ from suta_calib.errors import SutaCalibError
 from suta_calib.geometry.numbers import wrap
 from suta_calib.model.arm import ArmModel
 
+PATIENCE_S = 30.0
 POSTURE = np.array([0.3, -1.0, 3.1, -3.1, 2.0, 0.0])
 
 
@@ -33,17 +34,18 @@ def test_a_port_streams_in_real_time_and_tells_the_truth_afterwards(arm: ArmMode
     with EmulatedArm(moving(arm)) as emulator:
         port = emulator.port
         time.sleep(0.1)
-        readings = listen(port, emulator.device, 0.8)
-        stopped = time.perf_counter()
-    assert time.perf_counter() - stopped < 5
+        began = time.perf_counter()
+        readings = listen(port, emulator.device, PATIENCE_S, lambda found: len(found) > 300)
     assert not os.path.lexists(port)
     found = np.array([each.time for each in readings])
     sequence = np.array([each.sequence for each in readings])
-    assert len(readings) > 0.6 * 768
+    assert len(readings) > 300
     np.testing.assert_array_equal(np.diff(sequence), 1)
     assert found[0] > 0.05, "the device's clock runs before anybody listens"
     arrival = np.array([each.arrival for each in readings])
-    assert np.polyfit(found, arrival, 1)[0] == pytest.approx(1, abs=0.1)
+    # In real time: nothing comes before its time, whatever a busy machine makes late.
+    moved = np.interp(found, emulator.trajectory.time, emulator.trajectory.motion_time)
+    assert (arrival - began > moved).all()
     true = emulator.trajectory.at(found)
     assert np.abs(wrap(angles(readings) - true)).max() < 6 * 2e-5
     assert np.ptp(true, axis=0).min() > 1e-3
@@ -59,14 +61,17 @@ def test_a_port_that_vanishes_comes_back_under_its_name(arm: ArmModel, tmp_path:
     emulation = moving(arm, "disconnect=0.3@0.3")
     with EmulatedArm(emulation, link=tmp_path / "arm") as emulator:
         assert emulator.port == str(tmp_path / "arm")
-        before = listen(emulator.port, emulator.device, 5.0)
+        before = listen(emulator.port, emulator.device, PATIENCE_S)
         gone = time.perf_counter()
         while not os.path.lexists(emulator.port):
-            assert time.perf_counter() - gone < 5
+            assert time.perf_counter() - gone < PATIENCE_S
             time.sleep(0.005)
-        after = listen(emulator.port, emulator.device, 0.3)
-    assert len(before) == pytest.approx(0.3 * 768, abs=40)
-    assert after[0].sequence - before[-1].sequence == pytest.approx(0.3 * 768, abs=40)
+        after = listen(emulator.port, emulator.device, PATIENCE_S, bool)
+    truth = emulator.trajectory
+    moved = [np.interp([r.time for r in x], truth.time, truth.motion_time) for x in (before, after)]
+    assert moved[0].max() < 0.3
+    assert moved[1].min() >= 0.6 - 1e-3
+    assert emulator.played.silent == pytest.approx(0.3 * 768, abs=1)
     assert [text.partition(" as ")[0] for text in emulator.events] == [
         *("the port was opened", "the port is gone", "the port is back")
     ]
@@ -80,7 +85,7 @@ def test_a_bus_is_not_fooled_by_a_cache(arm: ArmModel, tmp_path: Path) -> None:
         device = read_device(emulator.write_device(tmp_path / "device.yaml"))
         readings = []
         with Bus(device) as bus:
-            end = time.perf_counter() + 3
+            end = time.perf_counter() + PATIENCE_S
             while len(readings) < 100 and time.perf_counter() < end:
                 readings += bus.read()
     assert len(readings) >= 100
@@ -92,12 +97,20 @@ def test_an_arm_waits_between_placements_for_the_next_listener(
     arm: ArmModel, tmp_path: Path
 ) -> None:
     motion = landmark_stops(arm, tmp_path, rest=0.3, move=0.1)
-    with EmulatedArm(Emulation(device_of(arm), motion)) as emulator:
-        first = listen(emulator.port, emulator.device, 1.2)
-        time.sleep(0.3)
-        second = listen(emulator.port, emulator.device, 0.2)
-    tip = [arm.forward(angles(each)[[0, -1]], TRUTH)[1] for each in (first, second)]
     marks = true_landmarks(tmp_path, [dict(each) for each in motion.labels])
+
+    def rests_on_c(found: list[Reading]) -> bool:
+        """For longer than half a rest."""
+        if len(found) < 200:
+            return False
+        tips = arm.forward(angles(found[-200:]), TRUTH)[1]
+        return bool(np.abs(tips - marks[2]).max() < 2e-4)
+
+    with EmulatedArm(Emulation(device_of(arm), motion)) as emulator:
+        first = listen(emulator.port, emulator.device, PATIENCE_S, rests_on_c)
+        time.sleep(0.3)
+        second = listen(emulator.port, emulator.device, PATIENCE_S, bool)
+    tip = [arm.forward(angles(each)[[0, -1]], TRUTH)[1] for each in (first, second)]
     # Through P1 from A to C, where it stayed; then at rest on A of P2 at once.
     np.testing.assert_allclose(tip[0], marks[[0, 2]], atol=2e-4)
     np.testing.assert_allclose(tip[1], marks[[3, 3]], atol=2e-4)

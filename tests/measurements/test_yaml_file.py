@@ -124,3 +124,18 @@ def test_an_optional_number_is_converted_by_its_unit(tmp_path: Path) -> None:
     assert section.optional_number("length_mm", unit="m") == 0.25
     assert section.optional_number("angle_deg", unit="rad") == pytest.approx(math.pi)
     assert section.optional_number("width_mm", unit="m") is None
+
+
+def test_a_file_that_says_little_and_means_much_is_refused(tmp_path: Path) -> None:
+    """Nine aliases of nine aliases of …: a billion values in a few lines."""
+    lines = ["a0: &a0 [x, x, x, x, x, x, x, x, x]"]
+    lines += [f"a{k}: &a{k} [{', '.join([f'*a{k - 1}'] * 9)}]" for k in range(1, 10)]
+    with pytest.raises(InputError, match="too much; expected at most 200,000 values") as caught:
+        read_yaml(write(tmp_path, "\n".join(lines)))
+    assert caught.value.line is not None
+    with pytest.raises(InputError, match="nested too deeply"):
+        read_yaml(write(tmp_path, "a: " + "[" * 60 + "]" * 60))
+    with pytest.raises(InputError, match="9,000,005 characters; expected at most 8,000,000"):
+        read_yaml(write(tmp_path, "a: '" + "x" * 9_000_000 + "'"))
+    aliases = write(tmp_path, "a: &a {x: 1}\nb: [*a, *a]")
+    assert read_yaml(aliases).data == {"a": {"x": 1}, "b": [{"x": 1}, {"x": 1}]}

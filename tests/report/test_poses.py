@@ -22,7 +22,6 @@ from pose_scenes import (
 from rich.console import Console
 from scipy.spatial.transform import Rotation
 
-from suta_calib.errors import OutputError
 from suta_calib.measurements.pose_files import (
     Points,
     PosePairs,
@@ -36,7 +35,6 @@ from suta_calib.pose_calibration.pivot import PivotCalibration, calibrate_pivot
 from suta_calib.pose_calibration.registration import Registration, register
 from suta_calib.report.console import rendered
 from suta_calib.report.document import Document
-from suta_calib.report.files import write_texts
 from suta_calib.report.hand_eye import hand_eye_document, hand_eye_plot
 from suta_calib.report.listing import json_text
 from suta_calib.report.pivot import pivot_document, pivot_plot
@@ -220,20 +218,6 @@ def test_an_outlier_beyond_the_rings_is_told(tmp_path: Path) -> None:
 
 
 # ── files ────────────────────────────────────────────────────────────────────────────────────
-def test_files_are_all_there_or_none(tmp_path: Path) -> None:
-    out = tmp_path / "out"
-    written = write_texts({"a": 1.5}, {"x.txt": "é\n"}, out)
-    assert written == {"a": 1.5, "files": {n: str(out / n) for n in ("x.txt", "result.json")}}
-    assert (out / "x.txt").read_text(encoding="utf-8") == "é\n"
-    assert json.loads((out / "result.json").read_text()) == written
-    (out / "y.txt").mkdir()
-    with pytest.raises(OutputError, match=r"y\.txt.*found a folder"):
-        write_texts({"a": 2.5}, {"x.txt": "new", "y.txt": "new"}, out)
-    assert (out / "x.txt").read_text(encoding="utf-8") == "é\n"
-    assert json.loads((out / "result.json").read_text())["a"] == 1.5
-    assert {path.name for path in out.iterdir()} == {"x.txt", "y.txt", "result.json"}
-
-
 def test_what_is_no_number_is_null_in_files() -> None:
     assert json.loads(json_text({"a": [float("nan"), 1.5], "b": -np.inf})) == {
         "a": [None, 1.5],

@@ -81,6 +81,9 @@ class PtyDevice:
 
     Args:
         link: path of the symbolic link.
+
+    Attributes:
+        sent: how many packets the pty has taken.
     """
 
     def __init__(self, link: Path) -> None:
@@ -89,6 +92,7 @@ class PtyDevice:
         self._stop = threading.Event()
         self._master = self._slave = -1
         self._began = time.perf_counter()
+        self.sent = 0
 
     def __enter__(self) -> Self:
         self.plug()
@@ -150,8 +154,17 @@ class PtyDevice:
         while not self._stop.wait(0.002):
             due = self._due()
             for number in range(sent, due):
-                self.write(packet(number, round(number * 1e6 / RATE)))
+                self._send(packet(number, round(number * 1e6 / RATE)))
             sent = due
+
+    def _send(self, data: bytes) -> None:
+        """Wait for room: how busy the machine is must not decide what is lost."""
+        while data and not self._stop.is_set():
+            try:
+                data = data[os.write(self._master, data) :]
+            except BlockingIOError:
+                self._stop.wait(0.001)
+        self.sent += 1
 
     def _due(self) -> int:
         return int((time.perf_counter() - self._began) * RATE)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import select
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -60,13 +61,18 @@ def decoded(emulation: Emulation, seconds: float) -> tuple[list[Reading], object
     return readings, decoder.statistics
 
 
-def listen(port: str, device: DeviceSpec, seconds: float) -> list[Reading]:
-    """Read a port for a while, or until it vanishes."""
+def listen(
+    port: str,
+    device: DeviceSpec,
+    seconds: float,
+    until: Callable[[list[Reading]], bool] = lambda _: False,
+) -> list[Reading]:
+    """Read a port for a while, until there is what is wanted, or until it vanishes."""
     decoder, readings = decoder_for(device), []
     file = os.open(port, os.O_RDWR | os.O_NOCTTY)
     try:
         end = time.perf_counter() + seconds
-        while time.perf_counter() < end:
+        while time.perf_counter() < end and not until(readings):
             if not select.select([file], [], [], 0.02)[0]:
                 continue
             data = os.read(file, 65536)

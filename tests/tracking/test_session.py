@@ -86,8 +86,9 @@ def test_every_reading_is_published_once_and_in_order(tracker):
 
 def test_latency_ends_when_the_last_publisher_has_taken_the_pose(tracker):
     session = TrackingSession(tracker, [Kept(), Kept(takes=0.02)])
+    before = time.perf_counter()
     session.take(reading(np.zeros(6)))
-    assert 0.02 <= session.latency.maximum < 0.5
+    assert 0.02 <= session.latency.maximum <= time.perf_counter() - before
 
 
 @pytest.mark.parametrize(("rate", "expected"), [(100.0, 100), (768.0, 768), (5000.0, 768)])
