@@ -78,14 +78,14 @@ def observed_parts(
         x: (n,) the estimate.
         sigmas: noise level of each block.
         free: indices that were estimated.
-        touches: for each term (samples,), which samples are one witness; `Term.repeats` by default.
+        touches: for each term (samples,), which are one witness; `Term.witnesses` by default.
     """
     rows = whitened_rows(problem, x, sigmas)
     prior = np.diag(problem.prior_precision())
     curvature = prior + sum(j.T @ j for j in map(robust_jacobian, rows))
     bread, artefact = np.zeros_like(prior), np.zeros_like(prior)
     bread[np.ix_(free, free)] = _pseudo_inverse(curvature[np.ix_(free, free)])
-    touches = [term.repeats() for term in problem.terms] if touches is None else touches
+    touches = [term.witnesses for term in problem.terms] if touches is None else touches
     part = artefact_rows(rows)
     if part is not None and len(free):
         artefact = artefact_covariance(rows, part, bread)
@@ -115,8 +115,7 @@ def _clustered_variance(rows: Sequence[Rows], touch: IntArray, bread: FloatArray
 
     Args:
         rows: whitened rows.
-        touch: (samples,) cluster of each sample; repeats of a touch are one cluster, because they
-            share what the model gets wrong about their posture.
+        touch: (samples,) cluster of each sample, as `Term.witnesses` has them.
         bread: (n, n) inverse curvature A⁻¹.
     """
     unit = np.sqrt(np.maximum(np.diag(bread), 0.0))

@@ -127,9 +127,9 @@ class PairwiseDistance(Term):
         pairs = self.blocks[0].samples
         sets, found = self._sets(self.poses), 0
         for name in np.unique(sets):
-            mine = pairs[sets[pairs[:, 0]] == name]
+            mine = self.poses.rests[pairs[sets[pairs[:, 0]] == name]]
             points = len(np.unique(mine))
-            found += min(len(mine), max(3 * points - 6, points - 1))
+            found += min(len(np.unique(mine, axis=0)), max(3 * points - 6, points - 1))
         return found
 
     def observed(self, values: Mapping[str, float], poses: PoseSource) -> Observed:

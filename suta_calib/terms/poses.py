@@ -8,13 +8,24 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
+from functools import cached_property
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.spatial import KDTree
 
-from suta_calib.arrays import FloatArray
+from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.measurements.samples import Samples
 from suta_calib.model.arm import ArmModel
+
+# How far readings of an arm at rest wander, rad or m: 0.03 mm at a metre's reach. No plug is seated
+# again so exactly.
+WANDER: Final = 3e-5
+# Steps of a coarse encoder that a reading at rest flickers over, and the coarsest, rad or m: below
+# a thousand to the turn it is the operator who chose round numbers.
+FLICKER: Final = 2.0
+COARSEST: Final = 2e-3
 
 
 class PoseSource(ABC):
@@ -28,6 +39,15 @@ class PoseSource(ABC):
 
     def __len__(self) -> int:
         return len(self.samples)
+
+    @cached_property
+    def rests(self) -> IntArray:
+        """(n,) one number, from 0, for all samples that were read at one rest of the arm.
+
+        They say once where it was, however often they were read. What was measured, not read, has
+        an error of its own each time.
+        """
+        return np.arange(len(self), dtype=np.intp)
 
     @abstractmethod
     def at(self, values: Mapping[str, float]) -> tuple[FloatArray, FloatArray]:
@@ -48,6 +68,11 @@ class ArmPoses(PoseSource):
     def __init__(self, arm: ArmModel, samples: Samples) -> None:
         self.arm = arm
         self.samples = samples
+
+    @cached_property
+    def rests(self) -> IntArray:
+        """Rows whose readings differ by no more than encoders do at rest, in order or not."""
+        return _rests(self.samples.q)
 
     def at(self, values: Mapping[str, float]) -> tuple[FloatArray, FloatArray]:
         """Forward kinematics of the samples."""
@@ -92,3 +117,27 @@ class MeasuredPoses(PoseSource):
         """Some of the poses."""
         some, samples = np.asarray(rows), self.samples.take(rows)
         return MeasuredPoses(self.rotation[some], self.position[some], samples, exact=self.exact)
+
+
+def _rests(q: FloatArray) -> IntArray:
+    """(n,) number of the rest of each row of readings (n, joints), by first appearance."""
+    steps = q / np.array([max(WANDER, FLICKER * _resolution(joint)) for joint in q.T])
+    tree, first = KDTree(steps), np.arange(len(q))
+    # The nearest row of each is itself.
+    nearest, _ = tree.query(steps, k=[min(2, len(q))], p=np.inf, distance_upper_bound=1.0)
+    waiting = np.isfinite(nearest[:, 0]) & (len(q) > 1)
+    for row in np.flatnonzero(waiting):
+        if waiting[row]:
+            near = np.array(tree.query_ball_point(steps[row], 1.0, p=np.inf))
+            near = near[waiting[near]]
+            first[near], waiting[near] = row, False
+    return np.asarray(np.unique(first, return_inverse=True)[1], dtype=np.intp)
+
+
+def _resolution(readings: FloatArray) -> float:
+    """Step of an encoder, as its readings (n,) show it; zero where they show none."""
+    steps = np.diff(np.unique(readings))
+    smallest = float(steps.min(initial=np.inf))
+    whole = steps / smallest
+    coarse = WANDER < smallest < COARSEST and len(steps) > 1
+    return smallest if coarse and np.abs(whole - np.round(whole)).max() < 0.01 else 0.0

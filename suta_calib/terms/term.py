@@ -21,6 +21,8 @@ from typing import Any, ClassVar, Final, Literal, Protocol, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.errors import ArtefactError, SamplesError
@@ -327,8 +329,7 @@ class Term(ABC):
     def repeats(self) -> IntArray:
         """(n,) one number for all samples that are repeats of the same touch, else their own.
 
-        Repeats share whatever the model gets wrong about their posture, so they count as one
-        witness. The k-th touch of a landmark in one repeat pairs with the k-th in another.
+        The k-th touch of a landmark in one repeat pairs with the k-th in another.
         """
         labels = self.poses.samples.labels
         if not {"placement", "repeat", "landmark"} <= set(labels):
@@ -341,9 +342,24 @@ class Term(ABC):
         index = {touch: k for k, touch in enumerate(dict.fromkeys(touches))}
         return np.array([index[touch] for touch in touches], dtype=np.intp)
 
+    @cached_property
+    def witnesses(self) -> IntArray:
+        """(n,) one number, from 0, for all samples that err together.
+
+        They were read at one rest of the arm, or repeat a touch: then they share whatever the model
+        gets wrong about their posture. Their sum is what counts, not their number.
+        """
+        rests, touches = self.poses.rests, self.repeats()
+        one = coo_array((np.ones(len(rests)), (rests, len(rests) + touches)), (2 * len(rests),) * 2)
+        together = connected_components(one, directed=False)[1][rests]
+        return np.asarray(np.unique(together, return_inverse=True)[1], dtype=np.intp)
+
     def equations(self) -> int:
-        """How many independent numbers the samples give at most."""
-        return sum(len(block) * block.size for block in self.blocks)
+        """How many independent numbers the samples give at most: a rest counts once."""
+        rests = self.poses.rests
+        return sum(
+            len(np.unique(rests[block.samples], axis=0)) * block.size for block in self.blocks
+        )
 
     def check_enough(self) -> None:  # noqa: B027 (nothing to check is a fine answer)
         """Refuse sets too small to be fitted; a held-out set may be as small as it likes.
