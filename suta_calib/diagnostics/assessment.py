@@ -51,6 +51,7 @@ def assess_calibration(solution: Solution, accuracy: Accuracy) -> Assessment:
         care=[
             *(each.sentence for each in found if not each.bad),
             *([] if accuracy.validation else [fitted_only]),
+            *_on_gain(accuracy),
             *_on_parameters(solution),
             *_on_redundancy(solution),
             *_on_fit(solution),
@@ -70,6 +71,18 @@ def _cause(solution: Solution) -> list[str]:
     unit = solution.problem.blocks[0].unit
     before, after = (text(v, unit, with_unit=True) for v in (cause.before, cause.after))
     return [f"The data agree far better ({after} in place of {before}) if {cause.sentence}."]
+
+
+def _on_gain(accuracy: Accuracy) -> list[str]:
+    """An arm that was right before is neither made better nor spoilt."""
+    gain = accuracy.gain
+    if gain is None or gain.better or gain.worse:
+        return []
+    before, after = (text(rms, "m", with_unit=True) for rms in (gain.before, gain.after))
+    return [
+        f"The validation data cannot tell the calibrated arm ({after}) from the nominal one "
+        f"({before}): it may have been right before."
+    ]
 
 
 def _on_parameters(solution: Solution) -> list[str]:
