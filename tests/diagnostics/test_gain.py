@@ -22,6 +22,7 @@ from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment
 from suta_calib.diagnostics.accuracy import Gain, assess
 from suta_calib.diagnostics.assessment import assess_calibration
+from suta_calib.model.parameters import Selection
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solve import solve
 
@@ -111,6 +112,24 @@ def test_rows_read_at_one_rest_say_once_which_arm_is_better() -> None:
     assert (once.witnesses, often.witnesses) == (15, 15)
     assert often.mean == pytest.approx(once.mean, rel=0.01)
     assert often.std == pytest.approx(once.std, rel=0.01)
+
+
+@pytest.mark.parametrize(("rows", "enough"), [(5, False), (40, True)])
+def test_priors_are_no_equations(rows: int, enough: bool) -> None:
+    """Five rows, which priors let a fit follow, tell nothing of the noise: far off where held out."""
+    arm = arm_named("suta")
+    twist, turn = np.radians([0.2, 0.75])
+    bent = Selection(("geometric",), prior_m=1e-3, prior_rad=float(twist))
+    unknown = arm.select(bent, Selection(("joint_*.offset",), prior_rad=float(turn)))
+    scene = tracked_scene(arm, perturbed(unknown, seed=3, length=1e-3, angle=float(turn)), 80)
+    samples = scene.samples(NOISE)[0]
+    fitted, held_out = (scene.term(samples.take(r)) for r in (slice(rows), slice(50, None)))
+    solution = solve(Problem([fitted], unknown))
+    accuracy = assess(solution, [held_out])
+    far = accuracy.validation[0].after.rms > 10 * accuracy.calibration[0].after.rms
+    assert far != enough
+    notes = assess_calibration(solution, accuracy).notes
+    assert any("equations for" in note for note in notes) != enough
 
 
 def test_a_single_witness_tells_nothing() -> None:
