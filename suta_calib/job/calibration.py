@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -57,13 +58,10 @@ class CalibrationJob:
             parameters = arm.select(*spec.parameters)
         except ParameterError as error:
             raise _placed(error, spec.path, error.line) from None
-        return cls(
-            spec,
-            arm,
-            parameters,
-            tuple(read_term(arm, row, spec.path, fitted=True) for row in spec.observations),
-            tuple(read_term(arm, row, spec.path) for row in spec.validation),
-        )
+        observations = [read_term(arm, row, spec.path, fitted=True) for row in spec.observations]
+        _check_once(spec, observations)
+        validation = tuple(read_term(arm, row, spec.path) for row in spec.validation)
+        return cls(spec, arm, parameters, tuple(observations), validation)
 
     def problem(self) -> Problem:
         """The observations as a problem."""
@@ -145,11 +143,12 @@ class CalibrationResult:
         }
 
     def _on_the_job(self) -> list[str]:
-        """Samples left out by name, and held-out touches whose sockets are wide without a word."""
+        """Samples left out by name, or there twice, and held-out sockets wide without a word."""
         spec = self.job.spec
         rows = (*spec.observations, *spec.validation)
         wide = {row.artefact for row in spec.observations if row.seated} - {None}
         notes = [f"The job excludes {row.exclude} from {row.kind}." for row in rows if row.exclude]
+        notes += [note for term in self.job.observations for note in _copied(term.poses.samples)]
         notes += [
             f"The validation row of {row.kind} has no seating, and the observations of the same "
             "artefact do: its errors hold what the seating would take away. Give it the same key."
@@ -202,6 +201,47 @@ def read_term(arm: ArmModel, row: ObservationSpec, job: Path, *, fitted: bool = 
     except InputError as error:
         raise _placed(error, job, row.line) from None
     return term
+
+
+def _check_once(spec: JobSpec, terms: Sequence[Term]) -> None:
+    """Refuse rows of a job that are one another's samples: they would count twice."""
+    known: dict[str, list[tuple[int, set[bytes]]]] = {}
+    for k, (row, term) in enumerate(zip(spec.observations, terms, strict=True)):
+        keys = set(term.poses.samples.as_keys())
+        for other, theirs in known.setdefault(row.kind, []):
+            both = len(keys & theirs)
+            # Touches of one point may happen to read alike, a few of them.
+            if both > min(len(keys), len(theirs)) / 2:
+                raise JobError(
+                    f"{both} samples that stand in observations[{other}] too",
+                    "samples of their own in every row of one kind",
+                    file=spec.path,
+                    line=row.line,
+                    where=f"observations[{k}].samples",
+                    hint="name every file once, by one path",
+                )
+        known[row.kind].append((k, keys))
+
+
+def _copied(samples: Samples) -> list[str]:
+    """What stands in two files alike: one witness, as what is read again at one rest."""
+    first: dict[bytes, tuple[str, int]] = {}
+    copies: Counter[tuple[str, str]] = Counter()
+    place, before = "", 0
+    file = 0
+    for key, origin in zip(samples.as_keys(), samples.origin, strict=True):
+        name, _, line = origin.rpartition(":")
+        number = int(line) if line.isdigit() else before + 1
+        # Files of one name in two folders are told by their lines, which begin again.
+        file += name != place or number <= before
+        place, before = name, number
+        there, which = first.setdefault(key, (name, file))
+        if which != file:
+            copies[name, there] += 1
+    return [
+        f"{count} rows of {copy} stand in {original} too: they count once."
+        for (copy, original), count in copies.items()
+    ]
 
 
 def _placed(error: InputError, job: Path, line: int | None) -> InputError:

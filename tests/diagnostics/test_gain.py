@@ -116,7 +116,7 @@ def test_rows_read_at_one_rest_say_once_which_arm_is_better() -> None:
 
 @pytest.mark.parametrize(("rows", "enough"), [(5, False), (40, True)])
 def test_priors_are_no_equations(rows: int, enough: bool) -> None:
-    """Five rows, which priors let a fit follow, tell nothing of the noise: far off where held out."""
+    """Five rows, which priors let a fit follow, tell nothing of the noise."""
     arm = arm_named("suta")
     twist, turn = np.radians([0.2, 0.75])
     bent = Selection(("geometric",), prior_m=1e-3, prior_rad=float(twist))
