@@ -24,6 +24,7 @@ from suta_calib.terms.landmark import (
     ARTEFACT_GROUPINGS,
     TouchedLandmark,
     certified_positions,
+    check_artefact_unit,
     positions_only,
     seated,
 )
@@ -121,6 +122,11 @@ class PairwiseDistance(Term):
         labels = [f"{names[i]}-{names[j]}" for i, j in pairs]
         block = Block.per_sample("distance", "m", 1, _distance, own, data, self.noise, labels)
         return (replace(block, samples=pairs, known_sigma=known, certified=touched),)
+
+    def check_enough(self) -> None:
+        """An artefact in mm, as the arm touched it."""
+        certified = certified_positions(self.poses, self.artefact)
+        check_artefact_unit(self, certified, grouped(self._sets(self.poses))[1])
 
     def equations(self) -> int:
         """Distances between m points of one set fix their shape: 3 m - 6 numbers, not m²/2."""

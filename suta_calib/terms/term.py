@@ -32,6 +32,7 @@ from suta_calib.model.parameters import PLACEMENT, POSITION, ROTATION, Parameter
 from suta_calib.terms.block import LEARNT, Block, Noise, grouped
 from suta_calib.terms.poses import PoseSource
 from suta_calib.terms.seating import Seating
+from suta_calib.units import mm
 
 # An external frame can be anywhere: these only say when a pose counts as not determined at all.
 PLAUSIBLE_POSITION: Final = 0.5
@@ -43,6 +44,11 @@ Medium = Literal["touch", "instrument", "camera"]
 # Motions that observations may leave open: of the whole arm in the base, of the tip along the tool,
 # of all that is touched at one place.
 Gap = Literal["base", "tool", "place"]
+
+
+# Extents of what was seen or touched and of what the arm moved that differ by more are in different
+# units: no geometry is so wrong.
+OTHER_UNIT: Final = 20.0
 
 
 @dataclass(frozen=True)
@@ -369,6 +375,12 @@ class Term(ABC):
         """
 
 
+# What says the unit of what is seen.
+SEEN_UNIT: Final = (
+    "columns x, y, z are in m, and x_mm, y_mm, z_mm in mm: is it another unit, or another arm?"
+)
+
+
 @dataclass(frozen=True, eq=False)
 class SeenTerm(Term):
     """What an instrument, or a camera, sees: positions and perhaps orientations.
@@ -399,6 +411,30 @@ class SeenTerm(Term):
     def own(self) -> tuple[Parameter, ...]:
         """The poses of its frames."""
         return tuple(p for frame in self._frames for p in pose_parameters(frame))
+
+
+def check_unit(term: Term, what: str, size: float, moved: float, expected: str, hint: str) -> None:
+    """Refuse lengths in another unit than the arm's, which no solver would make fit.
+
+    Args:
+        term: whose lengths they are.
+        what: was seen or touched, in the plural.
+        size: root mean square distance of these from their middle, m.
+        moved: the same of the tip by the arm's nominal geometry, m.
+        expected: what there should be.
+        hint: which columns, or which key, say the unit.
+
+    Raises:
+        SamplesError: one is more than `OTHER_UNIT` times the other.
+    """
+    if not moved / OTHER_UNIT <= size <= moved * OTHER_UNIT:
+        raise SamplesError(
+            f"{what} {mm(size):.4g} mm about their middle, where the arm's readings move the tip "
+            f"by {mm(moved):.4g} mm",
+            expected,
+            where=term.kind,
+            hint=hint,
+        )
 
 
 def pose_parameters(label: str) -> tuple[Parameter, ...]:
