@@ -88,7 +88,7 @@ def predicted_information(
         rows = [
             replace(r, jacobian=robust_jacobian(r), belief=np.sqrt(r.line.weight)) for r in rows
         ]
-    rests = _rests(problem)
+    rests = _numbered(problem, [term.poses.rests for term in problem.terms])
     curvature = sum(r.jacobian.T @ r.jacobian for r in rows)
     variance = sum(_predicted_variance(r, rests) for r in rows)
     beliefs = [r.belief for r in rows]
@@ -102,14 +102,14 @@ def noise_levels(problem: Problem, x: FloatArray, sigmas: Sequence[float]) -> li
     Huber's proposal: the spread of residuals winsorised at their threshold, so that outliers do
     not count as noise; at least a millionth, because rounding is not information.
     """
-    levels, rests = [], _rests(problem)
+    levels, postures = [], _numbered(problem, [term.poses.postures for term in problem.terms])
     for line, assumed in zip(problem.linearise(x, sigmas), sigmas, strict=True):
         block = line.view.block
         size = np.linalg.norm(line.residual, axis=1)
         inside = (
             line.residual * np.minimum(1.0, block.noise.huber / np.maximum(size, 1e-300))[:, None]
         )
-        effect = _design_effect(inside, rests[block.samples + line.view.first_sample])
+        effect = _design_effect(inside, postures[block.samples + line.view.first_sample])
         used = effect * (problem.arm_count + problem.evaluation.own_count)
         freedom = max(inside.size - used, inside.size / 2)
         level = float(np.sqrt(np.sum(inside**2) / freedom))
@@ -117,21 +117,20 @@ def noise_levels(problem: Problem, x: FloatArray, sigmas: Sequence[float]) -> li
     return levels
 
 
-def _rests(problem: Problem) -> IntArray:
-    """(samples,) number of the rest at which every sample of every term was read."""
+def _numbered(problem: Problem, groups: Sequence[IntArray]) -> IntArray:
+    """(samples,) groups of the samples of every term, none of one term's that of another."""
     first = problem.evaluation.table.first
-    rests = [term.poses.rests for term in problem.terms]
-    return np.concatenate([k + each for k, each in zip(first, rests, strict=False)])
+    return np.concatenate([k + each for k, each in zip(first, groups, strict=False)])
 
 
-def _design_effect(residual: FloatArray, rests: IntArray) -> float:
-    """How many rows say what one says: 1 + (m - 1) ρ with m rows at a rest (Kish 1965).
+def _design_effect(residual: FloatArray, postures: IntArray) -> float:
+    """How many rows say what one says: 1 + (m - 1) ρ with m rows at a posture (Kish 1965).
 
-    The intraclass correlation ρ is one where rows of a rest (n, k) have the same residual (n, d),
-    such as touches, and zero where an instrument saw each of them with an error of its own.
+    The intraclass correlation ρ is one where rows of a posture (n, k) have the same residual
+    (n, d), such as a touch that is read again, and zero where each has an error of its own.
     """
     _, group, count = np.unique(
-        np.sort(rests, axis=1), axis=0, return_inverse=True, return_counts=True
+        np.sort(postures, axis=1), axis=0, return_inverse=True, return_counts=True
     )
     n, groups = len(residual), len(count)
     total = float(np.sum(residual**2))

@@ -22,6 +22,9 @@ from suta_calib.model.arm import ArmModel
 # How far readings of an arm at rest wander, rad or m: 0.03 mm at a metre's reach. No plug is seated
 # again so exactly.
 WANDER: Final = 3e-5
+# How far apart readings are of one posture, rad or m: a model's error does not change within a
+# millimetre, whoever came back there.
+SAME_POSTURE: Final = 1e-3
 # Steps of a coarse encoder that a reading at rest flickers over, and the coarsest, rad or m: below
 # a thousand to the turn it is the operator who chose round numbers.
 FLICKER: Final = 2.0
@@ -49,6 +52,14 @@ class PoseSource(ABC):
         """
         return np.arange(len(self), dtype=np.intp)
 
+    @cached_property
+    def postures(self) -> IntArray:
+        """(n,) one number, from 0, for all samples at one posture, which the arm may come back to.
+
+        They share what the model gets wrong there, and where it did not move, all else.
+        """
+        return self.rests
+
     @abstractmethod
     def at(self, values: Mapping[str, float]) -> tuple[FloatArray, FloatArray]:
         """Rotations (n, 3, 3) and positions (n, 3), m, for parameter values by name."""
@@ -72,7 +83,12 @@ class ArmPoses(PoseSource):
     @cached_property
     def rests(self) -> IntArray:
         """Rows whose readings differ by no more than encoders do at rest, in order or not."""
-        return _rests(self.samples.q)
+        return _together(self.samples.q, WANDER)
+
+    @cached_property
+    def postures(self) -> IntArray:
+        """Rows whose readings hardly differ."""
+        return _together(self.samples.q, SAME_POSTURE)
 
     def at(self, values: Mapping[str, float]) -> tuple[FloatArray, FloatArray]:
         """Forward kinematics of the samples."""
@@ -119,9 +135,12 @@ class MeasuredPoses(PoseSource):
         return MeasuredPoses(self.rotation[some], self.position[some], samples, exact=self.exact)
 
 
-def _rests(q: FloatArray) -> IntArray:
-    """(n,) number of the rest of each row of readings (n, joints), by first appearance."""
-    steps = q / np.array([max(WANDER, FLICKER * _resolution(joint)) for joint in q.T])
+def _together(q: FloatArray, apart: float) -> IntArray:
+    """(n,) number of the group of each row of readings (n, joints), by first appearance.
+
+    Every row of a group is within ``apart``, or an encoder's flicker, of the group's first.
+    """
+    steps = q / np.array([max(apart, FLICKER * _resolution(joint)) for joint in q.T])
     tree, first = KDTree(steps), np.arange(len(q))
     # The nearest row of each is itself.
     nearest, _ = tree.query(steps, k=[min(2, len(q))], p=np.inf, distance_upper_bound=1.0)

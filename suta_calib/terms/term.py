@@ -352,12 +352,12 @@ class Term(ABC):
     def witnesses(self) -> IntArray:
         """(n,) one number, from 0, for all samples that err together.
 
-        They were read at one rest of the arm, or repeat a touch: then they share whatever the model
-        gets wrong about their posture. Their sum is what counts, not their number.
+        They are at one posture, read without moving or met again, or repeat a touch: they share
+        whatever the model gets wrong there. The sum of their errors counts, not their number.
         """
-        rests, touches = self.poses.rests, self.repeats()
-        one = coo_array((np.ones(len(rests)), (rests, len(rests) + touches)), (2 * len(rests),) * 2)
-        together = connected_components(one, directed=False)[1][rests]
+        at, touches = self.poses.postures, self.repeats()
+        one = coo_array((np.ones(len(at)), (at, len(at) + touches)), (2 * len(at),) * 2)
+        together = connected_components(one, directed=False)[1][at]
         return np.asarray(np.unique(together, return_inverse=True)[1], dtype=np.intp)
 
     def equations(self) -> int:

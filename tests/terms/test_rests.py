@@ -68,6 +68,15 @@ def test_a_recording_that_stood_still_is_one_rest() -> None:
     assert not rests_of(q).any()
 
 
+def test_a_posture_that_is_met_again_is_one_though_it_is_no_rest() -> None:
+    rng, arm = np.random.default_rng(1), arm_named("suta")
+    order = np.tile(np.arange(20), 3)
+    q = postures(20)[order] + 1e-4 * rng.standard_normal((60, 6))
+    poses = ArmPoses(arm, Samples.from_arrays(arm.joints, q))
+    np.testing.assert_array_equal(poses.postures, order)
+    assert poses.rests.max() + 1 == 60
+
+
 @pytest.mark.parametrize("name", ["landmark with seats", "fixed_point", "plane"])
 def test_a_touch_made_again_is_no_rest_however_well_it_is_seated(name: str) -> None:
     s = repeated(scene(name), 5)
@@ -118,15 +127,19 @@ def over_prediction(solutions: list[Solution]) -> float:
     return float(np.sqrt(np.mean(spread / predicted.mean(axis=0)[told])))
 
 
-@pytest.mark.parametrize("name", KINDS)
-def test_the_spread_is_the_predicted_one_however_often_a_rest_is_read(name: str) -> None:
+@pytest.mark.parametrize(
+    ("name", "jitter"), [*((name, 1e-6) for name in KINDS), ("fixed_point", 5e-5)]
+)
+def test_the_spread_is_the_predicted_one_however_often_a_rest_is_read(
+    name: str, jitter: float
+) -> None:
     """Each rest read nine times would make ± a third of what it is.
 
     12 trials: a single parameter's ratio scatters by 1/√22 = 21 %, ten by less than half of that.
     """
     s = scene(name)
     trials = enumerate(s.samples(SIGMA, seed=3, trials=12))
-    found = [solved(s, read_again(samples, 9, seed)) for seed, samples in trials]
+    found = [solved(s, read_again(samples, 9, seed, jitter)) for seed, samples in trials]
     assert 0.65 < over_prediction(found) < 1.4
     noise = np.sqrt(np.mean([f.noise[0] ** 2 for f in found]))
     assert noise == pytest.approx(SIGMA.position, rel=0.15)
