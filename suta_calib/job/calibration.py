@@ -10,6 +10,8 @@ from functools import cached_property
 from pathlib import Path
 from time import perf_counter
 
+import numpy as np
+
 from suta_calib.assessment import Assessment
 from suta_calib.diagnostics.accuracy import Accuracy, TermAccuracy, assess
 from suta_calib.diagnostics.assessment import assess_calibration
@@ -24,6 +26,7 @@ from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.solver.solve import Progress, solve
 from suta_calib.terms import KINDS, ArmPoses, Noise, Seating, Setup, Term
+from suta_calib.terms.poses import together
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,6 +152,7 @@ class CalibrationResult:
         wide = {row.artefact for row in spec.observations if row.seated} - {None}
         notes = [f"The job excludes {row.exclude} from {row.kind}." for row in rows if row.exclude]
         notes += [note for term in self.job.observations for note in _copied(term.poses.samples)]
+        notes += _read_with_fitted(self.job)
         notes += [
             f"The validation row of {row.kind} has no seating, and the observations of the same "
             "artefact do: its errors hold what the seating would take away. Give it the same key."
@@ -241,6 +245,23 @@ def _copied(samples: Samples) -> list[str]:
     return [
         f"{count} rows of {copy} stand in {original} too: they count once."
         for (copy, original), count in copies.items()
+    ]
+
+
+def _read_with_fitted(job: CalibrationJob) -> list[str]:
+    """Held-out rows that are other readings of a fitted rest (equal ones: `contradictions`)."""
+    fitted = [term.poses.samples for term in job.observations]
+    held_out = [term.poses.samples for term in job.validation]
+    rests = together(np.vstack([samples.q for samples in (*fitted, *held_out)]))
+    known = {key for samples in fitted for key in samples.as_keys()}
+    other = np.array([key not in known for samples in held_out for key in samples.as_keys()])
+    count = len(rests) - len(other)
+    again = int(np.sum(np.isin(rests[count:], rests[:count]) & other)) if held_out else 0
+    if not again:
+        return []
+    return [
+        f"{again} of {len(other)} validation rows were read where fitted ones were, without moving "
+        "or back there: what the model gets wrong at those postures they do not show."
     ]
 
 

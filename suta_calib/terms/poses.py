@@ -83,12 +83,12 @@ class ArmPoses(PoseSource):
     @cached_property
     def rests(self) -> IntArray:
         """Rows whose readings differ by no more than encoders do at rest, in order or not."""
-        return _together(self.samples.q, WANDER)
+        return together(self.samples.q)
 
     @cached_property
     def postures(self) -> IntArray:
         """Rows whose readings hardly differ."""
-        return _together(self.samples.q, SAME_POSTURE)
+        return together(self.samples.q, SAME_POSTURE)
 
     def at(self, values: Mapping[str, float]) -> tuple[FloatArray, FloatArray]:
         """Forward kinematics of the samples."""
@@ -135,10 +135,16 @@ class MeasuredPoses(PoseSource):
         return MeasuredPoses(self.rotation[some], self.position[some], samples, exact=self.exact)
 
 
-def _together(q: FloatArray, apart: float) -> IntArray:
-    """(n,) number of the group of each row of readings (n, joints), by first appearance.
+def together(q: FloatArray, apart: float = WANDER) -> IntArray:
+    """Rows of readings that hardly differ, in order or not.
 
-    Every row of a group is within ``apart``, or an encoder's flicker, of the group's first.
+    Args:
+        q: (n, joints) readings, rad (m for prismatic joints).
+        apart: how far a row may be from the first of its group, in any joint; an encoder's flicker
+            in any case.
+
+    Returns:
+        (n,) number of the group of each row, by first appearance.
     """
     steps = q / np.array([max(apart, FLICKER * _resolution(joint)) for joint in q.T])
     tree, first = KDTree(steps), np.arange(len(q))

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
-from cli_job import write_simulated_job
+from cli_job import simulated, write_simulated_job
 
 from suta_calib.errors import JobError
 from suta_calib.job.calibration import CalibrationJob
+from suta_calib.measurements import write_samples
+from suta_calib.model.arm import ArmModel
 
 ROW = "  - {kind: tracked_point, samples: 'calibration/*.csv', sigma_mm: 0.05}\n"
 
@@ -59,3 +63,14 @@ def test_a_copied_file_counts_once_and_is_said(job: Path, name: str) -> None:
             same = twice.solution.estimates[estimate.name].std
             assert same == pytest.approx(estimate.std, rel=0.02)
     assert twice.solution.noise == pytest.approx(once.solution.noise, rel=0.02)
+
+
+@pytest.mark.parametrize(("rows", "said"), [(40, True), (0, False)])
+def test_readings_of_a_fitted_rest_are_not_held_out(job: Path, rows: int, said: bool) -> None:
+    """Validation that was read at the calibration's rests, at once or after coming back."""
+    arm = ArmModel.from_urdf(job.parent / "arm.urdf", "tip")
+    seen = simulated(arm, 40, seed=1 if rows else 3)
+    wandered = seen.q + 1e-6 * np.random.default_rng(0).standard_normal(seen.q.shape)
+    write_samples(job.parent / "validation" / "a.csv", replace(seen, q=wandered))
+    notes = CalibrationJob.load(job).run().assessment.notes
+    assert any(f"{rows} of 40 validation rows were read where" in note for note in notes) == said
