@@ -231,17 +231,16 @@ def _copied(samples: Samples) -> list[str]:
     """What stands in two files alike: one witness, as what is read again at one rest."""
     first: dict[bytes, tuple[str, int]] = {}
     copies: Counter[tuple[str, str]] = Counter()
-    place, before = "", 0
-    file = 0
+    file, place, line = 0, "", 0
     for key, origin in zip(samples.as_keys(), samples.origin, strict=True):
-        name, _, line = origin.rpartition(":")
-        number = int(line) if line.isdigit() else before + 1
+        name, _, number = origin.rpartition(":")
+        at = int(number) if number.isdigit() else line + 1
         # Files of one name in two folders are told by their lines, which begin again.
-        file += name != place or number <= before
-        place, before = name, number
-        there, which = first.setdefault(key, (name, file))
-        if which != file:
-            copies[name, there] += 1
+        file += name != place or at <= line
+        place, line = name, at
+        original, known = first.setdefault(key, (name, file))
+        if known != file:
+            copies[name, original] += 1
     return [
         f"{count} rows of {copy} stand in {original} too: they count once."
         for (copy, original), count in copies.items()
