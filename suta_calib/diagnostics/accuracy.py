@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Final
 
@@ -160,12 +160,14 @@ class Accuracy:
     """Errors of the fitted terms and of the held-out ones.
 
     Attributes:
-        calibration, validation: of each term, in order.
+        calibration, validation: one for each term.
+        held_out_values: of the held-out terms' parameters, with the calibrated arm, m or rad.
         gain: on the held-out terms of the first one's kind; None where nothing is held out.
     """
 
     calibration: tuple[TermAccuracy, ...]
     validation: tuple[TermAccuracy, ...]
+    held_out_values: Mapping[str, float] = field(default_factory=dict)
     gain: Gain | None = None
 
     @property
@@ -202,11 +204,11 @@ def assess(solution: Solution, validation: Sequence[Term] = ()) -> Accuracy:
     calibration = term_accuracies(problem.terms, *found)
     if not validation:
         return Accuracy(calibration, ())
-    fitted = [fit_own(validation, arm, values) for values in (before, after)]
-    held_out = (block_residuals(validation, arm, values) for values in fitted)
-    terms = term_accuracies(validation, *held_out)
-    unsure = _unsure(solution, [each.term for each in _of_first_kind(terms)], fitted[1])
-    return Accuracy(calibration, terms, gain_of(terms, *unsure))
+    before, after = (fit_own(validation, arm, values) for values in (before, after))
+    found = (block_residuals(validation, arm, values) for values in (before, after))
+    terms = term_accuracies(validation, *found)
+    unsure = _unsure(solution, [each.term for each in _of_first_kind(terms)], after)
+    return Accuracy(calibration, terms, after, gain_of(terms, *unsure))
 
 
 def gain_of(
