@@ -115,7 +115,8 @@ def _clustered_variance(rows: Sequence[Rows], touch: IntArray, bread: FloatArray
 
     Args:
         rows: whitened rows.
-        touch: (samples,) cluster of each sample, as `Term.witnesses` has them.
+        touch: (samples,) cluster of each sample; repeats of a touch are one cluster, because they
+            share what the model gets wrong about their posture.
         bread: (n, n) inverse curvature A⁻¹.
     """
     unit = np.sqrt(np.maximum(np.diag(bread), 0.0))
