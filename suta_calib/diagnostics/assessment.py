@@ -12,6 +12,7 @@ from suta_calib.diagnostics.causes import find_cause
 from suta_calib.diagnostics.contradictions import contradictions, dead_joints
 from suta_calib.diagnostics.repeats import lack_of_fit
 from suta_calib.diagnostics.score_tests import score_tests
+from suta_calib.solver.information import robust_jacobian, whitened_rows
 from suta_calib.solver.solution import Solution, State
 from suta_calib.units import text
 from suta_calib.words import listed
@@ -51,6 +52,7 @@ def assess_calibration(solution: Solution, accuracy: Accuracy) -> Assessment:
         care=[
             *(each.sentence for each in found if not each.bad),
             *([] if accuracy.validation else [fitted_only]),
+            *_on_gain(accuracy),
             *_on_parameters(solution),
             *_on_redundancy(solution),
             *(
@@ -79,6 +81,18 @@ def _cause(solution: Solution) -> list[str]:
     return [f"The data agree far better ({after} in place of {before}) if {cause.sentence}."]
 
 
+def _on_gain(accuracy: Accuracy) -> list[str]:
+    """An arm that was right before is neither made better nor spoilt."""
+    gain = accuracy.gain
+    if gain is None or gain.better or gain.worse:
+        return []
+    before, after = (text(rms, "m", with_unit=True) for rms in (gain.before, gain.after))
+    return [
+        f"The validation data cannot tell the calibrated arm ({after}) from the nominal one "
+        f"({before}): it may have been right before."
+    ]
+
+
 def _on_parameters(solution: Solution) -> list[str]:
     states: dict[State, list[str]] = {}
     for name, estimate in solution.arm_estimates.items():
@@ -96,11 +110,15 @@ def _on_parameters(solution: Solution) -> list[str]:
 
 def _on_redundancy(solution: Solution) -> list[str]:
     """Noise that is learnt from few residuals may be off by half, and every ± with it."""
-    problem = solution.problem
+    problem, free = solution.problem, solution.free
     equations = sum(term.equations() for term in problem.terms)
-    known = int(np.count_nonzero(problem.prior_precision()[solution.free]))
-    left = equations + known - len(solution.free)
-    if left >= REDUNDANT:
+    rows = whitened_rows(problem, solution.x, solution.sigmas)
+    told = sum(j.T @ j for j in (robust_jacobian(r)[:, free] for r in rows))
+    # A prior takes no equation's place: what the data tell of an unknown in spite of it, they
+    # spend (the trace of the fit's hat matrix, its effective number of parameters).
+    kept = told + np.diag(problem.prior_precision()[free])
+    spent = float(np.trace(np.linalg.lstsq(kept, told, rcond=None)[0]))
+    if equations - spent >= REDUNDANT:
         return []
     return [
         f"{equations} independent equations for {len(solution.free)} unknowns: so few to spare "

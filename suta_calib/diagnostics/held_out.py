@@ -122,7 +122,7 @@ def held_out_errors(solution: Solution, validation: Sequence[Term]) -> tuple[Hel
     anew = _placed_anew(validation, arm, solution, sigmas)
     answer = []
     for term in held_out.terms:
-        witnesses = len(np.unique(term.repeats()))
+        witnesses = len(np.unique(term.witnesses))
         for k, block in enumerate(held_out.blocks):
             if not any(block is mine for mine in term.blocks):
                 continue

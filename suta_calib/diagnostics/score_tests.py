@@ -253,7 +253,7 @@ def scores_of(problem: Problem, rows: Sequence[Rows], columns: IntArray, known: 
     score, variance, touches = np.zeros(len(columns)), np.zeros_like(reduced), 0
     for term in problem.terms:
         mine = [r for r in rows if any(r.line.view.block is b for b in term.blocks)]
-        touch = term.repeats()
+        touch = term.witnesses
         total, spread = _by_touch(mine, touch, left)
         score, variance = score + total, variance + spread
         touches += len(np.unique(touch))

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from time import perf_counter
+
+import numpy as np
 
 from suta_calib.assessment import Assessment, refuse_unusable
 from suta_calib.diagnostics.accuracy import Accuracy, TermAccuracy, assess
@@ -23,6 +26,7 @@ from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.solver.solve import Progress, solve
 from suta_calib.terms import KINDS, ArmPoses, Noise, Seating, Setup, Term
+from suta_calib.terms.poses import together
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,13 +61,10 @@ class CalibrationJob:
             parameters = arm.select(*spec.parameters)
         except ParameterError as error:
             raise _placed(error, spec.path, error.line) from None
-        return cls(
-            spec,
-            arm,
-            parameters,
-            tuple(read_term(arm, row, spec.path, fitted=True) for row in spec.observations),
-            tuple(read_term(arm, row, spec.path) for row in spec.validation),
-        )
+        observations = [read_term(arm, row, spec.path, fitted=True) for row in spec.observations]
+        _check_once(spec, observations)
+        validation = tuple(read_term(arm, row, spec.path) for row in spec.validation)
+        return cls(spec, arm, parameters, tuple(observations), validation)
 
     def problem(self) -> Problem:
         """The observations as a problem."""
@@ -152,11 +153,13 @@ class CalibrationResult:
         }
 
     def _on_the_job(self) -> list[str]:
-        """Samples left out by name, and held-out touches whose sockets are wide without a word."""
+        """Samples left out by name, or there twice, and held-out sockets wide without a word."""
         spec = self.job.spec
         rows = (*spec.observations, *spec.validation)
         wide = {row.artefact for row in spec.observations if row.seated} - {None}
         notes = [f"The job excludes {row.exclude} from {row.kind}." for row in rows if row.exclude]
+        notes += [note for term in self.job.observations for note in _copied(term.poses.samples)]
+        notes += _read_with_fitted(self.job)
         notes += [
             f"The validation row of {row.kind} has no seating, and the observations of the same "
             "artefact do: its errors hold what the seating would take away. Give it the same key."
@@ -209,6 +212,63 @@ def read_term(arm: ArmModel, row: ObservationSpec, job: Path, *, fitted: bool = 
     except InputError as error:
         raise _placed(error, job, row.line) from None
     return term
+
+
+def _check_once(spec: JobSpec, terms: Sequence[Term]) -> None:
+    """Refuse rows of a job that are one another's samples: they would count twice."""
+    known: dict[str, list[tuple[int, set[bytes]]]] = {}
+    for k, (row, term) in enumerate(zip(spec.observations, terms, strict=True)):
+        keys = set(term.poses.samples.as_keys())
+        for other, theirs in known.setdefault(row.kind, []):
+            both = len(keys & theirs)
+            # Touches of one point may happen to read alike, a few of them.
+            if both > min(len(keys), len(theirs)) / 2:
+                raise JobError(
+                    f"{both} samples that stand in observations[{other}] too",
+                    "samples of their own in every row of one kind",
+                    file=spec.path,
+                    line=row.line,
+                    where=f"observations[{k}].samples",
+                    hint="name every file once, by one path",
+                )
+        known[row.kind].append((k, keys))
+
+
+def _copied(samples: Samples) -> list[str]:
+    """What stands in two files alike: one witness, as what is read again at one rest."""
+    first: dict[bytes, tuple[str, int]] = {}
+    copies: Counter[tuple[str, str]] = Counter()
+    file, place, line = 0, "", 0
+    for key, origin in zip(samples.as_keys(), samples.origin, strict=True):
+        name, _, number = origin.rpartition(":")
+        at = int(number) if number.isdigit() else line + 1
+        # Files of one name in two folders are told by their lines, which begin again.
+        file += name != place or at <= line
+        place, line = name, at
+        original, known = first.setdefault(key, (name, file))
+        if known != file:
+            copies[name, original] += 1
+    return [
+        f"{count} rows of {copy} stand in {original} too: they count once."
+        for (copy, original), count in copies.items()
+    ]
+
+
+def _read_with_fitted(job: CalibrationJob) -> list[str]:
+    """Held-out rows that are other readings of a fitted rest (equal ones: `contradictions`)."""
+    fitted = [term.poses.samples for term in job.observations]
+    held_out = [term.poses.samples for term in job.validation]
+    rests = together(np.vstack([samples.q for samples in (*fitted, *held_out)]))
+    known = {key for samples in fitted for key in samples.as_keys()}
+    other = np.array([key not in known for samples in held_out for key in samples.as_keys()])
+    count = len(rests) - len(other)
+    again = int(np.sum(np.isin(rests[count:], rests[:count]) & other)) if held_out else 0
+    if not again:
+        return []
+    return [
+        f"{again} of {len(other)} validation rows were read where fitted ones were, without moving "
+        "or back there: what the model gets wrong at those postures they do not show."
+    ]
 
 
 def _placed(error: InputError, job: Path, line: int | None) -> InputError:
