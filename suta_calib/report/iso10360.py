@@ -54,6 +54,7 @@ CHARACTERISTICS: Final = Listing[Characteristic](
     Column("decision"),
     Column("where"),
     Column("count", "of", form="d"),
+    Column("missing", optional=True),
     Column("", "", lambda each: each.decision),
     key="characteristics",
 )

@@ -156,13 +156,22 @@ class LengthErrors:
         return len(self.error)
 
     @property
+    def lines(self) -> int:
+        """How many different lengths there are: each pair of landmarks at each placement."""
+        return len(self._repeats())
+
+    @property
     def repeat_range(self) -> float | None:
         """Largest range of a length's errors over the repeats of one placement, m."""
-        groups: dict[tuple[str, ...], list[float]] = {}
-        for placement, label, error in zip(self.placement, self.label, self.error, strict=True):
-            groups.setdefault((placement, *sorted(label.split("-"))), []).append(float(error))
-        ranges = [max(errors) - min(errors) for errors in groups.values() if len(errors) > 1]
+        ranges = [max(e) - min(e) for e in self._repeats().values() if len(e) > 1]
         return max(ranges, default=None)
+
+    def _repeats(self) -> dict[tuple[str, ...], list[float]]:
+        """Errors of each pair at each placement, whichever of the two was touched first."""
+        found: dict[tuple[str, ...], list[float]] = {}
+        for placement, label, error in zip(self.placement, self.label, self.error, strict=True):
+            found.setdefault((placement, *sorted(label.split("-"))), []).append(float(error))
+        return found
 
     def by_placement(self) -> Iterator[tuple[str, IntArray]]:
         """Rows of each placement."""
