@@ -224,7 +224,8 @@ def _other_axes(points: FloatArray, targets: Sequence[FloatArray], left: float) 
     shared = np.array([target.T @ away for target in centred]) / len(away)
     others = (power - 2 * np.einsum("pij,sij->ps", signed, shared)).min(axis=1)
     best = int(np.argmin(others))
-    if others[best] > min(_FAR_BETTER * left, _EXPLAINED * rms_length(away)) ** 2:
+    fits = best == 0 or left < _NEXT_TO_NOTHING
+    if fits or others[best] > min(_FAR_BETTER * left, _EXPLAINED * rms_length(away)) ** 2:
         return ""
     names = [
         ("", "-")[int(row.min() < 0)] + "xyz"[int(np.argmax(np.abs(row)))] for row in signed[best]
