@@ -31,7 +31,7 @@ from suta_calib.acquisition.touch_sequence import (
     touched,
 )
 from suta_calib.acquisition.unattended import Continuous, Unattended
-from suta_calib.atomic import check_folder
+from suta_calib.atomic import check_folder, check_outputs, only_writer
 from suta_calib.device.bus import Bus
 from suta_calib.device.description import DeviceSpec
 from suta_calib.device.device_file import read_device
@@ -182,6 +182,8 @@ def measure(
         spec = read_device(options.device)
         plan, out = _plan(options)
         check_folder(out.parent)
+        check_outputs([out], [options.job, options.device, options.urdf])
+        stack.enter_context(only_writer(out))
         joints = plan.arm.joints
         choose = ArmReadings(spec, joints)
         file = SamplesFile(out, joints, plan.label_columns, plan.key, resume=options.resume)

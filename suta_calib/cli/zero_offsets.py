@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final
 import click
 import numpy as np
 
-from suta_calib.atomic import check_folder
+from suta_calib.atomic import check_folder, check_outputs
 from suta_calib.cli._options import PATH, POSITIVE, json_option, numbers_of
 from suta_calib.cli._output import finish
 from suta_calib.errors import InputError
@@ -79,6 +79,7 @@ def zero_offsets(
 
     if out is not None:
         check_folder(out.parent)
+        check_outputs([out], [urdf, readings])
     arm = ArmModel.from_urdf(urdf, tip, base)
     options = ZeroOffsetOptions(branch, from_mm(tolerance_mm))
     found = find_zero_offsets(arm, _samples(arm, readings, pose), options)

@@ -226,6 +226,25 @@ def test_bad_usage_is_one_clear_line(tmp_path: Path, capsys, options: tuple[str,
     assert said in captured.err
 
 
+def test_no_recording_and_no_input_is_replaced_unasked(device: Path, tmp_path: Path, capsys):
+    log = tmp_path / "log.csv"
+    for found in (log, tmp_path / "log.csv.part"):
+        found.write_text("measured\n")
+        assert cli(*TRACK, device, "--csv", log) == 2
+        assert f"{found}: found a recording; expected the name of a new" in capsys.readouterr().err
+        assert found.read_text() == "measured\n"
+        found.unlink()
+    for inputs in (device, SUTA_URDF):
+        assert cli(*TRACK, device, "--csv", inputs, "--force") == 2
+        assert "found an input of the same command" in capsys.readouterr().err
+    assert cli(*TRACK, device, "--csv", log, "--parquet", log) == 2
+    assert "found another output" in capsys.readouterr().err
+    log.write_text("measured\n")
+    assert cli(*TRACK, device, "--csv", log, "--force", "--seconds", 0.3, "--json") == 0
+    count = json.loads(capsys.readouterr().out)["publishers"]["csv"]["published"]
+    assert len(read_csv_table(log)) == count > 0
+
+
 def test_an_old_pose_is_not_shown_as_the_present_one(tmp_path: Path, capsys):
     with EmulatedArm(emulated(faults=Faults.parse("stall=9@0.7"))) as emulator:
         device = emulator.write_device(tmp_path / "device.yaml")
