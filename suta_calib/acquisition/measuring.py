@@ -136,15 +136,8 @@ class Measured:
 
     def as_dict(self) -> dict[str, Any]:
         """As JSON data."""
-        found: dict[str, Any] = {
-            "status": self.status,
-            "file": str(self.file),
-            "samples": self.samples,
-            "happened": list(self.happened),
-        }
-        if self.missing is not None:
-            found |= {"missing": list(self.missing), "look_at": self.look_at}
-        return found
+        given = {key: value for key, value in vars(self).items() if value is not None}
+        return {**given, "file": str(self.file)}
 
 
 def measure(

@@ -93,6 +93,7 @@ SPHERES: Final = Listing[SphereProbing](
     Column("size", "P_Size", unit="m", sign=True),
     Column("form", "P_Form", unit="m"),
     Column("radial", unit="m"),
+    Column("amplification"),
     key="spheres",
     named=True,
 )

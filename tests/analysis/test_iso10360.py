@@ -250,6 +250,19 @@ def test_a_sphere_of_too_few_touches_neither_passes_nor_fails(touches: int) -> N
     assert accept(AcceptanceMeasurements(spheres=whole), SPHERE).decision == "pass"
 
 
+def test_touches_of_a_small_cap_are_told() -> None:
+    rng = np.random.default_rng(0)
+    tilt = np.radians(10) * rng.uniform(-1, 1, (25, 2))
+    normals = np.column_stack([tilt, np.sqrt(1 - np.sum(tilt**2, axis=1))])
+    (cap,) = probings(0.0155 * normals, np.array(["S"] * 25), 0.031)
+    assert cap.amplification > 10
+    notes = accept(AcceptanceMeasurements(spheres=(cap,))).assessment.notes
+    assert any("S: touches lie so that" in note for note in notes)
+    (whole,) = probings(on_sphere(25, 2), np.array(["S"] * 25), 0.031)
+    assert whole.amplification < 2
+    assert accept(AcceptanceMeasurements(spheres=(whole,))).assessment.notes == ()
+
+
 def test_few_lengths_prove_no_arm_but_a_bad_one_is_bad() -> None:
     whole = lengths(stretch=1e-3)
     one = LengthErrors(*(getattr(whole, each.name)[:1] for each in fields(whole)))

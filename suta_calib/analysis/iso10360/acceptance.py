@@ -192,12 +192,13 @@ class AcceptanceTest:
             sentence = f"{words[self.decision]}: {kept} of {len(judged)} limits are kept"
         bad = [each.broken for each in judged if each.decision != "pass"]
         notes = [*self.measured.notes]
-        for each in self.measured.articulations:
-            if each.amplification > _BADLY_SPREAD:
+        spread = {each.point: each.amplification for each in self.measured.articulations}
+        spread |= {each.sphere: each.amplification for each in self.measured.spheres}
+        for name, amplification in spread.items():
+            if amplification > _BADLY_SPREAD:
                 notes.append(
-                    f"{each.point}: touches lie so that a sphere's centre is up to "
-                    f"{each.amplification:.0f} times less sure than a touch; spread them over a "
-                    "pole and four places on the equator."
+                    f"{name}: touches lie so that a sphere's centre is up to {amplification:.0f} "
+                    "times less sure than a touch; spread them over a pole and the equator."
                 )
         for found in self.characteristics:
             if found.limit is not None and self.rule.guard(found.expanded) >= found.limit:
@@ -213,7 +214,7 @@ class AcceptanceTest:
     def simplified(self) -> tuple[str, ...]:
         """Where the procedure is not the standard's, a sentence each."""
         m = self.measured
-        said = []
+        said = [f"{each.symbol}: {each.missing}." for each in self.characteristics if each.missing]
         if m.lengths is not None:
             said.append(
                 f"Lengths: every pair of landmarks at every placement, {len(m.lengths)} errors of "
@@ -222,16 +223,10 @@ class AcceptanceTest:
                 "were not tested."
             )
         if m.articulations:
-            fewest = min(len(each.names) for each in m.articulations)
-            made = f"from {fewest} up"
-            if {(a.touches, len(a.names)) for a in m.articulations} == {(TOUCHES, ARTICULATIONS)}:
-                made = "five touches in each of five articulations"
             said.append(
-                f"Articulations: {made}; the standard finds a sphere's centre from five touches "
-                "in each of five, spread over the range of the wrist."
+                "Articulations: the standard finds a sphere's centre in each, spread over the "
+                "range of the wrist."
             )
-        if any(len(each.radial) != TOUCHES for each in m.spheres):
-            said.append(f"Probing: the standard asks for {TOUCHES} touches of each sphere.")
         if m.repeats:
             said.append("Repeatability of one point is no characteristic of ISO 10360-12.")
         return tuple(said)
@@ -267,17 +262,21 @@ def accept(
         ("P_Form", [(s.sphere, s.form) for s in m.spheres], limits.form, u.form),
         ("repeatability", visits, limits.repeatability, u.repeatability),
     )
-    missing = {"L_Dia": _too_few_articulations(m), "P_Size": _too_few_touches(m)}
-    missing["P_Form"] = missing["P_Size"]
+    few_touches = _too_few_touches(m)
+    missing = {
+        "L_Dia": _too_few_articulations(m),
+        "P_Size": few_touches,
+        "P_Form": few_touches,
+    }
+    # A size, and a sphere's place, from few touches say more than the touches do; form never does.
+    amplified = {"P_Size": True, "L_Dia": any(each.amplification for each in m.articulations)}
     for symbol, values, limit, expanded in kinds:
         if values:
             where, value = max(values, key=lambda each: abs(each[1]))
             decision = rule.decide(value, limit, expanded)
             judged = Characteristic(symbol, where, value, limit, expanded, decision, len(values))
-            # More touches can only find more form; of size and place a fit to few says too much.
-            fitted = symbol == "P_Size" or any(a.amplification for a in m.articulations)
             found.append(
-                judged.but_for(missing.get(symbol, ""), amplified=fitted and symbol != "P_Form")
+                judged.but_for(missing.get(symbol, ""), amplified=amplified.get(symbol, False))
             )
     return AcceptanceTest(measured, limits, uncertainty, rule, tuple(found))
 

@@ -277,12 +277,14 @@ class SphereProbing:
         radial: (n,) distance of every touch to the fitted centre, less the fitted radius.
         size: diameter of the sphere with the least squares, less the calibrated one: P_Size.
         form: largest less smallest radial distance: P_Form.
+        amplification: how much less sure the fitted centre is than a touch.
     """
 
     sphere: str
     radial: FloatArray
     size: float
     form: float
+    amplification: float
 
 
 def probings(
@@ -301,7 +303,8 @@ def probings(
         fitted = best_sphere(points, f"sphere {name!r}")
         radial = np.linalg.norm(points - fitted.centre, axis=1) - fitted.radius
         size = 2 * fitted.radius - diameter
-        found.append(SphereProbing(name, radial, size, float(np.ptp(radial))))
+        form = float(np.ptp(radial))
+        found.append(SphereProbing(name, radial, size, form, fitted.amplification))
     return tuple(found)
 
 
