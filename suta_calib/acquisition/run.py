@@ -109,11 +109,8 @@ class Run:
     def rename(self, places: Sequence[int]) -> None:
         """Take this run's samples, in the file's order, for those of other stations.
 
-        Args:
-            places: their stations' numbers, increasing; those left out before them were missed.
-
-        Raises:
-            OutputError: the new labels could not be written; nothing has changed then.
+        Stations left out before one of these ``places`` (numbers, increasing) were missed. Where
+        the new labels cannot be written nothing changes, and an OutputError says so.
         """
         self.file.relabel([self.plan.stations[place].labels for place in places])
         self._rows = {place: row for row, place in enumerate(places)}

@@ -91,8 +91,7 @@ def places(away: FloatArray) -> tuple[IntArray, ...]:
 def other_posture(columns: Iterable[tuple[str, Unit, FloatArray, float]]) -> tuple[int, ...]:
     """Rows in which some revolute joint is where it is not in most others.
 
-    Args:
-        columns: name, unit, readings (n,) and lever of every joint.
+    Columns are name, unit, readings (n,) and lever of every joint.
     """
     odd: set[int] = set()
     for _, unit, readings, _ in columns:
