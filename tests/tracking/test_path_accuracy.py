@@ -82,7 +82,7 @@ def test_uncertainty_of_latency_is_its_scatter():
     recorded, reference = motions(play=0 * PLAY)
     rng, time = np.random.default_rng(3), recorded.time
     deviations, promised = [], []
-    for _ in range(40):
+    for _ in range(24):
         waves = rng.standard_normal((3, 6))
         phase = rng.uniform(0, 2 * math.pi, 6)
         frequency = rng.uniform(0.5, 2.0, 6)
