@@ -175,7 +175,8 @@ def measure(
         spec = read_device(options.device)
         plan, out = _plan(options)
         check_folder(out.parent)
-        check_outputs([out], [options.job, options.device, options.urdf])
+        raw = [] if options.raw is None else [options.raw]
+        check_outputs([out, *raw], [options.job, options.device, options.urdf])
         stack.enter_context(only_writer(out))
         joints = plan.arm.joints
         choose = ArmReadings(spec, joints)

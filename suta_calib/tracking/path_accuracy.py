@@ -22,6 +22,7 @@ from suta_calib.tracking.reversals import (
 )
 from suta_calib.tracking.trajectory import Trajectory
 from suta_calib.units import mm, ms
+from suta_calib.words import listed
 
 # Reversals from which on a joint's hysteresis can be told from an offset.
 _LEAST_REVERSALS: Final = 2
@@ -109,10 +110,10 @@ class PathAccuracy:
                 "the true one may be larger; raise --max-latency."
             )
         elif alignment.as_good:
-            others = " or ".join(f"{ms(latency):.1f}" for latency in alignment.as_good)
+            others = listed([f"{ms(latency):.1f}" for latency in alignment.as_good])
             apart = min(abs(other - alignment.latency) for other in alignment.as_good)
             bad.append(
-                f"The motion repeats itself: a latency of {others} ms explains it as well as "
+                f"The motion repeats itself: latencies of {others} ms explain it as well as "
                 f"{ms(alignment.latency):.1f} ms. Record one that does not, or narrow "
                 f"--max-latency to less than {0.9 * apart / 2:.2g} s if you know that it is so."
             )
