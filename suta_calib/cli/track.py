@@ -96,9 +96,9 @@ def track(context: click.Context, /, **options: Any) -> None:
     A pose is not valid while an encoder of the arm raises its error flag: OpenIGTLink clients then
     get nothing, UDP datagrams say "valid": false and have no numbers, and rows of files have valid
     0 and no pose. A device that is unplugged or silent is waited for. Files are complete when the
-    command ends; until then they are called FILE.part. Without --force no recording is replaced. With --json one object with counts, latency
-    and the last pose is printed at the end, and nothing else. Exits with 1 where there was no
-    valid pose.
+    command ends; until then they are called FILE.part, and without --force they replace no others.
+    With --json one object with counts, latency and the last pose is printed at the end, and
+    nothing else. Exits with 1 where there was no valid pose.
     """
     from suta_calib.tracking.live import Tracking, TrackOptions
 
