@@ -172,6 +172,7 @@ REPEATABILITY: Final = Listing[Repeatability](
     Column("rms", value=lambda found: found.position.rms.value, unit="m"),
     Column("orientation", value=lambda found: ORIENTATION.record(found.orientation)),
     Column("elsewhere", value=lambda found: [found.samples.origin[k] for k in found.elsewhere]),
+    Column("places", value=lambda found: [len(rows) for rows in found.places]),
     Column(
         "other_posture", value=lambda found: [found.samples.origin[k] for k in found.other_posture]
     ),
