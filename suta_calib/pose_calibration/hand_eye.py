@@ -10,13 +10,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from suta_calib.arrays import FloatArray, IntArray
-from suta_calib.assessment import Assessment
+from suta_calib.assessment import Assessment, Level
 from suta_calib.errors import ParameterError, SamplesError
 from suta_calib.geometry.numbers import (
     extent,
     homogeneous,
     rms_length,
     rotation_from_vector,
+    rpy_from_rotation,
     tangent_of_vector,
     vector_from_rotation,
 )
@@ -25,7 +26,7 @@ from suta_calib.pose_calibration.consensus import Consensus, find_consensus, min
 from suta_calib.pose_calibration.hand_eye_causes import refuse_misread, refuse_strangers
 from suta_calib.pose_calibration.inputs import checked_poses, error_context
 from suta_calib.pose_calibration.robot_noise import EYE, RobotNoise
-from suta_calib.pose_calibration.robust_fit import RobustAnswer, robust_fit
+from suta_calib.pose_calibration.robust_fit import RobustAnswer, exchanged, robust_fit
 from suta_calib.pose_calibration.undetermined import axis_of_all_turns, refuse_undetermined
 from suta_calib.terms.hand_eye_start import (
     Poses,
@@ -116,7 +117,24 @@ class HandEyeCalibration(RobustAnswer):
                 "(one sigma): add poses, turned by 30° or more about different axes."
             )
         bad = self.objections("pairs", self.inliers)
-        return Assessment.of(bad=bad, care=[*caution, *self.notes])
+        if self.inverted != "good":
+            lengths = [mm(float(np.linalg.norm(T[:3, 3]))) for T in (self.X, self.Z)]
+            place, turn = mm(self.Z[:3, 3]), deg(rpy_from_rotation(self.Z[:3, :3]))
+            (bad if self.inverted == "bad" else caution).append(
+                f"X is {lengths[0]:.0f} mm long and Z {lengths[1]:.0f} mm: what is on the hand "
+                "lies farther off than what stands. Are both poses inverted? Then X is what is "
+                f"called Z here: position ({', '.join(f'{v:.1f}' for v in place)}) mm, roll pitch "
+                f"yaw ({', '.join(f'{v:.2f}' for v in turn)})°."
+            )
+        return Assessment.of(bad=bad, care=[*caution, *self.cautions("pairs")])
+
+    @property
+    def inverted(self) -> Level:
+        """Whether both poses seem to be inverted, which exchanges X and Z: ``good`` if not."""
+        places = [self.X[:3, 3], self.Z[:3, 3]]
+        held, standing = places if self.setup == "eye-in-hand" else places[::-1]
+        std = np.concatenate([self.std["X"][:3], self.std["Z"][:3]])
+        return exchanged(held, standing, float(np.linalg.norm(std)))
 
 
 def calibrate_hand_eye(
@@ -202,6 +220,7 @@ def calibrate_hand_eye(
         residuals=found[1] - Z[1],
         rotation_residuals=vector_from_rotation(Z[0].T @ found[0]),
         inliers=fit.inliers,
+        suspects=fit.suspects,
         axes=vector_from_rotation(np.swapaxes(A[0][1:], 1, 2) @ A[0][:-1]),
         robot_noise_fraction=noise.fraction,
         solution=fit.solution,

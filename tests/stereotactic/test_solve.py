@@ -126,7 +126,7 @@ def test_a_robust_correction_of_clean_data_is_the_plain_one(distortion: float) -
 
 
 def test_extrapolation_is_counted_and_told() -> None:
-    made = simulate_stereotactic(distortion=2e-3, grid=3)
+    made = simulate_stereotactic(distortion=8e-3, grid=3)
     far = replace(made.data, em_pivot=made.data.em_pivot - np.array([0.25, 0, 0]))
     near, result = solve(made.data, dewarp=True), solve(far, dewarp=True)
     assert 0 < result.extrapolated["em_pivot"] <= 72
@@ -151,7 +151,8 @@ def test_distortion_is_never_too_large_to_be_answered(grid: int, seed: int) -> N
     for dewarp in (False, True):
         result = solve(made.data, dewarp=dewarp)
         assert rms_length(result.em_error) > 25e-3
-        assert result.assessment.level == "care", result.assessment.notes
+        assert result.assessment.usable, result.assessment.notes
+        assert dewarp or any("--dewarp" in note for note in result.assessment.notes)
         assert distance(result.expected, made.truth.expected) < 1e-6
 
 
