@@ -23,6 +23,7 @@ from suta_calib.geometry.numbers import (
 )
 from suta_calib.measurements.pose_files import PosePairs
 from suta_calib.pose_calibration.consensus import Consensus, find_consensus, minimal_samples
+from suta_calib.pose_calibration.distance_trend import DistanceTrend, distance_trend
 from suta_calib.pose_calibration.hand_eye_causes import refuse_misread, refuse_strangers
 from suta_calib.pose_calibration.inputs import checked_poses, error_context
 from suta_calib.pose_calibration.robot_noise import EYE, RobotNoise
@@ -73,6 +74,7 @@ class HandEyeCalibration(RobustAnswer):
         rotation_residuals: (n, 3), the turn between ``A_i X B_i`` and Z, rad.
         axes: (n - 1, 3) rotation vectors of the hand's consecutive motions, rad.
         robot_noise_fraction: part of the rotational noise that seems to be the hand's, 0 to 1.
+        trend: of the residuals with the distance from the eye; the covariance allows for it.
         length: m per unit of `solution`.
     """
 
@@ -83,6 +85,7 @@ class HandEyeCalibration(RobustAnswer):
     rotation_residuals: FloatArray
     axes: FloatArray
     robot_noise_fraction: float
+    trend: DistanceTrend
     length: float
 
     @property
@@ -115,6 +118,13 @@ class HandEyeCalibration(RobustAnswer):
             caution.append(
                 f"X is known to ± {mm(displaced):.1f} mm and ± {deg(turned):.2f}° only "
                 "(one sigma): add poses, turned by 30° or more about different axes."
+            )
+        if self.trend.significant:
+            caution.append(
+                f"What the eye sees seems {abs(self.trend.share):.2%} ± {self.trend.std:.2%} of "
+                f"its distance too {'far' if self.trend.share > 0 else 'near'}: a camera whose "
+                "focal length errs, or a target of another size. X follows it, and ± allows for "
+                "that: calibrate the camera anew and measure the target."
             )
         bad = self.objections("pairs", self.inliers)
         if self.inverted != "good":
@@ -205,6 +215,7 @@ def calibrate_hand_eye(
         "turn the hand about at least two axes that are not parallel",
         axis_of_all_turns(A[0][fit.inliers], fit.sigmas[1]),
     )
+    trend = distance_trend(fit, target[1][:, 2])
     x = fit.solution.x
     X = rotation_from_vector(x[3:6]), x[:3] * length
     Z = rotation_from_vector(x[9:12]), x[6:9] * length + centre
@@ -216,13 +227,14 @@ def calibrate_hand_eye(
         model=model,
         X=homogeneous(*X),
         Z=homogeneous(*Z),
-        covariance=jacobian @ fit.covariance @ jacobian.T,
+        covariance=jacobian @ (fit.covariance + trend.covariance) @ jacobian.T,
         residuals=found[1] - Z[1],
         rotation_residuals=vector_from_rotation(Z[0].T @ found[0]),
         inliers=fit.inliers,
         suspects=fit.suspects,
         axes=vector_from_rotation(np.swapaxes(A[0][1:], 1, 2) @ A[0][:-1]),
         robot_noise_fraction=noise.fraction,
+        trend=trend,
         solution=fit.solution,
         length=length,
     )

@@ -56,7 +56,7 @@ UNSURE_TURN: Final = from_deg(1.0)
 OTHER_SCALE: Final = 0.005
 # Chance that a scale is seen where there is none; and what one displaces the points by, in units of
 # their scatter, to be worth a word however many points tell it.
-FALSE_ALARM: Final = 0.001
+FALSE_ALARM: Final = 1e-4
 NOTICEABLE: Final = 0.3
 # Of a rigid transform with a scale.
 UNKNOWNS: Final = 7
