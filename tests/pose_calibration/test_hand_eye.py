@@ -38,7 +38,10 @@ from suta_calib.terms.synthetic import OutlierModel, Simulated
 @pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
 def test_exact_poses_give_back_x_and_z(setup: Any, model: Any, robust: bool) -> None:
     """With the hand's poses the other way round, the same loop is an eye beside the robot."""
-    data = simulate(12, turn=1.2)
+    near = rotation_from_vector([0.1, 0.2, -1.5]), np.array([0.02, -0.05, 0.08])
+    far = rotation_from_vector([2.0, 0.4, 0.3]), np.array([0.6, 0.2, -0.1])
+    X, Z = (near, far) if setup == "eye-in-hand" else (far, near)
+    data = simulate(12, turn=1.2, X=X, Z=Z)
     hand = data.poses if setup == "eye-in-hand" else inverse(data.poses)
     found = calibrate_hand_eye(hand, data.seen, setup=setup, model=model, robust=robust)
     assert (found.setup, found.model) == (setup, model)
