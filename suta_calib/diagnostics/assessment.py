@@ -135,11 +135,20 @@ def _beside_geometry(solution: Solution) -> list[str]:
 
 def _on_noise(solution: Solution) -> list[str]:
     notes = []
-    blocks = solution.problem.blocks
-    for block, assumed, found in zip(blocks, solution.sigmas, solution.noise, strict=True):
-        if block.noise.sigma is not None and not 1 / SURPRISING < found / assumed < SURPRISING:
+    for block, found in zip(solution.problem.blocks, solution.noise, strict=True):
+        assumed = block.noise.sigma
+        if assumed is not None and not 1 / SURPRISING < found / assumed < SURPRISING:
             notes.append(
                 f"The {block.name} residuals scatter by {text(found, block.unit, with_unit=True)}; "
                 f"the job says {text(assumed, block.unit, with_unit=True)}."
+            )
+    priors = {} if solution.weights is None else solution.weights.priors
+    for group, learned in priors.items():
+        # An arm that is better than was thought is no reason for care.
+        if learned.contradicted and learned.value > 1:
+            low, high = learned.interval
+            notes.append(
+                f"The {group} are {learned.value:.1f} ({low:.1f} to {high:.1f}) times as far off "
+                "as the job's priors say, and were given that room: state it, or fixed: true."
             )
     return notes

@@ -99,10 +99,11 @@ def find_cause(solution: Solution, options: CauseOptions = CauseOptions()) -> Ca
         The first reading, by how well it agrees with the nominal arm, whose fit is far better than
         the present one; None where there is none.
     """
-    problem = solution.problem
-    if problem.arm is None:
+    if solution.problem.arm is None:
         return None
-    parameters = problem.arm_parameters
+    parameters = solution.problem.arm_parameters
+    # Readings are told apart by what the job gives: wrong ones widen priors until they fit.
+    problem = Problem(solution.problem.terms, parameters)
     cap = options.cap * _level(problem, solution.x)
     present = misfit(problem, solution.x, cap)
     explained = min(present / options.far_better, options.explained * problem.assumed_sigmas()[0])
@@ -155,7 +156,7 @@ def _registered(terms: Sequence[Term], cap: float) -> float:
 
 
 def _fitted(terms: Sequence[Term], parameters: ParameterSet, cap: float) -> float:
-    few = SolverOptions(starts=1, max_iterations=50)
+    few = SolverOptions(starts=1, max_iterations=50, weights=None)
     try:
         solution = solve(Problem(terms, parameters), few)
     except SutaCalibError:

@@ -1,0 +1,403 @@
+"""How much residuals and priors are worth against each other, learned from the data themselves.
+
+What a job says of its noise and of how far geometry may be off is a guess, and against each other
+the guesses decide how far geometry moves. With η the logarithms of a noise level σ per block and of
+a factor f per group of priors, the evidence of the data is, by Laplace's approximation,
+
+    -log p(data | η) = Σ_b t_b [½ Σ ‖r‖² / σ² + n d log σ]
+                     + Σ_g [½ Σ ((x - nominal) / (f prior))² + n log f] + ½ log det H
+
+at the x that is best for η, with H the curvature there (MacKay 1992, doi:10.1162/neco.1992.4.3.415;
+for least squares it is the restricted likelihood of Patterson and Thompson 1971,
+doi:10.1093/biomet/58.3.545, which counts what the unknowns have taken of the residuals). Rows that
+share samples say less than their number: t_b is the share of them that is independent. A row beyond
+Huber's threshold pulls at x as Huber lets it, and tells of σ only that it lies beyond.
+
+Groups of few parameters tell little of their factor, so that all are drawn to a common one
+(`WeightOptions`). Residuals and Jacobian are evaluated once: the rest happens on matrices of the
+parameters' size, with the rows' weights following the linear prediction.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from scipy.special import gammaincc
+
+from suta_calib.arrays import FloatArray, IntArray
+from suta_calib.model.parameters import OFFSET
+from suta_calib.solver.information import Rows, whitened_rows
+from suta_calib.solver.problem import Problem
+
+# Noise that is always there, m or rad per component: rounding is no information.
+FINEST: Final = 1e-6
+# Share of rows that may be blunders: beyond Huber's threshold they are then no surprise.
+BLUNDERS: Final = 0.1
+# Logarithmic standard deviation of what must stay.
+FIXED: Final = 1e-6
+# Rows' weights, then noise and factors for them: so often at most, until they change by less.
+ROUNDS: Final = 10
+SETTLED: Final = 1e-3
+NEWTON_STEPS: Final = 30
+HALVINGS: Final = 8
+# Longest step in a logarithm: the evidence is no parabola farther off.
+LONGEST: Final = 1.0
+
+
+@dataclass(frozen=True)
+class WeightOptions:
+    """What is believed of noise levels and priors beforehand: logarithmic standard deviations.
+
+    Attributes:
+        stated: of a noise level that the job states; a data sheet is right within a factor of two.
+        assumed: of one that nobody stated.
+        common: of the factor common to all priors; a guess is right within one of ten.
+        between: of a group's factor about the common one: whoever guesses one size too small is
+            likely to guess the others so. Free factors would let groups of few parameters run away.
+        significance: standard deviations from where on data contradict what was given.
+        factor: the least factor that is worth a word.
+    """
+
+    stated: float = math.log(2.0)
+    assumed: float = math.log(10.0)
+    common: float = math.log(10.0)
+    between: float = 0.2
+    significance: float = 3.0
+    factor: float = 2.0
+
+
+@dataclass(frozen=True)
+class Learned:
+    """A noise level, or a factor on the priors of a group.
+
+    Attributes:
+        value: m or rad per component; of a factor, a number.
+        log_std: standard deviation of its logarithm; zero where it was to stay as given.
+        given: what the job says; None where it says nothing.
+        contradicted: whether the data contradict what was given.
+    """
+
+    value: float
+    log_std: float
+    given: float | None
+    contradicted: bool
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Where the value is with a chance of 95 %."""
+        spread = math.exp(1.96 * self.log_std)
+        return self.value / spread, self.value * spread
+
+
+@dataclass(frozen=True, eq=False)
+class Weights:
+    """Noise levels and prior factors, with how well the data tell them.
+
+    Attributes:
+        noise: of each block.
+        priors: factor on the standard deviations of each group's priors.
+        sigmas: levels to minimise with: larger than the noise where a block's rows share samples.
+        prior_scale: (n,) factor of every parameter's prior; one where it was not learned.
+        covariance: (n, n) of the estimate, what not knowing the weights better adds to it (Kass and
+            Steffey 1989, doi:10.1080/01621459.1989.10478825).
+    """
+
+    noise: tuple[Learned, ...]
+    priors: dict[str, Learned]
+    sigmas: tuple[float, ...]
+    prior_scale: FloatArray
+    covariance: FloatArray
+
+
+def prior_groups(problem: Problem) -> list[str | None]:
+    """Whose size is guessed together with that of a parameter's prior, for each of the problem.
+
+    None where there is no prior, where it was to stay, and for the terms' own unknowns, whose
+    priors were measured.
+    """
+    groups: list[str | None] = []
+    for p in problem.arm_parameters.values():
+        if p.prior is None or p.prior_fixed:
+            groups.append(None)
+        elif problem.arm is not None and p.owner == problem.arm.tip:
+            groups.append("tip")
+        elif not p.geometric:
+            groups.append("compliances" if p.unit == "rad/Nm" else "eccentricities")
+        elif p.key == OFFSET:
+            groups.append("offsets")
+        else:
+            groups.append("lengths" if p.unit == "m" else "angles")
+    return groups + [None] * (len(problem.names) - problem.arm_count)
+
+
+def learn_weights(
+    problem: Problem,
+    x: FloatArray,
+    sigmas: Sequence[float],
+    free: IntArray,
+    options: WeightOptions = WeightOptions(),
+) -> Weights:
+    """Noise levels and factors on priors for which the data are the least surprising.
+
+    Args:
+        problem: terms and parameters, priors as given.
+        x: (n,) minimum for the weights so far.
+        sigmas: noise of each block that it is the minimum for, m or rad per component.
+        free: indices that were estimated.
+        options: how far the weights may be from what was given.
+    """
+    blocks, rows = problem.blocks, whitened_rows(problem, x, sigmas)
+    of_parameter = prior_groups(problem)
+    names = [of_parameter[k] for k in free]
+    groups = tuple(dict.fromkeys(name for name in names if name is not None))
+    members = [np.array([name == group for name in names]) for group in groups]
+    precision = problem.prior_precision()[free]
+    away = (x - problem.parameters.array("nominal"))[free]
+    stays = _of_prior(precision * [name is None for name in names], away)
+    trust = [
+        term.equations() / sum(len(b) * b.size for b in term.blocks)
+        for term in problem.terms
+        for _ in term.blocks
+    ]
+    given = np.concatenate([problem.assumed_sigmas(), np.ones(len(groups))])
+    belief = _hyperprior(problem, len(groups), options)
+    noise, factors = slice(0, len(blocks)), slice(len(blocks), None)
+    eta, step = np.log(given), np.zeros(len(free))
+    for _ in range(ROUNDS):
+        energies, counts, beyond, held = [], [], [], stays
+        for r, t, log_sigma in zip(rows, trust, eta[noise], strict=True):
+            block, sigma = r.line.view.block, math.exp(log_sigma)
+            inside, outside, count = _of_rows(r, free, step, t, sigma)
+            energies.append(inside)
+            held = held + outside
+            counts.append(t * count * block.size)
+            spread = math.hypot(sigma, math.sqrt(float(np.mean(block.known_sigma**2))))
+            beyond.append((t * (len(block) - count), block.size, block.noise.huber / spread))
+        for mine, log_factor in zip(members, eta[factors], strict=True):
+            energies.append(_of_prior(precision * mine * math.exp(-2.0 * log_factor), away))
+            counts.append(float(mine.sum()))
+        evidence = _Evidence(energies, held, np.array(counts), beyond, np.log(given) - eta, belief)
+        change, there = _minimise(evidence)
+        eta, step = eta + change, there.step
+        if np.max(np.abs(change)) < SETTLED:
+            break
+    uncertainty = np.asarray(np.linalg.inv(there.hessian), dtype=np.float64)
+    learned = _against_given(eta, uncertainty, problem, given, options)
+    scale, added = np.ones(len(x)), np.zeros((len(x),) * 2)
+    for mine, log_factor in zip(members, eta[factors], strict=True):
+        scale[free[mine]] = math.exp(log_factor)
+    # How far the weights scatter from data to data: what nothing was learned of is as given.
+    told = uncertainty @ (there.hessian - belief) @ uncertainty
+    added[np.ix_(free, free)] = _not_knowing(evidence, change, told)
+    known = [float(np.mean(b.known_sigma**2)) for b in blocks]
+    return Weights(
+        tuple(learned[noise]),
+        dict(zip(groups, learned[factors], strict=True)),
+        tuple(
+            math.sqrt((found.value**2 + k) / t - k)
+            for found, k, t in zip(learned[noise], known, trust, strict=True)
+        ),
+        scale,
+        added,
+    )
+
+
+def _hyperprior(problem: Problem, groups: int, options: WeightOptions) -> FloatArray:
+    """Precision (k, k) of the logarithms, before the data."""
+    stds = [
+        FIXED if b.noise.fixed else options.assumed if b.noise.sigma is None else options.stated
+        for b in problem.blocks
+    ]
+    covariance = np.diag([*np.square(stds), *np.full(groups, options.between**2)])
+    covariance[len(stds) :, len(stds) :] += options.common**2
+    return np.asarray(np.linalg.inv(covariance))
+
+
+def _against_given(
+    eta: FloatArray,
+    uncertainty: FloatArray,
+    problem: Problem,
+    given: FloatArray,
+    options: WeightOptions,
+) -> list[Learned]:
+    noises = [block.noise for block in problem.blocks]
+    found = []
+    for k, (log_value, log_std) in enumerate(zip(eta, np.sqrt(np.diag(uncertainty)), strict=True)):
+        stated = k >= len(noises) or noises[k].sigma is not None
+        fixed = k < len(noises) and noises[k].fixed
+        off = abs(log_value - math.log(given[k]))
+        least = max(options.significance * log_std, math.log(options.factor))
+        found.append(
+            Learned(
+                math.exp(log_value),
+                0.0 if fixed else float(log_std),
+                float(given[k]) if stated else None,
+                bool(stated and not fixed and off > least),
+            )
+        )
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class _Energy:
+    """A part of the cost as a quadratic of the step: constant + slopeᵀΔ + ½ Δᵀ curvature Δ."""
+
+    constant: float
+    slope: FloatArray
+    curvature: FloatArray
+
+    def __add__(self, other: _Energy) -> _Energy:
+        return _Energy(
+            self.constant + other.constant,
+            self.slope + other.slope,
+            self.curvature + other.curvature,
+        )
+
+
+def _of_rows(
+    rows: Rows, free: IntArray, step: FloatArray, trust: float, sigma: float
+) -> tuple[_Energy, _Energy, int]:
+    """A block's cost: of rows within Huber's threshold, of those beyond; how many are within."""
+    line = rows.line
+    n, size = line.residual.shape
+    spread = np.hypot(sigma, line.view.block.known_sigma)
+    jacobian = rows.jacobian[:, free] * np.repeat(line.sigma / spread, size)[:, None]
+    residual = (line.residual / spread[:, None]).reshape(-1)
+    norm = np.linalg.norm((residual + jacobian @ step).reshape(n, size), axis=1)
+    weight = np.minimum(1.0, line.view.block.noise.huber / spread / np.maximum(norm, 1e-300))
+    parts = []
+    for believed in (weight == 1.0, weight * (weight < 1.0)):
+        each = trust * np.repeat(believed, size)
+        weighed = jacobian * each[:, None]
+        squares = each @ residual**2 + each.sum() * (FINEST / sigma) ** 2
+        parts.append(_Energy(0.5 * float(squares), weighed.T @ residual, weighed.T @ jacobian))
+    return parts[0], parts[1], int(np.sum(weight == 1.0))
+
+
+def _of_prior(precision: FloatArray, away: FloatArray) -> _Energy:
+    return _Energy(0.5 * float(precision @ away**2), precision * away, np.diag(precision))
+
+
+@dataclass(frozen=True, eq=False)
+class _Point:
+    """-log evidence at one η: with derivatives, the best step, and a root W of H⁻¹ = WᵀW."""
+
+    value: float
+    gradient: FloatArray
+    hessian: FloatArray
+    step: FloatArray
+    root: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class _Evidence:
+    """-log evidence as a function of η relative to where one is.
+
+    Attributes:
+        energies: of each block's believed rows, then of each group's priors.
+        held: of what does not depend on η.
+        counts: (k,) how many independent numbers or priors each stands for.
+        beyond: of each block how many rows are beyond Huber's threshold, their dimension, and the
+            threshold in units of the noise.
+        mean, belief: (k,), (k, k) of the hyperprior.
+    """
+
+    energies: Sequence[_Energy]
+    held: _Energy
+    counts: FloatArray
+    beyond: Sequence[tuple[float, int, float]]
+    mean: FloatArray
+    belief: FloatArray
+
+    def __call__(self, eta: FloatArray) -> _Point:
+        parts = [
+            _Energy(w * e.constant, w * e.slope, w * e.curvature)
+            for w, e in zip(np.exp(-2.0 * eta), self.energies, strict=True)
+        ]
+        whole = sum(parts, self.held)
+        unit = 1.0 / np.sqrt(np.maximum(np.diag(whole.curvature), 1e-300))
+        cholesky = np.linalg.cholesky(whole.curvature * np.outer(unit, unit))
+        root = np.linalg.inv(cholesky) * unit
+        step = -root.T @ (root @ whole.slope)
+        bent = [part.curvature @ step for part in parts]
+        energy = np.array(
+            [p.constant + p.slope @ step + 0.5 * step @ b for p, b in zip(parts, bent, strict=True)]
+        )
+        follows = np.array([root @ (p.slope + b) for p, b in zip(parts, bent, strict=True)])
+        shares = [root @ p.curvature @ root.T for p in parts]
+        taken = np.array([np.trace(share) for share in shares])
+        mixed = np.array([[np.sum(a * b) for b in shares] for a in shares])
+        rare = np.zeros((len(eta), 3))
+        for k, block in enumerate(self.beyond):
+            rare[k] = _beyond(*block, eta[k])
+        off = eta - self.mean
+        value = (
+            whole.constant
+            + 0.5 * whole.slope @ step
+            + self.counts @ eta
+            + rare[:, 0].sum()
+            + np.sum(np.log(np.diag(cholesky) / unit))
+            + 0.5 * off @ self.belief @ off
+        )
+        gradient = -2.0 * energy + self.counts + rare[:, 1] - taken + self.belief @ off
+        hessian = (
+            np.diag(4.0 * energy + 2.0 * taken + rare[:, 2])
+            - 4.0 * follows @ follows.T
+            - 2.0 * mixed
+            + self.belief
+        )
+        return _Point(float(value), gradient, hessian, step, root)
+
+
+def _beyond(rows: float, size: int, threshold: float, eta: float) -> tuple[float, float, float]:
+    """-log chance of rows beyond a threshold, blunders or not, and its derivatives by log σ."""
+    if not rows:
+        return 0.0, 0.0, 0.0
+    width = 1e-3
+    limit = np.exp(np.log(threshold) - eta - np.array([-width, 0.0, width]))
+    chance = BLUNDERS + (1.0 - BLUNDERS) * gammaincc(size / 2.0, limit**2 / 2.0)
+    low, here, high = -rows * np.log(chance)
+    return here, (high - low) / (2 * width), (high - 2 * here + low) / width**2
+
+
+def _minimise(evidence: _Evidence) -> tuple[FloatArray, _Point]:
+    """Newton's method with its Hessian kept positive: the change of η, and what is there."""
+    eta = np.zeros(len(evidence.counts))
+    here = evidence(eta)
+    for _ in range(NEWTON_STEPS):
+        values, vectors = np.linalg.eigh(here.hessian)
+        move = -vectors @ (vectors.T @ here.gradient / np.maximum(np.abs(values), 1e-2))
+        move *= min(1.0, LONGEST / max(float(np.abs(move).max()), 1e-300))
+        for _ in range(HALVINGS):
+            there = evidence(eta + move)
+            if there.value <= here.value:
+                break
+            move = move / 2.0
+        else:
+            break
+        eta, here = eta + move, there
+        if np.max(np.abs(move)) < SETTLED / 10:
+            break
+    return eta, here
+
+
+def _not_knowing(evidence: _Evidence, at: FloatArray, uncertainty: FloatArray) -> FloatArray:
+    """What the scatter of the weights adds to the covariance of the free parameters.
+
+    The mean over weights that are likely, by points whose mean and covariance are theirs.
+    """
+    centre = evidence(at)
+    values, vectors = np.linalg.eigh(uncertainty * len(at))
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    added = np.zeros((len(centre.step),) * 2)
+    for offset in (*root.T, *-root.T):
+        there = evidence(at + offset)
+        moved = there.step - centre.step
+        added += there.root.T @ there.root - centre.root.T @ centre.root + np.outer(moved, moved)
+    added /= 2 * len(at)
+    values, vectors = np.linalg.eigh(added)
+    return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)
