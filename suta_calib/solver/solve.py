@@ -59,7 +59,8 @@ def solve(
     # One block without priors is weighed against nothing.
     weighed = len(problem.blocks) > 1 or problem.prior_precision()[estimated].any()
     if options.weights is not None and minimum.converged and weighed:
-        weights = learn_weights(problem, minimum.x, sigmas, estimated, options.weights)
+        inside = _inside(problem, minimum.x, estimated)
+        weights = learn_weights(problem, minimum.x, sigmas, inside, options.weights)
         problem, sigmas = problem.with_priors_scaled(weights.prior_scale), list(weights.sigmas)
         minimum, _, identification, estimated = _fit(
             problem, [minimum.x], identification, sigmas, options, None

@@ -44,6 +44,8 @@ ROUNDS: Final = 10
 SETTLED: Final = 1e-3
 NEWTON_STEPS: Final = 30
 HALVINGS: Final = 8
+# Curvature, relative to the largest, that rounding may have taken away.
+ROUNDING: Final = 1e-12
 # Longest step in a logarithm: the evidence is no parabola farther off.
 LONGEST: Final = 1.0
 
@@ -168,12 +170,12 @@ def learn_weights(
     noise, factors = slice(0, len(blocks)), slice(len(blocks), None)
     eta, step = np.log(given), np.zeros(len(free))
     for _ in range(ROUNDS):
-        energies, counts, beyond, held = [], [], [], stays
+        energies, counts, beyond, held = [], [], [], [stays]
         for r, t, log_sigma in zip(rows, trust, eta[noise], strict=True):
             block, sigma = r.line.view.block, math.exp(log_sigma)
             inside, outside, count = _of_rows(r, free, step, t, sigma)
             energies.append(inside)
-            held = held + outside
+            held.append(outside)
             counts.append(t * count * block.size)
             spread = math.hypot(sigma, math.sqrt(float(np.mean(block.known_sigma**2))))
             beyond.append((t * (len(block) - count), block.size, block.noise.huber / spread))
@@ -181,18 +183,18 @@ def learn_weights(
             energies.append(_of_prior(precision * mine * math.exp(-2.0 * log_factor), away))
             counts.append(float(mine.sum()))
         evidence = _Evidence(energies, held, np.array(counts), beyond, np.log(given) - eta, belief)
-        change, there = _minimise(evidence)
-        eta, step = eta + change, there.step
-        if np.max(np.abs(change)) < SETTLED:
+        best, hessian = _minimise(evidence)
+        eta, step = eta + best.eta, best.step
+        if np.max(np.abs(best.eta)) < SETTLED:
             break
-    uncertainty = np.asarray(np.linalg.inv(there.hessian), dtype=np.float64)
+    uncertainty = np.asarray(np.linalg.inv(hessian), dtype=np.float64)
     learned = _against_given(eta, uncertainty, problem, given, options)
     scale, added = np.ones(len(x)), np.zeros((len(x),) * 2)
     for mine, log_factor in zip(members, eta[factors], strict=True):
         scale[free[mine]] = math.exp(log_factor)
     # How far the weights scatter from data to data: what nothing was learned of is as given.
-    told = uncertainty @ (there.hessian - belief) @ uncertainty
-    added[np.ix_(free, free)] = _not_knowing(evidence, change, told)
+    told = uncertainty @ (hessian - belief) @ uncertainty
+    added[np.ix_(free, free)] = _not_knowing(evidence, best, told)
     known = [float(np.mean(b.known_sigma**2)) for b in blocks]
     return Weights(
         tuple(learned[noise]),
@@ -244,18 +246,20 @@ def _against_given(
 
 @dataclass(frozen=True, eq=False)
 class _Energy:
-    """A part of the cost as a quadratic of the step: constant + slopeᵀΔ + ½ Δᵀ curvature Δ."""
+    """A part of the cost as a quadratic of the step: constant + slopeᵀΔ + ½ Δᵀ curvature Δ.
+
+    Of a prior the curvature is a diagonal: (p,) in place of (p, p).
+    """
 
     constant: float
     slope: FloatArray
     curvature: FloatArray
 
-    def __add__(self, other: _Energy) -> _Energy:
-        return _Energy(
-            self.constant + other.constant,
-            self.slope + other.slope,
-            self.curvature + other.curvature,
-        )
+    def at(self, step: FloatArray) -> tuple[float, FloatArray]:
+        """Value and slope there."""
+        bent = self.curvature * step if self.curvature.ndim == 1 else self.curvature @ step
+        value = self.constant + self.slope @ step + 0.5 * step @ bent
+        return float(value), self.slope + bent
 
 
 def _of_rows(
@@ -270,27 +274,27 @@ def _of_rows(
     norm = np.linalg.norm((residual + jacobian @ step).reshape(n, size), axis=1)
     weight = np.minimum(1.0, line.view.block.noise.huber / spread / np.maximum(norm, 1e-300))
     parts = []
-    for believed in (weight == 1.0, weight * (weight < 1.0)):
-        each = trust * np.repeat(believed, size)
-        weighed = jacobian * each[:, None]
-        squares = each @ residual**2 + each.sum() * (FINEST / sigma) ** 2
-        parts.append(_Energy(0.5 * float(squares), weighed.T @ residual, weighed.T @ jacobian))
+    for mine in (weight == 1.0, weight < 1.0):
+        some = np.repeat(mine, size)
+        root = np.sqrt(trust * np.repeat(weight[mine], size))
+        r, j = root * residual[some], root[:, None] * jacobian[some]
+        least = float(root @ root) * (FINEST / sigma) ** 2
+        parts.append(_Energy(0.5 * (float(r @ r) + least), j.T @ r, j.T @ j))
     return parts[0], parts[1], int(np.sum(weight == 1.0))
 
 
 def _of_prior(precision: FloatArray, away: FloatArray) -> _Energy:
-    return _Energy(0.5 * float(precision @ away**2), precision * away, np.diag(precision))
+    return _Energy(0.5 * float(precision @ away**2), precision * away, precision)
 
 
 @dataclass(frozen=True, eq=False)
 class _Point:
-    """-log evidence at one η: with derivatives, the best step, and a root W of H⁻¹ = WᵀW."""
+    """-log evidence at one η, the best step of the parameters and its covariance H⁻¹ there."""
 
+    eta: FloatArray
     value: float
-    gradient: FloatArray
-    hessian: FloatArray
     step: FloatArray
-    root: FloatArray
+    covariance: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -307,97 +311,106 @@ class _Evidence:
     """
 
     energies: Sequence[_Energy]
-    held: _Energy
+    held: Sequence[_Energy]
     counts: FloatArray
     beyond: Sequence[tuple[float, int, float]]
     mean: FloatArray
     belief: FloatArray
 
-    def __call__(self, eta: FloatArray) -> _Point:
-        parts = [
-            _Energy(w * e.constant, w * e.slope, w * e.curvature)
-            for w, e in zip(np.exp(-2.0 * eta), self.energies, strict=True)
-        ]
-        whole = sum(parts, self.held)
-        unit = 1.0 / np.sqrt(np.maximum(np.diag(whole.curvature), 1e-300))
-        cholesky = np.linalg.cholesky(whole.curvature * np.outer(unit, unit))
-        root = np.linalg.inv(cholesky) * unit
-        step = -root.T @ (root @ whole.slope)
-        bent = [part.curvature @ step for part in parts]
-        energy = np.array(
-            [p.constant + p.slope @ step + 0.5 * step @ b for p, b in zip(parts, bent, strict=True)]
-        )
-        follows = np.array([root @ (p.slope + b) for p, b in zip(parts, bent, strict=True)])
-        shares = [root @ p.curvature @ root.T for p in parts]
-        taken = np.array([np.trace(share) for share in shares])
-        mixed = np.array([[np.sum(a * b) for b in shares] for a in shares])
-        rare = np.zeros((len(eta), 3))
-        for k, block in enumerate(self.beyond):
-            rare[k] = _beyond(*block, eta[k])
+    def at(self, eta: FloatArray) -> _Point:
+        """Value and best step."""
+        parts = [*self.held, *self._weighed(eta)]
+        curvature = np.zeros((len(parts[0].slope),) * 2)
+        for part in parts:
+            whole = part.curvature.ndim == 2
+            curvature += part.curvature if whole else np.diag(part.curvature)
+        unit = 1.0 / np.sqrt(np.maximum(np.diag(curvature), 1e-300))
+        scaled = curvature * np.outer(unit, unit) + ROUNDING * np.eye(len(unit))
+        cholesky = np.linalg.cholesky(scaled)
+        covariance = np.linalg.inv(scaled) * np.outer(unit, unit)
+        step = -covariance @ sum(part.slope for part in parts)
         off = eta - self.mean
         value = (
-            whole.constant
-            + 0.5 * whole.slope @ step
+            sum(part.at(step)[0] for part in parts)
             + self.counts @ eta
-            + rare[:, 0].sum()
+            + self._beyond(eta)[:, 0].sum()
             + np.sum(np.log(np.diag(cholesky) / unit))
             + 0.5 * off @ self.belief @ off
         )
-        gradient = -2.0 * energy + self.counts + rare[:, 1] - taken + self.belief @ off
+        return _Point(eta, float(value), step, covariance)
+
+    def derivatives(self, point: _Point) -> tuple[FloatArray, FloatArray]:
+        """Gradient (k,) and Hessian (k, k) of the value."""
+        parts = self._weighed(point.eta)
+        values, slopes = (np.array(e) for e in zip(*(p.at(point.step) for p in parts), strict=True))
+        shares = [
+            point.covariance * p.curvature
+            if p.curvature.ndim == 1
+            else point.covariance @ p.curvature
+            for p in parts
+        ]
+        taken = np.array([np.trace(share) for share in shares])
+        mixed = np.array([[np.sum(a * b.T) for b in shares] for a in shares])
+        _, rare, rarer = self._beyond(point.eta).T
+        gradient = self.counts - 2.0 * values - taken + rare + self.belief @ (point.eta - self.mean)
         hessian = (
-            np.diag(4.0 * energy + 2.0 * taken + rare[:, 2])
-            - 4.0 * follows @ follows.T
+            np.diag(4.0 * values + 2.0 * taken + rarer)
+            - 4.0 * slopes @ point.covariance @ slopes.T
             - 2.0 * mixed
             + self.belief
         )
-        return _Point(float(value), gradient, hessian, step, root)
+        return gradient, hessian
+
+    def _weighed(self, eta: FloatArray) -> list[_Energy]:
+        return [
+            _Energy(w * e.constant, w * e.slope, w * e.curvature)
+            for w, e in zip(np.exp(-2.0 * eta), self.energies, strict=True)
+        ]
+
+    def _beyond(self, eta: FloatArray) -> FloatArray:
+        """-log chance of rows beyond thresholds, with two derivatives by log σ, (k, 3)."""
+        found, width = np.zeros((len(eta), 3)), 1e-3
+        for k, (rows, size, threshold) in enumerate(self.beyond):
+            if rows:
+                limit = threshold * np.exp(-eta[k] - np.array([-width, 0.0, width]))
+                chance = BLUNDERS + (1.0 - BLUNDERS) * gammaincc(size / 2.0, limit**2 / 2.0)
+                low, here, high = -rows * np.log(chance)
+                found[k] = here, (high - low) / (2 * width), (high - 2 * here + low) / width**2
+        return found
 
 
-def _beyond(rows: float, size: int, threshold: float, eta: float) -> tuple[float, float, float]:
-    """-log chance of rows beyond a threshold, blunders or not, and its derivatives by log σ."""
-    if not rows:
-        return 0.0, 0.0, 0.0
-    width = 1e-3
-    limit = np.exp(np.log(threshold) - eta - np.array([-width, 0.0, width]))
-    chance = BLUNDERS + (1.0 - BLUNDERS) * gammaincc(size / 2.0, limit**2 / 2.0)
-    low, here, high = -rows * np.log(chance)
-    return here, (high - low) / (2 * width), (high - 2 * here + low) / width**2
-
-
-def _minimise(evidence: _Evidence) -> tuple[FloatArray, _Point]:
-    """Newton's method with its Hessian kept positive: the change of η, and what is there."""
-    eta = np.zeros(len(evidence.counts))
-    here = evidence(eta)
+def _minimise(evidence: _Evidence) -> tuple[_Point, FloatArray]:
+    """Newton's method with its Hessian kept positive: where it ends, and the Hessian there."""
+    here = evidence.at(np.zeros(len(evidence.counts)))
+    gradient, hessian = evidence.derivatives(here)
     for _ in range(NEWTON_STEPS):
-        values, vectors = np.linalg.eigh(here.hessian)
-        move = -vectors @ (vectors.T @ here.gradient / np.maximum(np.abs(values), 1e-2))
+        values, vectors = np.linalg.eigh(hessian)
+        move = -vectors @ (vectors.T @ gradient / np.maximum(np.abs(values), 1e-2))
         move *= min(1.0, LONGEST / max(float(np.abs(move).max()), 1e-300))
+        if np.max(np.abs(move)) < SETTLED / 10:
+            break
         for _ in range(HALVINGS):
-            there = evidence(eta + move)
+            there = evidence.at(here.eta + move)
             if there.value <= here.value:
                 break
             move = move / 2.0
         else:
             break
-        eta, here = eta + move, there
-        if np.max(np.abs(move)) < SETTLED / 10:
-            break
-    return eta, here
+        here = there
+        gradient, hessian = evidence.derivatives(here)
+    return here, hessian
 
 
-def _not_knowing(evidence: _Evidence, at: FloatArray, uncertainty: FloatArray) -> FloatArray:
+def _not_knowing(evidence: _Evidence, best: _Point, uncertainty: FloatArray) -> FloatArray:
     """What the scatter of the weights adds to the covariance of the free parameters.
 
     The mean over weights that are likely, by points whose mean and covariance are theirs.
     """
-    centre = evidence(at)
-    values, vectors = np.linalg.eigh(uncertainty * len(at))
-    root = vectors * np.sqrt(np.maximum(values, 0.0))
-    added = np.zeros((len(centre.step),) * 2)
-    for offset in (*root.T, *-root.T):
-        there = evidence(at + offset)
-        moved = there.step - centre.step
-        added += there.root.T @ there.root - centre.root.T @ centre.root + np.outer(moved, moved)
-    added /= 2 * len(at)
-    values, vectors = np.linalg.eigh(added)
+    values, vectors = np.linalg.eigh(uncertainty * len(best.eta))
+    added = np.zeros_like(best.covariance)
+    for offset in (vectors * np.sqrt(np.maximum(values, 0.0))).T:
+        for there in (evidence.at(best.eta + offset), evidence.at(best.eta - offset)):
+            moved = there.step - best.step
+            added += there.covariance - best.covariance + np.outer(moved, moved)
+    values, vectors = np.linalg.eigh(added / (2 * len(best.eta)))
     return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)
