@@ -143,12 +143,15 @@ def _on_noise(solution: Solution) -> list[str]:
                 f"the job says {text(assumed, block.unit, with_unit=True)}."
             )
     priors = {} if solution.weights is None else solution.weights.priors
-    for group, learned in priors.items():
-        # An arm that is better than was thought is no reason for care.
-        if learned.contradicted and learned.value > 1:
-            low, high = learned.interval
-            notes.append(
-                f"The {group} are {learned.value:.1f} ({low:.1f} to {high:.1f}) times as far off "
-                "as the job's priors say, and were given that room: state it, or fixed: true."
-            )
+    # An arm that is better than was thought is no reason for care.
+    narrow = [
+        f"{group} {learned.value:.1f} ({learned.interval[0]:.1f} to {learned.interval[1]:.1f})"
+        for group, learned in priors.items()
+        if learned.contradicted and learned.value > 1
+    ]
+    if narrow:
+        notes.append(
+            f"The arm is farther off than the job's priors say: {', '.join(narrow)} times. The fit "
+            "gave it that room: state wider priors, or keep these with fixed: true."
+        )
     return notes
