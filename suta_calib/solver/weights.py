@@ -39,6 +39,9 @@ FINEST: Final = 1e-6
 BLUNDERS: Final = 0.1
 # Logarithmic standard deviation of what must stay.
 FIXED: Final = 1e-6
+# Standard deviations, and the factor, from where on what was given is contradicted.
+SIGNIFICANT: Final = 3.0
+WORTH_A_WORD: Final = 2.0
 # Rows' weights, then noise and factors for them: so often at most, until they change by less.
 ROUNDS: Final = 10
 SETTLED: Final = 1e-3
@@ -60,16 +63,12 @@ class WeightOptions:
         common: of the factor common to all priors; a guess is right within one of ten.
         between: of a group's factor about the common one: whoever guesses one size too small is
             likely to guess the others so. Free factors would let groups of few parameters run away.
-        significance: standard deviations from where on data contradict what was given.
-        factor: the least factor that is worth a word.
     """
 
     stated: float = math.log(2.0)
     assumed: float = math.log(10.0)
     common: float = math.log(10.0)
     between: float = 0.2
-    significance: float = 3.0
-    factor: float = 2.0
 
 
 @dataclass(frozen=True)
@@ -80,13 +79,19 @@ class Learned:
         value: m or rad per component; of a factor, a number.
         log_std: standard deviation of its logarithm; zero where it was to stay as given.
         given: what the job says; None where it says nothing.
-        contradicted: whether the data contradict what was given.
     """
 
     value: float
     log_std: float
     given: float | None
-    contradicted: bool
+
+    @property
+    def contradicted(self) -> bool:
+        """Whether the data contradict what was given: surely, and by a factor worth a word."""
+        if self.given is None or not self.log_std:
+            return False
+        off = abs(math.log(self.value / self.given))
+        return off > max(SIGNIFICANT * self.log_std, math.log(WORTH_A_WORD))
 
     @property
     def interval(self) -> tuple[float, float]:
@@ -165,20 +170,26 @@ def learn_weights(
         for term in problem.terms
         for _ in term.blocks
     ]
+    known = [float(np.mean(block.known_sigma**2)) for block in blocks]
     given = np.concatenate([problem.assumed_sigmas(), np.ones(len(groups))])
-    belief = _hyperprior(problem, len(groups), options)
     noise, factors = slice(0, len(blocks)), slice(len(blocks), None)
+    before = [
+        FIXED if b.noise.fixed else options.assumed if b.noise.sigma is None else options.stated
+        for b in blocks
+    ]
+    covariance = np.diag(np.square([*before, *[options.between] * len(groups)]))
+    covariance[factors, factors] += options.common**2
+    belief = np.linalg.inv(covariance)
     eta, step = np.log(given), np.zeros(len(free))
     for _ in range(ROUNDS):
         energies, counts, beyond, held = [], [], [], [stays]
-        for r, t, log_sigma in zip(rows, trust, eta[noise], strict=True):
-            block, sigma = r.line.view.block, math.exp(log_sigma)
-            inside, outside, count = _of_rows(r, free, step, t, sigma)
+        for block, r, t, k, log_sigma in zip(blocks, rows, trust, known, eta[noise], strict=True):
+            inside, outside, count = _of_rows(r, free, step, t, math.exp(log_sigma))
             energies.append(inside)
             held.append(outside)
             counts.append(t * count * block.size)
-            spread = math.hypot(sigma, math.sqrt(float(np.mean(block.known_sigma**2))))
-            beyond.append((t * (len(block) - count), block.size, block.noise.huber / spread))
+            threshold = block.noise.huber / math.sqrt(math.exp(2.0 * log_sigma) + k)
+            beyond.append((t * (len(block) - count), block.size, threshold))
         for mine, log_factor in zip(members, eta[factors], strict=True):
             energies.append(_of_prior(precision * mine * math.exp(-2.0 * log_factor), away))
             counts.append(float(mine.sum()))
@@ -188,60 +199,29 @@ def learn_weights(
         if np.max(np.abs(best.eta)) < SETTLED:
             break
     uncertainty = np.asarray(np.linalg.inv(hessian), dtype=np.float64)
-    learned = _against_given(eta, uncertainty, problem, given, options)
+    values, stds = np.exp(eta), np.sqrt(np.diag(uncertainty))
     scale, added = np.ones(len(x)), np.zeros((len(x),) * 2)
-    for mine, log_factor in zip(members, eta[factors], strict=True):
-        scale[free[mine]] = math.exp(log_factor)
+    for mine, factor in zip(members, values[factors], strict=True):
+        scale[free[mine]] = factor
     # How far the weights scatter from data to data: what nothing was learned of is as given.
     told = uncertainty @ (hessian - belief) @ uncertainty
     added[np.ix_(free, free)] = _not_knowing(evidence, best, told)
-    known = [float(np.mean(b.known_sigma**2)) for b in blocks]
     return Weights(
-        tuple(learned[noise]),
-        dict(zip(groups, learned[factors], strict=True)),
         tuple(
-            math.sqrt((found.value**2 + k) / t - k)
-            for found, k, t in zip(learned[noise], known, trust, strict=True)
+            Learned(float(v), 0.0 if b.noise.fixed else float(std), b.noise.sigma)
+            for b, v, std in zip(blocks, values[noise], stds[noise], strict=True)
+        ),
+        {
+            group: Learned(float(v), float(std), 1.0)
+            for group, v, std in zip(groups, values[factors], stds[factors], strict=True)
+        },
+        tuple(
+            math.sqrt((v**2 + k) / t - k)
+            for v, k, t in zip(values[noise], known, trust, strict=True)
         ),
         scale,
         added,
     )
-
-
-def _hyperprior(problem: Problem, groups: int, options: WeightOptions) -> FloatArray:
-    """Precision (k, k) of the logarithms, before the data."""
-    stds = [
-        FIXED if b.noise.fixed else options.assumed if b.noise.sigma is None else options.stated
-        for b in problem.blocks
-    ]
-    covariance = np.diag([*np.square(stds), *np.full(groups, options.between**2)])
-    covariance[len(stds) :, len(stds) :] += options.common**2
-    return np.asarray(np.linalg.inv(covariance))
-
-
-def _against_given(
-    eta: FloatArray,
-    uncertainty: FloatArray,
-    problem: Problem,
-    given: FloatArray,
-    options: WeightOptions,
-) -> list[Learned]:
-    noises = [block.noise for block in problem.blocks]
-    found = []
-    for k, (log_value, log_std) in enumerate(zip(eta, np.sqrt(np.diag(uncertainty)), strict=True)):
-        stated = k >= len(noises) or noises[k].sigma is not None
-        fixed = k < len(noises) and noises[k].fixed
-        off = abs(log_value - math.log(given[k]))
-        least = max(options.significance * log_std, math.log(options.factor))
-        found.append(
-            Learned(
-                math.exp(log_value),
-                0.0 if fixed else float(log_std),
-                float(given[k]) if stated else None,
-                bool(stated and not fixed and off > least),
-            )
-        )
-    return found
 
 
 @dataclass(frozen=True, eq=False)
