@@ -149,11 +149,23 @@ def _beside_geometry(solution: Solution) -> list[str]:
 
 def _on_noise(solution: Solution) -> list[str]:
     notes = []
-    blocks = solution.problem.blocks
-    for block, assumed, found in zip(blocks, solution.sigmas, solution.noise, strict=True):
-        if block.noise.sigma is not None and not 1 / SURPRISING < found / assumed < SURPRISING:
+    for block, found in zip(solution.problem.blocks, solution.noise, strict=True):
+        assumed = block.noise.sigma
+        if assumed is not None and not 1 / SURPRISING < found / assumed < SURPRISING:
             notes.append(
                 f"The {block.name} residuals scatter by {text(found, block.unit, with_unit=True)}; "
                 f"the job says {text(assumed, block.unit, with_unit=True)}."
             )
+    priors = {} if solution.weights is None else solution.weights.priors
+    # An arm that is better than was thought is no reason for care.
+    narrow = [
+        f"{group} {learned.value:.1f} ({learned.interval[0]:.1f} to {learned.interval[1]:.1f})"
+        for group, learned in priors.items()
+        if learned.contradicted and learned.value > 1
+    ]
+    if narrow:
+        notes.append(
+            f"The arm is farther off than the job's priors say: {', '.join(narrow)} times. The fit "
+            "gave it that room: state wider priors, or keep these with fixed: true."
+        )
     return notes

@@ -90,9 +90,10 @@ def find_cause(solution: Solution, options: CauseOptions = CauseOptions()) -> Ca
         The first reading, by how well it agrees with the nominal arm, whose fit is far better than
         the present one; None where there is none.
     """
-    problem = solution.problem
-    if problem.arm is None:
+    if solution.problem.arm is None:
         return None
+    # Readings are told apart by what the job gives: wrong ones widen priors until they fit.
+    problem = Problem(solution.problem.terms, solution.problem.arm_parameters)
     cap = options.cap * _level(problem, solution.x)
     present = misfit(problem, solution.x, cap)
     explained = min(present / options.far_better, options.explained * problem.assumed_sigmas()[0])
@@ -105,7 +106,7 @@ def find_cause(solution: Solution, options: CauseOptions = CauseOptions()) -> Ca
     first = sorted((each for each in readings if each[2] < limit), key=lambda each: each[2])
     hopeful = [(sentence, terms) for sentence, terms, _ in first[: options.fitted]]
     # The nominal arm is too coarse to rank this one.
-    few = SolverOptions(starts=1, max_iterations=50)
+    few = SolverOptions(starts=1, max_iterations=50, weights=None)
     for sentence, terms in [*hopeful, *_moved(problem.terms)]:
         with suppress(SutaCalibError):
             again = solve(Problem(terms, problem.arm_parameters), few)

@@ -100,9 +100,8 @@ def contradictions(
 def _residuals(solution: Solution, options: ContradictionOptions) -> Iterator[Contradiction]:
     """Of each block against the noise that is stated, and against one another."""
     problem = solution.problem
-    for line, assumed in zip(
-        problem.linearise(solution.x, solution.sigmas), solution.sigmas, strict=True
-    ):
+    sigmas = problem.assumed_sigmas()
+    for line, assumed in zip(problem.linearise(solution.x, sigmas), sigmas, strict=True):
         block, level = line.view.block, robust_level(line.residual)
         given = block.noise.sigma is not None
         expected = float(np.median(line.sigma))

@@ -197,8 +197,8 @@ def read_term(arm: ArmModel, row: ObservationSpec, job: Path, *, fitted: bool = 
     samples = read_arm_samples(arm, row.sample_files, row.kind)
     setup = Setup(
         None if row.artefact is None else read_artefact(row.artefact),
-        _noise(row.sigma_m, row.huber_m),
-        _noise(row.sigma_rad, row.huber_rad),
+        _noise(row.sigma_m, row.huber_m, row.sigma_fixed),
+        _noise(row.sigma_rad, row.huber_rad, row.sigma_fixed),
         row.label,
         Seating(row.clearance_m, row.clearance_rad) if row.seated else None,
         row.settings,
@@ -276,5 +276,5 @@ def _placed(error: InputError, job: Path, line: int | None) -> InputError:
     return error if error.file is not None else JobError.of(error, job, line)
 
 
-def _noise(sigma: float | None, huber: float | None) -> Noise:
-    return Noise(sigma, math.inf if huber is None else huber)
+def _noise(sigma: float | None, huber: float | None, fixed: bool) -> Noise:
+    return Noise(sigma, math.inf if huber is None else huber, fixed and sigma is not None)

@@ -21,6 +21,7 @@ from suta_calib.pose_calibration.consensus import DIMENSION, FALSE_ALARM, Consen
 from suta_calib.pose_calibration.serial_correlation import blocks
 from suta_calib.solver.covariance import observed_covariance, predicted_covariance
 from suta_calib.solver.information import Information, whitened_rows
+from suta_calib.solver.ipopt import SolverOptions
 from suta_calib.solver.losses import huber_threshold
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
@@ -206,7 +207,9 @@ def _settled(
     for round_ in range(MAX_ROUNDS):
         assumed = [float(s) for s in np.maximum(sigmas, least)]
         noises = [Noise(s, THRESHOLD * s) if robust else Noise(s) for s in assumed]
-        solution = solve(Problem([make(np.flatnonzero(inliers), noises)]))
+        # The levels that weigh the blocks are learned here, round by round.
+        problem = Problem([make(np.flatnonzero(inliers), noises)])
+        solution = solve(problem, SolverOptions(weights=None))
         if revise is not None:
             revise(solution.values, inliers)
         residuals = evaluate(make(everything, noises), solution.values)

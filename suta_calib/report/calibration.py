@@ -33,8 +33,9 @@ from suta_calib.report.observability import MOST_SENTENCES, explained, unobserva
 from suta_calib.report.parameters import PARAMETERS, left_out, outcomes
 from suta_calib.solver.ipopt import Minimum
 from suta_calib.solver.solution import Solution
+from suta_calib.solver.weights import Learned
 from suta_calib.terms.block import Block
-from suta_calib.units import Unit, unit_name
+from suta_calib.units import Unit, text, unit_name
 from suta_calib.words import combination
 
 NAME: Final = "result"
@@ -53,6 +54,7 @@ class BlockNoise:
         block: of residuals.
         assumed: standard deviation of one component, m or rad.
         found: the same; None where the solution did not converge.
+        interval: where it is with a chance of 95 %; None where it was weighed against nothing.
     """
 
     kind: str
@@ -60,10 +62,15 @@ class BlockNoise:
     block: Block
     assumed: float
     found: float | None
+    interval: tuple[float, float] | None
 
 
 def _unit(row: BlockNoise) -> Unit:
     return row.block.unit
+
+
+def _between(interval: tuple[float, float], unit: Unit | None = None) -> str:
+    return " … ".join(f"{end:.2f}" if unit is None else text(end, unit) for end in interval)
 
 
 NOISE: Final = Listing[BlockNoise](
@@ -81,6 +88,23 @@ NOISE: Final = Listing[BlockNoise](
         cell=lambda row: "default" if row.block.noise.sigma is None else "the job",
     ),
     Column("found", "found", unit=_unit, si=True),
+    Column(
+        "interval",
+        "95 %",
+        unit=_unit,
+        si=True,
+        optional=True,
+        cell=lambda row: _between(row.interval, row.block.unit) if row.interval else "",
+    ),
+)
+PRIORS: Final = Listing[tuple[str, Learned]](
+    "Priors",
+    Column("group", "of", lambda row: row[0]),
+    Column("factor", "times what the job gives", lambda row: row[1].value, form=".2f"),
+    Column(
+        "interval", "95 %", lambda row: row[1].interval, cell=lambda row: _between(row[1].interval)
+    ),
+    Column("contradicted", None, lambda row: row[1].contradicted),
 )
 STARTS: Final = Listing[tuple[int, Minimum]](
     "How it was computed",
@@ -231,6 +255,14 @@ def _noise_and_correlations(result: CalibrationResult) -> Iterator[Part]:
         place="page",
         look="soft",
     )
+    if priors := _priors(result):
+        yield ShownOnly(PRIORS.of(priors), "page")
+        yield Text(
+            "How wide priors are is learned with the noise, from the evidence of the data; "
+            "fixed: true beside a prior or a noise level keeps it.",
+            place="page",
+            look="soft",
+        )
     names, matrix = solution.correlation(arm=True) if solution.converged else ((), np.eye(0))
     if len(names) < 2:
         return
@@ -305,6 +337,7 @@ def _data(result: CalibrationResult) -> Json:
         "timing_s": timing,
         **_matrices(solution),
         "noise": NOISE.records(_noise(result)),
+        "priors": PRIORS.records(_priors(result)),
         "solver": {"name": "IPOPT", **best, "starts": starts},
         "versions": versions(),
     }
@@ -345,12 +378,24 @@ def _matrices(solution: Solution) -> Mapping[str, Any]:
 
 def _noise(result: CalibrationResult) -> list[BlockNoise]:
     solution = result.solution
+    intervals = (
+        [None] * len(solution.noise)
+        if solution.weights is None
+        else [found.interval for found in solution.weights.noise]
+    )
     blocks = [
         (term.term.kind, label, block)
         for label, term in result.labelled_terms["calibration"]
         for block in term.term.blocks
     ]
     return [
-        BlockNoise(*block, assumed, found if solution.converged else None)
-        for block, assumed, found in zip(blocks, solution.sigmas, solution.noise, strict=True)
+        BlockNoise(*block, assumed, found if solution.converged else None, interval)
+        for block, assumed, found, interval in zip(
+            blocks, solution.problem.assumed_sigmas(), solution.noise, intervals, strict=True
+        )
     ]
+
+
+def _priors(result: CalibrationResult) -> list[tuple[str, Learned]]:
+    weights = result.solution.weights
+    return [] if weights is None else list(weights.priors.items())

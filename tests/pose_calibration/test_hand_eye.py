@@ -22,6 +22,7 @@ from suta_calib.arrays import FloatArray
 from suta_calib.geometry.numbers import rotation_from_vector, vector_from_rotation
 from suta_calib.pose_calibration.hand_eye import calibrate_hand_eye
 from suta_calib.pose_calibration.robot_noise import estimate_robot_noise_fraction
+from suta_calib.solver.ipopt import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solve import solve
 from suta_calib.terms import HandEye, MeasuredPoses, Noise
@@ -128,9 +129,8 @@ def with_robot_noise_fraction(data: Simulated[HandEye], share: float) -> FloatAr
     """Error of X (m) and of its orientation (rad) for a share that is decreed."""
     samples = data.term.poses.samples
     noises = [Noise(NOISE.position), Noise(NOISE.rotation)]
-    values = solve(
-        Problem([HandEye(MeasuredPoses(*data.poses, samples), *noises, robot_noise_fraction=share)])
-    ).values
+    term = HandEye(MeasuredPoses(*data.poses, samples), *noises, robot_noise_fraction=share)
+    values = solve(Problem([term]), SolverOptions(weights=None)).values
     vector = np.array([values[f"hand_eye.{key}"] for key in ("x", "y", "z", "rx", "ry", "rz")])
     R, p = data.true_pose("hand_eye")
     return np.array([np.linalg.norm(vector[:3] - p), angle(rotation_from_vector(vector[3:]), R)])
