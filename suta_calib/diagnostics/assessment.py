@@ -10,9 +10,10 @@ from suta_calib.assessment import Assessment
 from suta_calib.diagnostics.accuracy import Accuracy
 from suta_calib.diagnostics.causes import find_cause
 from suta_calib.diagnostics.contradictions import contradictions, dead_joints
+from suta_calib.diagnostics.explanation import Told, explain_solution
 from suta_calib.diagnostics.repeats import lack_of_fit
 from suta_calib.diagnostics.score_tests import score_tests
-from suta_calib.solver.solution import Solution, State
+from suta_calib.solver.solution import Solution
 from suta_calib.units import text
 from suta_calib.words import listed
 
@@ -80,13 +81,17 @@ def _cause(solution: Solution) -> list[str]:
 
 
 def _on_parameters(solution: Solution) -> list[str]:
-    states: dict[State, list[str]] = {}
-    for name, estimate in solution.arm_estimates.items():
-        states.setdefault(estimate.state, []).append(name)
-    notes = []
-    if held := states.get("unidentified"):
-        notes.append(f"These data cannot tell {listed(held)}: held at nominal.")
-    if bounded := states.get("at_bound"):
+    """What other data would tell, by what to measure; and what ended at a bound."""
+    by_remedy: dict[tuple[Told, str], list[str]] = {}
+    for each in explain_solution(solution):
+        if each.told != "redundant":
+            by_remedy.setdefault((each.told, each.remedy), []).append(each.fixed)
+    how = {"untold": "do not tell", "badly told": "tell too little to estimate"}
+    notes = [
+        f"These data {how[told]} {listed(names)}: held at nominal. To know more: {remedy}."
+        for (told, remedy), names in by_remedy.items()
+    ]
+    if bounded := [n for n, e in solution.arm_estimates.items() if e.state == "at_bound"]:
         notes.append(
             f"{listed(bounded)} ended at a bound: widen it, or look for the wrong unit or "
             "the wrong artefact."

@@ -16,6 +16,7 @@ from typing import Any, Final
 import numpy as np
 
 from suta_calib.diagnostics.accuracy import TermAccuracy
+from suta_calib.diagnostics.explanation import redundant_names
 from suta_calib.job.calibration import CalibrationResult
 from suta_calib.report import calibration_plots as plots
 from suta_calib.report.document import Document, Figure, File, Folded, Part, Place, ShownOnly, Text
@@ -29,7 +30,12 @@ from suta_calib.report.errors import (
     residual_rows,
 )
 from suta_calib.report.listing import Column, Json, Listing, csv_text
-from suta_calib.report.observability import MOST_SENTENCES, explained, unobservable
+from suta_calib.report.observability import (
+    EXPLANATIONS,
+    MOST_SENTENCES,
+    explained,
+    unobservable,
+)
 from suta_calib.report.parameters import PARAMETERS, left_out, outcomes
 from suta_calib.solver.ipopt import Minimum
 from suta_calib.solver.solution import Solution
@@ -138,7 +144,8 @@ def _parameters(result: CalibrationResult, *, verbose: bool) -> Iterator[Part]:
         yield from left_out(len(arm) - len(worth_showing), [row.estimate for row in own])
     yield ShownOnly(PARAMETERS.of(arm), "page")
     yield Text(
-        "“unidentified”: the data cannot tell it, it stays at nominal. “prior”: mostly known "
+        "“redundant”: no data of these kinds could tell it; nominal is a convention. "
+        "“unidentified”: other data would tell it; it stays at nominal. “prior”: mostly known "
         "beforehand. A value with an entry under “given” has its meaning only relative to the "
         "parameters named there.",
         place="page",
@@ -184,10 +191,13 @@ def _untold(result: CalibrationResult) -> Iterator[Part]:
     if solution.converged:
         arm = set(solution.problem.names[: solution.problem.arm_count])
         of_arm = [e for e in result.explanations if e.fixed in arm or not arm]
-        place: Place = "everywhere" if of_arm else "page"
+        untold = any(e.told != "redundant" for e in of_arm)
+        place: Place = "everywhere" if untold else "page"
         yield Text("What these data cannot tell", place=place, look="heading")
         yield from explained(of_arm, "console", MOST_SENTENCES)
         yield from explained(result.explanations, "page")
+        redundant = [e for e in result.explanations if e.told == "redundant"]
+        yield Folded(EXPLANATIONS.of(redundant, f"Why they are redundant ({len(redundant)})"))
         if not result.explanations:
             yield Text("Nothing that was asked: every parameter could be estimated.", place="page")
         several = [name for name, c in zip(named, combinations, strict=True) if not c.alone]
@@ -293,6 +303,7 @@ def _data(result: CalibrationResult) -> Json:
         "job": result.job.spec.path.name,
         "parameters": PARAMETERS.records(outcomes(solution)),
         "unidentified": solution.unidentified,
+        "redundant": redundant_names(result.explanations),
         "unobservable": unobservable(solution.identification),
         # Samples that rows of the job leave out by name.
         "excluded": [
