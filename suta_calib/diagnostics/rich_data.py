@@ -34,9 +34,10 @@ APART: Final = 0.1
 # What an angle is worth beside a length, m: the size of a tool or an artefact.
 LEVER: Final = 0.25
 # Information, relative to the largest, that so much data leaves only to what is null to rounding.
+# What is not, but is told worse by them than is plausible anyway, is open as well.
 NULL: Final = 1e-10
-# Motion, m per plausible change, that is none.
-STILL: Final = 1e-6
+# Of the motion of a direction's parts, what their sum may leave to be no motion.
+STILL: Final = 1e-2
 # From a target that a touch may be, m.
 REACHED: Final = 1e-9
 
@@ -150,7 +151,7 @@ class RichData:
         )
         prior = self._problem.prior_precision()[self._free] * self.unit**2
         values, vectors = np.linalg.eigh(information + np.diag(prior))
-        null = vectors[:, values <= NULL * values[-1]]
+        null = vectors[:, values <= max(NULL * values[-1], 1.0)]
         table = problem.evaluation.table
         motion = table.velocity[:, self._free].reshape(-1, 6, len(self.unit)) * self.unit
         rotation = np.swapaxes(table.rotation.reshape(-1, 3, 3), 1, 2)
@@ -167,7 +168,9 @@ class RichData:
         )
         moved = moved - rigid @ (np.linalg.pinv(rigid) @ moved)
         _, size, turn = np.linalg.svd(moved, full_matrices=False)
-        return null @ turn[size < STILL * np.sqrt(len(motion))].T, information
+        directions = null @ turn.T
+        parts = np.linalg.norm(motion, axis=(0, 1)) @ np.abs(directions)
+        return directions[:, size <= STILL * parts], information
 
     @property
     def redundant(self) -> FloatArray:
