@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -92,10 +92,16 @@ class TermAccuracy:
 
 @dataclass(frozen=True, eq=False)
 class Accuracy:
-    """Errors of the fitted terms and of the held-out ones."""
+    """Errors of the fitted terms and of the held-out ones.
+
+    Attributes:
+        calibration, validation: one for each term.
+        held_out_values: of the held-out terms' parameters, with the calibrated arm, m or rad.
+    """
 
     calibration: tuple[TermAccuracy, ...]
     validation: tuple[TermAccuracy, ...]
+    held_out_values: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def worse(self) -> bool:
@@ -128,11 +134,9 @@ def assess(solution: Solution, validation: Sequence[Term] = ()) -> Accuracy:
     calibration = term_accuracies(problem.terms, *found)
     if not validation:
         return Accuracy(calibration, ())
-    held_out = (
-        block_residuals(validation, arm, fit_own(validation, arm, values))
-        for values in (before, after)
-    )
-    return Accuracy(calibration, term_accuracies(validation, *held_out))
+    before, after = (fit_own(validation, arm, values) for values in (before, after))
+    found = (block_residuals(validation, arm, values) for values in (before, after))
+    return Accuracy(calibration, term_accuracies(validation, *found), after)
 
 
 def fit_own(

@@ -17,8 +17,6 @@ from suta_calib.solver.solution import Solution
 from suta_calib.units import text
 from suta_calib.words import listed
 
-# Noise that differs from what the job states by more than this factor deserves a word.
-SURPRISING: Final = 2.0
 # Residuals over the scatter of repeats from which a model is said to lack something.
 LACKING: Final = 1.5
 # Equations beyond the unknowns from which on residuals tell the noise to a third or so.
@@ -38,8 +36,7 @@ def assess_calibration(solution: Solution, accuracy: Accuracy) -> Assessment:
     """
     if not solution.converged:
         return Assessment("bad", solution.sentence, tuple(_cause(solution)))
-    held_out = [each.term for each in accuracy.validation]
-    found = contradictions(solution, held_out)
+    found = contradictions(solution, accuracy)
     worse = "The calibrated arm is worse than the nominal one on the validation data."
     fitted_only = "There are no validation data: the errors shown are those of the fitted data."
     return Assessment.of(
@@ -63,7 +60,6 @@ def assess_calibration(solution: Solution, accuracy: Accuracy) -> Assessment:
                 if fit.ratio > LACKING
             ),
             *_beside_geometry(solution),
-            *_on_noise(solution),
         ],
     )
 
@@ -131,16 +127,4 @@ def _beside_geometry(solution: Solution) -> list[str]:
             f"The residuals of {suspect.joint} look like {what}: run suta-calib extend, which says "
             "whether such a term predicts left-out data better."
         )
-    return notes
-
-
-def _on_noise(solution: Solution) -> list[str]:
-    notes = []
-    blocks = solution.problem.blocks
-    for block, assumed, found in zip(blocks, solution.sigmas, solution.noise, strict=True):
-        if block.noise.sigma is not None and not 1 / SURPRISING < found / assumed < SURPRISING:
-            notes.append(
-                f"The {block.name} residuals scatter by {text(found, block.unit, with_unit=True)}; "
-                f"the job says {text(assumed, block.unit, with_unit=True)}."
-            )
     return notes

@@ -15,8 +15,10 @@ from typing import Any, Final
 
 import numpy as np
 
+from suta_calib.arrays import FloatArray
 from suta_calib.diagnostics.accuracy import TermAccuracy
 from suta_calib.diagnostics.explanation import redundant_names
+from suta_calib.diagnostics.held_out import PROBABILITIES, HeldOutErrors, held_out_errors
 from suta_calib.job.calibration import CalibrationResult
 from suta_calib.report import calibration_plots as plots
 from suta_calib.report.document import Document, Figure, File, Folded, Part, Place, ShownOnly, Text
@@ -87,6 +89,69 @@ NOISE: Final = Listing[BlockNoise](
         cell=lambda row: "default" if row.block.noise.sigma is None else "the job",
     ),
     Column("found", "found", unit=_unit, si=True),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class HeldOutRow:
+    """Held-out errors of one block, and the label of the job's row.
+
+    Attributes:
+        label: of the row.
+        errors: against their prediction.
+    """
+
+    label: str
+    errors: HeldOutErrors
+
+    @property
+    def unit(self) -> Unit:
+        """Of the errors: m or rad."""
+        return self.errors.unit
+
+
+def _rms(values: FloatArray) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def _within(probability: float) -> Column[HeldOutRow]:
+    def shown(row: HeldOutRow) -> str:
+        found = row.errors.coverage(probability)
+        return f"{100 * found.share:.0f} ± {100 * found.std:.0f} %"
+
+    return Column(
+        f"within_{100 * probability:.0f}",
+        f"within {100 * probability:.0f} %",
+        lambda row: row.errors.coverage(probability).share,
+        "%",
+        cell=shown,
+    )
+
+
+HELD_OUT: Final = Listing[HeldOutRow](
+    "Held-out errors, of one component, against what was predicted",
+    Column("kind", "of", lambda row: row.errors.term.kind),
+    Column("label"),
+    Column("block", "", lambda row: row.errors.name),
+    Column("unit", "unit", cell=lambda row: unit_name(row.unit)),
+    Column("std", "found", lambda row: _rms(row.errors.residual), lambda row: row.unit, si=True),
+    Column(
+        "predicted_std",
+        "predicted",
+        lambda row: _rms(row.errors.predicted),
+        lambda row: row.unit,
+        si=True,
+    ),
+    Column(
+        "parameters_std",
+        "by parameters",
+        lambda row: _rms(row.errors.by_parameters),
+        lambda row: row.unit,
+        si=True,
+    ),
+    *map(_within, PROBABILITIES),
+    Column("each_predicted_std", None, lambda row: row.errors.predicted),
+    key="held_out",
 )
 STARTS: Final = Listing[tuple[int, Minimum]](
     "How it was computed",
@@ -174,6 +239,20 @@ def _errors(result: CalibrationResult) -> Iterator[Part]:
         place="page",
         look="soft",
     )
+    if result.solution.converged:
+        found = held_out_errors(result.solution, accuracy)
+        yield HELD_OUT.of(
+            HeldOutRow(label, each)
+            for label, term in result.labelled_terms["validation"]
+            for each in found
+            if each.term is term.term
+        )
+        yield Text(
+            "Predicted: the scatter of the fitted errors, which holds what the model lacks, and "
+            "the covariance of the parameters. As many errors as named should be within.",
+            place="page",
+            look="soft",
+        )
     # Held-out errors are what a user of the arm will see: they come first.
     for name in ("validation", "calibration"):
         for k, errors in enumerate(by_kind(sets[name])):
