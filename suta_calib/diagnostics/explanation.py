@@ -102,7 +102,8 @@ class _Case:
             known = f"; to know it, {' or '.join(good)}" if good else ""
             return Explanation(self.fixed, sentence, f"{_NO_REMEDY}{known}", "redundant")
         if not good:
-            good = [f"add {kind.kind}" for kind in KINDS.values() if self._told_by(self._any(kind))]
+            kinds = [kind.kind for kind in KINDS.values() if self._told_by(self._any(kind))]
+            good = [f"add {' or '.join(kinds)}"] if kinds else []
         remedy = " or ".join(good[:_MOST_ADVICE]) or "hold it by a prior"
         told: Told = "badly told" if self.spread < self.parameter.plausible else "untold"
         return Explanation(self.fixed, sentence, remedy, told)

@@ -19,7 +19,7 @@ from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.geometry.numbers import skew
 from suta_calib.measurements import Artefact, Landmark, Samples
 from suta_calib.simulation.inverse_kinematics import InverseKinematics, Targets
-from suta_calib.solver.identifiability import schur_complement
+from suta_calib.solver.identifiability import WEAK, schur_complement
 from suta_calib.solver.information import whitened_rows
 from suta_calib.solver.problem import Problem
 from suta_calib.terms import ArmPoses, Noise, Observed, PoseSource, Seating, Setup, Term
@@ -34,10 +34,9 @@ APART: Final = 0.1
 # What an angle is worth beside a length, m: the size of a tool or an artefact.
 LEVER: Final = 0.25
 # Information, relative to the largest, that so much data leaves only to what is null to rounding.
-# What is not, but is told worse by them than is plausible anyway, is open as well.
 NULL: Final = 1e-10
 # Of the motion of a direction's parts, what their sum may leave to be no motion.
-STILL: Final = 1e-2
+STILL: Final = 0.05
 # From a target that a touch may be, m.
 REACHED: Final = 1e-9
 
@@ -144,14 +143,17 @@ class RichData:
 
     @cached_property
     def _same(self) -> tuple[FloatArray, FloatArray]:
-        """Of the problem's own sorts: redundant directions, and information."""
+        """Of the problem's own sorts: redundant directions, and information.
+
+        Open is what even rich data tell so badly that it would be held.
+        """
         sorts = [Sort.of(term) for term in self._problem.terms]
         problem, information = self._observed(
             [s for k, s in enumerate(sorts) if s not in sorts[:k]]
         )
         prior = self._problem.prior_precision()[self._free] * self.unit**2
         values, vectors = np.linalg.eigh(information + np.diag(prior))
-        null = vectors[:, values <= max(NULL * values[-1], 1.0)]
+        null = vectors[:, values <= max(NULL * values[-1], WEAK**-2)]
         table = problem.evaluation.table
         motion = table.velocity[:, self._free].reshape(-1, 6, len(self.unit)) * self.unit
         rotation = np.swapaxes(table.rotation.reshape(-1, 3, 3), 1, 2)
