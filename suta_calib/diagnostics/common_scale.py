@@ -25,12 +25,13 @@ from suta_calib.terms import Term
 
 # Step of the numerical derivative, relative.
 STEP: Final = 1e-6
-# Standard deviation from which on the data do not tell a factor.
+# Standard deviation from which on the data do not tell a factor: were every length 0, there would
+# be no residuals, and that much information they pretend.
 UNTOLD: Final = 0.01
 # Lengths of an arm shorter than that are no measure of its size, m.
 SHORTEST: Final = 0.02
-# Fewer lengths may grow by one factor by chance.
-FEWEST: Final = 3
+# One length alone has no evenness.
+FEWEST: Final = 2
 
 
 @dataclass(frozen=True)

@@ -30,10 +30,11 @@ class ContradictionOptions:
         residual: residuals' level over the noise that the job states, or that is assumed: ten times
             as much is no matter of a careful or a careless hand.
         residual_care: the same of a stated level, from which on it must be known.
-        gross_level: times the level of all beyond which a row is gross: one in 10⁹ of normal noise,
-            and a hand's measurement some in a hundred.
+        gross_level: times the level of most beyond which a row is gross: normal noise has one in a
+            million, a hand's measurement some in a hundred.
         gross_care, gross_bad: shares of them from which on it must be known, and that no touch
             explains.
+        gross_plain: the same share as the first where plain least squares follow every row.
         pull, pull_care: parameters this many prior standard deviations from nominal; two in 10⁶ of
             what a prior means is five off.
         held_out, held_out_care: held-out errors over what noise and covariance make one expect;
@@ -41,8 +42,10 @@ class ContradictionOptions:
         significance: standard errors that a ratio must be off before it says anything.
         scale, scale_care: a common factor on all lengths of an artefact or an instrument, or of the
             arm: half a per cent moves a tip at arm's length by millimetres.
+        scale_most: beyond which it is no scale, but data that do not fit.
         scale_significance: standard deviations that it must be off.
-        scale_of_arm: the same of the arm's lengths, which say it only by growing evenly.
+        scale_of_arm: the same of the arm's lengths, which say it only by growing evenly: one chance
+            in twenty, of arms whose lengths are off by ``scale``.
         scale_gain: share of the priors' pulls or the residuals that it must explain.
         starts: share of the starts that must end in the same minimum.
         travel: of a joint, rad, below which it is as good as dead where others move ten times more.
@@ -50,9 +53,10 @@ class ContradictionOptions:
 
     residual: float = 10.0
     residual_care: float = 3.0
-    gross_level: float = 6.0
+    gross_level: float = 5.0
     gross_care: float = 0.1
     gross_bad: float = 0.35
+    gross_plain: float = 0.02
     pull: float = 10.0
     pull_care: float = 5.0
     held_out: float = 3.0
@@ -60,8 +64,9 @@ class ContradictionOptions:
     significance: float = 4.0
     scale: float = 5e-3
     scale_care: float = 2e-3
+    scale_most: float = 0.1
     scale_significance: float = 4.0
-    scale_of_arm: float = 3.0
+    scale_of_arm: float = 2.0
     scale_gain: float = 0.5
     starts: float = 0.5
     travel: float = 1e-4
@@ -90,10 +95,12 @@ def contradictions(
         accuracy: its errors, held-out ones among them.
         options: from where on it counts.
     """
+    residuals = list(_residuals(solution, options))
     found = [
-        *_residuals(solution, options),
+        *residuals,
         *_held_out(held_out_errors(solution, accuracy), options),
-        *_scales(solution, options),
+        # What does not fit at all has no scale.
+        *([] if any(each.bad for each in residuals) else _scales(solution, options)),
         *_priors(solution, options),
         *dead_joints(solution, options),
         *_repeated(solution, [each.term for each in accuracy.validation]),
@@ -133,13 +140,18 @@ def _residuals(solution: Solution, options: ContradictionOptions) -> Iterator[Co
                 "much.",
             )
         norms = np.linalg.norm(line.residual, axis=1) / math.sqrt(line.residual.shape[1])
-        share = float(np.mean(norms > options.gross_level * max(level, 1e-12)))
-        if share > options.gross_care and level > 1e-9:
+        # Three gross touches of ten are in half of all distances: the best quarter says what most
+        # would be.
+        sound = robust_level(line.residual, 0.25)
+        share = float(np.mean(norms > options.gross_level * max(sound, 1e-12)))
+        plain = math.isinf(block.noise.huber)
+        if share > (options.gross_plain if plain else options.gross_care) and level > 1e-9:
             yield Contradiction(
                 share > options.gross_bad,
                 f"{100 * share:.0f} % of the {block.name} residuals are more than "
                 f"{options.gross_level:.0f} times as large as most: run suta-calib outliers, which "
-                "says what they have in common.",
+                "says what they have in common"
+                + (", and give huber_mm, so that they are believed less." if plain else "."),
             )
 
 

@@ -37,20 +37,24 @@ FARTHEST: Final = 4.0
 PROBABILITIES: Final = (0.68, 0.95)
 
 
-def robust_level(residual: FloatArray) -> float:
-    """Standard deviation of one component of residuals (n, d) by the median of their norms.
+def robust_level(residual: FloatArray, share: float = 0.5) -> float:
+    """Standard deviation of one component of residuals (n, d) by a quantile of their norms.
 
-    Half of the rows may be grossly wrong. NaN without rows.
+    By the median, half of the rows may be grossly wrong. NaN without rows.
+
+    Args:
+        residual: (n, d).
+        share: of the rows, the smaller ones, that are believed.
     """
     if not len(residual):
         return math.nan
-    squared = np.median(np.einsum("nd,nd->n", residual, residual))
-    return float(np.sqrt(squared / median_squared(residual.shape[1])))
+    squared = np.quantile(np.einsum("nd,nd->n", residual, residual), share)
+    return float(np.sqrt(squared / normal_squared(residual.shape[1], share)))
 
 
-def median_squared(size: int) -> float:
-    """Median of the squared norm of ``size`` standard normal components."""
-    return float(2.0 * gammaincinv(size / 2.0, 0.5))
+def normal_squared(size: int, probability: float = 0.5) -> float:
+    """Quantile of the squared norm of ``size`` standard normal components."""
+    return float(2.0 * gammaincinv(size / 2.0, probability))
 
 
 @dataclass(frozen=True)
@@ -112,7 +116,7 @@ class HeldOutErrors:
     def ratio(self) -> float:
         """How many times the errors are what is predicted, by the median."""
         size = self.residual.shape[1]
-        return float(np.sqrt(np.median(self.normalised**2) / median_squared(size)))
+        return float(np.sqrt(np.median(self.normalised**2) / normal_squared(size)))
 
     @property
     def ratio_std(self) -> float:
@@ -125,7 +129,7 @@ class HeldOutErrors:
         Args:
             probability: 0 to 1.
         """
-        within = self.normalised**2 <= 2.0 * gammaincinv(self.residual.shape[1] / 2.0, probability)
+        within = self.normalised**2 <= normal_squared(self.residual.shape[1], probability)
         share = float(np.mean(within))
         # The share that was hoped for scatters; the one that was found may do so by chance less.
         off = np.bincount(self.places, within - probability)

@@ -40,7 +40,7 @@ from suta_calib.diagnostics.causes import find_cause
 from suta_calib.diagnostics.held_out import (
     PROBABILITIES,
     held_out_errors,
-    median_squared,
+    normal_squared,
     robust_level,
 )
 from suta_calib.errors import SamplesError
@@ -171,6 +171,73 @@ def test_a_dead_encoder_is_refused_and_named(scenes: tuple[Scene, Scene]) -> Non
     assert "joint_4 reads the same in every row" in " ".join(found.notes)
 
 
+@pytest.fixture(scope="module")
+def touches() -> Scene:
+    """Landmarks touched at four placements, each placement a file."""
+    arm = arm_named("suta")
+    return artefact_scene("landmark", arm, truth_of(arm), artefact(7, tilt=0.3), placements(4))
+
+
+def in_files(samples: Samples) -> Samples:
+    """A file for each placement."""
+    rows = enumerate(samples.labels["placement"])
+    return replace(samples, origin=tuple(f"{place}.csv:{row}" for row, place in rows))
+
+
+def labels_late(rows: int, samples: Samples) -> Samples:
+    """What was touched stands some rows too late, in the first two files."""
+    parts = []
+    for place in dict.fromkeys(samples.labels["placement"].tolist()):
+        mine = samples.take(samples.labels["placement"] == place)
+        by = rows if place in ("P0", "P1") else 0
+        kept = np.arange(len(mine) - by)
+        parts.append(replace(mine.take(kept), q=mine.q[kept + by]))
+    return Samples.concatenate(parts)
+
+
+@pytest.mark.parametrize(
+    ("rows", "cause"), [(1, "one row late in P0.csv"), (0, ""), (-1, "the opposite order")]
+)
+def test_what_was_touched_in_another_order_is_named(touches: Scene, rows: int, cause: str) -> None:
+    samples = in_files(touches.samples(NOISE)[0])
+    if rows < 0:
+        samples = replace(samples, q=samples.q.reshape(4, 7, -1)[:, ::-1].reshape(28, -1))
+    elif rows:
+        late_files = labels_late(rows, samples)
+        first = late_files.labels["placement"] == "P0"
+        others = samples.take(samples.labels["placement"] != "P0")
+        samples = Samples.concatenate([late_files.take(first), others])
+    solution = solve(Problem([touches.term(samples)], unknowns(touches.arm, priors=False)), ONCE)
+    said = " ".join(assess_calibration(solution, assess(solution)).notes)
+    assert cause in said
+    assert ("far better" in said) == bool(cause)
+
+
+def test_a_mirrored_artefact_is_named(touches: Scene) -> None:
+    assert touches.artefact is not None
+    marks = {
+        name: replace(mark, position=mark.position * [-1.0, 1.0, 1.0])
+        for name, mark in touches.artefact.landmarks.items()
+    }
+    lie = replace(touches, artefact=Artefact("mirrored", marks))
+    term = lie.term(in_files(touches.samples(NOISE)[0]))
+    solution = solve(Problem([term], unknowns(touches.arm, priors=False)), ONCE)
+    found = assess_calibration(solution, assess(solution))
+    assert not found.usable
+    assert "the artefact is mirrored" in " ".join(found.notes)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.2])
+def test_gross_rows_that_least_squares_follow_are_said(
+    scenes: tuple[Scene, Scene], share: float
+) -> None:
+    seeing = scenes[0]
+    samples = seeing.samples(replace(NOISE, outliers=share), seed=3)[0]
+    solution = solve(Problem([seeing.term(samples)], unknowns(seeing.arm, priors=False)), ONCE)
+    said = " ".join(assess_calibration(solution, assess(solution)).notes)
+    assert ("run suta-calib outliers" in said) == (share > 0)
+
+
 def test_an_instrument_that_was_moved_before_the_held_out_rows_is_said(
     scenes: tuple[Scene, Scene],
 ) -> None:
@@ -216,7 +283,7 @@ def test_a_robust_level_is_the_standard_deviation_of_normal_noise() -> None:
         residual = 2e-3 * rng.standard_normal((20_000, size))
         residual[:6000] += 1.0
         squared = np.sum(residual[6000:] ** 2, axis=1)
-        assert np.median(squared) == pytest.approx(4e-6 * median_squared(size), rel=0.05)
+        assert np.median(squared) == pytest.approx(4e-6 * normal_squared(size), rel=0.05)
         assert 2e-3 < robust_level(residual) < 4e-3
     assert np.isnan(robust_level(np.zeros((0, 3))))
 
