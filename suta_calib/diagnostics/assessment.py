@@ -10,15 +10,14 @@ from suta_calib.assessment import Assessment
 from suta_calib.diagnostics.accuracy import Accuracy
 from suta_calib.diagnostics.causes import find_cause
 from suta_calib.diagnostics.contradictions import contradictions, dead_joints
+from suta_calib.diagnostics.explanation import Told, explain_solution
 from suta_calib.diagnostics.repeats import lack_of_fit
 from suta_calib.diagnostics.score_tests import score_tests
 from suta_calib.solver.information import robust_jacobian, whitened_rows
-from suta_calib.solver.solution import Solution, State
+from suta_calib.solver.solution import Solution
 from suta_calib.units import text
 from suta_calib.words import listed
 
-# Noise that differs from what the job states by more than this factor deserves a word.
-SURPRISING: Final = 2.0
 # Residuals over the scatter of repeats from which a model is said to lack something.
 LACKING: Final = 1.5
 # Equations beyond the unknowns from which on residuals tell the noise to a third or so.
@@ -38,8 +37,7 @@ def assess_calibration(solution: Solution, accuracy: Accuracy) -> Assessment:
     """
     if not solution.converged:
         return Assessment("bad", solution.sentence, tuple(_cause(solution)))
-    held_out = [each.term for each in accuracy.validation]
-    found = contradictions(solution, held_out)
+    found = contradictions(solution, accuracy)
     worse = "The calibrated arm is worse than the nominal one on the validation data."
     fitted_only = "There are no validation data: the errors shown are those of the fitted data."
     return Assessment.of(
@@ -64,7 +62,7 @@ def assess_calibration(solution: Solution, accuracy: Accuracy) -> Assessment:
                 if fit.ratio > LACKING
             ),
             *_beside_geometry(solution),
-            *_on_noise(solution),
+            *_on_priors(solution),
         ],
     )
 
@@ -94,13 +92,17 @@ def _on_gain(accuracy: Accuracy) -> list[str]:
 
 
 def _on_parameters(solution: Solution) -> list[str]:
-    states: dict[State, list[str]] = {}
-    for name, estimate in solution.arm_estimates.items():
-        states.setdefault(estimate.state, []).append(name)
-    notes = []
-    if held := states.get("unidentified"):
-        notes.append(f"These data cannot tell {listed(held)}: held at nominal.")
-    if bounded := states.get("at_bound"):
+    """What other data would tell, by what to measure; and what ended at a bound."""
+    by_remedy: dict[tuple[Told, str], list[str]] = {}
+    for each in explain_solution(solution):
+        if each.told != "redundant":
+            by_remedy.setdefault((each.told, each.remedy), []).append(each.fixed)
+    how = {"untold": "do not tell", "badly told": "tell too little to estimate"}
+    notes = [
+        f"These data {how[told]} {listed(names)}: held at nominal. To know more: {remedy}."
+        for (told, remedy), names in by_remedy.items()
+    ]
+    if bounded := [n for n, e in solution.arm_estimates.items() if e.state == "at_bound"]:
         notes.append(
             f"{listed(bounded)} ended at a bound: widen it, or look for the wrong unit or "
             "the wrong artefact."
@@ -147,25 +149,17 @@ def _beside_geometry(solution: Solution) -> list[str]:
     return notes
 
 
-def _on_noise(solution: Solution) -> list[str]:
-    notes = []
-    for block, found in zip(solution.problem.blocks, solution.noise, strict=True):
-        assumed = block.noise.sigma
-        if assumed is not None and not 1 / SURPRISING < found / assumed < SURPRISING:
-            notes.append(
-                f"The {block.name} residuals scatter by {text(found, block.unit, with_unit=True)}; "
-                f"the job says {text(assumed, block.unit, with_unit=True)}."
-            )
+def _on_priors(solution: Solution) -> list[str]:
+    """An arm that is better than was thought is no reason for care."""
     priors = {} if solution.weights is None else solution.weights.priors
-    # An arm that is better than was thought is no reason for care.
     narrow = [
         f"{group} {learned.value:.1f} ({learned.interval[0]:.1f} to {learned.interval[1]:.1f})"
         for group, learned in priors.items()
         if learned.contradicted and learned.value > 1
     ]
-    if narrow:
-        notes.append(
-            f"The arm is farther off than the job's priors say: {', '.join(narrow)} times. The fit "
-            "gave it that room: state wider priors, or keep these with fixed: true."
-        )
-    return notes
+    if not narrow:
+        return []
+    return [
+        f"The arm is farther off than the job's priors say: {', '.join(narrow)} times. The fit "
+        "gave it that room: state wider priors, or keep these with fixed: true."
+    ]

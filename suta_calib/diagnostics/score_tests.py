@@ -32,7 +32,7 @@ from suta_calib.solver.solution import Solution
 from suta_calib.threads import single_threaded
 
 # Chance that one of all tests calls clean residuals suspicious.
-LEVEL: Final = 0.03
+LEVEL: Final = 0.01
 # Chance by touches that what the variance alone says must have.
 SUPPORTED: Final = 0.05
 # Predicted standard deviation over what is plausible up to which a parameter is worth a test.

@@ -15,7 +15,7 @@ import numpy as np
 from suta_calib.assessment import Assessment, refuse_unusable
 from suta_calib.diagnostics.accuracy import Accuracy, TermAccuracy, assess
 from suta_calib.diagnostics.assessment import assess_calibration
-from suta_calib.diagnostics.explanation import Explanation, explain
+from suta_calib.diagnostics.explanation import Explanation, explain_solution
 from suta_calib.errors import InputError, JobError, ParameterError, SamplesError
 from suta_calib.job.schema import JobSpec, ObservationSpec, read_job
 from suta_calib.measurements import JointRange, Samples, read_artefact, read_samples
@@ -131,13 +131,10 @@ class CalibrationResult:
         found = assess_calibration(self.solution, self.accuracy)
         return found.with_care(self._on_the_job()) if self.solution.converged else found
 
-    @cached_property
+    @property
     def explanations(self) -> tuple[Explanation, ...]:
         """Why parameters are held; empty where the solution may not be used."""
-        solution = self.solution
-        if not solution.converged:
-            return ()
-        return explain(solution.problem, solution.x, solution.identification)
+        return explain_solution(self.solution)
 
     @property
     def labelled_terms(self) -> dict[str, list[tuple[str, TermAccuracy]]]:

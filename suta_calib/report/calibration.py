@@ -15,7 +15,10 @@ from typing import Any, Final
 
 import numpy as np
 
+from suta_calib.arrays import FloatArray
 from suta_calib.diagnostics.accuracy import TermAccuracy
+from suta_calib.diagnostics.explanation import redundant_names
+from suta_calib.diagnostics.held_out import PROBABILITIES, HeldOutErrors, held_out_errors
 from suta_calib.job.calibration import CalibrationResult
 from suta_calib.report import calibration_plots as plots
 from suta_calib.report.document import Document, Figure, File, Folded, Part, Place, ShownOnly, Text
@@ -29,7 +32,12 @@ from suta_calib.report.errors import (
     residual_rows,
 )
 from suta_calib.report.listing import Column, Json, Listing, csv_text
-from suta_calib.report.observability import MOST_SENTENCES, explained, unobservable
+from suta_calib.report.observability import (
+    EXPLANATIONS,
+    MOST_SENTENCES,
+    explained,
+    unobservable,
+)
 from suta_calib.report.parameters import PARAMETERS, left_out, outcomes
 from suta_calib.solver.ipopt import Minimum
 from suta_calib.solver.solution import Solution
@@ -106,6 +114,69 @@ PRIORS: Final = Listing[tuple[str, Learned]](
     ),
     Column("contradicted", None, lambda row: row[1].contradicted),
 )
+
+
+@dataclass(frozen=True, eq=False)
+class HeldOutRow:
+    """Held-out errors of one block, and the label of the job's row.
+
+    Attributes:
+        label: of the row.
+        errors: against their prediction.
+    """
+
+    label: str
+    errors: HeldOutErrors
+
+    @property
+    def unit(self) -> Unit:
+        """Of the errors: m or rad."""
+        return self.errors.unit
+
+
+def _rms(values: FloatArray) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def _within(probability: float) -> Column[HeldOutRow]:
+    def shown(row: HeldOutRow) -> str:
+        found = row.errors.coverage(probability)
+        return f"{100 * found.share:.0f} ± {100 * found.std:.0f} %"
+
+    return Column(
+        f"within_{100 * probability:.0f}",
+        f"within {100 * probability:.0f} %",
+        lambda row: row.errors.coverage(probability).share,
+        "%",
+        cell=shown,
+    )
+
+
+HELD_OUT: Final = Listing[HeldOutRow](
+    "Held-out errors, of one component, against what was predicted",
+    Column("kind", "of", lambda row: row.errors.term.kind),
+    Column("label"),
+    Column("block", "", lambda row: row.errors.name),
+    Column("unit", "unit", cell=lambda row: unit_name(row.unit)),
+    Column("std", "found", lambda row: _rms(row.errors.residual), lambda row: row.unit, si=True),
+    Column(
+        "predicted_std",
+        "predicted",
+        lambda row: _rms(row.errors.predicted),
+        lambda row: row.unit,
+        si=True,
+    ),
+    Column(
+        "parameters_std",
+        "by parameters",
+        lambda row: _rms(row.errors.by_parameters),
+        lambda row: row.unit,
+        si=True,
+    ),
+    *map(_within, PROBABILITIES),
+    Column("each_predicted_std", None, lambda row: row.errors.predicted),
+    key="held_out",
+)
 STARTS: Final = Listing[tuple[int, Minimum]](
     "How it was computed",
     Column("", "start", lambda row: row[0], form="d"),
@@ -162,7 +233,8 @@ def _parameters(result: CalibrationResult, *, verbose: bool) -> Iterator[Part]:
         yield from left_out(len(arm) - len(worth_showing), [row.estimate for row in own])
     yield ShownOnly(PARAMETERS.of(arm), "page")
     yield Text(
-        "“unidentified”: the data cannot tell it, it stays at nominal. “prior”: mostly known "
+        "“redundant”: no data of these kinds could tell it; nominal is a convention. "
+        "“unidentified”: other data would tell it; it stays at nominal. “prior”: mostly known "
         "beforehand. A value with an entry under “given” has its meaning only relative to the "
         "parameters named there.",
         place="page",
@@ -191,6 +263,20 @@ def _errors(result: CalibrationResult) -> Iterator[Part]:
         place="page",
         look="soft",
     )
+    if result.solution.converged:
+        found = held_out_errors(result.solution, accuracy)
+        yield HELD_OUT.of(
+            HeldOutRow(label, each)
+            for label, term in result.labelled_terms["validation"]
+            for each in found
+            if each.term is term.term
+        )
+        yield Text(
+            "Predicted: the scatter of the fitted errors, which holds what the model lacks, and "
+            "the covariance of the parameters. As many errors as named should be within.",
+            place="page",
+            look="soft",
+        )
     # Held-out errors are what a user of the arm will see: they come first.
     for name in ("validation", "calibration"):
         for k, errors in enumerate(by_kind(sets[name])):
@@ -208,10 +294,13 @@ def _untold(result: CalibrationResult) -> Iterator[Part]:
     if solution.converged:
         arm = set(solution.problem.names[: solution.problem.arm_count])
         of_arm = [e for e in result.explanations if e.fixed in arm or not arm]
-        place: Place = "everywhere" if of_arm else "page"
+        untold = any(e.told != "redundant" for e in of_arm)
+        place: Place = "everywhere" if untold else "page"
         yield Text("What these data cannot tell", place=place, look="heading")
         yield from explained(of_arm, "console", MOST_SENTENCES)
         yield from explained(result.explanations, "page")
+        redundant = [e for e in result.explanations if e.told == "redundant"]
+        yield Folded(EXPLANATIONS.of(redundant, f"Why they are redundant ({len(redundant)})"))
         if not result.explanations:
             yield Text("Nothing that was asked: every parameter could be estimated.", place="page")
         several = [name for name, c in zip(named, combinations, strict=True) if not c.alone]
@@ -325,6 +414,7 @@ def _data(result: CalibrationResult) -> Json:
         "job": result.job.spec.path.name,
         "parameters": PARAMETERS.records(outcomes(solution)),
         "unidentified": solution.unidentified,
+        "redundant": redundant_names(result.explanations),
         "unobservable": unobservable(solution.identification),
         # Samples that rows of the job leave out by name.
         "excluded": [
