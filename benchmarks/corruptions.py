@@ -56,7 +56,8 @@ class Corruption:
         words: parts of sentences, of which one must be said where the cause is named.
         samples: what becomes of a file's samples.
         artefact: what becomes of an artefact's file.
-        needs: what the samples must have: ``position``, ``rotation``, ``artefact``, or a label.
+        needs: what the samples must have: ``position``, ``rotation``, ``artefact``, an ``order`` of
+            what was observed, or a label.
         files: of which samples it happens to: those of every file, of every file that is fitted, or
             of the first of these.
         validation: which set stands in for the validation's.
@@ -214,9 +215,9 @@ CORRUPTIONS: Final = (
     ),
     Corruption("poses inverted", ("inverted",), inverted, needs="rotation"),
     Corruption("quaternion order", ("w x y z", "quaternion"), reordered, needs="rotation"),
-    *(Corruption(f"{n} rows late", LATE, partial(late, n)) for n in (1, 5, 20)),
-    Corruption("one file a row late", LATE, partial(late, 1), files="first"),
-    Corruption("rows in the opposite order", LATE, backwards),
+    *(Corruption(f"{n} rows late", LATE, partial(late, n), needs="order") for n in (1, 5, 20)),
+    Corruption("one file a row late", LATE, partial(late, 1), needs="order", files="first"),
+    Corruption("rows in the opposite order", LATE, backwards, needs="order"),
     Corruption(
         "landmarks swapped", ("exchanged",), partial(exchanged, "landmark"), needs="landmark"
     ),
@@ -368,6 +369,8 @@ class Sound:
 
 def has(samples: Samples, needed: str) -> bool:
     """Whether samples have what a corruption needs."""
+    if needed == "order":  # in which rows were seen, or landmarks were touched
+        return samples.position is not None or "landmark" in samples.labels
     if needed in ("position", "rotation"):
         return getattr(samples, needed) is not None
     return needed in ("", "artefact", *samples.labels)
