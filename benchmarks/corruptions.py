@@ -56,7 +56,8 @@ class Corruption:
         words: parts of sentences, of which one must be said where the cause is named.
         samples: what becomes of a file's samples.
         artefact: what becomes of an artefact's file.
-        needs: what the samples must have: ``position``, ``rotation``, ``artefact``, or a label.
+        needs: what the samples must have: ``position``, ``rotation``, ``artefact``, an ``order`` of
+            what was observed, or a label.
         files: of which samples it happens to: those of every file, of every file that is fitted, or
             of the first of these.
         validation: which set stands in for the validation's.
@@ -180,14 +181,12 @@ CORRUPTIONS: Final = (
     Corruption("a joint's sign", ("counts the other way", "sign"), joint(1, np.negative)),
     Corruption("two joints swapped", ("exchanged",), swapped_joints),
     Corruption("a joint off by 90°", ("too much", "limit"), joint(2, lambda q: q + np.pi / 2)),
-    Corruption(
-        "a joint off by a turn", ("turn", "limit"), joint(2, lambda q: q + 2 * np.pi), right=True
-    ),
+    Corruption("a joint off by a turn", ("turn",), joint(2, lambda q: q + 2 * np.pi), right=True),
     Corruption("degrees for radians", ("degrees",), lambda s: replace(s, q=deg(s.q))),
     Corruption(
         "a stuck encoder",
         ("encoder alive", "same in every row"),
-        joint(3, lambda q: 0 * q + q.mean()),
+        joint(3, lambda q: 0 * q + 1.9),
     ),
     Corruption(
         "a count lost per turn", ("count", "gain", "scale"), joint(2, lambda q: q * (1 - 1 / 4096))
@@ -216,9 +215,9 @@ CORRUPTIONS: Final = (
     ),
     Corruption("poses inverted", ("inverted",), inverted, needs="rotation"),
     Corruption("quaternion order", ("w x y z", "quaternion"), reordered, needs="rotation"),
-    *(Corruption(f"{n} rows late", LATE, partial(late, n)) for n in (1, 5, 20)),
-    Corruption("one file a row late", LATE, partial(late, 1), files="first"),
-    Corruption("rows in the opposite order", LATE, backwards),
+    *(Corruption(f"{n} rows late", LATE, partial(late, n), needs="order") for n in (1, 5, 20)),
+    Corruption("one file a row late", LATE, partial(late, 1), needs="order", files="first"),
+    Corruption("rows in the opposite order", LATE, backwards, needs="order"),
     Corruption(
         "landmarks swapped", ("exchanged",), partial(exchanged, "landmark"), needs="landmark"
     ),
@@ -296,12 +295,12 @@ PARAMETERS: Final = {
 }
 
 
-def places(name: str, *rows: tuple[float, float, float, float]) -> str:
-    """Places ``A, B, …`` at x, y, z, mm, and, but for points, some tilt and a yaw, deg."""
+def places(name: str, first: str, *rows: tuple[float, float, float, float]) -> str:
+    """Places ``A1, A2, …`` at x, y, z, mm, and, but for points, some tilt and a yaw, deg."""
     stated = []
     for k, (x, y, z, yaw) in enumerate(rows):
-        turned = "" if name == "points" else f", rotation_rpy_deg: [0, {6 * k}, {yaw}]"
-        stated.append(f"{chr(65 + k)}: {{position_mm: [{x}, {y}, {z}]{turned}}}")
+        turned = "" if name == "points" else f", rotation_rpy_deg: [0, {8 * k}, {yaw}]"
+        stated.append(f"{first}{k + 1}: {{position_mm: [{x}, {y}, {z}]{turned}}}")
     return f"{name}: {{{', '.join(stated)}}}"
 
 
@@ -309,25 +308,25 @@ PUT_DOWN: Final = (
     (512.5, 12.5, 0, -105), (462.5, -37.5, 0, 15), (462.5, 62.5, 0, 30), (512.5, 112.5, 0, 30)
 )  # fmt: skip
 PUT_DOWN_LATER: Final = (437.5, -12.5, 0, -90), (487.5, 37.5, 0, -105)
+TWICE: Final = f"artefact: {SUTA / 'artefact.yaml'}, repeats: 2"
 # By kind: what the two sets say, and what the job's rows say.
 KINDS: Final = {
     **{
         kind: (
-            f"artefact: {SUTA / 'artefact.yaml'}, repeats: 2, {places('placements', *PUT_DOWN)}",
-            f"artefact: {SUTA / 'artefact.yaml'}, repeats: 2, "
-            f"{places('placements', *PUT_DOWN_LATER)}",
+            f"{TWICE}, {places('placements', 'P', *PUT_DOWN)}",
+            f"{TWICE}, {places('placements', 'V', *PUT_DOWN_LATER)}",
             "artefact: artefact.yaml, ",
         )
         for kind in ("pairwise_distance", "landmark")
     },
     "fixed_point": (
-        f"directions: 30, axis: [0, 0, -1], {places('points', *PUT_DOWN)}",
-        f"directions: 20, axis: [0, 0, -1], {places('points', *PUT_DOWN_LATER)}",
+        f"directions: 30, axis: [0, 0, -1], {places('points', 'P', *PUT_DOWN)}",
+        f"directions: 25, axis: [0, 0, -1], {places('points', 'V', *PUT_DOWN_LATER)}",
         "",
     ),
     "plane": (
-        f"directions: 30, probe_radius_mm: 5, {places('planes', *PUT_DOWN)}",
-        f"directions: 20, probe_radius_mm: 5, {places('planes', *PUT_DOWN_LATER)}",
+        f"directions: 30, size_mm: 100, probe_radius_mm: 5, {places('planes', 'P', *PUT_DOWN)}",
+        f"directions: 25, probe_radius_mm: 5, {places('planes', 'V', *PUT_DOWN_LATER)}",
         "probe_radius_mm: 5, ",
     ),
     **{
@@ -370,6 +369,8 @@ class Sound:
 
 def has(samples: Samples, needed: str) -> bool:
     """Whether samples have what a corruption needs."""
+    if needed == "order":  # in which rows were seen, or landmarks were touched
+        return samples.position is not None or "landmark" in samples.labels
     if needed in ("position", "rotation"):
         return getattr(samples, needed) is not None
     return needed in ("", "artefact", *samples.labels)

@@ -20,6 +20,7 @@ from suta_calib.analysis.outliers import (
     HeldOut,
     Level,
     Metric,
+    Move,
     Outliers,
     TermOutliers,
     Thresholds,
@@ -89,6 +90,13 @@ TOUCHES: Final = Listing[GrossTouch](
     Column("what", "what"),
     Column("size", "residual, mm", unit="m", form=".2f"),
 )
+MOVES: Final = Listing[Move](
+    "Moved between its rows",
+    Column("what", "what"),
+    Column("origin", "from row"),
+    Column("distance", "mm", unit="m", form=".2f"),
+    Column("p", "chance", form=".2g"),
+)
 THRESHOLDS: Final = Listing[Thresholds](
     "",
     Column("contribution_times_n", None, lambda limits: limits.contribution),
@@ -113,6 +121,7 @@ def outliers_document(found: Outliers) -> Document:
             own = Listing(title, Column[Group]("label", noun), *AS_CALIBRATED)
             parts.append(ShownOnly(own.of(_shown(level)), "page"))
     parts += [ShownOnly(TOUCHES.of(term.touches), "page") for term in found.terms]
+    parts += [ShownOnly(MOVES.of(term.moves), "page") for term in found.terms]
     parts += [Text(sentence, bullet=True) for sentence in advice(found)]
     return Document(NAME, "Outliers", found.assessment, parts, _data(found))
 
@@ -199,6 +208,7 @@ def _data(found: Outliers) -> Json:
     return {
         **top,
         "touches": [touch for term in terms for touch in term["touches"]],
+        "moves": [move for term in terms for move in term["moves"]],
         "held_out": terms[0]["held_out"],
         "thresholds": THRESHOLDS.record(found.thresholds),
         "agreement": AGREEMENT,
@@ -227,6 +237,7 @@ def _term_dict(term: TermOutliers) -> Json:
             for level in term.levels
         },
         "touches": TOUCHES.records(term.touches),
+        "moves": MOVES.records(term.moves),
         "samples": term.samples,
         "noise_mm": plain(term.sigma, "m"),
         "held_out": {

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from outlier_studies import Study, named, suta_job, suta_study
+from scipy.stats import binom
 from simulated import (
     Scene,
     Spread,
@@ -21,13 +22,14 @@ from simulated import (
     tracked_scene,
 )
 
-from suta_calib.analysis.outliers import METRICS, Level, Outliers, find_outliers
+from suta_calib.analysis.outliers import METRICS, Level, Outliers, Thresholds, find_outliers
 from suta_calib.analysis.outliers.chance import Simulator
 from suta_calib.analysis.outliers.groups import Registered, groupings
 from suta_calib.analysis.outliers.metrics import Scene as Metrics
 from suta_calib.analysis.outliers.metrics import measures, shares
+from suta_calib.analysis.outliers.moves import find_moves
 from suta_calib.analysis.outliers.reference import ReferenceFit
-from suta_calib.analysis.outliers.touches import Touches
+from suta_calib.analysis.outliers.touches import RobustLinearFit, Touches, linearised
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import rotation_from_vector
 from suta_calib.measurements import Artefact, Samples
@@ -276,3 +278,54 @@ def test_turning_the_artefact_s_frame_changes_nothing(study: Study, found: Outli
     for g, h in zip(level(found, "landmarks").groups, level(one, "landmarks").groups, strict=True):
         assert g.values["bias"] == pytest.approx(h.values["bias"], abs=1e-6)
         assert g.flags == h.flags
+
+
+# ── Moved half-way ───────────────────────────────────────────────────────────────────────────
+def moved_after(samples: Samples, row: int, by: float) -> Samples:
+    """An instrument that was pushed aside before some row."""
+    assert samples.position is not None
+    later = np.arange(len(samples))[:, None] >= row
+    return replace(samples, position=samples.position + later * [by, 0.0, 0.0])
+
+
+@pytest.mark.parametrize("row", [20, 33])
+def test_an_instrument_that_was_moved_between_its_rows_is_named_with_the_row(row: int) -> None:
+    scene = tracked_scene(ARM, TRUTH, 40)
+    samples = scene.samples(Spread(position=0.1 * MM), seed=2)[0]
+    term = scene.term(moved_after(samples, row, 50 * MM))
+    found = find_outliers(Problem([term], PARAMETERS))
+    (move,) = found.terms[0].moves
+    assert (move.what, move.origin) == ("the instrument", samples.origin[row])
+    assert move.distance == pytest.approx(50 * MM, rel=0.02)
+    assert move.p < 1e-6
+    assert found.assessment.level == "care"
+    assert "moved half-way: the instrument" in found.assessment.sentence
+
+
+def test_an_artefact_that_was_pushed_aside_between_its_rows_is_named() -> None:
+    scene = touched("landmark")
+    samples = scene.samples(Spread(position=0.1 * MM), seed=1)[0]
+    rows = np.flatnonzero(samples.labels["placement"] == samples.labels["placement"][-1])
+    # What the arm reads is as if the rows had been touched where the artefact stood before.
+    later = rows[len(rows) // 2 :]
+    q = samples.q.copy()
+    q[later, 0] += 0.01
+    found = find_outliers(
+        Problem([scene.term(replace(samples, q=q))], PARAMETERS), sorts={"landmarks"}
+    )
+    (move,) = found.terms[0].moves
+    assert move.what == f"placement {samples.labels['placement'][-1]}"
+    assert move.origin == samples.origin[later[0]]
+
+
+def test_what_was_not_moved_seldom_looks_so() -> None:
+    """Of noise alone, with the threshold of size out of the way; Bonferroni errs to the safe."""
+    scene = tracked_scene(ARM, TRUTH, 40)
+    reference = own_fit(scene.exact()).reference
+    term, names, fit = linearised(reference, PARAMETERS)
+    random, alarms, trials = np.random.default_rng(5), 0, 60
+    for _ in range(trials):
+        noise = 0.1 * MM * random.standard_normal(fit.residual.shape)
+        drawn = RobustLinearFit(fit.jacobian, noise, fit.precision, fit.deviation)
+        alarms += len(find_moves(term, names, drawn, Thresholds(bias=0.0, significance=0.05)))
+    assert alarms <= binom.ppf(0.999, trials, 0.05)

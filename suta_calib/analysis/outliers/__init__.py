@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from suta_calib.analysis.outliers.answer import HeldOut as HeldOut
     from suta_calib.analysis.outliers.answer import Level as Level
     from suta_calib.analysis.outliers.answer import Metric as Metric
+    from suta_calib.analysis.outliers.answer import Move as Move
     from suta_calib.analysis.outliers.answer import Outliers as Outliers
     from suta_calib.analysis.outliers.answer import TermOutliers as TermOutliers
     from suta_calib.analysis.outliers.answer import Thresholds as Thresholds

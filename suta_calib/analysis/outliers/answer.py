@@ -136,6 +136,23 @@ class GrossTouch:
 
 
 @dataclass(frozen=True)
+class Move:
+    """Rows, from one on, that agree with the others once something stands elsewhere.
+
+    Attributes:
+        what: was moved: an instrument, a camera, a placement, a point.
+        origin: file and line of the first of them.
+        distance: by which it takes them, RMS, m.
+        p: probability that chance makes any row look so much like the first after a move.
+    """
+
+    what: str
+    origin: str
+    distance: float
+    p: float
+
+
+@dataclass(frozen=True)
 class HeldOut:
     """What excluding a group does to errors on data that were not fitted.
 
@@ -170,6 +187,7 @@ class TermOutliers:
         held_out: by the name of the level and the label of the group.
         method: ``validation``, or how the rows were held out.
         exact: whether the fit leaves no errors, so that nothing was compared.
+        moves: of what was moved between its rows.
     """
 
     kind: str
@@ -181,6 +199,7 @@ class TermOutliers:
     held_out: Mapping[str, Mapping[str, HeldOut]] = field(default_factory=dict)
     method: str = ""
     exact: bool = False
+    moves: tuple[Move, ...] = ()
 
     def level(self, name: str) -> Level | None:
         """The level of this name, if the term has it."""
@@ -215,7 +234,14 @@ class Outliers:
             if t.exact
         ]
         levels = [level for t in terms for level in t.levels]
-        care = [_accused(level.name, g) for level in levels for g in level.outliers]
+        care = [
+            f"From {move.origin} on, {move.what} stands elsewhere: its rows are "
+            f"{mm(move.distance):.2g} mm off those before (chance of it if nothing moved: "
+            f"{move.p:.1g}). Give them a label of their own, or measure again."
+            for t in terms
+            for move in t.moves
+        ]
+        care += [_accused(level.name, g) for level in levels for g in level.outliers]
         care += [_accused(level.name, g) for level in levels for g in level.suspects]
         care += [_gross(t) for t in terms if t.touches]
         return Assessment.of(_sentence(terms), bad=bad, care=care)
@@ -242,8 +268,10 @@ def _sentence(terms: Sequence[TermOutliers]) -> str:
         for level in t.levels
         if level.outliers
     ]
-    if named:
-        return f"unlike the others: {'; '.join(named)}"
+    moved = [f"moved half-way: {move.what}" for t in terms for move in t.moves]
+    named = [f"unlike the others: {'; '.join(named)}"] if named else []
+    if moved or named:
+        return "; ".join(moved + named)
     looked = dict.fromkeys(GROUPING_NOUN[level.name] for t in terms for level in t.levels)
     return f"no {' and no '.join(looked)} is unlike the others"
 

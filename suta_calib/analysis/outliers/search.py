@@ -31,8 +31,14 @@ from suta_calib.analysis.outliers.answer import (
 from suta_calib.analysis.outliers.chance import Simulator, chance_of
 from suta_calib.analysis.outliers.groups import Grouping, groupings, row_names, touch_name
 from suta_calib.analysis.outliers.metrics import Scene, measures
+from suta_calib.analysis.outliers.moves import find_moves
 from suta_calib.analysis.outliers.reference import Judge, ReferenceFit
-from suta_calib.analysis.outliers.touches import SMALLEST, Touches, explained_touches
+from suta_calib.analysis.outliers.touches import (
+    SMALLEST,
+    Touches,
+    explained_touches,
+    linearised,
+)
 from suta_calib.arrays import BoolArray
 from suta_calib.errors import SamplesError
 from suta_calib.model.arm import ArmModel
@@ -151,7 +157,8 @@ class TermSearch:
                 return not_searched(self.own.term, exact=True)
         everything = groupings(self.own.term)
         landmarks = next((g for g in everything if g.name == "landmarks"), None)
-        touches = explained_touches(self.own, self.arm, landmarks)
+        single, unknowns, linear = linearised(self.own, self.arm)
+        touches = explained_touches(linear, self.own.term.repeats(), landmarks)
         judged = self.own.freed(self.arm, ~(touches.gross | _displaced(touches, landmarks)))
         found = [self._level(judged, g, landmarks, touches) for g in levels]
         gross = []
@@ -172,6 +179,7 @@ class TermSearch:
             position,
             {level.name: self._held_out(g, level) for g, level in zip(levels, found, strict=True)},
             self.judge.method,
+            moves=find_moves(single, unknowns, linear, self.thresholds),
         )
 
     def _level(

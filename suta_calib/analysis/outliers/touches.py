@@ -24,6 +24,7 @@ from suta_calib.model.parameters import ParameterSet
 from suta_calib.solver.information import whitened_rows
 from suta_calib.solver.losses import huber_threshold
 from suta_calib.solver.problem import Problem
+from suta_calib.terms import Term
 
 # Probability that data without gross touches lose one, and without displaced landmarks gain one.
 FALSE_ALARM: Final = 0.01
@@ -62,13 +63,10 @@ class Touches:
     displaced: Mapping[int, Displacement] = field(default_factory=dict)
 
 
-def explained_touches(
-    reference: ReferenceFit, arm: ParameterSet, landmarks: Grouping | None
-) -> Touches:
-    """Split every touch of a term, at the job's fit, into explained, displaced and gross.
-
-    What may explain are the arm's unknowns with their priors, and displaced landmarks.
-    """
+def linearised(
+    reference: ReferenceFit, arm: ParameterSet
+) -> tuple[Term, tuple[str, ...], RobustLinearFit]:
+    """A term of single touches at the job's fit, its unknowns and the arm's, and their fit."""
     vehicle = reference.term.single_touches()
     problem = Problem([vehicle], arm)
     own = {n: v for n, v in reference.values.items() if n in problem.parameters}
@@ -78,8 +76,16 @@ def explained_touches(
     rows = whitened_rows(problem, x, problem.assumed_sigmas())[0]
     jacobian = rows.jacobian * np.repeat(rows.line.sigma, vehicle.blocks[0].size)[:, None]
     deviation = x - problem.parameters.array("nominal")
-    fit = RobustLinearFit(jacobian, rows.line.residual.copy(), problem.prior_precision(), deviation)
-    cells = reference.term.repeats()
+    residual, precision = rows.line.residual.copy(), problem.prior_precision()
+    return vehicle, problem.names, RobustLinearFit(jacobian, residual, precision, deviation)
+
+
+def explained_touches(fit: RobustLinearFit, cells: IntArray, landmarks: Grouping | None) -> Touches:
+    """Split every touch into explained, displaced and gross.
+
+    What may explain are the arm's unknowns with their priors, and displaced landmarks. Touches of
+    one cell are repeats.
+    """
     # One landmark after the other is freed for as long as one is significantly displaced.
     member = np.zeros(0, dtype=np.intp) if landmarks is None else landmarks.member
     chosen: list[int] = []
@@ -152,7 +158,7 @@ class RobustLinearFit:
         deviation: FloatArray,
     ) -> None:
         self.jacobian, self.residual = jacobian, residual
-        self._precision, self._deviation = precision, deviation
+        self.precision, self.deviation = precision, deviation
         # Whether the last fit took up so much that what it leaves is no noise.
         self.saturated = False
 
@@ -165,7 +171,7 @@ class RobustLinearFit:
         (n, size), extra = self.residual.shape, shift.shape[1]
         a = np.hstack([self.jacobian, shift])
         precision, deviation = (
-            np.concatenate([v, np.zeros(extra)]) for v in (self._precision, self._deviation)
+            np.concatenate([v, np.zeros(extra)]) for v in (self.precision, self.deviation)
         )
         weight, sigma, rest = np.ones(n), scatter(self.residual), self.residual
         step = np.zeros(a.shape[1])
