@@ -78,11 +78,15 @@ def glance(path: Path) -> DeviceSpec | None:
     from ruamel.yaml import YAML
 
     try:
-        given = YAML(typ="safe", pure=True).load(path.read_text(encoding="utf-8"))
-        port, baudrate = given["port"], given.get("baudrate", _DEFAULT_BAUDRATE)
+        # Its nodes only: what aliases make of a file is nobody's business here.
+        nodes = YAML(typ="safe", pure=True).compose(path.read_text(encoding="utf-8")).value
+        given = {key.value: (node.tag.rpartition(":")[2], node.value) for key, node in nodes}
+        kind, port = given["port"]
+        number, baud = given.get("baudrate", ("int", _DEFAULT_BAUDRATE))
+        baudrate = int(baud)
     except Exception:  # noqa: BLE001 (whatever it is, it is told later)
         return None
-    if not (isinstance(port, str) and type(baudrate) is int and baudrate > 0):
+    if (kind, number) != ("str", "int") or baudrate < 1:
         return None
     port = _beside(path, port)
     return DeviceSpec(path, port, baudrate, "frames", "counts", FRAME_COUNTS_PER_TURN, ())

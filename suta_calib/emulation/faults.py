@@ -28,16 +28,9 @@ WORDS: Final = {
     "warning=JOINT:S@T": "the same for its warning flag",
 }
 _SHARES: Final = ("corrupt", "flip", "lose", "skip")
-_WINDOWS: Final = {
-    "burst": "bursts",
-    "stall": "stalls",
-    "hold": "holds",
-    "disconnect": "disconnects",
-    "reboot": "reboots",
-}
-_FLAGS: Final = {"error": "errors", "warning": "warnings"}
+_FLAGS: Final = ("error", "warning")
 Number = TypeVar("Number", int, float)
-_NAMES: Final = tuple(word.partition("=")[0] for word in WORDS)
+_FORMS: Final = {word.partition("=")[0]: word for word in WORDS}
 
 
 @dataclass(frozen=True)
@@ -143,39 +136,33 @@ class Faults:
 
 def _parsed(faults: Faults, item: str, name: str, value: str) -> dict[str, Any]:
     """The fields that one word changes."""
+    if name not in _FORMS:
+        expected, hint = f"one of {', '.join(WORDS)}", did_you_mean(name, _FORMS)
+        raise InputError(repr(item), expected, where="--faults", hint=hint)
+
+    def number(text: str, kind: Callable[[str], Number]) -> Number:
+        try:
+            found = kind(text)
+        except ValueError:
+            raise InputError(repr(item), _FORMS[name], where="--faults") from None
+        if not (math.isfinite(found) and found >= 0):
+            raise InputError(repr(item), "a number that is not negative", where="--faults")
+        return found
+
     if name in _SHARES:
-        share = _number(item, value, float)
-        if share > 1:
+        if (share := number(value, float)) > 1:
             raise InputError(repr(item), "a share from 0 to 1", where="--faults")
         return {name: share}
     if name == "stale":
-        return {"stale": _number(item, value, int)}
+        return {"stale": number(value, int)}
     first, _, time = value.rpartition("@")
-    start = _number(item, time, float) if name in _NAMES else 0.0
+    joint, _, duration = first.rpartition(":") if name in _FLAGS else ("", "", first)
+    start = number(time, float)
     if name == "gap":
-        return {"gaps": (*faults.gaps, Gap(_number(item, first, int), start))}
-    if name in _WINDOWS:
-        field = _WINDOWS[name]
-        return {field: (*getattr(faults, field), Window(start, _number(item, first, float)))}
-    if name in _FLAGS:
-        joint, _, duration = first.rpartition(":")
-        flag = Flag(joint, Window(start, _number(item, duration, float)))
-        return {_FLAGS[name]: (*getattr(faults, _FLAGS[name]), flag)}
-    raise InputError(
-        repr(item), f"one of {', '.join(WORDS)}", where="--faults", hint=did_you_mean(name, _NAMES)
-    )
-
-
-def _number(item: str, text: str, kind: Callable[[str], Number]) -> Number:
-    try:
-        number = kind(text)
-    except ValueError:
-        name = item.partition("=")[0].strip()
-        form = next(word for word in WORDS if word.partition("=")[0] == name)
-        raise InputError(repr(item), form, where="--faults") from None
-    if not (math.isfinite(number) and number >= 0):
-        raise InputError(repr(item), "a number that is not negative", where="--faults")
-    return number
+        return {"gaps": (*faults.gaps, Gap(number(first, int), start))}
+    window = Window(start, number(duration, float))
+    field = f"{name}s"
+    return {field: (*getattr(faults, field), Flag(joint, window) if name in _FLAGS else window)}
 
 
 class Damage:

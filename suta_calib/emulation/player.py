@@ -77,12 +77,19 @@ class Player:
         self.played = Played()
         self._emulation, self._terminal, self._tell = emulation, terminal, on_event
         self._gated, self._recorded = gated, recorded
-        self._recorder = Recorder(emulation)
+        self._first = 0
+        self._blocks: list[tuple[FloatArray, FloatArray]] = []
 
     @property
     def trajectory(self) -> TrueTrajectory:
         """What the arm truly did since the port was first opened."""
-        return self._recorder.trajectory(self.played.periods)
+        # What is computed ahead has not happened.
+        count, joints = self.played.periods, len(self._emulation.device.joints)
+        periods = range(self._first, self._first + count)
+        time = np.array([self._emulation.time_us(period) for period in periods]) / 1e6
+        at = np.concatenate([np.empty(0), *(at for at, _ in self._blocks)])
+        q = np.concatenate([np.empty((0, joints)), *(q for _, q in self._blocks)])
+        return TrueTrajectory(time, at[:count], q[:count])
 
     def run(
         self, seconds: float, stopped: Callable[[], bool] = lambda: False, *, wait: bool = True
@@ -102,15 +109,10 @@ class Player:
             time.sleep(_LOOK)
         opened = time.perf_counter()
         self._tell("the port was opened" if wait else "started")
-        first = round((opened - began) * self._emulation.rate)
-        self._recorder = Recorder(self._emulation, first)
-        clock = RoundClock(self._emulation.motion, self._terminal.heard)
-        stream = packets(
-            self._emulation,
-            first,
-            clock if self._gated else None,
-            self._recorder if self._recorded else None,
-        )
+        self._first = round((opened - began) * self._emulation.rate)
+        clock = RoundClock(self._emulation.motion, self._terminal.heard) if self._gated else None
+        log = (lambda *block: self._blocks.append(block)) if self._recorded else None
+        stream = packets(self._emulation, self._first, clock, log)
         sending = ((due, partial(self._send, data)) for due, data in stream)
         absences = self._emulation.faults.absences
         vanishing = (
@@ -174,32 +176,6 @@ class TrueTrajectory:
         """(n, joints) true readings at times of the device's clock (n,), s, interpolated."""
         columns = [np.interp(time, self.time, column) for column in self.q.T]
         return np.stack(columns, axis=-1)
-
-
-class Recorder:
-    """Collects a trajectory block by block.
-
-    Args:
-        emulation: the arm.
-        first_period: of its stream.
-    """
-
-    def __init__(self, emulation: Emulation, first_period: int = 0) -> None:
-        self._emulation, self._first = emulation, first_period
-        self._blocks: list[tuple[int, FloatArray, FloatArray]] = []
-
-    def __call__(self, number: int, motion_time: FloatArray, q: FloatArray) -> None:
-        """Take the next block: number of its first frame, times and readings."""
-        self._blocks.append((number, motion_time, q))
-
-    def trajectory(self, count: int) -> TrueTrajectory:
-        """The first ``count`` frames: what is computed ahead has not happened."""
-        joints = len(self._emulation.device.joints)
-        periods = range(self._first, self._first + count)
-        time = np.array([self._emulation.time_us(period) for period in periods]) / 1e6
-        at = np.concatenate([np.empty(0), *(block[1] for block in self._blocks)])
-        q = np.concatenate([np.empty((0, joints)), *(block[2] for block in self._blocks)])
-        return TrueTrajectory(time, at[:count], q[:count])
 
 
 class RoundClock:

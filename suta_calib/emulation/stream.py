@@ -85,7 +85,7 @@ def packets(
     emulation: Emulation,
     first_period: int = 0,
     motion_time: Callable[[FloatArray], FloatArray] | None = None,
-    log: Callable[[int, FloatArray, FloatArray], None] | None = None,
+    log: Callable[[FloatArray, FloatArray], None] | None = None,
 ) -> Iterator[tuple[float, bytes]]:
     """One packet for every period: when it is due, and its bytes, empty where nothing is sent.
 
@@ -93,8 +93,7 @@ def packets(
         emulation: the arm.
         first_period: periods that passed since the device was switched on.
         motion_time: from time on this stream, (n,) s, to time of a motion that is held up.
-        log: told of every block: number of its first packet, times of the motion (n,), and true
-            readings (n, joints).
+        log: told of every block: times of the motion (n,), and true readings (n, joints).
     """
     source = _Source(emulation, first_period)
     for number in count(0, _BLOCK):
@@ -102,7 +101,7 @@ def packets(
         at = motion_time(time) if motion_time else time
         true = emulation.motion.readings(at)
         if log:
-            log(number, at, true)
+            log(at, true)
         yield from source.block(number, time, true)
 
 

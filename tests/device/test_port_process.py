@@ -114,6 +114,16 @@ def _runs(pid: int) -> bool:
     return state != "Z"
 
 
+def test_a_glance_is_no_more_than_one(tmp_path: Path) -> None:
+    """Merged nine times nine times …, these few lines would be a billion."""
+    merged = [f"a{k}: &a{k} {{<<: [{', '.join([f'*a{k - 1}'] * 9)}]}}" for k in range(1, 10)]
+    file = tmp_path / "device.yaml"
+    file.write_text("\n".join(["port: /dev/arm", "a0: &a0 {x: 1}", *merged]))
+    seen = glance(file)
+    assert seen is not None
+    assert seen.port == "/dev/arm"
+
+
 def test_a_glance_sees_port_and_speed_and_complains_of_nothing(tmp_path: Path) -> None:
     file = tmp_path / "device.yaml"
     (tmp_path / "arm").touch()
