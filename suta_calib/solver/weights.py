@@ -165,11 +165,7 @@ def learn_weights(
     precision = problem.prior_precision()[free]
     away = (x - problem.parameters.array("nominal"))[free]
     stays = _of_prior(precision * [name is None for name in names], away)
-    trust = [
-        term.equations() / sum(len(b) * b.size for b in term.blocks)
-        for term in problem.terms
-        for _ in term.blocks
-    ]
+    trust = _independent_shares(problem, rows)
     known = [float(np.mean(block.known_sigma**2)) for block in blocks]
     given = np.concatenate([problem.assumed_sigmas(), np.ones(len(groups))])
     noise, factors = slice(0, len(blocks)), slice(len(blocks), None)
@@ -222,6 +218,33 @@ def learn_weights(
         scale,
         added,
     )
+
+
+def _independent_shares(problem: Problem, rows: Sequence[Rows]) -> list[float]:
+    """Of each block's numbers, the share that is independent of the others.
+
+    Distances share touches, and repeats of a touch share what the model gets wrong about their
+    posture: as far as their residuals are alike (Kish 1965: the design effect 1 + (m - 1) ICC).
+    """
+    lines, shares = iter(rows), []
+    for term in problem.terms:
+        whole, touch = sum(len(b) * b.size for b in term.blocks), term.repeats()
+        for block in term.blocks:
+            line = next(lines).line
+            residual = line.residual * line.weight[:, None]
+            _, group, size = np.unique(
+                np.sort(touch[block.samples], axis=1),
+                axis=0,
+                return_inverse=True,
+                return_counts=True,
+            )
+            together = np.zeros((len(size), block.size))
+            np.add.at(together, group.reshape(-1), residual)
+            own, pairs = float(np.sum(residual**2)), float(np.sum(size * (size - 1.0)))
+            alike = len(block) * (float(np.sum(together**2)) - own) / max(pairs * own, 1e-300)
+            effect = 1.0 + pairs / len(block) * min(max(alike, 0.0), 1.0)
+            shares.append(term.equations() / whole / effect)
+    return shares
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,12 +14,15 @@ from simulated import (
     arm_named,
     artefact,
     artefact_scene,
+    dh_parameters,
     fixed_point_scene,
     perturbed,
     placements,
     tracked_scene,
 )
 
+from suta_calib.arrays import FloatArray
+from suta_calib.measurements import Samples
 from suta_calib.model.parameters import ParameterSet, Selection
 from suta_calib.solver.ipopt import SolverOptions
 from suta_calib.solver.problem import Problem
@@ -219,6 +222,36 @@ def test_two_kinds_weigh_as_they_scatter() -> None:
             off[how].append(float(np.mean([(e.value - truth[e.name]) ** 2 for e in told])))
     assert np.mean(off["learned"]) < 1.1 * np.mean(off["known"])
     assert np.mean(off["learned"]) < 0.7 * np.mean(off["given"])
+
+
+def test_readings_of_one_rest_are_one_witness() -> None:
+    """What the model lacks is the same in all of them, however often they are read."""
+    arm = arm_named("suta")
+    truth = perturbed(dh_parameters(arm), seed=1)
+    scene = artefact_scene("landmark", arm, truth, artefact(6), placements(3))
+    parameters = dh_parameters(arm)
+    (once,) = scene.samples(Spread(3e-4), 1)
+    random = np.random.default_rng(0)
+    times = 10
+
+    def read(q: FloatArray, repeat: list[str]) -> Solution:
+        labels = {
+            key: np.tile(once.labels[key], len(q) // len(once)) for key in ("placement", "landmark")
+        }
+        samples = Samples.from_arrays(arm.joints, q, labels=labels | {"repeat": repeat})
+        priors = arm.select(Selection(parameters.names, prior_m=LENGTH, prior_rad=OFFSET))
+        return solve(Problem([scene.term(samples)], priors))
+
+    q = np.tile(once.q, (times, 1))
+    jitter = q + 1e-6 * random.standard_normal(q.shape)
+    often = read(jitter, [str(k) for k in range(times) for _ in range(len(once))])
+    single = read(once.q, ["0"] * len(once))
+    assert often.sigmas[0] / math.sqrt(times) == pytest.approx(single.sigmas[0], rel=0.05)
+    std = np.array([e.std for e in single.arm_estimates.values()])
+    off = np.array([e.value for e in often.arm_estimates.values()]) - [
+        e.value for e in single.arm_estimates.values()
+    ]
+    assert np.all(np.abs(off) < 0.05 * std)
 
 
 def test_one_linearisation_is_enough() -> None:
