@@ -77,21 +77,24 @@ class Assessment:
         }
 
 
-def refuse_unusable(answer: Mapping[str, Any], file: Path, *, anyway: bool = False) -> None:
-    """Refuse an answer that was written with the word that it must not be used.
+def refuse_unusable(
+    answer: Mapping[str, Any] | Assessment, file: Path, *, anyway: bool = False
+) -> None:
+    """Refuse to build on an answer that must not be used.
 
     Args:
-        answer: as read back from JSON.
+        answer: as read back from JSON, or the assessment of one that was just made.
         file: it came from.
         anyway: use it all the same (``--anyway``).
 
     Raises:
         NotUsableError: its ``verdict`` says that it is not usable.
     """
-    verdict = answer.get("verdict")
+    written = {"verdict": answer.as_dict()} if isinstance(answer, Assessment) else answer
+    verdict = written.get("verdict")
     said = verdict if isinstance(verdict, Mapping) else {}
     # Written before answers carried their judgement: whether it converged is all there is.
-    usable = said.get("usable", answer.get("status", "converged") == "converged")
+    usable = said.get("usable", written.get("status", "converged") == "converged")
     if usable or anyway:
         return
     notes = [str(note) for note in said.get("notes", ())]
@@ -100,6 +103,6 @@ def refuse_unusable(answer: Mapping[str, Any], file: Path, *, anyway: bool = Fal
         f"an answer that must not be used ({why.rstrip('.')})",
         "one that may be",
         file=file,
-        where="verdict",
+        where="" if isinstance(answer, Assessment) else "verdict",
         hint="mend what it names and run it again, or insist with --anyway",
     )

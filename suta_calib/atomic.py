@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import os
 import secrets
-from collections.abc import Collection, Mapping
+import sys
+import tempfile
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from pathlib import Path
 
 from suta_calib.errors import OutputError
@@ -70,6 +73,70 @@ def exchange_files(
         for temporary in staged.values():
             with contextlib.suppress(OSError, ValueError):
                 temporary.unlink(missing_ok=True)
+
+
+def check_outputs(outputs: Iterable[Path], inputs: Iterable[Path | None]) -> None:
+    """Refuse to write a file that is read by the same command, or two into one.
+
+    Raises:
+        OutputError: an output is one of the inputs, or two outputs are the same file.
+    """
+    taken = {os.path.realpath(path): "an input" for path in inputs if path is not None}
+    for path in outputs:
+        found = taken.get(os.path.realpath(path))
+        if found is not None:
+            raise OutputError(
+                f"{path}: found {found} of the same command; expected a file of its own; choose "
+                "another name"
+            )
+        taken[os.path.realpath(path)] = "another output"
+
+
+@contextlib.contextmanager
+def only_writer(path: Path) -> Iterator[None]:
+    """Be the only one to write a file, among the processes of this computer that ask to be.
+
+    The lock is advisory, and gone with its process, however that ends. It is a file in the folder
+    for temporary files, so that none is left where the other lies.
+
+    Raises:
+        OutputError: another process is writing it; says which.
+    """
+    name = hashlib.sha256(os.fsencode(os.path.realpath(path))).hexdigest()[:24]
+    lock = Path(tempfile.gettempdir()) / f"suta-calib-{name}.lock"
+    try:
+        descriptor = os.open(lock, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o666)
+    except OSError:
+        # Nowhere to keep a lock, or somebody else's: better to write than not to.
+        yield
+        return
+    try:
+        try:
+            _lock(descriptor)
+        except OSError:
+            os.lseek(descriptor, 1, os.SEEK_SET)
+            holder = os.read(descriptor, 20).decode(errors="replace").strip()
+            raise OutputError(
+                f"{path}: found process {holder or 'of another user'} writing it; expected nobody "
+                "else; wait until it has ended, or choose another --out"
+            ) from None
+        os.ftruncate(descriptor, 0)
+        os.write(descriptor, f" {os.getpid()}".encode())
+        yield
+    finally:
+        os.close(descriptor)
+
+
+def _lock(descriptor: int) -> None:
+    """Lock an open file, or raise an OSError where somebody else has."""
+    if sys.platform == "win32":
+        import msvcrt
+
+        msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
+    else:
+        import fcntl
+
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
 def check_folder(folder: Path) -> None:

@@ -1,11 +1,14 @@
 from __future__ import annotations
 
+import os
 import stat
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
-from suta_calib.atomic import write_bytes_atomically
+from suta_calib.atomic import check_outputs, only_writer, write_bytes_atomically
 from suta_calib.errors import OutputError
 
 
@@ -39,3 +42,41 @@ def test_a_file_is_replaced_not_rewritten(tmp_path: Path) -> None:
         write_bytes_atomically(path, b"second")
         assert reader.read() == b"first"
     assert path.read_bytes() == b"second"
+
+
+def test_a_file_has_one_writer_at_a_time(tmp_path: Path) -> None:
+    path, link = tmp_path / "out.csv", tmp_path / "link.csv"
+    link.symlink_to(path)
+    with only_writer(path):
+        with pytest.raises(OutputError, match=f"found process {os.getpid()} writing it"):
+            only_writer(link).__enter__()
+        with only_writer(tmp_path / "other.csv"):
+            pass
+    with only_writer(link):
+        assert sorted(each.name for each in tmp_path.iterdir()) == ["link.csv"]
+
+
+def test_a_lock_goes_with_its_process(tmp_path: Path) -> None:
+    path = tmp_path / "out.csv"
+    code = "from suta_calib.atomic import only_writer\n"
+    code += f"with only_writer({str(path)!r}):\n    print('held', flush=True); input()"
+    command = [sys.executable, "-c", code]
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+    with subprocess.Popen(command, **pipes, text=True) as process:  # type: ignore[call-overload]
+        assert process.stdout.readline() == "held\n"
+        with pytest.raises(OutputError, match=str(process.pid)):
+            only_writer(path).__enter__()
+        process.kill()
+    with only_writer(path):
+        pass
+
+
+def test_outputs_are_no_inputs_and_not_each_other(tmp_path: Path) -> None:
+    arm, out = tmp_path / "arm.urdf", tmp_path / "sub" / ".." / "arm.urdf"
+    (tmp_path / "sub").mkdir()
+    arm.write_text("")
+    with pytest.raises(OutputError, match="found an input of the same command"):
+        check_outputs([out], [None, arm])
+    with pytest.raises(OutputError, match="found another output"):
+        check_outputs([arm, out], [])
+    check_outputs([tmp_path / "a", tmp_path / "b"], [arm])

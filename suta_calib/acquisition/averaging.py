@@ -45,14 +45,9 @@ class Average:
 
 
 def unwrapped_about_median(angles: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Deviations from each column's median on the circle.
+    """Median (n,) of angles (k, n) on the circle, and deviations (k, n) from it, in (-π, π] rad.
 
-    Args:
-        angles: (k, n) rad, k at least one, each column within less than half a turn (but for
-            gross errors).
-
-    Returns:
-        The median, (n,) in (-π, π], and the deviations from it, (k, n) in (-π, π].
+    All but gross errors in a column must lie within half a turn.
     """
     # The reference only has to lie among the bulk: the direction of the mean vector does.
     reference = np.arctan2(np.sin(angles).mean(axis=0), np.cos(angles).mean(axis=0))

@@ -31,7 +31,7 @@ from suta_calib.acquisition.touch_sequence import (
     touched,
 )
 from suta_calib.acquisition.unattended import Continuous, Unattended
-from suta_calib.atomic import check_folder
+from suta_calib.atomic import check_folder, check_outputs, only_writer
 from suta_calib.device.bus import Bus
 from suta_calib.device.description import DeviceSpec
 from suta_calib.device.device_file import read_device
@@ -136,15 +136,8 @@ class Measured:
 
     def as_dict(self) -> dict[str, Any]:
         """As JSON data."""
-        found: dict[str, Any] = {
-            "status": self.status,
-            "file": str(self.file),
-            "samples": self.samples,
-            "happened": list(self.happened),
-        }
-        if self.missing is not None:
-            found |= {"missing": list(self.missing), "look_at": self.look_at}
-        return found
+        given = {key: value for key, value in vars(self).items() if value is not None}
+        return {**given, "file": str(self.file)}
 
 
 def measure(
@@ -182,6 +175,9 @@ def measure(
         spec = read_device(options.device)
         plan, out = _plan(options)
         check_folder(out.parent)
+        raw = [] if options.raw is None else [options.raw]
+        check_outputs([out, *raw], [options.job, options.device, options.urdf])
+        stack.enter_context(only_writer(out))
         joints = plan.arm.joints
         choose = ArmReadings(spec, joints)
         file = SamplesFile(out, joints, plan.label_columns, plan.key, resume=options.resume)

@@ -31,11 +31,6 @@ class RawRecorder:
     Columns: ``sequence``, ``time`` and ``arrival`` (s), one per joint (rad), and the names of the
     joints with a raised error flag in ``errors``.
 
-    Args:
-        path: the file; must not exist.
-        joints: names of the device's joints.
-        say: told what was recovered.
-
     Raises:
         InputError: there is a file of this name.
         MissingExtraError: pyarrow is not installed.

@@ -171,14 +171,9 @@ class RestDetector:
 
 
 def noise_level(angles: FloatArray, times: FloatArray | None = None) -> FloatArray:
-    """Noise of each column, free of its trend: the middle of three against the outer two.
+    """Noise (n,) of one reading, rad, free of its trend: the middle of three against the outer two.
 
-    Args:
-        angles: (k, n) rad, k at least 3, one after the other.
-        times: (k,) s, increasing, not necessarily evenly; None for evenly spaced ones.
-
-    Returns:
-        (n,) standard deviation of one reading, rad.
+    Angles are (k, n) rad, at times (k,) s that increase, or evenly spaced ones; k at least 3.
     """
     share = np.full(len(angles) - 2, 0.5)
     if times is not None:

@@ -2,7 +2,8 @@
 
 Its samples file grows by one confirmed row at a time and is complete at every moment: each row
 means the whole file written under another name and renamed, so that whoever is killed in the
-middle leaves the file as it was before. Rows of other placements in it are kept as they stand.
+middle leaves the file as it was before. Every line in it that is not this run's stays as it is,
+also if somebody wrote it after the run began.
 """
 
 from __future__ import annotations
@@ -20,10 +21,12 @@ from suta_calib.acquisition.seating_check import SeatingCheck
 from suta_calib.acquisition.touch_sequence import Station, TouchSequence
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import OutputError, SamplesError
-from suta_calib.measurements import read_csv_table, read_text, write_text
+from suta_calib.measurements import lines_of, read_csv_table, read_text, write_text
 from suta_calib.units import deg, mm
 
 Say = Callable[[str], None]
+# Labels and readings (n,), rad.
+Sample = tuple[Mapping[str, str], FloatArray]
 _MOST_DISTANCES: Final = 4
 
 
@@ -106,11 +109,8 @@ class Run:
     def rename(self, places: Sequence[int]) -> None:
         """Take this run's samples, in the file's order, for those of other stations.
 
-        Args:
-            places: their stations' numbers, increasing; those left out before them were missed.
-
-        Raises:
-            OutputError: the new labels could not be written; nothing has changed then.
+        Stations left out before one of these ``places`` (numbers, increasing) were missed. Where
+        the new labels cannot be written nothing changes, and an OutputError says so.
         """
         self.file.relabel([self.plan.stations[place].labels for place in places])
         self._rows = {place: row for row, place in enumerate(places)}
@@ -188,10 +188,10 @@ class SamplesFile:
         resume: bool = False,
     ) -> None:
         self.path, self._joints, self._labels, self._key = path, joints, labels, key
-        self.rows: list[tuple[Mapping[str, str], FloatArray]] = []
+        self.rows: list[Sample] = []
         self._header: list[str] = [*joints, *labels]
-        # Everything that is not this run's, the header first, as it stands.
-        self._kept = _line(self._header)
+        # The lines of the file with their ends, and which of them are this run's rows.
+        self._lines, self._at = [_line(self._header)], list[int]()
         if path.exists():
             self._read(resume)
 
@@ -199,9 +199,9 @@ class SamplesFile:
         table = read_csv_table(self.path)
         readings = np.stack([table.numbers(j, "a column per joint") for j in self._joints], axis=1)
         labels = {name: table.labels(name, "a label column") for name in self._labels}
-        text = read_text(self.path, SamplesError).splitlines()
-        self._header = [cell.strip() for cell in next(csv.reader([text[table.header_line - 1]]))]
-        ours: set[int] = set()
+        self._lines = lines_of(read_text(self.path, SamplesError))
+        self._header = _cells(self._lines[table.header_line - 1])
+        self.rows, self._at = [], []
         for index, line in enumerate(table.lines):
             own = {name: str(values[index]) for name, values in labels.items()}
             if any(own[name] != value for name, value in self._key.items()):
@@ -215,9 +215,8 @@ class SamplesFile:
                     line=line,
                     hint="go on with --resume, or give another --repeat or --out",
                 )
-            ours.add(line)
+            self._at.append(line - 1)
             self.rows.append((own, readings[index]))
-        self._kept = "".join(f"{x}\n" for n, x in enumerate(text, 1) if n not in ours and x)
 
     def put(self, labels: Mapping[str, str], angles: FloatArray, at: int | None = None) -> int:
         """Write one row, in place of this run's row number ``at`` if that is given.
@@ -234,34 +233,61 @@ class SamplesFile:
         self._write(rows)
         return index
 
-    def put_all(self, rows: Sequence[tuple[Mapping[str, str], FloatArray]]) -> None:
-        """Write several rows at once after those there are.
-
-        Raises:
-            OutputError: they could not be written; the file is as it was.
-        """
+    def put_all(self, rows: Sequence[Sample]) -> None:
+        """Write several rows at once after those there are; errors as of `put`."""
         self._write([*self.rows, *rows])
 
     def relabel(self, labels: Sequence[Mapping[str, str]]) -> None:
-        """Give all rows of this run other labels, in their order, at once.
-
-        Raises:
-            OutputError: they could not be written; the file is as it was.
-        """
+        """Give all rows of this run other labels, in order, at once; errors as of `put`."""
         self._write([(new, angles) for new, (_, angles) in zip(labels, self.rows, strict=True)])
 
-    def _write(self, rows: list[tuple[Mapping[str, str], FloatArray]]) -> None:
+    def _write(self, rows: list[Sample]) -> None:
         """Write the file with these rows; they are this run's once they are on the disk."""
-        text = self._kept
-        for labels, angles in rows:
-            cells = dict(labels) | dict(zip(self._joints, angles.tolist(), strict=True))
-            text += _line([str(cells.get(name, "")) for name in self._header])
+        self._look_again()
+        lines, at = list(self._lines), list(self._at)
+        for k, (labels, angles) in enumerate(rows):
+            new = dict(labels) | dict(zip(self._joints, map(str, angles.tolist()), strict=True))
+            if k >= len(at):
+                if not lines[-1].endswith(("\n", "\r")):
+                    lines[-1] += "\n"
+                at.append(len(lines))
+                lines.append(_line([new.get(name, "") for name in self._header]))
+            elif rows[k] is not self.rows[k]:
+                # What stands in columns that are nobody's here stays.
+                old = dict(zip(self._header, _cells(lines[at[k]]), strict=True))
+                lines[at[k]] = _line([(old | new)[name] for name in self._header])
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise OutputError(f"{self.path}: not written: {error.strerror}") from error
-        write_text(self.path, text)
-        self.rows = rows
+        write_text(self.path, "".join(lines))
+        self.rows, self._lines, self._at = rows, lines, at
+
+    def _look_again(self) -> None:
+        """Take over what somebody else wrote into the file since it was looked at last."""
+        if not self.path.exists():
+            return
+        if lines_of(read_text(self.path, SamplesError)) == self._lines:
+            return
+        before, now = (
+            self.rows,
+            SamplesFile(self.path, self._joints, self._labels, self._key, resume=True),
+        )
+        same = len(before) == len(now.rows) and all(
+            a == b and np.array_equal(p, q) for (a, p), (b, q) in zip(before, now.rows, strict=True)
+        )
+        if not same:
+            raise OutputError(
+                f"{self.path}: not written: found {len(now.rows)} samples of this run that "
+                f"somebody changed meanwhile; expected the {len(before)} that were written; go on "
+                "with --resume, or with another --out"
+            )
+        self._lines, self._at, self._header = now._lines, now._at, now._header
+
+
+def _cells(line: str) -> list[str]:
+    """The cells of a line, as `read_csv_table` reads them."""
+    return [cell.strip() for cell in next(csv.reader([line], skipinitialspace=True))]
 
 
 def _line(cells: Sequence[str]) -> str:

@@ -102,11 +102,7 @@ class SeatingCheck:
         return rms_length(source @ R.T + p - target)
 
     def which(self, expected: str, candidates: Iterable[str], angles: FloatArray) -> str:
-        """The landmark the arm rests on, where it may not be the expected one.
-
-        Returns:
-            ``expected``, unless it is impossible and a candidate fits far better.
-        """
+        """The landmark the arm rests on: a candidate only where the expected one is impossible."""
         misfits: Mapping[str, float] = {name: self.misfit(name, angles) for name in candidates}
         if not misfits or self.misfit(expected, angles) < ANOTHER:
             return expected
@@ -126,17 +122,9 @@ def likelier(
 ) -> tuple[int, ...] | None:
     """Places in the sequence that samples belong to rather than to those they were taken for.
 
-    Landmarks are touched in their order, and at most three are missed. The names that they were
-    given stand unless they are impossible and others fit far better.
-
-    Args:
-        seating: gives the artefact.
-        names: of the landmarks, in their order.
-        taken: places in ``names`` the samples were taken for, increasing.
-        tips: (3,) of each sample, m.
-
-    Returns:
-        Other places, increasing; None where those given stand, or where nothing can be said.
+    Landmarks are touched in the order of ``names``, and at most three are missed. The places that
+    were ``taken`` for the tips (3,), m, stand unless they are impossible and others fit far better:
+    then, or where nothing can be said, the answer is None.
     """
     count = len(tips)
     if count < CERTAIN:

@@ -29,11 +29,7 @@ _READ_TIMEOUT: Final = 0.05
 
 
 class ArmReadings:
-    """Readings of the arm's joints, in its order, out of those of a device that may have more.
-
-    Args:
-        spec: the device.
-        joints: of the arm, base → tip.
+    """Picks the arm's joints, in its order, out of those of a device that may have more.
 
     Raises:
         InputError: the device lacks a joint of the arm.
@@ -86,15 +82,8 @@ def run_session(
 ) -> bool:
     """Take samples until there is nothing left to take.
 
-    Args:
-        source: of the readings.
-        choose: picks the arm's joints.
-        finder: of the stops.
-        sampler: of the samples.
-        events: filled as it goes on.
-        idle: called after every read: keys, and what is on the screen.
-        record: gets every reading with all joints, as it came.
-        patience: how long nothing may happen before it is given up, s.
+    After every read ``record`` gets the readings as they came, with all joints, and ``idle`` looks
+    after keys and the screen. Where nothing happens for ``patience`` s it is given up.
 
     Returns:
         Whether it came to its end; False where patience did.

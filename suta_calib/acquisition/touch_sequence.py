@@ -100,13 +100,9 @@ def read_arm(job: Path, urdf: Path | None = None) -> ArmModel:
 
 
 def read_row(job: Path, which: str | None, wanted: Sequence[str]) -> Row:
-    """The observation that samples are taken for.
+    """The observation that samples are taken for: the first of a kind that is ``wanted``.
 
-    Args:
-        job: the job's file.
-        which: ``1``, ``observations[1]``, ``validation``, ``validation[0]`` or a kind; None for
-            the first of a kind that is wanted.
-        wanted: kinds.
+    Or the one that ``which`` names: ``1``, ``observations[1]``, ``validation[0]`` or a kind.
 
     Raises:
         JobError: there is no such row, or a key of it cannot be used.

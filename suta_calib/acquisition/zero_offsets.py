@@ -7,6 +7,7 @@ several answers (branches); over several poses least squares leave those that fi
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final, Literal
@@ -25,13 +26,15 @@ from suta_calib.simulation import InverseKinematics, Targets
 from suta_calib.solver.identifiability import Combination, identify
 from suta_calib.solver.information import Information
 from suta_calib.solver.problem import DEFAULT_SIGMA
-from suta_calib.units import mm
+from suta_calib.units import deg, from_deg, mm
 
 # Starts of the inverse kinematics, and how many of what they find are tried on all poses.
 _STARTS: Final = 240
 _TRIED: Final = 80
 # Offsets closer than this are the same answer, rad or m.
 _SAME: Final = 1e-3
+# And readings closer than this the same posture, rad or m.
+_SAME_POSTURE: Final = 0.02
 # A branch fits if its residuals are within the assumed noise, or not much worse than the best.
 _NOT_MUCH_WORSE: Final = 3.0
 
@@ -42,11 +45,13 @@ class Branch:
 
     Attributes:
         offsets: (n,) added to the readings, rad in (-π, π] (m for prismatic joints).
+        std: (n,) their standard uncertainty; NaN where an offset is held.
         distances: (k,) how far the tip stays from each known position, m.
         angles: (k,) and from each known orientation, rad; None where none is known.
     """
 
     offsets: FloatArray
+    std: FloatArray
     distances: FloatArray
     angles: FloatArray | None
 
@@ -69,11 +74,13 @@ class ZeroOffsetOptions:
         branch: which of the answers that fit is taken, from 1; the smallest offsets by default.
         tolerance: how far the tip may stay from where it is known to be (RMS), m.
         seed: of the postures from which inverse kinematics searches.
+        plausible: an offset larger than this needs more than one posture to be believed, rad.
     """
 
     branch: int = 1
     tolerance: float = 0.02
     seed: int = 0
+    plausible: float = from_deg(45.0)
 
 
 DEFAULT: Final = ZeroOffsetOptions()
@@ -90,6 +97,9 @@ class ZeroOffsets:
         branches: those that fit, the smallest offsets first; at least one.
         undetermined: offsets that these poses cannot tell, which are held at zero; or
             combinations of several, and then the only branch is one answer of infinitely many.
+        redundancy: how many equations different postures give beyond one for each offset that is
+            estimated: with none, whatever is read fits.
+        beyond_limits: joints that with the chosen offsets would stand beyond their limits.
         options: how they were found.
     """
 
@@ -97,6 +107,8 @@ class ZeroOffsets:
     names: tuple[str, ...]
     branches: tuple[Branch, ...]
     undetermined: tuple[Combination, ...]
+    redundancy: int
+    beyond_limits: tuple[str, ...] = ()
     options: ZeroOffsetOptions = DEFAULT
 
     @property
@@ -119,12 +131,36 @@ class ZeroOffsets:
     @property
     def assessment(self) -> Assessment:
         """Bad where no offsets fit, or the poses leave a choice between infinitely many."""
-        chosen, count = self.chosen, len(self.branches)
+        chosen, count, options = self.chosen, len(self.branches), self.options
+        poses = f"{len(chosen.distances)} pose{'s' * (len(chosen.distances) != 1)}"
         sentence = (
-            f"{len(chosen.distances)} poses; the tip stays {mm(chosen.rms):.3f} mm (RMS) away, at "
+            f"{poses}; the tip stays {mm(chosen.rms):.3f} mm (RMS) away, at "
             f"most {mm(float(chosen.distances.max())):.3f} mm"
         )
         bad, care = list[str](), list[str]()
+        unchecked = self.redundancy <= 0 and self.status == "found"
+        if unchecked:
+            sentence = f"{poses}: no more equations than offsets, so that any readings would fit"
+            care.append(
+                "Nothing checks these offsets: a wrong pose or reading fits as well. Give a second "
+                "pose with its orientation, far from the first."
+            )
+        large = [
+            f"{name} {deg(value):.0f}"
+            for name, value in self.values().items()
+            if self.arm.parameters[name].unit == "rad" and abs(value) > options.plausible
+        ]
+        # Who chose a branch by its number knows which one it is.
+        if unchecked and large and options.branch == 1:
+            bad.append(
+                f"Not usable: offsets of {', '.join(large)} deg, which no second posture bears "
+                "out. Give more poses, or choose a branch you know to be right with --branch."
+            )
+        if self.beyond_limits:
+            care.append(
+                f"{', '.join(self.beyond_limits)} would stand beyond the limits of the URDF: "
+                "another branch, or a joint that turns the other way?"
+            )
         if self.status == "undetermined":
             bad.append("Not usable: give more poses, or their orientations.")
         if self.status == "no_fit":
@@ -133,8 +169,9 @@ class ZeroOffsets:
                 "that turns the other way."
             )
         if count > 1:
-            number = self.options.branch
-            care.append(f"{count} branches fit; this is number {number}: choose with --branch N")
+            care.append(
+                f"{count} branches fit; this is number {options.branch}: choose with --branch N"
+            )
         for combination in self.undetermined:
             others = ", ".join(name for name in combination.direction if name != combination.fixed)
             what = f"only together with {others}" if others else "held at 0"
@@ -172,18 +209,22 @@ def find_zero_offsets(
     answers = [fit.refined(start, every) for start in starts]
     best = min(answers, key=fit.cost)
     undetermined = fit.undetermined(best)
-    branches = _distinct(fit, answers)
+    branches = _distinct(fit, answers, every)
     if not all(combination.alone for combination in undetermined):
         # A continuum of answers has no branches worth listing: the smallest stands for them.
         branches = branches[:1]
     elif undetermined:
         fixed = {combination.fixed for combination in undetermined}
-        free = np.array([name not in fixed for name in fit.names])
-        held = [np.where(free, start, 0.0) for start in answers]
-        branches = _distinct(fit, [fit.refined(start, every[free]) for start in held])
+        free = every[[name not in fixed for name in fit.names]]
+        held = [np.where(np.isin(every, free), start, 0.0) for start in answers]
+        branches = _distinct(fit, [fit.refined(start, free) for start in held], free)
     if not 1 <= options.branch <= len(branches):
         raise InputError(str(options.branch), f"1 to {len(branches)}", where="--branch")
-    return ZeroOffsets(arm, fit.names, branches, undetermined, options)
+    chosen = branches[options.branch - 1].offsets
+    beyond = _beyond_limits(arm, samples.q + chosen)
+    postures = len(_apart(arm, list(samples.q), _SAME_POSTURE))
+    redundancy = fit.redundancy(postures, len(undetermined))
+    return ZeroOffsets(arm, fit.names, branches, undetermined, redundancy, beyond, options)
 
 
 def _starts(arm: ArmModel, samples: Samples, rng: np.random.Generator) -> list[FloatArray]:
@@ -203,24 +244,36 @@ def _starts(arm: ArmModel, samples: Samples, rng: np.random.Generator) -> list[F
     return [np.zeros(len(arm.joints)), *_apart(arm, offsets)][:_TRIED]
 
 
-def _apart(arm: ArmModel, offsets: Sequence[FloatArray]) -> list[FloatArray]:
+def _beyond_limits(arm: ArmModel, angles: FloatArray) -> tuple[str, ...]:
+    """Joints that stand beyond their limits, whatever turns are added, in angles (k, n)."""
+    found = []
+    for joint, column in zip(arm.chain.moving, angles.T, strict=True):
+        middle, half = (joint.lower + joint.upper) / 2, (joint.upper - joint.lower) / 2
+        if math.isfinite(half):
+            away = column - middle if joint.type == "prismatic" else wrap(column - middle)
+            if np.max(np.abs(away)) > half + _SAME_POSTURE:
+                found.append(joint.name)
+    return tuple(found)
+
+
+def _apart(arm: ArmModel, offsets: Sequence[FloatArray], same: float = _SAME) -> list[FloatArray]:
     """Each of them once, in the order given."""
     kept: list[FloatArray] = []
     for each in offsets:
         others = np.array(kept).reshape(-1, len(each))
-        if not np.any(np.all(np.abs(wrapped_offsets(arm, others - each)) < _SAME, axis=1)):
+        if not np.any(np.all(np.abs(wrapped_offsets(arm, others - each)) < same, axis=1)):
             kept.append(each)
     return kept
 
 
-def _distinct(fit: _OffsetFit, answers: Sequence[FloatArray]) -> tuple[Branch, ...]:
+def _distinct(fit: _OffsetFit, answers: Sequence[FloatArray], free: IntArray) -> tuple[Branch, ...]:
     """The answers that fit, each once, the smallest offsets first."""
     costs = np.array([fit.cost(answer) for answer in answers])
     # Every residual may be as large as the noise assumed.
     limit = max(len(fit.rows(answers[0])[0]), _NOT_MUCH_WORSE**2 * float(costs.min()))
     good = [answers[k] for k in np.argsort(costs, kind="stable") if costs[k] <= limit]
     apart = _apart(fit.arm, good)
-    return tuple(fit.branch(o) for o in sorted(apart, key=lambda o: float(np.linalg.norm(o))))
+    return tuple(fit.branch(o, free) for o in sorted(apart, key=lambda o: float(np.linalg.norm(o))))
 
 
 class _OffsetFit:
@@ -285,14 +338,26 @@ class _OffsetFit:
         verdict = identify(unknown, len(unknown), information, np.zeros(len(unknown)))
         return verdict.combinations
 
-    def branch(self, offsets: FloatArray) -> Branch:
-        """Offsets with their residuals."""
+    def redundancy(self, poses: int, held: int) -> int:
+        """Equations of so many poses beyond one for each offset that is not held."""
+        return poses * (3 if self._rotation is None else 6) - len(self.names) + held
+
+    def branch(self, offsets: FloatArray, free: IntArray) -> Branch:
+        """Offsets, how sure those are that are free, and their residuals."""
         rotation, position, _ = self._poses(offsets)
+        residual, slope = self.rows(offsets)
+        std = np.full(len(offsets), np.nan)
+        covariance = np.linalg.pinv(slope[:, free].T @ slope[:, free], hermitian=True)
+        std[free] = np.sqrt(np.diag(covariance))
+        # Noise is taken to be what is assumed where too few poses tell otherwise.
+        beyond = len(residual) - len(free)
+        factor = float(residual @ residual) / max(beyond, 1)
+        std *= np.sqrt(factor if beyond >= len(offsets) else max(factor, 1.0))
         distances = np.linalg.norm(position - self._position, axis=1)
         if self._rotation is None:
-            return Branch(offsets, distances, None)
+            return Branch(offsets, std, distances, None)
         turn = vector_from_rotation(np.swapaxes(self._rotation, 1, 2) @ rotation)
-        return Branch(offsets, distances, np.linalg.norm(turn, axis=1))
+        return Branch(offsets, std, distances, np.linalg.norm(turn, axis=1))
 
 
 def wrapped_offsets(arm: ArmModel, offsets: FloatArray) -> FloatArray:

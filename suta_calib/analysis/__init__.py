@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from suta_calib.lazy import public
 
 if TYPE_CHECKING:
-    from suta_calib.analysis.encoder_noise import EncoderNoise as EncoderNoise
+    from suta_calib.analysis.error_budget import EncoderNoise as EncoderNoise
     from suta_calib.analysis.error_budget import ErrorBudget as ErrorBudget
     from suta_calib.analysis.tip_map import TipMap as TipMap
     from suta_calib.analysis.tip_map import TipMapOptions as TipMapOptions

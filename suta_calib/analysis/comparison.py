@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from types import MappingProxyType
 from typing import Final
 
@@ -60,8 +61,8 @@ def compare_arms(
     Args:
         observations: the job's terms.
         validation: the terms to judge by, over the same arm.
-        other: the arm to compare with; it must have the same moving joints.
-        beside_geometry: its eccentricities and compliances by name, which its URDF cannot hold.
+        other: the arm to compare with, of the same moving joints.
+        beside_geometry: its eccentricities and compliances by name.
 
     Raises:
         UrdfError: the arms differ in their moving joints.
@@ -87,18 +88,51 @@ def check_calibrated(nominal: ArmModel, other: ArmModel, values: Mapping[str, fl
     Raises:
         UrdfError: a joint's origin is not what the calibration made of it.
     """
+    if differing := _differing(nominal, other, values):
+        raise UrdfError(
+            f"another origin of {differing} than the result's values make",
+            "the calibrated.urdf that was written beside the result",
+            file=other.chain.path,
+            where=differing,
+        )
+
+
+def check_nominal(nominal: ArmModel, result: Path, values: Mapping[str, float]) -> None:
+    """Refuse an arm from which a result was not made, as the URDF beside the result tells it.
+
+    Args:
+        nominal: the arm that is said to have been calibrated.
+        result: the ``result.json``; without a URDF beside it there is nothing to compare.
+        values: what the calibration found, by name.
+
+    Raises:
+        UrdfError: other joints, or a joint's origin that the calibration would not have left so.
+    """
+    names = ("calibrated.urdf", "not_usable.urdf")
+    for made in filter(Path.exists, (result.with_name(name) for name in names)):
+        other = ArmModel.from_urdf(made, nominal.chain.tip, nominal.chain.base)
+        alike = other.joints == nominal.joints
+        if not alike or _differing(nominal, other, values):
+            what = f"the origin of {_differing(nominal, other, values)}" if alike else "the joints"
+            raise UrdfError(
+                f"another arm than the one that was calibrated: {what} differ from {made.name}'s",
+                f"the URDF that became {made}",
+                file=nominal.chain.path,
+                hint="give the URDF, --tip and --base of the job that was calibrated",
+            )
+        return
+
+
+def _differing(nominal: ArmModel, other: ArmModel, values: Mapping[str, float]) -> str:
+    """The first joint whose origin is not what these values make of the nominal one, if any."""
     made = nominal.origins(values)
     for joint in other.chain.joints:
         xyz, rpy = made.get(joint.name, (joint.xyz, joint.rpy))
         turn = rotation_from_rpy(rpy).T @ rotation_from_rpy(joint.rpy)
         apart = max(float(np.abs(xyz - joint.xyz).max()), float(np.abs(turn - np.eye(3)).max()))
         if apart > SAME_ORIGIN:
-            raise UrdfError(
-                f"another origin of {joint.name} than the result's values make",
-                "the calibrated.urdf that was written beside the result",
-                file=other.chain.path,
-                where=joint.name,
-            )
+            return joint.name
+    return ""
 
 
 def _residuals(

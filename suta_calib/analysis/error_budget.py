@@ -17,19 +17,22 @@ number: its sources stand together with one number for all of them.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final, Literal
 
 import numpy as np
+from scipy import sparse
 
-from suta_calib.analysis.encoder_noise import EncoderNoise, Linear, linear
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.assessment import Assessment
 from suta_calib.diagnostics.accuracy import fit_own
 from suta_calib.diagnostics.repeats import gross_rows, repeat_variance
 from suta_calib.errors import ParameterError
 from suta_calib.job.calibration import CalibrationJob
+from suta_calib.model.arm import ArmModel
+from suta_calib.model.parameters import ParameterSet
+from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.solver.solve import Progress
 from suta_calib.terms import KINDS, Term
@@ -54,13 +57,90 @@ TOO_LARGE: Final = 1.5
 
 
 @dataclass(frozen=True)
-class Share:
-    """A part of the mean square that one source made, or several that cannot be told apart.
+class EncoderNoise:
+    """What is known of the encoders beforehand.
 
     Attributes:
-        sources: one, or those that stand together.
-        variance: m² or rad², of the residual's norm.
+        bits: revolute joints read whole steps of 2π / 2^bits; None where that is not known.
+        angle: standard deviation of a revolute joint's reading beside the steps, rad.
+        length: standard deviation of a prismatic joint's reading, m.
     """
+
+    bits: int | None = None
+    angle: float = 0.0
+    length: float = 0.0
+
+    def std(self, arm: ArmModel) -> FloatArray:
+        """(joints,) standard deviation of each reading: steps are uniform, a twelfth of a step²."""
+        step = 0.0 if self.bits is None else 2 * np.pi / 2**self.bits
+        turning = float(np.hypot(step / np.sqrt(12.0), self.angle))
+        prismatic = [joint.type == "prismatic" for joint in arm.chain.moving]
+        return np.where(prismatic, self.length, turning)
+
+
+@dataclass(frozen=True, eq=False)
+class Linear:
+    """Terms at given parameter values, block by block, and the tip.
+
+    Attributes:
+        residuals: (n, d).
+        by_reading: (n,) variance of a residual's norm that the encoders make, m² or rad².
+        by_parameters: (n, d, p) derivative by the arm's parameters asked for.
+        tip_by_reading: (samples,) variance of the tip's position that the encoders make, m².
+        tip_by_parameters: (samples, 3, p) derivative of the tip's position.
+    """
+
+    residuals: list[FloatArray]
+    by_reading: list[FloatArray]
+    by_parameters: list[FloatArray]
+    tip_by_reading: FloatArray
+    tip_by_parameters: FloatArray
+
+
+def linear(
+    terms: Sequence[Term], names: Sequence[str], values: Mapping[str, float], std: FloatArray
+) -> Linear:
+    """Residuals and their derivatives by readings and by some of the arm's parameters.
+
+    Args:
+        terms: over one arm.
+        names: the arm's parameters to differentiate by.
+        values: of all parameters.
+        std: (joints,) of each reading, rad or m.
+    """
+    arm = Problem(terms).arm
+    assert arm is not None
+    offsets = [f"{joint}.offset" for joint in arm.joints]
+    # What is not estimated may still have a value: that of a job's fixed parameters is nominal.
+    own = [n for n in (*arm.parameters, *arm.nongeometric) if n in {*names, *offsets}]
+    problem = Problem(terms, ParameterSet(arm.offered[n] for n in own))
+    x = np.array([values.get(p.name, p.nominal) for p in problem.parameters.values()])
+    lines = problem.linearise(x, problem.assumed_sigmas())
+    velocity = problem.evaluation.table.velocity
+    joints = [own.index(n) for n in offsets]
+    chosen = [own.index(n) for n in names]
+    rows = np.arange(len(velocity))
+    samples = rows // 6
+    residuals, by_reading, by_parameters = [], [], []
+    for line in lines:
+        n, size = line.residual.shape
+        motion = line.pattern.by_velocity(line.by_pose)
+        residuals.append(line.residual.copy())
+        # If every sample's readings err independently.
+        variance = np.zeros(motion.shape[0])
+        for joint, level in zip(joints, std, strict=True):
+            block = sparse.csr_array((velocity[:, joint], (rows, samples)))
+            variance += np.asarray((motion @ block).power(2).sum(axis=1)).reshape(-1) * level**2
+        by_reading.append(variance.reshape(n, size).sum(axis=1))
+        by_parameters.append((motion @ velocity[:, chosen]).reshape(n, size, len(chosen)))
+    moved = velocity.reshape(-1, 6, len(own))[:, :3]
+    tip = np.einsum("nij,j->n", moved[:, :, joints] ** 2, std**2)
+    return Linear(residuals, by_reading, by_parameters, tip, moved[:, :, chosen])
+
+
+@dataclass(frozen=True)
+class Share:
+    """A part of the mean square (m², rad²) of one source, or several that stand together."""
 
     sources: tuple[Source, ...]
     variance: float
@@ -92,8 +172,7 @@ class BlockBudget:
         variance: mean square of all residuals' norms.
         count: of residuals.
         overstated: whether the encoders' stated noise is more than repeats scatter.
-        per_position: variance of a touched position over that of a residual's norm: a position has
-            three coordinates; a distance sees one of each of its two ends.
+        per_position: variance of a touched position over that of a residual's norm.
     """
 
     data: str
@@ -127,9 +206,9 @@ class TipBudget:
     """Mean square of the tip's position error at the postures that were visited, m².
 
     Attributes:
-        encoders: of a single reading; None where nothing is known of the encoders.
+        encoders: of a single reading; None where nothing is known of them.
         parameters: from the covariance of the calibration, relative to what was held.
-        model: as the first block of lengths shows it; None where it has no number of its own.
+        model: as the first block of lengths shows it; None where it has no number.
     """
 
     encoders: float | None
@@ -178,21 +257,21 @@ class ErrorBudget:
         return Assessment.of(sentence, care=care)
 
 
-def error_budget_of_job(job: CalibrationJob, progress: Progress | None = None) -> ErrorBudget:
-    """Calibrate a job, and split its errors by where they come from.
-
-    Args:
-        job: its section ``encoders`` states what is known of them.
-        progress: called with (starts done, starts).
+def error_budget_of_job(
+    job: CalibrationJob, progress: Progress | None = None, *, anyway: bool = False
+) -> ErrorBudget:
+    """Calibrate a job, whose section ``encoders`` states what is known, and split its errors.
 
     Raises:
         SamplesError: the calibration does not converge.
+        NotUsableError: it must not be used, and not ``anyway``.
     """
     stated = job.spec.encoders
     encoders = None
     if stated is not None:
         encoders = EncoderNoise(stated.bits, stated.noise_rad, stated.noise_m)
-    return error_budget(job.usable_solution(progress), job.validation, encoders)
+    solution = job.usable_solution(progress, anyway=anyway)
+    return error_budget(solution, job.validation, encoders)
 
 
 @single_threaded
@@ -212,21 +291,23 @@ def error_budget(
     problem = solution.problem
     if problem.arm is None:
         raise ParameterError("no arm among the observations", "one", where="error budget")
-    names = problem.names[: problem.arm_count]
+    names = problem.arm_parameters.names
     std = (encoders or EncoderNoise()).std(problem.arm)
     at = linear(problem.terms, names, solution.values, std)
     known = encoders is not None
     blocks = _blocks("calibration", problem.terms, at, known, None)
     covariance = solution.covariance[: len(names), : len(names)]
     if validation:
-        arm = problem.arm_parameters
-        values = fit_own(validation, arm, solution.values)
+        values = fit_own(validation, problem.arm_parameters, solution.values)
         held_out = linear(validation, names, values, std)
         blocks += _blocks("validation", validation, held_out, known, covariance)
+    # The model's share of a position; held-out data tell it best.
+    lengths = sorted((b for b in blocks if b.unit == "m"), key=lambda b: b.data != "validation")
+    model = lengths[0].variance_of("model") if lengths else None
     tip = TipBudget(
         float(at.tip_by_reading.mean()) if known else None,
         _mean_variance(at.tip_by_parameters, covariance),
-        _model_at_the_tip(blocks),
+        None if model is None else lengths[0].per_position * model,
     )
     return ErrorBudget(tuple(blocks), tip, _missing(blocks, known))
 
@@ -254,6 +335,7 @@ def _blocks(
             head = (data, term.kind, block.name, block.unit)
             budget = next((s.variance for s in shares if s.sources == ("encoders",)), 0.0)
             overstated = 0.0 < TOO_LARGE * budget < (stated["encoders"] or 0.0)
+            # A position has three coordinates; a distance sees one of each of its two ends.
             per_position = 3.0 / (block.size * term.noise_factor**2)
             sums = (shares, total, len(block), overstated)
             found.append(BlockBudget(*head, *sums, per_position))
@@ -300,15 +382,6 @@ def _shares(
 def _mean_variance(derivative: FloatArray, covariance: FloatArray) -> float:
     """Mean over the rows (n, d, p) of the trace of J Σ Jᵀ."""
     return float(np.einsum("ndp,pq,ndq->", derivative, covariance, derivative) / len(derivative))
-
-
-def _model_at_the_tip(blocks: Sequence[BlockBudget]) -> float | None:
-    """The model's share as variance of a position; held-out data tell it best."""
-    for budget in sorted(blocks, key=lambda b: b.data != "validation"):
-        if budget.unit == "m":
-            share = budget.variance_of("model")
-            return None if share is None else budget.per_position * share
-    return None
 
 
 def _missing(blocks: Sequence[BlockBudget], known: bool) -> tuple[str, ...]:

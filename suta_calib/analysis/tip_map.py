@@ -13,7 +13,7 @@ import numpy as np
 
 from suta_calib.analysis.planning import Region, Situation
 from suta_calib.analysis.planning.candidates import DOWN
-from suta_calib.analysis.planning.links import link_points
+from suta_calib.analysis.planning.reach import link_points
 from suta_calib.analysis.tip_sections import Knowledge, Slice, Walker, slices
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment
@@ -36,10 +36,8 @@ class TipMapOptions:
     """What is asked for.
 
     Attributes:
-        box: (2, 3) lower and upper corner of the region in the base, m; by default around what was
-            touched.
-        place: (3,) where one registers, m; by default in the middle of what was touched, or of the
-            box.
+        box: (2, 3) corners of the region in the base, m; by default around what was touched.
+        place: (3,) where one registers, m; by default amid what was touched, or in the box.
         tolerance: the RMS over the region that is good enough, m; None where any is.
         grid: points along each side of a section.
         seed: of the searches for postures.
@@ -76,13 +74,9 @@ class Figures:
 
 @dataclass(frozen=True)
 class OpenDirection:
-    """What was held, and what it does to the registered tip if it is as far off as plausible.
+    """A parameter that was held, how far off it may be (m, rad), and the tip's RMS error then, m.
 
-    Attributes:
-        fixed: name of the parameter.
-        plausible: how far off it may be, m or rad.
-        effect: root mean square displacement of the tip over the region then, m.
-        unit: of the parameter.
+    The tip is registered, and its error is that over the region.
     """
 
     fixed: str
@@ -98,14 +92,13 @@ class TipMap:
     Attributes:
         knowledge: what was known.
         region: the figures are for.
-        place: (3,) where it was registered, the centre of the points, m.
-        registration: how many points were registered.
+        place, registration: (3,) where it was registered, m, at how many points.
         registered, absolute: figures over the region.
         sections: the maps.
         drawn: (joints + 2, 3) the arm in one posture, m.
         open_directions: what was held and moves the registered tip.
         axis: (3,) direction of the tip's z axis in the sections.
-        tolerance: the RMS over the region that is good enough, m; None where any is.
+        tolerance: as in `TipMapOptions`.
     """
 
     knowledge: Knowledge

@@ -34,10 +34,9 @@ class Knowledge:
     Attributes:
         arm: the nominal arm.
         values: calibrated values by name, m or rad.
-        names: (p,) parameters that were estimated.
-        covariance: (p, p) of them.
+        names, covariance: p parameters that were estimated, and (p, p) how surely.
         fixed: parameters that were not: what is said holds relative to them.
-        visited: (m, joints) readings of the samples; the middle of the range where none is known.
+        visited: (m, joints) readings of the samples; anywhere where none is known.
         open_directions: what the data left open: change of each parameter, and the plausible size.
     """
 
@@ -54,21 +53,18 @@ class Knowledge:
         """What a solution says of the arm, with the readings of its samples."""
         problem = solution.problem
         assert problem.arm is not None
-        rows = solution.free[solution.free < problem.arm_count]
-        parameters = problem.parameters
+        rows, parameters = solution.free[solution.free < problem.arm_count], problem.arm_parameters
         return cls(
             arm=problem.arm,
             values=solution.values,
             names=tuple(problem.names[k] for k in rows),
             covariance=solution.covariance[np.ix_(rows, rows)],
-            fixed=tuple(
-                n for n in solution.unidentified if n in problem.names[: problem.arm_count]
-            ),
+            fixed=tuple(n for n in solution.unidentified if n in parameters),
             visited=np.vstack([term.poses.samples.q for term in problem.terms]),
             open_directions=tuple(
                 (c.fixed, c.direction, parameters[c.fixed].plausible)
                 for c in solution.identification.combinations
-                if c.fixed in problem.names[: problem.arm_count]
+                if c.fixed in parameters
             ),
         )
 
@@ -81,15 +77,7 @@ class Knowledge:
         covariance: FloatArray,
         fixed: Sequence[str],
     ) -> Knowledge:
-        """What a result says of an arm whose samples are not known: anywhere within its limits.
-
-        Args:
-            arm: the nominal arm.
-            values: calibrated values by name, m or rad.
-            names: (p,) parameters that were estimated.
-            covariance: (p, p) of them.
-            fixed: parameters that were not.
-        """
+        """What a result says of an arm whose samples are not known: anywhere within its limits."""
         q = InverseKinematics(arm, {}).random_readings(np.random.default_rng(0), _ANYWHERE)
         return cls(arm, values, tuple(names), covariance, tuple(fixed), q)
 
@@ -116,9 +104,8 @@ class Slice:
 
     Attributes:
         name: ``side`` or ``top``.
-        along: (3,) horizontal unit vector of the section's first axis, in the base.
+        along, up: (3,) unit vectors of the section's axes in the base, the first horizontal.
         origin: (3,) where both coordinates are zero, m.
-        up: (3,) unit vector of its second axis.
         u, v: coordinates of the grid, m.
         registered, absolute: (v, u) 3-D standard uncertainty, m; NaN out of reach.
     """

@@ -107,7 +107,9 @@ json_option = click.option(
     "--json", "as_json", is_flag=True, help="Print one JSON object and nothing else."
 )
 anyway_option = click.option(
-    "--anyway", is_flag=True, help="Take a result that says of itself that it must not be used."
+    "--anyway",
+    is_flag=True,
+    help="Take a calibration that says of itself that it must not be used.",
 )
 verbose_option = click.option(
     "--verbose", "-v", is_flag=True, help="List the unknowns of the observations too."

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from suta_calib.cli._options import job_argument, out_option
+from suta_calib.cli._options import anyway_option, job_argument, out_option
 from suta_calib.cli._output import LateProgress, answer_command
 from suta_calib.report.document import Document
 
 
 @answer_command
 @job_argument
+@anyway_option
 @out_option
-def budget(job: Path) -> Document:
+def budget(job: Path, anyway: bool) -> Document:
     """Split the errors of JOB (a calibration.yaml) by where they come from.
 
     Encoder noise (as the job's section encoders states it), seating (what repeats of a touch
@@ -25,5 +26,5 @@ def budget(job: Path) -> Document:
 
     loaded = CalibrationJob.load(job)
     with LateProgress("solving") as progress:
-        found = error_budget_of_job(loaded, progress)
+        found = error_budget_of_job(loaded, progress, anyway=anyway)
     return budget_document(found)

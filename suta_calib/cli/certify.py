@@ -8,6 +8,7 @@ from typing import Final
 
 import click
 
+from suta_calib.atomic import check_outputs
 from suta_calib.cli._options import PATH, WRITTEN, FiniteRange, Folder
 from suta_calib.cli._output import answer_command
 from suta_calib.errors import OutputError
@@ -94,7 +95,11 @@ def certify(
     from suta_calib.report.certification import certification_document
 
     if file is not None:
-        _check_output(file, [points, nominal])
+        if not file.parent.is_dir() or file.is_dir():
+            what = "a folder" if file.is_dir() else f"no folder {file.parent}"
+            wanted = "a file's name in a folder that exists"
+            raise OutputError(f"{file}: found {what}; expected {wanted}")
+        check_outputs([file], [points, nominal])
     raw = read_raw_points(points)
     options = CertificationOptions(
         name=" ".join(name.split()),
@@ -130,13 +135,3 @@ def _lengths(spacers: tuple[str, ...]) -> dict[str, float]:
             )
         found[name.strip()] = length
     return found
-
-
-def _check_output(out: Path, inputs: list[Path | None]) -> None:
-    """Refuse what cannot be written, and what would replace an input, before any work."""
-    if not out.parent.is_dir() or out.is_dir():
-        what = "a folder" if out.is_dir() else f"no folder {out.parent}"
-        raise OutputError(f"{out}: found {what}; expected a file's name in a folder that exists")
-    for path in inputs:
-        if path is not None and path.exists() and out.exists() and out.samefile(path):
-            raise OutputError(f"{out}: found the same file as an input; expected another --out")

@@ -105,7 +105,8 @@ def measure(context: click.Context, /, **options: Any) -> None:
     distances are from the artefact's, and writes it to the samples file at once: whatever happens
     then, what was confirmed is there, and --resume goes on. Readings are averaged on the circle; a
     window in which the arm moved or an encoder raised its error flag is recorded again. Nothing
-    that was measured is ever overwritten. Exits with 1 where --patience ended it. Until it ends,
+    that was measured is ever overwritten, two do not write one file, and rows that somebody else
+    adds to it meanwhile stay. Exits with 1 where --patience ended it. Until it ends,
     the file of --raw is called FILE.part.
     """
     from suta_calib.device.port_process import open_ahead

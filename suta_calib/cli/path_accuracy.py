@@ -39,7 +39,8 @@ def path_accuracy(
     Both files have the columns time (s, one clock) and x,y,z (m; x_mm,y_mm,z_mm: mm), and
     qx,qy,qz,qw where orientations are to be compared. RECORDED.csv may come from track --csv:
     with --urdf and its joint columns the hysteresis of every joint is found, and taken out of the
-    latency. Exits with 1 where the latency found is the largest looked at.
+    latency. Exits with 1 where the motions do not tell the latency: where it is the largest looked
+    at, where they repeat themselves, or where nothing moves but noise.
     """
     from suta_calib.report.path_accuracy import path_accuracy_document
     from suta_calib.tracking.path_accuracy import compare

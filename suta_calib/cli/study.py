@@ -8,7 +8,13 @@ from typing import TYPE_CHECKING, Final, cast
 
 import click
 
-from suta_calib.cli._options import POSITIVE, job_argument, out_option, seed_option
+from suta_calib.cli._options import (
+    POSITIVE,
+    anyway_option,
+    job_argument,
+    out_option,
+    seed_option,
+)
 from suta_calib.cli._output import LateProgress, answer_command, results_folder
 from suta_calib.report.document import Document
 from suta_calib.units import stored
@@ -29,22 +35,15 @@ def _sizes(
         return None
     found: set[int] = set()
     for part in value.split(","):
-        sizes = _range(part.strip())
+        match = _RANGE.fullmatch(part.strip())
+        first, last, step = match.groups() if match is not None else ("0", None, None)
+        start, by = int(first), int(step or 1)
+        sizes = range(start, int(last or first) + 1, by) if start and by else ()
         if not sizes:
             expected = "numbers from 1 and ranges, such as 1-10, 2,4,8 or 10-100:10"
             raise click.BadParameter(f"found {value!r}; expected {expected}", context, parameter)
         found.update(sizes)
     return tuple(sorted(found))
-
-
-def _range(text: str) -> range:
-    """A number or a range; empty where it is none."""
-    match = _RANGE.fullmatch(text)
-    if match is None:
-        return range(0)
-    first, last, step = (None if number is None else int(number) for number in match.groups())
-    start, end = first or 0, last if last is not None else first or 0
-    return range(start, end + 1, step or 1) if start >= 1 and step != 0 else range(0)
 
 
 @answer_command
@@ -79,6 +78,7 @@ def _range(text: str) -> range:
 @click.option("--jobs", type=click.IntRange(1), help="Processes; default: one per core.")
 @click.option("--dask", metavar="ADDRESS", help="Run on this Dask cluster, as tcp://host:8786.")
 @click.option("--resume", is_flag=True, help="Go on with the trials an earlier run finished.")
+@anyway_option
 @out_option
 def study(
     job: Path,
@@ -91,6 +91,7 @@ def study(
     jobs: int | None,
     dask: str | None,
     resume: bool,
+    anyway: bool,
 ) -> Document:
     """Repeat the calibration of JOB many times over parts of its data.
 
@@ -119,6 +120,7 @@ def study(
                 request,
                 log,
                 resume=resume,
+                anyway=anyway,
                 workers=jobs or int(cpu_count()),
                 dask=dask,
                 progress=progress,

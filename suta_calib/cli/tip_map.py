@@ -66,16 +66,16 @@ def tip_map(
     elif tip is not None or job.suffix.lower() == ".json":
         raise click.UsageError("a result.json needs --urdf and --tip: the arm it was made from")
     else:
-        found = _of_job(job, options)
+        found = _of_job(job, options, anyway=anyway)
     return tip_map_document(found)
 
 
-def _of_job(job: Path, options: TipMapOptions) -> TipMap:
+def _of_job(job: Path, options: TipMapOptions, *, anyway: bool) -> TipMap:
     from suta_calib.analysis.tip_map import tip_map_of_solution
     from suta_calib.job.calibration import CalibrationJob
 
     with LateProgress("calibrating") as progress:
-        solution = CalibrationJob.load(job).usable_solution(progress)
+        solution = CalibrationJob.load(job).usable_solution(progress, anyway=anyway)
     with LateProgress("mapping"):
         return tip_map_of_solution(solution, options)
 
@@ -89,6 +89,7 @@ def _of_result(
     *,
     anyway: bool,
 ) -> TipMap:
+    from suta_calib.analysis.comparison import check_nominal
     from suta_calib.analysis.tip_map import tip_map_of_result
     from suta_calib.analysis.tip_sections import Knowledge
     from suta_calib.model.arm import ArmModel
@@ -98,6 +99,7 @@ def _of_result(
         raise click.UsageError("a result.json needs --tip and --region: it knows no samples")
     arm = ArmModel.from_urdf(urdf, tip, base)
     read = read_uncertainty(result, arm, anyway=anyway)
+    check_nominal(arm, result, read.values)
     known = Knowledge.unvisited(arm, read.values, read.names, read.covariance, read.fixed)
     with LateProgress("mapping"):
         return tip_map_of_result(known, options)

@@ -84,6 +84,7 @@ def _address(host_needed: bool) -> Callable[..., tuple[str, int] | None]:
 )
 @click.option("--csv", type=PATH, metavar="FILE", help="Record every pose as CSV, m.")
 @click.option("--parquet", type=PATH, metavar="FILE", help="Record every pose as Parquet, m.")
+@click.option("--force", is_flag=True, help="Replace recordings of the same names.")
 @click.option("--seconds", type=POSITIVE, help="Stop after so long.")
 @click.option("--stats", is_flag=True, help="Show the latency from frame arrival to publication.")
 @click.option(
@@ -100,9 +101,9 @@ def track(context: click.Context, /, **options: Any) -> None:
     A pose is not valid while an encoder of the arm raises its error flag: OpenIGTLink clients then
     get nothing, UDP datagrams say "valid": false and have no numbers, and rows of files have valid
     0 and no pose. A device that is unplugged or silent is waited for. Files are complete when the
-    command ends; until then they are called FILE.part. With --json one object with counts, latency
-    and the last pose is printed at the end, and nothing else. Exits with 1 where there was no
-    valid pose.
+    command ends; until then they are called FILE.part, and without --force they replace no others.
+    With --json one object with counts, latency and the last pose is printed at the end, and
+    nothing else. Exits with 1 where there was no valid pose.
     """
     from suta_calib.tracking.live import Tracking, TrackOptions
 

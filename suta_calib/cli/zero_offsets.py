@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final
 import click
 import numpy as np
 
-from suta_calib.atomic import check_folder
+from suta_calib.atomic import check_folder, check_outputs
 from suta_calib.cli._options import PATH, POSITIVE, WRITTEN, numbers_of
 from suta_calib.cli._output import answer_command
 from suta_calib.errors import InputError
@@ -64,9 +64,11 @@ def zero_offsets(
 
     One pose with its orientation tells the offsets of six joints, up to the ways (branches) in
     which the arm can reach it; they are listed, the smallest offsets first, and the first is taken
-    unless --branch says otherwise. Positions alone give three equations each: give several. With
-    --out writes the URDF with the offsets in its joints' origins, for raw readings. Exits with 1,
-    and writes nothing, where no offsets fit or where the poses leave a choice between many.
+    unless --branch says otherwise. Nothing checks what one pose tells: give two, and be sure to
+    where an offset is beyond 45 degrees. Positions alone give three equations each: give several.
+    With --out writes the URDF with the offsets in its joints' origins, for raw readings. Exits
+    with 1, and writes nothing, where no offsets fit, where the poses leave a choice between many,
+    or where nothing bears out large ones.
     """
     from suta_calib.acquisition.zero_offsets import ZeroOffsetOptions, find_zero_offsets
     from suta_calib.model.arm import ArmModel
@@ -74,6 +76,7 @@ def zero_offsets(
 
     if file is not None:
         check_folder(file.parent)
+        check_outputs([file], [urdf, readings])
     arm = ArmModel.from_urdf(urdf, tip, base)
     options = ZeroOffsetOptions(branch, from_mm(tolerance_mm))
     found = find_zero_offsets(arm, _samples(arm, readings, pose), options)

@@ -2,20 +2,31 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Final
 
 import numpy as np
+from scipy.special import chdtri, stdtrit
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.model.parameters import ParameterSet
+from suta_calib.solver.information import whitened_rows
 from suta_calib.solver.ipopt import RobustNlp, SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.terms.term import Term
 from suta_calib.threads import single_threaded
 from suta_calib.units import Unit
+
+# Chance that an arm which is as good as the other is called better, and the same for worse.
+CHANCE: Final = 0.01
+# Times the error before from which on nothing excuses the error after.
+MUCH_WORSE: Final = 1.5
+# Lengths, m, that differ by less are the same: no arm resolves a tenth of a micrometre.
+ROUNDING: Final = 1e-7
 
 
 @dataclass(frozen=True)
@@ -90,26 +101,91 @@ class TermAccuracy:
         return Metrics.of(self.blocks[0].after)
 
 
+@dataclass(frozen=True)
+class Gain:
+    """What the calibrated arm is better than the nominal one, in held-out lengths, and how surely.
+
+    The same rows judge both arms, so their squared errors are compared row by row, and rows that
+    err together count once. An arm that was right before gets worse by what its estimates are
+    unsure of: that alone is no reason not to use it.
+
+    Attributes:
+        before, after: root mean square errors with either arm, m.
+        mean: of the squares before less those after, m².
+        std: of that mean, from its scatter among the witnesses, m².
+        witnesses: how many there are.
+        unsure: mean square that the estimates' covariance adds to the errors, m².
+        unsure_std: of that, because all rows see the same estimates, m².
+    """
+
+    before: float
+    after: float
+    mean: float
+    std: float
+    witnesses: int
+    unsure: float = 0.0
+    unsure_std: float = 0.0
+
+    @property
+    def better(self) -> bool:
+        """Whether the calibrated arm is better by more than chance."""
+        apart = self.before - self.after > ROUNDING
+        return apart and self.mean > self._limit * self.std
+
+    @property
+    def worse(self) -> bool:
+        """Whether it is worse by more than chance, and than its estimates are unsure of."""
+        if self.after - self.before < ROUNDING or -self.mean < self._limit * self.std:
+            return False
+        explained = self.unsure + math.hypot(self._limit * self.std, self._unsure_at_most)
+        return -self.mean > explained or self.after > MUCH_WORSE * self.before
+
+    @property
+    def _unsure_at_most(self) -> float:
+        """What chance adds to `unsure`: a sum of few squares, as chi-squared (Satterthwaite)."""
+        if not self.unsure_std > 0:
+            return 0.0
+        freedom = 2.0 * (self.unsure / self.unsure_std) ** 2
+        return self.unsure * (float(chdtri(freedom, CHANCE)) / freedom - 1.0)
+
+    @property
+    def _limit(self) -> float:
+        """Standard errors that chance exceeds with probability `CHANCE`, on one side."""
+        freedom = self.witnesses - 1
+        return float(stdtrit(freedom, 1.0 - CHANCE)) if freedom > 0 else math.inf
+
+
 @dataclass(frozen=True, eq=False)
 class Accuracy:
-    """Errors of the fitted terms and of the held-out ones."""
+    """Errors of the fitted terms and of the held-out ones.
+
+    Attributes:
+        calibration, validation: one for each term.
+        held_out_values: of the held-out terms' parameters, with the calibrated arm, m or rad.
+        gain: on the held-out terms of the first one's kind; None where nothing is held out.
+    """
 
     calibration: tuple[TermAccuracy, ...]
     validation: tuple[TermAccuracy, ...]
+    held_out_values: Mapping[str, float] = field(default_factory=dict)
+    gain: Gain | None = None
 
     @property
     def worse(self) -> bool:
         """Whether the calibrated arm is worse than the nominal one on the held-out terms."""
-        before, after = (self.overall(self.validation, which).rms for which in ("before", "after"))
-        return after > before
+        return self.gain is not None and self.gain.worse
 
     @staticmethod
     def overall(terms: Sequence[TermAccuracy], which: str) -> Metrics:
         """Over all terms of the first one's kind; ``which`` is ``before`` or ``after``."""
         if not terms:
             return Metrics.of(np.zeros(0))
-        same = [t for t in terms if t.term.kind == terms[0].term.kind]
-        return Metrics.of(np.concatenate([getattr(t.blocks[0], which) for t in same]))
+        found = [getattr(term.blocks[0], which) for term in _of_first_kind(terms)]
+        return Metrics.of(np.concatenate(found))
+
+
+def _of_first_kind(terms: Sequence[TermAccuracy]) -> list[TermAccuracy]:
+    return [each for each in terms if each.term.kind == terms[0].term.kind]
 
 
 @single_threaded
@@ -128,11 +204,71 @@ def assess(solution: Solution, validation: Sequence[Term] = ()) -> Accuracy:
     calibration = term_accuracies(problem.terms, *found)
     if not validation:
         return Accuracy(calibration, ())
-    held_out = (
-        block_residuals(validation, arm, fit_own(validation, arm, values))
-        for values in (before, after)
-    )
-    return Accuracy(calibration, term_accuracies(validation, *held_out))
+    before, after = (fit_own(validation, arm, values) for values in (before, after))
+    found = (block_residuals(validation, arm, values) for values in (before, after))
+    terms = term_accuracies(validation, *found)
+    unsure = _unsure(solution, [each.term for each in _of_first_kind(terms)], after)
+    return Accuracy(calibration, terms, after, gain_of(terms, *unsure))
+
+
+def gain_of(
+    terms: Sequence[TermAccuracy], unsure: float = 0.0, unsure_std: float = 0.0
+) -> Gain | None:
+    """What is gained over all terms of the first one's kind; None without terms.
+
+    Args:
+        terms: held out.
+        unsure: mean square that the estimates' covariance adds to the errors, m².
+        unsure_std: standard deviation of that, m².
+    """
+    if not terms:
+        return None
+    same = _of_first_kind(terms)
+    squares = [t.blocks[0].before ** 2 - t.blocks[0].after ** 2 for t in same]
+    mean = float(np.mean(np.concatenate(squares)))
+    rows, variance, witnesses = sum(map(len, squares)), 0.0, 0
+    for each, square in zip(same, squares, strict=True):
+        members = each.term.witnesses[each.blocks[0].rows]
+        variance += _variance_of_sum(square - mean, members)
+        witnesses += len(np.unique(members))
+    variance *= witnesses / max(witnesses - 1, 1)
+    before, after = (Accuracy.overall(terms, which).rms for which in ("before", "after"))
+    std = math.sqrt(variance) / rows
+    return Gain(before, after, mean, std, witnesses, unsure, unsure_std)
+
+
+def _variance_of_sum(values: FloatArray, members: IntArray) -> float:
+    """Of centred values (n,), of which those that share a member (n, k) go together."""
+    together = np.zeros(int(members.max()) + 1)
+    for column in members.T:
+        np.add.at(together, column, values)
+    found = float(np.sum(together**2))
+    if members.shape[1] > 1:  # Those between the same two were counted once for each.
+        _, pair = np.unique(np.sort(members, axis=1), axis=0, return_inverse=True)
+        twice = np.bincount(pair.reshape(-1), values)
+        found = max(found - float(np.sum(twice**2)), float(np.sum(values**2)))
+    return found
+
+
+def _unsure(
+    solution: Solution, terms: Sequence[Term], values: Mapping[str, float]
+) -> tuple[float, float]:
+    """Mean square, m², that the estimates' covariance adds to lengths, and its own scatter."""
+    problem = Problem(terms, solution.problem.arm_parameters)
+    x = np.array([values[name] for name in problem.names])
+    index = {name: k for k, name in enumerate(solution.problem.names)}
+    known = [k for k, name in enumerate(problem.names) if name in index]
+    at = [index[problem.names[k]] for k in known]
+    firsts = {id(term.blocks[0]) for term in terms}
+    rows, squares = 0, np.zeros((len(known), len(known)))
+    for r in whitened_rows(problem, x, problem.assumed_sigmas()):
+        if id(r.line.view.block) in firsts:
+            n, size = r.line.residual.shape
+            jacobian = r.jacobian[:, known] * np.repeat(r.line.sigma, size)[:, None]
+            squares += jacobian.T @ jacobian
+            rows += n
+    added = solution.covariance[np.ix_(at, at)] @ squares / rows
+    return float(np.trace(added)), math.sqrt(max(2.0 * float(np.trace(added @ added)), 0.0))
 
 
 def fit_own(

@@ -10,14 +10,14 @@ from suta_calib.assessment import Assessment
 from suta_calib.diagnostics.accuracy import Accuracy
 from suta_calib.diagnostics.causes import find_cause
 from suta_calib.diagnostics.contradictions import contradictions, dead_joints
+from suta_calib.diagnostics.explanation import Told, explain_solution
 from suta_calib.diagnostics.repeats import lack_of_fit
 from suta_calib.diagnostics.score_tests import score_tests
-from suta_calib.solver.solution import Solution, State
+from suta_calib.solver.information import robust_jacobian, whitened_rows
+from suta_calib.solver.solution import Solution
 from suta_calib.units import text
 from suta_calib.words import listed
 
-# Noise that differs from what the job states by more than this factor deserves a word.
-SURPRISING: Final = 2.0
 # Residuals over the scatter of repeats from which a model is said to lack something.
 LACKING: Final = 1.5
 # Equations beyond the unknowns from which on residuals tell the noise to a third or so.
@@ -37,8 +37,7 @@ def assess_calibration(solution: Solution, accuracy: Accuracy) -> Assessment:
     """
     if not solution.converged:
         return Assessment("bad", solution.sentence, tuple(_cause(solution)))
-    held_out = [each.term for each in accuracy.validation]
-    found = contradictions(solution, held_out)
+    found = contradictions(solution, accuracy)
     worse = "The calibrated arm is worse than the nominal one on the validation data."
     fitted_only = "There are no validation data: the errors shown are those of the fitted data."
     return Assessment.of(
@@ -51,6 +50,7 @@ def assess_calibration(solution: Solution, accuracy: Accuracy) -> Assessment:
         care=[
             *(each.sentence for each in found if not each.bad),
             *([] if accuracy.validation else [fitted_only]),
+            *_on_gain(accuracy),
             *_on_parameters(solution),
             *_on_redundancy(solution),
             *(
@@ -62,7 +62,7 @@ def assess_calibration(solution: Solution, accuracy: Accuracy) -> Assessment:
                 if fit.ratio > LACKING
             ),
             *_beside_geometry(solution),
-            *_on_noise(solution),
+            *_on_priors(solution),
         ],
     )
 
@@ -79,14 +79,30 @@ def _cause(solution: Solution) -> list[str]:
     return [f"The data agree far better ({after} in place of {before}) if {cause.sentence}."]
 
 
+def _on_gain(accuracy: Accuracy) -> list[str]:
+    """An arm that was right before is neither made better nor spoilt."""
+    gain = accuracy.gain
+    if gain is None or gain.better or gain.worse:
+        return []
+    before, after = (text(rms, "m", with_unit=True) for rms in (gain.before, gain.after))
+    return [
+        f"The validation data cannot tell the calibrated arm ({after}) from the nominal one "
+        f"({before}): it may have been right before."
+    ]
+
+
 def _on_parameters(solution: Solution) -> list[str]:
-    states: dict[State, list[str]] = {}
-    for name, estimate in solution.arm_estimates.items():
-        states.setdefault(estimate.state, []).append(name)
-    notes = []
-    if held := states.get("unidentified"):
-        notes.append(f"These data cannot tell {listed(held)}: held at nominal.")
-    if bounded := states.get("at_bound"):
+    """What other data would tell, by what to measure; and what ended at a bound."""
+    by_remedy: dict[tuple[Told, str], list[str]] = {}
+    for each in explain_solution(solution):
+        if each.told != "redundant":
+            by_remedy.setdefault((each.told, each.remedy), []).append(each.fixed)
+    how = {"untold": "do not tell", "badly told": "tell too little to estimate"}
+    notes = [
+        f"These data {how[told]} {listed(names)}: held at nominal. To know more: {remedy}."
+        for (told, remedy), names in by_remedy.items()
+    ]
+    if bounded := [n for n, e in solution.arm_estimates.items() if e.state == "at_bound"]:
         notes.append(
             f"{listed(bounded)} ended at a bound: widen it, or look for the wrong unit or "
             "the wrong artefact."
@@ -96,11 +112,15 @@ def _on_parameters(solution: Solution) -> list[str]:
 
 def _on_redundancy(solution: Solution) -> list[str]:
     """Noise that is learnt from few residuals may be off by half, and every ± with it."""
-    problem = solution.problem
+    problem, free = solution.problem, solution.free
     equations = sum(term.equations() for term in problem.terms)
-    known = int(np.count_nonzero(problem.prior_precision()[solution.free]))
-    left = equations + known - len(solution.free)
-    if left >= REDUNDANT:
+    rows = whitened_rows(problem, solution.x, solution.sigmas)
+    told = sum(j.T @ j for j in (robust_jacobian(r)[:, free] for r in rows))
+    # A prior takes no equation's place: what the data tell of an unknown in spite of it, they
+    # spend (the trace of the fit's hat matrix, its effective number of parameters).
+    kept = told + np.diag(problem.prior_precision()[free])
+    spent = float(np.trace(np.linalg.lstsq(kept, told, rcond=None)[0]))
+    if equations - spent >= REDUNDANT:
         return []
     return [
         f"{equations} independent equations for {len(solution.free)} unknowns: so few to spare "
@@ -129,13 +149,17 @@ def _beside_geometry(solution: Solution) -> list[str]:
     return notes
 
 
-def _on_noise(solution: Solution) -> list[str]:
-    notes = []
-    blocks = solution.problem.blocks
-    for block, assumed, found in zip(blocks, solution.sigmas, solution.noise, strict=True):
-        if block.noise.sigma is not None and not 1 / SURPRISING < found / assumed < SURPRISING:
-            notes.append(
-                f"The {block.name} residuals scatter by {text(found, block.unit, with_unit=True)}; "
-                f"the job says {text(assumed, block.unit, with_unit=True)}."
-            )
-    return notes
+def _on_priors(solution: Solution) -> list[str]:
+    """An arm that is better than was thought is no reason for care."""
+    priors = {} if solution.weights is None else solution.weights.priors
+    narrow = [
+        f"{group} {learned.value:.1f} ({learned.interval[0]:.1f} to {learned.interval[1]:.1f})"
+        for group, learned in priors.items()
+        if learned.contradicted and learned.value > 1
+    ]
+    if not narrow:
+        return []
+    return [
+        f"The arm is farther off than the job's priors say: {', '.join(narrow)} times. The fit "
+        "gave it that room: state wider priors, or keep these with fixed: true."
+    ]

@@ -15,15 +15,20 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain, combinations
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.diagnostics.held_out import robust_level
 from suta_calib.errors import SutaCalibError
-from suta_calib.geometry.numbers import quaternion_from_rotation, rotation_from_quaternion
-from suta_calib.measurements import Samples
+from suta_calib.geometry.numbers import (
+    extent,
+    quaternion_from_rotation,
+    rotation_from_quaternion,
+)
+from suta_calib.measurements import Artefact, Samples
 from suta_calib.model.arm import ArmModel
 from suta_calib.solver.ipopt import SolverOptions
 from suta_calib.solver.problem import Problem
@@ -45,11 +50,15 @@ class CauseOptions:
     Attributes:
         shifts: rows by which what was observed may be late or early; beyond a few the usual cause
             is a file in another order, which is tried apart.
+        rows_left: share of the rows that must have a partner after a shift: few rows fit anything.
         fitted: alternatives, best first, that are fitted like the job.
         far_better: a reading is the cause where its fit leaves so many times less; chance and a
             few more unknowns do not do that.
-        explained: a reading explains the data only if it leaves at most so many times the noise
-            that is stated or assumed: what is merely less wrong is no cause.
+        explained: a reading explains the data if it leaves at most so many times the noise that is
+            stated or assumed, or one in so many of what was left: what is merely less wrong is no
+            cause.
+        alike: fits that are so many times the best one at most are as good.
+        most_files: files of which one alone may be late are tried among so many.
         most_landmarks: pairs of landmarks are exchanged only among so many (pairs grow with their
             square).
         cap: residuals count as so many times their robust level at most: two of fifteen landmarks
@@ -57,9 +66,12 @@ class CauseOptions:
     """
 
     shifts: int = 20
+    rows_left: float = 0.25
     fitted: int = 4
     far_better: float = 2.0
-    explained: float = 10.0
+    explained: tuple[float, float] = (3.0, 20.0)
+    alike: float = 1.2
+    most_files: int = 20
     most_landmarks: int = 40
     cap: float = 10.0
 
@@ -87,34 +99,46 @@ def find_cause(solution: Solution, options: CauseOptions = CauseOptions()) -> Ca
         options: how hard to look.
 
     Returns:
-        The first reading, by how well it agrees with the nominal arm, whose fit is far better than
-        the present one; None where there is none.
+        Of the readings that agree best with the nominal arm, the one whose fit is best and far
+        better than the present one; the simplest of several; None where there is none.
     """
-    problem = solution.problem
-    if problem.arm is None:
+    if solution.problem.arm is None:
         return None
+    # Readings are told apart by what the job gives: wrong ones widen priors until they fit.
+    problem = Problem(solution.problem.terms, solution.problem.arm_parameters)
     cap = options.cap * _level(problem, solution.x)
-    present = misfit(problem, solution.x, cap)
-    explained = min(present / options.far_better, options.explained * problem.assumed_sigmas()[0])
+    present = misfit(problem, solution.x, cap, len(solution.free))
+    times, one_in = options.explained
+    small = max(times * problem.assumed_sigmas()[0], present / one_in)
+    explained = min(present / options.far_better, small)
     # The nominal arm is far coarser than any fit: there residuals are capped by its own level.
     nominal = Problem(problem.terms)
     registered = nominal.start()
     coarse = options.cap * _level(nominal, registered)
     limit = misfit(nominal, registered, coarse)
-    readings = [(*each, _registered(each[1], coarse)) for each in _readings(problem.terms, options)]
-    first = sorted((each for each in readings if each[2] < limit), key=lambda each: each[2])
-    hopeful = [(sentence, terms) for sentence, terms, _ in first[: options.fitted]]
-    # The nominal arm is too coarse to rank this one.
-    few = SolverOptions(starts=1, max_iterations=50)
-    for sentence, terms in [*hopeful, *_moved(problem.terms)]:
+    readings = [*_readings(problem.terms, options), *_mirrored(problem.terms)]
+    scores = np.array([_registered(terms, coarse) for _, terms in readings])
+    ranked = [k for k in np.argsort(scores, kind="stable") if scores[k] < limit]
+    # Which half was moved the nominal arm is too coarse to rank.
+    tried = [readings[k] for k in ranked[: options.fitted]] + list(_moved(problem.terms))
+    few = SolverOptions(starts=1, max_iterations=50, weights=None)
+    causes = []
+    for sentence, terms in tried:
         with suppress(SutaCalibError):
             again = solve(Problem(terms, problem.arm_parameters), few)
-            if (after := misfit(again.problem, again.x, cap)) < explained:
-                return Cause(sentence, present, after)
-    return None
+            after = misfit(again.problem, again.x, cap, len(again.free))
+            # An arm that hardly moves agrees with anything.
+            after *= max(_travel(problem.terms) / _travel(terms), 1.0)
+            if after < explained:
+                causes.append(Cause(sentence, present, after))
+    # Labels that return make several shifts do: what was tried first is the simplest.
+    order = [sentence for sentence, _ in [*readings, *tried]]
+    best = min((cause.after for cause in causes), default=0.0)
+    alike = [cause for cause in causes if cause.after < options.alike * best]
+    return min(alike, key=lambda cause: order.index(cause.sentence), default=None)
 
 
-def misfit(problem: Problem, x: FloatArray, cap: float) -> float:
+def misfit(problem: Problem, x: FloatArray, cap: float, fitted: int = 0) -> float:
     """Root mean square of a residual component of the first unit, priors counted with it.
 
     Norms count as ``cap`` at most, so that a few gross rows do not decide which reading is right;
@@ -124,7 +148,8 @@ def misfit(problem: Problem, x: FloatArray, cap: float) -> float:
     squared = [np.minimum(np.einsum("nd,nd->n", r, r), r.shape[1] * cap**2) for r in residuals]
     pulls = (x - problem.parameters.array("nominal")) ** 2 * problem.prior_precision()
     known = float(pulls.sum()) * problem.assumed_sigmas()[0] ** 2
-    return math.sqrt((sum(s.sum() for s in squared) + known) / sum(r.size for r in residuals))
+    count = sum(r.size for r in residuals)
+    return math.sqrt((sum(s.sum() for s in squared) + known) / max(count - fitted, count / 10))
 
 
 def _level(problem: Problem, x: FloatArray) -> float:
@@ -154,15 +179,17 @@ def _readings(
     poses = terms[0].poses
     assert isinstance(poses, ArmPoses)
     samples = [term.poses.samples for term in terms]
-    changes = [_of_joints(poses.arm)]
+    changes = [_of_joints(poses.arm), _of_rows(samples, options)]
     if any(s.position is not None for s in samples):
-        changes.append(_of_instrument(any(s.rotation is not None for s in samples), options))
+        changes.append(_of_instrument(any(s.rotation is not None for s in samples)))
     if any(LANDMARK in s.labels for s in samples):
         changes.append(_of_landmarks(samples, options))
     for sentence, change in chain(*changes):
         changed = [change(s) for s in samples]
         with suppress(SutaCalibError):
-            if all(map(len, changed)):
+            if all(
+                len(c) >= options.rows_left * len(s) for c, s in zip(changed, samples, strict=True)
+            ):
                 yield (
                     sentence,
                     tuple(
@@ -192,7 +219,7 @@ def _of_joints(arm: ArmModel) -> Iterator[tuple[str, Change]]:
     yield "the joints' columns are in degrees, not rad", partial(_mapped, in_degrees, 0.0)
 
 
-def _of_instrument(oriented: bool, options: CauseOptions) -> Iterator[tuple[str, Change]]:
+def _of_instrument(oriented: bool) -> Iterator[tuple[str, Change]]:
     for sentence, factors in (
         ("the measured positions are in mm, not m", [from_mm(1.0)] * 3),
         ("the measured positions are in m, but were divided by 1000", [mm(1.0)] * 3),
@@ -202,11 +229,23 @@ def _of_instrument(oriented: bool, options: CauseOptions) -> Iterator[tuple[str,
     if oriented:
         yield "the measured poses are inverted", _inverted
         yield "the quaternions' order is w x y z", _reordered
+
+
+def _of_rows(samples: Sequence[Samples], options: CauseOptions) -> Iterator[tuple[str, Change]]:
+    """What was seen or touched stands in another row than the readings that belong to it."""
     for rows in range(1, options.shifts + 1):
         count = "one row" if rows == 1 else f"{rows} rows"
         for sentence, offset in ((f"{count} late", rows), (f"{count} early", -rows)):
-            yield f"what the instrument saw is {sentence}", partial(_slid, offset, ())
-    yield "what the instrument saw is in the opposite order", _backwards
+            yield f"what was seen or touched is {sentence}", partial(_slid, offset, "")
+    yield "what was seen or touched is in the opposite order", _backwards
+    files = dict.fromkeys(file for s in samples for file in _files(s).tolist())
+    if 1 < len(files) <= options.most_files:
+        for file in files:
+            for sentence, offset in (("late", 1), ("early", -1)):
+                yield (
+                    f"what was seen or touched is one row {sentence} in {file}",
+                    partial(_slid, offset, file),
+                )
 
 
 def _of_landmarks(
@@ -216,11 +255,6 @@ def _of_landmarks(
     if len(names) <= options.most_landmarks:
         for a, b in combinations(names, 2):
             yield f"landmarks {a} and {b} are exchanged", partial(_renamed, {a: b, b: a})
-    for sentence, offset in (("late", 1), ("early", -1)):
-        yield (
-            f"the labels of landmarks are one row {sentence}",
-            partial(_slid, offset, (LANDMARK,)),
-        )
 
 
 def _moved(terms: Sequence[Term]) -> Iterator[tuple[str, tuple[Term, ...]]]:
@@ -247,6 +281,25 @@ def _moved(terms: Sequence[Term]) -> Iterator[tuple[str, tuple[Term, ...]]]:
             "the rows",
             tuple(halves),
         )
+
+
+def _mirrored(terms: Sequence[Term]) -> Iterator[tuple[str, tuple[Term, ...]]]:
+    """As if the artefact had been certified in a left-handed frame."""
+    read: list[Any] = list(terms)
+    for k, term in enumerate(terms):
+        if term.touched is not None:
+            marks = {
+                name: replace(mark, position=mark.position * [-1.0, 1.0, 1.0])
+                for name, mark in term.touched.landmarks.items()
+            }
+            read[k] = replace(read[k], artefact=Artefact(term.touched.name, marks))
+    if any(term.touched for term in terms):
+        yield "the artefact is mirrored: its certificate's frame is left-handed", tuple(read)
+
+
+def _travel(terms: Sequence[Term]) -> float:
+    """How far the nominal arm moves its tip, m."""
+    return max(extent(np.vstack([term.poses.at({})[1] for term in terms])), 1e-9)
 
 
 def _mapped(matrix: FloatArray, shift: FloatArray | float, samples: Samples) -> Samples:
@@ -282,34 +335,29 @@ def _renamed(names: Mapping[str, str], samples: Samples) -> Samples:
     return replace(samples, labels={**samples.labels, LANDMARK: new})
 
 
-def _slid(offset: int, labels: Sequence[str], samples: Samples) -> Samples:
-    """Readings paired with the labels, or else with what was seen, ``offset`` rows later.
+def _slid(offset: int, file: str, samples: Samples) -> Samples:
+    """Readings paired with what was observed ``offset`` rows later, in all files or in one.
 
     Rows without a partner in their file are left out.
     """
-    if not set(labels) <= samples.labels.keys():
-        return samples
     files, rows = _files(samples), np.arange(len(samples))
-    other = np.clip(rows + offset, 0, len(rows) - 1)
-    kept = rows[(other == rows + offset) & (files[other] == files)]
-    return _paired(samples, kept, kept + offset, labels)
+    other = rows + offset * (files == file if file else np.ones(len(rows), dtype=np.intp))
+    inside = np.clip(other, 0, len(rows) - 1)
+    kept = rows[(other == inside) & (files[inside] == files)]
+    return _paired(samples, kept, other[kept])
 
 
 def _backwards(samples: Samples) -> Samples:
-    files = _files(samples)
-    order = np.concatenate([np.flatnonzero(files == k)[::-1] for k in np.unique(files)])
-    return _paired(samples, np.sort(order), order)
+    files, rows = _files(samples), np.arange(len(samples))
+    order = rows.copy()
+    for file in np.unique(files):
+        order[files == file] = rows[files == file][::-1]
+    return _paired(samples, rows, order)
 
 
-def _paired(
-    samples: Samples, rows: IntArray, seen: IntArray, labels: Sequence[str] = ()
-) -> Samples:
-    read, other = samples.take(rows), samples.take(seen)
-    if labels:
-        return replace(read, labels={**read.labels, **{n: other.labels[n] for n in labels}})
-    return replace(read, position=other.position, rotation=other.rotation)
+def _paired(samples: Samples, rows: IntArray, seen: IntArray) -> Samples:
+    return replace(samples.take(seen), q=samples.q[rows])
 
 
-def _files(samples: Samples) -> IntArray:
-    names = [origin.rpartition(":")[0] for origin in samples.origin]
-    return np.unique(names, return_inverse=True)[1].astype(np.intp)
+def _files(samples: Samples) -> NDArray[np.str_]:
+    return np.array([origin.rpartition(":")[0] for origin in samples.origin])

@@ -13,6 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from suta_calib.diagnostics.accuracy import Accuracy
+from suta_calib.diagnostics.common_scale import common_scales
 from suta_calib.diagnostics.held_out import HeldOutErrors, held_out_errors, robust_level
 from suta_calib.measurements import Samples
 from suta_calib.solver.solution import Solution
@@ -28,29 +30,44 @@ class ContradictionOptions:
         residual: residuals' level over the noise that the job states, or that is assumed: ten times
             as much is no matter of a careful or a careless hand.
         residual_care: the same of a stated level, from which on it must be known.
-        gross_level: times the level of all beyond which a row is gross: one in 10⁹ of normal noise,
-            and a hand's measurement some in a hundred.
+        gross_level: times the level of most beyond which a row is gross: normal noise has one in a
+            million, a hand's measurement some in a hundred.
         gross_care, gross_bad: shares of them from which on it must be known, and that no touch
             explains.
+        gross_plain: the same share as the first where plain least squares follow every row.
         pull, pull_care: parameters this many prior standard deviations from nominal; two in 10⁶ of
             what a prior means is five off.
         held_out, held_out_care: held-out errors over what noise and covariance make one expect;
             another day or another hand may double them.
         significance: standard errors that a ratio must be off before it says anything.
+        scale, scale_care: a common factor on all lengths of an artefact or an instrument, or of the
+            arm: half a per cent moves a tip at arm's length by millimetres.
+        scale_most: beyond which it is no scale, but data that do not fit.
+        scale_significance: standard deviations that it must be off.
+        scale_of_arm: the same of the arm's lengths, which say it only by growing evenly: one chance
+            in twenty, of arms whose lengths are off by ``scale``.
+        scale_gain: share of the priors' pulls or the residuals that it must explain.
         starts: share of the starts that must end in the same minimum.
         travel: of a joint, rad, below which it is as good as dead where others move ten times more.
     """
 
     residual: float = 10.0
     residual_care: float = 3.0
-    gross_level: float = 6.0
+    gross_level: float = 5.0
     gross_care: float = 0.1
     gross_bad: float = 0.35
+    gross_plain: float = 0.02
     pull: float = 10.0
     pull_care: float = 5.0
     held_out: float = 3.0
     held_out_care: float = 1.7
     significance: float = 4.0
+    scale: float = 5e-3
+    scale_care: float = 2e-3
+    scale_most: float = 0.1
+    scale_significance: float = 4.0
+    scale_of_arm: float = 2.0
+    scale_gain: float = 0.5
     starts: float = 0.5
     travel: float = 1e-4
 
@@ -69,23 +86,24 @@ class Contradiction:
 
 
 def contradictions(
-    solution: Solution,
-    validation: Sequence[Term] = (),
-    options: ContradictionOptions = ContradictionOptions(),
+    solution: Solution, accuracy: Accuracy, options: ContradictionOptions = ContradictionOptions()
 ) -> tuple[Contradiction, ...]:
     """Everything that disagrees with a converged answer, the worst first.
 
     Args:
         solution: of terms over an arm.
-        validation: held-out terms over the same arm.
+        accuracy: its errors, held-out ones among them.
         options: from where on it counts.
     """
+    residuals = list(_residuals(solution, options))
     found = [
-        *_residuals(solution, options),
-        *_held_out(held_out_errors(solution, validation), options),
+        *residuals,
+        *_held_out(held_out_errors(solution, accuracy), options),
+        # What does not fit at all has no scale.
+        *([] if any(each.bad for each in residuals) else _scales(solution, options)),
         *_priors(solution, options),
         *dead_joints(solution, options),
-        *_repeated(solution, validation),
+        *_repeated(solution, [each.term for each in accuracy.validation]),
     ]
     same, tried = solution.agreeing, len(solution.attempts)
     if tried > 1 and same < options.starts * tried:
@@ -100,30 +118,41 @@ def contradictions(
 def _residuals(solution: Solution, options: ContradictionOptions) -> Iterator[Contradiction]:
     """Of each block against the noise that is stated, and against one another."""
     problem = solution.problem
-    for line, assumed in zip(
-        problem.linearise(solution.x, solution.sigmas), solution.sigmas, strict=True
-    ):
+    sigmas = problem.assumed_sigmas()
+    lines = problem.linearise(solution.x, sigmas)
+    for line, assumed, found in zip(lines, sigmas, solution.noise, strict=True):
         block, level = line.view.block, robust_level(line.residual)
         given = block.noise.sigma is not None
-        expected = float(np.median(line.sigma))
-        times = level / expected
+        times = level / float(np.median(line.sigma))
+        scatter, stated = (text(v, block.unit, with_unit=True) for v in (level, assumed))
         if times > (options.residual_care if given else options.residual):
-            stated = "the job states" if given else "is assumed where a job states no noise"
+            where = "the job states" if given else "is assumed where a job states no noise"
             yield Contradiction(
                 times > options.residual,
-                f"The {block.name} residuals are {text(level, block.unit, with_unit=True)} per "
-                f"axis, {times:.0f} times the {text(assumed, block.unit, with_unit=True)} that "
-                f"{stated}: the data do not fit this arm. If the instrument is truly so coarse, "
-                f"say so (sigma_{'mm' if block.unit == 'm' else 'deg'}).",
+                f"The {block.name} residuals are {scatter} per axis, {times:.0f} times the "
+                f"{stated} that {where}: the data do not fit this arm. If the instrument is truly "
+                f"so coarse, say so (sigma_{'mm' if block.unit == 'm' else 'deg'}).",
+            )
+        elif given and found * options.residual_care < assumed:
+            yield Contradiction(
+                False,
+                f"The {block.name} residuals are {text(found, block.unit, with_unit=True)} per "
+                f"axis, far less than the {stated} that the job states: it lets priors weigh too "
+                "much.",
             )
         norms = np.linalg.norm(line.residual, axis=1) / math.sqrt(line.residual.shape[1])
-        share = float(np.mean(norms > options.gross_level * max(level, 1e-12)))
-        if share > options.gross_care and level > 1e-9:
+        # Three gross touches of ten are in half of all distances: the best quarter says what most
+        # would be.
+        sound = robust_level(line.residual, 0.25)
+        share = float(np.mean(norms > options.gross_level * max(sound, 1e-12)))
+        plain = math.isinf(block.noise.huber)
+        if share > (options.gross_plain if plain else options.gross_care) and level > 1e-9:
             yield Contradiction(
                 share > options.gross_bad,
                 f"{100 * share:.0f} % of the {block.name} residuals are more than "
                 f"{options.gross_level:.0f} times as large as most: run suta-calib outliers, which "
-                "says what they have in common.",
+                "says what they have in common"
+                + (", and give huber_mm, so that they are believed less." if plain else "."),
             )
 
 
@@ -147,6 +176,30 @@ def _held_out(
             f"{text(each.level, each.unit, with_unit=True)} per axis, {each.ratio:.1f} times what "
             f"noise and the covariance explain (fitted: "
             f"{text(each.fitted, each.unit, with_unit=True)}): {cause}.",
+        )
+
+
+def _scales(solution: Solution, options: ContradictionOptions) -> Iterator[Contradiction]:
+    for each in common_scales(solution):
+        size, of_arm = abs(each.value), each.what == "arm"
+        wanted = options.scale_of_arm if of_arm else options.scale_significance
+        if (
+            each.significance < wanted
+            or each.gain < options.scale_gain
+            or size < options.scale_care
+        ):
+            continue
+        by, longer = f"{100 * size:.2f} ± {100 * each.std:.2f} %", each.value > 0
+        found = (
+            f"All lengths of the arm came out {by} {'longer' if longer else 'shorter'} than nominal"
+            if of_arm
+            else f"The data agree better if all lengths of the {each.what} are {by} too "
+            f"{'long' if longer else 'short'}"
+        )
+        yield Contradiction(
+            size > options.scale and not of_arm,
+            f"{found}: check the scale and the certificate of what was measured with, and whether "
+            "the URDF is of another arm.",
         )
 
 

@@ -1,32 +1,43 @@
-"""Why the data cannot tell a parameter, in the words of the person who takes the measurements."""
+"""Why the data cannot tell a parameter, in the words of the person who takes the measurements.
+
+Three things are kept apart. *Redundant*: no data of these kinds could tell it, and nothing but a
+convention hangs on it. *Untold*: other data of these kinds, or of others, would tell it. *Badly
+told*: these data say something, but less than is worth reporting. Advice is given only where rich
+data that follow it would tell the parameter (`RichData`).
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from typing import Final
+from functools import lru_cache, partial
+from typing import Final, Literal
 
 import numpy as np
 
 from suta_calib.arrays import FloatArray
-from suta_calib.geometry.numbers import rms_length, skew
+from suta_calib.diagnostics.rich_data import LEVER, RichData
+from suta_calib.diagnostics.tip_motion import NOISE, TipMotion, placement_groups, tip_motion
 from suta_calib.model.parameters import COMPLIANCE, POSITION, Parameter
-from suta_calib.solver.identifiability import Combination, Identification
+from suta_calib.solver.identifiability import WEAK, Combination, Identification
 from suta_calib.solver.information import Information, predicted_information
 from suta_calib.solver.problem import Problem
-from suta_calib.terms import KINDS
+from suta_calib.solver.solution import Solution
+from suta_calib.terms import KINDS, Term
 from suta_calib.terms.term import Gap
+from suta_calib.threads import single_threaded
 from suta_calib.units import Unit, shown
 
-# What an angle is worth beside a length, m: the size of a tool or an artefact.
-LEVER: Final = 0.25
-# A part or a misfit this small beside the whole is put there by noise.
-NOISE: Final = 0.05
-# Parts that cancel to this share of the largest one cancel.
-CANCELS: Final = 0.02
-_NO_REMEDY: Final = "none needed: only the combination matters"
+Told = Literal["redundant", "untold", "badly told"]
+# Part of a direction, relative to the whole, that is rounding, and that noise in it may make up.
+ROUNDING: Final = 1e-6
+PURE: Final = 1e-2
 _MOST_NAMES: Final = 4
+_MOST_ADVICE: Final = 3
+_NO_REMEDY: Final = "none needed: a convention, and nominal is one"
+# Words of an advice, and the information that following it would bring.
+Advice = tuple[str, Callable[[], FloatArray]]
 
 
 @dataclass(frozen=True)
@@ -37,25 +48,35 @@ class Explanation:
         fixed: its name.
         sentence: what the undetermined direction does, so that no observation sees it.
         remedy: what to measure, or to decide, to get rid of it.
+        told: whether it is redundant, or how far the data tell it.
     """
 
     fixed: str
     sentence: str
     remedy: str
+    told: Told = "untold"
 
 
 @dataclass(frozen=True, eq=False)
 class _Case:
-    """One combination with everything the rules look at."""
+    """One combination with everything the rules look at.
+
+    Attributes:
+        problem, fixed: what it is about.
+        motion: of the tip along it.
+        spread: predicted standard deviation along it, in the fixed parameter's unit.
+        rich: tells whether advice would help.
+        directions: (n, k) it and what else is open, in plausible units, for ``rich``.
+        redundant: whether no data of these kinds could tell it.
+    """
 
     problem: Problem
-    combination: Combination
+    fixed: str
     motion: TipMotion
     spread: float
-
-    @property
-    def fixed(self) -> str:
-        return self.combination.fixed
+    rich: RichData
+    directions: FloatArray
+    redundant: bool
 
     @property
     def parameter(self) -> Parameter:
@@ -69,12 +90,74 @@ class _Case:
             return ", ".join([*names[:_MOST_NAMES], "…"])
         return " and ".join(filter(None, (", ".join(names[:-1]), *names[-1:])))
 
-    def says(self, does: str, remedy: str) -> Explanation:
+    def says(self, does: str, *advice: Advice) -> Explanation:
         """``does`` follows the fixed parameter, and whatever changes with it."""
         together = f" together with {self.others}" if self.others else ""
-        return Explanation(self.fixed, f"{self.fixed}{together} {does}", remedy)
+        return self.explained(f"{self.fixed}{together} {does}", *advice)
+
+    def explained(self, sentence: str, *advice: Advice) -> Explanation:
+        """With what of the advice would tell it; any kind that does, where none of it would."""
+        good = [words for words, told in advice if self._told_by(told())]
+        if self.redundant:
+            known = f"; to know it, {' or '.join(good)}" if good else ""
+            return Explanation(self.fixed, sentence, f"{_NO_REMEDY}{known}", "redundant")
+        if not good:
+            kinds = [kind.kind for kind in KINDS.values() if self._told_by(self._any(kind))]
+            good = [f"add {' or '.join(kinds)}"] if kinds else []
+        remedy = " or ".join(good[:_MOST_ADVICE]) or "hold it by a prior"
+        told: Told = "badly told" if self.spread < self.parameter.plausible else "untold"
+        return Explanation(self.fixed, sentence, remedy, told)
+
+    def kinds(self, gap: Gap) -> list[Advice]:
+        """What kinds of observation say that they close the gap."""
+        return [
+            (kind.tells[gap], partial(self._any, kind))
+            for kind in KINDS.values()
+            if gap in kind.tells
+        ]
+
+    def more(self, words: str) -> Advice:
+        """Advice that rich data of the same kinds follow."""
+        return words, lambda: self.rich.same
+
+    def oriented(self) -> list[Advice]:
+        """To look at the tip's orientation, with each kind that may."""
+        return [
+            (f"{words} ({kind.kind})", partial(self.rich.tells, kind, True))
+            for kind in KINDS.values()
+            for words in (
+                ["certify how the tip sits, rotation_rpy_deg"]
+                if kind.needs_artefact and kind.has_angles
+                else ["see its orientation too"]
+                if kind.columns.orientation == "optional"
+                else []
+            )
+        ]
+
+    def _any(self, kind: type[Term]) -> FloatArray:
+        return self.rich.tells(kind, kind.columns.orientation == "required")
+
+    def _told_by(self, information: FloatArray) -> bool:
+        """Whether this direction is told, the other open ones being unknown too."""
+        values, vectors = np.linalg.eigh(self.directions.T @ information @ self.directions)
+        floor = max(1e-12 * float(values[-1]), 1e-12)
+        return float(np.sum(vectors[0] ** 2 / np.maximum(values, floor))) < WEAK**2
 
 
+def redundant_names(explanations: Iterable[Explanation]) -> tuple[str, ...]:
+    """Names of the held parameters that no data of these kinds could tell."""
+    return tuple(e.fixed for e in explanations if e.told == "redundant")
+
+
+@lru_cache(maxsize=4)
+def explain_solution(solution: Solution) -> tuple[Explanation, ...]:
+    """Why parameters of a solution are held; nothing where it may not be used."""
+    if not solution.converged:
+        return ()
+    return explain(solution.problem, solution.x, solution.identification)
+
+
+@single_threaded
 def explain(
     problem: Problem, x: FloatArray, identification: Identification
 ) -> tuple[Explanation, ...]:
@@ -89,29 +172,72 @@ def explain(
         One explanation per combination: found by pushing it through the forward kinematics and
         looking at how the tip moves at the samples, with a tolerance for noise.
     """
-    if not identification.combinations:
-        return ()
+    arm = problem.names[: problem.arm_count]
+    if not any(c.fixed in arm for c in identification.combinations):
+        return tuple(_own(problem, c) for c in identification.combinations)
+    rich = RichData(problem, x)
+    # In plausible units, per plausible change of the fixed parameter.
+    directions = {
+        c.fixed: np.array([c.direction.get(n, 0.0) for n in rich.names])
+        / rich.unit
+        * problem.parameters[c.fixed].plausible
+        for c in identification.combinations
+        if c.fixed in arm
+    }
+    redundant = _redundant(rich, directions)
+    directions |= redundant
     information = predicted_information(problem, x, problem.assumed_sigmas())
-    return tuple(_explain(problem, x, c, information) for c in identification.combinations)
+    found = []
+    for c in identification.combinations:
+        if c.fixed not in arm:
+            found.append(_own(problem, c))
+            continue
+        others = [d for n, d in directions.items() if n != c.fixed and n not in redundant]
+        scaled = directions[c.fixed] * rich.unit / problem.parameters[c.fixed].plausible
+        direction = {n: float(v) for n, v in zip(rich.names, scaled, strict=True) if v}
+        case = _Case(
+            problem,
+            c.fixed,
+            tip_motion(problem, x, direction),
+            _spread(problem, direction, information),
+            rich,
+            np.column_stack([directions[c.fixed], *others]),
+            c.fixed in redundant,
+        )
+        rules = (_beside_geometry, _same_thing, _turns_tip, _rigid, _per_placement)
+        found.append(next(filter(None, (rule(case) for rule in rules)), None) or _hardly(case))
+    return tuple(found)
 
 
-def _explain(
-    problem: Problem, x: FloatArray, combination: Combination, information: Information
-) -> Explanation:
-    if combination.fixed not in problem.names[: problem.arm_count]:
-        return _own(problem.parameters[combination.fixed], combination)
-    motion = tip_motion(problem, x, combination.direction)
-    spread = _spread(problem, combination.direction, information)
-    case = _Case(problem, combination, motion, spread)
-    for rule in (_beside_geometry, _same_thing, _turns_tip, _rigid, _per_placement):
-        if (found := rule(case)) is not None:
-            return found
-    return _hardly(case)
+def _redundant(rich: RichData, directions: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
+    """Of the held parameters, those that stand for what no data of these kinds could tell.
+
+    With the direction of each that is redundant through and through: its own where that is, and
+    else what is left of it where other redundant ones stay at nominal.
+    """
+    held = list(directions)
+    rows = [rich.names.index(name) for name in held]
+    left, found = rich.redundant[rows].copy(), list[int]()
+    for _ in range(min(left.shape)):
+        size = np.linalg.norm(left, axis=1)
+        pick = int(np.argmax(size))
+        if size[pick] < ROUNDING:
+            break
+        found.append(pick)
+        left -= np.outer(left @ left[pick], left[pick]) / size[pick] ** 2
+    basis = rich.redundant
+    pure = basis @ np.linalg.pinv(basis[[rows[k] for k in found]])
+    answer = {}
+    for k, column in zip(found, pure.T, strict=True):
+        mine = directions[held[k]]
+        exact = np.linalg.norm(mine - basis @ (basis.T @ mine)) < PURE * np.linalg.norm(mine)
+        answer[held[k]] = mine if exact else np.where(np.abs(column) > ROUNDING, column, 0.0)
+    return answer
 
 
-def _own(parameter: Parameter, combination: Combination) -> Explanation:
+def _own(problem: Problem, combination: Combination) -> Explanation:
     """An unknown of a term: where the artefact or the instrument stands."""
-    label, fixed = parameter.owner, combination.fixed
+    label, fixed = problem.parameters[combination.fixed].owner, combination.fixed
     others = [name for name in combination.direction if name != fixed]
     subject = f"{fixed} together with {', '.join(others)}" if others else fixed
     does = f"changes {label} in a way that its samples hardly show"
@@ -125,7 +251,8 @@ def _own(parameter: Parameter, combination: Combination) -> Explanation:
             "moves none of them"
         )
         remedy = "to know this pose too, touch a landmark off that line"
-    return Explanation(fixed, f"{subject} {does}", f"none needed for the arm; {remedy}")
+    told: Told = "redundant" if problem.arm_count else "untold"
+    return Explanation(fixed, f"{subject} {does}", f"none needed for the arm; {remedy}", told)
 
 
 def _beside_geometry(case: _Case) -> Explanation | None:
@@ -135,11 +262,13 @@ def _beside_geometry(case: _Case) -> Explanation | None:
         return None
     if case.others:
         does = f"does the same as {case.others} at the readings visited"
-        return Explanation(case.fixed, f"{case.fixed} {does}", f"turn {parameter.owner} farther")
+        joint = parameter.owner
+        advice = (f"turn {joint} farther", lambda: case.rich.varied(joint))
+        return case.explained(f"{case.fixed} {does}", advice)
     if parameter.key != COMPLIANCE:
         return None
     does = "does nothing at the postures visited: gravity has no torque about its axis"
-    return Explanation(case.fixed, f"{case.fixed} {does}", "none needed while the arm stands so")
+    return case.explained(f"{case.fixed} {does}", case.more("tilt its axis"))
 
 
 def _same_thing(case: _Case) -> Explanation | None:
@@ -152,17 +281,16 @@ def _same_thing(case: _Case) -> Explanation | None:
         does = "does the same as {others}: together they turn a joint's frame about its own axis"
     else:
         does = "makes up for {others}: together they move a joint's frame, not the tip"
-    sentence = f"{case.fixed} {does.format(others=case.others or 'another parameter')}"
-    return Explanation(case.fixed, sentence, _NO_REMEDY)
+    return case.explained(f"{case.fixed} {does.format(others=case.others or 'another parameter')}")
 
 
 def _turns_tip(case: _Case) -> Explanation | None:
     if not case.motion.turns_in_place:
         return None
-    does = "turns the tip without moving it, and no observation looks at the tip's orientation"
-    return case.says(
-        does, "none needed if only the tip's position matters; else measure its orientation"
-    )
+    why = "no observation looks at the tip's orientation"
+    if any(block.unit == "rad" for block in case.problem.blocks):
+        why = "unknowns of the observations make up for it"
+    return case.says(f"turns the tip without moving it, and {why}", *case.oriented())
 
 
 def _rigid(case: _Case) -> Explanation | None:
@@ -178,44 +306,37 @@ def _rigid(case: _Case) -> Explanation | None:
         strongest = case.problem.parameters[main[0]].owner if main else order[0]
         in_base = order.index(strongest) < 0.5 * max(len(order) - 1, 1)
         in_tool = not in_base
-    if in_base:
-        return _base(case, v_base, w_base)
-    return _tool(case, v_tool, w_tool) if in_tool else None
-
-
-def _base(case: _Case, v: FloatArray, omega: FloatArray) -> Explanation:
-    turning = float(np.linalg.norm(omega)) * LEVER > NOISE * case.motion.size
-    does = (
-        f"turns the whole arm about the base's {_axis(omega)}"
-        if turning
-        else f"shifts the whole arm along the base's {_axis(v)}"
-    )
-    for term in case.problem.terms:
-        if "base" in term.leaves_open:
-            why, remedy = term.leaves_open["base"]
-            return case.says(f"{does}: {why}", remedy)
-    return case.says(
-        f"{does}: measurements relative to an artefact or a point that stands anywhere cannot see "
-        "where the arm stands (base gauge)",
-        f"choose it by convention (leave it at nominal), or {_would_tell('base')}",
-    )
-
-
-def _tool(case: _Case, v: FloatArray, omega: FloatArray) -> Explanation:
     terms = case.problem.terms
+    if in_base:
+        why = next((t.leaves_open["base"][0] for t in terms if "base" in t.leaves_open), "")
+        turning = float(np.linalg.norm(w_base)) * LEVER > NOISE * case.motion.size
+        does = (
+            f"turns the whole arm about the base's {_axis(w_base)}"
+            if turning
+            else f"shifts the whole arm along the base's {_axis(v_base)}"
+        )
+        gauge = (
+            "measurements relative to an artefact or a point that stands anywhere cannot see where "
+            "the arm stands (base gauge)"
+        )
+        return case.says(f"{does}: {why or gauge}", *case.kinds("base"))
+    if not in_tool:
+        return None
     if all("tool" in term.leaves_open for term in terms):
-        return case.says(*terms[0].leaves_open["tool"])
-    if float(np.linalg.norm(omega)) * LEVER <= NOISE * case.motion.size:
+        does = terms[0].leaves_open["tool"][0]
+        return case.says(does, *case.kinds("tool"), *case.oriented())
+    if float(np.linalg.norm(w_tool)) * LEVER <= NOISE * case.motion.size:
         return case.says(
-            f"changes the tool's length along the tip's {_axis(v)}: this cancels out of every "
+            f"changes the tool's length along the tip's {_axis(v_tool)}: this cancels out of every "
             "distance because the tool always has the same direction relative to the artefact",
-            f"{_would_tell('tool')}, or tilt the tool against the artefact",
+            *case.kinds("tool"),
+            case.more("tilt the tool against the artefact"),
         )
     return case.says(
-        f"redefines the tip frame (a turn about the tip's {_axis(omega)}), and every observation "
+        f"redefines the tip frame (a turn about the tip's {_axis(w_tool)}), and every observation "
         "fits as well",
-        "measure the tip's orientation (landmarks with rotation_rpy_deg, or an instrument that "
-        "gives one)",
+        *case.oriented(),
+        case.more("tilt the tool in more directions"),
     )
 
 
@@ -225,13 +346,9 @@ def _per_placement(case: _Case) -> Explanation | None:
     return case.says(
         "moves all points touched at one place together, and the unknown pose of that place makes "
         "up for it",
-        f"touch points farther apart within each placement, or {_would_tell('place')}",
+        case.more("touch points farther apart within each placement"),
+        *case.kinds("place"),
     )
-
-
-def _would_tell(gap: Gap) -> str:
-    """What kinds of observation advise, each to close the gap."""
-    return " or ".join(kind.tells[gap] for kind in KINDS.values() if gap in kind.tells)
 
 
 def _hardly(case: _Case) -> Explanation:
@@ -253,7 +370,8 @@ def _hardly(case: _Case) -> Explanation:
         joint = case.problem.arm.joints[0]
     return case.says(
         f"hardly changes anything measured at the visited poses ({would})",
-        f"visit poses that differ more in {joint}, or hold it by a prior",
+        (f"visit poses that differ more in {joint}", lambda: case.rich.varied(joint)),
+        case.more("visit poses all over the range of every joint"),
     )
 
 
@@ -284,121 +402,3 @@ def _axis(vector: FloatArray) -> str:
 def _amount(value: float, unit: Unit) -> str:
     number = f"{shown(value, unit):.3g}"
     return f"{number} mm" if unit == "m" else f"{number}°{'/Nm' if unit == 'rad/Nm' else ''}"
-
-
-# ── what a change of the parameters does to the tip, sample by sample ────────────────────────
-@dataclass(frozen=True, eq=False)
-class TipMotion:
-    """Velocities of the tip at every sample when the parameters move along one direction.
-
-    Attributes:
-        position: (n, 3) of the tip in the base, m.
-        rotation: (n, 3, 3) of the tip in the base.
-        linear: (n, 3) velocity of the tip in the base, m per unit of the direction.
-        angular: (n, 3) angular velocity in the base, rad per unit.
-        parts: effect of each parameter by itself, m per unit: root mean square over the samples,
-            angles at `LEVER`.
-    """
-
-    position: FloatArray
-    rotation: FloatArray
-    linear: FloatArray
-    angular: FloatArray
-    parts: dict[str, float]
-
-    @property
-    def size(self) -> float:
-        """Root mean square of the whole motion, m per unit, angles at `LEVER`."""
-        return float(np.hypot(_rms(self.linear), LEVER * _rms(self.angular)))
-
-    @property
-    def main(self) -> tuple[str, ...]:
-        """The parameters that do the moving, strongest first: the others are noise."""
-        largest = max(self.parts.values(), default=0.0)
-        kept = [name for name, size in self.parts.items() if size >= NOISE * largest]
-        return tuple(sorted(kept, key=lambda name: -self.parts[name]))
-
-    @property
-    def vanishes(self) -> bool:
-        """Whether the parts cancel, so that nothing moves at all."""
-        return self.size <= CANCELS * max(self.parts.values(), default=0.0)
-
-    @property
-    def turns_in_place(self) -> bool:
-        """Whether the tip turns but stays where it is."""
-        return _rms(self.linear) <= NOISE * LEVER * _rms(self.angular)
-
-    def base_twist(self) -> tuple[FloatArray, FloatArray, float]:
-        """The one rigid motion of the base that explains all samples best: v, ω and the misfit.
-
-        Returns:
-            Velocity (3,) of the base's origin and angular velocity (3,), in the base, per unit;
-            and what they leave unexplained as a part of the whole, 0 … 1.
-        """
-        omega = self.angular.mean(axis=0)
-        v = (self.linear - np.cross(omega, self.position)).mean(axis=0)
-        left = self.linear - v - np.cross(omega, self.position)
-        return v, omega, self._misfit(left, self.angular - omega)
-
-    def tool_twist(self) -> tuple[FloatArray, FloatArray, float]:
-        """The same for a motion of the tip that is always the same in the tip's own frame."""
-        linear = np.einsum("nji,nj->ni", self.rotation, self.linear)
-        angular = np.einsum("nji,nj->ni", self.rotation, self.angular)
-        v, omega = linear.mean(axis=0), angular.mean(axis=0)
-        return v, omega, self._misfit(linear - v, angular - omega)
-
-    def rigid_per_group(self, groups: FloatArray) -> float:
-        """Misfit of one rigid motion per group (n,): what the touched points alone would show."""
-        left = np.zeros_like(self.linear)
-        for group in np.unique(groups):
-            rows = np.flatnonzero(groups == group)
-            p = self.position[rows] - self.position[rows].mean(axis=0)
-            design = np.concatenate(
-                [np.tile(np.eye(3), (len(rows), 1, 1)), -skew(p)], axis=2
-            ).reshape(-1, 6)
-            flat = self.linear[rows].reshape(-1)
-            twist = np.linalg.lstsq(design, flat, rcond=1e-9)[0]
-            left[rows] = (flat - design @ twist).reshape(-1, 3)
-        return _rms(left) / max(_rms(self.linear), 1e-300)
-
-    def _misfit(self, linear: FloatArray, angular: FloatArray) -> float:
-        left = float(np.hypot(_rms(linear), LEVER * _rms(angular)))
-        return left / max(self.size, 1e-300)
-
-
-def tip_motion(problem: Problem, x: FloatArray, direction: Mapping[str, float]) -> TipMotion:
-    """Push a direction of the arm's parameters through the forward kinematics.
-
-    Args:
-        problem: whose samples are visited.
-        x: (n,) parameters to linearise at.
-        direction: change of each parameter, m or rad per unit; names of others are ignored.
-    """
-    problem.linearise(x, problem.assumed_sigmas())
-    table, names = problem.evaluation.table, problem.names[: problem.arm_count]
-    columns = {
-        name: (table.velocity[:, k] * direction[name]).reshape(-1, 6)
-        for k, name in enumerate(names)
-        if name in direction
-    }
-    total = sum(columns.values(), np.zeros((len(table.position), 6)))
-    parts = {
-        name: float(np.hypot(_rms(c[:, :3]), LEVER * _rms(c[:, 3:]))) for name, c in columns.items()
-    }
-    rotation = np.swapaxes(table.rotation.reshape(-1, 3, 3), 1, 2).copy()
-    return TipMotion(table.position.copy(), rotation, total[:, :3], total[:, 3:], parts)
-
-
-def placement_groups(problem: Problem) -> FloatArray:
-    """(n,) one number per set of samples whose common motion its own unknowns make up for."""
-    keys: list[tuple[object, ...]] = []
-    for k, term in enumerate(problem.terms):
-        labels = term.poses.samples.labels
-        columns = [labels[name] for name in (term.place, "repeat") if name in labels]
-        keys += [(k, *(str(c[row]) for c in columns)) for row in range(len(term.poses))]
-    number = {key: i for i, key in enumerate(dict.fromkeys(keys))}
-    return np.array([number[key] for key in keys], dtype=float)
-
-
-def _rms(vectors: FloatArray) -> float:
-    return rms_length(vectors) if len(vectors) else 0.0

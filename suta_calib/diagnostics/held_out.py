@@ -5,9 +5,10 @@ held-out rows alone must tell (a new placement's pose),
 
     r' = S r,  S = I - U U⁺,     Cov(r') = S (σ² I + J C Jᵀ) Sᵀ
 
-with σ the noise that the fitted residuals show and C the covariance of the estimates. Errors far
-beyond it are not chance: the instrument was moved, it is another unit or another day, or the fit
-explains its own rows by parameters that are wrong.
+with C the covariance of the estimates, and σ what the fitted residuals scatter: noise and what the
+model lacks at the postures that were fitted. Errors far beyond it are not chance: the instrument
+was moved, it is another unit or another day, or the fit explains its own rows by parameters that
+are wrong.
 """
 
 from __future__ import annotations
@@ -15,34 +16,60 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
+from typing import Final
 
 import numpy as np
 from scipy.special import gammaincinv
 
-from suta_calib.arrays import FloatArray
-from suta_calib.diagnostics.accuracy import fit_own
-from suta_calib.model.parameters import ParameterSet
+from suta_calib.arrays import FloatArray, IntArray
+from suta_calib.diagnostics.accuracy import Accuracy, fit_own
 from suta_calib.solver.information import Rows, whitened_rows
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
-from suta_calib.terms import Block, Term
+from suta_calib.terms import Term
+from suta_calib.terms.block import grouped
 from suta_calib.units import Unit
 
+# Robust levels beyond which a residual counts no further in the scatter: normal noise has none.
+FARTHEST: Final = 4.0
+# Intervals whose coverage is told.
+PROBABILITIES: Final = (0.68, 0.95)
 
-def robust_level(residual: FloatArray) -> float:
-    """Standard deviation of one component of residuals (n, d) by the median of their norms.
 
-    Half of the rows may be grossly wrong. NaN without rows.
+def robust_level(residual: FloatArray, share: float = 0.5) -> float:
+    """Standard deviation of one component of residuals (n, d) by a quantile of their norms.
+
+    By the median, half of the rows may be grossly wrong. NaN without rows.
+
+    Args:
+        residual: (n, d).
+        share: of the rows, the smaller ones, that are believed.
     """
     if not len(residual):
         return math.nan
-    squared = np.median(np.einsum("nd,nd->n", residual, residual))
-    return float(np.sqrt(squared / median_squared(residual.shape[1])))
+    squared = np.quantile(np.einsum("nd,nd->n", residual, residual), share)
+    return float(np.sqrt(squared / normal_squared(residual.shape[1], share)))
 
 
-def median_squared(size: int) -> float:
-    """Median of the squared norm of ``size`` standard normal components."""
-    return float(2.0 * gammaincinv(size / 2.0, 0.5))
+def normal_squared(size: int, probability: float = 0.5) -> float:
+    """Quantile of the squared norm of ``size`` standard normal components."""
+    return float(2.0 * gammaincinv(size / 2.0, probability))
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """How many held-out errors are within their predicted intervals.
+
+    Attributes:
+        probability: of the intervals.
+        share: of the errors that are within, 0 to 1.
+        std: its standard error; errors at one place share what is wrong there, and its pose.
+    """
+
+    probability: float
+    share: float
+    std: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,9 +80,12 @@ class HeldOutErrors:
         term: held out.
         name, unit: of the block.
         residual: (n, d) with the calibrated arm, what the rows alone must tell fitted, m or rad.
-        predicted: (n,) standard deviation of one component of each, from noise and covariance.
+        predicted: (n,) standard deviation of one component of each: noise, what the model lacks,
+            and covariance of the parameters.
+        by_parameters: (n,) part of it that is the parameters'.
         fitted: standard deviation of one component of the fitted residuals of the same kind;
             NaN where none was fitted.
+        places: (n,) numbers of the places where they were met, whose errors go together.
         witnesses: rows that are not repeats of one another.
         placed_anew: `robust_level` of the residuals once everything external (instrument,
             placement, point) is fitted to the held-out rows too.
@@ -66,7 +96,9 @@ class HeldOutErrors:
     unit: Unit
     residual: FloatArray
     predicted: FloatArray
+    by_parameters: FloatArray
     fitted: float
+    places: IntArray
     witnesses: int
     placed_anew: float
 
@@ -84,87 +116,109 @@ class HeldOutErrors:
     def ratio(self) -> float:
         """How many times the errors are what is predicted, by the median."""
         size = self.residual.shape[1]
-        return float(np.sqrt(np.median(self.normalised**2) / median_squared(size)))
+        return float(np.sqrt(np.median(self.normalised**2) / normal_squared(size)))
 
     @property
     def ratio_std(self) -> float:
         """Relative standard error of the ratio: that of a median over the witnesses."""
         return 1.25 / math.sqrt(2.0 * self.witnesses * self.residual.shape[1])
 
-    def coverage(self, probability: float) -> float:
-        """Share of the rows whose error is within the predicted interval of that probability."""
-        size = self.residual.shape[1]
-        within = float(2.0 * gammaincinv(size / 2.0, probability))
-        return float(np.mean(self.normalised**2 <= within))
+    def coverage(self, probability: float) -> Coverage:
+        """Of the intervals of that probability.
+
+        Args:
+            probability: 0 to 1.
+        """
+        within = self.normalised**2 <= normal_squared(self.residual.shape[1], probability)
+        share = float(np.mean(within))
+        # The share that was hoped for scatters; the one that was found may do so by chance less.
+        off = np.bincount(self.places, within - probability)
+        count = np.bincount(self.places)
+        independent = probability * (1.0 - probability) * len(within)
+        together = float(np.sum((off - count * (share - probability)) ** 2))
+        std = math.sqrt(max(independent, together)) / len(within)
+        return Coverage(probability, share, std)
 
 
-def held_out_errors(solution: Solution, validation: Sequence[Term]) -> tuple[HeldOutErrors, ...]:
+@lru_cache(maxsize=4)
+def held_out_errors(solution: Solution, accuracy: Accuracy) -> tuple[HeldOutErrors, ...]:
     """Every block of the held-out terms against its prediction.
 
     Args:
         solution: of the fitted terms.
-        validation: terms over the same arm.
+        accuracy: its errors, held-out ones among them (`assess`).
     """
+    validation = [each.term for each in accuracy.validation]
     if not validation:
         return ()
-    problem = solution.problem
-    arm = problem.arm_parameters
+    arm = solution.problem.arm_parameters
     held_out = Problem(validation, arm)
-    found = fit_own(validation, arm, solution.values)
-    x = np.array([found[name] for name in held_out.names])
+    x = np.array([accuracy.held_out_values[name] for name in held_out.names])
     fitted = _fitted_levels(solution)
-    sigmas = [
-        fitted.get(_sort(held_out, block), assumed)
-        for block, assumed in zip(held_out.blocks, held_out.assumed_sigmas(), strict=True)
-    ]
+    sorts = [(term.kind, block.name) for term in held_out.terms for block in term.blocks]
+    assumed = held_out.assumed_sigmas()
+    sigmas = [fitted.get(sort, sigma) for sort, sigma in zip(sorts, assumed, strict=True)]
     rows = whitened_rows(held_out, x, sigmas)
-    predicted = _predicted(solution, held_out, rows)
-    anew = _placed_anew(validation, arm, solution, sigmas)
+    predicted = iter(_predicted(solution, held_out, rows))
+    # With everything external fitted to these rows too.
+    known = {name: solution.values[name] for name in arm}
+    anew = fit_own(validation, arm, known)
+    moved = np.array([anew[name] for name in held_out.names])
+    levels = iter([robust_level(r.residual) for r in held_out.linearise(moved, sigmas)])
     answer = []
-    for term in held_out.terms:
-        witnesses = len(np.unique(term.repeats()))
-        for k, block in enumerate(held_out.blocks):
-            if not any(block is mine for mine in term.blocks):
-                continue
-            line = rows[k].line
+    for errors in accuracy.validation:
+        term = errors.term
+        labels = term.poses.samples.labels
+        place = (
+            grouped(labels[term.place])[1] if term.place in labels else np.arange(len(term.poses))
+        )
+        witnesses = len(np.unique(term.witnesses))
+        for block in errors.blocks:
+            deviation, by_parameters = next(predicted)
             answer.append(
                 HeldOutErrors(
                     term,
                     block.name,
                     block.unit,
-                    line.residual.copy(),
-                    predicted[k],
-                    fitted.get(_sort(held_out, block), math.nan),
-                    min(witnesses, len(block)),
-                    anew[k],
+                    block.residual_after,
+                    deviation,
+                    by_parameters,
+                    fitted.get((term.kind, block.name), math.nan),
+                    place[block.rows[:, 0]],
+                    min(witnesses, len(block.rows)),
+                    next(levels),
                 )
             )
     return tuple(answer)
 
 
-def _sort(problem: Problem, block: Block) -> tuple[str, str]:
-    """Kind and name of a block: what levels are compared within."""
-    term = next(t for t in problem.terms if any(block is mine for mine in t.blocks))
-    return term.kind, block.name
-
-
 def _fitted_levels(solution: Solution) -> dict[tuple[str, str], float]:
-    """What fitted residuals scatter by kind and block, what the fit took from them given back."""
+    """What fitted residuals scatter by kind and block, what the fit took from them given back.
+
+    A root mean square, because intervals must hold for tails too; but no row counts as more than
+    `FARTHEST` robust levels.
+    """
     problem = solution.problem
-    lines = problem.linearise(solution.x, solution.sigmas)
+    lines = iter(problem.linearise(solution.x, solution.sigmas))
     together: dict[tuple[str, str], list[FloatArray]] = {}
-    for line in lines:
-        together.setdefault(_sort(problem, line.view.block), []).append(line.residual)
-    rows = sum(line.residual.size for line in lines)
+    for term in problem.terms:
+        for block in term.blocks:
+            together.setdefault((term.kind, block.name), []).append(next(lines).residual)
+    rows = sum(r.size for parts in together.values() for r in parts)
     left = max(rows - len(solution.free), rows / 10) / rows
-    return {
-        sort: max(robust_level(np.concatenate(parts)) / math.sqrt(left), 1e-9)
-        for sort, parts in together.items()
-    }
+    found = {}
+    for sort, parts in together.items():
+        residual = np.concatenate(parts)
+        farthest = residual.shape[1] * (FARTHEST * robust_level(residual)) ** 2
+        squared = np.minimum(np.einsum("nd,nd->n", residual, residual), farthest)
+        found[sort] = max(math.sqrt(squared.mean() / residual.shape[1] / left), 1e-9)
+    return found
 
 
-def _predicted(solution: Solution, held_out: Problem, rows: Sequence[Rows]) -> list[FloatArray]:
-    """Standard deviation (n,) of one component of every row of each block."""
+def _predicted(
+    solution: Solution, held_out: Problem, rows: Sequence[Rows]
+) -> list[tuple[FloatArray, FloatArray]]:
+    """Of one component of every row of each block (n,): the whole, and the parameters' part."""
     names = solution.problem.names
     known = [k for k, name in enumerate(held_out.names) if name in names]
     new = [k for k, name in enumerate(held_out.names) if name not in names]
@@ -174,24 +228,14 @@ def _predicted(solution: Solution, held_out: Problem, rows: Sequence[Rows]) -> l
     own = jacobian[:, new]
     inverse = np.linalg.pinv(own) if new else np.zeros((0, len(jacobian)))
     by_known = jacobian[:, known] - own @ (inverse @ jacobian[:, known])
-    leverage = np.einsum("nk,kn->n", own, inverse)
+    scatter = np.maximum(1.0 - np.einsum("nk,kn->n", own, inverse), 0.0)
     spread = np.einsum("nk,kl,nl->n", by_known, covariance, by_known)
-    variance = np.maximum(1.0 - leverage, 0.0) + spread
     found, first = [], 0
     for r in rows:
         n, size = r.line.residual.shape
-        mine = variance[first : first + n * size].reshape(n, size).mean(axis=1)
-        found.append(r.line.sigma * np.sqrt(np.maximum(mine, 1e-12)))
+        mine = slice(first, first + n * size)
+        both = [v[mine].reshape(n, size).mean(axis=1) for v in (scatter + spread, spread)]
+        whole, part = (r.line.sigma * np.sqrt(np.maximum(v, 1e-12)) for v in both)
+        found.append((whole, part))
         first += n * size
     return found
-
-
-def _placed_anew(
-    validation: Sequence[Term], arm: ParameterSet, solution: Solution, sigmas: Sequence[float]
-) -> list[float]:
-    """`robust_level` of every block with all of the terms' own unknowns fitted to these rows."""
-    known = {name: solution.values[name] for name in arm}
-    found = fit_own(validation, arm, known)
-    problem = Problem(validation, arm)
-    x = np.array([found[name] for name in problem.names])
-    return [robust_level(line.residual) for line in problem.linearise(x, sigmas)]

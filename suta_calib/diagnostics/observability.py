@@ -6,13 +6,13 @@ needed, measured values are not believed yet.
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.assessment import Assessment
-from suta_calib.diagnostics.explanation import Explanation, explain
+from suta_calib.diagnostics.explanation import Explanation, explain, redundant_names
 from suta_calib.solver.covariance import predicted_covariance
 from suta_calib.solver.identifiability import Identification, schur_complement
 from suta_calib.solver.information import Information, predicted_information
@@ -77,6 +77,7 @@ class Prospect:
         std: predicted standard deviation, m or rad; None where it would not be estimated.
         state: what it would come out as: ``identified``, ``unidentified``, ``prior``, ``fixed``.
         given: fixed parameters relative to which its value would have its meaning.
+        redundant: whether no data of these kinds could tell it, so that it is a convention.
     """
 
     name: str
@@ -89,6 +90,7 @@ class Prospect:
     std: float | None
     state: State
     given: tuple[str, ...] = ()
+    redundant: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,6 +130,11 @@ class Observability:
         return tuple(p.name for p in self.prospects.values() if p.state == "unidentified")
 
     @property
+    def redundant(self) -> tuple[str, ...]:
+        """Those of them that no data of these kinds could tell: conventions."""
+        return redundant_names(self.explanations)
+
+    @property
     def condition(self) -> float:
         """Largest over smallest singular value; inf where nothing is identified."""
         s = self.singular_values
@@ -139,12 +146,17 @@ class Observability:
         determined = f"{self.rank} of {self.asked} unknowns can be determined"
         by_prior = sum(p.state == "prior" for p in self.prospects.values())
         prior = f", {by_prior} of them mostly by their priors" if by_prior else ""
-        return f"{determined} from {self.samples} samples ({self.equations} equations){prior}"
+        arm = set(self.problem.names[: self.problem.arm_count])
+        conventions = len(arm.intersection(self.redundant))
+        redundant = f"; {conventions} redundant" if conventions else ""
+        seen = f"{self.samples} samples ({self.equations} equations)"
+        return f"{determined} from {seen}{prior}{redundant}"
 
     @property
     def assessment(self) -> Assessment:
-        """Care where something that was asked could not be told; `explanations` say why."""
-        return Assessment("care" if self.unidentified else "good", self.sentence)
+        """Care where other data could tell what these cannot; `explanations` say which."""
+        open_ones = len(self.unidentified) > len(self.redundant)
+        return Assessment("care" if open_ones else "good", self.sentence)
 
 
 def observe(problem: Problem, x: FloatArray | None = None) -> Observability:
@@ -163,7 +175,9 @@ def observe(problem: Problem, x: FloatArray | None = None) -> Observability:
     identification = identify_at(problem, x, sigmas)
     free = np.array([p.free for p in problem.parameters.values()], dtype=bool)
     estimated = np.setdiff1d(np.flatnonzero(free), identification.fixed).astype(np.intp)
+    explanations = explain(problem, x, identification)
     prospects = _prospects(problem, information, identification, estimated)
+    prospects |= {n: replace(prospects[n], redundant=True) for n in redundant_names(explanations)}
     judged = np.arange(problem.arm_count or len(free))
     asked, fixed = judged[free[judged]], np.intersect1d(judged, identification.fixed)
     singular = _singular_values(problem, information, prospects)
@@ -172,7 +186,7 @@ def observe(problem: Problem, x: FloatArray | None = None) -> Observability:
         problem=problem,
         identification=identification,
         prospects=prospects,
-        explanations=explain(problem, x, identification),
+        explanations=explanations,
         samples=samples,
         equations=sum(len(block) * block.size for block in problem.blocks),
         unknowns=int(free.sum()),

@@ -9,7 +9,7 @@ only within that model.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -139,7 +139,11 @@ def lack_of_fit(solution: Solution) -> tuple[LackOfFit, ...]:
         touch = term.repeats()
         for block in term.blocks:
             residual = next(lines).residual
-            repeat = _repeat_scatter(block, residual, touch)
+            # What was read again at one rest repeats no touch: it stands for it once.
+            rests = np.sort(term.poses.rests[block.samples], axis=1)
+            once = np.sort(np.unique(rests, axis=0, return_index=True)[1])
+            seen = replace(block, samples=block.samples[once])
+            repeat = _repeat_scatter(seen, residual[once], touch)
             if repeat is not None:
                 level = float(np.median(np.abs(residual))) / NORMAL_MEDIAN
                 found.append(LackOfFit(term.kind, block.unit, level, repeat))

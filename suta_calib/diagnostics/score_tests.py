@@ -32,7 +32,7 @@ from suta_calib.solver.solution import Solution
 from suta_calib.threads import single_threaded
 
 # Chance that one of all tests calls clean residuals suspicious.
-LEVEL: Final = 0.03
+LEVEL: Final = 0.01
 # Chance by touches that what the variance alone says must have.
 SUPPORTED: Final = 0.05
 # Predicted standard deviation over what is plausible up to which a parameter is worth a test.
@@ -253,7 +253,7 @@ def scores_of(problem: Problem, rows: Sequence[Rows], columns: IntArray, known: 
     score, variance, touches = np.zeros(len(columns)), np.zeros_like(reduced), 0
     for term in problem.terms:
         mine = [r for r in rows if any(r.line.view.block is b for b in term.blocks)]
-        touch = term.repeats()
+        touch = term.witnesses
         total, spread = _by_touch(mine, touch, left)
         score, variance = score + total, variance + spread
         touches += len(np.unique(touch))

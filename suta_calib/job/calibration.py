@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from time import perf_counter
 
-from suta_calib.assessment import Assessment
+import numpy as np
+
+from suta_calib.assessment import Assessment, refuse_unusable
 from suta_calib.diagnostics.accuracy import Accuracy, TermAccuracy, assess
 from suta_calib.diagnostics.assessment import assess_calibration
-from suta_calib.diagnostics.explanation import Explanation, explain
+from suta_calib.diagnostics.explanation import Explanation, explain_solution
 from suta_calib.errors import InputError, JobError, ParameterError, SamplesError
 from suta_calib.job.schema import JobSpec, ObservationSpec, read_job
 from suta_calib.measurements import JointRange, Samples, read_artefact, read_samples
@@ -23,6 +26,7 @@ from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.solver.solve import Progress, solve
 from suta_calib.terms import KINDS, ArmPoses, Noise, Seating, Setup, Term
+from suta_calib.terms.poses import together
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,13 +61,10 @@ class CalibrationJob:
             parameters = arm.select(*spec.parameters)
         except ParameterError as error:
             raise _placed(error, spec.path, error.line) from None
-        return cls(
-            spec,
-            arm,
-            parameters,
-            tuple(read_term(arm, row, spec.path, fitted=True) for row in spec.observations),
-            tuple(read_term(arm, row, spec.path) for row in spec.validation),
-        )
+        observations = [read_term(arm, row, spec.path, fitted=True) for row in spec.observations]
+        _check_once(spec, observations)
+        validation = tuple(read_term(arm, row, spec.path) for row in spec.validation)
+        return cls(spec, arm, parameters, tuple(observations), validation)
 
     def problem(self) -> Problem:
         """The observations as a problem."""
@@ -83,16 +84,21 @@ class CalibrationJob:
         solution = replace(solution, timing={"build": build} | solution.timing)
         return CalibrationResult(self, solution, assess(solution, self.validation))
 
-    def usable_solution(self, progress: Progress | None = None) -> Solution:
+    def usable_solution(
+        self, progress: Progress | None = None, *, anyway: bool = False
+    ) -> Solution:
         """Solve for an analysis that builds on the calibration.
 
         Args:
             progress: called with (starts done, starts).
+            anyway: give what must not be used too, if it converged (``--anyway``).
 
         Raises:
-            SamplesError: it did not converge, so that nothing may be built on it.
+            SamplesError: it did not converge, so that nothing can be built on it.
+            NotUsableError: its assessment says that it must not be used.
         """
-        solution = solve(self.problem(), self.options(), progress)
+        result = self.run(progress)
+        solution = result.solution
         if not solution.converged:
             raise SamplesError(
                 f"a calibration that may not be used ({solution.sentence})",
@@ -100,6 +106,8 @@ class CalibrationJob:
                 file=self.spec.path,
                 hint="run suta-calib calibrate, and mend what it names",
             )
+        if not anyway:
+            refuse_unusable(result.assessment, self.spec.path)
         return solution
 
 
@@ -123,13 +131,10 @@ class CalibrationResult:
         found = assess_calibration(self.solution, self.accuracy)
         return found.with_care(self._on_the_job()) if self.solution.converged else found
 
-    @cached_property
+    @property
     def explanations(self) -> tuple[Explanation, ...]:
         """Why parameters are held; empty where the solution may not be used."""
-        solution = self.solution
-        if not solution.converged:
-            return ()
-        return explain(solution.problem, solution.x, solution.identification)
+        return explain_solution(self.solution)
 
     @property
     def labelled_terms(self) -> dict[str, list[tuple[str, TermAccuracy]]]:
@@ -145,11 +150,13 @@ class CalibrationResult:
         }
 
     def _on_the_job(self) -> list[str]:
-        """Samples left out by name, and held-out touches whose sockets are wide without a word."""
+        """Samples left out by name, or there twice, and held-out sockets wide without a word."""
         spec = self.job.spec
         rows = (*spec.observations, *spec.validation)
         wide = {row.artefact for row in spec.observations if row.seated} - {None}
         notes = [f"The job excludes {row.exclude} from {row.kind}." for row in rows if row.exclude]
+        notes += [note for term in self.job.observations for note in _copied(term.poses.samples)]
+        notes += _read_with_fitted(self.job)
         notes += [
             f"The validation row of {row.kind} has no seating, and the observations of the same "
             "artefact do: its errors hold what the seating would take away. Give it the same key."
@@ -187,8 +194,8 @@ def read_term(arm: ArmModel, row: ObservationSpec, job: Path, *, fitted: bool = 
     samples = read_arm_samples(arm, row.sample_files, row.kind)
     setup = Setup(
         None if row.artefact is None else read_artefact(row.artefact),
-        _noise(row.sigma_m, row.huber_m),
-        _noise(row.sigma_rad, row.huber_rad),
+        _noise(row.sigma_m, row.huber_m, row.sigma_fixed),
+        _noise(row.sigma_rad, row.huber_rad, row.sigma_fixed),
         row.label,
         Seating(row.clearance_m, row.clearance_rad) if row.seated else None,
         row.settings,
@@ -204,10 +211,67 @@ def read_term(arm: ArmModel, row: ObservationSpec, job: Path, *, fitted: bool = 
     return term
 
 
+def _check_once(spec: JobSpec, terms: Sequence[Term]) -> None:
+    """Refuse rows of a job that are one another's samples: they would count twice."""
+    known: dict[str, list[tuple[int, set[bytes]]]] = {}
+    for k, (row, term) in enumerate(zip(spec.observations, terms, strict=True)):
+        keys = set(term.poses.samples.as_keys())
+        for other, theirs in known.setdefault(row.kind, []):
+            both = len(keys & theirs)
+            # Touches of one point may happen to read alike, a few of them.
+            if both > min(len(keys), len(theirs)) / 2:
+                raise JobError(
+                    f"{both} samples that stand in observations[{other}] too",
+                    "samples of their own in every row of one kind",
+                    file=spec.path,
+                    line=row.line,
+                    where=f"observations[{k}].samples",
+                    hint="name every file once, by one path",
+                )
+        known[row.kind].append((k, keys))
+
+
+def _copied(samples: Samples) -> list[str]:
+    """What stands in two files alike: one witness, as what is read again at one rest."""
+    first: dict[bytes, tuple[str, int]] = {}
+    copies: Counter[tuple[str, str]] = Counter()
+    file, place, line = 0, "", 0
+    for key, origin in zip(samples.as_keys(), samples.origin, strict=True):
+        name, _, number = origin.rpartition(":")
+        at = int(number) if number.isdigit() else line + 1
+        # Files of one name in two folders are told by their lines, which begin again.
+        file += name != place or at <= line
+        place, line = name, at
+        original, known = first.setdefault(key, (name, file))
+        if known != file:
+            copies[name, original] += 1
+    return [
+        f"{count} rows of {copy} stand in {original} too: they count once."
+        for (copy, original), count in copies.items()
+    ]
+
+
+def _read_with_fitted(job: CalibrationJob) -> list[str]:
+    """Held-out rows that are other readings of a fitted rest (equal ones: `contradictions`)."""
+    fitted = [term.poses.samples for term in job.observations]
+    held_out = [term.poses.samples for term in job.validation]
+    rests = together(np.vstack([samples.q for samples in (*fitted, *held_out)]))
+    known = {key for samples in fitted for key in samples.as_keys()}
+    other = np.array([key not in known for samples in held_out for key in samples.as_keys()])
+    count = len(rests) - len(other)
+    again = int(np.sum(np.isin(rests[count:], rests[:count]) & other)) if held_out else 0
+    if not again:
+        return []
+    return [
+        f"{again} of {len(other)} validation rows were read where fitted ones were, without moving "
+        "or back there: what the model gets wrong at those postures they do not show."
+    ]
+
+
 def _placed(error: InputError, job: Path, line: int | None) -> InputError:
     """The same error with a place in the job, for what was found without knowing of files."""
     return error if error.file is not None else JobError.of(error, job, line)
 
 
-def _noise(sigma: float | None, huber: float | None) -> Noise:
-    return Noise(sigma, math.inf if huber is None else huber)
+def _noise(sigma: float | None, huber: float | None, fixed: bool) -> Noise:
+    return Noise(sigma, math.inf if huber is None else huber, fixed and sigma is not None)

@@ -164,7 +164,8 @@ arm: {{urdf: {urdf}, tip: {tip}{base}}}
 
 # What is unknown: names or globs; later rows win. The word geometric stands for every placement
 # (x, y, z in m, rx, ry, rz in rad) of every moving joint and of the tip. bound_*: how far from
-# nominal a value may be. prior_mm, prior_deg: how far it is likely to be (standard deviation).
+# nominal a value may be. prior_mm, prior_deg: how far it is likely to be (standard deviation); the
+# data correct it, unless fixed: true stands beside it.
 # What the data cannot determine is held at nominal and reported.
 parameters:
   - select:

@@ -74,7 +74,12 @@ class JobOutline:
             for k, row in enumerate(top.sections(group))
         ]
         selected = top.sections("parameters") if "parameters" in top else []
-        unknowns = [n for row in selected if not row.flag("fixed") for n in row.texts("select")]
+        unknowns = [
+            name
+            for row in selected
+            if not row.flag("fixed") or any(key.startswith("prior") for key in row.data)
+            for name in row.texts("select")
+        ]
         base = arm.text("base") if "base" in arm else None
         return cls(top, arm.text("tip"), base, tuple(rows), tuple(unknowns))
 

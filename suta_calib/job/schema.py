@@ -24,7 +24,7 @@ _BOUND_AND_PRIOR_KEYS: Final = (
 _ANGLE_KEYS: Final = ("huber_deg", "sigma_deg")
 _OBSERVATION_KEYS: Final = (
     *("kind", "artefact", "samples", "label", "exclude"),
-    *("huber_mm", "huber_deg", "sigma_mm", "sigma_deg", "seating"),
+    *("huber_mm", "huber_deg", "sigma_mm", "sigma_deg", "fixed", "seating"),
     *dict.fromkeys(key for kind in KINDS.values() for key in kind.keys),
 )
 
@@ -60,6 +60,7 @@ class ObservationSpec:
         huber_rad: threshold of the robust loss on angles, rad, or None.
         sigma_m: standard deviation of a measured length or coordinate, m, or None.
         sigma_rad: standard deviation of a measured angle, rad, or None.
+        sigma_fixed: whether the data have no say in them.
         line: line of the row in the job file.
         exclude: samples that are left out, or None.
         clearance_m, clearance_rad: what the artefact's sockets leave the tip, m and rad; zero where
@@ -76,6 +77,7 @@ class ObservationSpec:
     huber_rad: float | None = None
     sigma_m: float | None = None
     sigma_rad: float | None = None
+    sigma_fixed: bool = False
     line: int | None = None
     exclude: Exclusion | None = None
     clearance_m: float = 0.0
@@ -188,8 +190,10 @@ def read_arm(top: YamlSection, urdf: Path | None = None) -> ArmSpec:
 def _selection(row: YamlSection) -> Selection:
     row.check_keys(("select", *_BOUND_AND_PRIOR_KEYS, "fixed"), required=("select",))
     fixed = row.flag("fixed")
+    priors = [key for key in _BOUND_AND_PRIOR_KEYS if key.startswith("prior") and key in row]
     for key in _BOUND_AND_PRIOR_KEYS:
-        if fixed and key in row:
+        # A prior that is fixed is one whose size the data do not change.
+        if fixed and not priors and key in row:
             raise row.refuse(f"{key} beside fixed: true", "one or the other", at=(key,))
     return Selection(
         row.texts("select"),
@@ -209,6 +213,11 @@ def _observation(row: YamlSection) -> ObservationSpec:
     kind = KINDS[row.choice("kind", KINDS)]
     _check_keys_of_kind(row, kind)
     clearance_m, clearance_rad = _seating(row, kind)
+    fixed = row.flag("fixed")
+    if fixed and "sigma_mm" not in row and "sigma_deg" not in row:
+        raise row.refuse(
+            "fixed: true without a noise level", "sigma_mm or sigma_deg beside it", at=("fixed",)
+        )
     return ObservationSpec(
         kind.kind,
         row.texts("samples"),
@@ -219,6 +228,7 @@ def _observation(row: YamlSection) -> ObservationSpec:
         huber_rad=_angle(row, "huber_deg"),
         sigma_m=_length(row, "sigma_mm"),
         sigma_rad=_angle(row, "sigma_deg"),
+        sigma_fixed=fixed,
         line=row.line,
         exclude=read_exclusion(row.section("exclude"), GROUPINGS) if "exclude" in row else None,
         clearance_m=clearance_m,

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from suta_calib.measurements.csv_table import read_csv_table as read_csv_table
     from suta_calib.measurements.csv_table import rotations as rotations
     from suta_calib.measurements.files import expand as expand
+    from suta_calib.measurements.files import lines_of as lines_of
     from suta_calib.measurements.files import read_text as read_text
     from suta_calib.measurements.files import write_text as write_text
     from suta_calib.measurements.pose_files import ToolPoses as ToolPoses

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import SamplesError, did_you_mean
 from suta_calib.geometry.numbers import rotation_from_quaternion
-from suta_calib.measurements.files import read_text
+from suta_calib.measurements.files import lines_of, read_text
 from suta_calib.units import from_mm
 
 _QUATERNION = ("qx", "qy", "qz", "qw")
@@ -180,7 +180,8 @@ def _csv_rows(path: Path, text: str) -> list[tuple[int, list[str]]]:
     Each line is parsed on its own: a forgotten quote then costs one line, not the rest of the file.
     """
     rows = []
-    for line, content in enumerate(text.replace("\r\n", "\n").replace("\r", "\n").split("\n"), 1):
+    contents = (line.rstrip("\r\n") for line in lines_of(text))
+    for line, content in enumerate(contents, 1):
         if not content.strip() or content.lstrip().startswith("#"):
             continue
         try:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import glob
 import os
+import re
 from collections.abc import Iterator, Sequence
 from fnmatch import fnmatch
 from itertools import count
@@ -40,6 +41,15 @@ def read_text(path: Path, error: type[InputError] = InputError) -> str:
         raise error(
             "bytes that are not UTF-8", "UTF-8 text", file=path, line=line, hint="save it as UTF-8"
         ) from None
+
+
+def lines_of(text: str) -> list[str]:
+    """Lines with their ends, which together are the text.
+
+    A line feed, a carriage return, or both end a line, and nothing else does: `str.splitlines`
+    knows eight more, U+2028 and the form feed among them, which may stand in a comment or a label.
+    """
+    return re.findall(r"[^\r\n]*(?:\r\n|\r|\n)|[^\r\n]+", text)
 
 
 def write_text(path: Path, text: str) -> None:

@@ -82,6 +82,15 @@ class Samples:
             tuple(origin),
         )
 
+    def as_keys(self) -> list[bytes]:
+        """Readings and what was seen with them, row by row, as something to compare."""
+        parts = [self.q]
+        if self.position is not None:
+            parts.append(self.position)
+        if self.rotation is not None:
+            parts.append(self.rotation.reshape(-1, 9))
+        return [row.tobytes() for row in np.hstack(parts)]
+
     @classmethod
     def concatenate(cls, parts: Sequence[Samples]) -> Samples:
         """Samples one after the other; joints and kinds of columns must be those of the first.

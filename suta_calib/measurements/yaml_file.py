@@ -306,17 +306,19 @@ class YamlSection:
         return file
 
     def files(self, key: str) -> tuple[Path, ...]:
-        """Files that match a glob or a list of globs, at least one of each, every file once.
+        """Files that match a glob or a list of globs, at least one of each.
 
-        Patterns are relative to the document's folder.
+        Patterns are relative to the document's folder. A file counts once, by whichever of its
+        paths comes first: ``a.csv`` and ``../job/a.csv`` may be one.
         """
-        found: dict[Path, None] = {}
+        found: dict[Path, Path] = {}
         for pattern in self.texts(key):
             try:
-                found |= dict.fromkeys(expand(pattern, self.document.path.parent))
+                for file in expand(pattern, self.document.path.parent):
+                    found.setdefault(file.resolve(), file)
             except SamplesError as problem:
                 raise self.refuse(problem.found, problem.expected, at=(key,)) from None
-        return tuple(found)
+        return tuple(found.values())
 
     def _value(self, key: str) -> Any:
         return self._present(self.data, key, (key,))

@@ -65,6 +65,7 @@ class Parameter:
         plausible: how far from nominal the value might be before any data are seen; a predicted
             standard deviation is judged against it.
         free: False for a parameter that is named but not estimated.
+        prior_fixed: whether the data have no say in how wide the prior is.
     """
 
     owner: str
@@ -76,6 +77,7 @@ class Parameter:
     prior: float | None = None
     plausible: float = math.nan
     free: bool = True
+    prior_fixed: bool = False
 
     def __post_init__(self) -> None:
         if not self.lower <= self.nominal <= self.upper:
@@ -105,7 +107,9 @@ class Parameter:
         """Unit of the solver's variable."""
         return SCALE[self.unit]
 
-    def bounded(self, bound: float | None, prior: float | None) -> Parameter:
+    def bounded(
+        self, bound: float | None, prior: float | None, prior_fixed: bool = False
+    ) -> Parameter:
         """The same parameter with ``nominal ± bound`` and a prior standard deviation."""
         half = math.inf if bound is None else bound
         return replace(
@@ -115,6 +119,7 @@ class Parameter:
             prior=prior,
             plausible=math.nan,
             free=True,
+            prior_fixed=prior_fixed,
         )
 
 
@@ -164,7 +169,8 @@ class Selection:
         bound_m, bound_rad, bound_rad_per_nm: half-width of the bounds about nominal, for lengths,
             for angles and for compliances.
         prior_m, prior_rad, prior_rad_per_nm: standard deviation of a Gaussian prior about nominal.
-        fixed: name the parameter in the result, but do not estimate it.
+        fixed: beside a prior, its size stays whatever the data say of it; alone, name the parameter
+            in the result, but do not estimate it.
         line: line of the job file, for messages.
     """
 
@@ -188,9 +194,10 @@ class Selection:
 
     def applied_to(self, parameter: Parameter) -> Parameter:
         """The parameter with this row's bounds and prior in place of its own."""
-        if self.fixed:
+        priors = (self.prior_m, self.prior_rad, self.prior_rad_per_nm)
+        if self.fixed and priors == (None, None, None):
             return replace(parameter, free=False)
-        return parameter.bounded(*self.sizes(parameter.unit))
+        return parameter.bounded(*self.sizes(parameter.unit), self.fixed)
 
 
 def select_parameters(

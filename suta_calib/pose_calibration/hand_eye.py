@@ -10,22 +10,24 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from suta_calib.arrays import FloatArray, IntArray
-from suta_calib.assessment import Assessment
+from suta_calib.assessment import Assessment, Level
 from suta_calib.errors import ParameterError, SamplesError
 from suta_calib.geometry.numbers import (
     extent,
     homogeneous,
     rms_length,
     rotation_from_vector,
+    rpy_from_rotation,
     tangent_of_vector,
     vector_from_rotation,
 )
 from suta_calib.measurements.pose_files import PosePairs
 from suta_calib.pose_calibration.consensus import Consensus, find_consensus, minimal_samples
+from suta_calib.pose_calibration.distance_trend import DistanceTrend, distance_trend
 from suta_calib.pose_calibration.hand_eye_causes import refuse_misread, refuse_strangers
 from suta_calib.pose_calibration.inputs import checked_poses, error_context
 from suta_calib.pose_calibration.robot_noise import EYE, RobotNoise
-from suta_calib.pose_calibration.robust_fit import RobustAnswer, robust_fit
+from suta_calib.pose_calibration.robust_fit import RobustAnswer, exchanged, robust_fit
 from suta_calib.pose_calibration.undetermined import axis_of_all_turns, refuse_undetermined
 from suta_calib.terms.hand_eye_start import (
     Poses,
@@ -72,6 +74,7 @@ class HandEyeCalibration(RobustAnswer):
         rotation_residuals: (n, 3), the turn between ``A_i X B_i`` and Z, rad.
         axes: (n - 1, 3) rotation vectors of the hand's consecutive motions, rad.
         robot_noise_fraction: part of the rotational noise that seems to be the hand's, 0 to 1.
+        trend: of the residuals with the distance from the eye; the covariance allows for it.
         length: m per unit of `solution`.
     """
 
@@ -82,6 +85,7 @@ class HandEyeCalibration(RobustAnswer):
     rotation_residuals: FloatArray
     axes: FloatArray
     robot_noise_fraction: float
+    trend: DistanceTrend
     length: float
 
     @property
@@ -115,8 +119,32 @@ class HandEyeCalibration(RobustAnswer):
                 f"X is known to ± {mm(displaced):.1f} mm and ± {deg(turned):.2f}° only "
                 "(one sigma): add poses, turned by 30° or more about different axes."
             )
+        if self.trend.significant:
+            caution.append(
+                f"What the eye sees seems {abs(self.trend.share):.2%} ± {self.trend.std:.2%} of "
+                f"its distance too {'far' if self.trend.share > 0 else 'near'}: a camera whose "
+                "focal length errs, or a target of another size. X follows it, and ± allows for "
+                "that: calibrate the camera anew and measure the target."
+            )
         bad = self.objections("pairs", self.inliers)
-        return Assessment.of(bad=bad, care=[*caution, *self.notes])
+        if self.inverted != "good":
+            lengths = [mm(float(np.linalg.norm(T[:3, 3]))) for T in (self.X, self.Z)]
+            place, turn = mm(self.Z[:3, 3]), deg(rpy_from_rotation(self.Z[:3, :3]))
+            (bad if self.inverted == "bad" else caution).append(
+                f"X is {lengths[0]:.0f} mm long and Z {lengths[1]:.0f} mm: what is on the hand "
+                "lies farther off than what stands. Are both poses inverted? Then X is what is "
+                f"called Z here: position ({', '.join(f'{v:.1f}' for v in place)}) mm, roll pitch "
+                f"yaw ({', '.join(f'{v:.2f}' for v in turn)})°."
+            )
+        return Assessment.of(bad=bad, care=[*caution, *self.cautions("pairs")])
+
+    @property
+    def inverted(self) -> Level:
+        """Whether both poses seem to be inverted, which exchanges X and Z: ``good`` if not."""
+        places = [self.X[:3, 3], self.Z[:3, 3]]
+        held, standing = places if self.setup == "eye-in-hand" else places[::-1]
+        std = np.concatenate([self.std["X"][:3], self.std["Z"][:3]])
+        return exchanged(held, standing, float(np.linalg.norm(std)))
 
 
 def calibrate_hand_eye(
@@ -187,6 +215,7 @@ def calibrate_hand_eye(
         "turn the hand about at least two axes that are not parallel",
         axis_of_all_turns(A[0][fit.inliers], fit.sigmas[1]),
     )
+    trend = distance_trend(fit, target[1][:, 2])
     x = fit.solution.x
     X = rotation_from_vector(x[3:6]), x[:3] * length
     Z = rotation_from_vector(x[9:12]), x[6:9] * length + centre
@@ -198,12 +227,14 @@ def calibrate_hand_eye(
         model=model,
         X=homogeneous(*X),
         Z=homogeneous(*Z),
-        covariance=jacobian @ fit.covariance @ jacobian.T,
+        covariance=jacobian @ (fit.covariance + trend.covariance) @ jacobian.T,
         residuals=found[1] - Z[1],
         rotation_residuals=vector_from_rotation(Z[0].T @ found[0]),
         inliers=fit.inliers,
+        suspects=fit.suspects,
         axes=vector_from_rotation(np.swapaxes(A[0][1:], 1, 2) @ A[0][:-1]),
         robot_noise_fraction=noise.fraction,
+        trend=trend,
         solution=fit.solution,
         length=length,
     )

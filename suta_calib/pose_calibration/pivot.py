@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from suta_calib.arrays import FloatArray, IntArray
-from suta_calib.assessment import Assessment
+from suta_calib.assessment import Assessment, Level
 from suta_calib.errors import SamplesError
 from suta_calib.measurements.pose_files import ToolPoses
 from suta_calib.measurements.samples import Samples
 from suta_calib.pose_calibration.consensus import Consensus, find_consensus, minimal_samples
 from suta_calib.pose_calibration.inputs import checked_poses, error_context
-from suta_calib.pose_calibration.robust_fit import RobustAnswer, robust_fit
+from suta_calib.pose_calibration.robust_fit import RobustAnswer, exchanged, robust_fit
 from suta_calib.pose_calibration.undetermined import refuse_undetermined
 from suta_calib.terms.block import Noise, grouped
 from suta_calib.terms.fixed_point import FixedPoint, stacked_pivot
@@ -86,7 +86,21 @@ class PivotCalibration(RobustAnswer):
         if unsure > UNSURE:
             caution.append(f"The tip is known to ± {mm(unsure):.2f} mm only (one sigma, 3-D).")
         bad = self.objections("poses", self.inliers)
-        return Assessment.of(bad=bad, care=[*caution, *self.notes])
+        if self.inverted != "good":
+            (bad if self.inverted == "bad" else caution).append(
+                f"The tip lies {mm(float(np.linalg.norm(self.tip))):.0f} mm from the tool's "
+                f"origin, farther than the post from the tracker's "
+                f"({mm(float(np.linalg.norm(self.post))):.0f} mm): are the poses T_tool_tracker? "
+                f"Inverted, they give the tip {_place(self.post)} and the post {_place(self.tip)}."
+            )
+        return Assessment.of(bad=bad, care=[*caution, *self.cautions("poses")])
+
+    @property
+    def inverted(self) -> Level:
+        """Whether the poses seem to be inverted, which exchanges tip and post: ``good`` if not."""
+        if len(self.posts) > 1:
+            return "good"  # several posts have no tip in common then
+        return exchanged(self.tip, self.post, float(np.sqrt(np.trace(self.covariance))))
 
 
 def calibrate_pivot(
@@ -169,6 +183,7 @@ def calibrate_pivot(
         covariance=fit.covariance[np.ix_(order, order)] * length**2,
         residuals=fit.residuals[0] * length,
         inliers=fit.inliers,
+        suspects=fit.suspects,
         sigma=fit.sigmas[0] * length,
         turn=float(_turns(R[fit.inliers])[0]),
         solution=fit.solution,
@@ -183,6 +198,10 @@ def pivot_from_poses(poses: ToolPoses, *, robust: bool = True, seed: int = 0) ->
             poses.rotation, poses.position, poses.point, robust=robust, seed=seed
         )
     return replace(found, notes=poses.unit_notes)
+
+
+def _place(position: FloatArray) -> str:
+    return f"({', '.join(f'{v:.1f}' for v in mm(position))}) mm"
 
 
 def _turns(R: FloatArray) -> FloatArray:

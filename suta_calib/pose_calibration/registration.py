@@ -8,27 +8,34 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.stats import t
 
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
-from suta_calib.assessment import Assessment
+from suta_calib.assessment import Assessment, Level
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import (
     extent,
     homogeneous,
     register_points,
+    rms_length,
     rotation_from_vector,
     skew,
     tangent_of_vector,
 )
 from suta_calib.measurements.pose_files import Points
 from suta_calib.measurements.samples import Samples
-from suta_calib.pose_calibration.consensus import Consensus, find_consensus, minimal_samples
+from suta_calib.pose_calibration.consensus import (
+    DIMENSION,
+    Consensus,
+    find_consensus,
+    minimal_samples,
+)
 from suta_calib.pose_calibration.inputs import checked_points, error_context
 from suta_calib.pose_calibration.robust_fit import ROUNDING, RobustAnswer, RobustFit, robust_fit
 from suta_calib.terms.block import Noise
 from suta_calib.terms.poses import MeasuredPoses
 from suta_calib.terms.tracked_point import TrackedPoint
-from suta_calib.units import deg, from_deg, mm
+from suta_calib.units import deg, from_deg, mm, text
 
 LEAST_POINTS: Final = 3
 # Second singular value of centred points, relative to the first, of points on a line.
@@ -45,8 +52,14 @@ ENOUGH_TO_JUDGE: Final = 5
 # Standard deviations, m and rad, that deserve a word.
 UNSURE: Final = 1e-3
 UNSURE_TURN: Final = from_deg(1.0)
-# Difference in scale that is worth a word where the scatter does not explain it.
-OTHER_SCALE: Final = 0.02
+# Difference in scale that no temperature makes.
+OTHER_SCALE: Final = 0.005
+# Chance that a scale is seen where there is none; and what one displaces the points by, in units of
+# their scatter, to be worth a word however many points tell it.
+FALSE_ALARM: Final = 1e-4
+NOTICEABLE: Final = 0.3
+# Of a rigid transform with a scale.
+UNKNOWNS: Final = 7
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -66,7 +79,9 @@ class Registration(RobustAnswer):
         sigma: scatter of one component of an inlier's residual, m.
         scale: how many times larger the fitted points are in the target than in the source, which
             a rigid transform cannot make up for.
-        scale_std: standard deviation of that, as far as the scatter makes it.
+        scale_std: standard deviation of that.
+        scale_rms: what `rms` would be with that scale, m.
+        extent: of the fitted points, root mean square from their middle, m.
     """
 
     rotation: FloatArray
@@ -76,6 +91,8 @@ class Registration(RobustAnswer):
     sigma: float
     scale: float
     scale_std: float
+    scale_rms: float
+    extent: float
 
     @property
     def matrix(self) -> FloatArray:
@@ -110,11 +127,9 @@ class Registration(RobustAnswer):
     def assessment(self) -> Assessment:
         """How far to trust it."""
         caution, inliers = list[str](), self.inliers[self.distinct]
-        if abs(self.scale - 1.0) > max(OTHER_SCALE, 3.0 * self.scale_std):
-            caution.append(
-                f"The points are {self.scale:.3f} times as far apart in the second set as in the "
-                "first: look for a scale or a unit."
-            )
+        bad = self.objections("points", inliers)
+        if (scaled := self.scaled) != "good":
+            (bad if scaled == "bad" else caution).append(self.scale_note)
         if copies := int(np.sum(~self.distinct)):
             rows = "1 row repeats" if copies == 1 else f"{copies} rows repeat"
             caution.append(f"{rows} another exactly in both sets: no measurement, counted once.")
@@ -128,8 +143,31 @@ class Registration(RobustAnswer):
                 f"The points' middle is known to ± {mm(unsure):.2f} mm and the turn to "
                 f"± {deg(turned):.2f}° only (one sigma)."
             )
-        bad = self.objections("points", inliers)
-        return Assessment.of(bad=bad, care=[*caution, *self.notes])
+        return Assessment.of(bad=bad, care=[*caution, *self.cautions("points")])
+
+    @property
+    def scaled(self) -> Level:
+        """Whether one common scale explains what no rigid transform can: ``good`` if not.
+
+        ``bad`` where it explains most of the residuals and is more than temperature makes.
+        """
+        freedom = DIMENSION * int(self.inliers[self.distinct].sum()) - UNKNOWNS
+        off = abs(self.scale - 1.0)
+        if freedom < 1 or off <= t.isf(FALSE_ALARM / 2, freedom) * self.scale_std:
+            return "good"
+        dominates = self.scale_rms < self.rms / 2
+        if off * self.extent < NOTICEABLE * self.scale_rms and not dominates:
+            return "good"
+        return "bad" if dominates and off > OTHER_SCALE else "care"
+
+    @property
+    def scale_note(self) -> str:
+        """What a reader is told of the scale."""
+        return (
+            f"The points are {self.scale:.6g} ± {self.scale_std:.1g} times as far apart in the "
+            f"second set as in the first: look for a scale or a unit. With it the rms would be "
+            f"{text(self.scale_rms, 'm', with_unit=True)}."
+        )
 
 
 def register(
@@ -188,7 +226,11 @@ def register(
     position = middle - R @ from_centre
     jacobian = length * np.eye(6)
     jacobian[3:, 3:] = R @ tangent_of_vector(x[3:6])
-    spread = extent(b[fit.inliers])
+    # One common scale, by least squares on what is fitted.
+    placed, seen = (v[fit.inliers] - v[fit.inliers].mean(axis=0) for v in (a @ R.T, b))
+    power = float(np.sum(placed**2))
+    scale = float(np.sum(placed * seen)) / power
+    left = float(np.sum((seen - scale * placed) ** 2))
     return Registration(
         rotation=R,
         position=position,
@@ -196,10 +238,13 @@ def register(
         centre=middle,
         residuals=(a @ R.T + position - b)[like],
         inliers=fit.inliers[like],
+        suspects=fit.suspects[like],
         distinct=distinct,
         sigma=sigma,
-        scale=spread / extent(a[fit.inliers]),
-        scale_std=sigma / spread / np.sqrt(fit.inliers.sum()),
+        scale=scale,
+        scale_std=float(np.sqrt(left / max(placed.size - UNKNOWNS, 1) / power)),
+        scale_rms=float(np.sqrt(left / len(placed))),
+        extent=rms_length(placed),
         solution=fit.solution,
     )
 

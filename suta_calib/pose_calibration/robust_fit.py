@@ -7,24 +7,28 @@ against the solution, solve again without the outliers, until nothing changes.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import comb
+from scipy.stats import chi2, f
 
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
+from suta_calib.assessment import Level
 from suta_calib.geometry.numbers import rms_length
-from suta_calib.pose_calibration.consensus import DIMENSION, Consensus, outlier_limit
+from suta_calib.pose_calibration.consensus import DIMENSION, FALSE_ALARM, Consensus, outlier_limit
 from suta_calib.pose_calibration.serial_correlation import blocks
 from suta_calib.solver.covariance import observed_covariance, predicted_covariance
 from suta_calib.solver.information import Information, whitened_rows
+from suta_calib.solver.ipopt import SolverOptions
 from suta_calib.solver.losses import huber_threshold
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.solver.solve import solve
 from suta_calib.terms.block import Noise
 from suta_calib.terms.term import Term
+from suta_calib.words import listed
 
 MAX_ROUNDS: Final = 12
 # Rows from which on each may speak for its own scatter.
@@ -33,6 +37,12 @@ MANY_ROWS: Final = 30
 FEW_ROWS: Final = 12
 # Part of the rows that, where they disagree, leave open who is right.
 MANY_OUTLIERS: Final = 0.4
+# Chance of what rows that are kept stand out by, above which it is not worth a word.
+REMARKABLE: Final = 0.2
+# Nothing that a hand holds reaches farther, m.
+LONGEST_TOOL: Final = 1.0
+# Standard deviations by which one of two lengths is the longer.
+LONGER: Final = 3.0
 # Relative change of a noise level that is none.
 SAME_NOISE: Final = 0.01
 THRESHOLD: Final = huber_threshold(DIMENSION)
@@ -53,6 +63,7 @@ class RobustFit:
         solution: over the inliers.
         residuals: of all rows by block, each (n, 3), m or rad.
         inliers: (n,) rows that were fitted.
+        suspects: (n,) those of them that stand out without being proven wrong.
         sigmas: scatter of one component of each block.
         covariance: of the solution's parameters, in its order: from the residuals row by row (block
             by block where neighbours are alike) where these are many, else from their common
@@ -62,6 +73,7 @@ class RobustFit:
     solution: Solution
     residuals: tuple[FloatArray, ...]
     inliers: BoolArray
+    suspects: BoolArray
     sigmas: tuple[float, ...]
     covariance: FloatArray
 
@@ -74,6 +86,7 @@ class RobustAnswer:
         covariance: of the answer's unknowns, m and rad.
         residuals: (n, 3) of all rows, m.
         inliers: (n,) rows that were fitted.
+        suspects: (n,) those of them that stand out, but that the others do not prove wrong.
         solution: of the solver.
         notes: what the files of the data give to think about, one sentence each.
     """
@@ -81,6 +94,7 @@ class RobustAnswer:
     covariance: FloatArray
     residuals: FloatArray
     inliers: BoolArray
+    suspects: BoolArray
     solution: Solution
     notes: tuple[str, ...] = ()
 
@@ -104,6 +118,29 @@ class RobustAnswer:
             found.append(f"{share:.0%} of the {what} do not agree with the rest.")
         return found
 
+    def cautions(self, what: str) -> list[str]:
+        """What must be known of the rows to use it, one sentence each."""
+        kept = listed([str(row) for row in np.flatnonzero(self.suspects)])
+        if not kept:
+            return list(self.notes)
+        return [
+            f"Of the {what} {kept} (rows from 0) stand out, but so few others do not prove them "
+            "wrong: they are kept, and ± is wider for it.",
+            *self.notes,
+        ]
+
+
+def exchanged(held: FloatArray, standing: FloatArray, std: float) -> Level:
+    """Whether what is on the tool lies farther from it than what stands lies from its frame, m.
+
+    Inverted poses exchange the two, and leave no residual that would tell. ``care`` where it does
+    by more than chance (``std``); ``bad`` where no tool is that long either.
+    """
+    near, far = float(np.linalg.norm(held)), float(np.linalg.norm(standing))
+    if near - far <= LONGER * std:
+        return "good"
+    return "bad" if near > max(LONGEST_TOOL, 2.0 * far) else "care"
+
 
 def robust_fit(
     make: Make,
@@ -113,7 +150,7 @@ def robust_fit(
     robust: bool = True,
     revise: Callable[[Mapping[str, float], BoolArray], None] | None = None,
 ) -> RobustFit:
-    """Solve, judge the rows, solve again.
+    """Solve, judge the rows, solve again; few rows are outliers only where the others prove it.
 
     Args:
         make: the term over given rows.
@@ -123,13 +160,56 @@ def robust_fit(
         revise: called with the values found and the inliers after every solve; may change what
             `make` makes.
     """
+    fit = _settled(make, start, floors, robust, revise)
+    count, suspects = len(fit.inliers), np.flatnonzero(~fit.inliers)
+    if not robust or not len(suspects) or count >= MANY_ROWS:
+        return fit
+    everyone = np.ones(count, dtype=np.bool_)
+    needed = len(fit.solution.free) / (DIMENSION * len(fit.sigmas))
+    plain = _settled(make, Consensus(everyone, np.array(fit.sigmas)), floors, False, None)
+    total, distance = _misfit(plain, fit.sigmas).sum(), _misfit(fit, fit.sigmas)
+    suspects = suspects[np.argsort(-distance[suspects])]
+    found, least = fit, 1.0
+    for dropped in range(len(suspects), 0, -1):
+        # Of few rows nobody knows how independent their components are: a row is one witness.
+        freedom = count - dropped - needed
+        rest = max(float(_misfit(found, fit.sigmas)[found.inliers].sum()), ROUNDING**2)
+        gain = (total / rest - 1.0) * freedom / dropped
+        # Any choice of as many rows might have been the suspicious one.
+        chance = f.sf(gain, dropped, freedom) * comb(count, dropped) if freedom > 0 else 1.0
+        least = min(least, chance)
+        if chance < FALSE_ALARM:
+            break
+        believed = everyone.copy()
+        believed[suspects[: dropped - 1]] = False
+        found = _settled(make, Consensus(believed, np.array(fit.sigmas)), floors, False, None)
+    told = least < REMARKABLE and found is not fit
+    return replace(found, suspects=found.inliers & ~fit.inliers) if told else found
+
+
+def _misfit(fit: RobustFit, sigmas: Sequence[float]) -> FloatArray:
+    """(n,) squared residuals of rows in units of what each block scatters."""
+    parts = [np.sum(r**2, axis=1) / s**2 for r, s in zip(fit.residuals, sigmas, strict=True)]
+    return np.asarray(sum(parts))
+
+
+def _settled(
+    make: Make,
+    start: Consensus,
+    floors: Sequence[float] | None,
+    robust: bool,
+    revise: Callable[[Mapping[str, float], BoolArray], None] | None,
+) -> RobustFit:
+    """`robust_fit` where every row that stands out is an outlier."""
     everything = np.arange(len(start.inliers))
     inliers, sigmas = start.inliers, np.maximum(start.sigmas, ROUNDING)
     least = np.full(len(sigmas), FINEST) if floors is None else np.maximum(floors, FINEST)
     for round_ in range(MAX_ROUNDS):
         assumed = [float(s) for s in np.maximum(sigmas, least)]
         noises = [Noise(s, THRESHOLD * s) if robust else Noise(s) for s in assumed]
-        solution = solve(Problem([make(np.flatnonzero(inliers), noises)]))
+        # The levels that weigh the blocks are learned here, round by round.
+        problem = Problem([make(np.flatnonzero(inliers), noises)])
+        solution = solve(problem, SolverOptions(weights=None))
         if revise is not None:
             revise(solution.values, inliers)
         residuals = evaluate(make(everything, noises), solution.values)
@@ -150,7 +230,12 @@ def robust_fit(
     few = int(inliers.sum()) < FEW_ROWS
     truly = np.maximum(levels, least) if few else levels
     covariance = _covariance(solution, [r[inliers] for r in residuals], truly)
-    return RobustFit(solution, residuals, inliers, tuple(float(s) for s in levels), covariance)
+    if int(inliers.sum()) < MANY_ROWS and (freedom := numbers - len(solution.free)) > 2:
+        # The scatter of few is itself uncertain: errors in units of it have Student's variance.
+        covariance = covariance * freedom / (freedom - 2)
+    none = np.zeros_like(inliers)
+    found = tuple(float(s) for s in levels)
+    return RobustFit(solution, residuals, inliers, none, found, covariance)
 
 
 def evaluate(term: Term, values: Mapping[str, float]) -> tuple[FloatArray, ...]:

@@ -15,7 +15,10 @@ from typing import Any, Final
 
 import numpy as np
 
+from suta_calib.arrays import FloatArray
 from suta_calib.diagnostics.accuracy import TermAccuracy
+from suta_calib.diagnostics.explanation import redundant_names
+from suta_calib.diagnostics.held_out import PROBABILITIES, HeldOutErrors, held_out_errors
 from suta_calib.job.calibration import CalibrationResult
 from suta_calib.report import calibration_plots as plots
 from suta_calib.report.document import Document, Figure, File, Folded, Part, Place, ShownOnly, Text
@@ -29,12 +32,18 @@ from suta_calib.report.errors import (
     residual_rows,
 )
 from suta_calib.report.listing import Column, Json, Listing, csv_text
-from suta_calib.report.observability import MOST_SENTENCES, explained, unobservable
+from suta_calib.report.observability import (
+    EXPLANATIONS,
+    MOST_SENTENCES,
+    explained,
+    unobservable,
+)
 from suta_calib.report.parameters import PARAMETERS, left_out, outcomes
 from suta_calib.solver.ipopt import Minimum
 from suta_calib.solver.solution import Solution
+from suta_calib.solver.weights import Learned
 from suta_calib.terms.block import Block
-from suta_calib.units import Unit, unit_name
+from suta_calib.units import Unit, text, unit_name
 from suta_calib.words import combination
 
 NAME: Final = "result"
@@ -53,6 +62,7 @@ class BlockNoise:
         block: of residuals.
         assumed: standard deviation of one component, m or rad.
         found: the same; None where the solution did not converge.
+        interval: where it is with a chance of 95 %; None where it was weighed against nothing.
     """
 
     kind: str
@@ -60,10 +70,15 @@ class BlockNoise:
     block: Block
     assumed: float
     found: float | None
+    interval: tuple[float, float] | None
 
 
 def _unit(row: BlockNoise) -> Unit:
     return row.block.unit
+
+
+def _between(interval: tuple[float, float], unit: Unit | None = None) -> str:
+    return " … ".join(f"{end:.2f}" if unit is None else text(end, unit) for end in interval)
 
 
 NOISE: Final = Listing[BlockNoise](
@@ -81,6 +96,86 @@ NOISE: Final = Listing[BlockNoise](
         cell=lambda row: "default" if row.block.noise.sigma is None else "the job",
     ),
     Column("found", "found", unit=_unit, si=True),
+    Column(
+        "interval",
+        "95 %",
+        unit=_unit,
+        si=True,
+        optional=True,
+        cell=lambda row: _between(row.interval, row.block.unit) if row.interval else "",
+    ),
+)
+PRIORS: Final = Listing[tuple[str, Learned]](
+    "Priors",
+    Column("group", "of", lambda row: row[0]),
+    Column("factor", "times what the job gives", lambda row: row[1].value, form=".2f"),
+    Column(
+        "interval", "95 %", lambda row: row[1].interval, cell=lambda row: _between(row[1].interval)
+    ),
+    Column("contradicted", None, lambda row: row[1].contradicted),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class HeldOutRow:
+    """Held-out errors of one block, and the label of the job's row.
+
+    Attributes:
+        label: of the row.
+        errors: against their prediction.
+    """
+
+    label: str
+    errors: HeldOutErrors
+
+    @property
+    def unit(self) -> Unit:
+        """Of the errors: m or rad."""
+        return self.errors.unit
+
+
+def _rms(values: FloatArray) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def _within(probability: float) -> Column[HeldOutRow]:
+    def shown(row: HeldOutRow) -> str:
+        found = row.errors.coverage(probability)
+        return f"{100 * found.share:.0f} ± {100 * found.std:.0f} %"
+
+    return Column(
+        f"within_{100 * probability:.0f}",
+        f"within {100 * probability:.0f} %",
+        lambda row: row.errors.coverage(probability).share,
+        "%",
+        cell=shown,
+    )
+
+
+HELD_OUT: Final = Listing[HeldOutRow](
+    "Held-out errors, of one component, against what was predicted",
+    Column("kind", "of", lambda row: row.errors.term.kind),
+    Column("label"),
+    Column("block", "", lambda row: row.errors.name),
+    Column("unit", "unit", cell=lambda row: unit_name(row.unit)),
+    Column("std", "found", lambda row: _rms(row.errors.residual), lambda row: row.unit, si=True),
+    Column(
+        "predicted_std",
+        "predicted",
+        lambda row: _rms(row.errors.predicted),
+        lambda row: row.unit,
+        si=True,
+    ),
+    Column(
+        "parameters_std",
+        "by parameters",
+        lambda row: _rms(row.errors.by_parameters),
+        lambda row: row.unit,
+        si=True,
+    ),
+    *map(_within, PROBABILITIES),
+    Column("each_predicted_std", None, lambda row: row.errors.predicted),
+    key="held_out",
 )
 STARTS: Final = Listing[tuple[int, Minimum]](
     "How it was computed",
@@ -138,7 +233,8 @@ def _parameters(result: CalibrationResult, *, verbose: bool) -> Iterator[Part]:
         yield from left_out(len(arm) - len(worth_showing), [row.estimate for row in own])
     yield ShownOnly(PARAMETERS.of(arm), "page")
     yield Text(
-        "“unidentified”: the data cannot tell it, it stays at nominal. “prior”: mostly known "
+        "“redundant”: no data of these kinds could tell it; nominal is a convention. "
+        "“unidentified”: other data would tell it; it stays at nominal. “prior”: mostly known "
         "beforehand. A value with an entry under “given” has its meaning only relative to the "
         "parameters named there.",
         place="page",
@@ -167,6 +263,20 @@ def _errors(result: CalibrationResult) -> Iterator[Part]:
         place="page",
         look="soft",
     )
+    if result.solution.converged:
+        found = held_out_errors(result.solution, accuracy)
+        yield HELD_OUT.of(
+            HeldOutRow(label, each)
+            for label, term in result.labelled_terms["validation"]
+            for each in found
+            if each.term is term.term
+        )
+        yield Text(
+            "Predicted: the scatter of the fitted errors, which holds what the model lacks, and "
+            "the covariance of the parameters. As many errors as named should be within.",
+            place="page",
+            look="soft",
+        )
     # Held-out errors are what a user of the arm will see: they come first.
     for name in ("validation", "calibration"):
         for k, errors in enumerate(by_kind(sets[name])):
@@ -184,10 +294,13 @@ def _untold(result: CalibrationResult) -> Iterator[Part]:
     if solution.converged:
         arm = set(solution.problem.names[: solution.problem.arm_count])
         of_arm = [e for e in result.explanations if e.fixed in arm or not arm]
-        place: Place = "everywhere" if of_arm else "page"
+        untold = any(e.told != "redundant" for e in of_arm)
+        place: Place = "everywhere" if untold else "page"
         yield Text("What these data cannot tell", place=place, look="heading")
         yield from explained(of_arm, "console", MOST_SENTENCES)
         yield from explained(result.explanations, "page")
+        redundant = [e for e in result.explanations if e.told == "redundant"]
+        yield Folded(EXPLANATIONS.of(redundant, f"Why they are redundant ({len(redundant)})"))
         if not result.explanations:
             yield Text("Nothing that was asked: every parameter could be estimated.", place="page")
         several = [name for name, c in zip(named, combinations, strict=True) if not c.alone]
@@ -231,6 +344,14 @@ def _noise_and_correlations(result: CalibrationResult) -> Iterator[Part]:
         place="page",
         look="soft",
     )
+    if priors := _priors(result):
+        yield ShownOnly(PRIORS.of(priors), "page")
+        yield Text(
+            "How wide priors are is learned with the noise, from the evidence of the data; "
+            "fixed: true beside a prior or a noise level keeps it.",
+            place="page",
+            look="soft",
+        )
     names, matrix = solution.correlation(arm=True) if solution.converged else ((), np.eye(0))
     if len(names) < 2:
         return
@@ -293,6 +414,7 @@ def _data(result: CalibrationResult) -> Json:
         "job": result.job.spec.path.name,
         "parameters": PARAMETERS.records(outcomes(solution)),
         "unidentified": solution.unidentified,
+        "redundant": redundant_names(result.explanations),
         "unobservable": unobservable(solution.identification),
         # Samples that rows of the job leave out by name.
         "excluded": [
@@ -305,6 +427,7 @@ def _data(result: CalibrationResult) -> Json:
         "timing_s": timing,
         **_matrices(solution),
         "noise": NOISE.records(_noise(result)),
+        "priors": PRIORS.records(_priors(result)),
         "solver": {"name": "IPOPT", **best, "starts": starts},
         "versions": versions(),
     }
@@ -345,12 +468,24 @@ def _matrices(solution: Solution) -> Mapping[str, Any]:
 
 def _noise(result: CalibrationResult) -> list[BlockNoise]:
     solution = result.solution
+    intervals = (
+        [None] * len(solution.noise)
+        if solution.weights is None
+        else [found.interval for found in solution.weights.noise]
+    )
     blocks = [
         (term.term.kind, label, block)
         for label, term in result.labelled_terms["calibration"]
         for block in term.term.blocks
     ]
     return [
-        BlockNoise(*block, assumed, found if solution.converged else None)
-        for block, assumed, found in zip(blocks, solution.sigmas, solution.noise, strict=True)
+        BlockNoise(*block, assumed, found if solution.converged else None, interval)
+        for block, assumed, found, interval in zip(
+            blocks, solution.problem.assumed_sigmas(), solution.noise, intervals, strict=True
+        )
     ]
+
+
+def _priors(result: CalibrationResult) -> list[tuple[str, Learned]]:
+    weights = result.solution.weights
+    return [] if weights is None else list(weights.priors.items())

@@ -6,8 +6,6 @@ import math
 from functools import partial
 from typing import Any, Final
 
-from matplotlib.axes import Axes
-
 from suta_calib.analysis.error_budget import (
     WORDS,
     BlockBudget,
@@ -41,15 +39,21 @@ CAPTION: Final = (
 )
 
 
-def _root(variance: float | None) -> float | None:
-    return None if variance is None else math.sqrt(variance)
+def _rms(source: str, heading: str) -> Column[TipBudget]:
+    """Root of a mean square that may have no number."""
+
+    def root(tip: TipBudget) -> float | None:
+        variance = getattr(tip, source)
+        return None if variance is None else math.sqrt(variance)
+
+    return Column(f"{source}_rms", heading, root, "m")
 
 
 TIP: Final = Listing[TipBudget](
     "The tip at the postures visited, relative to what the calibration held",
-    Column("encoders_rms", "encoders, one reading", lambda tip: _root(tip.encoders), "m"),
-    Column("parameters_rms", WORDS["parameters"], lambda tip: _root(tip.parameters), "m"),
-    Column("model_rms", WORDS["model"], lambda tip: _root(tip.model), "m"),
+    _rms("encoders", "encoders, one reading"),
+    _rms("parameters", WORDS["parameters"]),
+    _rms("model", WORDS["model"]),
     Column("total_rms", "total of what has a number", lambda tip: tip.rms, "m"),
     key="tip",
 )
@@ -83,30 +87,26 @@ def budget_plot(budget: ErrorBudget) -> str:
         axes = figure.subplots()
         labelled: set[str] = set()
         for place, block in enumerate(blocks):
-            _bar(axes, place, block, labelled)
+            left, total = 0.0, sum(s.variance for s in block.inside)
+            for share in block.inside:
+                part = shown(share.variance / total, "%") if total > 0 else 0.0
+                colour, hatch = LOOKS[share.sources[0]] if len(share.sources) == 1 else TOGETHER
+                label = share.words if share.words not in labelled else None
+                labelled.add(share.words)
+                look: dict[str, Any] = {"color": colour, "edgecolor": "black", "hatch": hatch}
+                axes.barh(place, part, left=left, height=0.62, linewidth=0.6, label=label, **look)
+                if part > 9:
+                    rms = text(share.rms, block.unit, with_unit=True)
+                    place_of: dict[str, Any] = {"ha": "center", "va": "center", "fontsize": 8}
+                    box = {"facecolor": "white", "edgecolor": "none", "pad": 1.0}
+                    axes.text(left + part / 2, place, rms, bbox=box, **place_of)
+                left += part
         axes.set_yticks(range(len(blocks)), [_name(b) for b in blocks], fontsize=8)
         axes.set_ylim(len(blocks) - 0.5, -0.5)
         axes.set_xlim(0, 100)
         axes.set_xlabel("share of the mean square, gross errors aside, %")
         figure.legend(loc="outside upper left", ncols=2, fontsize=8)
         return svg_text(figure, NAME, "Shares of the error budget")
-
-
-def _bar(axes: Axes, place: int, block: BlockBudget, labelled: set[str]) -> None:
-    total = sum(s.variance for s in block.inside)
-    left = 0.0
-    for share in block.inside:
-        part = shown(share.variance / total, "%") if total > 0 else 0.0
-        colour, hatch = LOOKS[share.sources[0]] if len(share.sources) == 1 else TOGETHER
-        label = share.words if share.words not in labelled else None
-        labelled.add(share.words)
-        look: dict[str, Any] = {"color": colour, "edgecolor": "black", "hatch": hatch}
-        axes.barh(place, part, left=left, height=0.62, linewidth=0.6, label=label, **look)
-        if part > 9:
-            rms = text(share.rms, block.unit, with_unit=True)
-            box = {"facecolor": "white", "edgecolor": "none", "pad": 1.0}
-            axes.text(left + part / 2, place, rms, ha="center", va="center", fontsize=8, bbox=box)
-        left += part
 
 
 def _name(block: BlockBudget) -> str:
@@ -121,13 +121,12 @@ def _shares(block: BlockBudget) -> Listing[Share]:
     def part(share: Share) -> float | None:
         return share.variance / block.variance if block.variance > 0 else None
 
+    def name(share: Share) -> str:
+        return share.words if share.sources else "total"
+
     return Listing(
         _name(block),
-        Column(
-            "sources",
-            "where it comes from",
-            cell=lambda share: share.words if share.sources else "total",
-        ),
+        Column("sources", "where it comes from", cell=name),
         Column("rms", "RMS", unit=block.unit),
         Column("", "unit", lambda _: unit_name(block.unit)),
         Column("share", "share, %", part, "%"),

@@ -54,6 +54,7 @@ CHARACTERISTICS: Final = Listing[Characteristic](
     Column("decision"),
     Column("where"),
     Column("count", "of", form="d"),
+    Column("missing", optional=True),
     Column("", "", lambda each: each.decision),
     key="characteristics",
 )
@@ -92,6 +93,7 @@ SPHERES: Final = Listing[SphereProbing](
     Column("size", "P_Size", unit="m", sign=True),
     Column("form", "P_Form", unit="m"),
     Column("radial", unit="m"),
+    Column("amplification"),
     key="spheres",
     named=True,
 )

@@ -152,41 +152,33 @@ def _best(choice: ModelSelection) -> list[ModelCandidate]:
 
 def _models(choice: ModelSelection) -> Listing[ModelCandidate]:
     """Rows of the models: their errors as such, and against the job's own."""
+    job = choice.job
 
-    def of_loss(model: ModelCandidate) -> tuple[float, float]:
-        gain, error = model.gain_over(choice.job)
-        return -gain / choice.job.held_out.loss, error / choice.job.held_out.loss
+    def against_job(name: str, head: str, k: int, sign: float) -> Column[ModelCandidate]:
+        """Gain over the job's model (k = 0) or its standard error, as part of that one's loss."""
 
-    def against_job(model: ModelCandidate, share: float, *, sign: bool = False) -> str:
-        return "" if model is choice.job else text(share, "%", sign=sign)
+        def part(model: ModelCandidate) -> float:
+            return sign * model.gain_over(job)[k] / job.held_out.loss
+
+        def cell(model: ModelCandidate) -> str:
+            return "" if model is job else text(part(model), "%", sign=sign < 0)
+
+        return Column(name, head, part, "%", cell=cell)
+
+    def name(model: ModelCandidate) -> str:
+        return f"{model.name} ←" if model is choice.chosen else model.name
 
     return Listing(
         "Models, cross-validated",
-        Column(
-            "name",
-            "unknowns beside the job's",
-            cell=lambda m: f"{m.name} ←" if m is choice.chosen else m.name,
-        ),
+        Column("name", "unknowns beside the job's", cell=name),
         Column("fitted_rms", "fitted", lambda m: m.fitted, "m"),
         Column("held_out_rms", "held out", lambda m: m.held_out.rms, "m"),
-        Column(
-            "held_out_variance_change",
-            "change, %",
-            lambda m: of_loss(m)[0],
-            "%",
-            cell=lambda m: against_job(m, of_loss(m)[0], sign=True),
-        ),
-        Column(
-            "standard_error",
-            "± error",
-            lambda m: of_loss(m)[1],
-            "%",
-            cell=lambda m: against_job(m, of_loss(m)[1]),
-        ),
+        against_job("held_out_variance_change", "change, %", 0, -1.0),
+        against_job("standard_error", "± error", 1, 1.0),
         Column("unknowns", None, lambda m: len(m.parameters)),
         Column("all_geometry", None, lambda m: m.geometry),
         Column("beside_geometry", None, lambda m: m.added),
-        Column("outdoes_job", None, lambda m: m is not choice.job and m.outdoes(choice.job)),
+        Column("outdoes_job", None, lambda m: m is not job and m.outdoes(job)),
         Column("chosen", None, lambda m: m is choice.chosen),
         key="models",
     )

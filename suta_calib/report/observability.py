@@ -11,6 +11,7 @@ from suta_calib.report.document import Document, Part, Place, Text
 from suta_calib.report.listing import Column, Listing
 from suta_calib.report.parameters import PROSPECTS, left_out
 from suta_calib.solver.identifiability import Identification
+from suta_calib.words import listed
 
 NAME: Final = "observability"
 # Of one remedy's explanations, those that a console shows.
@@ -18,9 +19,10 @@ MOST_SENTENCES: Final = 3
 
 EXPLANATIONS: Final = Listing[Explanation](
     "Why parameters are held",
-    Column("held", value=lambda each: each.fixed),
-    Column("sentence"),
-    Column("remedy"),
+    Column("held", "held", lambda each: each.fixed),
+    Column("sentence", "why"),
+    Column("remedy", "what to do"),
+    Column("told"),
 )
 
 
@@ -50,6 +52,7 @@ def observability_document(found: Observability, *, verbose: bool = False) -> Do
         "indices": found.indices.as_dict(),
         "parameters": PROSPECTS.records(prospects),
         "unidentified": found.unidentified,
+        "redundant": found.redundant,
         "unobservable": unobservable(found.identification),
         "explanations": EXPLANATIONS.records(found.explanations),
     }
@@ -71,20 +74,32 @@ def conditioning(found: Observability) -> str:
 def explained(found: Iterable[Explanation], place: Place, most: int | None = None) -> list[Text]:
     """Why parameters are held, and below those that share a remedy, the remedy.
 
+    What is redundant is one line: nothing is to be done about it.
+
     Args:
         found: explanations.
         place: where they are shown.
         most: of one remedy; the others are counted.
     """
     together: dict[str, list[str]] = {}
+    redundant = []
     for each in found:
-        together.setdefault(each.remedy, []).append(each.sentence)
+        if each.told == "redundant":
+            redundant.append(each.fixed)
+        else:
+            together.setdefault(each.remedy, []).append(each.sentence)
     parts = []
     for remedy, sentences in together.items():
         more = 0 if most is None else max(len(sentences) - most, 0)
         said = [*sentences[:most], *([f"and {more} more of this sort"] if more else [])]
         parts += [Text(sentence, bullet=True, place=place) for sentence in said]
         parts.append(Text(remedy, place=place, look="remedy"))
+    if redundant:
+        said_once = (
+            f"Redundant, so at nominal by convention: {listed(redundant)}. No data of these kinds "
+            "could tell them, and nothing but where frames are drawn depends on them."
+        )
+        parts.append(Text(said_once, place=place))
     return parts
 
 

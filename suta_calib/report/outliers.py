@@ -20,6 +20,7 @@ from suta_calib.analysis.outliers import (
     HeldOut,
     Level,
     Metric,
+    Move,
     Outliers,
     TermOutliers,
     Thresholds,
@@ -31,23 +32,12 @@ from suta_calib.report.svg import BLUE, GREY, ORANGE, WIDTH, picture, svg_text
 from suta_calib.units import NOTHING, Unit, key, mm, shown, text, unit_name
 
 NAME: Final = "outliers"
-UNIT: Final[dict[Metric, Unit]] = {
-    "contribution": "%",
-    "cooks_distance": "1",
-    "leave_one_out": "%",
-    "bias": "m",
-}
-HEADS: Final[dict[Metric, str]] = {
-    "contribution": "share %",
-    "cooks_distance": "Cook",
-    "leave_one_out": "l.o.o. %",
-    "bias": "bias mm",
-}
-TITLES: Final[dict[Metric, str]] = {
-    "contribution": "Error contribution, %",
-    "cooks_distance": "Cook's distance",
-    "leave_one_out": "RMS falls when left out by, %",
-    "bias": "Bias after registration, mm",
+# Unit of each metric, the head of its column, and the title of its plot.
+TOLD: Final[dict[Metric, tuple[Unit, str, str]]] = {
+    "contribution": ("%", "share %", "Error contribution, %"),
+    "cooks_distance": ("1", "Cook", "Cook's distance"),
+    "leave_one_out": ("%", "l.o.o. %", "RMS falls when left out by, %"),
+    "bias": ("m", "bias mm", "Bias after registration, mm"),
 }
 # Dark on light: the scale is told by grey as well as by colour.
 COLOURS: Final = "cividis_r"
@@ -65,27 +55,24 @@ EXPLAINED: Final = (
 )
 
 
-def _number(value: float, metric: Metric) -> str:
-    if math.isfinite(value) and abs(shown(value, UNIT[metric])) >= WIDEST:
-        return f"{shown(value, UNIT[metric]):.1e}"
-    return text(value, UNIT[metric])
-
-
 def _key(metric: Metric) -> str:
-    return key(metric, UNIT[metric])
+    return key(metric, TOLD[metric][0])
 
 
 def _column(metric: Metric, *, judged: bool) -> Column[Group]:
     """A metric as it is judged, with a mark where it is flagged; or that of the job's own fit."""
+    unit, head, _ = TOLD[metric]
 
     def value(group: Group) -> float:
         return (group.values if judged else group.as_calibrated)[metric]
 
     def cell(group: Group) -> str:
-        flagged = judged and metric in group.flags
-        return _number(value(group), metric) + (" !" if flagged else "")
+        number = shown(value(group), unit)
+        wide = math.isfinite(number) and abs(number) >= WIDEST
+        flag = " !" if judged and metric in group.flags else ""
+        return (f"{number:.1e}" if wide else text(value(group), unit)) + flag
 
-    return Column(metric, HEADS[metric], value, UNIT[metric], cell=cell)
+    return Column(metric, head, value, unit, cell=cell)
 
 
 AS_CALIBRATED: Final = tuple(_column(metric, judged=False) for metric in METRICS)
@@ -102,6 +89,13 @@ TOUCHES: Final = Listing[GrossTouch](
     Column("row", "row", lambda touch: touch.origin),
     Column("what", "what"),
     Column("size", "residual, mm", unit="m", form=".2f"),
+)
+MOVES: Final = Listing[Move](
+    "Moved between its rows",
+    Column("what", "what"),
+    Column("origin", "from row"),
+    Column("distance", "mm", unit="m", form=".2f"),
+    Column("p", "chance", form=".2g"),
 )
 THRESHOLDS: Final = Listing[Thresholds](
     "",
@@ -127,6 +121,7 @@ def outliers_document(found: Outliers) -> Document:
             own = Listing(title, Column[Group]("label", noun), *AS_CALIBRATED)
             parts.append(ShownOnly(own.of(_shown(level)), "page"))
     parts += [ShownOnly(TOUCHES.of(term.touches), "page") for term in found.terms]
+    parts += [ShownOnly(MOVES.of(term.moves), "page") for term in found.terms]
     parts += [Text(sentence, bullet=True) for sentence in advice(found)]
     return Document(NAME, "Outliers", found.assessment, parts, _data(found))
 
@@ -196,9 +191,8 @@ def _shown(level: Level) -> Sequence[Group]:
 
 def _limits_text(level: Level) -> str:
     limits = ", ".join(
-        f"{HEADS[metric].split()[0]} "
-        f"{shown(level.thresholds[metric], UNIT[metric]):.3g} {unit_name(UNIT[metric])}".rstrip()
-        for metric in METRICS
+        f"{head.split()[0]} {shown(level.thresholds[metric], unit):.3g} {unit_name(unit)}".rstrip()
+        for metric, (unit, head, _) in TOLD.items()
     )
     rest = len(level.groups) - len(_shown(level))
     more = f"; {rest} more with smaller shares" if rest else ""
@@ -214,6 +208,7 @@ def _data(found: Outliers) -> Json:
     return {
         **top,
         "touches": [touch for term in terms for touch in term["touches"]],
+        "moves": [move for term in terms for move in term["moves"]],
         "held_out": terms[0]["held_out"],
         "thresholds": THRESHOLDS.record(found.thresholds),
         "agreement": AGREEMENT,
@@ -224,17 +219,25 @@ def _data(found: Outliers) -> Json:
 
 
 def _term_dict(term: TermOutliers) -> Json:
+    levels: Json = {level.name: _groups(term, level).records(level.groups) for level in term.levels}
+    for level in term.levels:
+        for group in level.groups:
+            if (found := group.displacement) is not None:
+                row = levels[level.name][group.label]
+                row["displacement_mm"] = plain(found.vector, "m")
+                row["displacement_std_mm"] = plain(found.std, "m")
     return {
         "kind": term.kind,
-        **{level.name: _level_dict(term, level) for level in term.levels},
+        **levels,
         "thresholds": {
             level.name: {
-                _key(metric): shown(limit, UNIT[metric])
+                _key(metric): shown(limit, TOLD[metric][0])
                 for metric, limit in level.thresholds.items()
             }
             for level in term.levels
         },
         "touches": TOUCHES.records(term.touches),
+        "moves": MOVES.records(term.moves),
         "samples": term.samples,
         "noise_mm": plain(term.sigma, "m"),
         "held_out": {
@@ -245,15 +248,6 @@ def _term_dict(term: TermOutliers) -> Json:
             },
         },
     }
-
-
-def _level_dict(term: TermOutliers, level: Level) -> Any:
-    rows: Any = _groups(term, level).records(level.groups)
-    for group in level.groups:
-        if (found := group.displacement) is not None:
-            rows[group.label]["displacement_mm"] = plain(found.vector, "m")
-            rows[group.label]["displacement_std_mm"] = plain(found.std, "m")
-    return rows
 
 
 def _figures(found: Outliers) -> list[Figure]:
@@ -293,38 +287,30 @@ def _over_artefact(term: TermOutliers, level: Level, name: str) -> str:
         return svg_text(figure, name, "The four outlier metrics of every landmark") + "\n"
 
 
+def _values(level: Level, metric: Metric) -> tuple[FloatArray, float]:
+    """The metric of every group, and its threshold, as they are shown."""
+    unit = TOLD[metric][0]
+    values = shown(np.array([g.values[metric] for g in level.groups]), unit)
+    return values, shown(level.thresholds[metric], unit)
+
+
 def _map(figure: Picture, axes: Axes, place: FloatArray, level: Level, metric: Metric) -> None:
-    values = shown(np.array([g.values[metric] for g in level.groups]), UNIT[metric])
-    limit = shown(level.thresholds[metric], UNIT[metric])
+    values, limit = _values(level, metric)
     drawn = np.nan_to_num(np.maximum(values, 0.0))
     top = max(float(drawn.max()), limit)
     size = SMALLEST + (LARGEST - SMALLEST) * drawn / top
-    marks: Any = axes.scatter(
-        place[:, 0],
-        place[:, 1],
-        s=size,
-        c=drawn,
-        cmap=COLOURS,
-        vmin=0.0,
-        vmax=top,
-        edgecolors="black",
-        lw=0.6,
-    )
+    look: dict[str, Any] = {"cmap": COLOURS, "vmin": 0.0, "vmax": top, "lw": 0.6}
+    marks: Any = axes.scatter(place[:, 0], place[:, 1], s=size, c=drawn, edgecolors="black", **look)
+    below: dict[str, Any] = {"textcoords": "offset points", "ha": "center", "va": "top"}
     for (x, y), group, value, area in zip(place, level.groups, values, size, strict=True):
         flagged = metric in group.flags
         if flagged:
             axes.plot(x, y, "s", mfc="none", mec="black", mew=1.8, ms=np.sqrt(area) + 7)
-        axes.annotate(
-            f"{group.label} {value:.3g}{' !' if flagged else ''}",
-            (x, y),
-            (0, -4 - np.sqrt(area) / 2),
-            textcoords="offset points",
-            ha="center",
-            va="top",
-            fontsize=7,
-            fontweight="bold" if flagged else "normal",
-        )
-    axes.set_title(TITLES[metric])
+        label = f"{group.label} {value:.3g}{' !' if flagged else ''}"
+        weight = "bold" if flagged else "normal"
+        offset = (0, -4 - np.sqrt(area) / 2)
+        axes.annotate(label, (x, y), offset, fontsize=7, fontweight=weight, **below)
+    axes.set_title(TOLD[metric][2])
     centre = (place.max(axis=0) + place.min(axis=0)) / 2
     half = 0.62 * float(np.ptp(place, axis=0).max())
     axes.set_xlim(centre[0] - half, centre[0] + half)
@@ -345,26 +331,20 @@ def _by_group(level: Level, name: str) -> str:
 
 
 def _stems(axes: Axes, level: Level, metric: Metric) -> None:
-    values = shown(np.array([g.values[metric] for g in level.groups]), UNIT[metric])
+    values, limit = _values(level, metric)
     flagged = np.array([metric in g.flags for g in level.groups])
     number = np.arange(1, len(values) + 1)
     axes.vlines(number, 0.0, values, color=GREY, lw=0.8)
     axes.plot(number, values, "o", color=BLUE, ms=3.0)
     axes.plot(number[flagged], values[flagged], "s", mfc=ORANGE, mec="black", ms=6.0)
     for k in np.flatnonzero(flagged):
-        axes.annotate(
-            level.groups[k].label,
-            (number[k], values[k]),
-            (4, 4),
-            textcoords="offset points",
-            fontsize=7,
-        )
-    limit = shown(level.thresholds[metric], UNIT[metric])
+        label, at = level.groups[k].label, (number[k], values[k])
+        axes.annotate(label, at, (4, 4), textcoords="offset points", fontsize=7)
     axes.axhline(limit, color="black", lw=1.0, ls="--")
     axes.annotate(
         "threshold", (1.0, limit), xycoords=("axes fraction", "data"), fontsize=6, ha="right"
     )
-    axes.set_title(TITLES[metric] if metric != "bias" else "RMS residual, mm")
+    axes.set_title(TOLD[metric][2] if metric != "bias" else "RMS residual, mm")
     axes.set_xlabel(f"{GROUPING_NOUN[level.name]}, in the order of the files")
     axes.margins(y=0.15)
     if not np.any(values < 0):

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
+from suta_calib.diagnostics.explanation import explain_solution, redundant_names
 from suta_calib.diagnostics.observability import Prospect
 from suta_calib.model.parameters import Parameter
 from suta_calib.report.document import Text
@@ -34,11 +35,13 @@ class Outcome:
         estimate: what came out.
         known: what went in.
         converged: whether the estimate is one.
+        redundant: whether no data of these kinds could tell it: a convention.
     """
 
     estimate: Estimate
     known: Parameter
     converged: bool
+    redundant: bool = False
 
     @property
     def unit(self) -> Unit:
@@ -94,6 +97,10 @@ def _unit(row: Outcome | Prospect) -> Unit:
     return row.unit
 
 
+def _state(row: Outcome | Prospect) -> str:
+    return "redundant" if row.redundant else row.state.replace("_", " ")
+
+
 PARAMETERS: Final = Listing[Outcome](
     "Parameters",
     Column("name", "parameter", lambda row: row.estimate.name),
@@ -105,8 +112,8 @@ PARAMETERS: Final = Listing[Outcome](
     Column(
         "state",
         "state",
-        cell=lambda row: row.state.replace("_", " "),
-        tone=lambda row: TONE[row.estimate.state],
+        cell=_state,
+        tone=lambda row: "soft" if row.redundant else TONE[row.estimate.state],
     ),
     Column("given", "given", cell=lambda row: listed(row.given, 3), optional=True),
     Column("scale", None, lambda _: 1.0),
@@ -123,9 +130,7 @@ PROSPECTS: Final = Listing[Prospect](
     Column("prior"),
     Column("std", "predicted ± std", unit=_unit, si=True),
     Column("unit", "unit", cell=lambda p: unit_name(p.unit)),
-    Column(
-        "state", "state", cell=lambda p: p.state.replace("_", " "), tone=lambda p: TONE[p.state]
-    ),
+    Column("state", "state", cell=_state, tone=lambda p: "soft" if p.redundant else TONE[p.state]),
     Column("given", "given", cell=lambda p: listed(p.given, 3), optional=True),
     named=True,
 )
@@ -134,8 +139,9 @@ PROSPECTS: Final = Listing[Prospect](
 def outcomes(solution: Solution) -> list[Outcome]:
     """Every parameter's, in the problem's order."""
     parameters = solution.problem.parameters
+    redundant = redundant_names(explain_solution(solution))
     return [
-        Outcome(estimate, parameters[name], solution.converged)
+        Outcome(estimate, parameters[name], solution.converged, name in redundant)
         for name, estimate in solution.estimates.items()
     ]
 

@@ -135,6 +135,7 @@ def path_accuracy_document(found: PathAccuracy) -> Document:
             "value_ms": ms(alignment.latency),
             "std_ms": ms(alignment.latency_std),
             "searched_ms": ms(float(alignment.shifts[-1])),
+            "as_good_ms": [ms(latency) for latency in alignment.as_good],
         },
         "errors": {each.key: ERRORS.record(each) for each in errors},
         "reversals": {"per": found.per, "channels": reversals.records(rows)},

@@ -27,7 +27,7 @@ from suta_calib.analysis.planning.candidates import Unreachable
 from suta_calib.arrays import FloatArray
 from suta_calib.geometry.numbers import rpy_from_rotation
 from suta_calib.report.document import Document, Figure, File, Part, Text
-from suta_calib.report.listing import Column, Json, Listing, csv_text, plain
+from suta_calib.report.listing import Column, Json, Listing, csv_text, plain, shown_as
 from suta_calib.report.plan_plots import bench_drawing, gain_curve
 from suta_calib.units import NOTHING, Unit, deg, key, mm, shown, text, unit_name
 from suta_calib.words import listed
@@ -65,20 +65,13 @@ def rounded(values: FloatArray, decimals: int = 3) -> list[float]:
     return [float(value) + 0.0 for value in np.round(values, decimals)]
 
 
-def _position_text(choice: Choice) -> str:
+def _pose_text(choice: Choice, entry: str) -> str:
+    """Position or rotation of a place; of a point the directions it is touched from."""
     place = choice.candidate.place
-    if isinstance(place, Posture):
-        return NOTHING
-    return "{:.0f} {:.0f} {:.0f}".format(*mm(place.position))
-
-
-def _turn_text(choice: Choice) -> str:
-    place = choice.candidate.place
-    if isinstance(place, Posture):
-        return NOTHING
-    if isinstance(place, Point):
+    if isinstance(place, Point) and entry == "rotation_rpy_deg":
         return f"{place.directions} directions"
-    return "{:.0f} {:.0f} {:.0f}".format(*place_dict(place)["rotation_rpy_deg"])
+    numbers = place_dict(place).get(entry)
+    return "{:.0f} {:.0f} {:.0f}".format(*numbers) if numbers else NOTHING
 
 
 CHOSEN: Final = Listing[Choice](
@@ -86,14 +79,9 @@ CHOSEN: Final = Listing[Choice](
     Column("name", "", lambda choice: choice.candidate.name),
     Column("what", "what", lambda choice: choice.candidate.sort),
     Column("kind", None, lambda choice: choice.candidate.place.kind),
-    Column(
-        "pose",
-        "position, mm",
-        lambda choice: place_dict(choice.candidate.place),
-        cell=_position_text,
-        numeric=True,
-    ),
-    Column("", "roll pitch yaw, deg", cell=_turn_text, numeric=True),
+    Column("pose", None, lambda choice: place_dict(choice.candidate.place)),
+    shown_as("position, mm", lambda choice: _pose_text(choice, "position_mm")),
+    shown_as("roll pitch yaw, deg", lambda choice: _pose_text(choice, "rotation_rpy_deg")),
     Column("samples", None, lambda choice: choice.candidate.samples),
     Column("tip", "tip, mm", unit="m"),
     Column("gain", "gain", unit="%", cell=lambda choice: f"{shown(choice.gain, '%'):.0f} %"),
@@ -139,10 +127,7 @@ def plan_document(found: Plan) -> Document:
         Figure(partial(bench_drawing, found), "On the bench"),
         *(Text(sentence, bullet=True) for sentence in _remedy_sentences(found)),
         Figure(partial(gain_curve, found), "What each more would bring"),
-        *(
-            Text(sentence(found), bullet=True)
-            for sentence in (_efficiency, _random, _stop, _looked_at)
-        ),
+        *(Text(sentence, bullet=True) for sentence in _sentences(found)),
         PARAMETERS.of(pairs),
         Text(_WHAT, place="page"),
     ]
@@ -150,7 +135,16 @@ def plan_document(found: Plan) -> Document:
 
 
 def _data(found: Plan) -> Json:
-    sorts = [candidate.sort for candidate in found.candidates]
+    sorts, situation = [candidate.sort for candidate in found.candidates], found.situation
+    # What every touch is taken to scatter by.
+    noise = [
+        {
+            "block": block.name,
+            key("sigma", block.unit): shown(sigma, block.unit),
+            "from": "residuals" if situation.solved else "assumed",
+        }
+        for block, sigma in zip(situation.problem.blocks, situation.sigmas, strict=True)
+    ]
     return {
         "criterion": found.options.criterion,
         "predicted": {"before": _forecast_dict(found.before), "after": _forecast_dict(found.after)},
@@ -170,7 +164,7 @@ def _data(found: Plan) -> Json:
         },
         "unreachable": UNREACHABLE.records(found.unreachable),
         "collisions": found.collisions,
-        "noise": _noise(found),
+        "noise": noise,
         "repeats": found.options.repeats,
     }
 
@@ -217,46 +211,32 @@ def _forecast_dict(forecast: Forecast) -> Json:
     }
 
 
-def _noise(found: Plan) -> list[Json]:
-    """What every touch is taken to scatter by: as the residuals show, or as assumed."""
-    situation = found.situation
-    return [
-        {
-            "block": block.name,
-            key("sigma", block.unit): shown(sigma, block.unit),
-            "from": "residuals" if situation.solved else "assumed",
-        }
-        for block, sigma in zip(situation.problem.blocks, situation.sigmas, strict=True)
-    ]
-
-
 def _bench_rows(found: Plan) -> Listing[Choice]:
     """Columns of ``plan.csv``: those of a pose, and those of joints where a posture is planned."""
     postures = any(isinstance(choice.candidate.place, Posture) for choice in found.chosen)
     joints = _joints(found) if postures else {}
 
-    def pose(k: int, choice: Choice) -> float | None:
+    def number(k: int, choice: Choice) -> float | None:
+        """Of a pose, and then of a posture."""
         place = choice.candidate.place
+        if isinstance(place, Posture):
+            k, units = k - len(_POSE), list(joints.values())
+            return rounded(shown(place.readings[k : k + 1], units[k]), 4)[0] if k >= 0 else None
         entries = place_dict(place)
-        where = [*entries.get("position_mm", ()), *entries.get("rotation_rpy_deg", ())]
+        where = [*entries["position_mm"], *entries.get("rotation_rpy_deg", ())]
         where += [round(deg(place.tilt), 3)] if isinstance(place, Placement) else []
         return where[k] if k < len(where) else None
 
-    def reading(k: int, unit: Unit, choice: Choice) -> float | None:
-        place = choice.candidate.place
-        return rounded(shown(place.readings, unit), 4)[k] if isinstance(place, Posture) else None
-
+    names = [*_POSE, *(key(name, unit) for name, unit in joints.items())]
+    columns = [Column(name, None, partial(number, k)) for k, name in enumerate(names)]
     return Listing(
         "",
         Column("name", None, lambda choice: choice.candidate.name),
         Column("kind", None, lambda choice: choice.candidate.place.kind),
-        *(Column(name, None, partial(pose, k)) for k, name in enumerate(_POSE)),
+        *columns[: len(_POSE)],
         Column("samples", None, lambda choice: choice.candidate.samples),
         Column("tip_mm", None, lambda choice: round(mm(choice.tip), 4)),
-        *(
-            Column(key(name, unit), None, partial(reading, k, unit))
-            for k, (name, unit) in enumerate(joints.items())
-        ),
+        *columns[len(_POSE) :],
     )
 
 
@@ -313,6 +293,10 @@ def _remedy_sentences(found: Plan) -> list[str]:
 
 def _efficiency(found: Plan) -> str:
     best = found.best
+    shares = [
+        f"{shown(part, '%'):.0f} %" if part >= 0.01 else "less than 1 %"
+        for part in (best.efficiency, best.d_efficiency)
+    ]
     if best.tip >= best.present:
         return (
             "The present data tell more of the tip than as many samples at the best of these "
@@ -321,17 +305,20 @@ def _efficiency(found: Plan) -> str:
     return (
         f"As many samples as there are now, at the best {best.count} candidates "
         f"({listed(best.names, MOST_NAMES)}), would give {text(best.tip, 'm')} mm instead of "
-        f"{text(best.present, 'm')} mm: the present data are "
-        f"{_percent_text(best.efficiency)} efficient for the tip, "
-        f"{_percent_text(best.d_efficiency)} for the parameters as a whole."
+        f"{text(best.present, 'm')} mm: the present data are {shares[0]} efficient for the tip, "
+        f"{shares[1]} for the parameters as a whole."
     )
 
 
-def _random(found: Plan) -> str:
-    median, least = float(np.median(found.random)), float(found.random.min())
+def _sentences(found: Plan) -> tuple[str, ...]:
+    median, least = (text(float(f(found.random)), "m") for f in (np.median, np.min))
     return (
-        f"{len(found.random)} random choices of {len(found.chosen)} reach {text(median, 'm')} mm "
-        f"(median) and {text(least, 'm')} mm at best."
+        _efficiency(found),
+        f"{len(found.random)} random choices of {len(found.chosen)} reach {median} mm (median) "
+        f"and {least} mm at best.",
+        _stop(found),
+        f"{len(found.candidates)} candidates within reach, {len(found.unreachable)} not; region "
+        f"{region_text(found.region)}; {found.collisions}.",
     )
 
 
@@ -353,14 +340,3 @@ def _stop(found: Plan) -> str:
     if stop.needed is None:
         return f"{sentence} {target} is not reached with {ahead}."
     return f"{sentence} {target} is reached with {stop.needed}."
-
-
-def _looked_at(found: Plan) -> str:
-    return (
-        f"{len(found.candidates)} candidates within reach, {len(found.unreachable)} not; region "
-        f"{region_text(found.region)}; {found.collisions}."
-    )
-
-
-def _percent_text(share: float) -> str:
-    return f"{shown(share, '%'):.0f} %" if share >= 0.01 else "less than 1 %"

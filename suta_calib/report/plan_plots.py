@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -10,7 +10,7 @@ from matplotlib.patches import Polygon
 from scipy.spatial import ConvexHull
 
 from suta_calib.analysis.planning import Candidate, Placement, Plan, Point
-from suta_calib.analysis.planning.links import link_points
+from suta_calib.analysis.planning.reach import link_points
 from suta_calib.arrays import FloatArray
 from suta_calib.report.svg import BLUE, GREY, ORANGE, WIDTH, picture, plain_log, svg_text
 from suta_calib.units import mm, shown
@@ -127,16 +127,10 @@ def _candidate(
         _, where = found.situation.arm.forward(candidate.q[0], found.situation.values)
         at = mm(where[list(plane)])
         axes.plot(*at, "D", color=BLUE, ms=5, zorder=7, label="" if number else "planned pose")
-    axes.annotate(
-        candidate.name,
-        tuple(mm(where[list(plane)])),
-        xytext=(6, 6),
-        textcoords="offset points",
-        fontsize=9,
-        fontweight="bold",
-        zorder=9,
-        bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 0.8},
-    )
+    beside: dict[str, Any] = {"xytext": (6, 6), "textcoords": "offset points", "zorder": 9}
+    box = {"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 0.8}
+    x, y = mm(where[list(plane)])
+    axes.annotate(candidate.name, (x, y), fontsize=9, fontweight="bold", bbox=box, **beside)
 
 
 def _artefact(
@@ -146,22 +140,12 @@ def _artefact(
     assert found.situation.artefact is not None
     marks = np.array([m.position for m in found.situation.artefact.landmarks.values()])
     body = np.vstack([marks, marks * [1.0, 1.0, 0.0]]) @ place.rotation.T + place.position
-    planned = colour == BLUE
+    look: dict[str, Any] = {"facecolor": "none", "lw": 0.9, "hatch": "////", "zorder": 2}
+    if colour == BLUE:
+        look = {"facecolor": "#cfe3f1", "alpha": 0.8, "lw": 1.6, "zorder": 3}
     hull = outline(mm(body[:, list(plane)]))
-    axes.add_patch(
-        Polygon(
-            hull,
-            facecolor="#cfe3f1" if planned else "none",
-            edgecolor=colour,
-            alpha=0.8 if planned else 1.0,
-            lw=1.6 if planned else 0.9,
-            hatch="" if planned else "////",
-            zorder=3 if planned else 2,
-            label=label or None,
-        )
-    )
+    axes.add_patch(Polygon(hull, edgecolor=colour, label=label or None, **look))
     tip = tuple(mm((place.position + _ARROW * place.rotation[:, 0])[list(plane)]))
     at = tuple(mm(place.position[list(plane)]))
-    axes.annotate(
-        "", tip, at, arrowprops={"arrowstyle": "->", "color": colour, "lw": 1.4}, zorder=7
-    )
+    arrow = {"arrowstyle": "->", "color": colour, "lw": 1.4}
+    axes.annotate("", tip, at, arrowprops=arrow, zorder=7)

@@ -84,6 +84,7 @@ def fitted_rows(found: RobustAnswer, lines: Sequence[int]) -> Json:
     return {
         "outliers": list(lost),
         "outlier_lines": [lines[row] for row in lost],
+        "suspects": [int(row) for row in np.flatnonzero(found.suspects)],
         "counts": {"rows": count, "inliers": count - len(lost), "outliers": len(lost)},
     }
 

@@ -36,7 +36,9 @@ NAME: Final = "register"
 MOST_TARGETS: Final = 20
 # The longest arrow, as a part of the points' extent.
 ARROW: Final = 0.25
-REGISTRATION: Final = Listing[Registration]("", *written("rms", "sigma", "centre", unit="m"))
+REGISTRATION: Final = Listing[Registration](
+    "", *written("rms", "sigma", "centre", unit="m"), *written("scale", "scale_std")
+)
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import partial
 from typing import Final
 
@@ -48,67 +46,61 @@ _REST: Final = (
 
 
 # ── visits ───────────────────────────────────────────────────────────────────────────────────
-@dataclass(frozen=True, eq=False)
-class NamedScatter:
-    """Some visits to the point, by name, with the confidence of intervals."""
-
-    name: str
-    scatter: PositionScatter
-    confidence: float
-
-
 def _interval(each: Interval, *, sign: bool = False) -> str:
     return f"{text(each.low, 'm', sign=sign)} to {text(each.high, 'm', sign=sign)}"
 
 
-POSITION: Final = Listing[NamedScatter](
-    "Position repeatability of the tip, mm (ISO 9283: RP = mean + 3 std)",
-    Column("", "", lambda each: each.name),
-    Column("count", "visits", lambda each: each.scatter.count, form="d"),
-    Column("rp", "RP", lambda each: each.scatter.rp.value, "m"),
-    Column(
-        "rp_interval",
-        "interval",
-        lambda each: each.scatter.rp.interval(each.confidence).ends,
-        "m",
-        cell=lambda each: _interval(each.scatter.rp.interval(each.confidence)),
-    ),
-    Column("mean", "mean", lambda each: each.scatter.mean, "m"),
-    Column("std", "std", lambda each: each.scatter.std, "m"),
-    Column("rms", "RMS", lambda each: each.scatter.rms.value, "m"),
-    Column("rms_interval", None, lambda e: e.scatter.rms.interval(e.confidence).ends, "m"),
-    Column("max", "max", lambda each: each.scatter.maximum, "m"),
-    Column("axis_std", None, lambda each: each.scatter.axis_std, "m"),
-    Column("barycentre", None, lambda each: each.scatter.barycentre, "m"),
-)
+def _positions(confidence: float) -> Listing[tuple[str, PositionScatter]]:
+    """Of some visits to the point, by name."""
+    scatter = Listing[PositionScatter](
+        "",
+        Column("count", "visits", form="d"),
+        Column("rp", "RP", lambda each: each.rp.value, "m"),
+        Column(
+            "rp_interval",
+            "interval",
+            lambda each: each.rp.interval(confidence).ends,
+            "m",
+            cell=lambda each: _interval(each.rp.interval(confidence)),
+        ),
+        Column("mean", "mean", unit="m"),
+        Column("std", "std", unit="m"),
+        Column("rms", "RMS", lambda each: each.rms.value, "m"),
+        Column("rms_interval", None, lambda each: each.rms.interval(confidence).ends, "m"),
+        Column("max", "max", lambda each: each.maximum, "m"),
+        *written("axis_std", "barycentre", unit="m"),
+    )
+    return Listing(
+        "Position repeatability of the tip, mm (ISO 9283: RP = mean + 3 std)",
+        Column("", "", lambda row: row[0]),
+        *(column.over(lambda row: row[1]) for column in scatter.columns),
+        named=True,
+    )
+
+
 ORIENTATION: Final = Listing[OrientationScatter](
     "", *written("rpa", "rpb", "rpc", "rms", unit="rad")
 )
 
 
-@dataclass(frozen=True, eq=False)
-class Joint:
-    """One joint's scatter over all visits, with the confidence of its interval."""
-
-    scatter: JointScatter
-    confidence: float
+def _unit(row: JointScatter | JointPush | JointNoise) -> Unit:
+    return row.unit
 
 
-def _unit(row: Joint | JointPush | JointNoise) -> Unit:
-    return row.scatter.unit if isinstance(row, Joint) else row.unit
+def _joints(confidence: float) -> Listing[JointScatter]:
+    return Listing(
+        "Repeatability of the joints",
+        Column("joint", "joint"),
+        Column("mean", unit=_unit),
+        Column("std", "std", lambda each: each.std.value, _unit),
+        Column("repeatability", "3 std", lambda each: 3 * each.std.value, _unit),
+        Column("peak_to_peak", "peak to peak", unit=_unit),
+        Column("std_interval", None, lambda each: each.std.interval(confidence).ends, _unit),
+        Column("tip", "tip, mm", unit="m"),
+        named=True,
+    )
 
 
-JOINTS: Final = Listing[Joint](
-    "Repeatability of the joints",
-    Column("joint", "joint", lambda each: each.scatter.joint),
-    Column("mean", None, lambda each: each.scatter.mean, _unit),
-    Column("std", "std", lambda each: each.scatter.std.value, _unit),
-    Column("repeatability", "3 std", lambda each: 3 * each.scatter.std.value, _unit),
-    Column("peak_to_peak", "peak to peak", lambda each: each.scatter.peak_to_peak, _unit),
-    Column("std_interval", None, lambda e: e.scatter.std.interval(e.confidence).ends, _unit),
-    Column("tip", "tip, mm", lambda each: each.scatter.tip, "m"),
-    named=True,
-)
 CHANGE: Final = Listing[Change](
     "",
     Column("first", unit="m"),
@@ -172,6 +164,7 @@ REPEATABILITY: Final = Listing[Repeatability](
     Column("rms", value=lambda found: found.position.rms.value, unit="m"),
     Column("orientation", value=lambda found: ORIENTATION.record(found.orientation)),
     Column("elsewhere", value=lambda found: [found.samples.origin[k] for k in found.elsewhere]),
+    Column("places", value=lambda found: [len(rows) for rows in found.places]),
     Column(
         "other_posture", value=lambda found: [found.samples.origin[k] for k in found.other_posture]
     ),
@@ -271,13 +264,14 @@ def _visits_parts(found: Repeatability) -> list[Part]:
     o = found.orientation
     turn = ", ".join(text(value, "rad") for value in (o.rpa, o.rpb, o.rpc))
     unit = " or ".join(sorted({unit_name(each.unit) for each in found.joints}))
+    joints = _joints(found.confidence)
     parts: list[Part] = [
         Text(_HOW, place="page"),
         Figure(partial(visits_plot, found)),
-        POSITION.of(_named(named, found.confidence)),
-        JOINTS.of(
-            (Joint(each, found.confidence) for each in found.joints),
-            f"{JOINTS.title}, {unit}; of the tip's orientation ±({turn}) deg about x, y, z",
+        _positions(found.confidence).of(named.items()),
+        joints.of(
+            found.joints,
+            f"{joints.title}, {unit}; of the tip's orientation ±({turn}) deg about x, y, z",
         ),
         COMPARISONS.of(
             (
@@ -306,27 +300,19 @@ def _rest_parts(found: Stationary) -> list[Part]:
 
 
 def _visits_data(found: Repeatability) -> Json:
-    confidence = found.confidence
+    joints, positions = _joints(found.confidence), _positions(found.confidence)
     directions: Json | None = None
     if (pushed := found.directions) is not None:
         directions = {
             **DIRECTIONS.record(pushed),
             "joints": PUSHES.records(pushed.joints),
-            "scatter": _positions(pushed.scatter, confidence),
+            "scatter": positions.records(pushed.scatter.items()),
         }
     return {
         **REPEATABILITY.record(found),
-        "position": POSITION.record(NamedScatter("", found.position, confidence)),
-        "joints": JOINTS.records(Joint(each, confidence) for each in found.joints),
-        "protocols": _positions(found.protocols, confidence),
+        "position": positions.record(("", found.position)),
+        "joints": joints.records(found.joints),
+        "protocols": positions.records(found.protocols.items()),
         "comparisons": COMPARED.records(found.comparisons),
         "directions": directions,
     }
-
-
-def _named(scatter: Mapping[str, PositionScatter], confidence: float) -> list[NamedScatter]:
-    return [NamedScatter(name, each, confidence) for name, each in scatter.items()]
-
-
-def _positions(scatter: Mapping[str, PositionScatter], confidence: float) -> Json:
-    return {each.name: POSITION.record(each) for each in _named(scatter, confidence)}

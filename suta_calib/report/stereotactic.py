@@ -117,8 +117,8 @@ COMPARISON: Final = Listing[ComparedOutput](
 def stereotactic_document(result: StereotacticResult, errors: StereotacticErrors) -> Document:
     """Posts, EM readings, navigation, comparison; the picture and the output files.
 
-    An answer that must not be used yields only the picture. ``errors`` are those against output
-    files that were given.
+    Files are written of any answer: the assessment says whether to use them. ``errors`` are those
+    against output files that were given.
     """
     name, compared = result.data.name, _compared(errors)
     parts: list[Part] = [PIVOTS.of(_pivots_of(result))]
@@ -142,12 +142,11 @@ def stereotactic_document(result: StereotacticResult, errors: StereotacticErrors
         counts = ", ".join(f"{count} in {kind}" for kind, count in lost.items())
         parts.append(Text(f"Markers left out: {counts}"))
     parts.append(Figure(partial(stereotactic_plot, result)))
-    if result.assessment.usable:
-        first, second = (f"{name}-output{k}.txt" for k in (1, 2))
-        parts.append(File(first, lambda: output1_text(result.output1, first)))
-        if navigation is not None:
-            in_ct = navigation.ct
-            parts.append(File(second, lambda: points_text((len(in_ct),), second, in_ct)))
+    first, second = (f"{name}-output{k}.txt" for k in (1, 2))
+    parts.append(File(first, lambda: output1_text(result.output1, first)))
+    if navigation is not None:
+        in_ct = navigation.ct
+        parts.append(File(second, lambda: points_text((len(in_ct),), second, in_ct)))
     data = _data(result) | {
         "comparison": {key: value for each in compared for key, value in each.record().items()}
     }
@@ -186,7 +185,10 @@ def _data(result: StereotacticResult) -> Json:
         found["em_readings"]["after"] = Listing("", *SIZES).record(_sizes(correction.residuals))
         found["degree"] = correction.degree
         found["cross_validation_mm"] = plain(correction.cross_validation, "m")
+        found["continuation"] = correction.continuation
         found["extrapolated"] = dict(result.extrapolated)
+        errors = {use: correction.extrapolation_error(p) for use, p in result.data.em_uses.items()}
+        found["extrapolation_error_mm"] = plain(errors, "m")
         navigation = result.navigation
         found |= {"nav_mm": None} if navigation is None else REGISTRATION.record(navigation)
     return found

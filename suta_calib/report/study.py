@@ -85,7 +85,14 @@ def study_document(study: Study) -> Document:
     kind = study.plan.data.kind
     if isinstance(study, SizeStudy):
         sentences, figure = [_errors(study)], Figure(partial(size_plot, study))
-        table, data = _sizes(study).of(study.sizes), _recommended_dict(study)
+        table = _sizes(study).of(study.sizes)
+        data: Json = {
+            "left_out_sizes": list(study.plan.left_out),
+            "baseline_size": study.baseline,
+            "tolerance_pct": shown(study.tolerance, "%"),
+            "recommended_size": study.recommended,
+            "uncalibrated_mm": mm(study.uncalibrated),
+        }
     else:
         sentences, figure = _scatter(study), Figure(partial(spread_plot, study))
         estimated = [p for p in study.parameters.values() if p.estimate.state in ESTIMATED]
@@ -109,8 +116,8 @@ def _sizes(study: SizeStudy) -> Listing[SizeResult]:
         Column("size", "sets", cell=size_text, numeric=True),
         Column("mean", "mean, mm", unit="m"),
         Column("std", "std, mm", unit="m"),
-        Column("min", "min, mm", lambda s: s.minimum, "m"),
-        Column("max", "max, mm", lambda s: s.maximum, "m"),
+        Column("min", "min, mm", lambda s: s.range[0], "m"),
+        Column("max", "max, mm", lambda s: s.range[1], "m"),
         Column("improvement", "improvement, %", unit="%"),
         Column("trials", "trials", cell=done_text, numeric=True),
         Column("failed"),
@@ -144,16 +151,6 @@ def _asked(plan: StudyPlan) -> Json:
     }
 
 
-def _recommended_dict(study: SizeStudy) -> Json:
-    return {
-        "left_out_sizes": list(study.plan.left_out),
-        "baseline_size": study.baseline,
-        "tolerance_pct": shown(study.tolerance, "%"),
-        "recommended_size": study.recommended,
-        "uncalibrated_mm": mm(study.uncalibrated),
-    }
-
-
 def _spreads(study: SpreadStudy) -> Json:
     errors = study.validation
     return {
@@ -174,10 +171,8 @@ def _parameter(p: ParameterSpread) -> Json:
     row, unit = SPREADS.record(p), p.estimate.unit
     if p.estimate.state not in ESTIMATED:
         return {name: row[name] for name in ("unit", "state", "told")}
-    return row | {
-        key("spread", unit): shown(p.spread.std, unit),
-        key("predicted_std", unit): shown(p.predicted, unit),
-    }
+    figures = {"spread": p.spread.std, "predicted_std": p.predicted}
+    return row | {key(name, unit): shown(figure, unit) for name, figure in figures.items()}
 
 
 def _drawn(study: Study) -> str:
@@ -198,18 +193,14 @@ def _drawn(study: Study) -> str:
     )
 
 
-def _recommended(study: SizeStudy) -> SizeResult | None:
-    return next((s for s in study.sizes if s.size == study.recommended), None)
-
-
 def _errors(study: SizeStudy) -> str:
     nominal = text(study.uncalibrated, "m", with_unit=True)
     found = f"Errors are RMS on {_held_out(study.plan)}"
     found += f"; uncalibrated {nominal}." if nominal != NOTHING else "."
-    chosen = _recommended(study)
-    if chosen is not None and len(chosen.rms) > 1:
-        low, high = text(chosen.minimum, "m"), text(chosen.maximum, "m", with_unit=True)
-        found += f" With {chosen.size}, single calibrations reach {low} to {high}."
+    for chosen in study.sizes:
+        if chosen.size == study.recommended and len(chosen.rms) > 1:
+            low, high = (text(error, "m") for error in chosen.range)
+            found += f" With {chosen.size}, single calibrations reach {low} to {high} mm."
     return (
         f"{found} The scatter is between subsets of the same sets, which overlap the more the "
         "larger they are."
@@ -231,8 +222,14 @@ def _scatter(study: SpreadStudy) -> list[str]:
             "The job has priors, which are not drawn anew: what rests on them scatters less than "
             "its standard deviation says."
         )
-    if not bootstrap:
-        found += _against_own(study)
+    # A calibration whose model lacks something is less sure than its noise alone makes it.
+    told = [p for p in study.parameters.values() if p.predicted > 0]
+    larger = max(((p.estimate.std or 0.0) / p.predicted for p in told), default=0.0)
+    if not bootstrap and larger >= NOTEWORTHY:
+        found.append(
+            f"The calibration's own standard deviations are up to {larger:.1f} times as large: "
+            "they count what the model lacks as well, which simulated noise does not contain."
+        )
     if study.validation.enough:
         low, high = (text(v, "m") for v in study.validation.interval)
         full = text(study.full_rms, "m")
@@ -245,25 +242,13 @@ def _scatter(study: SpreadStudy) -> list[str]:
     return found
 
 
-def _against_own(study: SpreadStudy) -> list[str]:
-    """A calibration whose model lacks something is less sure than its noise alone makes it."""
-    estimated = [p for p in study.parameters.values() if p.estimate.std and p.predicted > 0]
-    larger = max((p.estimate.std / p.predicted for p in estimated if p.estimate.std), default=0.0)
-    if larger < NOTEWORTHY:
-        return []
-    return [
-        f"The calibration's own standard deviations are up to {larger:.1f} times as large: they "
-        "count what the model lacks as well, which simulated noise does not contain."
-    ]
-
-
 def size_plot(study: SizeStudy) -> str:
     """An SVG element: mean, scatter and range of the held-out error over the number of sets."""
     name = NAMES["size"]
     with picture(name, (WIDTH, 4.2)) as figure:
         axes = figure.subplots()
         _bands(axes, study)
-        if study.levelled and (chosen := _recommended(study)) is not None:
+        for chosen in [s for s in study.sizes if study.levelled and s.size == study.recommended]:
             axes.axvline(chosen.size, color=ORANGE, ls="--", lw=1.6, label=f"enough: {chosen.size}")
             axes.plot(chosen.size, mm(chosen.mean), "D", mfc="none", mec="black", mew=1.6, ms=11)
         axes.set_title("Error on held-out data by number of sets", pad=38)
@@ -293,10 +278,8 @@ def spread_plot(study: SpreadStudy) -> str:
 def _bands(axes: Axes, study: SizeStudy) -> None:
     solved = [s for s in study.sizes if len(s.rms)]
     size = np.array([s.size for s in solved])
-    mean, low, high = (
-        mm(np.array([getattr(s, name) for s in solved])) for name in ("mean", "minimum", "maximum")
-    )
-    std = mm(np.nan_to_num(np.array([s.std for s in solved])))
+    figures = np.array([(s.mean, np.nan_to_num(s.std), *s.range) for s in solved])
+    mean, std, low, high = mm(figures).reshape(-1, 4).T
     axes.fill_between(
         size, low, high, facecolor="#e8e8e8", edgecolor=GREY, hatch="///", label="range", lw=0.6
     )

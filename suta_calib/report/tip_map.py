@@ -47,13 +47,11 @@ _WHAT: Final = (
 def _within(k: int) -> Column[Figures]:
     """The share of the region within a threshold."""
     limit = f"{mm(THRESHOLDS[k]):g}"
-    return Column(
-        f"within_{limit}mm",
-        f"≤ {limit}",
-        lambda figures: figures.within[k],
-        "%",
-        cell=lambda figures: f"{shown(figures.within[k], '%'):.0f} %",
-    )
+
+    def cell(figures: Figures) -> str:
+        return f"{shown(figures.within[k], '%'):.0f} %"
+
+    return Column(f"within_{limit}mm", f"≤ {limit}", lambda f: f.within[k], "%", cell=cell)
 
 
 FIGURES: Final = Listing[Figures](
@@ -176,16 +174,12 @@ def _arm_and_region(axes: Axes, each: Slice, found: TipMap) -> None:
     place = mm(each.project(found.place[None, :])[0])
     mark: dict[str, Any] = {"color": ORANGE, "mec": "black", "ms": 9, "ls": "none", "zorder": 7}
     axes.plot(*place, "P", label="registered here", **mark)
-    _name(axes, each)
     # Only where the tip gets, and the arm.
     rows, columns = np.nonzero(np.isfinite(each.registered))
     across = np.concatenate([mm(each.u[columns]), arm[:, 0]])
     upward = np.concatenate([mm(each.v[rows]), arm[:, 1]])
     axes.set_xlim(across.min() - _MARGIN, across.max() + _MARGIN)
     axes.set_ylim(upward.min() - _MARGIN, upward.max() + _MARGIN)
-
-
-def _name(axes: Axes, each: Slice) -> None:
     axes.set_aspect("equal")
     axes.grid()
     if each.name == "top":

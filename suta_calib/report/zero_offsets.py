@@ -8,7 +8,7 @@ from typing import Final
 
 from suta_calib.acquisition.zero_offsets import Branch, ZeroOffsets
 from suta_calib.report.document import Document, Part, Text
-from suta_calib.report.listing import Column, Json, Listing, shown_as
+from suta_calib.report.listing import Column, Json, Listing, plain, shown_as
 from suta_calib.units import deg, mm
 
 NAME: Final = "zero_offsets"
@@ -32,12 +32,14 @@ def zero_offsets_document(found: ZeroOffsets, written: Path | None = None) -> Do
     if written is not None:
         parts.append(Text(f"Written to {written}: raw readings are its joint positions."))
     parameters = found.arm.parameters
+    std = dict(zip(found.names, plain(found.chosen.std), strict=True))
     data: Json = {
         "status": found.status,
         "offsets": {
-            name: {"unit": parameters[name].unit, "value": value}
+            name: {"unit": parameters[name].unit, "value": value, "std": std[name]}
             for name, value in found.values().items()
         },
+        "redundancy": found.redundancy,
         "undetermined": [combination.fixed for combination in found.undetermined],
         "combinations": [combination.direction for combination in found.undetermined],
         "residual": RESIDUAL.record(found.chosen),
@@ -63,7 +65,9 @@ def _branches(found: ZeroOffsets) -> Listing[Branch]:
         shown = mm if found.arm.parameters[name].unit == "m" else deg
         if name in unknown:
             return lambda _: "?"
-        return lambda branch: f"{shown(float(branch.offsets[k])):.3f}"
+        return lambda branch: (
+            f"{shown(float(branch.offsets[k])):.3f} ± {shown(float(branch.std[k])):.3f}"
+        )
 
     joints = (shown_as(joint, cell(k)) for k, joint in enumerate(found.arm.joints))
     return Listing(

@@ -178,5 +178,5 @@ def _equations(
         if any(block is b for b in term.blocks):
             whole = sum(len(b) * b.size for b in term.blocks)
             equations = term.equations() * len(block) * block.size / whole
-            return equations, equations * (int(touch.max()) + 1) / len(touch)
+            return equations, equations * (int(touch.max()) + 1) / (int(term.poses.rests.max()) + 1)
     raise ValueError("a row of no term")

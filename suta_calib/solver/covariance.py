@@ -65,7 +65,7 @@ def observed_parts(
         x: (n,) the estimate.
         sigmas: noise level of each block.
         free: indices that were estimated.
-        touches: for each term (samples,), which samples are one witness; `Term.repeats` by default.
+        touches: for each term (samples,), which are one witness; `Term.witnesses` by default.
 
     Returns:
         Two covariances (n, n) that add up: of what differs from touch to touch, and of the priors;
@@ -76,7 +76,7 @@ def observed_parts(
     curvature = prior + sum(j.T @ j for j in map(robust_jacobian, rows))
     bread, artefact = np.zeros_like(prior), np.zeros_like(prior)
     bread[np.ix_(free, free)] = scaled_inverse(curvature[np.ix_(free, free)])
-    touches = [term.repeats() for term in problem.terms] if touches is None else touches
+    touches = [term.witnesses for term in problem.terms] if touches is None else touches
     part = artefact_rows(rows)
     if part is not None and len(free):
         artefact = artefact_covariance(rows, part, bread)

@@ -19,7 +19,7 @@ from typing import Final
 
 import numpy as np
 
-from suta_calib.arrays import FloatArray
+from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.solver.evaluation import Linearised
 from suta_calib.solver.problem import Problem
 from suta_calib.terms.poses import ArmPoses, MeasuredPoses
@@ -88,8 +88,9 @@ def predicted_information(
         rows = [
             replace(r, jacobian=robust_jacobian(r), belief=np.sqrt(r.line.weight)) for r in rows
         ]
+    rests = _numbered(problem, [term.poses.rests for term in problem.terms])
     curvature = sum(r.jacobian.T @ r.jacobian for r in rows)
-    variance = sum(_predicted_variance(r) for r in rows)
+    variance = sum(_predicted_variance(r, rests) for r in rows)
     beliefs = [r.belief for r in rows]
     noise_induced = _noise_induced_information(problem, x, sigmas, plain, beliefs)
     return Information(np.asarray(curvature), np.asarray(variance), noise_induced)
@@ -101,16 +102,45 @@ def noise_levels(problem: Problem, x: FloatArray, sigmas: Sequence[float]) -> li
     Huber's proposal: the spread of residuals winsorised at their threshold, so that outliers do
     not count as noise; at least a millionth, because rounding is not information.
     """
-    levels = []
+    levels, postures = [], _numbered(problem, [term.poses.postures for term in problem.terms])
     for line, assumed in zip(problem.linearise(x, sigmas), sigmas, strict=True):
         block = line.view.block
-        squared = np.einsum("nd,nd->n", line.residual, line.residual)
-        inside = np.minimum(squared, block.noise.huber**2)
-        used = problem.arm_count + problem.evaluation.own_count
-        freedom = max(len(squared) * block.size - used, len(squared) * block.size / 2)
-        level = float(np.sqrt(inside.sum() / freedom))
+        size = np.linalg.norm(line.residual, axis=1)
+        inside = (
+            line.residual * np.minimum(1.0, block.noise.huber / np.maximum(size, 1e-300))[:, None]
+        )
+        effect = _design_effect(inside, postures[block.samples + line.view.first_sample])
+        used = effect * (problem.arm_count + problem.evaluation.own_count)
+        freedom = max(inside.size - used, inside.size / 2)
+        level = float(np.sqrt(np.sum(inside**2) / freedom))
         levels.append(max(level, 1e-6) if np.isfinite(level) else assumed)
     return levels
+
+
+def _numbered(problem: Problem, groups: Sequence[IntArray]) -> IntArray:
+    """(samples,) groups of the samples of every term, none of one term's that of another."""
+    first = problem.evaluation.table.first
+    return np.concatenate([k + each for k, each in zip(first, groups, strict=False)])
+
+
+def _design_effect(residual: FloatArray, postures: IntArray) -> float:
+    """How many rows say what one says: 1 + (m - 1) ρ with m rows at a posture (Kish 1965).
+
+    The intraclass correlation ρ is one where rows of a posture (n, k) have the same residual
+    (n, d), such as a touch that is read again, and zero where each has an error of its own.
+    """
+    _, group, count = np.unique(
+        np.sort(postures, axis=1), axis=0, return_inverse=True, return_counts=True
+    )
+    n, groups = len(residual), len(count)
+    total = float(np.sum(residual**2))
+    if groups == n or total == 0.0:
+        return 1.0
+    sums = np.zeros((groups, residual.shape[1]))
+    np.add.at(sums, group.reshape(-1), residual)
+    within = (total - float(np.sum(sums**2 / count[:, None]))) / (n - groups)
+    shared = min(max(1.0 - within / (total / n), 0.0), 1.0)
+    return 1.0 + (float(np.sum(count**2)) / n - 1.0) * shared
 
 
 def _noise_induced_information(
@@ -209,16 +239,23 @@ def _reach(source: ArmPoses, values: dict[str, float]) -> float:
     return float(np.sqrt(np.sum(levers**2) / len(q))) or 1.0
 
 
-def _predicted_variance(rows: Rows) -> FloatArray:
-    """Variance of the gradient if every sample's pose scatters alike and rows share samples."""
+def _predicted_variance(rows: Rows, rests: IntArray) -> FloatArray:
+    """Variance of the gradient if the pose at every rest scatters alike and rows share rests."""
     line = rows.line
-    if line.view.block.samples.shape[1] == 1:
-        return np.asarray(rows.jacobian.T @ rows.jacobian)
-    poses = line.by_pose / line.sigma[:, None, None]
-    per_sample = len(rows.jacobian) / float(np.sum(poses**2))
-    believed = line.pattern.by_velocity(poses * rows.belief[:, None, None])
-    score = believed.T @ rows.jacobian
-    return np.asarray(score.T @ score) * per_sample
+    samples, width = line.view.block.samples + line.view.first_sample, rows.jacobian.shape[1]
+    scale = 1.0
+    if samples.shape[1] == 1:
+        score, at = rows.jacobian, rests[samples[:, 0]]
+    else:
+        poses = line.by_pose / line.sigma[:, None, None]
+        scale = len(rows.jacobian) / float(np.sum(poses**2))
+        believed = line.pattern.by_velocity(poses * rows.belief[:, None, None])
+        score, at = believed.T @ rows.jacobian, rests
+    if len(np.unique(at)) < len(at):
+        together = np.zeros((len(rests), len(score) // len(at), width))
+        np.add.at(together, at, score.reshape(len(at), -1, width))
+        score = together.reshape(-1, width)
+    return np.asarray(score.T @ score) * scale
 
 
 def robust_jacobian(rows: Rows) -> FloatArray:

@@ -7,7 +7,7 @@ IPOPT works on x divided by the parameters' scales, within their bounds.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
 import casadi as ca
@@ -16,6 +16,7 @@ import numpy as np
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.symbolic import symbolic_cost
+from suta_calib.solver.weights import WeightOptions
 
 MAX_POLISH: Final = 10
 # Residuals up to which the cost is minimised as it is.
@@ -34,12 +35,15 @@ class SolverOptions:
         seed: of the other starting points.
         hessian: ``gauss-newton`` or ``exact``.
         max_iterations: of IPOPT, per start.
+        weights: how far learned noise levels and prior sizes may be from given ones; None to take
+            what was given.
     """
 
     starts: int = 1
     seed: int = 0
     hessian: str = "gauss-newton"
     max_iterations: int = 200
+    weights: WeightOptions | None = field(default_factory=WeightOptions)
 
 
 @dataclass(frozen=True, eq=False)

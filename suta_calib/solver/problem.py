@@ -8,6 +8,7 @@ with Huber's ρ per block and x within its bounds. `Problem` is data: `solve` mi
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from copy import copy
 from typing import Final
 
 import numpy as np
@@ -57,6 +58,7 @@ class Problem:
         self.arm_count = len(chosen)
         self._own_index = {name: k for k, name in enumerate(own)}
         self.evaluation = self._evaluation()
+        self._prior_scale = np.ones(len(self.parameters))
 
     @property
     def blocks(self) -> tuple[Block, ...]:
@@ -94,7 +96,14 @@ class Problem:
 
     def prior_precision(self) -> FloatArray:
         """1/prior² per parameter (n,), zero where nothing is known beforehand."""
-        return np.nan_to_num(self.parameters.array("prior") ** -2.0, nan=0.0, posinf=np.inf)
+        prior = self.parameters.array("prior") * self._prior_scale
+        return np.nan_to_num(prior**-2.0, nan=0.0, posinf=np.inf)
+
+    def with_priors_scaled(self, scale: FloatArray) -> Problem:
+        """The same problem with priors that are wider by a factor per parameter (n,)."""
+        other = copy(self)
+        other._prior_scale = scale
+        return other
 
     def linearise(self, x: FloatArray, sigmas: Sequence[float]) -> list[Linearised]:
         """Residuals and derivatives of every block at x, for given noise levels."""

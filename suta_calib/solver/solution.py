@@ -14,6 +14,7 @@ from suta_calib.model.parameters import Parameter
 from suta_calib.solver.identifiability import Identification
 from suta_calib.solver.ipopt import Minimum
 from suta_calib.solver.problem import Problem
+from suta_calib.solver.weights import Weights
 from suta_calib.units import Unit
 
 State = Literal["identified", "unidentified", "prior", "at_bound", "fixed"]
@@ -61,9 +62,10 @@ class Solution:
         covariance: (n, n) of all parameters, m and rad; zero rows where nothing was estimated.
         artefact_covariance: (n, n), the part of it that comes from the artefact's stated
             uncertainty, which further touches cannot reduce; zero where none is stated.
-        sigmas: assumed noise of each block, m or rad per component.
+        sigmas: noise of each block that weighs it, m or rad per component.
         noise: noise of each block as the residuals show it.
         timing: seconds by phase.
+        weights: what was learned of noise levels and priors; None where they are as given.
     """
 
     problem: Problem
@@ -77,6 +79,7 @@ class Solution:
     sigmas: tuple[float, ...]
     noise: tuple[float, ...]
     timing: dict[str, float]
+    weights: Weights | None = None
 
     @property
     def converged(self) -> bool:
@@ -137,15 +140,19 @@ class Solution:
     @cached_property
     def estimates(self) -> dict[str, Estimate]:
         """Every parameter with its standard deviation and state, in the problem's order."""
-        std = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+        variance = np.maximum(np.diag(self.covariance), 0.0)
+        with np.errstate(divide="ignore"):
+            prior = 1.0 / self.problem.prior_precision()
+        if self.weights is not None:
+            prior = prior + np.diag(self.weights.covariance)
+        # A misfit may scatter an estimate more, but nobody knows less than before the data.
+        std = np.sqrt(np.minimum(variance, prior))
         free, fixed = set(self.free.tolist()), set(self.identification.fixed.tolist())
         found = {}
         for k, p in enumerate(self.problem.parameters.values()):
-            state = self._state(k, p, float(std[k]), free, fixed)
+            state = self._state(k, p, std[k] ** 2 > INFORMED * prior[k], free, fixed)
             given = self.identification.given(p.name) if k in free else ()
-            # A misfit may scatter an estimate more, but nobody knows less than before the data.
-            told = float(std[k]) if p.prior is None else min(float(std[k]), p.prior)
-            known = told if state in ("identified", "prior") else None
+            known = float(std[k]) if state in ("identified", "prior") else None
             found[p.name] = Estimate(
                 p.name, p.owner, p.unit, p.nominal, float(self.x[k]), known, state, given
             )
@@ -171,16 +178,16 @@ class Solution:
         std = np.sqrt(np.diag(covariance))
         return tuple(names[k] for k in rows), covariance / np.outer(std, std)
 
-    def _state(self, k: int, p: Parameter, std: float, free: set[int], fixed: set[int]) -> State:
+    def _state(
+        self, k: int, p: Parameter, as_before: bool, free: set[int], fixed: set[int]
+    ) -> State:
         if k in fixed:
             return "unidentified"
         if not p.free:
             return "fixed"
         if k not in free or near_bound(p, float(self.x[k])):
             return "at_bound"
-        if p.prior is not None and std**2 > INFORMED * p.prior**2:
-            return "prior"
-        return "identified"
+        return "prior" if as_before else "identified"
 
 
 def near_bound(parameter: Parameter, value: float) -> bool:

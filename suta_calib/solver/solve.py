@@ -17,6 +17,7 @@ from suta_calib.solver.information import noise_levels, predicted_information
 from suta_calib.solver.ipopt import Minimum, RobustNlp, SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution, near_bound
+from suta_calib.solver.weights import learn_weights
 from suta_calib.threads import single_threaded
 
 MAX_REVISIONS = 4
@@ -50,15 +51,30 @@ def solve(
     before = identify_at(problem, nominal, sigmas)
     _check_determined(problem, before)
     checked = perf_counter()
+    starts = start_points(problem, nominal, set(before.fixed.tolist()), options)
     minimum, attempts, identification, estimated = _fit(
-        problem, nominal, before, sigmas, options, progress
+        problem, starts, before, sigmas, options, progress
     )
+    weights = None
+    # One block without priors is weighed against nothing.
+    weighed = len(problem.blocks) > 1 or problem.prior_precision()[estimated].any()
+    if options.weights is not None and minimum.converged and weighed:
+        inside = _inside(problem, minimum.x, estimated)
+        weights = learn_weights(problem, minimum.x, sigmas, inside, options.weights)
+        problem, sigmas = problem.with_priors_scaled(weights.prior_scale), list(weights.sigmas)
+        minimum, _, identification, estimated = _fit(
+            problem, [minimum.x], identification, sigmas, options, None
+        )
     # With hardly any redundancy the residuals vanish, and what was held seems to be determined.
     _check_redundant(problem, estimated)
     solved = perf_counter()
     x = minimum.x
     free = _inside(problem, x, estimated)
     scatter, artefact = observed_parts(problem, x, sigmas, free)
+    if weights is None:
+        noise, unsure = noise_levels(problem, x, sigmas), np.zeros_like(scatter)
+    else:
+        noise, unsure = [found.value for found in weights.noise], weights.covariance
     return Solution(
         problem=problem,
         minimum=minimum,
@@ -66,10 +82,11 @@ def solve(
         before=before,
         identification=identification,
         free=free,
-        covariance=scatter + artefact,
+        covariance=scatter + artefact + unsure,
         artefact_covariance=artefact,
         sigmas=tuple(sigmas),
-        noise=tuple(noise_levels(problem, x, sigmas)),
+        noise=tuple(noise),
+        weights=weights,
         timing={
             "check": checked - began,
             "solve": solved - checked,
@@ -110,7 +127,7 @@ def _check_redundant(problem: Problem, free: IntArray) -> None:
 
 def _fit(
     problem: Problem,
-    nominal: FloatArray,
+    starts: Sequence[FloatArray],
     identification: Identification,
     sigmas: Sequence[float],
     options: SolverOptions,
@@ -123,7 +140,7 @@ def _fit(
     """
     wanted = np.flatnonzero([p.free for p in problem.parameters.values()])
     fixed = set(identification.fixed.tolist())
-    starts = start_points(problem, nominal, fixed, options)
+    nominal = problem.start()
     attempts: tuple[Minimum, ...] = ()
     levels = [math.inf] * len(sigmas)
     for revision in range(MAX_REVISIONS):

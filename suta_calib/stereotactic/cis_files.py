@@ -170,6 +170,13 @@ class StereotacticData:
         """What the names of all files begin with."""
         return self.prefix.name
 
+    @property
+    def em_uses(self) -> dict[str, FloatArray]:
+        """Markers (N_frames, N_G, 3) of the EM probe as read, by what they are for, m."""
+        given = self.navigation
+        nav = {} if given is None else {"em_fiducials": given.em_fiducials, "em_nav": given.em_nav}
+        return {"em_pivot": self.em_pivot, **nav}
+
     @classmethod
     def read(cls, prefix: str | Path, *, navigation: bool = False) -> Self:
         """Read the files whose names begin with ``prefix``, and check that they fit together.

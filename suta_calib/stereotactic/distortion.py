@@ -5,9 +5,11 @@ takes this back is a polynomial of the measured position, fitted to points whose
 otherwise (Ikits et al. 2001, An improved calibration framework for electromagnetic tracking
 devices, IEEE Virtual Reality), in the Bernstein basis: a tensor product, one degree in every axis.
 
-Where nothing was measured a polynomial of high degree is arbitrary. Outside the box of the
-measured points the displacement is that of the nearest point of the box, and every point outside
-their convex hull is told apart by `DistortionCorrection.inside`.
+Where nothing was measured a polynomial of high degree is arbitrary. Beyond the box of the measured
+points the displacement f goes on by what a polynomial g of a lower degree (or the same, or none)
+changes from the nearest point c of the box: f(c) + g(x) - g(c), without a step at the border. Which
+degree, and how fast the error grows with the distance, is told by layers at each side of the box
+that are left out and predicted from the rest; it goes on no farther than these are thick.
 """
 
 from __future__ import annotations
@@ -34,6 +36,8 @@ COARSE: Final = (1, 2, 3)
 RCOND: Final = 1e-6
 # Left-out points that the other frames do not determine: leverage this close to one.
 UNDETERMINED: Final = 1e-9
+# Thickness of the layers left out at each side, as part of the box.
+LAYERS: Final = (0.1, 0.3)
 MAX_ROUNDS: Final = 10
 # Times the limit for normal errors: what a polynomial cannot follow is no outlier.
 GROSS: Final = 3.0
@@ -51,6 +55,9 @@ class DistortionCorrection:
         lower: (3,) corner of the box of the measured points, m.
         upper: (3,) opposite corner, m.
         coefficients: ((degree + 1)³, 3) displacements at the control points, m.
+        continuation: degree by which it goes on outside; 0 where it stays as at the border.
+        continued: ((continuation + 1)³, 3) control points of that.
+        growth: 3-D RMS error to expect outside beyond that inside, m per m from the border.
         hull: (facets, 4) outward normals and offsets of the convex hull of the measured points.
         cross_validation: 3-D RMS error of left-out frames by degree, m; only degrees that the data
             support.
@@ -61,6 +68,9 @@ class DistortionCorrection:
     lower: FloatArray
     upper: FloatArray
     coefficients: FloatArray
+    continuation: int
+    continued: FloatArray
+    growth: float
     hull: FloatArray
     cross_validation: Mapping[int, float]
     residuals: FloatArray
@@ -72,28 +82,36 @@ class DistortionCorrection:
 
     def displacement(self, points: FloatArray) -> FloatArray:
         """What is added to measured points: (..., 3) → (..., 3), m."""
-        points = np.asarray(points, dtype=float)
-        if self.degree == 0:
-            return np.zeros_like(points)
-        basis = _basis(points.reshape(-1, 3), self.lower, self.upper, self.degree)
-        return np.asarray((basis @ self.coefficients).reshape(points.shape))
+        at = (np.asarray(points, dtype=float) - self.lower) / (self.upper - self.lower)
+        # No farther than what was tested.
+        reached = np.clip(at, -LAYERS[-1], 1.0 + LAYERS[-1])
+        return _displacement(reached, np.clip(at, 0.0, 1.0), self.coefficients, self.continued)
 
     def correct(self, points: FloatArray) -> FloatArray:
         """Corrected positions of measured points: (..., 3) → (..., 3), m."""
         return np.asarray(points, dtype=float) + self.displacement(points)
 
-    def inside(self, points: FloatArray) -> BoolArray:
-        """Whether measured points lie in what the calibration covered: (..., 3) → (...).
+    def outside(self, points: FloatArray) -> FloatArray:
+        """How far measured points lie outside what the calibration covered: (..., 3) → (...), m.
 
         That is the convex hull of the measured points, which may leave corners of their box out.
         """
+        distance = _signed_distance(np.asarray(points, dtype=float), self.hull)
+        return np.asarray(np.where(self.inside(points), 0.0, distance))
+
+    def inside(self, points: FloatArray) -> BoolArray:
+        """Whether measured points lie in what the calibration covered: (..., 3) → (...)."""
         return _in_hull(np.asarray(points, dtype=float), self.hull)
+
+    def extrapolation_error(self, points: FloatArray) -> float:
+        """3-D RMS error to expect of corrected points (..., 3) for lying outside, m."""
+        return self.growth * float(np.sqrt(np.mean(self.outside(points) ** 2)))
 
 
 def fit_distortion(
     measured: FloatArray, expected: FloatArray, degrees: Sequence[int] = DEGREES
 ) -> DistortionCorrection:
-    """Fit the correction; cross-validation over frames chooses the degree.
+    """Fit the correction; cross-validation over frames chooses the degree, over borders how on.
 
     Frames are left out whole, one after the other, because the points of one frame share the
     errors of its pose. A left-out point counts where the other frames surround it. Of the degrees
@@ -108,45 +126,70 @@ def fit_distortion(
     Raises:
         SamplesError: fewer than two frames, or all measured points in one plane.
     """
+    return _continued(*_fit_inside(measured, expected, degrees))
+
+
+def _fit_inside(
+    measured: FloatArray, expected: FloatArray, degrees: Sequence[int] = DEGREES
+) -> tuple[DistortionCorrection, dict[int, _PolynomialFit]]:
+    """The correction, which stays outside as it is at the border; and all fits by degree."""
     if len(measured) < 2:
         raise SamplesError(
             f"{len(measured)} frame of calibration readings",
             "two or more to correct distortion, so that one can test what the others say",
         )
     measured, expected = np.asarray(measured, dtype=float), np.asarray(expected, dtype=float)
-    points = measured.reshape(-1, 3)
-    hull, corners = _hull(points), (points.min(axis=0), points.max(axis=0))
-    known = _surrounded(measured)
-    fits = {
-        degree: fit
-        for degree in sorted({0, *degrees})
-        if (fit := _fit(degree, measured, expected, corners)) is not None
-    }
+    hull, lower, upper = _hull(measured), measured.min(axis=(0, 1)), measured.max(axis=(0, 1))
+    known = _surrounded(measured, hull)
+    at, off = (measured - lower) / (upper - lower), measured - expected
+    fits = {d: fit for d in sorted({0, *degrees}) if (fit := _fit(d, at, off)) is not None}
     # Sum of squared errors of each frame's points that count, (N_frames,).
     errors = {
         degree: np.sum(np.sum(fit.left_out**2, axis=-1) * known, axis=-1)
         for degree, fit in fits.items()
     }
-    best = min(errors, key=lambda degree: float(errors[degree].sum()))
-    # The lowest degree that is not worse than the best; the best itself is not.
-    for degree in errors:
-        worse = errors[degree] - errors[best]
-        if worse.mean() <= worse.std(ddof=1) / np.sqrt(len(worse)):
-            break
-    return DistortionCorrection(
-        degree,
-        *corners,
-        fits[degree].coefficients,
-        hull,
-        {d: float(np.sqrt(e.sum() / known.sum())) for d, e in errors.items()},
-        fits[degree].residuals,
+    degree = _lowest_as_good(errors)
+    validation = {d: float(np.sqrt(e.sum() / known.sum())) for d, e in errors.items()}
+    chosen, stays = fits[degree], np.zeros((1, 3))
+    found = DistortionCorrection(
+        degree, lower, upper, chosen.coefficients, 0, stays, 0.0, hull, validation, chosen.residuals
     )
+    return found, fits
+
+
+def _continued(
+    found: DistortionCorrection, fits: Mapping[int, _PolynomialFit]
+) -> DistortionCorrection:
+    """The same with the continuation that best predicts the layers at the border from the rest."""
+    degree, size = found.degree, found.upper - found.lower
+    at, wanted = fits[degree].at, fits[degree].wanted
+    distance, excess, lowest = 0.0, dict.fromkeys(range(degree + 1), 0.0), degree
+    for share in LAYERS:
+        sides = [side for axis in at.T for side in (axis < share, axis > 1 - share)]
+        squared = {k: np.zeros(len(sides)) for k in fits if k <= degree}
+        for side, rows in enumerate(sides):
+            rest = at[~rows]
+            nearest = np.clip(at[rows], rest.min(axis=0), rest.max(axis=0))
+            fitted = {k: fits[k].without(rows) for k in squared}
+            distance += float(np.sum(((at[rows] - nearest) * size) ** 2))
+            for k, sums in squared.items():
+                error = _displacement(at[rows], nearest, fitted[degree], fitted[k])
+                sums[side] = np.sum((error - wanted[rows]) ** 2)
+                excess[k] += sums[side] - rows.sum() * found.cross_validation[degree] ** 2
+        lowest = min(lowest, _lowest_as_good(squared))
+    growth = float(np.sqrt(max(excess[lowest], 0.0) / distance))
+    return replace(found, continuation=lowest, continued=fits[lowest].coefficients, growth=growth)
+
+
+def smooth_distortion(measured: FloatArray, expected: FloatArray) -> DistortionCorrection:
+    """A correction of low degree; what it leaves of left-out frames tells whether one is due."""
+    return _fit_inside(measured, expected, COARSE)[0]
 
 
 def is_distorted(measured: FloatArray, expected: FloatArray) -> bool:
     """Whether a correction would take more than a third off the error of left-out frames."""
     try:
-        fit = fit_distortion(measured, expected, COARSE)
+        fit = smooth_distortion(measured, expected)
     except SamplesError:
         return False
     return fit.cross_validation[fit.degree] < 2 / 3 * fit.cross_validation[0]
@@ -154,55 +197,80 @@ def is_distorted(measured: FloatArray, expected: FloatArray) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class _PolynomialFit:
-    """One degree: coefficients, and (N_frames, n, 3) errors of fitted and of left-out points."""
+    """One degree, least squares.
+
+    Attributes:
+        coefficients: ((degree + 1)³, 3) of what is added to a measured point.
+        residuals: (N_frames, n, 3) errors of fitted points.
+        left_out: the same of points whose frame is left out.
+        u, back: orthonormal (N, r) basis of the points, and (.., r) from it to coefficients.
+        at, wanted: (N, 3) the points in their box, 0 to 1, and what should be added to them, m.
+    """
 
     coefficients: FloatArray
     residuals: FloatArray
     left_out: FloatArray
+    u: FloatArray
+    back: FloatArray
+    at: FloatArray
+    wanted: FloatArray
+
+    def without(self, rows: BoolArray) -> FloatArray:
+        """Coefficients of a fit without some of the points (N,)."""
+        u, wanted = self.u[rows], self.wanted[rows]
+        kept = (1.0 + UNDETERMINED) * np.eye(u.shape[1]) - u.T @ u
+        told = self.u.T @ self.wanted - u.T @ wanted
+        return np.asarray(self.back @ np.linalg.solve(kept, told))
 
 
-def _fit(
-    degree: int, measured: FloatArray, expected: FloatArray, corners: tuple[FloatArray, FloatArray]
-) -> _PolynomialFit | None:
+def _fit(degree: int, at: FloatArray, off: FloatArray) -> _PolynomialFit | None:
     """Least squares of one degree; None where the data do not support it."""
-    frames, n = measured.shape[:2]
-    off = (measured - expected).reshape(-1, 3)
+    frames, n = at.shape[:2]
+    places, wanted = at.reshape(-1, 3), -off.reshape(-1, 3)
     if degree == 0:
-        return _PolynomialFit(np.zeros((1, 3)), measured - expected, measured - expected)
-    if 2 * (degree + 1) ** 3 > len(off):
+        u, back = np.zeros((len(wanted), 0)), np.zeros((1, 0))
+        return _PolynomialFit(np.zeros((1, 3)), off, off, u, back, places, wanted)
+    if 2 * (degree + 1) ** 3 > len(wanted):
         return None
-    basis = _basis(measured.reshape(-1, 3), *corners, degree)
+    basis = _basis(places, degree)
     u, s, vt = np.linalg.svd(basis, full_matrices=False)
     seen = s > RCOND * s[0]
-    u, s, vt = u[:, seen], s[seen], vt[seen]
-    coefficients = -(vt.T / s) @ (u.T @ off)
-    residuals = (off + basis @ coefficients).reshape(frames, n, 3)
-    left_out = _left_out(u.reshape(frames, n, -1), residuals)
-    return None if left_out is None else _PolynomialFit(coefficients, residuals, left_out)
-
-
-def _left_out(u: FloatArray, residuals: FloatArray) -> FloatArray | None:
-    """Errors each frame would have if it were not fitted, without fitting again.
-
-    (I − H_gg)⁻¹ e_g with the hat matrix H = U Uᵀ: Cook, Weisberg (1982), Residuals and Influence
-    in Regression, 2.2. None where the other frames would leave the polynomial undetermined.
-    """
-    kept = np.eye(u.shape[1]) - u @ np.swapaxes(u, 1, 2)
+    u, back = u[:, seen], vt[seen].T / s[seen]
+    coefficients = back @ (u.T @ wanted)
+    residuals = (basis @ coefficients - wanted).reshape(frames, n, 3)
+    # Errors each frame would have if it were not fitted, without fitting again: (I − H_gg)⁻¹ e_g
+    # with the hat matrix H = U Uᵀ (Cook, Weisberg 1982, Residuals and Influence, section 2.2).
+    by_frame = u.reshape(frames, n, -1)
+    kept = np.eye(n) - by_frame @ np.swapaxes(by_frame, 1, 2)
     if np.linalg.eigvalsh(kept).min() < UNDETERMINED:
         return None
-    return np.asarray(np.linalg.solve(kept, residuals))
+    left_out = np.linalg.solve(kept, residuals)
+    return _PolynomialFit(coefficients, residuals, left_out, u, back, places, wanted)
 
 
-def _surrounded(measured: FloatArray) -> BoolArray:
+def _lowest_as_good(errors: Mapping[int, FloatArray]) -> int:
+    """The lowest degree whose errors (n,) are not significantly worse than the best's."""
+    best = min(errors, key=lambda degree: float(errors[degree].sum()))
+    for degree in sorted(errors):
+        worse = errors[degree] - errors[best]
+        if worse.mean() <= worse.std(ddof=1) / np.sqrt(len(worse)):
+            return degree
+    return best
+
+
+def _surrounded(measured: FloatArray, hull: FloatArray) -> BoolArray:
     """(N_frames, n) points within the hull of the other frames' points; all where none are."""
-    known = np.zeros(measured.shape[:2], dtype=bool)
-    for frame, points in enumerate(measured):
-        others = np.delete(measured, frame, axis=0).reshape(-1, 3)
-        known[frame] = _in_hull(points, _hull(others))
+    known = np.ones(measured.shape[:2], dtype=bool)
+    # A frame of which no point is on the hull of all changes nothing in it.
+    on_hull = _signed_distance(measured, hull) > -_tolerance(hull)
+    for frame in np.flatnonzero(on_hull.any(axis=1)):
+        others = np.delete(measured, frame, axis=0)
+        known[frame] = _in_hull(measured[frame], _hull(others))
     return known if known.any() else ~known
 
 
 def _hull(points: FloatArray) -> FloatArray:
+    points = points.reshape(-1, 3)
     try:
         return np.asarray(ConvexHull(points).equations)
     except QhullError:
@@ -213,18 +281,37 @@ def _hull(points: FloatArray) -> FloatArray:
         ) from None
 
 
+def _signed_distance(points: FloatArray, hull: FloatArray) -> FloatArray:
+    """Distance (...) of points from a hull, m; negative inside."""
+    return np.asarray((points @ hull[:, :3].T + hull[:, 3]).max(axis=-1))
+
+
+def _tolerance(hull: FloatArray) -> float:
+    """By how much corners of a hull miss its facets by rounding, m."""
+    return 1e-9 * max(1.0, float(np.abs(hull[:, 3]).max()))
+
+
 def _in_hull(points: FloatArray, hull: FloatArray) -> BoolArray:
-    # Corners of the hull itself miss its facets by rounding.
-    tolerance = 1e-9 * max(1.0, float(np.abs(hull[:, 3]).max()))
-    return np.asarray((points @ hull[:, :3].T + hull[:, 3]).max(axis=-1) <= tolerance)
+    return np.asarray(_signed_distance(points, hull) <= _tolerance(hull))
 
 
-def _basis(points: FloatArray, lower: FloatArray, upper: FloatArray, degree: int) -> FloatArray:
-    """Bernstein polynomials at the nearest points of a box: (N, 3) → (N, (degree + 1)³)."""
-    k = np.arange(degree + 1)
-    at = np.clip((points - lower) / (upper - lower), 0.0, 1.0)[..., None]
+def _displacement(
+    at: FloatArray, nearest: FloatArray, inner: FloatArray, outer: FloatArray
+) -> FloatArray:
+    """Polynomial at the nearest points of the box, and what another one changes from there on."""
+    inside, inner_degree = nearest.reshape(-1, 3), round(len(inner) ** (1 / 3)) - 1
+    found, outer_degree = _basis(inside, inner_degree) @ inner, round(len(outer) ** (1 / 3)) - 1
+    if outer_degree:
+        step = _basis(at.reshape(-1, 3), outer_degree) - _basis(inside, outer_degree)
+        found = found + step @ outer
+    return np.asarray(found.reshape(at.shape))
+
+
+def _basis(at: FloatArray, degree: int) -> FloatArray:
+    """Bernstein polynomials over the unit cube: (N, 3) → (N, (degree + 1)³)."""
+    k, at = np.arange(degree + 1), at[..., None]
     x, y, z = np.swapaxes(comb(degree, k) * at**k * (1.0 - at) ** (degree - k), 0, 1)
-    return np.asarray(np.einsum("ni,nj,nk->nijk", x, y, z).reshape(len(points), -1))
+    return np.asarray(np.einsum("ni,nj,nk->nijk", x, y, z).reshape(len(at), -1))
 
 
 def fit_distortion_robustly(
@@ -249,7 +336,7 @@ def fit_distortion_robustly(
     wrong, degree = _far(measured - expected), -1
     believed = np.where(wrong[..., None], expected, measured)
     for _ in range(MAX_ROUNDS):
-        fit = fit_distortion(believed, expected)
+        fit, fits = _fit_inside(believed, expected)
         residuals = fit.correct(measured) - expected
         again = _far(residuals)
         if np.array_equal(again, wrong) and fit.degree == degree:
@@ -260,7 +347,7 @@ def fit_distortion_robustly(
             seen = expected - fit.displacement(seen)
         believed = np.where(again[..., None], seen, measured)
         wrong, degree = again, fit.degree
-    return replace(fit, residuals=residuals), wrong
+    return replace(_continued(fit, fits), residuals=residuals), wrong
 
 
 def _far(errors: FloatArray) -> BoolArray:

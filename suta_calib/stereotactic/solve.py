@@ -7,15 +7,15 @@ its own markers. Frames: ``T_em_base`` is what the optical tracker says of the E
 from __future__ import annotations
 
 import os
-import warnings
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment
+from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import extent, rms_length
 from suta_calib.pose_calibration.inputs import error_context
 from suta_calib.pose_calibration.pivot import PivotCalibration, calibrate_pivot
@@ -30,18 +30,24 @@ from suta_calib.stereotactic.cis_files import (
     read_points,
 )
 from suta_calib.stereotactic.distortion import (
+    HARMLESS,
     DistortionCorrection,
     fit_distortion,
     fit_distortion_robustly,
     is_distorted,
+    smooth_distortion,
 )
 from suta_calib.stereotactic.marker_cloud import BodyPoses, MarkerCloud
 from suta_calib.units import mm
 
-# Misfit of rigid markers, and of EM readings, that no noise or distortion of use makes, as part of
-# the markers' extent.
+# Misfit of rigid markers that no noise makes, and of EM readings that asks for a reason, as part
+# of the markers' extent.
 MISSHAPEN: Final = 0.02
 ELSEWHERE: Final = 0.05
+# A field bends by less than half; what is turned or stretched by more is in other axes or units.
+BENT: Final = 0.5
+# Part of an error that its explanation leaves at most in frames that were left out.
+EXPLAINED: Final = 0.5
 USES: Final = {
     "em_pivot": "the EM pivot",
     "em_fiducials": "the fiducials",
@@ -57,11 +63,14 @@ class Navigation:
         registration: ``T_ct_em`` by the fiducials.
         fiducials: (N_B, 3) the fiducials by the EM probe, corrected, in the EM tracker, m.
         em: (N_frames, 3) the tip while navigating, corrected, in the EM tracker, m.
+        extrapolation_error: (N_frames,) 3-D RMS error to expect there for markers that were seen
+            outside what the correction is fitted to, m.
     """
 
     registration: Registration
     fiducials: FloatArray
     em: FloatArray
+    extrapolation_error: FloatArray
 
     @property
     def ct(self) -> FloatArray:
@@ -70,8 +79,8 @@ class Navigation:
 
     @property
     def target_error(self) -> FloatArray:
-        """(N_frames,) expected error there by the registration alone, 3-D RMS, m."""
-        return self.registration.target_error(self.em)
+        """(N_frames,) expected error by the registration and for extrapolation, 3-D RMS, m."""
+        return np.hypot(self.registration.target_error(self.em), self.extrapolation_error)
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +96,8 @@ class StereotacticResult:
         correction: of the EM distortion, if asked for.
         navigation: where it was asked for and the files are there.
         extrapolated: how many markers were seen outside what the correction is fitted to, by use:
-            ``em_pivot``, ``em_fiducials``, ``em_nav``; empty without correction.
+            ``em_pivot``, ``em_fiducials``, ``em_nav``; empty without correction. The covariance of
+            `em_pivot` allows for it.
         outliers: how many markers were left out, by file; empty where all were believed.
     """
 
@@ -114,7 +124,7 @@ class StereotacticResult:
         }
         if self.navigation is not None:
             parts["registration to CT"] = self.navigation.registration
-        bad, care = _on_shapes(self), list[str]()
+        bad, care = [*_on_shapes(self), *_on_em_markers(self)], list[str]()
         # What does not fit together is not for dewarping to mend.
         distortion = [] if bad else _on_distortion(self)
         for name, part in parts.items():
@@ -141,9 +151,6 @@ def solve_stereotactic(
     Raises:
         SamplesError: the data leave a pose, a pivot, the correction or the registration
             undetermined; says which file.
-
-    Warns:
-        UserWarning: markers were corrected outside what the correction is fitted to.
     """
     bodies = _Bodies(data, robust)
     expected = _expected_markers(bodies)
@@ -152,20 +159,20 @@ def solve_stereotactic(
     frames = corrected(data.em_pivot)
     probe = MarkerCloud.from_frame(frames[0])
     em_pivot = bodies.pivot("empivot", probe, frames)
+    if correction is not None:
+        # All frames are about one place, where the correction errs alike: that moves the post.
+        common = correction.extrapolation_error(data.em_pivot) ** 2 / 3.0
+        covariance = em_pivot.covariance + np.diag([0.0, 0.0, 0.0, common, common, common])
+        em_pivot = replace(em_pivot, covariance=covariance)
     # The base may move between frames: the optical pivot is solved in the EM tracker's frame.
     base = bodies.poses("optpivot", MarkerCloud(data.body.base), data.optical_pivot.base)
     frames = base.to_body(data.optical_pivot.probe)
     optical_pivot = bodies.pivot("optpivot", MarkerCloud.from_frame(frames[0]), frames)
-    navigation = _navigate(bodies, corrected, probe, em_pivot.tip)
+    navigation = _navigate(bodies, correction, probe, em_pivot.tip)
+    seen = {} if correction is None else {u: correction.inside(p) for u, p in data.em_uses.items()}
+    outside = {use: int(np.sum(~inside)) for use, inside in seen.items()}
     return StereotacticResult(
-        data,
-        expected,
-        em_pivot,
-        optical_pivot,
-        correction,
-        navigation,
-        _extrapolated(data, correction),
-        bodies.outliers,
+        *(data, expected, em_pivot, optical_pivot, correction, navigation, outside, bodies.outliers)
     )
 
 
@@ -214,7 +221,7 @@ def _correction(bodies: _Bodies, expected: FloatArray) -> DistortionCorrection:
 
 def _navigate(
     bodies: _Bodies,
-    corrected: Callable[[FloatArray], FloatArray],
+    correction: DistortionCorrection | None,
     probe: MarkerCloud,
     tip: FloatArray,
 ) -> Navigation | None:
@@ -223,38 +230,16 @@ def _navigate(
         return None
 
     def tips(kind: str, frames: FloatArray) -> FloatArray:
-        return bodies.poses(kind, probe, corrected(frames)).to_tracker(tip[None])[:, 0]
+        corrected = frames if correction is None else correction.correct(frames)
+        return bodies.poses(kind, probe, corrected).to_tracker(tip[None])[:, 0]
 
     fiducials, em = tips(EM_FIDUCIALS[0], given.em_fiducials), tips("EM-nav", given.em_nav)
     with error_context(path_of(data.prefix, "ct-fiducials")):
         registration = register(fiducials, given.ct_fiducials, robust=bodies.robust)
-    return Navigation(registration, fiducials, em)
-
-
-def _extrapolated(
-    data: StereotacticData, correction: DistortionCorrection | None
-) -> dict[str, int]:
-    """Count, and tell, markers outside what the correction is fitted to."""
-    if correction is None:
-        return {}
-    uses = _uses(data)
-    counts = {use: int(np.sum(~correction.inside(points))) for use, points in uses.items()}
-    for use, count in counts.items():
-        if count:
-            warnings.warn(
-                f"{data.name}: {count} of {uses[use][..., 0].size} markers of {use} lie outside "
-                "the calibrated volume, where the distortion is not known: calibrate there too",
-                stacklevel=3,
-            )
-    return counts
-
-
-def _uses(data: StereotacticData) -> dict[str, FloatArray]:
-    """Markers (N_frames, n, 3) that the EM tracker saw, by what they were used for."""
-    uses, given = {"em_pivot": data.em_pivot}, data.navigation
-    if given is not None:
-        uses |= {"em_fiducials": given.em_fiducials, "em_nav": given.em_nav}
-    return uses
+    beyond = np.zeros(len(em))
+    if correction is not None:
+        beyond = np.array([correction.extrapolation_error(frame) for frame in given.em_nav])
+    return Navigation(registration, fiducials, em, beyond)
 
 
 def _on_shapes(result: StereotacticResult) -> list[str]:
@@ -265,19 +250,41 @@ def _on_shapes(result: StereotacticResult) -> list[str]:
         "calreadings: A": (body.optical, readings.optical),
         "optpivot: D": (body.base, result.data.optical_pivot.base),
     }
-    notes = [
+    return [
         f"{where} markers of frame {int(np.argmax(rms)) + 1} stay {mm(rms.max()):.2f} mm RMS "
         "from calbody's: look for another unit or order, or for a wrong marker."
         for where, (given, frames) in seen.items()
         if (rms := _misfit(given, frames)).max() > MISSHAPEN * extent(given)
     ]
+
+
+def _on_em_markers(result: StereotacticResult) -> list[str]:
+    """EM markers far from where they should be read, where that is not distortion.
+
+    Distortion belongs to a place: a smooth polynomial of it predicts the error in frames that were
+    left out. A wrong unit or order belongs to the marker: it is off by the same in every frame.
+    """
+    body, measured, expected = result.data.body.em, result.data.readings.em, result.expected
     off = rms_length(result.em_error)
-    if off > ELSEWHERE * extent(body.em):
-        notes.append(
-            f"The EM markers are read {mm(off):.1f} mm RMS from where the optical tracker says: "
-            "more than distortion; look for another unit or order of the C markers."
-        )
-    return notes
+    if off <= ELSEWHERE * extent(body):
+        return []
+    found = f"The EM markers are read {mm(off):.1f} mm RMS from where the optical tracker says"
+    seen, there = (v.reshape(-1, 3) - v.mean(axis=(0, 1)) for v in (measured, expected))
+    affine = np.linalg.lstsq(there, seen, rcond=None)[0]
+    if np.linalg.norm(affine - np.eye(3), 2) > BENT:
+        return [f"{found}: look for another unit, or other axes, of the C markers in calreadings."]
+    R = kabsch(np.broadcast_to(body, expected.shape), expected)[0]
+    by_marker = result.em_error @ R
+    frames = len(by_marker)
+    # Each frame less the mean of the others.
+    left_out = (by_marker - by_marker.mean(axis=0)) * frames / max(frames - 1, 1)
+    try:
+        by_place = min(smooth_distortion(measured, expected).cross_validation.values())
+    except SamplesError:
+        by_place = off
+    if by_place < EXPLAINED * off and (frames < 2 or by_place < rms_length(left_out)):
+        return []
+    return [f"{found}: not as distortion does; look for another unit or order of the C markers."]
 
 
 def _misfit(given: FloatArray, frames: FloatArray) -> FloatArray:
@@ -297,13 +304,16 @@ def _on_distortion(result: StereotacticResult) -> list[str]:
             f"The EM tracker's readings are {mm(rms_length(result.em_error)):.2f} mm off where "
             "the optical tracker says, most of it distortion: --dewarp corrects it."
         ]
-    seen = _uses(result.data)
-    return [
-        f"{count} of {seen[use][..., 0].size} markers of {USES[use]} lie outside the calibrated "
-        "volume, where the distortion is not known."
-        for use, count in result.extrapolated.items()
-        if count
-    ]
+    notes = list[str]()
+    for use, seen in result.data.em_uses.items():
+        error = correction.extrapolation_error(seen)
+        if error > max(correction.cross_validation[correction.degree], HARMLESS):
+            notes.append(
+                f"{result.extrapolated[use]} of {seen[..., 0].size} markers of {USES[use]} lie "
+                f"outside the calibrated volume, by up to {mm(correction.outside(seen).max()):.0f} "
+                f"mm: the correction there is good to ± {mm(error):.2f} mm only (3-D RMS)."
+            )
+    return notes
 
 
 @dataclass(frozen=True, eq=False)

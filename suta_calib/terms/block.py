@@ -45,10 +45,12 @@ class Noise:
         sigma: standard deviation of one component, m or rad; None to learn it from the data.
         huber: residual norm, m or rad, beyond which the cost grows linearly; inf for plain least
             squares.
+        fixed: whether the data have no say in sigma.
     """
 
     sigma: float | None = None
     huber: float = math.inf
+    fixed: bool = False
 
 
 # Least squares, and a scatter that is learnt.

@@ -13,12 +13,13 @@ from numpy.typing import ArrayLike
 
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import SamplesError
-from suta_calib.geometry.numbers import rotation_from_vector
+from suta_calib.geometry.numbers import extent, rotation_from_vector
 from suta_calib.geometry.symbols import Symbol, symbolic_chordal_log
 from suta_calib.measurements import SampleColumns, Samples
+from suta_calib.measurements.pose_files import FAR, NEAR
 from suta_calib.terms.block import Block, Pose, flat, pose_of
 from suta_calib.terms.hand_eye_start import Poses, close_the_loop, quaternion_hand_eye
-from suta_calib.terms.poses import MeasuredPoses, PoseSource
+from suta_calib.terms.poses import ArmPoses, MeasuredPoses, PoseSource
 from suta_calib.terms.synthetic import (
     EXACT,
     NO_OUTLIERS,
@@ -30,11 +31,13 @@ from suta_calib.terms.synthetic import (
     random_turns,
 )
 from suta_calib.terms.term import (
+    SEEN_UNIT,
     Gap,
     Medium,
     Observed,
     SeenTerm,
     TrueFrame,
+    check_unit,
     pose_named,
     pose_values,
 )
@@ -183,13 +186,24 @@ class HandEye(SeenTerm):
         return Simulated(exact.over_poses(moved.with_samples(samples)), truth, outliers)
 
     def check_enough(self) -> None:
-        """Three samples at least: two motions about different axes."""
+        """Three samples at least: two motions about different axes; in the arm's unit."""
         if len(self.poses) < 3:
             raise SamplesError(
                 f"{len(self.poses)} poses",
                 "at least 3, turned about different axes",
                 where=self.kind,
             )
+        if not isinstance(self.poses, ArmPoses):
+            return
+        _, seen = self._seen
+        away = float(np.median(np.linalg.norm(seen, axis=1)))
+        # About a target in its middle a camera may turn without seeing it move.
+        if away > FAR or away < NEAR:
+            moved, expected = (
+                extent(self.poses.at({})[1]),
+                "the target's positions in the eye, in m",
+            )
+            check_unit(self, "the target's positions", extent(seen), moved, expected, SEEN_UNIT)
 
     def start(self, rotation: FloatArray, position: FloatArray) -> FloatArray:
         """Quaternions of consecutive motions for X, then the mean of the loops for Z."""

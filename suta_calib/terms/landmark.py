@@ -14,18 +14,19 @@ from scipy.spatial.transform import Rotation
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.errors import SamplesError, did_you_mean
-from suta_calib.geometry.numbers import register_points, rotation_from_vector
+from suta_calib.geometry.numbers import register_points, rms_length, rotation_from_vector
 from suta_calib.geometry.symbols import Symbol, symbolic_chordal_log, symbolic_rotation
 from suta_calib.measurements import Artefact, SampleColumns
 from suta_calib.model.parameters import Parameter
 from suta_calib.terms.block import LEARNT, Block, Certified, Noise, Pose, flat, grouped, pose_of
-from suta_calib.terms.poses import PoseSource
+from suta_calib.terms.poses import ArmPoses, PoseSource
 from suta_calib.terms.seating import Seating, seat_axes, seated_at
 from suta_calib.terms.term import (
     Observed,
     Resimulation,
     Setup,
     Term,
+    check_unit,
     pose_named,
     pose_parameters,
     pose_values,
@@ -194,7 +195,7 @@ class TouchedLandmark(Term):
         return f"artefact '{self.artefact.name}'"
 
     def check_enough(self) -> None:
-        """Two different landmarks at every placement, or one with its orientation."""
+        """Two different landmarks at every placement, or one with its orientation; in mm."""
         marks, (names, placement) = self._marks, self.places
         for k, name in enumerate(names):
             touched = {str(n) for n in marks[placement == k]}
@@ -205,6 +206,7 @@ class TouchedLandmark(Term):
                     where=self.kind,
                     hint="its pose is six unknowns; use fixed_point for one point touched often",
                 )
+        check_artefact_unit(self, self._certified, placement)
 
     @property
     def _marks(self) -> NDArray[np.str_]:
@@ -265,6 +267,30 @@ def seat_rotations(artefact: Artefact, names: Sequence[str] | NDArray[np.str_]) 
     """(n, 3, 3) certified orientations of a seated tip, upright where none is given."""
     marks = [artefact.landmarks[str(name)].rotation for name in names]
     return np.array([np.eye(3) if seat is None else seat for seat in marks])
+
+
+def check_artefact_unit(term: Term, certified: FloatArray, groups: IntArray) -> None:
+    """Refuse an artefact of another size than the arm touched, group (n,) by group of touches.
+
+    Args:
+        term: over the touches.
+        certified: (n, 3) position of each touched landmark in the artefact, m.
+        groups: (n,) touches between which the artefact did not move.
+
+    Raises:
+        SamplesError: it is in another unit.
+    """
+    if not isinstance(term.poses, ArmPoses):
+        return
+    _, tip = term.poses.at({})
+    sizes = []
+    for points in (certified, tip):
+        parts = [points[groups == k] for k in np.unique(groups)]
+        sizes.append(rms_length(np.concatenate([part - part.mean(axis=0) for part in parts])))
+    if sizes[0] > 0.0:  # else each landmark stands alone
+        expected = "landmarks as far apart as the arm touched them"
+        hint = "position_mm of the artefact is in mm: is it another unit, or another artefact?"
+        check_unit(term, "landmarks", sizes[0], sizes[1], expected, hint)
 
 
 def certified_positions(poses: PoseSource, artefact: Artefact) -> FloatArray:

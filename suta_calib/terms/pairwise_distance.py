@@ -24,6 +24,7 @@ from suta_calib.terms.landmark import (
     ARTEFACT_GROUPINGS,
     TouchedLandmark,
     certified_positions,
+    check_artefact_unit,
     positions_only,
     seated,
 )
@@ -122,14 +123,19 @@ class PairwiseDistance(Term):
         block = Block.per_sample("distance", "m", 1, _distance, own, data, self.noise, labels)
         return (replace(block, samples=pairs, known_sigma=known, certified=touched),)
 
+    def check_enough(self) -> None:
+        """An artefact in mm, as the arm touched it."""
+        certified = certified_positions(self.poses, self.artefact)
+        check_artefact_unit(self, certified, grouped(self._sets(self.poses))[1])
+
     def equations(self) -> int:
         """Distances between m points of one set fix their shape: 3 m - 6 numbers, not m²/2."""
         pairs = self.blocks[0].samples
         sets, found = self._sets(self.poses), 0
         for name in np.unique(sets):
-            mine = pairs[sets[pairs[:, 0]] == name]
+            mine = self.poses.rests[pairs[sets[pairs[:, 0]] == name]]
             points = len(np.unique(mine))
-            found += min(len(mine), max(3 * points - 6, points - 1))
+            found += min(len(np.unique(mine, axis=0)), max(3 * points - 6, points - 1))
         return found
 
     def observed(self, values: Mapping[str, float], poses: PoseSource) -> Observed:

@@ -8,13 +8,27 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
+from functools import cached_property
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.spatial import KDTree
 
-from suta_calib.arrays import FloatArray
+from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.measurements.samples import Samples
 from suta_calib.model.arm import ArmModel
+
+# How far readings of an arm at rest wander, rad or m: 0.03 mm at a metre's reach. No plug is seated
+# again so exactly.
+WANDER: Final = 3e-5
+# How far apart readings are of one posture, rad or m: a model's error does not change within a
+# millimetre, whoever came back there.
+SAME_POSTURE: Final = 1e-3
+# Steps of a coarse encoder that a reading at rest flickers over, and the coarsest, rad or m: below
+# a thousand to the turn it is the operator who chose round numbers.
+FLICKER: Final = 2.0
+COARSEST: Final = 2e-3
 
 
 class PoseSource(ABC):
@@ -28,6 +42,23 @@ class PoseSource(ABC):
 
     def __len__(self) -> int:
         return len(self.samples)
+
+    @cached_property
+    def rests(self) -> IntArray:
+        """(n,) one number, from 0, for all samples that were read at one rest of the arm.
+
+        They say once where it was, however often they were read. What was measured, not read, has
+        an error of its own each time.
+        """
+        return np.arange(len(self), dtype=np.intp)
+
+    @cached_property
+    def postures(self) -> IntArray:
+        """(n,) one number, from 0, for all samples at one posture, which the arm may come back to.
+
+        They share what the model gets wrong there, and where it did not move, all else.
+        """
+        return self.rests
 
     @abstractmethod
     def at(self, values: Mapping[str, float]) -> tuple[FloatArray, FloatArray]:
@@ -48,6 +79,16 @@ class ArmPoses(PoseSource):
     def __init__(self, arm: ArmModel, samples: Samples) -> None:
         self.arm = arm
         self.samples = samples
+
+    @cached_property
+    def rests(self) -> IntArray:
+        """Rows whose readings differ by no more than encoders do at rest, in order or not."""
+        return together(self.samples.q)
+
+    @cached_property
+    def postures(self) -> IntArray:
+        """Rows whose readings hardly differ."""
+        return together(self.samples.q, SAME_POSTURE)
 
     def at(self, values: Mapping[str, float]) -> tuple[FloatArray, FloatArray]:
         """Forward kinematics of the samples."""
@@ -92,3 +133,36 @@ class MeasuredPoses(PoseSource):
         """Some of the poses."""
         some, samples = np.asarray(rows), self.samples.take(rows)
         return MeasuredPoses(self.rotation[some], self.position[some], samples, exact=self.exact)
+
+
+def together(q: FloatArray, apart: float = WANDER) -> IntArray:
+    """Rows of readings that hardly differ, in order or not.
+
+    Args:
+        q: (n, joints) readings, rad (m for prismatic joints).
+        apart: how far a row may be from the first of its group, in any joint; an encoder's flicker
+            in any case.
+
+    Returns:
+        (n,) number of the group of each row, by first appearance.
+    """
+    steps = q / np.array([max(apart, FLICKER * _resolution(joint)) for joint in q.T])
+    tree, first = KDTree(steps), np.arange(len(q))
+    # The nearest row of each is itself.
+    nearest, _ = tree.query(steps, k=[min(2, len(q))], p=np.inf, distance_upper_bound=1.0)
+    waiting = np.isfinite(nearest[:, 0]) & (len(q) > 1)
+    for row in np.flatnonzero(waiting):
+        if waiting[row]:
+            near = np.array(tree.query_ball_point(steps[row], 1.0, p=np.inf))
+            near = near[waiting[near]]
+            first[near], waiting[near] = row, False
+    return np.asarray(np.unique(first, return_inverse=True)[1], dtype=np.intp)
+
+
+def _resolution(readings: FloatArray) -> float:
+    """Step of an encoder, as its readings (n,) show it; zero where they show none."""
+    steps = np.diff(np.unique(readings))
+    smallest = float(steps.min(initial=np.inf))
+    whole = steps / smallest
+    coarse = WANDER < smallest < COARSEST and len(steps) > 1
+    return smallest if coarse and np.abs(whole - np.round(whole)).max() < 0.01 else 0.0

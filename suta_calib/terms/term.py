@@ -21,6 +21,8 @@ from typing import Any, ClassVar, Final, Literal, Protocol, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.errors import ArtefactError, SamplesError
@@ -30,6 +32,7 @@ from suta_calib.model.parameters import PLACEMENT, POSITION, ROTATION, Parameter
 from suta_calib.terms.block import LEARNT, Block, Noise, grouped
 from suta_calib.terms.poses import PoseSource
 from suta_calib.terms.seating import Seating
+from suta_calib.units import mm
 
 # An external frame can be anywhere: these only say when a pose counts as not determined at all.
 PLAUSIBLE_POSITION: Final = 0.5
@@ -41,6 +44,11 @@ Medium = Literal["touch", "instrument", "camera"]
 # Motions that observations may leave open: of the whole arm in the base, of the tip along the tool,
 # of all that is touched at one place.
 Gap = Literal["base", "tool", "place"]
+
+
+# Extents of what was seen or touched and of what the arm moved that differ by more are in different
+# units: no geometry is so wrong.
+OTHER_UNIT: Final = 20.0
 
 
 @dataclass(frozen=True)
@@ -327,8 +335,7 @@ class Term(ABC):
     def repeats(self) -> IntArray:
         """(n,) one number for all samples that are repeats of the same touch, else their own.
 
-        Repeats share whatever the model gets wrong about their posture, so they count as one
-        witness. The k-th touch of a landmark in one repeat pairs with the k-th in another.
+        The k-th touch of a landmark in one repeat pairs with the k-th in another.
         """
         labels = self.poses.samples.labels
         if not {"placement", "repeat", "landmark"} <= set(labels):
@@ -341,9 +348,24 @@ class Term(ABC):
         index = {touch: k for k, touch in enumerate(dict.fromkeys(touches))}
         return np.array([index[touch] for touch in touches], dtype=np.intp)
 
+    @cached_property
+    def witnesses(self) -> IntArray:
+        """(n,) one number, from 0, for all samples that err together.
+
+        They are at one posture, read without moving or met again, or repeat a touch: they share
+        whatever the model gets wrong there. The sum of their errors counts, not their number.
+        """
+        at, touches = self.poses.postures, self.repeats()
+        one = coo_array((np.ones(len(at)), (at, len(at) + touches)), (2 * len(at),) * 2)
+        together = connected_components(one, directed=False)[1][at]
+        return np.asarray(np.unique(together, return_inverse=True)[1], dtype=np.intp)
+
     def equations(self) -> int:
-        """How many independent numbers the samples give at most."""
-        return sum(len(block) * block.size for block in self.blocks)
+        """How many independent numbers the samples give at most: a rest counts once."""
+        rests = self.poses.rests
+        return sum(
+            len(np.unique(rests[block.samples], axis=0)) * block.size for block in self.blocks
+        )
 
     def check_enough(self) -> None:  # noqa: B027 (nothing to check is a fine answer)
         """Refuse sets too small to be fitted; a held-out set may be as small as it likes.
@@ -351,6 +373,12 @@ class Term(ABC):
         Raises:
             SamplesError: too few samples, and how many are needed.
         """
+
+
+# What says the unit of what is seen.
+SEEN_UNIT: Final = (
+    "columns x, y, z are in m, and x_mm, y_mm, z_mm in mm: is it another unit, or another arm?"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -383,6 +411,30 @@ class SeenTerm(Term):
     def own(self) -> tuple[Parameter, ...]:
         """The poses of its frames."""
         return tuple(p for frame in self._frames for p in pose_parameters(frame))
+
+
+def check_unit(term: Term, what: str, size: float, moved: float, expected: str, hint: str) -> None:
+    """Refuse lengths in another unit than the arm's, which no solver would make fit.
+
+    Args:
+        term: whose lengths they are.
+        what: was seen or touched, in the plural.
+        size: root mean square distance of these from their middle, m.
+        moved: the same of the tip by the arm's nominal geometry, m.
+        expected: what there should be.
+        hint: which columns, or which key, say the unit.
+
+    Raises:
+        SamplesError: one is more than `OTHER_UNIT` times the other.
+    """
+    if not moved / OTHER_UNIT <= size <= moved * OTHER_UNIT:
+        raise SamplesError(
+            f"{what} {mm(size):.4g} mm about their middle, where the arm's readings move the tip "
+            f"by {mm(moved):.4g} mm",
+            expected,
+            where=term.kind,
+            hint=hint,
+        )
 
 
 def pose_parameters(label: str) -> tuple[Parameter, ...]:

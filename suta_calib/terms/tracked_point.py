@@ -29,18 +29,17 @@ from suta_calib.terms.synthetic import (
     named,
 )
 from suta_calib.terms.term import (
+    SEEN_UNIT,
     Gap,
     Medium,
     Observed,
     SeenTerm,
     TrueFrame,
+    check_unit,
     pose_named,
     pose_values,
 )
-from suta_calib.units import mm
 
-# Seen and moved extents that differ by more are in different units: no geometry is so wrong.
-_OTHER_UNIT: Final = 20.0
 # Where the instrument sees the base from, unless `TrackedPoint.simulate` is told.
 _T: Final = (rotation_from_vector([0.3, -1.2, 0.7]), np.array([1.1, -0.4, 0.6]))
 
@@ -122,14 +121,8 @@ class TrackedPoint(SeenTerm):
         if not isinstance(self.poses, ArmPoses):
             return
         seen, moved = extent(self._seen), extent(self.poses.at({})[1])
-        if not moved / _OTHER_UNIT < seen < moved * _OTHER_UNIT:
-            raise SamplesError(
-                f"positions {mm(seen):.4g} mm about their middle, where the arm's readings move "
-                f"the tip by {mm(moved):.4g} mm",
-                "the tip's positions in m, as the arm moved it",
-                where=self.kind,
-                hint="is it another unit, or another arm?",
-            )
+        expected = "the tip's positions in m, as the arm moved it"
+        check_unit(self, "positions", seen, moved, expected, SEEN_UNIT)
 
     @classmethod
     def simulate(

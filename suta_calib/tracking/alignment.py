@@ -8,7 +8,9 @@ errors whose shape is known, such as those of a joint with play.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import permutations, product
 from typing import Any, Final
 
 import numpy as np
@@ -39,6 +41,17 @@ _SAME: Final = 1e-9
 _RANK_TOLERANCE: Final = 1e-9
 # m; a reference that moves less tells no time.
 _LEAST_MOTION: Final = 1e-4
+# How many minima over the latency are looked at. One is as good as the deepest where it leaves
+# less than this many times its distance, or next to nothing (m), and where the difference is less
+# than so many of its standard errors.
+_MINIMA: Final = 24
+_AS_DEEP: Final = 1.5
+_NEXT_TO_NOTHING: Final = 1e-6
+_SIGNIFICANT: Final = 3.0
+# Other axes are the likelier ones where they leave less than this share of the distance, and less
+# than this share of the motion.
+_FAR_BETTER: Final = 1 / 3
+_EXPLAINED: Final = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +66,12 @@ class Alignment:
         sizes, sizes_std: (k,) of the known errors, and their standard uncertainties.
         rows: (m,) rows of the recording that the reference covers at any latency looked at.
         shifts, rms: latencies looked at (k,), s, and what distance they leave (k,), m.
+        as_good: other latencies, s, that these motions do not tell from this one, because they
+            repeat themselves; it is the smallest of them all.
+        motion: how far the recording strays from its mean, RMS, m.
+        left: how far what is left strays from its own, RMS, m.
+        other_axes: of the recording, such as ``y, x, -z``, with which it would follow the
+            reference far better; empty where there are none.
     """
 
     latency: float
@@ -65,6 +84,10 @@ class Alignment:
     rows: np.typing.NDArray[np.intp]
     shifts: FloatArray
     rms: FloatArray
+    as_good: tuple[float, ...]
+    motion: float
+    left: float
+    other_axes: str
 
     @property
     def at_the_end(self) -> bool:
@@ -125,16 +148,18 @@ def align(
         )
     few = np.unique(np.linspace(0, len(rows) - 1, _ROWS_OF_SEARCH).astype(int))
     shifts = np.linspace(-largest, largest, _SHIFTS)
-    rms = np.array([_misfit(points[few], path.position(time[few] - s), registered) for s in shifts])
-    fit = _AlignmentFit(
-        path, time, points, np.zeros((len(rows), 3, 0)) if errors is None else errors[rows]
-    )
-    fit.latency = float(shifts[int(np.argmin(rms))])
+    targets = [path.position(time[few] - shift) for shift in shifts]
+    rms = np.array([_misfit(points[few], target, registered) for target in targets])
+    shapes = np.zeros((len(rows), 3, 0)) if errors is None else errors[rows]
+    fit = _AlignmentFit(path, time, points, shapes, registered)
+    sketch = _AlignmentFit(path, time[few], points[few], shapes[few], registered)
+    fit.latency, *as_good = sketch.minima(shifts, rms)
     if registered:
         start = register(points[few], path.position(time[few] - fit.latency))
-        fit.registered, fit.R, fit.p = True, start.rotation, start.position
+        fit.R, fit.p = start.rotation, start.position
     fit.refine(largest)
-    std = fit.std()
+    std, left = fit.std(), fit.residual()
+    left -= left.mean(axis=0)
     if registered:
         # The known errors may have taken a share of the transform; what is told has none of them.
         fit.R, fit.p = register_points(points, path.position(time - fit.latency))
@@ -149,6 +174,10 @@ def align(
         rows=rows,
         shifts=shifts,
         rms=rms,
+        as_good=tuple(as_good),
+        motion=rms_length(points - points.mean(axis=0)),
+        left=rms_length(left),
+        other_axes="" if registered else _other_axes(points[few], targets, rms_length(left)),
     )
 
 
@@ -178,16 +207,82 @@ def _misfit(points: FloatArray, target: FloatArray, registered: bool) -> float:
     return rms_length(points - target)
 
 
+def _other_axes(points: FloatArray, targets: Sequence[FloatArray], left: float) -> str:
+    """Axes of the points (n, 3), in order and with signs, with which they fit a target far better.
+
+    Far better, that is, than the fit that left so much, m. The power that is left is that of both
+    less twice what they share.
+    """
+    signed = [
+        np.eye(3)[list(order)] * np.array(signs)[:, None]
+        for order in permutations(range(3))
+        for signs in product((1.0, -1.0), repeat=3)
+    ]
+    away = points - points.mean(axis=0)
+    centred = [target - target.mean(axis=0) for target in targets]
+    power = np.array([np.sum(away**2) + np.sum(target**2) for target in centred]) / len(away)
+    shared = np.array([target.T @ away for target in centred]) / len(away)
+    others = (power - 2 * np.einsum("pij,sij->ps", signed, shared)).min(axis=1)
+    best = int(np.argmin(others))
+    fits = best == 0 or left < _NEXT_TO_NOTHING
+    if fits or others[best] > min(_FAR_BETTER * left, _EXPLAINED * rms_length(away)) ** 2:
+        return ""
+    names = [
+        ("", "-")[int(row.min() < 0)] + "xyz"[int(np.argmax(np.abs(row)))] for row in signed[best]
+    ]
+    return ", ".join(names)
+
+
 class _AlignmentFit:
     """Gauss-Newton over everything at once: apart, latency and transform chase each other."""
 
     def __init__(
-        self, path: ReferencePath, time: FloatArray, points: FloatArray, errors: FloatArray
+        self,
+        path: ReferencePath,
+        time: FloatArray,
+        points: FloatArray,
+        errors: FloatArray,
+        registered: bool,
     ) -> None:
         self.path, self.time, self.points, self.errors = path, time, points, errors
-        self.latency, self.registered = 0.0, False
+        self.latency, self.registered = 0.0, registered
         self.R, self.p = np.eye(3), np.zeros(3)
         self.sizes = np.zeros(errors.shape[2])
+
+    def minima(self, shifts: FloatArray, rms: FloatArray) -> list[float]:
+        """Latencies that leave the least distance, s: the smallest that does, then as good ones.
+
+        Args:
+            shifts: latencies (k,), s, at even steps.
+            rms: distance (k,) that each leaves, m.
+        """
+        padded = np.concatenate([[np.inf], rms, [np.inf]])
+        low = np.flatnonzero((rms <= padded[:-2]) & (rms <= padded[2:]))
+        found: list[tuple[float, FloatArray]] = []
+        for k in low[np.argsort(rms[low])][:_MINIMA]:
+            self.latency, self.sizes = float(shifts[k]), np.zeros_like(self.sizes)
+            if self.registered:
+                target = self.path.position(self.time - self.latency)
+                self.R, self.p = register_points(self.points, target)
+            self.refine(float(shifts[-1]))
+            found.append((self.latency, (self.residual() ** 2).sum(axis=1)))
+        _, least = min(found, key=lambda each: float(each[1].mean()))
+
+        def as_good(squares: FloatArray) -> bool:
+            """Whether chance explains that these squares of distances are larger than the least."""
+            worth = max(_AS_DEEP**2 * float(least.mean()), _NEXT_TO_NOTHING**2)
+            blocks = np.array(
+                [part.mean() for part in np.array_split(squares - least, _BLOCKS // 5)]
+            )
+            error = float(blocks.std(ddof=1)) / np.sqrt(len(blocks))
+            near = squares.mean() < _NEXT_TO_NOTHING**2
+            return bool(squares.mean() <= worth and (near or blocks.mean() <= _SIGNIFICANT * error))
+
+        apart: list[float] = []
+        for latency in sorted((latency for latency, squares in found if as_good(squares)), key=abs):
+            if all(abs(latency - other) > shifts[1] - shifts[0] for other in apart):
+                apart.append(latency)
+        return apart
 
     def refine(self, largest: float) -> None:
         """Until the latency does not change, or is as large as it may be."""
@@ -220,6 +315,10 @@ class _AlignmentFit:
         covariance = _BLOCKS / free * inverse @ variance @ inverse
         return np.asarray(np.sqrt(np.maximum(np.diag(covariance), 0.0)))
 
+    def residual(self) -> FloatArray:
+        """(n, 3) m."""
+        return self._moved() - self.path.position(self.time - self.latency)
+
     def _moved(self) -> FloatArray:
         return np.asarray((self.points - self.errors @ self.sizes) @ self.R.T + self.p)
 
@@ -231,7 +330,7 @@ class _AlignmentFit:
             columns.append(np.tile(np.eye(3), (len(moved), 1, 1)))
             columns.append(-skew(moved - moved.mean(axis=0)))
         columns.append(-self.R @ self.errors)
-        return moved - self.path.position(time), np.concatenate(columns, axis=2)
+        return self.residual(), np.concatenate(columns, axis=2)
 
 
 def _inverse(jacobian: FloatArray) -> FloatArray:

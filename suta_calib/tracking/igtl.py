@@ -38,7 +38,7 @@ class IgtlPublisher(Publisher):
 
     Args:
         port: port to listen at; 0 for any free one.
-        device_name: of the messages.
+        device_name: of the messages, at most 20 ASCII characters.
         host: address to listen at: this computer's own, which nobody else reaches, by default;
             empty for all.
         most_clients: so many are served; whoever comes later is hung up on.

@@ -8,13 +8,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
 
-from suta_calib.atomic import check_folder
+from suta_calib.atomic import check_folder, check_outputs
 from suta_calib.device.bus import Bus
 from suta_calib.device.device_file import read_device
 from suta_calib.device.reading import Statistics
+from suta_calib.errors import OutputError
 from suta_calib.model.arm import ArmModel
 from suta_calib.tracking.publisher import Publisher, UdpPublisher, pose_dict
-from suta_calib.tracking.recording import CsvRecorder, ParquetRecorder
+from suta_calib.tracking.recording import CsvRecorder, ParquetRecorder, part_of
 from suta_calib.tracking.session import TrackingSession, low_latency
 from suta_calib.tracking.tracker import NO_TOOL, TipKinematics, Tracker, read_tool
 from suta_calib.tracking.uncertainty import (
@@ -42,6 +43,7 @@ class TrackOptions:
         igtl_name: the device name of these messages.
         udp: host and port to which JSON datagrams are sent.
         csv, parquet: files that record every pose.
+        force: whether they may take the place of earlier recordings.
         seconds: how long, s; until it is stopped by default.
         rate: most poses a second of the device's clock; one for every frame by default.
     """
@@ -59,6 +61,7 @@ class TrackOptions:
     udp: tuple[str, int] | None = None
     csv: Path | None = None
     parquet: Path | None = None
+    force: bool = False
     seconds: float | None = None
     rate: float | None = None
 
@@ -88,12 +91,22 @@ class Tracking:
     Raises:
         UrdfError, DeviceFileError, InputError: a file that cannot be used, or a device that lacks
             a joint of the arm.
+        OutputError: a recording that is there already, or that is one of the files that are read.
     """
 
     session: TrackingSession
 
     def __init__(self, options: TrackOptions) -> None:
         self.options = options
+        recordings = [path for path in (options.csv, options.parquet) if path is not None]
+        check_outputs(recordings, [options.arm, options.device, options.result, options.tool])
+        for path in recordings:
+            found = next((p for p in (path, part_of(path)) if p.is_file()), None)
+            if found is not None and not options.force:
+                raise OutputError(
+                    f"{found}: found a recording; expected the name of a new file; choose another, "
+                    "or replace it with --force"
+                )
         self.on_event: Callable[[str], None] = lambda _: None
         self.arm = ArmModel.from_urdf(options.arm, options.tip, options.base)
         self.device = read_device(options.device)

@@ -21,11 +21,15 @@ from suta_calib.tracking.reversals import (
     placement_errors,
 )
 from suta_calib.tracking.trajectory import Trajectory
+from suta_calib.units import mm, ms
+from suta_calib.words import listed
 
 # Reversals from which on a joint's hysteresis can be told from an offset.
 _LEAST_REVERSALS: Final = 2
 # Uncertainty of the latency, of the largest looked at, that says nothing is known.
 _UNSURE: Final = 0.2
+# Of the motion, what may be left of it for the one to follow the other.
+_FOLLOWS: Final = 0.5
 # Of the fastest, below which a direction of motion means nothing.
 _SLOW: Final = 0.02
 
@@ -86,27 +90,46 @@ class PathAccuracy:
 
     @property
     def assessment(self) -> Assessment:
-        """Bad where the latency lies outside what was looked at, or the motion does not tell it."""
-        unknown = self.alignment.at_the_end or self.undetermined
-        said = []
-        if self.alignment.at_the_end:
-            said.append(
-                f"The latency is at the end of what was looked at (± {self.alignment.shifts[-1]:g} "
-                "s): the true one may be larger; raise --max-latency."
+        """Bad where the motions do not tell the latency, or the recording does not follow."""
+        alignment, bad, care = self.alignment, list[str](), list[str]()
+        moved, left = mm(alignment.motion), mm(alignment.left)
+        if alignment.other_axes:
+            bad.append(
+                f"With its axes taken as {alignment.other_axes} the recording would follow far "
+                "better: axes are swapped, or turned round, in one of the files."
+            )
+        elif left > _FOLLOWS * moved:
+            bad.append(
+                f"The recording strays {moved:.3f} mm (RMS) from its mean, and {left:.3f} mm from "
+                "the reference: it stands still but for noise, follows something else, or the "
+                "files are in different frames (--register). Record a motion larger than the noise."
+            )
+        elif alignment.at_the_end:
+            bad.append(
+                f"The latency is at the end of what was looked at (± {alignment.shifts[-1]:g} s): "
+                "the true one may be larger; raise --max-latency."
+            )
+        elif alignment.as_good:
+            others = listed([f"{ms(latency):.1f}" for latency in alignment.as_good])
+            apart = min(abs(other - alignment.latency) for other in alignment.as_good)
+            bad.append(
+                f"The motion repeats itself: latencies of {others} ms explain it as well as "
+                f"{ms(alignment.latency):.1f} ms. Record one that does not, or narrow "
+                f"--max-latency to less than {0.9 * apart / 2:.2g} s if you know that it is so."
             )
         elif self.undetermined:
-            said.append(
+            bad.append(
                 "The motion does not tell the latency: it is too slow for the distance that is "
                 "left, or the files are in different frames (--register)."
             )
         if not any(each.reversals for each in self.reversals):
-            said.append(f"No {self.per} turns back: nothing can be said of hysteresis.")
+            care.append(f"No {self.per} turns back: nothing can be said of hysteresis.")
         elif self.per == "axis":
-            said.append(
+            care.append(
                 "Without joints (--urdf, and their columns in the recording) hysteresis cannot be "
                 "told from latency: the latency contains it."
             )
-        return Assessment.of(bad=said) if unknown else Assessment.of(care=said)
+        return Assessment.of(bad=bad, care=care)
 
     @property
     def undetermined(self) -> bool:

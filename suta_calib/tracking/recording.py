@@ -29,6 +29,11 @@ _EVERY_S: Final = 0.1
 _ROWS_OF_A_GROUP: Final = 8192
 
 
+def part_of(path: Path) -> Path:
+    """What a recording is called until it is complete."""
+    return path.with_name(f"{path.name}.part")
+
+
 class FileRecorder(Publisher):
     """Poses into one file, by a thread of its own.
 
@@ -43,7 +48,7 @@ class FileRecorder(Publisher):
     def __init__(self, path: Path, joints: Sequence[str]) -> None:
         super().__init__()
         self.path = path
-        self.part = path.with_name(f"{path.name}.part")
+        self.part = part_of(path)
         self.columns = (*COLUMNS, *joints)
         self._waiting: deque[TrackedPose] = deque()
         self._failure: OSError | None = None

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from measuring_bench import Bench
 
 from suta_calib.acquisition import MeasureOptions, measure
+from suta_calib.atomic import only_writer
 from suta_calib.emulation import EmulatedArm
-from suta_calib.errors import InputError
+from suta_calib.errors import InputError, OutputError
 
 
 @pytest.fixture
@@ -52,3 +54,17 @@ def test_options_that_contradict_each_other_are_refused(
     options = MeasureOptions(Path("job.yaml"), Path("device.yaml"), **given)  # type: ignore[arg-type]
     with pytest.raises(InputError, match=said):
         measure(options)
+
+
+def test_one_file_is_measured_by_one_at_a_time(bench: Bench) -> None:
+    device = bench.folder / "device.yaml"
+    joints = ", ".join(f"{{name: {joint}}}" for joint in bench.arm.joints)
+    device.write_text(f"port: {bench.folder}/none\njoints: [{joints}]\n")
+    options = MeasureOptions(bench.job, device, {"placement": "P1"}, unattended=True)
+    with (
+        only_writer(bench.folder / "calibration" / "P1_1.csv"),
+        pytest.raises(OutputError, match=r"P1_1\.csv: found process"),
+    ):
+        measure(options)
+    with pytest.raises(OutputError, match="an input of the same command"):
+        measure(replace(options, out=bench.job))

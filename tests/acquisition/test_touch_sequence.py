@@ -14,7 +14,15 @@ from suta_calib.acquisition.seating_check import SeatingCheck
 from suta_calib.acquisition.session import ArmReadings
 from suta_calib.acquisition.touch_sequence import read_arm, read_row, repeated, touched
 from suta_calib.arrays import FloatArray
-from suta_calib.errors import ArtefactError, InputError, JobError, SamplesError, UrdfError
+from suta_calib.errors import (
+    ArtefactError,
+    InputError,
+    JobError,
+    OutputError,
+    SamplesError,
+    UrdfError,
+)
+from suta_calib.measurements import read_csv_table
 from suta_calib.model.arm import ArmModel
 from suta_calib.terms import FixedPoint
 
@@ -149,3 +157,71 @@ def test_landmarks_missed_at_the_start_are_noticed_by_the_distances(
     assert attempt.run.missing == tuple(names[:missed])
     assert any("missed O" in line and "at the start" in line for line in attempt.said)
     assert not attempt.run.notes
+
+
+LABELS = ["placement", "repeat", "landmark"]
+
+
+def samples_file(path: Path, **options: bool) -> SamplesFile:
+    return SamplesFile(path, ["a", "b"], LABELS, {"placement": "P1"}, **options)
+
+
+# Of all characters, those that some think end a line.
+ODD = "\u2028\u2029\x85\x0b\x0c\x1c\x1d\x1e"
+
+
+@pytest.mark.parametrize("odd", ODD)
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
+def test_what_is_no_line_end_shifts_no_row(tmp_path: Path, odd: str, end: str) -> None:
+    path = tmp_path / "s.csv"
+    lines = [
+        f"# a{odd}b", "placement,repeat,landmark,a,b,seen", f"# c{odd}{odd}d",
+        "P2,1,O,1.0,2.0,", "P1,1,O,0.5,0.25,yes", f"# {odd}", "P2,1,M1,3.0,4.0,", "",
+    ]  # fmt: skip
+    path.write_bytes(end.join(lines).encode())
+    file = samples_file(path, resume=True)
+    assert [labels["landmark"] for labels, _ in file.rows] == ["O"]
+    file.put({"placement": "P1", "repeat": "1", "landmark": "M1"}, np.array([1.5, 2.5]))
+    file.put({"placement": "P1", "repeat": "1", "landmark": "O"}, np.array([9.0, 8.0]), at=0)
+    wanted = [each.encode() + end.encode() for each in lines[:-1]]
+    wanted[4] = b"P1,1,O,9.0,8.0,yes\n"
+    assert path.read_bytes() == b"".join([*wanted, b"P1,1,M1,1.5,2.5,\n"])
+    table = read_csv_table(path)
+    assert table.columns["placement"] == ("P2", "P1", "P2", "P1")
+
+
+def test_a_last_line_without_its_end_is_not_grown(tmp_path: Path) -> None:
+    path = tmp_path / "s.csv"
+    path.write_text("placement,repeat,landmark,a,b\nP2,1,O,1.0,2.0")
+    samples_file(path).put(dict.fromkeys(LABELS, "P1"), np.array([0.5, 0.25]))
+    assert path.read_text().splitlines()[1:] == ["P2,1,O,1.0,2.0", "P1,P1,P1,0.5,0.25"]
+
+
+def test_what_others_write_meanwhile_stays(tmp_path: Path) -> None:
+    path = tmp_path / "s.csv"
+    file = samples_file(path)
+    own = {"placement": "P1", "repeat": "1"}
+    file.put({**own, "landmark": "O"}, np.array([0.1, 0.2]))
+    # Another placement measured at once, a comment, an order of rows that is another one.
+    header, row = path.read_text().splitlines()
+    path.write_text(f"{header}\n1.0,2.0,P7,1,O\n# by hand\n{row}\n")
+    file.put({**own, "landmark": "M1"}, np.array([0.3, 0.4]))
+    file.put({**own, "landmark": "O"}, np.array([0.7, 0.8]), at=0)
+    assert path.read_text().splitlines()[1:] == [
+        "1.0,2.0,P7,1,O",
+        "# by hand",
+        "0.7,0.8,P1,1,O",
+        "0.3,0.4,P1,1,M1",
+    ]
+    # Rows of this very run that are others now: nothing says which are right.
+    changed = path.read_text().replace("0.7,0.8", "0.9,0.8")
+    path.write_text(changed)
+    with pytest.raises(OutputError, match="that somebody changed meanwhile"):
+        file.put({**own, "landmark": "L1"}, np.array([0.5, 0.6]))
+    assert path.read_text() == changed
+    # A file that is gone comes back with all there was.
+    path.write_text(changed.replace("0.9,0.8", "0.7,0.8"))
+    file.put({**own, "landmark": "L1"}, np.array([0.5, 0.6]))
+    path.unlink()
+    file.put({**own, "landmark": "S1"}, np.array([0.5, 0.6]))
+    assert len(samples_file(path, resume=True).rows) == 4

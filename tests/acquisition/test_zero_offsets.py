@@ -6,11 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
 from suta_calib.acquisition.zero_offsets import find_zero_offsets
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import InputError
-from suta_calib.geometry.numbers import wrap
+from suta_calib.geometry.numbers import rotation_from_vector, wrap
 from suta_calib.measurements import Samples
 from suta_calib.model.arm import ArmModel
 
@@ -23,13 +24,20 @@ def arm(suta_urdf: Path) -> ArmModel:
 
 
 def known(
-    arm: ArmModel, count: int, *, oriented: bool, noise: float = 0.0, seed: int = 3
+    arm: ArmModel,
+    count: int,
+    *,
+    oriented: bool,
+    noise: float = 0.0,
+    turn: float = 0.0,
+    seed: int = 3,
 ) -> Samples:
     random = np.random.default_rng(seed)
-    q = random.uniform(-2, 2, (count, 6))
+    q = np.random.default_rng(3).uniform(-2, 2, (count, 6))
     values = dict(zip((f"{j}.offset" for j in arm.joints), OFFSETS, strict=True))
     rotation, position = arm.forward(q, values)
     position = position + noise * random.standard_normal(position.shape)
+    rotation = rotation @ rotation_from_vector(turn * random.standard_normal(position.shape))
     return Samples.from_arrays(
         arm.joints, q, position=position, rotation=rotation if oriented else None
     )
@@ -95,6 +103,69 @@ def test_one_position_leaves_a_choice(arm: ArmModel) -> None:
 def test_a_pose_out_of_reach_stays_far(arm: ArmModel) -> None:
     samples = Samples.from_arrays(arm.joints, np.zeros((1, 6)), position=[[5.0, 0.0, 0.0]])
     assert find_zero_offsets(arm, samples).branches[0].rms > 1.0
+
+
+def test_one_pose_checks_nothing_and_its_offsets_may_be_anything(arm: ArmModel) -> None:
+    """Six equations for six offsets: whatever is read, the tip stays 0.000 mm away."""
+    true = known(arm, 1, oriented=True)
+    wrong = Samples.from_arrays(
+        arm.joints, true.q + 0.7, position=true.position, rotation=true.rotation
+    )
+    found = find_zero_offsets(arm, wrong)
+    assert found.redundancy == 0
+    assert found.chosen.rms < 1e-8
+    assert np.abs(found.chosen.offsets).max() > np.radians(45)
+    assert not found.assessment.usable
+    assert "no more equations than offsets" in found.assessment.sentence
+    assert "no second posture bears out" in found.assessment.notes[0]
+    # The same posture once more is no second one; another one tells that something is wrong.
+    again = Samples.from_arrays(
+        arm.joints,
+        np.repeat(wrong.q, 3, axis=0),
+        position=np.repeat(wrong.position, 3, axis=0),
+        rotation=np.repeat(wrong.rotation, 3, axis=0),
+    )
+    assert find_zero_offsets(arm, again).redundancy == 0
+
+
+@pytest.mark.parametrize(
+    ("count", "oriented", "left"), [(2, True, 6), (6, False, 12), (1, True, 0)]
+)
+def test_redundancy_counts_equations(arm: ArmModel, count: int, oriented: bool, left: int) -> None:
+    found = find_zero_offsets(arm, known(arm, count, oriented=oriented))
+    assert found.redundancy == left
+    said = " ".join([found.assessment.sentence, *found.assessment.notes])
+    assert ("Nothing checks" in said) is (left == 0)
+    if left:
+        # Far beyond what one would expect, but borne out.
+        assert np.abs(found.chosen.offsets).max() > np.radians(45)
+        assert found.assessment.usable
+
+
+def test_offsets_scatter_as_they_say(arm: ArmModel) -> None:
+    """Although the noise is four times what is assumed where nothing tells it."""
+    noise = {"noise": 2e-3, "turn": np.radians(0.4)}
+    fits = [find_zero_offsets(arm, known(arm, 8, oriented=True, seed=k, **noise)) for k in range(7)]
+    pulls = np.array([wrap(f.chosen.offsets - OFFSETS) / f.chosen.std for f in fits]).ravel()
+    # Chi-squared of 42 numbers, one in a thousand either way; noise is found from 42 residuals.
+    low, high = chi2.ppf([0.0005, 0.9995], pulls.size)
+    assert low < pulls @ pulls < 1.1 * high
+
+
+def test_a_joint_beyond_its_limits_is_named(tmp_path: Path, suta_urdf: Path, arm: ArmModel) -> None:
+    samples = known(arm, 4, oriented=True)
+    stands = wrap(samples.q + OFFSETS)[:, 2]
+    text = suta_urdf.read_text()
+    start = text.index('<joint name="joint_3"')
+    at = text.index("<limit", start)
+    ends = f'lower="{stands.min() + 0.1}" upper="{stands.max() + 0.1}"'
+    limit = f'<limit {ends} effort="1" velocity="1"/>'
+    (tmp_path / "arm.urdf").write_text(text[:at] + limit + text[text.index("/>", at) + 2 :])
+    narrow = ArmModel.from_urdf(tmp_path / "arm.urdf", "tip")
+    assert find_zero_offsets(arm, samples).beyond_limits == ()
+    found = find_zero_offsets(narrow, samples)
+    assert found.beyond_limits == ("joint_3",)
+    assert any("joint_3 would stand beyond" in note for note in found.assessment.notes)
 
 
 def test_positions_are_needed(arm: ArmModel) -> None:

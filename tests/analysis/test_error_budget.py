@@ -16,8 +16,13 @@ from simulated import (
 )
 from suta_simulated import everything, scene, thirteen
 
-from suta_calib.analysis.encoder_noise import EncoderNoise, linear
-from suta_calib.analysis.error_budget import BlockBudget, ErrorBudget, error_budget
+from suta_calib.analysis.error_budget import (
+    BlockBudget,
+    EncoderNoise,
+    ErrorBudget,
+    error_budget,
+    linear,
+)
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.diagnostics.repeats import gross_rows
 from suta_calib.errors import ParameterError

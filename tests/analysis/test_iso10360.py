@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import fields
 
 import numpy as np
 import pytest
@@ -170,7 +171,7 @@ def test_the_guard_band_keeps_a_bad_arm_from_passing() -> None:
 def lengths(stretch: float = 0.0, sigma: float = 10e-6) -> LengthErrors:
     """Errors of the true arm on an artefact whose certificate is ``stretch`` off in scale."""
     arm, true = arm_named("suta"), artefact(6)
-    scene = artefact_scene("pairwise_distance", arm, {}, true, placements(3), repeats=2)
+    scene = artefact_scene("pairwise_distance", arm, {}, true, placements(3), repeats=3)
     marks = {
         name: Landmark(name, mark.position / (1 + stretch), mark.rotation, sigma)
         for name, mark in true.landmarks.items()
@@ -181,7 +182,8 @@ def lengths(stretch: float = 0.0, sigma: float = 10e-6) -> LengthErrors:
 
 def test_errors_of_length_are_measured_minus_calibrated() -> None:
     found = lengths(stretch=1e-3)
-    assert len(found) == 15 * 6
+    assert len(found) == 15 * 9
+    assert found.lines == 15 * 3
     assert found.error == pytest.approx(1e-3 * found.length, rel=1e-6)
     assert found.calibration_std == pytest.approx(math.sqrt(2) * 10e-6)
     assert found.repeat_range == pytest.approx(0, abs=1e-9)
@@ -224,3 +226,68 @@ def test_what_was_simplified_and_what_cannot_pass_is_said() -> None:
         accept(AcceptanceMeasurements(lengths(), bidirectional=True)).characteristics[0].symbol
         == "E_Bi"
     )
+
+
+SPHERE = Limits(size=0.1, form=0.1)
+
+
+@pytest.mark.parametrize("touches", [4, 5, 24])
+def test_a_sphere_of_too_few_touches_neither_passes_nor_fails(touches: int) -> None:
+    """Four points always lie on a sphere: their form error is zero, whatever the arm does."""
+    points, labels = on_sphere(touches, 3, 1e-3), np.array(["S"] * touches)
+    measured = AcceptanceMeasurements(spheres=probings(points, labels, 0.031))
+    if touches == 4:
+        assert measured.spheres[0].form < 1e-9
+    found = accept(measured, SPHERE)
+    assert [each.decision for each in found.characteristics] == ["undecided"] * 2
+    assert not found.assessment.usable
+    assert f"P_Form: {touches} of S touches; the standard asks for 25" in found.assessment.notes[1]
+    # A diameter that four touches tell wrongly is no failure of the arm; a form error is one.
+    strict = accept(measured, Limits(size=1e-9, form=1e-9 if touches > 4 else None))
+    decisions = {each.symbol: each.decision for each in strict.characteristics}
+    assert decisions == {"P_Size": "undecided", "P_Form": "fail" if touches > 4 else "no limit"}
+    whole = probings(on_sphere(25, 3, 1e-6), np.array(["S"] * 25), 0.031)
+    assert accept(AcceptanceMeasurements(spheres=whole), SPHERE).decision == "pass"
+
+
+def test_touches_of_a_small_cap_are_told() -> None:
+    rng = np.random.default_rng(0)
+    tilt = np.radians(10) * rng.uniform(-1, 1, (25, 2))
+    normals = np.column_stack([tilt, np.sqrt(1 - np.sum(tilt**2, axis=1))])
+    (cap,) = probings(0.0155 * normals, np.array(["S"] * 25), 0.031)
+    assert cap.amplification > 10
+    notes = accept(AcceptanceMeasurements(spheres=(cap,))).assessment.notes
+    assert any("S: touches lie so that" in note for note in notes)
+    (whole,) = probings(on_sphere(25, 2), np.array(["S"] * 25), 0.031)
+    assert whole.amplification < 2
+    assert accept(AcceptanceMeasurements(spheres=(whole,))).assessment.notes == ()
+
+
+def test_few_lengths_prove_no_arm_but_a_bad_one_is_bad() -> None:
+    whole = lengths(stretch=1e-3)
+    one = LengthErrors(*(getattr(whole, each.name)[:1] for each in fields(whole)))
+    within, beyond = Limits(LengthLimit(1e-2)), Limits(LengthLimit(1e-6))
+    found = accept(AcceptanceMeasurements(one), within)
+    assert found.decision == "undecided"
+    assert "1 lengths, 1 of them different; the standard asks for 105" in found.assessment.notes[0]
+    assert accept(AcceptanceMeasurements(one), beyond).decision == "fail"
+    # The same length a hundred times over is still one.
+    again = LengthErrors.joined([one] * 200)
+    assert accept(AcceptanceMeasurements(again), within).decision == "undecided"
+    assert accept(AcceptanceMeasurements(whole), within).decision == "pass"
+
+
+def test_few_articulations_prove_no_arm() -> None:
+    rng = np.random.default_rng(0)
+    places = 1e-5 * rng.standard_normal((25, 3))
+    points, sides = np.array(["P"] * 25), np.array([f"a{k // 5}" for k in range(25)])
+    limits = Limits(location=1e-3)
+    for count, decision in ((20, "undecided"), (25, "pass")):
+        seats = articulations(places[:count], points[:count], sides[:count])
+        assert accept(AcceptanceMeasurements(articulations=seats), limits).decision == decision
+    # A centre from four touches each passes on to the place more than the touches' own scatter.
+    spheres = np.vstack([on_sphere(4, k, 1e-4) for k in range(5)])
+    found = articulations(spheres, points[:20], sides[np.arange(20) // 4 * 5], sphere=True)
+    tight = accept(AcceptanceMeasurements(articulations=found), Limits(location=1e-9))
+    assert tight.decision == "undecided"
+    assert "20 touches in 5 articulations of P" in tight.assessment.notes[0]

@@ -41,29 +41,22 @@ def held_out(choice: ModelSelection, seed: int, errors: str, *, bent: bool = Fal
     return limited_rms(accuracy.validation) / found.floor()
 
 
-@pytest.mark.parametrize("seed", [0, 3])
-def test_an_eccentric_encoder_is_found_and_held_out_errors_fall_to_the_floor(seed: int) -> None:
-    choice = chosen(seed, ECCENTRIC)
+def test_an_eccentric_encoder_is_found_and_held_out_errors_fall_to_the_floor() -> None:
+    choice = chosen(0, ECCENTRIC)
     assert choice.added == ("joint_3.ecc_c1", "joint_3.ecc_s1")
     e = choice.chosen.solution.estimates["joint_3.ecc_c1"]
     assert e.value == pytest.approx(math.radians(0.2), abs=4 * (e.std or 0))
-    assert held_out(choice, seed, ECCENTRIC) < 1.1
+    assert held_out(choice, 0, ECCENTRIC) < 1.1
     assert not choice.undecided
 
 
+@pytest.mark.slow
 def test_it_is_found_beside_geometry_that_is_off_too() -> None:
     choice = chosen(3, ECCENTRIC, bent=True)
     assert choice.added == ("joint_3.ecc_c1", "joint_3.ecc_s1")
     assert choice.chosen.geometry
     assert held_out(choice, 3, ECCENTRIC, bent=True) < 1.1
     assert choice.rows[0].select == ("geometric",)
-
-
-@pytest.mark.parametrize("seed", [0, 1])
-def test_nothing_is_added_where_there_is_nothing(seed: int) -> None:
-    choice = chosen(seed)
-    assert choice.chosen is choice.job
-    assert not choice.rows
 
 
 def test_bent_joints_are_geometry() -> None:
@@ -79,12 +72,16 @@ def test_more_unknowns_fit_better_and_predict_worse() -> None:
     assert most.name == "harmonics and compliance, all joints"
     assert most.fitted < choice.job.fitted + 2e-6
     assert most.held_out.loss > choice.job.held_out.loss
+    # Nothing is added where there is nothing.
     assert choice.chosen is choice.job
+    assert not choice.rows
 
 
 def test_a_yielding_joint_is_found() -> None:
     found = scene(1, YIELDING)
-    terms = [found.term("calibration"), found.term("fixed_point")]
+    touches = found.term("calibration")
+    once = touches.take(touches.poses.samples.labels["repeat"] == "1")
+    terms = [once, found.term("fixed_point")]
     choice = choose_model(terms, everything(found.arm), families=False)
     assert "joint_2.compliance" in choice.added
 
@@ -152,7 +149,7 @@ def test_one_step_tells_a_small_eccentricity() -> None:
 
 
 def test_clean_residuals_are_not_suspicious() -> None:
-    for seed in range(6):
+    for seed in range(3):
         found = scene(seed, bent=True)
         for unknown in (thirteen, everything):
             terms = [found.term("calibration"), found.term("fixed_point")]

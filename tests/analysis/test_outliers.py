@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from outlier_studies import Study, named, suta_job, suta_study
+from scipy.stats import binom
 from simulated import (
     Scene,
     Spread,
@@ -21,13 +22,14 @@ from simulated import (
     tracked_scene,
 )
 
-from suta_calib.analysis.outliers import METRICS, Level, Outliers, find_outliers
+from suta_calib.analysis.outliers import METRICS, Level, Outliers, Thresholds, find_outliers
 from suta_calib.analysis.outliers.chance import Simulator
 from suta_calib.analysis.outliers.groups import Registered, groupings
 from suta_calib.analysis.outliers.metrics import Scene as Metrics
 from suta_calib.analysis.outliers.metrics import measures, shares
+from suta_calib.analysis.outliers.moves import find_moves
 from suta_calib.analysis.outliers.reference import ReferenceFit
-from suta_calib.analysis.outliers.touches import Touches
+from suta_calib.analysis.outliers.touches import RobustLinearFit, Touches, linearised
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import rotation_from_vector
 from suta_calib.measurements import Artefact, Samples
@@ -84,7 +86,7 @@ def test_contributions_share_every_squared_error_by_its_two_landmarks(
     for label, e in zip(study.calibration.blocks[0].labels, error, strict=True):
         for name in label.split("-"):
             expected[name] += e**2 / 2 / np.sum(error**2)
-    got = measures(calibrated, landmarks, chosen=[]).contribution
+    got = measures(calibrated, landmarks, chosen=[])[METRICS.index("contribution")]
     np.testing.assert_allclose(got, list(expected.values()), rtol=1e-9)
     assert got.sum() == pytest.approx(1.0)
 
@@ -117,7 +119,7 @@ def test_leave_one_out_is_the_relative_fall_of_the_rms(study: Study, calibrated:
     whole, without = calibrated.whole, calibrated.reference.over(~landmarks.rows(k))
     assert without is not None
     rms = [np.sqrt(np.mean(fit.residual**2)) for fit in (whole, without)]
-    got = measures(calibrated, landmarks, [k]).leave_one_out[k]
+    got = measures(calibrated, landmarks, [k])[METRICS.index("leave_one_out"), k]
     assert got == pytest.approx(1 - rms[1] / rms[0])
 
 
@@ -127,11 +129,11 @@ def test_simulated_metrics_are_those_of_exact_refits() -> None:
     exact = []
     for samples in scene.samples(Spread(position=sigma), seed=3, trials=12):
         metrics = own_fit(scene.term(samples))
-        exact.append(measures(metrics, groupings(metrics.reference.term)[0]).array())
+        exact.append(measures(metrics, groupings(metrics.reference.term)[0]))
     n = len(metrics.believed)
     noise = Touches(np.zeros((n, 3)), sigma, 0.0, np.zeros(n, dtype=bool))
     landmarks = groupings(metrics.reference.term)[0]
-    simulated = Simulator(metrics, noise, 0).chance(landmarks).values.mean(axis=(1, 2))
+    simulated = Simulator(metrics, noise, 0).metrics(landmarks).mean(axis=(1, 2))
     ratio = np.mean(exact, axis=(0, 2)) / simulated
     contribution, cook, _, bias = ratio
     assert contribution == pytest.approx(1.0)
@@ -170,7 +172,7 @@ def test_all_four_metrics_name_the_landmark_and_say_where_it_is(found: Outliers)
 
 def test_gross_touches_are_named_singly_and_blame_no_landmark() -> None:
     study = suta_study(3, {})
-    one = study.outliers()
+    one = study.outliers("landmarks")
     assert len(one.terms[0].touches) == study.gross == 5
     assert named(one)[1] == []
     # One of them weighs so much in the job's own fit that three raw metrics exceed there.
@@ -187,23 +189,23 @@ def test_excluding_it_helps_on_data_that_were_not_fitted(found: Outliers) -> Non
 
 
 def test_without_validation_placements_are_held_out(study: Study) -> None:
-    one = find_outliers(Problem([study.calibration], suta_job().parameters))
-    term = one.terms[0]
+    problem = Problem([study.calibration], suta_job().parameters)
+    term = find_outliers(problem, sorts={"landmarks"}).terms[0]
     assert term.method == "leave one of the placements out"
     assert set(term.held_out["landmarks"]) == {"S2"}
 
 
 def test_a_large_displacement_hides_no_small_one() -> None:
     shifts = {"S2": np.array([0.0, 2 * MM, 0.0]), "L1": np.array([12 * MM, 0.0, 0.0])}
-    _, outliers = named(suta_study(2, shifts).outliers())
+    _, outliers = named(suta_study(2, shifts).outliers("landmarks"))
     assert set(outliers) == {"S2", "L1"}
 
 
 def test_the_same_numbers_every_time(study: Study, found: Outliers) -> None:
-    again = study.outliers()
-    for one, other in zip(found.terms[0].levels, again.terms[0].levels, strict=True):
-        for g, h in zip(one.groups, other.groups, strict=True):
-            assert [*g.values.values(), *g.p.values()] == [*h.values.values(), *h.p.values()]
+    """Whatever else is looked at beside landmarks."""
+    one, other = (level(each, "landmarks") for each in (found, study.outliers("landmarks")))
+    for g, h in zip(one.groups, other.groups, strict=True):
+        assert [*g.values.values(), *g.p.values()] == [*h.values.values(), *h.p.values()]
 
 
 def touched(kind: str) -> Scene:
@@ -271,7 +273,59 @@ def test_turning_the_artefact_s_frame_changes_nothing(study: Study, found: Outli
     turned = type(study.calibration)(
         ArmPoses(suta_job().arm, samples), replace(known, landmarks=marks), study.calibration.noise
     )
-    one = find_outliers(Problem([turned], suta_job().parameters))
+    problem = Problem([turned], suta_job().parameters)
+    one = find_outliers(problem, [study.validation], sorts={"landmarks"})
     for g, h in zip(level(found, "landmarks").groups, level(one, "landmarks").groups, strict=True):
         assert g.values["bias"] == pytest.approx(h.values["bias"], abs=1e-6)
         assert g.flags == h.flags
+
+
+# ── Moved half-way ───────────────────────────────────────────────────────────────────────────
+def moved_after(samples: Samples, row: int, by: float) -> Samples:
+    """An instrument that was pushed aside before some row."""
+    assert samples.position is not None
+    later = np.arange(len(samples))[:, None] >= row
+    return replace(samples, position=samples.position + later * [by, 0.0, 0.0])
+
+
+@pytest.mark.parametrize("row", [20, 33])
+def test_an_instrument_that_was_moved_between_its_rows_is_named_with_the_row(row: int) -> None:
+    scene = tracked_scene(ARM, TRUTH, 40)
+    samples = scene.samples(Spread(position=0.1 * MM), seed=2)[0]
+    term = scene.term(moved_after(samples, row, 50 * MM))
+    found = find_outliers(Problem([term], PARAMETERS))
+    (move,) = found.terms[0].moves
+    assert (move.what, move.origin) == ("the instrument", samples.origin[row])
+    assert move.distance == pytest.approx(50 * MM, rel=0.02)
+    assert move.p < 1e-6
+    assert found.assessment.level == "care"
+    assert "moved half-way: the instrument" in found.assessment.sentence
+
+
+def test_an_artefact_that_was_pushed_aside_between_its_rows_is_named() -> None:
+    scene = touched("landmark")
+    samples = scene.samples(Spread(position=0.1 * MM), seed=1)[0]
+    rows = np.flatnonzero(samples.labels["placement"] == samples.labels["placement"][-1])
+    # What the arm reads is as if the rows had been touched where the artefact stood before.
+    later = rows[len(rows) // 2 :]
+    q = samples.q.copy()
+    q[later, 0] += 0.01
+    found = find_outliers(
+        Problem([scene.term(replace(samples, q=q))], PARAMETERS), sorts={"landmarks"}
+    )
+    (move,) = found.terms[0].moves
+    assert move.what == f"placement {samples.labels['placement'][-1]}"
+    assert move.origin == samples.origin[later[0]]
+
+
+def test_what_was_not_moved_seldom_looks_so() -> None:
+    """Of noise alone, with the threshold of size out of the way; Bonferroni errs to the safe."""
+    scene = tracked_scene(ARM, TRUTH, 40)
+    reference = own_fit(scene.exact()).reference
+    term, names, fit = linearised(reference, PARAMETERS)
+    random, alarms, trials = np.random.default_rng(5), 0, 60
+    for _ in range(trials):
+        noise = 0.1 * MM * random.standard_normal(fit.residual.shape)
+        drawn = RobustLinearFit(fit.jacobian, noise, fit.precision, fit.deviation)
+        alarms += len(find_moves(term, names, drawn, Thresholds(bias=0.0, significance=0.05)))
+    assert alarms <= binom.ppf(0.999, trials, 0.05)

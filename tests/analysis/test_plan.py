@@ -108,13 +108,14 @@ def test_candidates_are_reached_as_the_place_says(found: Plan, thesis: Situation
         np.testing.assert_allclose(position, wanted, atol=1e-8)
 
 
-def test_the_same_seed_gives_the_same_plan(found: Plan, thesis: Situation) -> None:
-    again = plan(thesis, PlanOptions(count=4, target=0.2e-3, pool=SMALL))
-    assert plan_document(again).json() == plan_document(found).json()
+def test_the_same_seed_gives_the_same_plan(thesis: Situation) -> None:
+    options = PlanOptions(count=2, pool=Pool(placements=12, points=2), horizon=3, random=10)
+    one, other = (plan_document(plan(thesis, options)).json() for _ in range(2))
+    assert one == other
 
 
 def test_d_optimality_lessens_the_ellipsoid_more(thesis: Situation, found: Plan) -> None:
-    places = [c.place for c in found.candidates]
+    places = [c.place for c in found.candidates[::3]]
     by_d = plan(thesis, PlanOptions(count=3, criterion="d"), places)
     by_tip = plan(thesis, PlanOptions(count=3), places)
     bits = [sum(c.bits for c in each.chosen) for each in (by_d, by_tip)]

@@ -32,7 +32,7 @@ from suta_calib.analysis.planning.design import (
     present,
     promised,
 )
-from suta_calib.analysis.planning.links import Collisions, link_points
+from suta_calib.analysis.planning.reach import Collisions, link_points
 from suta_calib.model.arm import ArmModel
 from suta_calib.solver.covariance import predicted_covariance
 from suta_calib.solver.information import predicted_information

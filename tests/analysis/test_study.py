@@ -125,7 +125,7 @@ def test_the_figures_are_those_of_the_trials_that_were_solved() -> None:
     found = judged(planned(sizes=(1, 2), trials=4), {1: [4.0, 8.0, -1.0, 6.0], 2: [3.0] * 4})
     one, two = found.sizes
     assert (one.trials, one.failed, two.failed) == (4, 1, 0)
-    assert (one.mean, one.std, one.minimum, one.maximum) == (6.0, 2.0, 4.0, 8.0)
+    assert (one.mean, one.std, *one.range) == (6.0, 2.0, 4.0, 8.0)
     assert (one.improvement, two.improvement, two.std) == (0.0, 0.5, 0.0)
     assert found.failures == {"no": 1}
     assert "1 of 4 with 1" in " ".join(found.assessment.notes)

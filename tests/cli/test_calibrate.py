@@ -81,7 +81,7 @@ def test_calibrate_finds_the_truth(job: Path, capsys: pytest.CaptureFixture[str]
     assert cli("calibrate", job, "--out", job.parent / "new" / "folder", "--json") == 0
     found = printed_json(capsys)
     assert found["status"] == "converged"
-    assert found["unidentified"] == ["joint_1.offset"]
+    assert found["unidentified"] == found["redundant"] == ["joint_1.offset"]
     for name, true in TRUTH.items():
         estimate = found["parameters"][name]
         assert abs(estimate["value"] - true) < 5 * estimate["std"]
@@ -115,13 +115,14 @@ def test_observe_tells_what_the_data_can_determine(
     assert found["parameters"]["joint_1.offset"]["std"] is None
     assert [e["held"] for e in found["explanations"]] == ["joint_1.offset"]
     assert set(found["indices"]) == {"O1", "O2", "O3", "O4", "O5"}
-    assert found["verdict"]["level"] == "care"
+    assert found["redundant"] == ["joint_1.offset"]
+    assert found["verdict"]["level"] == "good"
     assert "7 of 8 unknowns" in found["verdict"]["sentence"]
     assert cli("observe", job) == 0
     out, err = capsys.readouterr()
     assert err == ""
     assert "7 of 8 unknowns" in out
-    assert "turns the whole arm about the base's z axis" in out
+    assert "Redundant, so at nominal by convention: joint_1.offset" in out
     assert files_below(job.parent) == before
 
 

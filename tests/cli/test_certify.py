@@ -194,7 +194,7 @@ def test_bad_options_are_refused(points: Path, tmp_path: Path, capsys: Capture) 
         ("--nominal", other): r"0 of the touched landmarks in the drawing 'other'; expected at",
         ("--nominal", swapped(tmp_path)): r"--nominal: found landmarks that do not fit the drawing",
         ("--nominal", tmp_path / "none.yaml"): r"none.yaml: found no such file",
-        ("--out", points): r"the same file as an input",
+        ("--out", points): r"found an input of the same command",
         ("--out", tmp_path): r"found a folder",
         ("--out", tmp_path / "none" / "a.yaml"): r"found no folder",
         ("--origin", "M2"): r"no touched landmark 'M2'; expected one of O, M1",

@@ -75,24 +75,10 @@ def test_prompts_without_a_terminal(bench: Bench) -> None:
     bench.check(bench.samples())
 
 
-def test_ctrl_c_leaves_what_was_confirmed(bench: Bench) -> None:
-    emulation = bench.emulation(Still(bench.postures["O"]))
-    with EmulatedArm(emulation) as emulator:
-        emulator.write_device(bench.folder / "device.yaml")
-        process = started(bench.command("--placement", "P1", "--yes"))
-        waited_for(process, "O: recorded")
-        process.send_signal(signal.SIGINT)
-        out, _ = process.communicate(timeout=20)
-        assert process.returncode == 130
-        assert "1 sample in" in out
-        assert "Traceback" not in out
-    assert len(bench.samples()) == 1
-
-
 @pytest.mark.parametrize(
-    "how", [signal.SIGTERM, pytest.param(signal.SIGINT, marks=pytest.mark.slow)]
+    "how", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)]
 )
-def test_broken_off_the_answer_is_json_all_the_same(bench: Bench, how: signal.Signals) -> None:
+def test_broken_off_what_was_confirmed_stays_and_is_told(bench: Bench, how: signal.Signals) -> None:
     emulation = bench.emulation(Still(bench.postures["O"]))
     with EmulatedArm(emulation) as emulator:
         emulator.write_device(bench.folder / "device.yaml")
@@ -107,6 +93,9 @@ def test_broken_off_the_answer_is_json_all_the_same(bench: Bench, how: signal.Si
     found = json.loads(out)
     assert (found["status"], found["samples"], found["missing"]) == ("interrupted", 1, ["M1"])
     assert "interrupted" in err
+    assert "1 sample in" in err
+    assert "Traceback" not in err
+    assert len(bench.samples()) == 1
 
 
 @pytest.mark.parametrize("option", ["--seconds", "--patience", "--tremble-deg"])

@@ -262,7 +262,7 @@ def test_a_plan_over_data_that_cannot_be_fitted_may_not_be_used(
     assert cli("plan", job, "--candidates", file, "-n", 1, "--json") == 1
     told = json.loads(capsys.readouterr().out)
     assert told["verdict"]["level"] == "bad"
-    assert told["verdict"]["notes"][0].startswith("The calibration itself is not ")
+    assert told["verdict"]["notes"][0].startswith("The calibration itself must not be used (not ")
 
 
 def test_a_missing_file_or_job_is_one_line(

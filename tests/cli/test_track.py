@@ -68,11 +68,8 @@ def tracked(
 
 def test_json_files_and_datagrams_agree_and_are_where_the_arm_truly_is(tmp_path: Path, capsys):
     log = tmp_path / "log.csv"
-    with (
-        EmulatedArm(emulated()) as emulator,
-        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver,
-    ):
-        device = emulator.write_device(tmp_path / "device.yaml")
+    log.write_text("an earlier recording\n")
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver:
         receiver.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 22)
         receiver.bind(("127.0.0.1", 0))
         to = f"127.0.0.1:{receiver.getsockname()[1]}"
@@ -126,14 +123,6 @@ def test_uncertainty_and_tool(device: Path, tmp_path: Path, capsys):
     assert all(0 < value < 1e-2 for value in answer["last"]["std"])
     assert answer["poses"]["valid"] < 2 + answer["readings"] / 10
     assert answer["readings"] > 20
-
-
-def test_console_says_where_and_how_late(device: Path, capsys):
-    assert cli(*TRACK, device, "--seconds", 2.3, "--stats") == 0
-    text = capsys.readouterr().out
-    assert any("latency p50" in line for line in text.splitlines()[:2])
-    assert "position, mm" in text
-    assert "p99" in text
 
 
 def test_error_flags_make_poses_invalid(tmp_path: Path, capsys):
@@ -253,11 +242,31 @@ def test_bad_usage_is_one_clear_line(tmp_path: Path, capsys, options: tuple[str,
     assert said in captured.err
 
 
-def test_an_old_pose_is_not_shown_as_the_present_one(tmp_path: Path, capsys):
+def test_no_recording_and_no_input_is_replaced_unasked(tmp_path: Path, capsys):
+    joints = ", ".join(f"{{name: joint_{k}}}" for k in range(1, 7))
+    device = write_device(tmp_path, f"port: {tmp_path}/none\njoints: [{joints}]\n")
+    log = tmp_path / "log.csv"
+    for found in (log, tmp_path / "log.csv.part"):
+        found.write_text("measured\n")
+        assert cli(*TRACK, device, "--csv", log) == 2
+        assert f"{found}: found a recording; expected the name of a new" in capsys.readouterr().err
+        assert found.read_text() == "measured\n"
+        found.unlink()
+    for inputs in (device, SUTA_URDF):
+        assert cli(*TRACK, device, "--csv", inputs, "--force") == 2
+        assert "found an input of the same command" in capsys.readouterr().err
+    assert cli(*TRACK, device, "--csv", log, "--parquet", log) == 2
+    assert "found another output" in capsys.readouterr().err
+
+
+def test_the_console_says_where_how_late_and_how_old(tmp_path: Path, capsys):
     with EmulatedArm(emulated(faults=Faults.parse("stall=9@0.7"))) as emulator:
         device = emulator.write_device(tmp_path / "device.yaml")
-        assert cli(*TRACK, device, "--seconds", 2.5) == 0
+        assert cli(*TRACK, device, "--seconds", 2.5, "--stats") == 0
     text = capsys.readouterr().out
+    assert re.search(r"^tip .* latency p50", text, re.MULTILINE)
+    assert "position, mm" in text
+    assert "p99" in text
     assert "no reading for " in text
     # How long depends on how busy the machine is, but not whether.
     assert re.search(r"Tip in the base: NO READING FOR [1-9]\.", text)

@@ -64,6 +64,20 @@ def test_the_urdf_written_agrees_with_every_pose(
     assert np.allclose(rotation, samples.rotation, atol=1e-8)
 
 
+def test_no_input_is_replaced(
+    arm: ArmModel, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file, urdf = tmp_path / "r.csv", tmp_path / "arm.urdf"
+    write_samples(file, known(arm, 5))
+    urdf.write_bytes(arm.chain.path.read_bytes())
+    for out in (urdf, file):
+        before = out.read_bytes()
+        command = ("zero-offsets", urdf, "--tip", "tip", "--readings", file, "--out", out)
+        assert cli(*command) == 2
+        assert f"{out}: found an input of the same command" in capsys.readouterr().err
+        assert out.read_bytes() == before
+
+
 def test_a_branch_is_chosen_by_number(
     arm: ArmModel, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -8,16 +8,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from simulated import arm_named, fixed_point_scene, hand_eye_scene, random_readings
 
 from suta_calib.arrays import FloatArray
-from suta_calib.diagnostics.explanation import tip_motion
 from suta_calib.diagnostics.observability import Indices, Observability, observe
+from suta_calib.diagnostics.rich_data import RichData, Sort
+from suta_calib.diagnostics.tip_motion import tip_motion
 from suta_calib.measurements import Artefact, Landmark, Samples
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import Selection
 from suta_calib.simulation.inverse_kinematics import InverseKinematics, Targets
 from suta_calib.solver.problem import Problem
 from suta_calib.terms import (
+    KINDS,
     ArmPoses,
     FixedPoint,
     Noise,
@@ -117,7 +120,11 @@ def test_parallel_pillars_hide_three_of_thirteen(
     assert "tool's length along the tip's z axis" in reasons["tip.y"]
     remedies = {e.fixed: e.remedy for e in found.explanations}
     assert "fixed_point" in remedies["tip.y"]
-    assert "tracked_point" in remedies["joint_2.z"]
+    assert "tilt the tool" in remedies["tip.y"]
+    assert set(found.redundant) == {"joint_1.offset", "joint_2.z"}
+    # An instrument that stands anywhere sees no more of where the arm stands.
+    assert remedies["joint_2.z"].startswith("none needed")
+    assert "tracked_point" not in remedies["joint_2.z"]
 
 
 def test_the_remedy_works(
@@ -127,6 +134,87 @@ def test_the_remedy_works(
     found = seen(arm, terms, *THESIS)
     assert set(found.unidentified) == {"joint_1.offset", "joint_2.z"}
     assert found.prospects["tip.y"].std is not None
+
+
+def whole_geometry(arm: ArmModel) -> tuple[Selection, Selection]:
+    """Everything that `init` frees."""
+    geometry = Selection(("geometric",), bound_m=0.03, bound_rad=0.26)
+    return geometry, Selection(("*.offset",), bound_rad=0.26)
+
+
+SORTS = [
+    ("pairwise_distance", False, 21),
+    ("landmark", False, 21),
+    ("landmark", True, 24),
+    ("fixed_point", False, 20),
+    ("plane", False, 20),
+    ("tracked_point", False, 21),
+    ("tracked_point", True, 24),
+    ("hand_eye", True, 18),
+]
+
+
+@pytest.mark.parametrize(("kind", "oriented", "rank"), SORTS)
+def test_rich_data_tell_all_but_what_geometry_hides(
+    arm: ArmModel, kind: str, oriented: bool, rank: int
+) -> None:
+    """Four numbers for each of six turning joints and six for the tip, less six for the base: 24
+    (Everett, Hsu 1988). Without orientations three less; without any length the scale less; and a
+    camera whose place on the tip is unknown says nothing of the tip."""
+    problem = Problem([tracked(arm)], arm.select(*whole_geometry(arm)))
+    told = RichData(problem, problem.start()).tells(KINDS[kind], oriented)
+    values = np.linalg.eigvalsh(told)
+    assert np.sum(values > 1e-6 * values[-1]) == rank
+    assert values[-rank - 1] < 1e-9 * values[-1]
+
+
+@pytest.mark.parametrize("name", ["suta", "ur5", "panda"])
+def test_only_conventions_stay_open_with_rich_data(name: str) -> None:
+    arm = arm_named(name)
+    q = random_readings(arm, np.random.default_rng(5), 40)
+    samples = Samples.from_arrays(arm.joints, q, position=arm.forward(q)[1])
+    found = seen(arm, [TrackedPoint(ArmPoses(arm, samples))], *whole_geometry(arm))
+    assert found.unidentified
+    assert set(found.unidentified) == set(found.redundant)
+    assert found.assessment.level == "good"
+
+
+def test_a_scale_that_nothing_tells_is_no_convention(arm: ArmModel, pivot: ArmPoses) -> None:
+    """Touching fixed points leaves the size of the arm open, and its tip wrong by that."""
+    scene = fixed_point_scene(arm, {}, 25)
+    found = seen(arm, [scene.exact()], *whole_geometry(arm))
+    (scale,) = [e for e in found.explanations if e.told != "redundant"]
+    assert "tracked_point" in scale.remedy
+    assert found.assessment.level == "care"
+
+
+def test_a_camera_that_sees_orientations_is_not_asked_for_them(arm: ArmModel) -> None:
+    """Its unknown pose in the hand makes up for the tip; no advice that would not tell it."""
+    found = seen(arm, [hand_eye_scene(arm, {}, 40).exact()], *whole_geometry(arm))
+    assert found.assessment.level == "good"
+    of_tip = [e for e in found.explanations if e.fixed.startswith("tip.")]
+    assert of_tip
+    for each in of_tip:
+        assert "no observation looks" not in each.sentence
+        assert "fixed_point" not in each.remedy or not each.fixed.startswith("tip.r")
+
+
+def test_advice_that_is_followed_tells_the_parameter(
+    arm: ArmModel, parallel: ArmPoses, artefact: Artefact
+) -> None:
+    rows = whole_geometry(arm)
+    term = PairwiseDistance(parallel, artefact)
+    before = seen(arm, [term], *rows)
+    rich = RichData(before.problem, before.problem.start())
+    for each in before.explanations:
+        if each.told == "redundant":
+            continue
+        for kind in KINDS.values():
+            if f"({kind.kind})" not in each.remedy:
+                continue
+            added, _ = rich.observations(Sort(kind, oriented=False), "added")
+            after = seen(arm, [term, added], *rows)
+            assert len(after.unidentified) < len(before.unidentified)
 
 
 def test_pose_of_every_placement_absorbs_the_base(

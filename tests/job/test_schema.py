@@ -106,6 +106,17 @@ def test_what_may_be_left_out(folder: Path) -> None:
     assert read.solver == SolverSpec(1, 0, "gauss-newton", 200)
 
 
+def test_what_is_given_may_be_fixed(folder: Path) -> None:
+    """Beside a prior or a noise level the word keeps its size; alone it keeps the value."""
+    prior = EXAMPLE.replace(ROW, ROW + ", prior_mm: 1, bound_mm: 3")
+    assert job(folder, prior).parameters[3] == Selection(
+        ("joint_1.x",), bound_m=3e-3, prior_m=1e-3, fixed=True, line=6
+    )
+    noise = EXAMPLE.replace("sigma_mm: 0.05", "sigma_mm: 0.05, fixed: true")
+    first, second = job(folder, noise).observations
+    assert (first.sigma_fixed, second.sigma_fixed) == (False, True)
+
+
 def test_paths_may_be_absolute(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> None:
     text = EXAMPLE
     for name in ("arm.urdf", "artefact.yaml", "calibration/", "validation/"):
@@ -176,7 +187,12 @@ FIXED_POINT = "kind: fixed_point, samples: 'validation/*.csv'"
         ("exact", "exakt", 13, "solver.hessian: found 'exakt'; .* did you mean 'exact'?"),
         # contradictions
         (ROW, ROW + ", bound_mm: 1", 6, r"parameters\[3\].bound_mm: .* beside fixed: true"),
-        (ROW, ROW + ", prior_deg: 1", 6, r"parameters\[3\].prior_deg: .* beside fixed: true"),
+        (
+            FIXED_POINT,
+            FIXED_POINT + ", fixed: true",
+            12,
+            "fixed: .* expected sigma_mm or sigma_deg",
+        ),
         (ROW, "select: a.x, fixed: 'yes'", 6, "fixed: found 'yes'; expected true or false"),
         # kinds and files
         ("fixed_point", "fixed_pont", 12, r"validation\[0\].kind: .* did you mean 'fixed_point'?"),

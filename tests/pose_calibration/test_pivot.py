@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import rotation_from_vector
 from suta_calib.pose_calibration.pivot import PivotCalibration, calibrate_pivot
 from suta_calib.terms import FixedPoint
+from suta_calib.terms.hand_eye_start import inverse
 from suta_calib.terms.synthetic import EXACT, OutlierModel, PoseNoise, Simulated
 
 POSTS = np.array([[0.1, 0.2, -1.0], [0.3, 0.0, -0.9], [0.0, -0.1, -1.1]])
@@ -138,6 +140,26 @@ def test_the_monte_carlo_spread_is_the_predicted_one(count: int, posts: FloatArr
 def test_the_monte_carlo_spread_is_the_predicted_one_closely(count: int, posts: FloatArray) -> None:
     ratio = spread_over_prediction(400, posts, count)
     assert ((ratio > 0.88) & (ratio < 1.14)).all(), ratio
+
+
+# ── Inverted poses ───────────────────────────────────────────────────────────────────────────
+def test_inverted_poses_are_said_to_be_and_what_they_give_the_right_way_round() -> None:
+    """They leave no residual: the tip is 1.4 m from the tool, and the post where the tip is."""
+    data = simulate(30, spread=NOISE, posts=np.array([[0.3, -0.2, -1.35]]))
+    right, wrong = calibrate(data), calibrate_pivot(*inverse(data.poses))
+    assert right.assessment.level == "good"
+    assert wrong.rms == pytest.approx(right.rms, rel=0.01)
+    assert wrong.inverted == wrong.assessment.level == "bad"
+    told = next(note for note in wrong.assessment.notes if "T_tool_tracker" in note)
+    shown = re.search(r"they give the tip \(([^)]*)\) mm and the post \(([^)]*)\) mm", told)
+    assert shown is not None
+    for numbers, place in zip(shown.groups(), (right.tip, right.post), strict=True):
+        np.testing.assert_allclose([float(v) for v in numbers.split(",")], 1e3 * place, atol=0.15)
+
+
+def test_a_post_nearer_than_the_tip_is_worth_a_word_and_no_more() -> None:
+    data = simulate(30, spread=NOISE, posts=np.array([[0.01, 0.02, 0.03]]))
+    assert calibrate(data).inverted == "care"
 
 
 # ── What is refused ──────────────────────────────────────────────────────────────────────────

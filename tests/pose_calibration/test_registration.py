@@ -110,13 +110,16 @@ def test_the_target_error_is_fitzpatrick_s(count: int) -> None:
     _, a, b = simulate(count, spread=NOISE, seed=4, size=(0.2, 0.1, 0.05))
     found = register(a, b, robust=False)
     targets = np.vstack([a.mean(axis=0), np.random.default_rng(0).uniform(-0.3, 0.3, (5, 3))])
-    expected = [fitzpatrick(a, target, np.sqrt(3.0) * found.sigma) for target in targets]
+    # Of few points the scatter itself is uncertain: Student's variance.
+    freedom = 3 * count - 6
+    sigma = np.sqrt(3.0) * found.sigma * np.sqrt(freedom / (freedom - 2) if count < 30 else 1.0)
+    expected = [fitzpatrick(a, target, sigma) for target in targets]
     np.testing.assert_allclose(found.target_error(targets), expected, rtol=0.02)
 
 
 def spread_over_prediction(count: int, trials: int) -> tuple[float, float]:
-    """Monte-Carlo over predicted standard deviation: of the pose, and at a target."""
-    errors, predicted, at_target, predicted_there = [], [], [], []
+    """Errors in units of each answer's standard deviation, RMS: of the pose, and at a target."""
+    errors, at_target = [], []
     target = np.array([[0.3, 0.1, -0.2]])
     for seed in range(trials):
         # The points stay, the noise differs: the seed of the scene is the first one's.
@@ -124,13 +127,10 @@ def spread_over_prediction(count: int, trials: int) -> tuple[float, float]:
         R, p = data.true_pose("base")
         noise = NOISE.position * np.random.default_rng([seed, count]).standard_normal(a.shape)
         found = register(a, a @ R.T + p + noise)
-        errors.append(error_of(found, data) ** 2)
-        predicted.append(np.diag(found.covariance))
-        at_target.append(np.sum((found.act(target) - target @ R.T - p) ** 2))
-        predicted_there.append(found.target_error(target)[0] ** 2)
-    ratio = np.mean(errors, axis=0) / np.mean(predicted, axis=0)
-    there = np.mean(at_target) / np.mean(predicted_there)
-    return float(np.sqrt(ratio.mean())), float(np.sqrt(there))
+        errors.append(error_of(found, data) ** 2 / np.diag(found.covariance))
+        off = np.sum((found.act(target) - target @ R.T - p) ** 2)
+        at_target.append(off / found.target_error(target)[0] ** 2)
+    return float(np.sqrt(np.mean(errors))), float(np.sqrt(np.mean(at_target)))
 
 
 @pytest.mark.parametrize("count", [6, 40])
@@ -138,6 +138,40 @@ def test_the_monte_carlo_spread_is_the_predicted_one(count: int) -> None:
     pose, target = spread_over_prediction(count, 20)
     assert is_as_predicted(pose, 6 * 20)
     assert is_as_predicted(target, 3 * 20)
+
+
+@pytest.mark.parametrize("count", [4, 5, 6])
+def test_few_points_err_by_what_each_answer_states(count: int) -> None:
+    """Of each set by its own ±, which the scatter of few makes too small as often as too large."""
+    squares = []
+    for seed in range(50):
+        random = np.random.default_rng([seed, count])
+        a = random.uniform(-0.1, 0.1, (count, 3))
+        found = register(a, a + NOISE.position * random.standard_normal(a.shape))
+        target = np.array([[0.15, 0.1, -0.1]])
+        off = found.act(target) - target
+        squares.append(np.sum(off**2) / found.target_error(target)[0] ** 2)
+    assert 0.75 < np.sqrt(np.mean(squares)) < 1.3
+
+
+# ── A scale, which no rigid transform has ────────────────────────────────────────────────────
+@pytest.mark.parametrize("count", [5, 12, 60])
+@pytest.mark.parametrize(("scale", "level"), [(1.015, "bad"), (0.98, "bad"), (1.002, "care")])
+def test_a_scale_is_told_with_its_uncertainty(count: int, scale: float, level: str) -> None:
+    for seed in range(3):
+        _, a, b = simulate(count, spread=PoseNoise(0.05e-3, 0.0), seed=seed)
+        found = register(a, scale * b)
+        assert found.scaled == level
+        assert found.scale == pytest.approx(scale, abs=5.0 * found.scale_std)
+        assert found.scale_rms < 0.3e-3
+        assert any("times as far apart" in note for note in found.assessment.notes)
+
+
+def test_no_scale_is_seen_where_there_is_none() -> None:
+    for count in (4, 6, 30):
+        for seed in range(12):
+            _, a, b = simulate(count, spread=NOISE, seed=seed)
+            assert register(a, b).scaled == "good"
 
 
 @pytest.mark.slow

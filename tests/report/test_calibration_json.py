@@ -43,6 +43,11 @@ def test_json_has_what_the_format_promises(result: CalibrationResult) -> None:
     assert content["metrics"]["calibration"]["by_term"][0]["label"] == "rig"
     assert len(content["solver"]["starts"]) == 2
     assert [n["given"] for n in content["noise"]] == [True, False]
+    for row in content["noise"]:
+        assert row["interval"][0] < row["found"] < row["interval"][1]
+    (prior,) = content["priors"]
+    assert prior["group"] == "lengths"
+    assert prior["interval"][0] < prior["factor"] < prior["interval"][1]
 
 
 def test_json_values_are_the_solution_in_si(result: CalibrationResult) -> None:

@@ -218,8 +218,8 @@ def test_sliding_a_frame_along_its_own_axis_is_a_combination() -> None:
 
 def test_what_has_a_prior_is_never_held() -> None:
     arm = arm_named("suta")
-    rows = [Selection((n,), prior_m=1e-3) for n in ("joint_2.z", "tip.y")]
-    rows += [Selection(("joint_1.offset",), prior_rad=0.02)]
+    rows = [Selection((n,), prior_m=1e-3, fixed=True) for n in ("joint_2.z", "tip.y")]
+    rows += [Selection(("joint_1.offset",), prior_rad=0.02, fixed=True)]
     told = [name for name in DH_LENGTHS if name not in HIDDEN]
     parameters = arm.select("joint_*.offset", *told, *rows)
     scene = pillars()

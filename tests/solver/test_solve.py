@@ -166,9 +166,10 @@ def test_not_converging_is_an_answer_and_no_exception(hessian: str) -> None:
 
 
 def with_prior(prior: float, name: str = "joint_4.z") -> Problem:
+    """A prior whose size is known, beside what has none."""
     scene = distances()
     told = ("joint_3.z", "joint_5.z", "joint_6.z", "tip.z")
-    rows = [Selection(("joint_[2-6].offset", *told)), Selection((name,), prior_m=prior)]
+    rows = [Selection(("joint_[2-6].offset", *told)), Selection((name,), prior_m=prior, fixed=True)]
     samples = scene.samples(Spread(position=SIGMA), seed=2)[0]
     return Problem([scene.term(samples, Noise(math.sqrt(2) * SIGMA))], scene.arm.select(*rows))
 
@@ -204,7 +205,9 @@ def test_prior_and_data_are_weighed_by_their_precisions() -> None:
     samples = scene.samples(Spread(position=SIGMA), seed=2)[0]
 
     def estimate(prior: float | None) -> Estimate:
-        parameters = scene.arm.select(Selection(("joint_6.z",), prior_m=prior))
+        parameters = scene.arm.select(
+            Selection(("joint_6.z",), prior_m=prior, fixed=prior is not None)
+        )
         problem = Problem([scene.term(samples, Noise(SIGMA))], parameters)
         return solve(problem).estimates["joint_6.z"]
 

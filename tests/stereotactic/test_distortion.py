@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from suta_calib.errors import SamplesError
+from suta_calib.stereotactic.cis_simulation import simulate_stereotactic
 from suta_calib.stereotactic.distortion import (
     DistortionCorrection,
     fit_distortion,
@@ -102,10 +105,56 @@ def test_outside_is_told_and_tame() -> None:
     assert not correction.inside(outside).any()
     # A corner of the box that the points leave out is outside too.
     assert not correction.inside(correction.lower)
-    nearest = np.clip(outside, correction.lower, correction.upper)
+    size = correction.upper - correction.lower
+    reached = np.clip(outside, correction.lower - 0.3 * size, correction.upper + 0.3 * size)
     np.testing.assert_allclose(
-        correction.displacement(outside), correction.displacement(nearest), atol=1e-15
+        correction.displacement(outside), correction.displacement(reached), atol=1e-15
     )
+
+
+def test_a_polynomial_goes_on_beyond_the_border_where_the_border_says_so() -> None:
+    correction, _ = fitted(noise=0.0)
+    assert correction.continuation == 2
+    assert correction.growth < 1e-9
+    near = correction.upper + 0.2 * (correction.upper - correction.lower) * np.eye(3)
+    np.testing.assert_allclose(correction.displacement(near), polynomial(near), atol=1e-12)
+
+
+def test_there_is_no_step_at_the_border() -> None:
+    measured = cloud()
+    bent = measured + 5e-3 * np.sin(9.0 * measured) + 1e-4 * cloud(seed=4)
+    correction = fit_distortion(measured, bent)
+    assert 0 < correction.continuation < correction.degree
+    inside, outside = (correction.upper + step for step in (-1e-9, 1e-9))
+    moved = correction.displacement(np.stack([inside, outside]))
+    np.testing.assert_allclose(*moved, atol=1e-9)
+
+
+def test_the_error_outside_is_the_one_to_expect_and_less_than_without_going_on() -> None:
+    """Half a wave of distortion, of which the outermost layer of frames was never calibrated."""
+    found, predicted, staying = [], [], []
+    for seed in range(4):
+        made = simulate_stereotactic(seed=seed, distortion=3e-3, em_noise=0.05e-3, grid=4)
+        readings, true = made.data.readings.em, made.truth.expected
+        place = true.mean(axis=1)[:, seed % 3]
+        inner = place > place.min() + 0.1
+        correction = fit_distortion(readings[inner], true[inner])
+        left = readings[~inner]
+        beyond = correction.outside(left) > 0
+        stays = replace(correction, continued=np.zeros((1, 3)))
+        for errors, by in ((found, correction), (staying, stays)):
+            errors.append(rms((by.correct(left) - true[~inner])[beyond]))
+        predicted.append(correction.extrapolation_error(left[beyond]))
+    assert np.sqrt(np.mean(np.square(found))) < 0.5 * np.sqrt(np.mean(np.square(staying)))
+    assert 0.5 < np.sqrt(np.mean(np.square(found)) / np.mean(np.square(predicted))) < 2.0
+
+
+def test_the_border_says_of_noise_alone_that_nothing_grows() -> None:
+    expected = cloud()
+    measured = expected + 0.5e-3 * np.random.default_rng(0).standard_normal(expected.shape)
+    correction = fit_distortion(measured, expected)
+    assert correction.continuation == 0
+    assert correction.extrapolation_error(correction.upper + 0.1) < correction.cross_validation[0]
 
 
 def test_fitted_points_are_inside() -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import warnings
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -25,10 +25,7 @@ from suta_calib.stereotactic.solve import (
 def solve(
     data: StereotacticData, *, dewarp: bool = False, robust: bool = False
 ) -> StereotacticResult:
-    """Where it is not what is tested, extrapolation is no surprise."""
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", message=".*calibrated volume")
-        return solve_stereotactic(data, dewarp=dewarp, robust=robust)
+    return solve_stereotactic(data, dewarp=dewarp, robust=robust)
 
 
 def assert_solved(made: SimulatedSet, result: StereotacticResult, tolerance: float) -> None:
@@ -129,15 +126,54 @@ def test_a_robust_correction_of_clean_data_is_the_plain_one(distortion: float) -
 
 
 def test_extrapolation_is_counted_and_told() -> None:
-    made = simulate_stereotactic(distortion=2e-3, grid=3)
+    made = simulate_stereotactic(distortion=8e-3, grid=3)
     far = replace(made.data, em_pivot=made.data.em_pivot - np.array([0.25, 0, 0]))
-    with pytest.warns(UserWarning, match="of 72 markers of em_pivot lie outside"):
-        result = solve_stereotactic(far, dewarp=True)
+    near, result = solve(made.data, dewarp=True), solve(far, dewarp=True)
     assert 0 < result.extrapolated["em_pivot"] <= 72
     assert result.extrapolated["em_nav"] == 0
     assessment = result.assessment
     assert assessment.level == "care"
-    assert any("calibrated volume" in note for note in assessment.notes)
+    told = [note for note in assessment.notes if "calibrated volume" in note]
+    assert len(told) == 1
+    assert re.search(r"of 72 markers of the EM pivot .* by up to \d+ mm: .* good to ± ", told[0])
+    correction = result.correction
+    assert correction is not None
+    grown = result.em_pivot.post_std() ** 2 - near.em_pivot.post_std() ** 2
+    assert grown.sum() == pytest.approx(correction.extrapolation_error(far.em_pivot) ** 2, rel=0.2)
+
+
+# ── large errors of the EM readings, and why ─────────────────────────────────────────────────
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("grid", [2, 3])
+def test_distortion_is_never_too_large_to_be_answered(grid: int, seed: int) -> None:
+    """Some 40 mm, as near metal: smooth, so that some frames predict the others."""
+    made = simulate_stereotactic(seed=seed, distortion=40e-3, em_noise=0.1e-3, grid=grid)
+    for dewarp in (False, True):
+        result = solve(made.data, dewarp=dewarp)
+        assert rms_length(result.em_error) > 25e-3
+        assert result.assessment.usable, result.assessment.notes
+        assert dewarp or any("--dewarp" in note for note in result.assessment.notes)
+        assert distance(result.expected, made.truth.expected) < 1e-6
+
+
+READ_WRONGLY = {
+    "another order of the markers": lambda em: em[:, np.random.default_rng(0).permutation(27)],
+    "two of them swapped": lambda em: em[:, [26, *range(1, 26), 0]],
+    "mm for m": lambda em: 1e-3 * em,
+    "inches": lambda em: 25.4 * em,
+    "axes": lambda em: em[..., [1, 2, 0]],
+    "frames in another order": lambda em: em[::-1],
+}
+
+
+@pytest.mark.parametrize("distortion", [0.0, 5e-3])
+@pytest.mark.parametrize("which", READ_WRONGLY)
+def test_em_markers_read_wrongly_are_no_distortion(which: str, distortion: float) -> None:
+    data = simulate_stereotactic(distortion=distortion, em_noise=0.1e-3, grid=3).data
+    wrong = replace(data.readings, em=READ_WRONGLY[which](data.readings.em))
+    assessment = solve(replace(data, readings=wrong)).assessment
+    assert assessment.level == "bad"
+    assert "look for another" in assessment.notes[0]
 
 
 def test_verdict_says_when_correction_is_needed() -> None:

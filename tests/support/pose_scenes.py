@@ -14,6 +14,8 @@ TIP = np.array([0.012, -0.034, 0.21])
 POSTS = {"left": np.array([0.3, -0.2, -1.1]), "right": np.array([0.1, 0.25, -1.3])}
 X = Rotation.from_rotvec([0.4, -1.1, 0.3]), np.array([0.05, 0.02, -0.11])
 Z = Rotation.from_rotvec([-0.2, 0.3, 1.4]), np.array([0.7, -0.1, 0.05])
+# Beside the robot the eye is far off, and the target on the hand.
+X_AND_Z = {"eye-in-hand": (X, Z), "eye-to-hand": (Z, X)}
 B_A = Rotation.from_rotvec([1.0, 0.5, -0.7]), np.array([0.2, 0.9, -0.4])
 NOISE = 0.1e-3
 TURN_NOISE = np.radians(0.03)
@@ -41,7 +43,8 @@ def pivot_numbers(labels: Sequence[str], seed: int = 0, noise: float = NOISE) ->
 
 
 def pair_numbers(n: int, setup: str, seed: int = 0, noise: float = NOISE) -> np.ndarray:
-    """(n, 14) pairs ``T_base_hand``, ``T_eye_target`` with X and Z of this module."""
+    """(n, 14) pairs ``T_base_hand``, ``T_eye_target`` with X and Z of this set-up."""
+    X, Z = X_AND_Z[setup]
     random = np.random.default_rng(seed)
     R, p = turns(random, n, 0.8), random.uniform(-0.3, 0.3, (n, 3))
     # A X B = Z, with A the hand's pose, or its inverse where the eye stands beside the robot.

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import sysconfig
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -287,3 +287,10 @@ def hand_eye_scene(arm: ArmModel, truth: dict[str, float], n: int = 25) -> Scene
     seen_R = np.swapaxes(eye_R, 1, 2) @ Rz
     seen = ("position", "rotation")
     return Scene("hand_eye", arm, truth, q, False, seen_p, seen_R, {}, seen)
+
+
+def read_again(samples: Samples, times: int, seed: int, jitter: float = 1e-6) -> Samples:
+    """Every row read several times without moving (jitter in rad), the rows in any order."""
+    rng = np.random.default_rng(seed)
+    again = samples.take(rng.permutation(np.repeat(np.arange(len(samples)), times)))
+    return replace(again, q=again.q + jitter * rng.standard_normal(again.q.shape))

@@ -82,7 +82,7 @@ def test_uncertainty_of_latency_is_its_scatter():
     recorded, reference = motions(play=0 * PLAY)
     rng, time = np.random.default_rng(3), recorded.time
     deviations, promised = [], []
-    for _ in range(40):
+    for _ in range(24):
         waves = rng.standard_normal((3, 6))
         phase = rng.uniform(0, 2 * math.pi, 6)
         frequency = rng.uniform(0.5, 2.0, 6)
@@ -165,6 +165,80 @@ def test_a_latency_beyond_the_search_is_not_usable():
     found = compare(*motions(0.3, 0 * PLAY), largest_latency=0.1)
     assert not found.assessment.usable
     assert "raise --max-latency" in found.assessment.notes[0]
+
+
+def noisy(time: FloatArray, position: FloatArray, seed: int, std: float = 2e-5) -> Trajectory:
+    noise = std * np.random.default_rng(seed).standard_normal(position.shape)
+    return Trajectory(NOWHERE, time, position + noise)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_an_arm_at_rest_tells_no_latency(seed: int):
+    time = np.arange(0, 12, 1 / RATE)
+    still = np.tile([0.4, 0.1, 0.2], (len(time), 1))
+    found = compare(noisy(time, still, seed, 1e-5), noisy(time, still, 99 + seed, 5e-5))
+    assert not found.assessment.usable
+    assert "stands still but for noise" in found.assessment.notes[0]
+
+
+@pytest.mark.parametrize("std", [0.0, 2e-5])
+@pytest.mark.parametrize("latency", [0.012, 0.2])
+def test_a_motion_that_repeats_itself_tells_the_latency_but_for_periods(latency: float, std: float):
+    time = np.arange(0, 12, 1 / RATE)
+
+    def place(time: FloatArray) -> FloatArray:
+        phase = 2 * math.pi * 4.0 * time[:, None] + [0.0, 1.5, 1.0]
+        return 0.02 * np.sin(phase) * [1, 1, 0.3]
+
+    recorded = noisy(time, place(time - latency), 1, std)
+    reference = noisy(time, place(time), 2, std)
+    found = compare(recorded, reference)
+    alignment = found.alignment
+    told = [alignment.latency, *alignment.as_good]
+    assert abs(alignment.latency) == min(map(abs, told))
+    np.testing.assert_allclose(
+        np.sort(told), latency + 0.25 * np.round((np.sort(told) - latency) / 0.25), atol=2e-5
+    )
+    assert len(told) == 4
+    assert min(abs(each - latency) for each in told) < 2e-5
+    assert not found.assessment.usable
+    assert "The motion repeats itself" in found.assessment.notes[0]
+    # Who knows that it is less than half a period says so, and is believed.
+    sure = compare(recorded, reference, largest_latency=0.12)
+    assert sure.alignment.as_good == ()
+    assert sure.assessment.usable
+
+
+def test_one_move_or_cycles_longer_than_the_search_are_no_repetition():
+    time = np.arange(0, 12, 1 / RATE)
+
+    def once(time: FloatArray) -> FloatArray:
+        s = np.clip((time - 7) / 0.5, 0, 1)
+        return (10 * s**3 - 15 * s**4 + 6 * s**5)[:, None] * [0.2, 0.1, -0.05]
+
+    def cycles(time: FloatArray) -> FloatArray:
+        return 0.1 * np.abs(2 * ((time / 0.9) % 1) - 1)[:, None] * [1, 0.2, 0]
+
+    for place in (once, cycles):
+        found = compare(noisy(time, place(time - 0.03), 1), noisy(time, place(time), 2))
+        assert found.alignment.latency == pytest.approx(0.03, abs=1e-4)
+        assert found.assessment.usable
+
+
+@pytest.mark.parametrize(
+    ("order", "signs", "said"),
+    [
+        ([1, 0, 2], [1, 1, 1], "y, x, z"),
+        ([0, 1, 2], [1, -1, 1], "x, -y, z"),
+        ([2, 0, 1], [1, 1, -1], "y, -z, x"),
+    ],
+)
+def test_swapped_axes_are_named(order: list[int], signs: list[int], said: str):
+    recorded, reference = motions(play=0 * PLAY)
+    swapped = Trajectory(NOWHERE, recorded.time, recorded.position[:, order] * signs)
+    found = compare(swapped, reference)
+    assert not found.assessment.usable
+    assert f"axes taken as {said} the recording would follow" in found.assessment.notes[0]
 
 
 def test_turning_points_are_counted_once_although_the_signal_trembles():

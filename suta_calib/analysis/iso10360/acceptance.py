@@ -34,8 +34,13 @@ from suta_calib.job.limits import (
 )
 from suta_calib.units import mm
 
+# What the standard asks for: touches of a sphere, articulations of a point and touches in each,
+# lengths, which are five on each of seven measurement lines, three times.
 TOUCHES: Final = 25
 ARTICULATIONS: Final = 5
+TOUCHES_EACH: Final = 5
+LINES: Final = 35
+LENGTHS: Final = 105
 # Four touches on the equator and one on the pole give 1.5.
 _BADLY_SPREAD: Final = 4.0
 NO_LIMITS: Final = Limits()
@@ -109,6 +114,7 @@ class Characteristic:
         expanded: uncertainty of the test there, k = 2, m.
         decision: on all of them, not on the worst alone.
         count: how many there are.
+        missing: what the standard asks for and was not measured; empty where nothing is.
     """
 
     symbol: str
@@ -118,10 +124,27 @@ class Characteristic:
     expanded: float
     decision: Decision
     count: int
+    missing: str = ""
+
+    def but_for(self, missing: str, *, amplified: bool = False) -> Characteristic:
+        """The same, of a test that is not whole: what is missing may hide the largest error.
+
+        So few values within their limit prove nothing, and neither do those beyond it where each
+        is made larger by how few there are.
+
+        Args:
+            missing: what the standard asks for and was not measured; empty where nothing is.
+            amplified: whether a fit to so few touches makes more of their scatter.
+        """
+        unproved = self.decision == "pass" or (amplified and self.decision == "fail")
+        decision: Decision = "undecided" if missing and unproved else self.decision
+        return replace(self, missing=missing, decision=decision)
 
     @property
     def broken(self) -> str:
         """Of one that has not passed: how it stands to its limit, in a sentence."""
+        if self.missing and self.decision == "undecided":
+            return f"{self.symbol}: {self.missing}. That proves neither a pass nor a failure."
         how = "beyond" if self.decision == "fail" else "too near to"
         sure = f" with U {mm(self.expanded):.4f} mm" if self.expanded else ""
         return (
@@ -169,12 +192,13 @@ class AcceptanceTest:
             sentence = f"{words[self.decision]}: {kept} of {len(judged)} limits are kept"
         bad = [each.broken for each in judged if each.decision != "pass"]
         notes = [*self.measured.notes]
-        for each in self.measured.articulations:
-            if each.amplification > _BADLY_SPREAD:
+        spread = {each.point: each.amplification for each in self.measured.articulations}
+        spread |= {each.sphere: each.amplification for each in self.measured.spheres}
+        for name, amplification in spread.items():
+            if amplification > _BADLY_SPREAD:
                 notes.append(
-                    f"{each.point}: touches lie so that a sphere's centre is up to "
-                    f"{each.amplification:.0f} times less sure than a touch; spread them over a "
-                    "pole and four places on the equator."
+                    f"{name}: touches lie so that a sphere's centre is up to {amplification:.0f} "
+                    "times less sure than a touch; spread them over a pole and the equator."
                 )
         for found in self.characteristics:
             if found.limit is not None and self.rule.guard(found.expanded) >= found.limit:
@@ -190,7 +214,7 @@ class AcceptanceTest:
     def simplified(self) -> tuple[str, ...]:
         """Where the procedure is not the standard's, a sentence each."""
         m = self.measured
-        said = []
+        said = [f"{each.symbol}: {each.missing}." for each in self.characteristics if each.missing]
         if m.lengths is not None:
             said.append(
                 f"Lengths: every pair of landmarks at every placement, {len(m.lengths)} errors of "
@@ -199,16 +223,10 @@ class AcceptanceTest:
                 "were not tested."
             )
         if m.articulations:
-            fewest = min(len(each.names) for each in m.articulations)
-            made = f"from {fewest} up"
-            if {(a.touches, len(a.names)) for a in m.articulations} == {(TOUCHES, ARTICULATIONS)}:
-                made = "five touches in each of five articulations"
             said.append(
-                f"Articulations: {made}; the standard finds a sphere's centre from five touches "
-                "in each of five, spread over the range of the wrist."
+                "Articulations: the standard finds a sphere's centre in each, spread over the "
+                "range of the wrist."
             )
-        if any(len(each.radial) != TOUCHES for each in m.spheres):
-            said.append(f"Probing: the standard asks for {TOUCHES} touches of each sphere.")
         if m.repeats:
             said.append("Repeatability of one point is no characteristic of ISO 10360-12.")
         return tuple(said)
@@ -244,14 +262,42 @@ def accept(
         ("P_Form", [(s.sphere, s.form) for s in m.spheres], limits.form, u.form),
         ("repeatability", visits, limits.repeatability, u.repeatability),
     )
+    few_touches = _too_few_touches(m)
+    missing = {
+        "L_Dia": _too_few_articulations(m),
+        "P_Size": few_touches,
+        "P_Form": few_touches,
+    }
+    # A size, and a sphere's place, from few touches say more than the touches do; form never does.
+    amplified = {"P_Size": True, "L_Dia": any(each.amplification for each in m.articulations)}
     for symbol, values, limit, expanded in kinds:
         if values:
             where, value = max(values, key=lambda each: abs(each[1]))
             decision = rule.decide(value, limit, expanded)
+            judged = Characteristic(symbol, where, value, limit, expanded, decision, len(values))
             found.append(
-                Characteristic(symbol, where, value, limit, expanded, decision, len(values))
+                judged.but_for(missing.get(symbol, ""), amplified=amplified.get(symbol, False))
             )
     return AcceptanceTest(measured, limits, uncertainty, rule, tuple(found))
+
+
+def _too_few_touches(m: AcceptanceMeasurements) -> str:
+    few = [f"{len(s.radial)} of {s.sphere}" for s in m.spheres if len(s.radial) < TOUCHES]
+    asked = f"the standard asks for {TOUCHES} of each sphere, spread over half of it"
+    return f"{', '.join(few)} touches; {asked}" if few else ""
+
+
+def _too_few_articulations(m: AcceptanceMeasurements) -> str:
+    said = []
+    for each in m.articulations:
+        few = len(each.names) < ARTICULATIONS
+        # Each touch of a seat tells the place; a sphere's centre needs all that are asked for.
+        if few or (each.amplification and each.touches < TOUCHES_EACH * len(each.names)):
+            said.append(
+                f"{each.touches} touches in {len(each.names)} articulations of {each.point}"
+            )
+    asked = f"the standard asks for {TOUCHES_EACH} touches in each of {ARTICULATIONS}"
+    return f"{', '.join(said)}; {asked}" if said else ""
 
 
 def length_uncertainty(lengths: LengthErrors, u: StatedUncertainty) -> FloatArray:
@@ -275,6 +321,12 @@ def _worst_length(
     if limit is not None:
         rows = zip(lengths.error.tolist(), limit.tolist(), expanded.tolist(), strict=True)
         decisions = [rule.decide(*each) for each in rows]
+    missing = ""
+    if len(lengths) < LENGTHS or lengths.lines < LINES:
+        missing = (
+            f"{len(lengths)} lengths, {lengths.lines} of them different; the standard asks for "
+            f"{LENGTHS}: five on each of seven lines through the measuring volume, three times"
+        )
     place = f"{lengths.label[row]}, {mm(lengths.length[row]):.1f} mm, {lengths.placement[row]}"
     return Characteristic(
         "E_Bi" if bidirectional else "E_Uni",
@@ -284,4 +336,4 @@ def _worst_length(
         float(expanded[row]),
         worst(decisions),
         len(lengths),
-    )
+    ).but_for(missing)

@@ -156,13 +156,22 @@ class LengthErrors:
         return len(self.error)
 
     @property
+    def lines(self) -> int:
+        """How many different lengths there are: each pair of landmarks at each placement."""
+        return len(self._repeats())
+
+    @property
     def repeat_range(self) -> float | None:
         """Largest range of a length's errors over the repeats of one placement, m."""
-        groups: dict[tuple[str, ...], list[float]] = {}
-        for placement, label, error in zip(self.placement, self.label, self.error, strict=True):
-            groups.setdefault((placement, *sorted(label.split("-"))), []).append(float(error))
-        ranges = [max(errors) - min(errors) for errors in groups.values() if len(errors) > 1]
+        ranges = [max(e) - min(e) for e in self._repeats().values() if len(e) > 1]
         return max(ranges, default=None)
+
+    def _repeats(self) -> dict[tuple[str, ...], list[float]]:
+        """Errors of each pair at each placement, whichever of the two was touched first."""
+        found: dict[tuple[str, ...], list[float]] = {}
+        for placement, label, error in zip(self.placement, self.label, self.error, strict=True):
+            found.setdefault((placement, *sorted(label.split("-"))), []).append(float(error))
+        return found
 
     def by_placement(self) -> Iterator[tuple[str, IntArray]]:
         """Rows of each placement."""
@@ -268,12 +277,14 @@ class SphereProbing:
         radial: (n,) distance of every touch to the fitted centre, less the fitted radius.
         size: diameter of the sphere with the least squares, less the calibrated one: P_Size.
         form: largest less smallest radial distance: P_Form.
+        amplification: how much less sure the fitted centre is than a touch.
     """
 
     sphere: str
     radial: FloatArray
     size: float
     form: float
+    amplification: float
 
 
 def probings(
@@ -292,7 +303,8 @@ def probings(
         fitted = best_sphere(points, f"sphere {name!r}")
         radial = np.linalg.norm(points - fitted.centre, axis=1) - fitted.radius
         size = 2 * fitted.radius - diameter
-        found.append(SphereProbing(name, radial, size, float(np.ptp(radial))))
+        form = float(np.ptp(radial))
+        found.append(SphereProbing(name, radial, size, form, fitted.amplification))
     return tuple(found)
 
 

@@ -46,13 +46,11 @@ class Fold:
 
 @dataclass(frozen=True, eq=False)
 class FoldErrors:
-    """Errors of one fold's held-out rows.
+    """Errors of one fold's held-out rows, none counted beyond its Huber threshold.
 
     Attributes:
-        squares: sum of the squared errors in units of the noise, none counted beyond its Huber
-            threshold.
-        count: numbers in them.
-        lengths: (n,) error norms of the first kind's first block, m, limited likewise.
+        squares, count: sum of the squared errors in units of the noise, and numbers in them.
+        lengths: (n,) error norms of the first kind's first block, m.
     """
 
     squares: float
@@ -62,11 +60,7 @@ class FoldErrors:
 
 @dataclass(frozen=True, eq=False)
 class CrossValidation:
-    """The held-out errors of one set of unknowns.
-
-    Attributes:
-        folds: one entry a fold, in the order of the folds.
-    """
+    """The held-out errors of one set of unknowns, fold by fold."""
 
     folds: tuple[FoldErrors, ...]
 
@@ -109,8 +103,7 @@ class ModelCandidate:
     @property
     def parameters(self) -> ParameterSet:
         """The arm's unknowns."""
-        problem = self.solution.problem
-        return problem.arm_parameters
+        return self.solution.problem.arm_parameters
 
     def gain_over(self, other: ModelCandidate) -> tuple[float, float]:
         """How much smaller the held-out loss is, and the standard error of that, paired by fold."""
@@ -118,12 +111,7 @@ class ModelCandidate:
         return float(change.mean()), float(change.std(ddof=1) / np.sqrt(len(change)))
 
     def outdoes(self, other: ModelCandidate, errors: float = 1.0) -> bool:
-        """Whether it predicts what was left out better than another, by the rule of `selection`.
-
-        Args:
-            other: that one.
-            errors: standard errors that the gain must exceed.
-        """
+        """Whether it predicts what was left out better: by so many standard errors, and 2 %."""
         gain, error = self.gain_over(other)
         worse = np.mean(self.held_out.losses >= other.held_out.losses)
         enough = max(errors * error, WORTH * other.held_out.loss)
@@ -131,11 +119,7 @@ class ModelCandidate:
 
 
 def folds_of(terms: Sequence[Term], seed: int = 0) -> tuple[Fold, ...]:
-    """Split the samples of all terms.
-
-    Args:
-        terms: the observations.
-        seed: of the random split of what has no placements.
+    """Split the samples of all terms; at random what has no placements.
 
     Raises:
         SamplesError: too few placements and touches to leave any out.
@@ -174,7 +158,7 @@ def _fold_numbers(
     if placements and "placement" in labels:
         order = {name: k % count for k, name in enumerate(placements)}
         return np.array([order[str(p)] for p in labels["placement"]], dtype=np.intp)
-    touch = term.repeats()
+    touch = term.witnesses
     numbers = np.arange(int(touch.max()) + 1) % count
     return np.asarray(rng.permutation(numbers)[touch], dtype=np.intp)
 
@@ -186,17 +170,9 @@ def cross_validate(
     noise: Sequence[float],
     options: SolverOptions = SolverOptions(starts=1),
 ) -> CrossValidation | None:
-    """Fit each fold's training part, and look at what it makes of the rest.
+    """Fit each fold's training part, and look at what it makes of the rest; None where one fails.
 
-    Args:
-        folds: of `folds_of`.
-        parameters: the arm's unknowns.
-        noise: standard deviation of each block of all terms together, in order: what errors are
-            measured in. The same for every candidate that is compared.
-        options: of the solver.
-
-    Returns:
-        None where a fold could not be fitted.
+    Errors are counted in the ``noise`` of each block of all terms, the same for every candidate.
     """
     errors = []
     for fold in folds:
@@ -206,25 +182,19 @@ def cross_validate(
             return None
         if not solution.converged:
             return None
-        accuracy = assess(solution, list(fold.held_out.values()))
         each = iter(noise)
         levels = [[next(each) for _ in term.blocks] for term in fold.training]
-        kept = [level for k in fold.held_out for level in levels[k]]
-        errors.append(_fold_errors(accuracy.validation, kept))
+        squares, count, lengths = 0.0, 0, []
+        terms = assess(solution, list(fold.held_out.values())).validation
+        for k, term in zip(fold.held_out, terms, strict=True):
+            for found, block, level in zip(term.blocks, term.term.blocks, levels[k], strict=True):
+                limited = limited_errors(found, block.noise.huber)
+                squares += float(np.sum((limited / level) ** 2))
+                count += found.residual_after.size
+                if found is term.blocks[0] and term.term.kind == terms[0].term.kind:
+                    lengths.append(limited)
+        errors.append(FoldErrors(squares, count, np.concatenate(lengths)))
     return CrossValidation(tuple(errors))
-
-
-def _fold_errors(terms: Sequence[TermAccuracy], levels: Sequence[float]) -> FoldErrors:
-    squares, count, each = 0.0, 0, iter(levels)
-    lengths = []
-    for term in terms:
-        for found, block in zip(term.blocks, term.term.blocks, strict=True):
-            limited = limited_errors(found, block.noise.huber)
-            squares += float(np.sum((limited / next(each)) ** 2))
-            count += found.residual_after.size
-            if found is term.blocks[0] and term.term.kind == terms[0].term.kind:
-                lengths.append(limited)
-    return FoldErrors(squares, count, np.concatenate(lengths))
 
 
 def fitted_rms(solution: Solution) -> float:

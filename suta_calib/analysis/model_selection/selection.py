@@ -28,6 +28,7 @@ from suta_calib.analysis.model_selection.cross_validation import (
 )
 from suta_calib.assessment import Assessment
 from suta_calib.diagnostics.accuracy import assess
+from suta_calib.diagnostics.assessment import assess_calibration
 from suta_calib.diagnostics.score_tests import ScoreTest, offered_names, score_tests
 from suta_calib.errors import ParameterError, SamplesError
 from suta_calib.model.arm import ArmModel
@@ -73,8 +74,9 @@ class ModelSelection:
         folds: what was left out each time.
         tests: of the residuals of the job's own model.
         undecided: whether something beside geometry helps, but geometry helps as much.
-        validated: RMS of the errors on data that took no part in the choice, m, with the job's
-            model and with the chosen one, Huber-limited as those held out; None without such data.
+        calibration: whether the chosen model's calibration may be used.
+        validated: Huber-limited RMS on data that took no part in the choice, m, with the job's
+            model and with the chosen one; None without such data.
     """
 
     tried: tuple[ModelCandidate, ...]
@@ -82,6 +84,7 @@ class ModelSelection:
     folds: tuple[str, ...]
     tests: tuple[ScoreTest, ...]
     undecided: bool
+    calibration: Assessment
     validated: tuple[float, float] | None = None
 
     @property
@@ -119,7 +122,10 @@ class ModelSelection:
             sentence = (
                 "No error beside geometry predicts left-out data better: leave the job as it is"
             )
-        return Assessment.of(sentence, care=self._notes())
+        fitted = self.calibration
+        why = next(iter(fitted.notes), fitted.sentence).rstrip(".")
+        bad = f"The calibration with this model must not be used ({why}): mend that first."
+        return Assessment.of(sentence, bad=[] if fitted.usable else [bad], care=self._notes())
 
     def _notes(self) -> list[str]:
         notes = []
@@ -161,9 +167,9 @@ def choose_model(
     """Search for errors beside geometry that predict left-out placements better.
 
     Args:
-        terms: the observations; validation data must not be among them.
+        terms: the observations, validation data not among them.
         parameters: the arm's unknowns as the job has them.
-        validation: held-out terms, which take no part in the choice: it is judged on them.
+        validation: held-out terms that take no part in the choice: it is judged on them.
         families: also try every joint at once: both harmonics, compliance, everything.
         seed: of the folds where there are no placements.
         progress: called with (models fitted, models at most).
@@ -188,14 +194,15 @@ def choose_model(
     if families:
         chosen = search.whole_families(chosen, job if not chosen.geometry else wide or job)
     labels = tuple(fold.label for fold in search.folds)
-    tests = score_tests(job.solution)
+    accuracy = assess(chosen.solution, validation)
+    calibration = assess_calibration(chosen.solution, accuracy)
     validated = None
     if validation:
-        before, after = (
-            limited_rms(assess(model.solution, validation).validation) for model in (job, chosen)
-        )
-        validated = before, after
-    return ModelSelection(tuple(search.tried), chosen, labels, tests, undecided, validated)
+        before = assess(job.solution, validation).validation
+        validated = limited_rms(before), limited_rms(accuracy.validation)
+    tests = score_tests(job.solution)
+    tried = tuple(search.tried)
+    return ModelSelection(tried, chosen, labels, tests, undecided, calibration, validated)
 
 
 def _better_end(
@@ -312,8 +319,7 @@ def _with_geometry(name: str, geometry: bool) -> str:
 
 def _rows(arm: ArmModel | None, names: Sequence[str]) -> tuple[Selection, ...]:
     """Rows that select these, within what is plausible: eccentricities, then compliances."""
-    if arm is None:
-        return ()
+    assert arm is not None
     turning = tuple(n for n in names if arm.offered[n].unit == "rad")
     yielding = tuple(n for n in names if arm.offered[n].unit != "rad")
     rows: list[Selection] = []

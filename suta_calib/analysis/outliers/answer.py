@@ -40,7 +40,7 @@ class Thresholds:
         cook: Cook's distance, in multiples of 1/n.
         leave_one_out: relative fall of the RMS.
         bias: systematic error after registration, m.
-        significance: probability that chance alone makes any of the 4 n values so conspicuous.
+        significance: probability that chance makes any of the 4 n values so conspicuous.
     """
 
     contribution: float = 1.5
@@ -51,34 +51,8 @@ class Thresholds:
 
     def of(self, metric: Metric, n: int) -> float:
         """The threshold of a metric over n groups, in the metric's unit."""
-        return {
-            "contribution": self.contribution / n,
-            "cooks_distance": self.cook / n,
-            "leave_one_out": self.leave_one_out,
-            "bias": self.bias,
-        }[metric]
-
-
-@dataclass(frozen=True, eq=False)
-class Measures:
-    """The four metrics of n groups; NaN where one does not exist.
-
-    Attributes:
-        contribution: (n,) share of the sum of squared errors; sums to one.
-        cooks_distance: (n,) change of the identified parameters when the group is left out, in
-            units of their covariance, per parameter.
-        leave_one_out: (n,) relative fall of the RMS when the group is left out of the fit.
-        bias: (n,) systematic error after registration, m.
-    """
-
-    contribution: FloatArray
-    cooks_distance: FloatArray
-    leave_one_out: FloatArray
-    bias: FloatArray
-
-    def array(self) -> FloatArray:
-        """(4, n) in the order of `METRICS`."""
-        return np.array([getattr(self, name) for name in METRICS])
+        limits = (self.contribution / n, self.cook / n, self.leave_one_out, self.bias)
+        return limits[METRICS.index(metric)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,12 +75,12 @@ class Group:
     Attributes:
         label: what a person calls it.
         samples: how many touches it has.
-        values: the four metrics by name, as judged.
+        values: the four metrics, as judged.
         p: for each, the probability that chance makes any metric of any group so conspicuous.
         flags: metrics that are over their threshold and beyond chance.
-        as_calibrated: the four metrics of the job's own fit, nothing set aside.
+        as_calibrated: the metrics in the job's own fit, nothing set aside.
         outlier: whether enough metrics agree.
-        displacement: of a landmark that is not where it is certified, else None.
+        displacement: of a landmark that is not where it is certified.
     """
 
     label: str
@@ -126,12 +100,9 @@ class Group:
 
 @dataclass(frozen=True, eq=False)
 class Level:
-    """All groups of one sort.
+    """All groups of one sort (``landmarks``, ``rows``, …) in the order of the file.
 
-    Attributes:
-        name: ``landmarks``, ``placements``, ``sets``, ``points`` or ``rows``.
-        groups: in the order of the file.
-        thresholds: of each metric for this many groups.
+    ``thresholds`` are those of each metric for so many groups.
     """
 
     name: str
@@ -154,14 +125,31 @@ class GrossTouch:
     """A single touch far beyond the noise of its neighbours.
 
     Attributes:
-        origin: file and line it came from.
-        what: the landmark or point, with its placement and repeat.
+        origin: file and line.
+        what: was touched.
         size: length of its residual, m.
     """
 
     origin: str
     what: str
     size: float
+
+
+@dataclass(frozen=True)
+class Move:
+    """Rows, from one on, that agree with the others once something stands elsewhere.
+
+    Attributes:
+        what: was moved: an instrument, a camera, a placement, a point.
+        origin: file and line of the first of them.
+        distance: by which it takes them, RMS, m.
+        p: probability that chance makes any row look so much like the first after a move.
+    """
+
+    what: str
+    origin: str
+    distance: float
+    p: float
 
 
 @dataclass(frozen=True)
@@ -191,7 +179,7 @@ class TermOutliers:
 
     Attributes:
         kind: of observation.
-        levels: landmarks, placements, sets, points or rows.
+        levels: its groups by sort.
         touches: single touches that were set aside.
         samples: how many touches there are.
         sigma: noise of one coordinate of one touch, m.
@@ -199,6 +187,7 @@ class TermOutliers:
         held_out: by the name of the level and the label of the group.
         method: ``validation``, or how the rows were held out.
         exact: whether the fit leaves no errors, so that nothing was compared.
+        moves: of what was moved between its rows.
     """
 
     kind: str
@@ -210,6 +199,7 @@ class TermOutliers:
     held_out: Mapping[str, Mapping[str, HeldOut]] = field(default_factory=dict)
     method: str = ""
     exact: bool = False
+    moves: tuple[Move, ...] = ()
 
     def level(self, name: str) -> Level | None:
         """The level of this name, if the term has it."""
@@ -244,7 +234,14 @@ class Outliers:
             if t.exact
         ]
         levels = [level for t in terms for level in t.levels]
-        care = [_accused(level.name, g) for level in levels for g in level.outliers]
+        care = [
+            f"From {move.origin} on, {move.what} stands elsewhere: its rows are "
+            f"{mm(move.distance):.2g} mm off those before (chance of it if nothing moved: "
+            f"{move.p:.1g}). Give them a label of their own, or measure again."
+            for t in terms
+            for move in t.moves
+        ]
+        care += [_accused(level.name, g) for level in levels for g in level.outliers]
         care += [_accused(level.name, g) for level in levels for g in level.suspects]
         care += [_gross(t) for t in terms if t.touches]
         return Assessment.of(_sentence(terms), bad=bad, care=care)
@@ -271,8 +268,10 @@ def _sentence(terms: Sequence[TermOutliers]) -> str:
         for level in t.levels
         if level.outliers
     ]
-    if named:
-        return f"unlike the others: {'; '.join(named)}"
+    moved = [f"moved half-way: {move.what}" for t in terms for move in t.moves]
+    named = [f"unlike the others: {'; '.join(named)}"] if named else []
+    if moved or named:
+        return "; ".join(moved + named)
     looked = dict.fromkeys(GROUPING_NOUN[level.name] for t in terms for level in t.levels)
     return f"no {' and no '.join(looked)} is unlike the others"
 

@@ -10,12 +10,11 @@ the middle.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
-from suta_calib.analysis.outliers.answer import METRICS, Measures
+from suta_calib.analysis.outliers.answer import METRICS
 from suta_calib.analysis.outliers.groups import Grouping, Registered, systematic
 from suta_calib.analysis.outliers.metrics import Scene, inverse, shares
 from suta_calib.analysis.outliers.reference import Refit
@@ -29,34 +28,27 @@ ROUNDING: Final = 1e-9
 _SUMS: Final = [METRICS.index("contribution"), METRICS.index("cooks_distance")]
 
 
-@dataclass(frozen=True, eq=False)
-class Chance:
-    """Simulated metrics of one level.
+def chance_of(found: FloatArray, drawn: FloatArray) -> FloatArray:
+    """(4, groups) probability that chance makes any metric of any group as conspicuous.
 
-    Attributes:
-        values: (4, draws, groups) in the order of `METRICS`.
+    Over the groups by the largest value, over the four metrics by Bonferroni's factor.
+
+    Args:
+        found: (4, groups) metrics; NaN where one does not exist, as their probability then.
+        drawn: (4, draws, groups) by chance.
     """
-
-    values: FloatArray
-
-    def p(self, found: Measures) -> FloatArray:
-        """(4, groups) probability that chance makes any metric of any group as conspicuous.
-
-        NaN where a metric does not exist, with the data or by chance. Over the groups by the
-        largest value, over the four metrics by Bonferroni's factor.
-        """
-        drawn, seen = self.values.copy(), found.array()
-        for values in (drawn, seen):
-            # Roots of what is a sum of squares are closer to normal.
-            values[_SUMS] = np.sqrt(np.maximum(values[_SUMS], 0.0))
-        told = np.asarray(np.isfinite(drawn).all(axis=1))
-        drawn = np.where(told[:, None], drawn, 0.0)
-        mean, std = drawn.mean(axis=1), np.maximum(drawn.std(axis=1), 1e-12)
-        largest = ((drawn - mean[:, None]) / std[:, None]).max(axis=2)
-        z = (seen - mean) / std
-        above = np.sum(largest[:, :, None] >= z[:, None, :], axis=1)
-        p = np.minimum(len(METRICS) * (1.0 + above) / (1.0 + drawn.shape[1]), 1.0)
-        return np.asarray(np.where(np.isfinite(seen) & told, p, np.nan))
+    drawn, seen = drawn.copy(), found.copy()
+    for values in (drawn, seen):
+        # Roots of what is a sum of squares are closer to normal.
+        values[_SUMS] = np.sqrt(np.maximum(values[_SUMS], 0.0))
+    told = np.asarray(np.isfinite(drawn).all(axis=1))
+    drawn = np.where(told[:, None], drawn, 0.0)
+    mean, std = drawn.mean(axis=1), np.maximum(drawn.std(axis=1), 1e-12)
+    largest = ((drawn - mean[:, None]) / std[:, None]).max(axis=2)
+    z = (seen - mean) / std
+    above = np.sum(largest[:, :, None] >= z[:, None, :], axis=1)
+    p = np.minimum(len(METRICS) * (1.0 + above) / (1.0 + drawn.shape[1]), 1.0)
+    return np.asarray(np.where(np.isfinite(seen) & told, p, np.nan))
 
 
 class Simulator:
@@ -82,14 +74,14 @@ class Simulator:
         same = scene.clean is scene.whole
         self._whole = self._clean if same else _Imitation(scene, scene.whole, noise)
 
-    def chance(self, grouping: Grouping) -> Chance:
-        """Simulated metrics of every group of a level."""
+    def metrics(self, grouping: Grouping) -> FloatArray:
+        """(4, draws, groups) simulated metrics of every group of a level."""
         columns = []
         for g in range(len(grouping)):
             rows = grouping.rows(g)
             inside = self._clean if np.any(rows & self._scene.kept) else self._whole
             columns.append(inside.group(grouping, rows))
-        return Chance(np.moveaxis(np.array(columns), 0, 2))
+        return np.moveaxis(np.array(columns), 0, 2)
 
 
 class _Imitation:
@@ -167,12 +159,7 @@ class _Imitation:
 
 
 class _Sums:
-    """Sums of squares of errors that a step changes, without going through all rows again.
-
-    Args:
-        error: (draws, n, d).
-        jacobian: (n, d, p).
-    """
+    """Sums of squares of errors (draws, n, d) that a step changes by a Jacobian (n, d, p)."""
 
     def __init__(self, error: FloatArray, jacobian: FloatArray) -> None:
         self._error, self._jacobian = error, jacobian

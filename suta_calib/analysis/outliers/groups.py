@@ -25,12 +25,9 @@ FEWEST: Final = 3
 
 @dataclass(frozen=True, eq=False)
 class Grouping:
-    """A partition of a term's samples.
+    """A partition of a term's samples into ``landmarks``, ``rows`` and so on.
 
-    Attributes:
-        name: what one group is called, in the plural: ``landmarks``, ``rows``.
-        labels: of the groups.
-        member: (samples,) number of the group each sample is in.
+    ``member`` (samples,) is the number of the group, in the order of ``labels``, of each sample.
     """
 
     name: str
@@ -85,9 +82,8 @@ class Registered:
 
     Attributes:
         term: the touches.
-        certified: (n, 3) where the touched landmarks should be, in the artefact, m.
-        placement: (n,) number of each touch's placement.
-        cell: (n,) number of placement and landmark.
+        certified: (n, 3) positions of the touched landmarks in the artefact, m.
+        placement, cell: (n,) number of each touch's placement; of placement and landmark.
         used: (n,) touches that decide the registration.
     """
 
@@ -102,8 +98,7 @@ class Registered:
         """None where the term knows no artefact."""
         if term.touched is None:
             return None
-        certified = certified_positions(term.poses, term.touched)
-        labels = term.poses.samples.labels
+        certified, labels = certified_positions(term.poses, term.touched), term.poses.samples.labels
         placement = grouped(labels["placement"])[1]
         names, landmark = grouped(labels["landmark"])
         return cls(term, certified, placement, placement * len(names) + landmark, used)

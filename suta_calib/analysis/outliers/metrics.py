@@ -24,7 +24,6 @@ from typing import Final
 
 import numpy as np
 
-from suta_calib.analysis.outliers.answer import Measures
 from suta_calib.analysis.outliers.groups import Grouping, Registered, systematic
 from suta_calib.analysis.outliers.reference import ReferenceFit, Refit
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
@@ -37,13 +36,7 @@ ROUNDING: Final = 1e-10
 
 @dataclass(eq=False)
 class Scene:
-    """What the metrics are taken over.
-
-    Attributes:
-        reference: the fit.
-        believed: (samples,) touches that are not gross.
-        displaced: (samples,) touches of what was found displaced.
-    """
+    """A fit, which touches (samples,) are not gross, and which are of what is displaced."""
 
     reference: ReferenceFit
     believed: BoolArray
@@ -90,10 +83,7 @@ class Scene:
         mine = rows & self.believed
         if np.any(mine & self.kept):
             mine &= self.kept
-        return (
-            self.reference.over(self.kept | mine),
-            self.reference.over(self.kept & ~rows),
-        )
+        return self.reference.over(self.kept | mine), self.reference.over(self.kept & ~rows)
 
 
 def measures(
@@ -101,8 +91,8 @@ def measures(
     grouping: Grouping,
     chosen: Sequence[int] | None = None,
     done: Callable[[], None] = lambda: None,
-) -> Measures:
-    """The four metrics of every group.
+) -> FloatArray:
+    """(4, groups) metrics of every group, NaN where one does not exist.
 
     Args:
         scene: fit, and what is set aside.
@@ -115,17 +105,20 @@ def measures(
     member = grouping.member[whole.samples]
     total = float(whole.squared.sum()) or 1.0
     contribution = np.bincount(member.reshape(-1), parts.reshape(-1), n) / total
-    cook, fall, bias = (np.full(n, np.nan) for _ in range(3))
+    cook, fall, bias = np.full((3, n), np.nan)
     for g in range(n) if chosen is None else chosen:
         rows = grouping.rows(g)
         with_it, without = scene.with_and_without(rows)
         if with_it is not None and np.any(rows & scene.believed):
             bias[g] = _bias(scene, grouping, g, with_it)
         if with_it is not None and without is not None:
-            cook[g] = _cook(scene, with_it, without)
+            change = np.array([with_it.values[n] - without.values[n] for n in scene.moved])
+            variance = np.mean(without.squared / without.sigma**2) / without.residual.shape[1]
+            if scene.influence.directions and variance > 0:
+                cook[g] = scene.influence.distance(change[None])[0] / variance
             fall[g] = 1.0 - without.rms / with_it.rms if with_it.rms > 0 else 0.0
         done()
-    return Measures(contribution, cook, fall, bias)
+    return np.array([contribution, cook, fall, bias])
 
 
 def shares(samples: IntArray, displaced: BoolArray) -> FloatArray:
@@ -136,15 +129,6 @@ def shares(samples: IntArray, displaced: BoolArray) -> FloatArray:
     at_fault = displaced[samples]
     blamed = np.where(np.any(at_fault, axis=1, keepdims=True), at_fault, np.ones_like(at_fault))
     return np.asarray(blamed / blamed.sum(axis=1, keepdims=True))
-
-
-def _cook(scene: Scene, with_it: Refit, without: Refit) -> float:
-    change = np.array([with_it.values[n] - without.values[n] for n in scene.moved])
-    size = without.residual.shape[1]
-    variance = float(np.mean(without.squared / without.sigma**2)) / size
-    if not scene.influence.directions or variance <= 0:
-        return float("nan")
-    return float(scene.influence.distance(change[None])[0] / variance)
 
 
 def _bias(scene: Scene, grouping: Grouping, group: int, fit: Refit) -> float:
@@ -163,11 +147,8 @@ class Influence:
     """The quadratic form of Cook's distance: a change of the parameters in units of their noise.
 
     Only combinations that the data determine count: a priori knowledge keeps the others in place,
-    and what leaving samples out does to them is no influence of the samples.
-
-    Attributes:
-        form: (p, p) inverse covariance of the identified combinations, over all parameters.
-        directions: how many of them there are.
+    and what leaving samples out does to them is no influence of the samples. ``form`` (p, p) is
+    the inverse covariance of these ``directions``, over all parameters.
     """
 
     form: FloatArray
@@ -182,14 +163,10 @@ class Influence:
         arm: Sequence[int],
         own: Sequence[int],
     ) -> Influence:
-        """From the curvature of the cost and the variance of its gradient.
+        """From the cost's curvature without priors and its gradient's variance, both (n, n).
 
-        Args:
-            curvature: (n, n) over all parameters, priors excluded.
-            variance: (n, n), of the gradient.
-            prior: (p,) precision of the priors on the arm's.
-            arm: the p parameters that are looked at.
-            own: others that are estimated with them, and count for nothing themselves.
+        ``prior`` (p,) is the precision of the priors on the p parameters of the ``arm``; those of
+        ``own`` are estimated with them, and count for nothing themselves.
         """
         passed_on = np.hstack(
             [np.eye(len(arm)), -curvature[np.ix_(arm, own)] @ inverse(curvature[np.ix_(own, own)])]
@@ -198,7 +175,11 @@ class Influence:
         data = passed_on @ curvature[both] @ passed_on.T
         score = passed_on @ variance[both] @ passed_on.T
         total = data + np.diag(prior)
-        root = _inverse_root(total)
+        # R (p, r) with Rᵀ M R = 1, of the r directions that are more than rounding.
+        scale = np.sqrt(np.maximum(np.diag(total), 1e-300))
+        values, vectors = np.linalg.eigh(total / np.outer(scale, scale))
+        kept = values > ROUNDING * max(float(values.max(initial=0.0)), 1e-300)
+        root = vectors[:, kept] / np.sqrt(values[kept]) / scale[:, None]
         share, turn = np.linalg.eigh(root.T @ data @ root)
         basis = root @ turn[:, share > IDENTIFIED]
         weigh = total @ basis
@@ -215,11 +196,3 @@ def inverse(matrix: FloatArray) -> FloatArray:
     scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
     outer = np.outer(scale, scale)
     return np.asarray(np.linalg.pinv(matrix / outer, ROUNDING, True) / outer)
-
-
-def _inverse_root(matrix: FloatArray) -> FloatArray:
-    """(p, r) R with Rᵀ M R = 1, of the r directions that are more than rounding."""
-    scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
-    values, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
-    kept = values > ROUNDING * max(float(values.max(initial=0.0)), 1e-300)
-    return np.asarray(vectors[:, kept] / np.sqrt(values[kept]) / scale[:, None])

@@ -9,6 +9,7 @@ them out would do on data that were not fitted, `Judge` says.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Final
 
@@ -38,9 +39,7 @@ class Refit:
 
     Attributes:
         kept: (samples,) which were fitted.
-        values: parameters by name.
-        problem: what was solved, for its derivatives.
-        x: the solution vector.
+        values, problem, x: parameters by name; what was solved, and where.
         residual: (n, d) of the term's first block, m.
         sigma: (n,) assumed standard deviation of a component.
         samples: (n, k) which samples each residual looks at, numbered as in the whole term.
@@ -103,12 +102,7 @@ class ReferenceFit:
         )
 
     def freed(self, arm: ParameterSet, kept: BoolArray) -> ReferenceFit:
-        """The same with further parameters, and with the noise that is left then.
-
-        Args:
-            arm: the arm's parameters; those that are new here are estimated.
-            kept: (samples,) of the term, from which the noise is learnt.
-        """
+        """The same with further parameters, and with the noise (of ``kept``) that is left then."""
         more = {n for n, p in arm.items() if p.free and n not in self.parameters}
         values = {n: p.nominal for n, p in arm.items()} | dict(self.values)
         estimated = self.estimated | more
@@ -127,14 +121,7 @@ class ReferenceFit:
         return self.terms[self.index]
 
     def over(self, kept: BoolArray) -> Refit | None:
-        """The fit over some samples of the term, the other terms whole.
-
-        Args:
-            kept: (samples,) which samples of the term take part.
-
-        Returns:
-            The fit, or None where nothing that can be fitted is left.
-        """
+        """The fit over ``kept`` (samples,) of the term; None if nothing left can be fitted."""
         key = kept.tobytes()
         if key not in self._known:
             self._known[key] = self._fit(kept)
@@ -180,11 +167,9 @@ def _by_block(terms: Sequence[Term], sigmas: Sequence[float]) -> dict[tuple[int,
 
 @dataclass(frozen=True, eq=False)
 class Judge:
-    """Held-out errors of the calibration with a group and without it.
+    """Held-out errors of the job's own fit with a group and without it.
 
-    Attributes:
-        reference: the job's own fit, nothing set aside.
-        validation: terms that are never fitted; the samples' own, in turn, where there are none.
+    Without ``validation`` terms, which are never fitted, the samples are held out in turn.
     """
 
     reference: ReferenceFit
@@ -199,35 +184,21 @@ class Judge:
 
     def of(self, grouping: Grouping, group: int) -> HeldOut | None:
         """The effect of excluding one group; None where nothing would be left to fit or judge."""
-        rows = grouping.rows(group)
-        if self.validation:
-            return self._on_validation(grouping.name, grouping.labels[group], rows)
-        return self._by_folds(rows)
-
-    def _on_validation(self, level: str, label: str, rows: BoolArray) -> HeldOut | None:
-        everything = np.ones(len(rows), dtype=bool)
-        before, after = self.reference.over(everything), self.reference.over(~rows)
-        if before is None or after is None:
-            return None
-        parts = []
-        for term in self.validation:
-            out = np.zeros(len(term.poses), dtype=bool)
-            if level == "landmarks" and "landmark" in term.poses.samples.labels:
-                out = np.asarray(term.poses.samples.labels["landmark"] == label)
-            parts.append(self._compared(term, before, after, out))
-        return _summary(parts)
-
-    def _by_folds(self, rows: BoolArray) -> HeldOut | None:
-        parts = []
-        for fold in self._folds()[1]:
+        rows, parts = grouping.rows(group), []
+        nothing = np.zeros(len(rows), dtype=bool)
+        for fold in [nothing] if self.validation else self._folds()[1]:
             before, after = self.reference.over(~fold), self.reference.over(~fold & ~rows)
             if before is None or after is None:
                 continue
-            try:
-                left_out = self.reference.term.take(np.flatnonzero(fold))
-            except InputError:
-                continue
-            parts.append(self._compared(left_out, before, after, rows[fold]))
+            for term in self.validation:
+                out = np.zeros(len(term.poses), dtype=bool)
+                if grouping.name == "landmarks" and "landmark" in term.poses.samples.labels:
+                    out = term.poses.samples.labels["landmark"] == grouping.labels[group]
+                parts.append(self._compared(term, before, after, out))
+            if fold.any():
+                with suppress(InputError):
+                    left_out = self.reference.term.take(np.flatnonzero(fold))
+                    parts.append(self._compared(left_out, before, after, rows[fold]))
         return _summary(parts)
 
     def _folds(self) -> tuple[str, list[BoolArray]]:

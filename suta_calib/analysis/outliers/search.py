@@ -12,7 +12,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -28,11 +28,17 @@ from suta_calib.analysis.outliers.answer import (
     TermOutliers,
     Thresholds,
 )
-from suta_calib.analysis.outliers.chance import Simulator
+from suta_calib.analysis.outliers.chance import Simulator, chance_of
 from suta_calib.analysis.outliers.groups import Grouping, groupings, row_names, touch_name
 from suta_calib.analysis.outliers.metrics import Scene, measures
+from suta_calib.analysis.outliers.moves import find_moves
 from suta_calib.analysis.outliers.reference import Judge, ReferenceFit
-from suta_calib.analysis.outliers.touches import SMALLEST, Touches, explained_touches
+from suta_calib.analysis.outliers.touches import (
+    SMALLEST,
+    Touches,
+    explained_touches,
+    linearised,
+)
 from suta_calib.arrays import BoolArray
 from suta_calib.errors import SamplesError
 from suta_calib.model.arm import ArmModel
@@ -94,9 +100,8 @@ def find_outliers(
     solution = solution or solve(problem, options)
     thresholds = thresholds or Thresholds()
     if not solution.converged:
-        terms = [not_searched(term) for term in problem.terms]
-        return Outliers(solution, terms, thresholds, ())
-    arm = whole_arm(problem.arm, arm_of(problem))
+        return Outliers(solution, [not_searched(t) for t in problem.terms], thresholds, ())
+    arm = whole_arm(problem.arm, problem.arm_parameters)
     total = 2 * sum(len(chosen_groups(g, None)) for own in levels for g in own)
     numbers = itertools.count(1)
 
@@ -105,10 +110,11 @@ def find_outliers(
         if progress is not None:
             progress(done, max(total, done))
 
-    terms = [
-        TermSearch(solution, arm, k, tuple(validation), thresholds, options.seed, count).run(own)
-        for k, own in enumerate(levels)
-    ]
+    terms = []
+    for k, (term, groups) in enumerate(zip(problem.terms, levels, strict=True)):
+        own = ReferenceFit.of(solution, problem.arm_parameters, k)
+        judge = Judge(own, tuple(t for t in validation if t.kind == term.kind))
+        terms.append(TermSearch(own, arm, judge, thresholds, options.seed, count).run(groups))
     return Outliers(solution, terms, thresholds, tuple(p.name for p in arm.values() if p.free))
 
 
@@ -120,86 +126,60 @@ def whole_arm(arm: ArmModel | None, job: ParameterSet) -> ParameterSet:
     an error from a landmark that is not where it is certified. So every joint's placement and
     offset gives way within what a built arm departs from its drawing: priors of `LENGTH` and
     `ANGLE`, which also keep in place whatever the data cannot tell.
-
-    Args:
-        arm: the arm, or None where no term looks at one.
-        job: the arm's parameters of the job.
     """
     if arm is None:
         return job
     known = {name: p for name, p in job.items() if p.free}
     for name, p in arm.select("geometric", "*.offset").items():
         if name not in known:
-            known[name] = replace(
-                p,
-                lower=-math.inf,
-                upper=math.inf,
-                prior=LENGTH if p.unit == "m" else ANGLE,
-                plausible=math.nan,
-                free=True,
-            )
+            free = replace(p, lower=-math.inf, upper=math.inf, plausible=math.nan, free=True)
+            known[name] = replace(free, prior=LENGTH if p.unit == "m" else ANGLE)
     return ParameterSet(known.values())
 
 
+@dataclass(frozen=True, eq=False)
 class TermSearch:
-    """One term of a problem.
+    """The search in one term, given the job's own fit and the arm with its whole geometry free."""
 
-    Args:
-        solution: the job's own fit.
-        arm: the arm's unknowns with its whole geometry.
-        index: of the term.
-        validation: held-out terms.
-        thresholds: of the metrics.
-        seed: of the simulated noise.
-        count: called for every group that is done.
-    """
-
-    def __init__(
-        self,
-        solution: Solution,
-        arm: ParameterSet,
-        index: int,
-        validation: tuple[Term, ...],
-        thresholds: Thresholds,
-        seed: int,
-        count: Callable[[], None],
-    ) -> None:
-        self._arm, self._seed = arm, seed
-        self._thresholds, self._count = thresholds, count
-        self._own = ReferenceFit.of(solution, arm_of(solution.problem), index)
-        self._term = self._own.term
-        self._judge = Judge(self._own, tuple(t for t in validation if t.kind == self._term.kind))
+    own: ReferenceFit
+    arm: ParameterSet
+    judge: Judge
+    thresholds: Thresholds
+    seed: int
+    count: Callable[[], None]
 
     def run(self, levels: Sequence[Grouping]) -> TermOutliers:
         """All levels of the term; none where its errors are rounding."""
-        if sum(term.equations() for term in self._own.terms) <= len(self._own.estimated):
+        if sum(term.equations() for term in self.own.terms) <= len(self.own.estimated):
             # As many unknowns as data: is any error left to look at?
-            fit = self._own.over(np.ones(len(self._term.poses), dtype=bool))
+            fit = self.own.over(np.ones(len(self.own.term.poses), dtype=bool))
             if fit is not None and fit.rms < ROUNDING:
-                return not_searched(self._term, exact=True)
-        everything = groupings(self._term)
+                return not_searched(self.own.term, exact=True)
+        everything = groupings(self.own.term)
         landmarks = next((g for g in everything if g.name == "landmarks"), None)
-        touches = explained_touches(self._own, self._arm, landmarks)
-        judged = self._own.freed(self._arm, ~(touches.gross | _displaced(touches, landmarks)))
+        single, unknowns, linear = linearised(self.own, self.arm)
+        touches = explained_touches(linear, self.own.term.repeats(), landmarks)
+        judged = self.own.freed(self.arm, ~(touches.gross | _displaced(touches, landmarks)))
         found = [self._level(judged, g, landmarks, touches) for g in levels]
         gross = []
         if not any(g.name == "rows" for g in everything):
-            names, size = row_names(self._term), np.linalg.norm(touches.rest, axis=1)
+            names, size = row_names(self.own.term), np.linalg.norm(touches.rest, axis=1)
             for k in np.flatnonzero(touches.gross):
-                what = touch_name(self._term, int(k))
+                what = touch_name(self.own.term, int(k))
                 gross.append(GrossTouch(str(names[k]), what, float(size[k])))
         position = None
-        if landmarks is not None and self._term.touched is not None:
-            position = self._term.touched.position_of(landmarks.labels)
+        if landmarks is not None and self.own.term.touched is not None:
+            position = self.own.term.touched.position_of(landmarks.labels)
         return TermOutliers(
-            self._term.kind,
+            self.own.term.kind,
             tuple(found),
             tuple(gross),
-            len(self._term.poses),
+            len(self.own.term.poses),
             touches.sigma,
             position,
             {level.name: self._held_out(g, level) for g, level in zip(levels, found, strict=True)},
-            self._judge.method,
+            self.judge.method,
+            moves=find_moves(single, unknowns, linear, self.thresholds),
         )
 
     def _level(
@@ -216,17 +196,17 @@ class TermSearch:
         scene = Scene(judged, ~touches.gross, _displaced(touches, landmarks))
         if grouping.name == "rows":
             scene = Scene(judged, everything, touches.gross)
-        own = Scene(self._own, everything, nothing)
-        values = measures(scene, grouping, chosen, self._count)
-        calibrated = measures(own, grouping, chosen, self._count).array()
-        p = Simulator(scene, touches, self._seed).chance(grouping).p(values)
-        limits = {m: self._thresholds.of(m, len(grouping)) for m in METRICS}
+        own = Scene(self.own, everything, nothing)
+        values = measures(scene, grouping, chosen, self.count)
+        calibrated = measures(own, grouping, chosen, self.count)
+        p = chance_of(values, Simulator(scene, touches, self.seed).metrics(grouping))
+        limits = {m: self.thresholds.of(m, len(grouping)) for m in METRICS}
         groups = []
         for g in chosen:
             rows = grouping.rows(g)
             value, chance, as_calibrated = (
                 dict(zip(METRICS, figures[:, g].tolist(), strict=True))
-                for figures in (values.array(), p, calibrated)
+                for figures in (values, p, calibrated)
             )
             # Errors of the fit that a group is judged in may be no more than its last digits.
             fit, _ = scene.with_and_without(rows)
@@ -236,7 +216,7 @@ class TermSearch:
                 if fit is not None
                 and fit.rms > SMALLEST
                 and value[name] > limits[name]
-                and chance[name] <= self._thresholds.significance
+                and chance[name] <= self.thresholds.significance
             )
             groups.append(
                 Group(
@@ -254,9 +234,9 @@ class TermSearch:
 
     def _held_out(self, grouping: Grouping, level: Level) -> dict[str, HeldOut]:
         """The effect of excluding each group; of rows, and without validation, of flagged ones."""
-        few = grouping.name == "rows" or self._judge.method != "validation"
+        few = grouping.name == "rows" or self.judge.method != "validation"
         effects = {
-            g.label: self._judge.of(grouping, grouping.labels.index(g.label))
+            g.label: self.judge.of(grouping, grouping.labels.index(g.label))
             for g in level.groups
             if g.flags or not few
         }
@@ -280,8 +260,3 @@ def _displaced(touches: Touches, landmarks: Grouping | None) -> BoolArray:
     if landmarks is None:
         return np.zeros(len(touches.rest), dtype=bool)
     return np.isin(landmarks.member, list(touches.displaced))
-
-
-def arm_of(problem: Problem) -> ParameterSet:
-    """The arm's parameters of a problem, without the terms' own."""
-    return problem.arm_parameters

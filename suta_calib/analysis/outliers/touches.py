@@ -24,6 +24,7 @@ from suta_calib.model.parameters import ParameterSet
 from suta_calib.solver.information import whitened_rows
 from suta_calib.solver.losses import huber_threshold
 from suta_calib.solver.problem import Problem
+from suta_calib.terms import Term
 
 # Probability that data without gross touches lose one, and without displaced landmarks gain one.
 FALSE_ALARM: Final = 0.01
@@ -49,8 +50,8 @@ class Touches:
 
     Attributes:
         rest: (n, d) what is left of each residual, m.
-        sigma: standard deviation of one component of one touch, m.
-        shared: of what repeats of a touch have in common, m; part of ``sigma``.
+        sigma, shared: standard deviation of one component of one touch, m; the part of it that
+            repeats of a touch have in common.
         gross: (n,) touches far beyond that.
         displaced: landmarks by number.
     """
@@ -62,16 +63,10 @@ class Touches:
     displaced: Mapping[int, Displacement] = field(default_factory=dict)
 
 
-def explained_touches(
-    reference: ReferenceFit, arm: ParameterSet, landmarks: Grouping | None
-) -> Touches:
-    """Split every touch of a term into explained, displaced and gross.
-
-    Args:
-        reference: the job's fit, where it is linearised.
-        arm: the arm's unknowns that may explain, with their priors.
-        landmarks: whose displacement is looked for, or None.
-    """
+def linearised(
+    reference: ReferenceFit, arm: ParameterSet
+) -> tuple[Term, tuple[str, ...], RobustLinearFit]:
+    """A term of single touches at the job's fit, its unknowns and the arm's, and their fit."""
     vehicle = reference.term.single_touches()
     problem = Problem([vehicle], arm)
     own = {n: v for n, v in reference.values.items() if n in problem.parameters}
@@ -81,8 +76,16 @@ def explained_touches(
     rows = whitened_rows(problem, x, problem.assumed_sigmas())[0]
     jacobian = rows.jacobian * np.repeat(rows.line.sigma, vehicle.blocks[0].size)[:, None]
     deviation = x - problem.parameters.array("nominal")
-    fit = RobustLinearFit(jacobian, rows.line.residual.copy(), problem.prior_precision(), deviation)
-    cells = reference.term.repeats()
+    residual, precision = rows.line.residual.copy(), problem.prior_precision()
+    return vehicle, problem.names, RobustLinearFit(jacobian, residual, precision, deviation)
+
+
+def explained_touches(fit: RobustLinearFit, cells: IntArray, landmarks: Grouping | None) -> Touches:
+    """Split every touch into explained, displaced and gross.
+
+    What may explain are the arm's unknowns with their priors, and displaced landmarks. Touches of
+    one cell are repeats.
+    """
     # One landmark after the other is freed for as long as one is significantly displaced.
     member = np.zeros(0, dtype=np.intp) if landmarks is None else landmarks.member
     chosen: list[int] = []
@@ -109,14 +112,9 @@ def explained_touches(
         )
         for k, mark in enumerate(chosen)
     }
-    return Touches(rest, sigma, _shared(rest, cells, sigma), _gross(fit, rest, sigma), displaced)
-
-
-def _gross(fit: RobustLinearFit, rest: FloatArray, sigma: float) -> BoolArray:
-    if fit.saturated:
-        return np.zeros(len(rest), dtype=bool)
     limit = max(sigma, SMALLEST) * np.sqrt(chi2.ppf(1.0 - FALSE_ALARM / len(rest), rest.shape[1]))
-    return np.asarray(np.linalg.norm(rest, axis=1) > limit)
+    gross = (np.linalg.norm(rest, axis=1) > limit) & (not fit.saturated)
+    return Touches(rest, sigma, _shared(rest, cells, sigma), gross, displaced)
 
 
 def _most_displaced(
@@ -147,13 +145,9 @@ def _shared(rest: FloatArray, cells: IntArray, sigma: float) -> float:
 
 
 class RobustLinearFit:
-    """Robust linear least squares of residual vectors, with priors.
+    """Robust linear least squares of residual vectors (n, d), m, with priors.
 
-    Args:
-        jacobian: (n d, p), m per unit of parameter.
-        residual: (n, d) where it was linearised, m.
-        precision: (p,) of the priors.
-        deviation: (p,) from the priors' centres, where it was linearised.
+    The Jacobian is (n d, p); precision of the priors and deviation from their centres are (p,).
     """
 
     def __init__(
@@ -164,7 +158,7 @@ class RobustLinearFit:
         deviation: FloatArray,
     ) -> None:
         self.jacobian, self.residual = jacobian, residual
-        self._precision, self._deviation = precision, deviation
+        self.precision, self.deviation = precision, deviation
         # Whether the last fit took up so much that what it leaves is no noise.
         self.saturated = False
 
@@ -177,7 +171,7 @@ class RobustLinearFit:
         (n, size), extra = self.residual.shape, shift.shape[1]
         a = np.hstack([self.jacobian, shift])
         precision, deviation = (
-            np.concatenate([v, np.zeros(extra)]) for v in (self._precision, self._deviation)
+            np.concatenate([v, np.zeros(extra)]) for v in (self.precision, self.deviation)
         )
         weight, sigma, rest = np.ones(n), scatter(self.residual), self.residual
         step = np.zeros(a.shape[1])

@@ -1,82 +1,47 @@
 """Where to measure next: which placements, points or poses shrink the uncertainty most."""
 
-from suta_calib.analysis.planning.answer import (
-    Best,
-    Choice,
-    Expected,
-    Forecast,
-    Plan,
-    PlanOptions,
-    Remedy,
-    Stop,
-)
-from suta_calib.analysis.planning.candidates import (
-    Candidate,
-    CandidateFile,
-    Place,
-    Placement,
-    Point,
-    Posture,
-    read_candidates,
-    tilted,
-)
-from suta_calib.analysis.planning.design import (
-    CRITERIA,
-    Design,
-    SharedInformation,
-    Space,
-    best_set,
-    nothing,
-    promised,
-    random_sets,
-)
-from suta_calib.analysis.planning.links import link_points
-from suta_calib.analysis.planning.plan import (
-    candidate_places,
-    forecast,
-    plan,
-    situation_of_job,
-    tip_weight,
-)
-from suta_calib.analysis.planning.reach import Reach
-from suta_calib.analysis.planning.region import Pool, Region, directions, generated
-from suta_calib.analysis.planning.situation import Situation
+from __future__ import annotations
 
-__all__ = [
-    "CRITERIA",
-    "Best",
-    "Candidate",
-    "CandidateFile",
-    "Choice",
-    "Design",
-    "Expected",
-    "Forecast",
-    "Place",
-    "Placement",
-    "Plan",
-    "PlanOptions",
-    "Point",
-    "Pool",
-    "Posture",
-    "Reach",
-    "Region",
-    "Remedy",
-    "SharedInformation",
-    "Situation",
-    "Space",
-    "Stop",
-    "best_set",
-    "candidate_places",
-    "directions",
-    "forecast",
-    "generated",
-    "link_points",
-    "nothing",
-    "plan",
-    "promised",
-    "random_sets",
-    "read_candidates",
-    "situation_of_job",
-    "tilted",
-    "tip_weight",
-]
+from typing import TYPE_CHECKING
+
+from suta_calib.lazy import public
+
+if TYPE_CHECKING:
+    from suta_calib.analysis.planning.answer import Best as Best
+    from suta_calib.analysis.planning.answer import Choice as Choice
+    from suta_calib.analysis.planning.answer import Expected as Expected
+    from suta_calib.analysis.planning.answer import Forecast as Forecast
+    from suta_calib.analysis.planning.answer import Plan as Plan
+    from suta_calib.analysis.planning.answer import PlanOptions as PlanOptions
+    from suta_calib.analysis.planning.answer import Remedy as Remedy
+    from suta_calib.analysis.planning.answer import Stop as Stop
+    from suta_calib.analysis.planning.candidates import Candidate as Candidate
+    from suta_calib.analysis.planning.candidates import CandidateFile as CandidateFile
+    from suta_calib.analysis.planning.candidates import Place as Place
+    from suta_calib.analysis.planning.candidates import Placement as Placement
+    from suta_calib.analysis.planning.candidates import Point as Point
+    from suta_calib.analysis.planning.candidates import Posture as Posture
+    from suta_calib.analysis.planning.candidates import read_candidates as read_candidates
+    from suta_calib.analysis.planning.candidates import tilted as tilted
+    from suta_calib.analysis.planning.design import CRITERIA as CRITERIA
+    from suta_calib.analysis.planning.design import Design as Design
+    from suta_calib.analysis.planning.design import SharedInformation as SharedInformation
+    from suta_calib.analysis.planning.design import Space as Space
+    from suta_calib.analysis.planning.design import best_set as best_set
+    from suta_calib.analysis.planning.design import nothing as nothing
+    from suta_calib.analysis.planning.design import promised as promised
+    from suta_calib.analysis.planning.design import random_sets as random_sets
+    from suta_calib.analysis.planning.planner import candidate_places as candidate_places
+    from suta_calib.analysis.planning.planner import forecast as forecast
+    from suta_calib.analysis.planning.planner import plan as plan
+    from suta_calib.analysis.planning.planner import situation_of_job as situation_of_job
+    from suta_calib.analysis.planning.planner import tip_weight as tip_weight
+    from suta_calib.analysis.planning.reach import Reach as Reach
+    from suta_calib.analysis.planning.reach import link_points as link_points
+    from suta_calib.analysis.planning.region import Pool as Pool
+    from suta_calib.analysis.planning.region import Region as Region
+    from suta_calib.analysis.planning.region import directions as directions
+    from suta_calib.analysis.planning.region import generated as generated
+    from suta_calib.analysis.planning.situation import Situation as Situation
+
+__getattr__, __all__ = public(__name__)

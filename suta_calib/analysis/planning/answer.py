@@ -24,12 +24,11 @@ class PlanOptions:
 
     Attributes:
         count: how many candidates to choose.
-        criterion: ``tip``, its root mean square uncertainty in the region, or ``d``, the volume of
-            the parameters' confidence ellipsoid.
+        criterion: ``tip``, its RMS uncertainty in the region, or ``d``, the volume of the
+            parameters' confidence ellipsoid.
         repeats: of the landmarks of a placement; as in the present data by default.
         target: uncertainty of the tip to be reached, m, or None.
-        least_gain: share by which one more candidate must lessen the tip's uncertainty to be worth
-            the work.
+        least_gain: part by which one more candidate must lessen the tip's uncertainty.
         horizon: how many candidates to look ahead to say when to stop.
         random: random choices of the same size, to compare with.
         pool: of the automatic search.
@@ -53,9 +52,9 @@ class Choice:
 
     Attributes:
         candidate: what to measure.
-        tip: root mean square uncertainty of the tip in the region once it is measured, m.
-        gain: share by which it lessens that.
-        bits: how much it lessens the log volume of the parameters' confidence ellipsoid, bits.
+        tip: RMS uncertainty of the tip in the region once it is measured, m.
+        gain: part by which it lessens that.
+        bits: by which it lessens the log volume of the parameters' confidence ellipsoid.
         identifies: parameters that are open before and told once it is measured too.
     """
 
@@ -73,9 +72,8 @@ class Best:
     Attributes:
         names: of the candidates.
         count: how many of them make as many samples.
-        tip: root mean square uncertainty of the tip in the region, m.
-        present: the same of the present data.
-        efficiency: share of the samples with which the best set would tell as much of the tip.
+        tip, present: RMS uncertainty of the tip in the region, m, and that of the present data.
+        efficiency: part of the samples with which the best set would tell as much of the tip.
         d_efficiency: the same of the parameters as a whole.
     """
 
@@ -89,12 +87,9 @@ class Best:
 
 @dataclass(frozen=True)
 class Expected:
-    """One parameter.
+    """One parameter: how far off it might be (m, rad), and its predicted standard deviation.
 
-    Attributes:
-        name, unit: as in the problem.
-        plausible: how far off it might be, m or rad.
-        std: predicted standard deviation, None where it would be held.
+    ``std`` is None where it would be held.
     """
 
     name: str
@@ -110,8 +105,8 @@ class Forecast:
     Attributes:
         parameters: the arm's.
         fixed: names of those that would be held at nominal.
-        tip: root mean square 3-D uncertainty, m, if held parameters are as far off as plausible.
-        tip_estimated: the same if held parameters are exact: what the calibration's own ± tell.
+        tip: RMS 3-D uncertainty, m, if held parameters are as far off as plausible.
+        tip_estimated: the same if they are exact: what the calibration's own ± tell.
     """
 
     parameters: tuple[Expected, ...]
@@ -127,9 +122,9 @@ class Remedy:
     Attributes:
         parameter: its name.
         candidates: names of those that determine it, each by itself, the surest first.
-        sorts: what sorts of candidates these are.
-        by_all: whether all candidates together determine it; where they do not, none can.
-        why: what the direction does, so that no observation sees it.
+        sorts: of these candidates.
+        by_all: whether all candidates together determine it; else none can.
+        why: no observation sees it.
         advice: what else would help, or that nothing is needed.
     """
 
@@ -146,12 +141,11 @@ class Stop:
     """When to stop.
 
     Attributes:
-        tips: root mean square uncertainty of the tip after 0, 1, 2, … further candidates, m.
-        worthwhile: how many lessen it by the stated share each; None if the last one looked at
-            still does.
-        least_gain: that share.
+        tips: RMS uncertainty of the tip after 0, 1, 2, … further candidates, m.
+        worthwhile: how many lessen it by ``least_gain`` each; None if all looked at do.
+        least_gain: as in `PlanOptions`.
         target: uncertainty to be reached, m, or None.
-        needed: how many reach the target; None if those looked at do not, or there is no target.
+        needed: how many reach it; None if those looked at do not.
     """
 
     tips: tuple[float, ...]
@@ -166,11 +160,9 @@ class Plan:
     """The answer.
 
     Attributes:
-        situation: where it starts.
-        options: what was asked for.
-        region: where the tip shall be sure.
-        candidates, unreachable: what could be chosen, and what not.
-        collisions: what was checked.
+        situation, options, region: where it starts, what was asked for, where the tip shall be
+            sure.
+        candidates, unreachable, collisions: what could be chosen, what not, and what was checked.
         before, after: what is predicted of every parameter and the tip.
         chosen: the plan, best first.
         best: what the best possible set of the present size reaches.
@@ -203,8 +195,8 @@ class Plan:
         )
         trouble = self.situation.trouble
         bad = [
-            f"The calibration itself is {trouble}. Mend that first: this plan rests on the nominal "
-            "arm, and on what the job says of artefact and readings."
+            f"The calibration itself must not be used ({trouble.rstrip('.')}). Mend that first: "
+            "this plan rests on the nominal arm, and on what the job says of artefact and readings."
         ]
         return Assessment.of(sentence, bad=bad if trouble else [], care=self._notes())
 

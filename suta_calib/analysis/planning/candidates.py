@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -36,11 +37,7 @@ DOWN: Final = (0.0, 0.0, -1.0)
 class Placement:
     """An artefact put down somewhere: ``T_base_artefact``.
 
-    Attributes:
-        name: of the placement, for the samples' column.
-        position: (3,) of the artefact's origin in the base, m.
-        rotation: (3, 3) of the artefact in the base.
-        line: line of the candidates file it comes from.
+    ``line`` is that of the candidates file, as of the other places.
     """
 
     name: str
@@ -60,13 +57,12 @@ class Point:
     """One point, or another place without an artefact, touched from many directions.
 
     Attributes:
-        name: of the place, for the samples' column.
+        name, kind: of the place and its sort, for the samples' column; a plane is square to
+            ``axis``.
         position: (3,) in the base, m.
         directions: how many touches.
         axis: (3,) unit vector in the base, the middle of the tip's z axes.
         cone: largest angle between a tip's z axis and ``axis``, rad.
-        line: line of the candidates file it comes from.
-        kind: the sort of place, as its column is called; a plane is square to ``axis``.
     """
 
     name: str
@@ -80,13 +76,7 @@ class Point:
 
 @dataclass(frozen=True, eq=False)
 class Posture:
-    """One posture in which an instrument, or the camera on the tip, takes a reading.
-
-    Attributes:
-        name: what a person calls it.
-        readings: (joints,) rad, m for prismatic joints.
-        line: line of the candidates file it comes from.
-    """
+    """One posture, (joints,) rad or m, in which an instrument or the camera takes a reading."""
 
     name: str
     readings: FloatArray
@@ -145,13 +135,7 @@ class Unreachable:
 
 @dataclass(frozen=True, eq=False)
 class CandidateFile:
-    """What the file says, in SI.
-
-    Attributes:
-        path: of the file.
-        places: all of them, grids written out.
-        repeats: how often the landmarks of a placement are gone through; None where not said.
-    """
+    """What the file says, grids written out; ``repeats`` of a placement's landmarks, or None."""
 
     path: Path
     places: tuple[Place, ...]
@@ -179,7 +163,7 @@ def read_candidates(path: str | Path, arm: ArmModel, directions: int = 20) -> Ca
     top = YamlSection(read_yaml(Path(path), JobError), JobError)
     top.check_keys(KEYS)
     found: list[Place] = []
-    readers: dict[str, Callable[[str, YamlSection], list[Place]]] = {
+    readers: dict[str, Callable[[str, YamlSection], Sequence[Place]]] = {
         "placements": lambda name, section: [_placement(name, section)],
         "grids": _grid,
         "points": lambda name, section: [_point(name, section, directions)],
@@ -190,7 +174,13 @@ def read_candidates(path: str | Path, arm: ArmModel, directions: int = 20) -> Ca
             listed = top.section(sort)
             for name in listed.data:
                 found += reader(str(name), listed.section(name))
-    _check(top, found)
+    if not found:
+        raise top.refuse("no candidate", f"at least one of {', '.join(KEYS[1:])}")
+    if len(found) > _MOST:
+        raise top.refuse(f"{len(found)} candidates", f"at most {_MOST}", hint="use coarser grids")
+    for name, count in Counter(place.name for place in found).items():
+        if count > 1:
+            raise top.refuse(f"two candidates named {name!r}", "each name once")
     repeats = top.integer("repeats", 1, minimum=1) if "repeats" in top else None
     return CandidateFile(Path(path), tuple(found), repeats)
 
@@ -205,18 +195,6 @@ def tilted(yaw: float, tilt: float, towards: float) -> FloatArray:
     """
     lean = tilt * np.array([-math.sin(towards), math.cos(towards), 0.0])
     return rotation_from_vector(lean) @ rotation_from_rpy([0.0, 0.0, yaw])
-
-
-def _check(top: YamlSection, found: Sequence[Place]) -> None:
-    if not found:
-        raise top.refuse("no candidate", f"at least one of {', '.join(KEYS[1:])}")
-    if len(found) > _MOST:
-        raise top.refuse(f"{len(found)} candidates", f"at most {_MOST}", hint="use coarser grids")
-    seen: set[str] = set()
-    for place in found:
-        if place.name in seen:
-            raise top.refuse(f"two candidates named {place.name!r}", "each name once")
-        seen.add(place.name)
 
 
 def _position(section: YamlSection) -> FloatArray:

@@ -46,9 +46,7 @@ _ESTIMATED: Final = 1e-7
 class Space:
     """The unknowns that data from different places have in common.
 
-    Attributes:
-        parameters: the arm's free ones, then those of instruments and of seats.
-        arm_count: how many are the arm's.
+    They are the arm's free ones, ``arm_count`` of them, then those of instruments and of seats.
     """
 
     parameters: ParameterSet
@@ -59,12 +57,12 @@ class Space:
         """The arm's free parameters, and unknowns of terms that are not of one place."""
         problem = situation.problem
         own = {p.name: p for t in problem.terms for p in t.own if not p.name.startswith(_PRIVATE)}
-        arm = [p for p in list(problem.parameters.values())[: problem.arm_count] if p.free]
+        arm = [p for p in problem.arm_parameters.values() if p.free]
         return cls(ParameterSet([*arm, *own.values()]), len(arm))
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the unknowns, in order."""
+        """Of the unknowns, in order."""
         return self.parameters.names
 
     @property
@@ -145,10 +143,9 @@ def present(situation: Situation, space: Space) -> SharedInformation:
 
 def promised(situation: Situation, space: Space, candidate: Candidate) -> SharedInformation:
     """What a candidate would tell, all its repeats together."""
-    term = situation.term(candidate)
-    arm = list(situation.problem.parameters.values())[: situation.problem.arm_count]
-    problem = Problem([term], ParameterSet(arm))
-    values = {p.name: p.nominal for p in arm} | situation.values
+    term, arm = situation.term(candidate), situation.problem.arm_parameters
+    problem = Problem([term], arm)
+    values = {p.name: p.nominal for p in arm.values()} | situation.values
     # One sample is too few for the closed-form start of what is shared and known.
     if not all(p.name in values for p in term.own):
         values = term.start_values(situation.values) | values
@@ -218,7 +215,7 @@ class Design:
 
         Args:
             space: the unknowns.
-            information: information of each candidate.
+            information: of each candidate.
             weight: (p, p) W with tip variance = trace(W C), C in SI units.
             criterion: ``tip`` or ``d``.
             present: information at hand.

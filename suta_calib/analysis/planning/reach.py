@@ -1,13 +1,16 @@
-"""From places to candidates: which of them the arm can touch, and in which postures."""
+"""From places to candidates: what the arm can touch, in which postures, without colliding."""
 
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from itertools import combinations
+from typing import Any, Final
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import NDArray
 
 from suta_calib.analysis.planning.candidates import (
@@ -18,17 +21,19 @@ from suta_calib.analysis.planning.candidates import (
     Posture,
     Unreachable,
 )
-from suta_calib.analysis.planning.links import Collisions
 from suta_calib.analysis.planning.region import directions, nearest, turning_z_to
 from suta_calib.analysis.planning.situation import Situation
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import JobError
 from suta_calib.measurements import Artefact
+from suta_calib.model.arm import ArmModel
 from suta_calib.simulation.inverse_kinematics import Matching, Targets
 from suta_calib.terms import KINDS, Term
 from suta_calib.terms.landmark import seated
 
 _STARTS: Final = 8
+# Measured postures that are looked at to learn which shapes overlap by construction.
+_LOOKED_AT: Final = 60
 # Of the directions of a point, the part that must be reached; more are tried than are needed.
 _ENOUGH: Final = 0.5
 _TRIED: Final = 2
@@ -47,13 +52,7 @@ class Reached:
 
 @dataclass(frozen=True, eq=False)
 class Reach:
-    """Finds postures for places.
-
-    Attributes:
-        situation: the arm as it is known, and the postures it had.
-        repeats: of the landmarks of a placement.
-        seed: of the searches.
-    """
+    """Finds postures for places, near those the arm had."""
 
     situation: Situation
     repeats: int
@@ -84,7 +83,19 @@ class Reach:
         found: dict[str, Candidate | Unreachable] = {}
         found |= self._placements([p for p in places if isinstance(p, Placement)])
         found |= self._points([p for p in places if isinstance(p, Point)])
-        found |= {p.name: self._posture(p) for p in places if isinstance(p, Posture)}
+        for place in places:
+            if isinstance(place, Posture):
+                q, moving = place.readings, self.situation.arm.chain.moving
+                off = [
+                    joint.name
+                    for joint, reading in zip(moving, q, strict=True)
+                    if not joint.lower - 1e-9 <= reading <= joint.upper + 1e-9
+                ]
+                found[place.name] = (
+                    Unreachable(place.name, place.kind, f"{off[0]} beyond its limits")
+                    if off
+                    else Candidate(place, q[None, :], (), 1)
+                )
         judged = [self._colliding(found[place.name], collisions) for place in places]
         return Reached(
             tuple(c for c in judged if isinstance(c, Candidate)),
@@ -158,13 +169,6 @@ class Reach:
             found[place.name] = Candidate(place, q[spread], (), 1)
         return found
 
-    def _posture(self, place: Posture) -> Candidate | Unreachable:
-        for joint, reading in zip(self.situation.arm.chain.moving, place.readings, strict=True):
-            if not joint.lower - 1e-9 <= reading <= joint.upper + 1e-9:
-                reason = f"{joint.name} beyond its limits"
-                return Unreachable(place.name, place.kind, reason)
-        return Candidate(place, place.readings[None, :], (), 1)
-
     def _solve(self, targets: Targets) -> tuple[FloatArray, NDArray[np.bool_]]:
         """Postures near those the arm had: whoever measures will not fold it another way."""
         visited = self.situation.readings[nearest(self.situation.tips[1], targets.position)]
@@ -186,3 +190,100 @@ class Reach:
             return Candidate(candidate.place, candidate.q[rows], (), candidate.repeats)
         reason = f"the arm touches itself in {int((~free).sum())} of {len(free)} postures"
         return Unreachable(candidate.name, candidate.place.kind, reason)
+
+
+def configuration(arm: ArmModel, q: FloatArray) -> FloatArray:
+    """Readings (joints,) as a configuration of ``arm.model``, continuous joints included."""
+    return np.asarray(pin.integrate(arm.model, pin.neutral(arm.model), np.asarray(q, dtype=float)))
+
+
+def link_points(arm: ArmModel, q: FloatArray) -> FloatArray:
+    """Origins of the base, of every moving joint and of the tip, (joints + 2, 3), m in the base.
+
+    Args:
+        arm: the arm; its nominal geometry is drawn.
+        q: (joints,) readings, rad (m for prismatic joints).
+    """
+    model, data = arm.model, arm.model.createData()
+    pin.framesForwardKinematics(model, data, configuration(arm, q))
+    base = data.oMf[model.getFrameId(arm.chain.joints[0].parent, pin.FrameType.BODY)]
+    _, tip = arm.forward(q)
+    joints = [base.actInv(placement).translation for placement in list(data.oMi)[1:]]
+    return np.array([np.zeros(3), *joints, tip])
+
+
+@dataclass(frozen=True, eq=False)
+class Collisions:
+    """Self-collision of an arm, by the shapes of its URDF.
+
+    ``geometry`` has shapes and pairs, None where nothing can be checked; ``note`` says so.
+    """
+
+    arm: ArmModel
+    geometry: Any
+    note: str
+
+    @classmethod
+    def of(cls, arm: ArmModel, visited: FloatArray) -> Collisions:
+        """Read the URDF's collision shapes or, where there is none, those that are drawn.
+
+        Links that are neighbours, or overlap in readings (n, joints) that the real arm had, do
+        not collide.
+        """
+        for kind, word in ((pin.GeometryType.COLLISION, "collision"), (pin.VISUAL, "visual")):
+            try:
+                geometry = _shapes(arm, kind)
+            except (ValueError, RuntimeError) as error:
+                reason = " ".join(str(error).split())
+                return cls(arm, None, f"collisions not checked: {reason}")
+            if geometry.ngeoms:
+                return cls._over(arm, geometry, word, visited)
+        return cls(arm, None, "collisions not checked: the URDF has no shapes")
+
+    @classmethod
+    def _over(cls, arm: ArmModel, geometry: Any, word: str, visited: FloatArray) -> Collisions:
+        # All pairs but those of one link or of neighbours.
+        parents = [shape.parentJoint for shape in geometry.geometryObjects]
+        for (j, b), (i, a) in combinations(enumerate(parents), 2):
+            if a != b and arm.model.parents[a] != b and arm.model.parents[b] != a:
+                geometry.addCollisionPair(pin.CollisionPair(j, i))
+        found = cls(arm, geometry, "")
+        overlapping = {
+            pair for q in visited[:: 1 + len(visited) // _LOOKED_AT] for pair in found._hits(q)
+        }
+        for k in sorted(overlapping, reverse=True):
+            geometry.removeCollisionPair(geometry.collisionPairs[k])
+        count = len(geometry.collisionPairs)
+        note = (
+            f"self-collisions checked with {count} pairs of the URDF's {word} shapes; table and "
+            "artefact are not looked at"
+        )
+        return cls(arm, geometry if count else None, note)
+
+    def free(self, q: FloatArray) -> NDArray[np.bool_]:
+        """(n,) whether the arm in these readings (n, joints) touches nothing of itself."""
+        if self.geometry is None:
+            return np.ones(len(q), dtype=bool)
+        return np.array([not self._hits(row) for row in q], dtype=bool)
+
+    def _hits(self, q: FloatArray) -> Sequence[int]:
+        """Numbers of the pairs that overlap."""
+        data, shapes = self.arm.model.createData(), self.geometry.createData()
+        pin.computeCollisions(
+            self.arm.model, data, self.geometry, shapes, configuration(self.arm, q), False
+        )
+        return [k for k, result in enumerate(shapes.collisionResults) if result.isCollision()]
+
+
+def _shapes(arm: ArmModel, kind: Any) -> Any:
+    """Geometry of the reduced model; meshes are looked for beside the URDF and above it."""
+    path = arm.chain.path
+    model = pin.buildModelFromUrdf(str(path))
+    folders = [str(folder) for folder in path.resolve().parents]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        geometry = pin.buildGeomFromUrdf(model, str(path), kind, folders)
+    kept = set(arm.model.names)
+    locked = [i for i in range(1, model.njoints) if model.names[i] not in kept]
+    _, reduced = pin.buildReducedModel(model, [geometry], locked, pin.neutral(model))
+    return reduced[0]

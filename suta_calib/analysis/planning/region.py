@@ -46,7 +46,7 @@ _POSES_IN_REGION: Final = 4
 
 @dataclass(frozen=True, eq=False)
 class Region:
-    """A box and a cone.
+    """A box and a cone of directions.
 
     Attributes:
         lower, upper: (3,) corners in the base, m.
@@ -173,12 +173,7 @@ def _corner_text(corner: FloatArray) -> str:
 
 @dataclass(frozen=True)
 class Pool:
-    """How many places to try, and how far the artefact may be tilted.
-
-    Attributes:
-        placements, points, poses: how many of each.
-        most_tilt: largest tilt of the artefact, rad; 0 for flat ones only.
-    """
+    """How many places to try, and how far the artefact may be tilted (rad; 0: flat ones only)."""
 
     placements: int = 240
     points: int = 40
@@ -244,20 +239,12 @@ def _points(
 ) -> list[Place]:
     u = qmc.Halton(3, seed=np.random.default_rng(seed + 1)).random(pool.points)
     marks = 1 if situation.artefact is None else len(situation.artefact.landmarks)
-    touches = max(20, repeats * marks) if marks == 1 else repeats * marks
-    where = _LENGTH_STEP * np.round(
-        (region.lower + u * (region.upper - region.lower)) / _LENGTH_STEP
-    )
+    touches = max(2 if marks > 1 else 20, repeats * marks)
+    within = region.lower + u * (region.upper - region.lower)
+    kind = situation.places.place
     return [
-        Point(
-            f"F{next(names)}",
-            position,
-            max(2, touches),
-            region.axis,
-            DEFAULT_CONE,
-            kind=situation.places.place,
-        )
-        for position in where
+        Point(f"F{next(names)}", where, touches, region.axis, DEFAULT_CONE, kind=kind)
+        for where in _LENGTH_STEP * np.round(within / _LENGTH_STEP)
     ]
 
 

@@ -38,16 +38,22 @@ class Situation:
     trouble: str = ""
 
     @classmethod
-    def of(cls, problem: Problem, solution: Solution | None = None) -> Situation:
+    def of(cls, problem: Problem, solution: Solution | None = None, trouble: str = "") -> Situation:
         """From a problem and, if the data could be fitted, its solution.
+
+        Args:
+            problem: the present data.
+            solution: of it.
+            trouble: why the solution must not be used, beside that it did not converge.
 
         Raises:
             JobError: the terms look at no arm.
         """
         if problem.arm is None:
             raise JobError("observations without an arm", "samples with joint readings")
-        if solution is None or not solution.converged:
-            trouble = "" if solution is None else str(solution.sentence)
+        if solution is not None and not solution.converged:
+            trouble = str(solution.sentence)
+        if solution is None or trouble:
             return cls(problem, problem.start(), tuple(problem.assumed_sigmas()), False, trouble)
         return cls(problem, solution.x, solution.noise, True)
 
@@ -59,7 +65,7 @@ class Situation:
 
     @cached_property
     def values(self) -> dict[str, float]:
-        """Parameter values by name, the terms' own among them."""
+        """Of all parameters by name, the terms' own among them."""
         return self.problem.values(self.x)
 
     @cached_property
@@ -149,10 +155,8 @@ class Situation:
         if isinstance(place, Point):
             labels = {self.places.place: [candidate.name] * n}
             poses = ArmPoses(self.arm, Samples.from_arrays(self.arm.joints, q, labels=labels))
-            known = self.places
-            return (
-                known.over_poses(poses) if isinstance(known, Term) else known.over(poses, Setup())
-            )
+            kind = self.places
+            return kind.over_poses(poses) if isinstance(kind, Term) else kind.over(poses, Setup())
         labels = {
             "placement": [candidate.name] * n,
             "repeat": ["1"] * n,

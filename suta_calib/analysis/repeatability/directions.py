@@ -105,13 +105,7 @@ class BacklashSearch:
 def search_backlash(
     groups: DirectionGroups, values: FloatArray, random: np.random.Generator
 ) -> BacklashSearch:
-    """Take joints one after the other until noise explains what is left.
-
-    Args:
-        groups: the directions.
-        values: (n, joints) deviations of the readings, protocols' means taken out, rad or m.
-        random: of the permutations.
-    """
+    """Take joints one after the other until noise explains what is left of values (n, joints)."""
     found: list[int] = []
     as_well: dict[int, tuple[int, ...]] = {}
     p_values = np.ones(values.shape[1])

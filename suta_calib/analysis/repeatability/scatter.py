@@ -53,7 +53,7 @@ class ScatterEstimate:
     Attributes:
         value: as the definition gives it, m or rad.
         log_centre: logarithm of the value with the jackknife's bias taken out; -inf for zero.
-        log_std: its standard error.
+        log_std: its standard error; the bias is in it where that is the larger of the two.
         freedom: degrees of freedom of that standard error.
     """
 
@@ -90,8 +90,13 @@ def spread(statistic: Callable[[FloatArray], float], rows: FloatArray) -> Scatte
         # Few large influences make a sum of squares worth little.
         excess = n * float(np.sum(influence**4)) / power**2 - 1.0
         freedom = min(freedom, max(_LEAST_FREEDOM, 2.0 * n / max(excess, 1e-12)))
-    centre = n * math.log(value) - (n - 1) * float(logs.mean())
-    return ScatterEstimate(value, centre, math.sqrt((n - 1) / n * power), freedom)
+    bias = (n - 1) * (float(logs.mean()) - math.log(value))
+    std = math.sqrt((n - 1) / n * power)
+    # A bias beyond its error says that the statistic is no smooth one here: of visits to two
+    # points, say, whose distances hardly differ. Taken out at its word it would lead away from
+    # the value itself.
+    std = math.hypot(std, bias) if abs(bias) > std else std
+    return ScatterEstimate(value, math.log(value) - bias, std, freedom)
 
 
 def ratio(

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.cluster.hierarchy import fcluster, linkage
+from scipy.spatial.distance import pdist
 
 from suta_calib.analysis.repeatability.at_rest import Stationary
 from suta_calib.analysis.repeatability.directions import DirectionalForce, directional_force
@@ -24,10 +27,11 @@ from suta_calib.analysis.repeatability.scatter import (
     joint_scatter,
     median_angle,
 )
-from suta_calib.arrays import FloatArray
+from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.assessment import Assessment
 from suta_calib.batched import Batched
 from suta_calib.errors import SamplesError
+from suta_calib.geometry.numbers import rms_length
 from suta_calib.measurements import Samples
 from suta_calib.model.arm import ArmModel
 from suta_calib.pose_calibration.serial_correlation import correlation_length
@@ -40,6 +44,14 @@ _POSTURE: Final = from_deg(5.0)
 _UNUSUAL: Final = 10.0
 # Farther from the median than this many times the median distance: another point, or a slip.
 _ELSEWHERE: Final = 6.0
+# Groups of visits that are as far apart as this many times what they scatter about their own
+# middles, and more where there are few visits: less than one set of visits to one point in 1,000 is
+# so, whether it scatters like a ball, a disc, a ring or a line.
+_APART: Final = 3.0
+_FEW: Final = 10
+# Of all visits, and in numbers, the least that make a group and no outliers.
+_GROUP: Final = 0.1
+_LEAST_OF_GROUP: Final = 3
 DIRECTION: Final = "direction"
 PROTOCOL: Final = "protocol"
 # Share of visits that read as the one before, from which on somebody should ask.
@@ -52,11 +64,34 @@ def elsewhere(away: FloatArray) -> tuple[int, ...]:
     return tuple(int(row) for row in np.flatnonzero(size > _ELSEWHERE * np.median(size)))
 
 
+def places(away: FloatArray) -> tuple[IntArray, ...]:
+    """Rows of positions (n, 3) by the place they lie about, where that is not one for all.
+
+    Single linkage: a gap that parts groups of visits, against how far they scatter within.
+    """
+    least = max(_LEAST_OF_GROUP, math.ceil(_GROUP * len(away)))
+    merged = linkage(away, "single")
+    size = np.concatenate([np.ones(len(away)), merged[:, 3]])
+    gap = merged[:, 2]
+    parts = (size[merged[:, :2].astype(int)] >= least).all(axis=1)
+    found: tuple[IntArray, ...] = ()
+    clearest = _APART * (1 + (_FEW / len(away)) ** 2)
+    for width in gap[parts & (gap > 0)]:
+        label = fcluster(merged, width * (1 - 1e-9), "distance")
+        rows = [np.flatnonzero(label == each) for each in np.unique(label)]
+        groups = tuple(each for each in rows if len(each) >= least)
+        off = np.concatenate([away[each] - away[each].mean(axis=0) for each in groups])
+        # Of an encoder that is coarse, all visits of a group may read the same.
+        scatter = max(np.sqrt(np.sum(off**2) / (len(off) - len(groups))), gap[gap > 0].min())
+        if width > clearest * scatter:
+            found, clearest = groups, width / scatter
+    return found
+
+
 def other_posture(columns: Iterable[tuple[str, Unit, FloatArray, float]]) -> tuple[int, ...]:
     """Rows in which some revolute joint is where it is not in most others.
 
-    Args:
-        columns: name, unit, readings (n,) and lever of every joint.
+    Columns are name, unit, readings (n,) and lever of every joint.
     """
     odd: set[int] = set()
     for _, unit, readings, _ in columns:
@@ -81,6 +116,7 @@ class Repeatability:
         comparisons: of the first protocol with each of the others.
         directions: what the direction of the push does; None where there is but one.
         elsewhere: rows so far from the others that they may have visited another point.
+        places: rows by the place they visited, where there seem to be several; else empty.
         other_posture: rows in which a joint is far from where it is in the others.
         correlation: integrated autocorrelation of successive visits; 1 where they are independent.
         confidence: of every interval.
@@ -95,6 +131,7 @@ class Repeatability:
     comparisons: tuple[ProtocolComparison, ...]
     directions: DirectionalForce | None
     elsewhere: tuple[int, ...]
+    places: tuple[IntArray, ...]
     other_posture: tuple[int, ...]
     correlation: float
     confidence: float
@@ -131,7 +168,19 @@ class Repeatability:
             notes.append(
                 f"{' and '.join(few)}: ISO 9283 asks for {CYCLES}; the intervals are wide."
             )
-        if self.elsewhere:
+        if self.places:
+            groups = [self.position_of[rows] for rows in self.places]
+            middles = [visits.mean(axis=0) for visits in groups]
+            sizes = [rms_length(v - m) for v, m in zip(groups, middles, strict=True)]
+            notes.append(
+                f"The visits lie about {len(groups)} places up to "
+                f"{mm(float(pdist(middles).max())):.3f} mm apart: "
+                f"{', '.join(str(len(visits)) for visits in groups)} visits, which scatter by "
+                f"{', '.join(f'{mm(size):.3f}' for size in sizes)} mm (RMS) about their own. Were "
+                "these several points, or one from several sides? Every figure here is of all "
+                "together: give each a file of its own, or a label protocol or direction."
+            )
+        elif self.elsewhere:
             notes.append(
                 f"Far from the other visits: {self._rows(self.elsewhere)}. Was another point "
                 "visited, or did the tip slip? They count in every figure."
@@ -235,6 +284,7 @@ def repeatability(
         ),
         pushed,
         elsewhere(within),
+        places(away),
         other_posture(columns),
         correlation,
         confidence,

@@ -27,12 +27,7 @@ Done = dict[tuple[int, int], Trial]
 
 
 def identity(job: CalibrationJob, data: StudyData) -> dict[str, str]:
-    """What makes two studies the same, so that trials of one may stand in the other.
-
-    Args:
-        job: told by the content of its file and of all files it names, wherever they are.
-        data: of the study.
-    """
+    """What makes two studies the same: a job is its file's content and that of all it names."""
     files = [job.spec.path, job.spec.arm.urdf]
     for row in (*job.spec.observations, *job.spec.validation):
         files += [*row.sample_files, *([] if row.artefact is None else [row.artefact])]
@@ -47,11 +42,11 @@ def identity(job: CalibrationJob, data: StudyData) -> dict[str, str]:
 
 
 class StudyLog:
-    """Appends trials to a file, which is begun with the first of them.
+    """Appends trials to a file, which is begun (its folder too) with the first of them.
 
     Args:
-        path: the file; its folder is created if it is not there.
-        identity: what makes two studies the same, by name (`identity`).
+        path: the file.
+        identity: what makes two studies the same, by name.
         names: parameters that trials may estimate.
     """
 
@@ -61,9 +56,7 @@ class StudyLog:
         self._goes_on = False
 
     def finished(self) -> Done:
-        """Trials that are in the file already, by (size, number); those to come are added to it.
-
-        Without a file there are none, and the study begins anew.
+        """Trials that a file has already, by (size, number); those to come are added to it.
 
         Raises:
             JobError: the file is of another study; says what differs.
@@ -72,8 +65,28 @@ class StudyLog:
         """
         if not self.path.exists():
             return {}
-        done = self._read()
+        text = read_text(self.path, JobError)
+        whole = text[: text.rfind("\n") + 1]
+        lines = whole.splitlines(keepends=True)
+        self._refuse_others(lines[0] if lines else "")
+        if len(lines) < 2:
+            whole = "".join(self._head())
+        if whole != text:
+            write_bytes_atomically(self.path, whole.encode())
         self._goes_on = True
+        if len(lines) <= 2:
+            return {}
+        table = read_csv_table(self.path)
+        done: Done = {}
+        for row, problem in enumerate(table.cells("problem")):
+            estimates = {}
+            for name in self._names:
+                value, std = (_number(table, row, column) for column in (name, f"{name}:std"))
+                if math.isfinite(value):
+                    estimates[name] = (value, std)
+            size, number = (int(_number(table, row, name)) for name in ("size", "trial"))
+            rms = _number(table, row, "rms_m")
+            done[size, number] = Trial(size, number, problem, rms, estimates)
         return done
 
     def append(self, trial: Trial) -> None:
@@ -108,32 +121,8 @@ class StudyLog:
         columns = [column for name in self._names for column in (name, f"{name}:std")]
         return f"{_MARK}{said}\n", _line(["size", "trial", "problem", "rms_m", *columns])
 
-    def _read(self) -> Done:
-        text = read_text(self.path, JobError)
-        whole = text[: text.rfind("\n") + 1]
-        lines = whole.splitlines(keepends=True)
-        self._check(lines[0] if lines else "")
-        if len(lines) < 2:
-            whole = "".join(self._head())
-        if whole != text:
-            write_bytes_atomically(self.path, whole.encode())
-        if len(lines) <= 2:
-            return {}
-        table = read_csv_table(self.path)
-        done: Done = {}
-        for row, problem in enumerate(table.cells("problem")):
-            estimates = {}
-            for name in self._names:
-                value, std = (_number(table, row, column) for column in (name, f"{name}:std"))
-                if math.isfinite(value):
-                    estimates[name] = (value, std)
-            size, number = (_count(table, row, name) for name in ("size", "trial"))
-            rms = _number(table, row, "rms_m")
-            done[size, number] = Trial(size, number, problem, rms, estimates)
-        return done
-
-    def _check(self, first: str) -> None:
-        """Refuse trials of another study."""
+    def _refuse_others(self, first: str) -> None:
+        """Trials of another study, as the first line of the file says."""
         if first == self._head()[0]:
             return
         parts = first.removeprefix(_MARK).strip().split(", ")
@@ -149,19 +138,14 @@ class StudyLog:
 
 
 def _number(table: CsvTable, row: int, name: str) -> float:
-    """The number in a cell, NaN for an empty one."""
-    cell = table.cells(name)[row]
+    """The number in a cell; NaN for an empty one, which is no count."""
+    cell, counts = table.cells(name)[row], name in ("size", "trial")
+    if counts and not cell.isdecimal():
+        raise table.refuse(row, name, repr(cell), "a whole number, as it was written")
     try:
         return float(cell) if cell else math.nan
     except ValueError:
         raise table.refuse(row, name, repr(cell), "a number, as it was written") from None
-
-
-def _count(table: CsvTable, row: int, name: str) -> int:
-    cell = table.cells(name)[row]
-    if not cell.isdecimal():
-        raise table.refuse(row, name, repr(cell), "a whole number, as it was written")
-    return int(cell)
 
 
 def _line(cells: Sequence[str]) -> str:

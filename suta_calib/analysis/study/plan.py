@@ -22,7 +22,6 @@ from suta_calib.analysis.study.trial import (
     Kind,
     StudyData,
     Trial,
-    held_out_rms,
 )
 from suta_calib.errors import JobError, SamplesError
 from suta_calib.model.parameters import ParameterSet
@@ -45,8 +44,7 @@ class StudyPlan:
         sizes: how many sets are drawn, ascending; all of them for the other kinds.
         trials: of each size.
         left_out: sizes that were asked for and that these data are too few for.
-        solution: the calibration with all data, by the job's own solver options; None for the
-            study of sizes.
+        solution: with all data, by the job's own options; None for the study of sizes.
     """
 
     data: StudyData
@@ -63,14 +61,7 @@ class StudyPlan:
     @property
     def names(self) -> tuple[str, ...]:
         """Parameters that trials estimate; none in the study of sizes."""
-        reference = self.data.reference
-        return () if reference is None else tuple(reference.given)
-
-    @property
-    def full_rms(self) -> float:
-        """RMS, m, of the validation data with all sets; NaN where there are none."""
-        assert self.solution is not None
-        return held_out_rms(self.solution, self.data.validation)
+        return () if self.data.reference is None else tuple(self.data.reference.given)
 
 
 @dataclass(frozen=True)
@@ -80,11 +71,10 @@ class Request:
     Attributes:
         kind: of study.
         trials: of each size.
-        sizes: how many sets to draw; None for a choice that suits the data.
+        sizes: how many sets to draw; None for what suits the data.
         unit: what one set is; None for what suits the data.
         seed: of all trials.
-        tolerance: fraction by which the mean error of a size may exceed the largest size's and
-            still be enough.
+        tolerance: part by which a size's mean error may exceed the largest size's.
     """
 
     kind: Kind = "size"
@@ -106,6 +96,7 @@ def plan_study(
     validation: Sequence[Term],
     options: SolverOptions,
     request: Request,
+    solution: Solution | None = None,
 ) -> StudyPlan:
     """Decide what to draw, and solve with all data where the study compares with that.
 
@@ -113,14 +104,13 @@ def plan_study(
         parameters: the arm's unknowns.
         terms: the observations.
         validation: held-out terms, may be none.
-        options: of the solver for all data; a trial has one start, from nominal, which every size
-            gets alike.
+        options: of the solver for all data; a trial has one start, from nominal.
         request: what is asked for.
+        solution: with all data, where it is known already.
 
     Raises:
         SamplesError: too few sets, or none of the sizes is possible.
-        JobError: the calibration with all data does not converge, so that there is nothing to
-            compare trials with.
+        JobError: the calibration with all data does not converge: nothing to compare trials with.
     """
     sets = sets_of(terms, request.unit)
     once = SolverOptions(1, 0, options.hessian, options.max_iterations)
@@ -130,7 +120,7 @@ def plan_study(
     if request.kind == "size":
         sizes, left_out = _sizes(request.sizes, sets, whole=bool(validation))
         return StudyPlan(data, sizes, request.trials, left_out)
-    solution = solve(Problem(terms, parameters), options)
+    solution = solution or solve(Problem(terms, parameters), options)
     if not solution.converged:
         raise JobError(
             f"a calibration with all data that is {solution.sentence}",
@@ -167,8 +157,7 @@ def run_study(
         JobError: the log is of another study.
         InputError: no Dask scheduler answers, or its workers cannot run a trial.
     """
-    tasks = plan.tasks
-    done = log.finished() if log is not None and resume else {}
+    done, tasks = log.finished() if log is not None and resume else {}, plan.tasks
     left = [task for task in tasks if task not in done]
     count = len(tasks) - len(left)
     for trial in run_trials(plan.data, left, workers=workers, dask=dask):
@@ -184,13 +173,7 @@ def run_study(
 def _sizes(
     asked: tuple[int, ...] | None, sets: Sets, *, whole: bool
 ) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """Sizes to study, and those asked for that cannot be.
-
-    Args:
-        asked: sizes, or None.
-        sets: what there is.
-        whole: whether all sets may be drawn: something else is held out then.
-    """
+    """Sizes to study, and those asked for that cannot be; all sets where others are held out."""
     largest = len(sets) if whole else len(sets) - 1
     # An error over one or two held-out sets tells little of the arm.
     judgeable = largest if whole else max(1, int(MOST_DRAWN * len(sets)))

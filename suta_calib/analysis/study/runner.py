@@ -39,13 +39,7 @@ _one_at_a_time = threading.Lock()
 def run_trials(
     data: StudyData, tasks: Sequence[Task], *, workers: int = 1, dask: str | None = None
 ) -> Iterator[Trial]:
-    """Run trials, in whatever order they are done; the numbers do not depend on where.
-
-    Args:
-        data: what every trial needs.
-        tasks: (size, number) of each trial.
-        workers: processes on this computer.
-        dask: address of a Dask scheduler, such as ``tcp://host:8786``, to run there instead.
+    """Run trials, (size, number), in whatever order they are done, on so many processes or on Dask.
 
     Raises:
         MissingExtraError: a Dask cluster is asked for and `distributed` is not installed.

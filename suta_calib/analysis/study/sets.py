@@ -41,11 +41,10 @@ class Sets:
     """What is drawn, and which samples it takes along.
 
     Attributes:
-        unit: what one set is: ``set`` (one placement and repeat), ``placement`` (all its repeats),
-            ``point`` (all touches of it), … or ``sample``.
+        unit: what one set is, of `UNITS`.
         names: of the sets, in order of first appearance.
-        members: for each term the set (samples,) each of its samples belongs to, or None for a
-            term without such sets, which is kept whole.
+        members: for each term the set (samples,) of each sample; None for a term without such
+            sets, which is kept whole.
     """
 
     unit: str
@@ -63,10 +62,7 @@ class Sets:
     def take(self, terms: Sequence[Term], chosen: Sequence[int]) -> tuple[Term, ...]:
         """The terms over the chosen sets; a term that has no sample in them is left out.
 
-        Args:
-            terms: those the sets were made of, over an arm's samples.
-            chosen: numbers of sets. One that comes twice is measured twice: its copies do not
-                pair with each other.
+        A set that comes twice is measured twice: its copies do not pair with each other.
 
         Raises:
             SamplesError: a kind cannot be built over these samples alone.
@@ -111,12 +107,10 @@ class Sets:
 
 
 def sets_of(terms: Sequence[Term], unit: str | None = None) -> Sets:
-    """The sets that samples of these terms form.
+    """The sets that samples of these terms form; a label in two terms is one set.
 
-    Args:
-        terms: observations. The same label in two terms is one set: it was measured at once.
-        unit: what one set is. By default ``set`` where any term has placements; else ``point``,
-            or what else is touched, where there are four or more; else ``sample``.
+    A set is by default one placement and repeat where any term has them; else ``point``, or what
+    else is touched, where there are four or more; else ``sample``.
 
     Raises:
         SamplesError: an unknown unit, no term with such labels, or fewer than two sets.
@@ -125,8 +119,16 @@ def sets_of(terms: Sequence[Term], unit: str | None = None) -> Sets:
     if unit not in UNITS:
         hint = did_you_mean(unit, UNITS)
         raise SamplesError(repr(unit), f"one of {', '.join(UNITS)}", where="unit", hint=hint)
-    labelled = [_labels(term, unit, k) for k, term in enumerate(terms)]
-    names = tuple(dict.fromkeys(name for labels in labelled for name in labels or ()))
+    labelled: list[list[str] | None] = []
+    for k, term in enumerate(terms):
+        labels = term.poses.samples.labels
+        if unit == SAMPLE:
+            labelled.append([f"{k + 1}:{row + 1}" for row in range(len(term.poses))])
+        elif all(name in labels for name in UNITS[unit]):
+            labelled.append([str(name) for name in joined(labels, UNITS[unit])])
+        else:
+            labelled.append(None)
+    names = tuple(dict.fromkeys(name for own in labelled for name in own or ()))
     if not names:
         raise SamplesError(
             f"no samples with {' and '.join(UNITS[unit])}",
@@ -143,8 +145,8 @@ def sets_of(terms: Sequence[Term], unit: str | None = None) -> Sets:
         )
     index = {name: k for k, name in enumerate(names)}
     members = tuple(
-        None if labels is None else np.array([index[n] for n in labels], dtype=np.intp)
-        for labels in labelled
+        None if own is None else np.array([index[n] for n in own], dtype=np.intp)
+        for own in labelled
     )
     return Sets(unit, names, members)
 
@@ -171,13 +173,3 @@ def described(unit: str) -> str:
         return f"one {unit}"
     on_artefact = any(kind.needs_artefact for kind in KINDS.values() if kind.place == unit)
     return f"one {unit} with all its repeats" if on_artefact else f"all touches of one {unit}"
-
-
-def _labels(term: Term, unit: str, number: int) -> list[str] | None:
-    """Which set each sample belongs to, by name; None for a term without such labels."""
-    samples = term.poses.samples
-    if unit == SAMPLE:
-        return [f"{number + 1}:{k + 1}" for k in range(len(samples))]
-    if not all(name in samples.labels for name in UNITS[unit]):
-        return None
-    return [str(name) for name in joined(samples.labels, UNITS[unit])]

@@ -18,7 +18,7 @@ import numpy as np
 
 from suta_calib.analysis.study.log import StudyLog, identity
 from suta_calib.analysis.study.plan import Request, StudyPlan, plan_study, run_study
-from suta_calib.analysis.study.trial import ESTIMATED, Trial, nominal_rms
+from suta_calib.analysis.study.trial import ESTIMATED, Trial, held_out_rms, nominal_rms
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment
 from suta_calib.job.calibration import CalibrationJob
@@ -48,7 +48,7 @@ class SizeResult:
         trials: how many were run.
         distinct: how many different subsets they drew.
         rms: (solved,) RMS of the held-out errors, m, of the trials that have a result.
-        improvement: how much smaller the mean is than that of the smallest size, as a fraction.
+        improvement: part by which the mean is smaller than that of the smallest size.
     """
 
     size: int
@@ -64,7 +64,7 @@ class SizeResult:
 
     @property
     def mean(self) -> float:
-        """Over the trials with a result, m."""
+        """Over the trials with a result, m; NaN without any, as the smallest and largest."""
         return float(self.rms.mean()) if len(self.rms) else math.nan
 
     @property
@@ -73,14 +73,9 @@ class SizeResult:
         return float(self.rms.std(ddof=1)) if len(self.rms) > 1 else math.nan
 
     @property
-    def minimum(self) -> float:
-        """Of all trials, m."""
-        return float(self.rms.min()) if len(self.rms) else math.nan
-
-    @property
-    def maximum(self) -> float:
-        """Of all trials, m."""
-        return float(self.rms.max()) if len(self.rms) else math.nan
+    def range(self) -> tuple[float, float]:
+        """Smallest and largest, m."""
+        return (self.rms.min(), self.rms.max()) if len(self.rms) else (math.nan, math.nan)
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +85,7 @@ class SizeStudy:
     Attributes:
         plan: what was run.
         sizes: one result a size, ascending.
-        tolerance: fraction by which a mean may exceed the largest size's and still be enough.
+        tolerance: part by which a mean may exceed the largest size's.
         failures: reasons trials had no result, with how often.
         uncalibrated: RMS, m, of the nominal arm on the validation data; NaN without them.
     """
@@ -154,8 +149,7 @@ class SizeStudy:
         found = []
         if not self.levelled:
             found.append("The curve has not levelled off: study more sets than these.")
-        bad = [s for s in self.sizes if s.failed > MANY_FAILED * s.trials]
-        if bad:
+        if bad := [s for s in self.sizes if s.failed > MANY_FAILED * s.trials]:
             told = ", ".join(f"{s.failed} of {s.trials} with {s.size}" for s in bad)
             found.append(
                 f"Trials without a result: {told}. The figures are of the others, so they are "
@@ -175,11 +169,7 @@ class SizeStudy:
 
 @dataclass(frozen=True, eq=False)
 class TrialScatter:
-    """One quantity over the trials that told it.
-
-    Attributes:
-        values: (told,) m or rad.
-    """
+    """One quantity, (told,) m or rad, over the trials that told it."""
 
     values: FloatArray
 
@@ -213,10 +203,9 @@ class ParameterSpread:
 
     Attributes:
         estimate: of the calibration with all data.
-        spread: of the trials' estimates that mean the same: told, and relative to the same held
-            parameters.
-        predicted: standard deviation to compare with, m or rad: the calibration's own in a
-            bootstrap, the root mean square of the trials' in a Monte-Carlo study; NaN if unknown.
+        spread: of the trials' estimates that are relative to the same held parameters.
+        predicted: standard deviation, m or rad: the calibration's own in a bootstrap, the root
+            mean square of the trials' in a Monte-Carlo study; NaN if unknown.
         sets: how many sets a bootstrap drew from; 0 where nothing was drawn.
         priors: whether the job has any.
     """
@@ -295,12 +284,8 @@ class SpreadStudy:
                 "takes them for independent, the prediction does not: try --unit placement."
             )
         often = (1 - MANY_FAILED) * self.solved
-        rarely = [
-            name
-            for name, p in self.parameters.items()
-            if p.estimate.state in ESTIMATED and len(p.spread.values) < often
-        ]
-        if rarely:
+        estimated = {n: p for n, p in self.parameters.items() if p.estimate.state in ESTIMATED}
+        if rarely := [n for n, p in estimated.items() if len(p.spread.values) < often]:
             found.append(f"Not identified in every trial: {listed(rarely)}.")
         failed = self.plan.trials - self.solved
         if failed > MANY_FAILED * self.plan.trials:
@@ -317,6 +302,7 @@ def study_of_job(
     log: Path | None = None,
     *,
     resume: bool = False,
+    anyway: bool = False,
     workers: int = 1,
     dask: str | None = None,
     progress: Progress | None = None,
@@ -328,16 +314,21 @@ def study_of_job(
         request: what is asked for.
         log: file that finished trials are written to, for an interrupted study to go on.
         resume: go on with the trials in the log.
+        anyway: study a job whose answer must not be used, too.
         workers: processes on this computer; the answer does not depend on how many.
         dask: address of a Dask scheduler to run on instead.
         progress: called with (trials done, trials).
 
     Raises:
         SamplesError: too few sets, or none of the sizes is possible.
-        JobError: the calibration with all data does not converge, or the log is of another study.
+        JobError: the log is of another study.
+        NotUsableError: the answer with all data must not be used.
         InputError: no Dask scheduler answers, or its workers cannot run a trial.
     """
-    plan = plan_study(job.parameters, job.observations, job.validation, job.options(), request)
+    solution = job.usable_solution(anyway=anyway)
+    plan = plan_study(
+        job.parameters, job.observations, job.validation, job.options(), request, solution
+    )
 
     into = nullcontext() if log is None else StudyLog(log, identity(job, plan.data), plan.names)
     with into as opened:
@@ -355,7 +346,7 @@ def judge_sizes(plan: StudyPlan, trials: Sequence[Trial], tolerance: float) -> S
     Args:
         plan: what was run.
         trials: of `run_study`.
-        tolerance: fraction a mean may exceed the largest size's by and still be enough.
+        tolerance: part by which a mean may exceed the largest size's.
     """
     results = []
     for size in plan.sizes:
@@ -377,33 +368,22 @@ def judge_spread(plan: StudyPlan, trials: Sequence[Trial]) -> SpreadStudy:
         plan: what was run.
         trials: of `run_study`.
     """
-    assert plan.solution is not None
-    arm = plan.solution.problem.names[: plan.solution.problem.arm_count]
-    parameters = {
-        name: _parameter_spread(plan, plan.solution.estimates[name], trials) for name in arm
-    }
-    failures = Counter(trial.problem for trial in trials if trial.problem)
+    solution, data = plan.solution, plan.data
+    assert solution is not None
+    priors = any(p.prior is not None for p in data.parameters.values())
+    bootstrap = data.kind == "bootstrap"
+    parameters = {}
+    for name in solution.problem.arm_parameters:
+        estimate = solution.estimates[name]
+        estimated = [t.estimates[name] for t in trials if name in t.estimates]
+        values, stds = np.array(estimated).reshape(-1, 2).T
+        predicted = math.nan if estimate.std is None else estimate.std
+        if not bootstrap:
+            predicted = float(np.sqrt(np.mean(stds**2))) if len(stds) else math.nan
+        sets = len(data.sets) if bootstrap else 0
+        parameters[name] = ParameterSpread(estimate, TrialScatter(values), predicted, sets, priors)
+    failures = dict(Counter(trial.problem for trial in trials if trial.problem).most_common())
     solved = [trial for trial in trials if not trial.problem]
-    rms = np.array([trial.rms for trial in solved if math.isfinite(trial.rms)])
-    return SpreadStudy(
-        plan,
-        parameters,
-        TrialScatter(rms),
-        plan.full_rms,
-        len(solved),
-        dict(failures.most_common()),
-    )
-
-
-def _parameter_spread(
-    plan: StudyPlan, estimate: Estimate, trials: Sequence[Trial]
-) -> ParameterSpread:
-    estimated = [t.estimates[estimate.name] for t in trials if estimate.name in t.estimates]
-    values, stds = np.array(estimated).reshape(-1, 2).T
-    priors = any(p.prior is not None for p in plan.data.parameters.values())
-    if plan.data.kind == "bootstrap":
-        predicted, sets = estimate.std, len(plan.data.sets)
-    else:
-        predicted, sets = float(np.sqrt(np.mean(stds**2))) if len(stds) else None, 0
-    told = math.nan if predicted is None else predicted
-    return ParameterSpread(estimate, TrialScatter(values), told, sets, priors)
+    errors = TrialScatter(np.array([t.rms for t in solved if math.isfinite(t.rms)]))
+    full_rms = held_out_rms(solution, data.validation)
+    return SpreadStudy(plan, parameters, errors, full_rms, len(solved), failures)

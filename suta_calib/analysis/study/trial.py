@@ -48,12 +48,9 @@ ESTIMATED: Final[tuple[State, ...]] = ("identified", "prior")
 
 @dataclass(frozen=True)
 class FullDataFit:
-    """The calibration with all data, as far as trials need it.
+    """The calibration with all data: values (m, rad) by name, and the noise found in each block.
 
-    Attributes:
-        values: of all parameters by name, m or rad.
-        noise: found for each block, m or rad per component.
-        given: for each estimated parameter of the arm the held ones its value is relative to.
+    ``given`` has for each estimated parameter of the arm the held ones its value is relative to.
     """
 
     values: Mapping[str, float]
@@ -63,25 +60,17 @@ class FullDataFit:
     @classmethod
     def of(cls, solution: Solution) -> FullDataFit:
         """What a solution says."""
-        arm = solution.problem.names[: solution.problem.arm_count]
-        estimates = {name: solution.estimates[name] for name in arm}
-        given = {name: e.given for name, e in estimates.items() if e.state in ESTIMATED}
+        arm = [solution.estimates[name] for name in solution.problem.arm_parameters]
+        given = {e.name: e.given for e in arm if e.state in ESTIMATED}
         return cls(solution.values, solution.noise, given)
 
 
 @dataclass(frozen=True, eq=False)
 class StudyData:
-    """Everything a trial needs. It holds arrays and names only, so it can be sent to a worker.
+    """Everything a trial needs: arrays and names only, so that it can be sent to a worker.
 
-    Attributes:
-        kind: what is studied.
-        seed: of all trials.
-        parameters: the arm's unknowns.
-        terms: the observations.
-        validation: held-out terms; where there are none, the sets not drawn are.
-        sets: what is drawn.
-        options: of the solver; one start, from nominal.
-        reference: the calibration with all data; the study of sizes needs none.
+    Without ``validation`` terms the sets not drawn are held out. The solver's ``options`` have one
+    start, from nominal; ``reference`` is the calibration with all data, but for a study of sizes.
     """
 
     kind: Kind
@@ -153,9 +142,7 @@ def held_out_rms(solution: Solution, validation: Sequence[Term]) -> float:
 
     It is the figure `assess` finds after calibration, without those before.
     """
-    count = solution.problem.arm_count
-    arm = ParameterSet(list(solution.problem.parameters.values())[:count])
-    return _rms(validation, arm, solution.values)
+    return _rms(validation, solution.problem.arm_parameters, solution.values)
 
 
 def nominal_rms(data: StudyData) -> float:
@@ -222,7 +209,7 @@ def resimulated(
 
     Args:
         terms: over an arm's samples.
-        values: what is taken for the truth: of the arm and of the terms' own unknowns, m or rad.
+        values: of arm and terms that are taken for the truth, m or rad.
         noise: of each block of each term, in order, m or rad per component of its residual.
         random: source of the noise.
 

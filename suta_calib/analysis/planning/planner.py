@@ -42,7 +42,7 @@ from suta_calib.arrays import FloatArray
 from suta_calib.diagnostics.explanation import Explanation, explain
 from suta_calib.errors import JobError, SamplesError
 from suta_calib.job.calibration import CalibrationJob
-from suta_calib.solver.solve import Progress, identify_at, solve
+from suta_calib.solver.solve import Progress, identify_at
 from suta_calib.threads import single_threaded
 
 # Touches of a point where there is no artefact to say how many are usual.
@@ -59,12 +59,13 @@ def situation_of_job(job: CalibrationJob, progress: Progress | None = None) -> S
     Raises:
         JobError: it looks at no arm.
     """
-    problem = job.problem()
     try:
-        solution = solve(problem, job.options(), progress)
+        result = job.run(progress)
     except SamplesError:  # too little data is what a plan is for
-        return Situation.of(problem)
-    return Situation.of(problem, solution)
+        return Situation.of(job.problem())
+    judged = result.assessment
+    trouble = "" if judged.usable else next(iter(judged.notes), judged.sentence)
+    return Situation.of(result.solution.problem, result.solution, trouble)
 
 
 def candidate_places(
@@ -75,7 +76,7 @@ def candidate_places(
     Args:
         file: ``candidates.yaml``.
         situation: says how often things are touched where the file does not.
-        options: what is asked for; repeats that are stated there stay.
+        options: repeats that are stated there stay.
 
     Raises:
         JobError: the file cannot be used; names the line and the key.
@@ -172,17 +173,13 @@ def _choices(
     for candidate, more in chosen:
         after = before + more
         tips = [design.tip(t) for t in (before, after)]
-        volumes = [design.d(t) for t in (before, after)]
-        still = {c.fixed for c in space.identify(after).combinations}
-        found.append(
-            Choice(
-                candidate,
-                tips[1],
-                1.0 - tips[1] / tips[0] if tips[0] > 0 else 0.0,
-                (volumes[0] - volumes[1]) * space.arm_count / math.log(2.0),
-                tuple(c.fixed for c in space.identify(before).combinations if c.fixed not in still),
-            )
+        gain = 1.0 - tips[1] / tips[0] if tips[0] > 0 else 0.0
+        bits = (design.d(before) - design.d(after)) * space.arm_count / math.log(2.0)
+        open_before, still = (
+            [c.fixed for c in space.identify(each).combinations] for each in (before, after)
         )
+        told = tuple(name for name in open_before if name not in still)
+        found.append(Choice(candidate, tips[1], gain, bits, told))
         before = after
     return tuple(found)
 
@@ -231,12 +228,12 @@ def _stop(design: Design, now: SharedInformation, options: PlanOptions) -> Stop:
 
 
 def forecast(space: Space, information: SharedInformation, tip: Sensitivity) -> Forecast:
-    """Predict what data that tell this much would give.
+    """Predict what such information would give.
 
     Args:
         space: the unknowns.
-        information: information on them.
-        tip: postures of the region, with derivatives by the arm's parameters in their order.
+        information: on them.
+        tip: postures of the region, with derivatives by the arm's parameters.
     """
     identification = space.identify(information)
     fixed = {int(k) for k in identification.fixed}
@@ -271,19 +268,11 @@ def remedies(
 ) -> tuple[Remedy, ...]:
     """One for each parameter of the arm that the present data leave open.
 
-    A candidate determines a parameter if that would no longer be held with it, and fewer would be
-    held in all: of a combination, holding another one instead is no gain.
-
-    Args:
-        situation: the present data.
-        space: the unknowns.
-        present: what the present data tell.
-        candidates: what could be added.
-        information: what each would tell.
+    A candidate, by the information it would add to the present one, determines a parameter that
+    would no longer be held with it, if fewer would be held in all: of a combination, holding
+    another one instead is no gain.
     """
-    identification = space.identify(present)
-    arm = set(space.names[: space.arm_count])
-    names = [c.fixed for c in identification.combinations if c.fixed in arm]
+    names = _fixed(space, present)
     problem, x = situation.problem, situation.x
     texts = {e.fixed: e for e in explain(problem, x, identify_at(problem, x, situation.sigmas))}
     found = []
@@ -311,7 +300,7 @@ def remedies(
     return tuple(found)
 
 
-def _fixed(space: Space, information: SharedInformation) -> frozenset[str]:
+def _fixed(space: Space, information: SharedInformation) -> list[str]:
     """The arm's parameters that would be held."""
-    arm = set(space.names[: space.arm_count])
-    return frozenset(c.fixed for c in space.identify(information).combinations if c.fixed in arm)
+    arm = space.names[: space.arm_count]
+    return [c.fixed for c in space.identify(information).combinations if c.fixed in arm]

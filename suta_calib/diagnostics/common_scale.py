@@ -1,0 +1,145 @@
+"""Are all lengths of an artefact, or of an instrument, too long by one factor?
+
+A step of Gauss and Newton from the solution with one more unknown, the factor 1 + s on every
+certified or measured length, in which the arm and all else may follow as far as their priors let
+them. Where every length of the arm is free, the factor and the arm's size are one and the same to
+the data: then the estimated lengths must not all have grown by one factor.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+import numpy as np
+from scipy.special import ndtri, stdtr
+
+from suta_calib.measurements import Artefact
+from suta_calib.model.parameters import POSITION
+from suta_calib.solver.information import robust_jacobian, whitened_rows
+from suta_calib.solver.problem import Problem
+from suta_calib.solver.solution import Solution
+from suta_calib.terms import Term
+
+# Step of the numerical derivative, relative.
+STEP: Final = 1e-6
+# Standard deviation from which on the data do not tell a factor: were every length 0, there would
+# be no residuals, and that much information they pretend.
+UNTOLD: Final = 0.01
+# Lengths of an arm shorter than that are no measure of its size, m.
+SHORTEST: Final = 0.02
+# One length alone has no evenness.
+FEWEST: Final = 2
+
+
+@dataclass(frozen=True)
+class CommonScale:
+    """A factor on all lengths of one sort.
+
+    Attributes:
+        what: whose lengths they are: ``artefact``, ``instrument``, ``arm``.
+        value: s, by which they are too long (the arm's: by which it came out too long).
+        std: standard deviation of it.
+        gain: share that it explains: of the priors' squared pulls or of the squared residuals,
+            whichever is more; or of the arm's squared changes.
+    """
+
+    what: str
+    value: float
+    std: float
+    gain: float
+
+    @property
+    def significance(self) -> float:
+        """Standard deviations that it is off."""
+        return abs(self.value) / self.std
+
+
+def common_scales(solution: Solution) -> Iterator[CommonScale]:
+    """What the data tell of every factor; nothing where they tell none.
+
+    Args:
+        solution: a converged one, of terms over an arm.
+    """
+    problem, told = solution.problem, False
+    for what, mine in (
+        ("artefact", [term.needs_artefact for term in problem.terms]),
+        ("instrument", [term.medium != "touch" for term in problem.terms]),
+    ):
+        if any(mine):
+            found = _step(solution, what, mine)
+            if found.std < UNTOLD:
+                told = True
+                yield found
+    if not told:
+        yield from _grown(solution)
+
+
+def _step(solution: Solution, what: str, mine: Sequence[bool]) -> CommonScale:
+    """The factor on the lengths of ``mine`` among the terms, everything else following."""
+    problem, x = solution.problem, solution.x
+    noise = [max(n, 1e-9) for n in solution.noise]
+    longer = [_longer(t) if m else t for t, m in zip(problem.terms, mine, strict=True)]
+    moved = [r.residual.copy() for r in Problem(longer, problem.arm_parameters).linearise(x, noise)]
+    free = solution.free
+    curvature = np.zeros((len(free) + 1,) * 2)
+    gradient, squares = np.zeros(len(free) + 1), 0.0
+    for rows, after in zip(whitened_rows(problem, x, noise), moved, strict=True):
+        line = rows.line
+        by_scale = ((after - line.residual) / STEP / line.sigma[:, None]).reshape(-1, 1)
+        wide = replace(rows, jacobian=np.hstack([rows.jacobian[:, free], by_scale]))
+        believed = robust_jacobian(wide)
+        curvature += believed.T @ believed
+        score = (line.residual * (line.weight / line.sigma)[:, None]).reshape(-1)
+        gradient += wide.jacobian.T @ score
+        squares += float(np.sum(line.weight[:, None] * (line.residual / line.sigma[:, None]) ** 2))
+    precision = problem.prior_precision()[free]
+    off = (x - problem.parameters.array("nominal"))[free]
+    curvature[:-1, :-1] += np.diag(precision)
+    gradient[:-1] += precision * off
+    scale = np.sqrt(np.maximum(np.diag(curvature), 1e-300))
+    inverse = np.linalg.pinv(curvature / np.outer(scale, scale), 1e-13, True)
+    inverse /= np.outer(scale, scale)
+    step = -inverse @ gradient
+    # What must be made longer is stated too short.
+    value, variance = -float(step[-1]), float(inverse[-1, -1])
+    pulled, left = (float(precision @ d**2) for d in (off, off + step[:-1]))
+    gain = max((pulled - left) / max(pulled, 1.0), value**2 / variance / squares)
+    return CommonScale(what, value, math.sqrt(variance), gain)
+
+
+def _longer(term: Term) -> Term:
+    """The term with every certified or measured length longer by `STEP`."""
+    samples = term.poses.samples
+    if samples.position is not None:
+        samples = replace(samples, position=samples.position * (1.0 + STEP))
+        return term.over_poses(term.poses.with_samples(samples))
+    if term.touched is None:
+        return term
+    marks = {
+        name: replace(mark, position=mark.position * (1.0 + STEP))
+        for name, mark in term.touched.landmarks.items()
+    }
+    changed: dict[str, Any] = {"artefact": Artefact(term.touched.name, marks)}
+    return replace(term, **changed)
+
+
+def _grown(solution: Solution) -> Iterator[CommonScale]:
+    """How the arm's estimated lengths have grown together, judged by how unevenly they have."""
+    told = [
+        (e.nominal, e.value - e.nominal)
+        for name, e in solution.arm_estimates.items()
+        if e.std and abs(e.nominal) > SHORTEST and name.rpartition(".")[2] in POSITION
+    ]
+    if len(told) < FEWEST:
+        return
+    length, change = np.array(told).T
+    size = float(length @ length)
+    value = float(length @ change) / size
+    left, freedom = float(np.sum((change - value * length) ** 2)), len(told) - 1
+    t = abs(value) / math.sqrt(max(left, 1e-18) / freedom / size)
+    # As many standard deviations of normal noise have the same chance.
+    off = float(-ndtri(max(stdtr(freedom, -t), 1e-300)))
+    yield CommonScale("arm", value, abs(value) / off, 1.0 - left / float(change @ change))

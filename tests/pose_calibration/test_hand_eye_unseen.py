@@ -1,0 +1,107 @@
+"""Hand-eye: what leaves hardly any residual, and pairs that few others cannot prove wrong."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hand_eye_scenes import calibrate, errors, noisy, simulate
+
+from suta_calib.geometry.numbers import rotation_from_vector, vector_from_rotation
+from suta_calib.pose_calibration.hand_eye import HandEyeCalibration, Setup, calibrate_hand_eye
+from suta_calib.terms import HandEye
+from suta_calib.terms.hand_eye_start import inverse
+from suta_calib.terms.synthetic import OutlierModel, PoseNoise, Simulated
+
+
+# ── Inverted poses ───────────────────────────────────────────────────────────────────────────
+@pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
+def test_both_poses_inverted_exchange_x_and_z_and_it_is_said(setup: Setup) -> None:
+    """The eye in the hand is 0.1 m off, the target in the base 0.64 m."""
+    data = noisy(30)
+    hand, seen = data.poses, data.seen
+    assert seen is not None
+    if setup == "eye-to-hand":
+        # The same loops: X is then in the base, Z on the hand.
+        hand = inverse(hand)
+    right = calibrate_hand_eye(hand, seen, setup=setup)
+    wrong = calibrate_hand_eye(inverse(hand), inverse(seen), setup=setup)
+    np.testing.assert_allclose(wrong.Z, right.X, atol=5e-4)
+    assert {right.inverted, wrong.inverted} == {"good", "care"}
+    told = [
+        f for f in (right, wrong) if any("both poses inverted" in n for n in f.assessment.notes)
+    ]
+    assert len(told) == 1
+
+
+def test_an_eye_that_no_hand_could_hold_must_not_be_used() -> None:
+    data = simulate(30, hand=PoseNoise(3e-4, 1e-3), Z=(np.eye(3), np.array([1.5, 0.2, 0.1])))
+    assert data.seen is not None
+    wrong = calibrate_hand_eye(inverse(data.poses), inverse(data.seen))
+    assert wrong.inverted == wrong.assessment.level == "bad"
+
+
+# ── Few pairs ────────────────────────────────────────────────────────────────────────────────
+def of_a_bent_robot(count: int, seed: int) -> tuple[Simulated[HandEye], HandEyeCalibration]:
+    """Some 4 mm and 0.4°, alike where the hand is alike: a geometry that errs, no wrong pair."""
+    data = simulate(count, seed=seed)
+    (R, p), random = data.poses, np.random.default_rng([seed, 7])
+    where = np.hstack([p, vector_from_rotation(R)])
+    shift, turn = (np.sin(2.0 * where @ random.standard_normal((6, 3))) for _ in range(2))
+    hand = R @ rotation_from_vector(np.radians(0.4) * turn), p + 4e-3 * shift
+    assert data.seen is not None
+    return data, calibrate_hand_eye(hand, data.seen)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_of_few_pairs_with_correlated_errors_none_is_thrown_out(seed: int) -> None:
+    _, found = of_a_bent_robot(15, seed)
+    assert found.outliers == ()
+
+
+@pytest.mark.parametrize("count", [12, 15, 20])
+def test_of_few_pairs_one_that_the_others_prove_wrong_is_thrown_out(count: int) -> None:
+    for seed in range(2):
+        data = noisy(count, seed=seed, gross=OutlierModel(2.5 / count))
+        found = calibrate(data)
+        assert found.outliers == data.outliers
+        assert not found.suspects.any()
+
+
+def test_pairs_that_stand_out_unproven_are_kept_told_and_widen() -> None:
+    data = noisy(12, seed=3)
+    assert data.seen is not None
+    R, p = data.seen
+    p = p.copy()
+    p[4, 2] += 6e-3
+    clean, found = calibrate(data), calibrate_hand_eye(data.poses, (R, p))
+    assert found.inliers.all()
+    assert np.flatnonzero(found.suspects).tolist() == [4]
+    assert any("pairs 4 (rows from 0) stand out" in note for note in found.assessment.notes)
+    assert (found.std["X"] > clean.std["X"]).all()
+
+
+# ── A camera whose focal length errs ─────────────────────────────────────────────────────────
+def with_focal_error(error: float, count: int, seed: int) -> tuple[float, HandEyeCalibration]:
+    """What X is off by in its standard deviations; and the answer."""
+    fine = PoseNoise(0.2e-3, np.radians(0.05))
+    data = simulate(count, hand=fine, eye=fine, seed=seed)
+    assert data.seen is not None
+    R, p = data.seen
+    found = calibrate_hand_eye(data.poses, (R, p * [1.0, 1.0, 1.0 + error]))
+    return float(errors(found, data)[1] / np.linalg.norm(found.std["X"][:3])), found
+
+
+@pytest.mark.parametrize("count", [25, 60])
+def test_a_focal_length_that_errs_is_said_and_is_within_what_is_stated(count: int) -> None:
+    """One per cent: X is off by 5 mm, of which the scatter alone tells 0.4 to 0.6 mm."""
+    for seed in range(4):
+        off, found = with_focal_error(0.01, count, seed)
+        assert found.trend.significant
+        assert found.trend.share == pytest.approx(0.01, abs=4.0 * found.trend.std)
+        assert any("too far" in note for note in found.assessment.notes)
+        assert off < 2.0
+
+
+def test_a_good_camera_is_not_doubted() -> None:
+    doubted = [with_focal_error(0.0, 20, seed)[1].trend.significant for seed in range(10)]
+    assert not any(doubted)
