@@ -29,6 +29,7 @@ from suta_calib.geometry.numbers import (
     rotation_from_quaternion,
 )
 from suta_calib.measurements import Artefact, Samples
+from suta_calib.measurements.samples import joined
 from suta_calib.model.arm import ArmModel
 from suta_calib.solver.ipopt import SolverOptions
 from suta_calib.solver.problem import Problem
@@ -66,7 +67,7 @@ class CauseOptions:
     """
 
     shifts: int = 20
-    rows_left: float = 0.25
+    rows_left: float = 0.33
     fitted: int = 4
     far_better: float = 2.0
     explained: tuple[float, float] = (3.0, 20.0)
@@ -115,15 +116,18 @@ def find_cause(solution: Solution, options: CauseOptions = CauseOptions()) -> Ca
     nominal = Problem(problem.terms)
     registered = nominal.start()
     coarse = options.cap * _level(nominal, registered)
-    limit = misfit(nominal, registered, coarse)
+    limit = misfit(nominal, registered, coarse, len(nominal.names))
     readings = [*_readings(problem.terms, options), *_mirrored(problem.terms)]
     scores = np.array([_registered(terms, coarse) for _, terms in readings])
     ranked = [k for k in np.argsort(scores, kind="stable") if scores[k] < limit]
-    # Which half was moved the nominal arm is too coarse to rank.
-    tried = [readings[k] for k in ranked[: options.fitted]] + list(_moved(problem.terms))
-    few = SolverOptions(starts=1, max_iterations=50, weights=None)
-    causes = []
-    for sentence, terms in tried:
+    tried = [(*readings[k], float(scores[k])) for k in ranked[: options.fitted]]
+    # What was moved when the nominal arm is too coarse to rank.
+    tried += [(*each, math.inf) for each in _moved(problem.terms)]
+    few = SolverOptions(starts=1, max_iterations=25, weights=None)
+    causes, worst = list[Cause](), math.inf
+    for sentence, terms, score in tried:
+        if causes and score > worst:
+            break
         with suppress(SutaCalibError):
             again = solve(Problem(terms, problem.arm_parameters), few)
             after = misfit(again.problem, again.x, cap, len(again.free))
@@ -131,20 +135,28 @@ def find_cause(solution: Solution, options: CauseOptions = CauseOptions()) -> Ca
             after *= max(_travel(problem.terms) / _travel(terms), 1.0)
             if after < explained:
                 causes.append(Cause(sentence, present, after))
+                worst = min(worst, options.alike * score)
     # Labels that return make several shifts do: what was tried first is the simplest.
-    order = [sentence for sentence, _ in [*readings, *tried]]
+    order = [sentence for sentence, *_ in [*readings, *tried]]
     best = min((cause.after for cause in causes), default=0.0)
     alike = [cause for cause in causes if cause.after < options.alike * best]
     return min(alike, key=lambda cause: order.index(cause.sentence), default=None)
 
 
 def misfit(problem: Problem, x: FloatArray, cap: float, fitted: int = 0) -> float:
-    """Root mean square of a residual component of the first unit, priors counted with it.
+    """Root mean square of a residual component, priors counted with it, in the first block's unit.
 
-    Norms count as ``cap`` at most, so that a few gross rows do not decide which reading is right;
-    a parameter counts as so many assumed noise levels as it is prior standard deviations off.
+    Blocks count in units of their noise, those of the first block being the yardstick. Norms count
+    as ``cap`` at most, so that a few gross rows do not decide which reading is right; a parameter
+    counts as so many noise levels as it is prior standard deviations off.
+
+    Args:
+        problem: terms and parameters.
+        x: (n,) where.
+        cap: as many times the first block's unit.
+        fitted: how many parameters followed these residuals.
     """
-    residuals = _first(problem, x)
+    residuals = _alike(problem, x)
     squared = [np.minimum(np.einsum("nd,nd->n", r, r), r.shape[1] * cap**2) for r in residuals]
     pulls = (x - problem.parameters.array("nominal")) ** 2 * problem.prior_precision()
     known = float(pulls.sum()) * problem.assumed_sigmas()[0] ** 2
@@ -153,21 +165,21 @@ def misfit(problem: Problem, x: FloatArray, cap: float, fitted: int = 0) -> floa
 
 
 def _level(problem: Problem, x: FloatArray) -> float:
-    return float(np.sqrt(np.mean([robust_level(r) ** 2 for r in _first(problem, x)])))
+    return float(np.sqrt(np.mean([robust_level(r) ** 2 for r in _alike(problem, x)])))
 
 
-def _first(problem: Problem, x: FloatArray) -> list[FloatArray]:
-    """Residuals of the blocks that have the first one's unit."""
-    lines = problem.linearise(x, problem.assumed_sigmas())
-    unit = lines[0].view.block.unit
-    return [line.residual for line in lines if line.view.block.unit == unit]
+def _alike(problem: Problem, x: FloatArray) -> list[FloatArray]:
+    """Residuals of every block, in the first one's unit by their noise."""
+    sigmas = problem.assumed_sigmas()
+    lines = problem.linearise(x, sigmas)
+    return [line.residual * (sigmas[0] / s) for line, s in zip(lines, sigmas, strict=True)]
 
 
 def _registered(terms: Sequence[Term], cap: float) -> float:
     """Misfit with the nominal arm, and what is external at its closed-form start."""
     with suppress(SutaCalibError):
         problem = Problem(terms)
-        return misfit(problem, problem.start(), cap)
+        return misfit(problem, problem.start(), cap, len(problem.names))
     return math.inf
 
 
@@ -258,29 +270,37 @@ def _of_landmarks(
 
 
 def _moved(terms: Sequence[Term]) -> Iterator[tuple[str, tuple[Term, ...]]]:
-    """As if what is external had stood elsewhere for the second half of its rows."""
-    halves: list[Term] = []
-    for term in terms:
-        samples = term.poses.samples
-        if term.place in samples.labels and term.own:
-            label = samples.labels[term.place].astype(object)
-            for name in np.unique(samples.labels[term.place]):
-                rows = np.flatnonzero(samples.labels[term.place] == name)
-                label[rows[len(rows) // 2 :]] = f"{name} (moved)"
-            labels = {**samples.labels, term.place: label.astype(np.str_)}
-            halves.append(term.over_poses(term.poses.with_samples(replace(samples, labels=labels))))
-        elif isinstance(term, SeenTerm):
-            first, second = np.array_split(np.arange(len(samples)), 2)
-            halves.append(term.take(first))
-            halves.append(replace(term.take(second), label=f"{term.label} (moved)"))
-        else:
-            halves.append(term)
-    if any(half not in terms for half in halves):
-        yield (
-            "the instrument, the artefact or what was touched was moved after the first half of "
-            "the rows",
-            tuple(halves),
-        )
+    """As if what is external had stood elsewhere in the second half of its rows, or in a file."""
+    what = "the instrument, the artefact or what was touched"
+    for sentence, parts in (
+        (f"{what} was moved after the first half of the rows", _half),
+        (f"{what} was moved between the files", _files),
+    ):
+        apart: list[Term] = []
+        for term in terms:
+            samples = term.poses.samples
+            part = parts(samples, samples.labels.get(term.place))
+            if term.place in samples.labels and term.own:
+                label = joined({"": samples.labels[term.place], "part": part}, ("", "part"))
+                moved = replace(samples, labels={**samples.labels, term.place: label})
+                apart.append(term.over_poses(term.poses.with_samples(moved)))
+            elif isinstance(term, SeenTerm):
+                for each in np.unique(part):
+                    rows = np.flatnonzero(part == each)
+                    apart.append(replace(term.take(rows), label=f"{term.label} {each}"))
+            else:
+                apart.append(term)
+        if any(each not in terms for each in apart):
+            yield sentence, tuple(apart)
+
+
+def _half(samples: Samples, place: NDArray[np.str_] | None) -> NDArray[np.str_]:
+    """Which half of the rows each row is in, of those at one place where there are places."""
+    later, rows = np.zeros(len(samples), dtype=bool), np.arange(len(samples))
+    groups = [rows] if place is None else [rows[place == name] for name in np.unique(place)]
+    for group in groups:
+        later[group[len(group) // 2 :]] = True
+    return np.where(later, "second half", "first half")
 
 
 def _mirrored(terms: Sequence[Term]) -> Iterator[tuple[str, tuple[Term, ...]]]:
@@ -359,5 +379,6 @@ def _paired(samples: Samples, rows: IntArray, seen: IntArray) -> Samples:
     return replace(samples.take(seen), q=samples.q[rows])
 
 
-def _files(samples: Samples) -> NDArray[np.str_]:
+def _files(samples: Samples, place: NDArray[np.str_] | None = None) -> NDArray[np.str_]:
+    del place
     return np.array([origin.rpartition(":")[0] for origin in samples.origin])

@@ -154,9 +154,14 @@ def _within(probability: float) -> Column[HeldOutRow]:
 
 HELD_OUT: Final = Listing[HeldOutRow](
     "Held-out errors, of one component, against what was predicted",
-    Column("kind", "of", lambda row: row.errors.term.kind),
+    Column(
+        "kind",
+        "of",
+        lambda row: row.errors.term.kind,
+        cell=lambda row: f"{row.errors.term.kind.replace('_', ' ')} {row.errors.name}",
+    ),
     Column("label"),
-    Column("block", "", lambda row: row.errors.name),
+    Column("block", None, lambda row: row.errors.name),
     Column("unit", "unit", cell=lambda row: unit_name(row.unit)),
     Column("std", "found", lambda row: _rms(row.errors.residual), lambda row: row.unit, si=True),
     Column(

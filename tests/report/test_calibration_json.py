@@ -78,6 +78,22 @@ def test_json_states_follow_the_rules(result: CalibrationResult) -> None:
             assert p["value"] == p["nominal"]
 
 
+def test_json_tells_held_out_errors_from_their_prediction(result: CalibrationResult) -> None:
+    (row,) = result_dict(result)["held_out"]
+    assert (row["kind"], row["label"], row["block"], row["unit"]) == (
+        "tracked_point",
+        "rig",
+        "position",
+        "m",
+    )
+    assert 0.5 < row["std"] / row["predicted_std"] < 1.5
+    assert row["parameters_std"] < row["predicted_std"]
+    assert len(row["each_predicted_std"]) == 15
+    assert 40 <= row["within_68_pct"] <= row["within_95_pct"] <= 100
+    shown = console_text(rendered(calibration_document(result)))
+    assert "within 68 %" in shown
+
+
 def test_json_metrics_are_those_of_the_first_kind_in_mm(result: CalibrationResult) -> None:
     errors = result.accuracy.validation[0].blocks[0].after
     after = result_dict(result)["metrics"]["validation"]["after"]
