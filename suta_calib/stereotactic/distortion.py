@@ -37,7 +37,12 @@ RCOND: Final = 1e-6
 # Left-out points that the other frames do not determine: leverage this close to one.
 UNDETERMINED: Final = 1e-9
 # Thickness of the layers left out at each side, as part of the box.
-LAYERS: Final = (0.1, 0.3)
+LAYERS: Final = (0.1, 0.2)
+# Part of the error of staying as at the border that going on must leave at most to be trusted:
+# readings may lie farther out than any layer.
+DECISIVE: Final = 0.5
+# Mean square error at the border beyond that inside, as part of it, that is more than chance.
+GROWN: Final = 0.5
 MAX_ROUNDS: Final = 10
 # Times the limit for normal errors: what a polynomial cannot follow is no outlier.
 GROSS: Final = 3.0
@@ -163,21 +168,27 @@ def _continued(
     """The same with the continuation that best predicts the layers at the border from the rest."""
     degree, size = found.degree, found.upper - found.lower
     at, wanted = fits[degree].at, fits[degree].wanted
-    distance, excess, lowest = 0.0, dict.fromkeys(range(degree + 1), 0.0), degree
+    distance, inside, lowest = 0.0, 0.0, degree
+    excess = dict.fromkeys((k for k in fits if k <= degree), 0.0)
     for share in LAYERS:
         sides = [side for axis in at.T for side in (axis < share, axis > 1 - share)]
-        squared = {k: np.zeros(len(sides)) for k in fits if k <= degree}
+        squared = {k: np.zeros(len(sides)) for k in excess}
         for side, rows in enumerate(sides):
             rest = at[~rows]
             nearest = np.clip(at[rows], rest.min(axis=0), rest.max(axis=0))
             fitted = {k: fits[k].without(rows) for k in squared}
+            usual = float(rows.sum()) * found.cross_validation[degree] ** 2
+            inside += usual
             distance += float(np.sum(((at[rows] - nearest) * size) ** 2))
             for k, sums in squared.items():
                 error = _displacement(at[rows], nearest, fitted[degree], fitted[k])
                 sums[side] = np.sum((error - wanted[rows]) ** 2)
-                excess[k] += sums[side] - rows.sum() * found.cross_validation[degree] ** 2
+                excess[k] += float(sums[side]) - usual
         lowest = min(lowest, _lowest_as_good(squared))
-    growth = float(np.sqrt(max(excess[lowest], 0.0) / distance))
+        if squared[lowest].sum() > DECISIVE**2 * squared[0].sum():
+            lowest = 0
+    grows = excess[lowest] > GROWN * inside
+    growth = float(np.sqrt(excess[lowest] / distance)) if grows else 0.0
     return replace(found, continuation=lowest, continued=fits[lowest].coefficients, growth=growth)
 
 

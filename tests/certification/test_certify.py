@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -190,6 +191,21 @@ def test_without_a_side_the_direction_is_a_convention(tmp_path: Path) -> None:
     assert "convention" in found.assessment.notes[0]
     drawn = certified(tmp_path, leave_out=("side",), options=CertificationOptions(drawing=truth()))
     assert np.abs(positions(drawn) - TRUE_POSITIONS).max() < 1e-5
+
+
+@pytest.mark.parametrize(("scale", "level"), [(1.0, "good"), (1.0015, "care"), (0.985, "bad")])
+def test_a_scale_between_artefact_and_drawing_is_told(
+    tmp_path: Path, scale: float, level: str
+) -> None:
+    """An instrument's scale, or a wrong unit: no rigid superposition makes up for it."""
+    marks = {
+        name: replace(mark, position=scale * mark.position)
+        for name, mark in truth().landmarks.items()
+    }
+    drawing = Artefact("drawing", marks)
+    assessment = certified(tmp_path, options=CertificationOptions(drawing=drawing)).assessment
+    assert assessment.level == level
+    assert any("times as far apart" in note for note in assessment.notes) == (scale != 1.0)
 
 
 def turned_drawing(degrees: float) -> Artefact:

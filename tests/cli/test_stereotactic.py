@@ -100,6 +100,22 @@ def test_second_assignment(prefix: Path, out: Path, capsys: pytest.CaptureFixtur
     ElementTree.parse(out / f"{NAME}-stereotactic.svg")
 
 
+def test_an_answer_that_must_not_be_used_is_written_all_the_same(
+    prefix: Path, out: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Where the optical tracker says the markers were does not hang on how they were read."""
+    counts, *rows = of(prefix, "calreadings").read_text().splitlines()
+    frames = np.array(rows).reshape(-1, 8 + 8 + 27)
+    frames[:, 16:] = frames[:, 16:][:, np.random.default_rng(0).permutation(27)]
+    of(prefix, "calreadings").write_text("\n".join([counts, *frames.ravel()]) + "\n")
+    assert cli("stereotactic", prefix, "--out", out, "--json") == 1
+    found = json.loads(capsys.readouterr().out)
+    assert not found["verdict"]["usable"]
+    assert "order of the C markers" in found["verdict"]["notes"][0]
+    output = read_output1(out / f"{NAME}-output1.txt")
+    np.testing.assert_allclose(output.expected, MADE.truth.expected, atol=2e-5)
+
+
 def test_headers_and_layout(prefix: Path, out: Path) -> None:
     assert cli("stereotactic", prefix, "--out", out, "--dewarp") == 0
     first = (out / f"{NAME}-output1.txt").read_text().split("\n")

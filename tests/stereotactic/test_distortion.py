@@ -106,7 +106,7 @@ def test_outside_is_told_and_tame() -> None:
     # A corner of the box that the points leave out is outside too.
     assert not correction.inside(correction.lower)
     size = correction.upper - correction.lower
-    reached = np.clip(outside, correction.lower - 0.3 * size, correction.upper + 0.3 * size)
+    reached = np.clip(outside, correction.lower - 0.2 * size, correction.upper + 0.2 * size)
     np.testing.assert_allclose(
         correction.displacement(outside), correction.displacement(reached), atol=1e-15
     )

