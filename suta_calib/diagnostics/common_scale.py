@@ -95,7 +95,8 @@ def _step(solution: Solution, what: str, mine: Sequence[bool]) -> CommonScale:
         score = (line.residual * (line.weight / line.sigma)[:, None]).reshape(-1)
         gradient += wide.jacobian.T @ score
         squares += float(np.sum(line.weight[:, None] * (line.residual / line.sigma[:, None]) ** 2))
-    precision = problem.prior_precision()[free]
+    # As the job gives them: priors that were learned have made room for the factor already.
+    precision = problem.with_priors_scaled(np.ones(len(x))).prior_precision()[free]
     off = (x - problem.parameters.array("nominal"))[free]
     curvature[:-1, :-1] += np.diag(precision)
     gradient[:-1] += precision * off

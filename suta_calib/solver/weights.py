@@ -231,9 +231,19 @@ def _independent_shares(problem: Problem, rows: Sequence[Rows]) -> list[float]:
         whole, touch = sum(len(b) * b.size for b in term.blocks), term.repeats()
         for block in term.blocks:
             line = next(lines).line
-            residual = line.residual * line.weight[:, None]
+            # Readings of one rest count once in the term's equations already.
+            _, first, rest, read = np.unique(
+                term.poses.rests[block.samples],
+                axis=0,
+                return_index=True,
+                return_inverse=True,
+                return_counts=True,
+            )
+            residual = np.zeros((len(first), block.size))
+            np.add.at(residual, rest.reshape(-1), line.residual * line.weight[:, None])
+            residual /= read[:, None]
             _, group, size = np.unique(
-                np.sort(touch[block.samples], axis=1),
+                np.sort(touch[block.samples[first]], axis=1),
                 axis=0,
                 return_inverse=True,
                 return_counts=True,
@@ -241,8 +251,8 @@ def _independent_shares(problem: Problem, rows: Sequence[Rows]) -> list[float]:
             together = np.zeros((len(size), block.size))
             np.add.at(together, group.reshape(-1), residual)
             own, pairs = float(np.sum(residual**2)), float(np.sum(size * (size - 1.0)))
-            alike = len(block) * (float(np.sum(together**2)) - own) / max(pairs * own, 1e-300)
-            effect = 1.0 + pairs / len(block) * min(max(alike, 0.0), 1.0)
+            alike = len(first) * (float(np.sum(together**2)) - own) / max(pairs * own, 1e-300)
+            effect = 1.0 + pairs / len(first) * min(max(alike, 0.0), 1.0)
             shares.append(term.equations() / whole / effect)
     return shares
 

@@ -18,6 +18,7 @@ from report_scenes import AWKWARD, console_text
 
 from suta_calib import units
 from suta_calib.atomic import write_bytes_atomically
+from suta_calib.diagnostics.accuracy import gain_of
 from suta_calib.diagnostics.observability import observe
 from suta_calib.errors import OutputError
 from suta_calib.job.calibration import CalibrationResult
@@ -60,7 +61,8 @@ def worse(result: CalibrationResult) -> CalibrationResult:
         replace(b, residual_before=b.residual_after, residual_after=b.residual_before)
         for b in term.blocks
     ]
-    accuracy = replace(result.accuracy, validation=(replace(term, blocks=tuple(swapped)),))
+    terms = (replace(term, blocks=tuple(swapped)),)
+    accuracy = replace(result.accuracy, validation=terms, gain=gain_of(terms))
     return replace(result, accuracy=accuracy)
 
 
