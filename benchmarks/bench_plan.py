@@ -44,10 +44,10 @@ from suta_calib.analysis.planning import (
     Situation,
     Space,
     best_set,
+    candidate_information,
+    candidate_pool,
     forecast,
-    generated,
-    nothing,
-    promised,
+    no_information,
     random_sets,
     tip_weight,
 )
@@ -95,15 +95,15 @@ class Scene:
         """A choice among some of the candidates."""
         weight = tip_weight(self.space, self.tip)
         information = [self.information[k] for k in rows]
-        return Design.over(self.space, information, weight, "tip", nothing(self.space))
+        return Design.over(self.space, information, weight, "tip", no_information(self.space))
 
     def planned(self, rows: Sequence[int], size: int = SET_SIZE) -> list[int]:
         """The best set of some of the candidates."""
-        return [rows[k] for k in best_set(self.design(rows), nothing(self.space), size)]
+        return [rows[k] for k in best_set(self.design(rows), no_information(self.space), size)]
 
     def predicted(self, rows: Sequence[int]) -> float:
         """Uncertainty of the tip with held parameters exact, m."""
-        information = sum((self.information[k] for k in rows), nothing(self.space))
+        information = sum((self.information[k] for k in rows), no_information(self.space))
         return forecast(self.space, information, self.tip).tip_estimated
 
     def simulated(self, rows: Sequence[int]) -> FloatArray:
@@ -165,10 +165,10 @@ def scene(trials: int, pool: Pool, seed: int = 0) -> Scene:
     grid = [Placement(n, p.position, p.rotation) for n, p in grid_set.places.items()]
     region = Region.around(situation)
     repeats = situation.repeats
-    places = [*grid, *generated(situation, region, pool, repeats, seed)]
+    places = [*grid, *candidate_pool(situation, region, pool, repeats, seed)]
     reached = Reach(situation, repeats, seed).candidates(places)
     space = Space.of(situation)
-    information = tuple(promised(situation, space, c) for c in reached.candidates)
+    information = tuple(candidate_information(situation, space, c) for c in reached.candidates)
     tip = region.sensitivity(situation, space.names, seed)
     names = [place.name for place in grid]
     found = [c.name for c in reached.candidates[: len(grid)]]

@@ -16,7 +16,7 @@ from types import ModuleType
 import numpy as np
 
 from suta_calib.arrays import FloatArray
-from suta_calib.pose_calibration import Poses, inverse
+from suta_calib.pose_calibration import Poses, inverse_poses
 from suta_calib.units import from_mm, mm
 
 # X from the hand's poses and what the eye saw.
@@ -85,8 +85,10 @@ def _robot_world(cv2: ModuleType, name: str) -> HandEyeMethod:
     method = getattr(cv2, f"CALIB_ROBOT_WORLD_HAND_EYE_{name}")
 
     def solve(hand: Poses, seen: Poses) -> tuple[FloatArray, FloatArray]:
-        found = cv2.calibrateRobotWorldHandEye(*_lists(seen), *_lists(inverse(hand)), method=method)
-        return inverse((found[2], np.ravel(found[3])))
+        found = cv2.calibrateRobotWorldHandEye(
+            *_lists(seen), *_lists(inverse_poses(hand)), method=method
+        )
+        return inverse_poses((found[2], np.ravel(found[3])))
 
     return solve
 

@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     )
     from suta_calib.terms.hand_eye_start import Poses as Poses
     from suta_calib.terms.hand_eye_start import close_the_loop as close_the_loop
-    from suta_calib.terms.hand_eye_start import inverse as inverse
-    from suta_calib.terms.hand_eye_start import loops as loops
+    from suta_calib.terms.hand_eye_start import inverse_poses as inverse_poses
+    from suta_calib.terms.hand_eye_start import loop_closures as loop_closures
     from suta_calib.terms.hand_eye_start import quaternion_hand_eye as quaternion_hand_eye
 
 __getattr__, __all__ = public(__name__)

@@ -32,8 +32,8 @@ from suta_calib.pose_calibration.undetermined import axis_of_all_turns, refuse_u
 from suta_calib.terms.hand_eye_start import (
     Poses,
     close_the_loop,
-    inverse,
-    loops,
+    inverse_poses,
+    loop_closures,
     quaternion_hand_eye,
 )
 from suta_calib.units import deg, from_deg, mm
@@ -191,7 +191,7 @@ def calibrate_hand_eye(
             f"{len(A[1])} pairs of poses", f"at least {LEAST_POSES}, turned about different axes"
         )
     if setup == "eye-to-hand":
-        A = inverse(A)
+        A = inverse_poses(A)
     # How large all this is: lengths are solved in units of it, so that none counts.
     length = extent(A[1]) + rms_length(B[1]) or 1.0
     centre = A[1].mean(axis=0)
@@ -219,7 +219,7 @@ def calibrate_hand_eye(
     x = fit.solution.x
     X = rotation_from_vector(x[3:6]), x[:3] * length
     Z = rotation_from_vector(x[9:12]), x[6:9] * length + centre
-    found = loops(A, X, B)
+    found = loop_closures(A, X, B)
     jacobian = np.diag(np.tile(np.repeat([length, 1.0], 3), 2))
     jacobian[3:6, 3:6], jacobian[9:, 9:] = tangent_of_vector(x[3:6]), tangent_of_vector(x[9:12])
     return HandEyeCalibration(
@@ -262,7 +262,7 @@ def _start(A: Poses, B: Poses, seed: int | None) -> Consensus:
     if seed is None or n <= SAMPLE:
         X = quaternion_hand_eye(A, B)
         Z = close_the_loop(A, X, B)
-        R, p = loops(A, X, B)
+        R, p = loop_closures(A, X, B)
         apart = rms_length(p - Z[1]), rms_length(vector_from_rotation(Z[0].T @ R))
         return Consensus.of_all(n, *(length / np.sqrt(3.0) for length in apart))
 
@@ -275,7 +275,7 @@ def _start(A: Poses, B: Poses, seed: int | None) -> Consensus:
 
 def _norms(A: Poses, B: Poses, X: Poses) -> FloatArray:
     """Distance (m, n, 2) of every loop from the middle of all, in length and in angle."""
-    R, p = loops(A, X, B)
+    R, p = loop_closures(A, X, B)
     middle = np.median(p, axis=-2, keepdims=True)
     # Of some of the rotations the one that is nearest to all: a median.
     some = R[:, :: 1 + R.shape[1] // CANDIDATES]

@@ -18,7 +18,7 @@ from suta_calib.pose_calibration.consensus import Consensus
 from suta_calib.pose_calibration.robot_noise import EYE
 from suta_calib.pose_calibration.robust_fit import RobustFit
 from suta_calib.pose_calibration.undetermined import undetermined_directions
-from suta_calib.terms.hand_eye_start import Poses, inverse
+from suta_calib.terms.hand_eye_start import Poses, inverse_poses
 from suta_calib.units import deg, from_deg, mm
 
 # Scatter of the loops' ends, in units of the extent, of which instruments of use show less; and
@@ -109,7 +109,7 @@ def _readings(A: Poses, B: Poses, other_setup: str) -> Iterator[tuple[str, Poses
         order = f"if {whose} are in the order w x y z" if whose else ""
         if order:
             yield order, hand, eye
-        yield " and ".join(filter(None, (order, turned))), inverse(hand), eye
+        yield " and ".join(filter(None, (order, turned))), inverse_poses(hand), eye
 
 
 def _reordered(poses: Poses) -> Poses:

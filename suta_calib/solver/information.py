@@ -271,8 +271,13 @@ def robust_jacobian(rows: Rows) -> FloatArray:
     return jacobian.reshape(n * size, -1)
 
 
-def scaled_inverse(matrix: FloatArray) -> FloatArray:
-    """Pseudo-inverse of a positive semidefinite matrix whose diagonal spans many magnitudes."""
+def scaled_inverse(matrix: FloatArray, rounding: float = 1e-12) -> FloatArray:
+    """Pseudo-inverse of a positive semidefinite matrix whose diagonal spans many magnitudes.
+
+    Args:
+        matrix: (n, n).
+        rounding: eigenvalues, in units of the diagonal and of the largest, that count as zero.
+    """
     scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
     outer = np.outer(scale, scale)
-    return np.asarray(np.linalg.pinv(matrix / outer, 1e-12, True) / outer)
+    return np.asarray(np.linalg.pinv(matrix / outer, rounding, True) / outer)

@@ -41,8 +41,8 @@ def quaternion_hand_eye(hand: Poses, seen: Poses) -> Poses:
         Rotation (..., 3, 3) and position (..., 3) of ``T_hand_eye``. What the motions leave
         undetermined is chosen arbitrarily (rotation) or as small as possible (translation).
     """
-    A = _after(inverse(_rows(hand, slice(1, None))), _rows(hand, slice(-1)))
-    B = _after(_rows(seen, slice(1, None)), inverse(_rows(seen, slice(-1))))
+    A = _after(inverse_poses(_rows(hand, slice(1, None))), _rows(hand, slice(-1)))
+    B = _after(_rows(seen, slice(1, None)), inverse_poses(_rows(seen, slice(-1))))
     R = _rotation_between(A, B)
     left = A[0] - np.eye(3)
     right = np.einsum("...ij,...nj->...ni", R, B[1]) - A[1]
@@ -54,19 +54,19 @@ def quaternion_hand_eye(hand: Poses, seen: Poses) -> Poses:
 
 def close_the_loop(hand: Poses, X: Poses, seen: Poses) -> Poses:
     """Z as the mean of ``A_i X B_i``: chordal mean of the rotations, mean of the positions."""
-    R, p = loops(hand, X, seen)
+    R, p = loop_closures(hand, X, seen)
     u, _, v = np.linalg.svd(R.sum(axis=-3))
     u[..., :, 2] *= np.linalg.det(u @ v)[..., None]
     return u @ v, p.mean(axis=-2)
 
 
-def loops(hand: Poses, X: Poses, seen: Poses) -> Poses:
+def loop_closures(hand: Poses, X: Poses, seen: Poses) -> Poses:
     """Every ``A_i X B_i``, which would all be Z without noise."""
     every = X[0][..., None, :, :], X[1][..., None, :]
     return _after(_after(hand, every), seen)
 
 
-def inverse(poses: Poses) -> Poses:
+def inverse_poses(poses: Poses) -> Poses:
     """``T_b_a`` of every ``T_a_b``."""
     R, p = poses
     back = np.swapaxes(R, -1, -2)

@@ -26,11 +26,11 @@ from suta_calib.analysis.planning.design import (
     SharedInformation,
     Space,
     best_set,
+    candidate_information,
     greedy,
-    nothing,
+    no_information,
     ordered,
-    present,
-    promised,
+    present_information,
 )
 from suta_calib.analysis.planning.reach import Collisions, link_points
 from suta_calib.model.arm import ArmModel
@@ -75,8 +75,11 @@ def as_candidates(found: Situation) -> list[Candidate]:
 def test_information_of_different_places_adds_up(kind: str) -> None:
     found = situation(kind, points=True)
     space = Space.of(found)
-    whole = present(found, space)
-    parts = sum((promised(found, space, c) for c in as_candidates(found)), nothing(space))
+    whole = present_information(found, space)
+    parts = sum(
+        (candidate_information(found, space, c) for c in as_candidates(found)),
+        no_information(space),
+    )
     for name in ("curvature", "variance"):
         a, b = getattr(whole, name), getattr(parts, name)
         np.testing.assert_allclose(b, a, rtol=1e-6, atol=1e-6 * np.abs(a).max())
@@ -85,7 +88,7 @@ def test_information_of_different_places_adds_up(kind: str) -> None:
 def test_covariance_is_the_solvers_with_the_terms_own_unknowns_followed() -> None:
     found = situation(points=True)
     space = Space.of(found)
-    information = present(found, space)
+    information = present_information(found, space)
     fixed = {int(k) for k in space.identify(information).fixed}
     arm = np.array([k for k in range(space.arm_count) if k not in fixed], dtype=np.intp)
     problem = found.problem
@@ -103,7 +106,7 @@ def test_repeats_are_independent() -> None:
     space = Space.of(found)
     (once, *_) = as_candidates(found)
     thrice = Candidate(once.place, once.q, once.marks, 3)
-    a, b = (promised(found, space, c) for c in (once, thrice))
+    a, b = (candidate_information(found, space, c) for c in (once, thrice))
     np.testing.assert_allclose(b.curvature, 3 * a.curvature)
     np.testing.assert_allclose(b.variance, 3 * a.variance)
 
@@ -119,7 +122,11 @@ def random_design(criterion: str, count: int = 9) -> tuple[Design, Space, Shared
         information.append(SharedInformation(rows.T @ rows, spread, 0 * spread))
     lever = rng.standard_normal((20, 13))
     weight = lever.T @ lever / 20
-    return Design.over(space, information, weight, criterion, nothing(space)), space, nothing(space)
+    return (
+        Design.over(space, information, weight, criterion, no_information(space)),
+        space,
+        no_information(space),
+    )
 
 
 @pytest.mark.parametrize("criterion", ["tip", "d"])
@@ -157,8 +164,8 @@ def test_directions_nothing_tells_are_kept_in_the_tips_uncertainty() -> None:
     ]
     weight = np.zeros((13, 13))
     weight[12, 12] = 1.0
-    design = Design.over(space, information, weight, "tip", nothing(space))
-    assert design.tip(nothing(space), [0]) == pytest.approx(space.unit[12])
+    design = Design.over(space, information, weight, "tip", no_information(space))
+    assert design.tip(no_information(space), [0]) == pytest.approx(space.unit[12])
 
 
 @pytest.mark.parametrize("name", ARMS)

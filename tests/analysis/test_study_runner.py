@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import dask
 import pytest
 from cli_job import cli
 from hypothesis import given
@@ -88,7 +89,7 @@ def test_progress_counts_every_trial() -> None:
 
 def test_an_address_without_a_scheduler(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("distributed")
-    monkeypatch.setattr(study_runner, "CONNECT_S", 0.5)
+    monkeypatch.setitem(dask.config.get("distributed.comm.timeouts"), "connect", "0.5s")
     cried: list[object] = []
     monkeypatch.setattr(sys, "unraisablehook", cried.append)
     for address in ("tcp://127.0.0.1:1", "nowhere", "udp://x:1"):

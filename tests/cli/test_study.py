@@ -7,6 +7,7 @@ import re
 from pathlib import Path
 from typing import Any
 
+import dask
 import pytest
 from cli_job import cli, write_simulated_job
 from lxml import etree
@@ -152,7 +153,7 @@ def test_bad_usage(
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("suta_calib.analysis.study.runner.CONNECT_S", 0.5)
+    monkeypatch.setitem(dask.config.get("distributed.comm.timeouts"), "connect", "0.5s")
     line = refused(capsys, JOB, *arguments, "--out", tmp_path / "none")
     assert re.search(says, line), line
     assert not (tmp_path / "none").exists()

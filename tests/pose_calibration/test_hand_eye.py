@@ -27,8 +27,8 @@ from suta_calib.solver.problem import Problem
 from suta_calib.solver.solve import solve
 from suta_calib.terms import HandEye, MeasuredPoses, Noise
 from suta_calib.terms.hand_eye_start import (
-    inverse,
-    loops,
+    inverse_poses,
+    loop_closures,
 )
 from suta_calib.terms.synthetic import OutlierModel, Simulated
 
@@ -43,7 +43,7 @@ def test_exact_poses_give_back_x_and_z(setup: Any, model: Any, robust: bool) -> 
     far = rotation_from_vector([2.0, 0.4, 0.3]), np.array([0.6, 0.2, -0.1])
     X, Z = (near, far) if setup == "eye-in-hand" else (far, near)
     data = simulate(12, turn=1.2, X=X, Z=Z)
-    hand = data.poses if setup == "eye-in-hand" else inverse(data.poses)
+    hand = data.poses if setup == "eye-in-hand" else inverse_poses(data.poses)
     found = calibrate_hand_eye(hand, data.seen, setup=setup, model=model, robust=robust)
     assert (found.setup, found.model) == (setup, model)
     assert_pose(found.X, data.true_pose("hand_eye"))
@@ -65,7 +65,7 @@ def test_the_eye_may_look_anywhere(vector: tuple[float, ...]) -> None:
 
 def test_an_eye_beside_the_robot_with_noise_is_as_well_found() -> None:
     data = noisy(100)
-    found = calibrate_hand_eye(inverse(data.poses), data.seen, setup="eye-to-hand")
+    found = calibrate_hand_eye(inverse_poses(data.poses), data.seen, setup="eye-to-hand")
     expected = calibrate(data)
     np.testing.assert_allclose(found.X, expected.X, atol=1e-7)
     np.testing.assert_allclose(found.std["X"], expected.std["X"], rtol=1e-3)
@@ -74,7 +74,7 @@ def test_an_eye_beside_the_robot_with_noise_is_as_well_found() -> None:
 def test_the_residuals_are_those_of_the_loop() -> None:
     data = noisy(40)
     found = calibrate(data)
-    R, p = loops(data.poses, (found.X[:3, :3], found.X[:3, 3]), data.seen)
+    R, p = loop_closures(data.poses, (found.X[:3, :3], found.X[:3, 3]), data.seen)
     np.testing.assert_allclose(found.residuals, p - found.Z[:3, 3], atol=1e-12)
     turned = vector_from_rotation(found.Z[:3, :3].T @ R)
     np.testing.assert_allclose(found.rotation_residuals, turned, atol=1e-12)

@@ -26,7 +26,7 @@ from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import rotation_from_vector
 from suta_calib.pose_calibration.hand_eye import calibrate_hand_eye
 from suta_calib.terms import HandEye
-from suta_calib.terms.hand_eye_start import Poses, inverse
+from suta_calib.terms.hand_eye_start import Poses, inverse_poses
 from suta_calib.terms.synthetic import EXACT, OutlierModel, PoseNoise, Simulated
 
 
@@ -113,8 +113,8 @@ def same(poses: Poses) -> Poses:
 OTHER_SETUP = "if setup is eye-to-hand, or else if the hand's or the eye's poses are inverted"
 Change = Callable[[Poses], Poses]
 MISREAD: dict[str, tuple[Change, Change, str]] = {
-    "hand inverted, or the other setup": (inverse, same, OTHER_SETUP),
-    "eye inverted": (same, inverse, OTHER_SETUP),
+    "hand inverted, or the other setup": (inverse_poses, same, OTHER_SETUP),
+    "eye inverted": (same, inverse_poses, OTHER_SETUP),
     "hand w x y z": (w_first, same, "if the hand's quaternions are in the order w x y z"),
     "eye w x y z": (same, w_first, "if the eye's quaternions are in the order w x y z"),
     "both w x y z": (w_first, w_first, "if all quaternions are in the order w x y z"),

@@ -9,7 +9,7 @@ from hand_eye_scenes import calibrate, errors, noisy, simulate
 from suta_calib.geometry.numbers import rotation_from_vector, vector_from_rotation
 from suta_calib.pose_calibration.hand_eye import HandEyeCalibration, Setup, calibrate_hand_eye
 from suta_calib.terms import HandEye
-from suta_calib.terms.hand_eye_start import inverse
+from suta_calib.terms.hand_eye_start import inverse_poses
 from suta_calib.terms.synthetic import OutlierModel, PoseNoise, Simulated
 
 
@@ -22,9 +22,9 @@ def test_both_poses_inverted_exchange_x_and_z_and_it_is_said(setup: Setup) -> No
     assert seen is not None
     if setup == "eye-to-hand":
         # The same loops: X is then in the base, Z on the hand.
-        hand = inverse(hand)
+        hand = inverse_poses(hand)
     right = calibrate_hand_eye(hand, seen, setup=setup)
-    wrong = calibrate_hand_eye(inverse(hand), inverse(seen), setup=setup)
+    wrong = calibrate_hand_eye(inverse_poses(hand), inverse_poses(seen), setup=setup)
     np.testing.assert_allclose(wrong.Z, right.X, atol=5e-4)
     assert {right.inverted, wrong.inverted} == {"good", "care"}
     told = [
@@ -36,7 +36,7 @@ def test_both_poses_inverted_exchange_x_and_z_and_it_is_said(setup: Setup) -> No
 def test_an_eye_that_no_hand_could_hold_must_not_be_used() -> None:
     data = simulate(30, hand=PoseNoise(3e-4, 1e-3), Z=(np.eye(3), np.array([1.5, 0.2, 0.1])))
     assert data.seen is not None
-    wrong = calibrate_hand_eye(inverse(data.poses), inverse(data.seen))
+    wrong = calibrate_hand_eye(inverse_poses(data.poses), inverse_poses(data.seen))
     assert wrong.inverted == wrong.assessment.level == "bad"
 
 

@@ -15,7 +15,7 @@ from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import rotation_from_vector
 from suta_calib.pose_calibration.pivot import PivotCalibration, calibrate_pivot
 from suta_calib.terms import FixedPoint
-from suta_calib.terms.hand_eye_start import inverse
+from suta_calib.terms.hand_eye_start import inverse_poses
 from suta_calib.terms.synthetic import EXACT, OutlierModel, PoseNoise, Simulated
 
 POSTS = np.array([[0.1, 0.2, -1.0], [0.3, 0.0, -0.9], [0.0, -0.1, -1.1]])
@@ -146,7 +146,7 @@ def test_the_monte_carlo_spread_is_the_predicted_one_closely(count: int, posts: 
 def test_inverted_poses_are_said_to_be_and_what_they_give_the_right_way_round() -> None:
     """They leave no residual: the tip is 1.4 m from the tool, and the post where the tip is."""
     data = simulate(30, spread=NOISE, posts=np.array([[0.3, -0.2, -1.35]]))
-    right, wrong = calibrate(data), calibrate_pivot(*inverse(data.poses))
+    right, wrong = calibrate(data), calibrate_pivot(*inverse_poses(data.poses))
     assert right.assessment.level == "good"
     assert wrong.rms == pytest.approx(right.rms, rel=0.01)
     assert wrong.inverted == wrong.assessment.level == "bad"

@@ -12,7 +12,7 @@ from suta_calib.terms import HandEye
 from suta_calib.terms.hand_eye_start import (
     Poses,
     close_the_loop,
-    inverse,
+    inverse_poses,
     quaternion_hand_eye,
 )
 from suta_calib.terms.synthetic import Simulated
@@ -26,7 +26,7 @@ def motions_of(turns: FloatArray, data: Simulated[HandEye]) -> tuple[Poses, Pose
         R.append(R[-1] @ turn)
     hand = np.array(R), np.random.default_rng(0).uniform(-0.3, 0.3, (len(R), 3))
     eye = hand[0] @ X[0], hand[0] @ X[1] + hand[1]
-    back = inverse(eye)
+    back = inverse_poses(eye)
     return hand, (back[0] @ Z[0], back[0] @ Z[1] + back[1])
 
 

@@ -16,11 +16,11 @@ import numpy as np
 
 from suta_calib.analysis.outliers.answer import METRICS
 from suta_calib.analysis.outliers.groups import Grouping, Registered, systematic
-from suta_calib.analysis.outliers.metrics import Scene, inverse, shares
+from suta_calib.analysis.outliers.metrics import SINGULAR, Scene, shares
 from suta_calib.analysis.outliers.reference import Refit
 from suta_calib.analysis.outliers.touches import Touches
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
-from suta_calib.solver.information import Rows, whitened_rows
+from suta_calib.solver.information import Rows, scaled_inverse, whitened_rows
 
 DRAWS: Final = 1000
 # Information, relative to the whole, that is a difference of equal numbers.
@@ -104,7 +104,7 @@ class _Imitation:
         # Whitened errors (draws, rows, d) after the fit, and the registered touches.
         term, sigma = scene.reference.term, fit.sigma
         white = term.errors_of_touches(noise, fit.samples) / sigma[:, None]
-        step = _by_parameter(white, self._jacobian) @ inverse(self._hessian)
+        step = _by_parameter(white, self._jacobian) @ scaled_inverse(self._hessian, SINGULAR)
         flat = self._jacobian.reshape(-1, len(self._free))
         self._error = white - (step @ flat.T).reshape(white.shape)
         self._white = _Sums(self._error, self._jacobian)
@@ -149,7 +149,7 @@ class _Imitation:
         rest = self._hessian - gone
         left = np.flatnonzero(np.diag(rest) > ROUNDING * np.diag(self._hessian))
         step = np.zeros_like(gradient)
-        step[:, left] = gradient[:, left] @ inverse(rest[np.ix_(left, left)])
+        step[:, left] = gradient[:, left] @ scaled_inverse(rest[np.ix_(left, left)], SINGULAR)
         return step
 
     def _blocked(self, rows: Rows) -> FloatArray:

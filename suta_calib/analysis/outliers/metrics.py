@@ -27,11 +27,12 @@ import numpy as np
 from suta_calib.analysis.outliers.groups import Grouping, Registered, systematic
 from suta_calib.analysis.outliers.reference import ReferenceFit, Refit
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
-from suta_calib.solver.information import predicted_information
+from suta_calib.solver.information import predicted_information, scaled_inverse
 
 # Share of a combination's information that must come from the data.
 IDENTIFIED: Final = 0.9
-ROUNDING: Final = 1e-10
+# Eigenvalue of an information matrix, of the largest, that counts as none.
+SINGULAR: Final = 1e-10
 
 
 @dataclass(eq=False)
@@ -169,7 +170,11 @@ class Influence:
         ``own`` are estimated with them, and count for nothing themselves.
         """
         passed_on = np.hstack(
-            [np.eye(len(arm)), -curvature[np.ix_(arm, own)] @ inverse(curvature[np.ix_(own, own)])]
+            [
+                np.eye(len(arm)),
+                -curvature[np.ix_(arm, own)]
+                @ scaled_inverse(curvature[np.ix_(own, own)], SINGULAR),
+            ]
         )
         both = np.ix_([*arm, *own], [*arm, *own])
         data = passed_on @ curvature[both] @ passed_on.T
@@ -178,21 +183,16 @@ class Influence:
         # R (p, r) with Rᵀ M R = 1, of the r directions that are more than rounding.
         scale = np.sqrt(np.maximum(np.diag(total), 1e-300))
         values, vectors = np.linalg.eigh(total / np.outer(scale, scale))
-        kept = values > ROUNDING * max(float(values.max(initial=0.0)), 1e-300)
+        kept = values > SINGULAR * max(float(values.max(initial=0.0)), 1e-300)
         root = vectors[:, kept] / np.sqrt(values[kept]) / scale[:, None]
         share, turn = np.linalg.eigh(root.T @ data @ root)
         basis = root @ turn[:, share > IDENTIFIED]
         weigh = total @ basis
-        return cls(weigh @ inverse(basis.T @ score @ basis) @ weigh.T, basis.shape[1])
+        return cls(
+            weigh @ scaled_inverse(basis.T @ score @ basis, SINGULAR) @ weigh.T, basis.shape[1]
+        )
 
     def distance(self, change: FloatArray) -> FloatArray:
         """(k,) squared distances per direction of changes (k, p)."""
         squared = np.einsum("kp,pq,kq->k", change, self.form, change)
         return np.asarray(squared / max(self.directions, 1))
-
-
-def inverse(matrix: FloatArray) -> FloatArray:
-    """Inverse of a symmetric matrix in units of its diagonal; zero where nothing is known."""
-    scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
-    outer = np.outer(scale, scale)
-    return np.asarray(np.linalg.pinv(matrix / outer, ROUNDING, True) / outer)

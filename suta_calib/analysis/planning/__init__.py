@@ -28,8 +28,8 @@ if TYPE_CHECKING:
     from suta_calib.analysis.planning.design import SharedInformation as SharedInformation
     from suta_calib.analysis.planning.design import Space as Space
     from suta_calib.analysis.planning.design import best_set as best_set
-    from suta_calib.analysis.planning.design import nothing as nothing
-    from suta_calib.analysis.planning.design import promised as promised
+    from suta_calib.analysis.planning.design import candidate_information as candidate_information
+    from suta_calib.analysis.planning.design import no_information as no_information
     from suta_calib.analysis.planning.design import random_sets as random_sets
     from suta_calib.analysis.planning.planner import candidate_places as candidate_places
     from suta_calib.analysis.planning.planner import forecast as forecast
@@ -40,8 +40,8 @@ if TYPE_CHECKING:
     from suta_calib.analysis.planning.reach import link_points as link_points
     from suta_calib.analysis.planning.region import Pool as Pool
     from suta_calib.analysis.planning.region import Region as Region
+    from suta_calib.analysis.planning.region import candidate_pool as candidate_pool
     from suta_calib.analysis.planning.region import directions as directions
-    from suta_calib.analysis.planning.region import generated as generated
     from suta_calib.analysis.planning.situation import Situation as Situation
 
 __getattr__, __all__ = public(__name__)

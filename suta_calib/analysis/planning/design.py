@@ -130,18 +130,20 @@ class SharedInformation(Information):
         )
 
 
-def nothing(space: Space) -> SharedInformation:
+def no_information(space: Space) -> SharedInformation:
     """No data."""
     zero = np.zeros((len(space.names),) * 2)
     return SharedInformation(zero, zero, zero)
 
 
-def present(situation: Situation, space: Space) -> SharedInformation:
+def present_information(situation: Situation, space: Space) -> SharedInformation:
     """What the data at hand tell."""
     return _shared_information(situation.problem, situation.x, situation.sigmas, space)
 
 
-def promised(situation: Situation, space: Space, candidate: Candidate) -> SharedInformation:
+def candidate_information(
+    situation: Situation, space: Space, candidate: Candidate
+) -> SharedInformation:
     """What a candidate would tell, all its repeats together."""
     term, arm = situation.term(candidate), situation.problem.arm_parameters
     problem = Problem([term], arm)

@@ -27,15 +27,15 @@ from suta_calib.analysis.planning.design import (
     SharedInformation,
     Space,
     best_set,
+    candidate_information,
     exchange,
     greedy,
-    nothing,
-    present,
-    promised,
+    no_information,
+    present_information,
     random_sets,
 )
 from suta_calib.analysis.planning.reach import Reach
-from suta_calib.analysis.planning.region import Region, generated
+from suta_calib.analysis.planning.region import Region, candidate_pool
 from suta_calib.analysis.planning.situation import Situation
 from suta_calib.analysis.tip_uncertainty import Sensitivity
 from suta_calib.arrays import FloatArray
@@ -112,7 +112,7 @@ def plan(
     options = replace(options, repeats=options.repeats or situation.repeats)
     assert options.repeats is not None
     if places is None:
-        places = generated(situation, region, options.pool, options.repeats, options.seed)
+        places = candidate_pool(situation, region, options.pool, options.repeats, options.seed)
     reached = Reach(situation, options.repeats, options.seed).candidates(places)
     if not reached.candidates:
         none = reached.unreachable
@@ -127,10 +127,10 @@ def plan(
     tip = region.sensitivity(situation, space.names[: space.arm_count], options.seed)
     information = []
     for done, candidate in enumerate(reached.candidates, start=1):
-        information.append(promised(situation, space, candidate))
+        information.append(candidate_information(situation, space, candidate))
         if progress is not None:
             progress(done, len(reached.candidates))
-    now = present(situation, space)
+    now = present_information(situation, space)
     design = Design.over(space, information, tip_weight(space, tip), options.criterion, now)
     chosen = best_set(design, now, options.count)
     after = sum((information[k] for k in chosen), now)
@@ -193,7 +193,7 @@ def _best(
 ) -> Best:
     typical = float(np.median([candidate.samples for candidate, _ in candidates]))
     count = max(1, min(len(design), round(situation.samples / typical)))
-    none = nothing(space)
+    none = no_information(space)
     rows = best_set(design, none, count)
     tips = design.tip(now), design.tip(none, rows)
     # What nothing here can tell is the same in both and must not make them alike.

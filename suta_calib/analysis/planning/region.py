@@ -181,7 +181,7 @@ class Pool:
     most_tilt: float = from_deg(40.0)
 
 
-def generated(
+def candidate_pool(
     situation: Situation, region: Region, pool: Pool, repeats: int, seed: int
 ) -> tuple[Place, ...]:
     """Placements (with an artefact), points, and postures (with an instrument or a camera).

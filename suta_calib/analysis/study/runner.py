@@ -29,7 +29,6 @@ from suta_calib.extras import load
 Task = tuple[int, int]  # size, number
 # Trials handed out at a time: an interrupt loses no more than these for each worker.
 BATCH: Final = 4
-CONNECT_S: Final = 10
 
 _loaded: dict[str, StudyData] = {}
 # Threads of one worker would share CasADi's graph and the number of BLAS threads.
@@ -149,7 +148,7 @@ def _client(distributed: Any, address: str) -> Iterator[Any]:
         distributed.comm.registry.get_backend(scheme)
         if scheme != "inproc":
             distributed.comm.addressing.parse_host_port(place)
-        client = distributed.Client(address, timeout=CONNECT_S, set_as_default=False)
+        client = distributed.Client(address, set_as_default=False)
     except (OSError, ValueError, TypeError) as error:
         reason = " ".join(str(error).split()) or type(error).__name__
         raise InputError(
