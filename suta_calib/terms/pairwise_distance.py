@@ -204,19 +204,13 @@ def _check_apart(poses: PoseSource, first: IntArray, second: IntArray) -> None:
 
 
 def landmark_pairs(samples: Samples) -> IntArray:
-    """(n, 2) rows of the same placement and repeat, and different landmarks.
-
-    Of rows that are the same to the last digit only the first: the copies tell nothing more, and k
-    of each would make k² of every distance.
-    """
+    """(n, 2) rows of the same placement and repeat, and different landmarks."""
     columns = ("landmark", "placement", "repeat")
     landmark, placement, repeat = (grouped(samples.labels[name])[1] for name in columns)
     sets = placement * (repeat.max(initial=0) + 1) + repeat
     found = [np.zeros((0, 2), dtype=np.intp)]
-    numbers = np.column_stack([sets, landmark, samples.q])
-    once = np.isin(np.arange(len(sets)), np.unique(numbers, axis=0, return_index=True)[1])
     for group in np.unique(sets):
-        rows = np.flatnonzero((sets == group) & once)
+        rows = np.flatnonzero(sets == group)
         pairs = rows[np.column_stack(np.triu_indices(len(rows), k=1))]
         found.append(pairs[landmark[pairs[:, 0]] != landmark[pairs[:, 1]]])
     return np.concatenate(found).astype(np.intp)
