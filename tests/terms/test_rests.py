@@ -176,6 +176,15 @@ def test_exact_copies_of_all_rows_change_nothing(name: str) -> None:
     assert note.startswith(f"{2 * len(rows)} rows of ")
 
 
+def test_copies_elsewhere_in_a_file_make_no_pairs() -> None:
+    s = scene("pairwise_distance")
+    rows = s.samples(SIGMA)[0]
+    copied = rows.take(np.tile(np.arange(len(rows)), 3))
+    elsewhere = replace(copied, origin=tuple(f"a.csv:{k + 2}" for k in range(len(copied))))
+    once, copies = (s.term(each).blocks[0].samples for each in (rows, elsewhere))
+    np.testing.assert_array_equal(copies, once)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", [*KINDS, "pairwise_distance"])
 @pytest.mark.parametrize("way", ["read again", "touched again", "seen again"])
