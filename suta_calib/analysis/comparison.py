@@ -14,10 +14,10 @@ import numpy as np
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment
 from suta_calib.diagnostics.accuracy import (
-    Accuracy,
     TermAccuracy,
     block_residuals,
     fit_own,
+    gain_of,
     term_accuracies,
 )
 from suta_calib.errors import UrdfError
@@ -39,11 +39,16 @@ class ArmComparison:
 
     @cached_property
     def assessment(self) -> Assessment:
-        """Care where the other arm is worse. A comparison is of use whatever it says."""
-        before, after = (Accuracy.overall(self.terms, which).rms for which in ("before", "after"))
-        own, this = (text(rms, "m", with_unit=True) for rms in (before, after))
-        worse = [] if after <= before else ["The URDF is worse than the job's own on these data."]
-        return Assessment.of(f"RMS {own} with the job's URDF, {this} with this one", care=worse)
+        """Care where the other arm is worse, or the data cannot tell; it is of use in any case."""
+        gain = gain_of(self.terms)
+        assert gain is not None
+        own, this = (text(rms, "m", with_unit=True) for rms in (gain.before, gain.after))
+        care = []
+        if gain.worse:
+            care.append("The URDF is worse than the job's own on these data.")
+        elif not gain.better:
+            care.append("These data cannot tell the URDF from the job's own: neither is better.")
+        return Assessment.of(f"RMS {own} with the job's URDF, {this} with this one", care=care)
 
 
 def compare_arms(

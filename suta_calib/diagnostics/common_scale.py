@@ -86,15 +86,22 @@ def _step(solution: Solution, what: str, mine: Sequence[bool]) -> CommonScale:
     free = solution.free
     curvature = np.zeros((len(free) + 1,) * 2)
     gradient, squares = np.zeros(len(free) + 1), 0.0
-    for rows, after in zip(whitened_rows(problem, x, noise), moved, strict=True):
+    # Distances share touches, and what stands or is read twice says it once.
+    shares = [
+        term.equations() / sum(len(b) * b.size for b in term.blocks)
+        for term in problem.terms
+        for _ in term.blocks
+    ]
+    for rows, after, share in zip(whitened_rows(problem, x, noise), moved, shares, strict=True):
         line = rows.line
         by_scale = ((after - line.residual) / STEP / line.sigma[:, None]).reshape(-1, 1)
         wide = replace(rows, jacobian=np.hstack([rows.jacobian[:, free], by_scale]))
         believed = robust_jacobian(wide)
-        curvature += believed.T @ believed
+        curvature += share * believed.T @ believed
         score = (line.residual * (line.weight / line.sigma)[:, None]).reshape(-1)
-        gradient += wide.jacobian.T @ score
-        squares += float(np.sum(line.weight[:, None] * (line.residual / line.sigma[:, None]) ** 2))
+        gradient += share * wide.jacobian.T @ score
+        squared = line.weight[:, None] * (line.residual / line.sigma[:, None]) ** 2
+        squares += share * float(np.sum(squared))
     # As the job gives them: priors that were learned have made room for the factor already.
     precision = problem.with_priors_scaled(np.ones(len(x))).prior_precision()[free]
     off = (x - problem.parameters.array("nominal"))[free]

@@ -8,6 +8,7 @@ known of them; robustly, so that a few gross rows accuse nobody.
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -19,7 +20,9 @@ from suta_calib.diagnostics.held_out import HeldOutErrors, held_out_errors, robu
 from suta_calib.measurements import Samples
 from suta_calib.solver.solution import Solution
 from suta_calib.terms import Term
+from suta_calib.terms.poses import resolution
 from suta_calib.units import text
+from suta_calib.words import listed
 
 
 @dataclass(frozen=True)
@@ -104,6 +107,7 @@ def contradictions(
         *_priors(solution, options),
         *dead_joints(solution, options),
         *_repeated(solution, [each.term for each in accuracy.validation]),
+        *_twice(solution.problem.terms),
     ]
     same, tried = solution.agreeing, len(solution.attempts)
     if tried > 1 and same < options.starts * tried:
@@ -186,7 +190,7 @@ def _scales(solution: Solution, options: ContradictionOptions) -> Iterator[Contr
         if (
             each.significance < wanted
             or each.gain < options.scale_gain
-            or size < options.scale_care
+            or not options.scale_care < size < options.scale_most
         ):
             continue
         by, longer = f"{100 * size:.2f} ± {100 * each.std:.2f} %", each.value > 0
@@ -248,18 +252,75 @@ def dead_joints(
 
 
 def _repeated(solution: Solution, validation: Sequence[Term]) -> Iterator[Contradiction]:
-    known = {row for term in solution.problem.terms for row in _rows(term.poses.samples)}
-    rows = [row for term in validation for row in _rows(term.poses.samples)]
-    again = sum(row in known for row in rows)
+    known = {key for term in solution.problem.terms for key in term.poses.samples.as_keys()}
+    keys = [key for term in validation for key in term.poses.samples.as_keys()]
+    again = sum(key in known for key in keys)
     if again:
         yield Contradiction(
             False,
-            f"{again} of {len(rows)} validation rows were fitted too: "
-            + ("nothing was held out." if again == len(rows) else "they were not held out."),
+            f"{again} of {len(keys)} validation rows were fitted too: "
+            + ("nothing was held out." if again == len(keys) else "they were not held out."),
         )
 
 
-def _rows(samples: Samples) -> list[bytes]:
-    """Readings and what was observed with them, as something to compare."""
-    seen = () if samples.position is None else (samples.position,)
-    return [row.tobytes() for row in np.hstack([samples.q, *seen])]
+def _twice(terms: Sequence[Term]) -> Iterator[Contradiction]:
+    """Rows that stand in two files, or again in one after the arm has moved, to the last digit."""
+    first: dict[tuple[str, bytes], _Place] = {}
+    again: Counter[str] = Counter()
+    copies: Counter[tuple[str, str, bool]] = Counter()
+    for number, term in enumerate(terms):
+        samples = term.poses.samples
+        if _may_read_alike(samples):
+            continue
+        visits = np.cumsum(np.diff(term.poses.rests, prepend=-1) != 0).tolist()
+        rows = zip(samples.as_keys(), _labels(samples), _files(samples), visits, strict=True)
+        for key, label, (file, name), visit in rows:
+            place = _Place(number, file, name, visit, set())
+            original = first.setdefault((term.kind, key), place)
+            if (original.term, original.file) != (number, file):
+                copies[name, original.name, original.term == number] += 1
+            # The same readings may be of another repeat: a socket is met again.
+            elif original.visit != visit and label in original.labels:
+                again[name] += 1
+            original.labels.add(label)
+    if again:
+        count = sum(again.values())
+        sentence = f"{count} rows of {listed([*again])} stand there twice or more: they count once."
+        yield Contradiction(False, sentence)
+    for (copy, source, once), count in copies.items():
+        counted = "they count once" if once else "they count twice; name every file once"
+        yield Contradiction(False, f"{count} rows of {copy} stand in {source} too: {counted}.")
+
+
+@dataclass(frozen=True)
+class _Place:
+    """Where a row stood first: term, file, visit of its rest; and the labels it had since."""
+
+    term: int
+    file: int
+    name: str
+    visit: int
+    labels: set[tuple[str, ...]]
+
+
+def _labels(samples: Samples) -> list[tuple[str, ...]]:
+    columns = [values.tolist() for values in samples.labels.values()]
+    return [tuple(values[row] for values in columns) for row in range(len(samples))]
+
+
+def _files(samples: Samples) -> Iterator[tuple[int, str]]:
+    """Number and name of the file of every row."""
+    file, last, line = 0, "", 0
+    for origin in samples.origin:
+        name, _, number = origin.rpartition(":")
+        at = int(number) if number.isdigit() else line + 1
+        # Files of one name in two folders are told by their lines, which begin again.
+        file += name != last or at <= line
+        last, line = name, at
+        yield file, name or "the samples"
+
+
+def _may_read_alike(samples: Samples) -> bool:
+    """Whether an arm that comes back may read the same to the last digit: encoders all coarse."""
+    moving = samples.q[:, np.ptp(samples.q, axis=0) > 0]
+    return samples.position is None and all(resolution(joint) > 0 for joint in moving.T)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -150,12 +149,11 @@ class CalibrationResult:
         }
 
     def _on_the_job(self) -> list[str]:
-        """Samples left out by name, or there twice, and held-out sockets wide without a word."""
+        """Samples left out by name, held-out ones at fitted rests, or in sockets wide unsaid."""
         spec = self.job.spec
         rows = (*spec.observations, *spec.validation)
         wide = {row.artefact for row in spec.observations if row.seated} - {None}
         notes = [f"The job excludes {row.exclude} from {row.kind}." for row in rows if row.exclude]
-        notes += [note for term in self.job.observations for note in _copied(term.poses.samples)]
         notes += _read_with_fitted(self.job)
         notes += [
             f"The validation row of {row.kind} has no seating, and the observations of the same "
@@ -229,26 +227,6 @@ def _check_once(spec: JobSpec, terms: Sequence[Term]) -> None:
                     hint="name every file once, by one path",
                 )
         known[row.kind].append((k, keys))
-
-
-def _copied(samples: Samples) -> list[str]:
-    """What stands in two files alike: one witness, as what is read again at one rest."""
-    first: dict[bytes, tuple[str, int]] = {}
-    copies: Counter[tuple[str, str]] = Counter()
-    file, place, line = 0, "", 0
-    for key, origin in zip(samples.as_keys(), samples.origin, strict=True):
-        name, _, number = origin.rpartition(":")
-        at = int(number) if number.isdigit() else line + 1
-        # Files of one name in two folders are told by their lines, which begin again.
-        file += name != place or at <= line
-        place, line = name, at
-        original, known = first.setdefault(key, (name, file))
-        if known != file:
-            copies[name, original] += 1
-    return [
-        f"{count} rows of {copy} stand in {original} too: they count once."
-        for (copy, original), count in copies.items()
-    ]
 
 
 def _read_with_fitted(job: CalibrationJob) -> list[str]:

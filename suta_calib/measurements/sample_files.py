@@ -32,6 +32,10 @@ from suta_calib.measurements.samples import Samples
 # radians or metres can mean is refused.
 _REVOLUTE_MARGIN = 0.5
 _UNLIMITED_REVOLUTE = 8 * math.pi
+# Turns that a counter may be off by; and how far (rad) other joints must have moved, in their
+# ranges, to be plainly no degrees.
+_MOST_TURNS = 2
+_PLAINLY_MOVED = 0.2
 _PRISMATIC_WIDTHS = 10.0
 _PRISMATIC_MARGIN = 0.5
 
@@ -88,8 +92,8 @@ def read_samples(
 
     Raises:
         SamplesError: a file cannot be read, lacks a column, holds a value that is not a finite
-            number or an empty label, has a reading that looks like degrees or millimetres, or
-            only some of the files have orientations.
+            number or an empty label, has a reading that looks like degrees or millimetres or is
+            whole turns beyond its range, or only some of the files have orientations.
     """
     if not paths:
         raise SamplesError("no files", "at least one samples file")
@@ -116,7 +120,7 @@ def _samples(table: CsvTable, joints: Sequence[JointRange], columns: SampleColum
     needed = f"a label column; this kind needs {', '.join(columns.labels)}"
     return Samples.from_arrays(
         [joint.name for joint in joints],
-        np.array([_readings(table, joint) for joint in joints]).reshape(-1, len(table)).T,
+        _readings(table, joints),
         labels={name: table.labels(name, needed) for name in columns.labels},
         position=positions(table) if columns.position else None,
         rotation=rotations(table) if oriented else None,
@@ -124,23 +128,61 @@ def _samples(table: CsvTable, joints: Sequence[JointRange], columns: SampleColum
     )
 
 
-def _readings(table: CsvTable, joint: JointRange) -> FloatArray:
-    """Readings of one joint, (n,), refused where they can only be degrees or millimetres."""
-    values = table.numbers(joint.name, f"one column per joint of the chain, in {joint.unit}")
+def _readings(table: CsvTable, joints: Sequence[JointRange]) -> FloatArray:
+    """(n, joints), refused where they can only be degrees, millimetres or whole turns off."""
+    expected = "one column per joint of the chain, in "
+    q = np.array([table.numbers(joint.name, expected + joint.unit) for joint in joints])
+    for k, joint in enumerate(joints):
+        for row in np.flatnonzero(_implausible(q[k], joint)):
+            raise table.refuse(
+                int(row),
+                joint.name,
+                f"{q[k, row]:.6g}",
+                f"{joint.unit}, joint range {joint}",
+                _what_it_is(q, k, joints),
+            )
+    return q.reshape(-1, len(table)).T
+
+
+def _implausible(values: FloatArray, joint: JointRange) -> NDArray[np.bool_]:
     if joint.unit == "rad":
         limit = max(abs(joint.lower), abs(joint.upper), 2 * math.pi) + _REVOLUTE_MARGIN
-        implausible = np.abs(values) > (limit if math.isfinite(limit) else _UNLIMITED_REVOLUTE)
-        meant = "degrees: convert to radians"
-    else:
-        beyond = np.maximum(joint.lower - values, values - joint.upper)
-        width = joint.upper - joint.lower
-        implausible = beyond > max(_PRISMATIC_WIDTHS * width, _PRISMATIC_MARGIN)
-        meant = "millimetres: convert to m"
-    for row in np.flatnonzero(implausible):
-        expected = f"{joint.unit}, joint range {joint}"
-        found, hint = f"{values[row]:.6g}", f"looks like {meant}"
-        raise table.refuse(int(row), joint.name, found, expected, hint)
-    return values
+        return np.abs(values) > (limit if math.isfinite(limit) else _UNLIMITED_REVOLUTE)
+    beyond = np.maximum(joint.lower - values, values - joint.upper)
+    width = joint.upper - joint.lower
+    return np.asarray(beyond > max(_PRISMATIC_WIDTHS * width, _PRISMATIC_MARGIN))
+
+
+def _what_it_is(q: FloatArray, k: int, joints: Sequence[JointRange]) -> str:
+    """What implausible readings of the k-th joint look like, beside those of all, (joints, n)."""
+    if joints[k].unit == "m":
+        return "looks like millimetres: convert to m"
+    turning = [i for i, joint in enumerate(joints) if joint.unit == "rad"]
+    turns = {i: _turns_beyond(q[i], joints[i]) for i in turning}
+    in_rad = [i for i in turning if turns[i] == 0 and np.ptp(q[i]) > _PLAINLY_MOVED]
+    more = turns[k]
+    if not (more and in_rad and None not in turns.values()):
+        return "looks like degrees: convert to radians"
+    count = "a whole turn" if abs(more) == 1 else f"{abs(more)} whole turns"
+    than, do = ("more", "subtract") if more > 0 else ("less", "add")
+    return (
+        f"{count} ({360 * abs(more)} deg) {than} than its range, and the other joints are in rad: "
+        f"{do} that, or set the encoder's zero"
+    )
+
+
+def _turns_beyond(values: FloatArray, joint: JointRange) -> int | None:
+    """Whole turns by which all readings beyond a range are beyond it; None for no such number."""
+    outside = values[(values < joint.lower) | (values > joint.upper)]
+    if not _implausible(values, joint).any():
+        return 0
+    for turns in range(-_MOST_TURNS, _MOST_TURNS + 1):
+        back = outside - 2 * math.pi * turns
+        if math.isfinite(joint.upper - joint.lower) and np.all(
+            (joint.lower <= back) & (back <= joint.upper)
+        ):
+            return turns
+    return None
 
 
 def _check_names(joints: Sequence[JointRange], columns: SampleColumns) -> None:

@@ -126,7 +126,7 @@ class HandEyeCalibration(RobustAnswer):
                 "focal length errs, or a target of another size. X follows it, and ± allows for "
                 "that: calibrate the camera anew and measure the target."
             )
-        bad = self.objections("pairs", self.inliers)
+        bad = self.objections("pairs", self.inliers, self.length)
         if self.inverted != "good":
             lengths = [mm(float(np.linalg.norm(T[:3, 3]))) for T in (self.X, self.Z)]
             place, turn = mm(self.Z[:3, 3]), deg(rpy_from_rotation(self.Z[:3, :3]))

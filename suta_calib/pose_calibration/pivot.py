@@ -16,7 +16,13 @@ from suta_calib.measurements.pose_files import ToolPoses
 from suta_calib.measurements.samples import Samples
 from suta_calib.pose_calibration.consensus import Consensus, find_consensus, minimal_samples
 from suta_calib.pose_calibration.inputs import checked_poses, error_context
-from suta_calib.pose_calibration.robust_fit import RobustAnswer, exchanged, robust_fit
+from suta_calib.pose_calibration.robust_fit import (
+    LARGEST,
+    LONGEST_TIP,
+    RobustAnswer,
+    exchanged,
+    robust_fit,
+)
 from suta_calib.pose_calibration.undetermined import refuse_undetermined
 from suta_calib.terms.block import Noise, grouped
 from suta_calib.terms.fixed_point import FixedPoint, stacked_pivot
@@ -85,7 +91,13 @@ class PivotCalibration(RobustAnswer):
         unsure = float(np.linalg.norm(self.tip_std))
         if unsure > UNSURE:
             caution.append(f"The tip is known to ± {mm(unsure):.2f} mm only (one sigma, 3-D).")
-        bad = self.objections("poses", self.inliers)
+        bad, long = self.objections("poses", self.inliers), float(np.linalg.norm(self.tip))
+        if max(long, float(np.linalg.norm(self.post))) > LARGEST or long > LONGEST_TIP:
+            bad.append(
+                f"The tip lies {long:.4g} m from the tool's origin, and the point that it touched "
+                f"{float(np.linalg.norm(self.post)):.4g} m from the tracker's: are the positions "
+                "in mm? Then name the columns x_mm, y_mm, z_mm."
+            )
         if self.inverted != "good":
             (bad if self.inverted == "bad" else caution).append(
                 f"The tip lies {mm(float(np.linalg.norm(self.tip))):.0f} mm from the tool's "

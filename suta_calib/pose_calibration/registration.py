@@ -127,7 +127,7 @@ class Registration(RobustAnswer):
     def assessment(self) -> Assessment:
         """How far to trust it."""
         caution, inliers = list[str](), self.inliers[self.distinct]
-        bad = self.objections("points", inliers)
+        bad = self.objections("points", inliers, self.extent)
         if (scaled := self.scaled) != "good":
             (bad if scaled == "bad" else caution).append(self.scale_note)
         if copies := int(np.sum(~self.distinct)):

@@ -41,6 +41,10 @@ MANY_OUTLIERS: Final = 0.4
 REMARKABLE: Final = 0.2
 # Nothing that a hand holds reaches farther, m.
 LONGEST_TOOL: Final = 1.0
+# Nor is a tool so long, or all that a tracker sees of a hand or points so large, m: they seem
+# so large where millimetres are called metres.
+LONGEST_TIP: Final = 10.0
+LARGEST: Final = 30.0
 # Standard deviations by which one of two lengths is the longer.
 LONGER: Final = 3.0
 # Relative change of a noise level that is none.
@@ -108,9 +112,20 @@ class RobustAnswer:
         """Rows judged outliers, from 0."""
         return tuple(int(row) for row in np.flatnonzero(~self.inliers))
 
-    def objections(self, what: str, inliers: BoolArray) -> list[str]:
-        """Why it must not be used, one sentence each, given which of the rows (``what``) agree."""
+    def objections(self, what: str, inliers: BoolArray, size: float = 0.0) -> list[str]:
+        """Why it must not be used, one sentence each.
+
+        Args:
+            what: the rows, in the plural.
+            inliers: (n,) which of them agree.
+            size: how large what was measured is, m.
+        """
         found = list[str]()
+        if size > LARGEST:
+            found.append(
+                f"The {what} span {size:.0f} m, which no tool, hand or target does: are they in "
+                "mm? Then name the columns x_mm, y_mm, z_mm."
+            )
         if not self.solution.converged:
             found.append(f"The solver did not converge: {self.solution.sentence}.")
         share = 1.0 - float(inliers.mean())

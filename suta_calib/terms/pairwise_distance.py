@@ -204,13 +204,21 @@ def _check_apart(poses: PoseSource, first: IntArray, second: IntArray) -> None:
 
 
 def landmark_pairs(samples: Samples) -> IntArray:
-    """(n, 2) rows of the same placement and repeat, and different landmarks."""
+    """(n, 2) rows of the same placement and repeat, and different landmarks.
+
+    Not of rows that stand elsewhere in the files to the last digit: k copies of every row would
+    make k² of every distance. A row that was taken twice, as in a bootstrap, counts twice.
+    """
     columns = ("landmark", "placement", "repeat")
     landmark, placement, repeat = (grouped(samples.labels[name])[1] for name in columns)
     sets = placement * (repeat.max(initial=0) + 1) + repeat
     found = [np.zeros((0, 2), dtype=np.intp)]
+    numbers = np.column_stack([sets, landmark, samples.q])
+    _, first, alike = np.unique(numbers, axis=0, return_index=True, return_inverse=True)
+    origin = np.array(samples.origin)
+    original = origin == origin[first[alike.reshape(-1)]]
     for group in np.unique(sets):
-        rows = np.flatnonzero(sets == group)
+        rows = np.flatnonzero((sets == group) & original)
         pairs = rows[np.column_stack(np.triu_indices(len(rows), k=1))]
         found.append(pairs[landmark[pairs[:, 0]] != landmark[pairs[:, 1]]])
     return np.concatenate(found).astype(np.intp)

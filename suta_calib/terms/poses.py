@@ -146,7 +146,7 @@ def together(q: FloatArray, apart: float = WANDER) -> IntArray:
     Returns:
         (n,) number of the group of each row, by first appearance.
     """
-    steps = q / np.array([max(apart, FLICKER * _resolution(joint)) for joint in q.T])
+    steps = q / np.array([max(apart, FLICKER * resolution(joint)) for joint in q.T])
     tree, first = KDTree(steps), np.arange(len(q))
     # The nearest row of each is itself.
     nearest, _ = tree.query(steps, k=[min(2, len(q))], p=np.inf, distance_upper_bound=1.0)
@@ -159,7 +159,7 @@ def together(q: FloatArray, apart: float = WANDER) -> IntArray:
     return np.asarray(np.unique(first, return_inverse=True)[1], dtype=np.intp)
 
 
-def _resolution(readings: FloatArray) -> float:
+def resolution(readings: FloatArray) -> float:
     """Step of an encoder, as its readings (n,) show it; zero where they show none."""
     steps = np.diff(np.unique(readings))
     smallest = float(steps.min(initial=np.inf))

@@ -103,17 +103,18 @@ def test_an_evident_unit_is_in_the_verdict(command: str, tmp_path: Path, capsys:
             for name, points in zip("ab", point_numbers(12), strict=True)
         ],
     }[command]
-    assert cli(command, *files, "--json") == 0
+    assert cli(command, *files, "--json") == 1
     out, err = capsys.readouterr()
     assessment = json.loads(out)["verdict"]
-    assert assessment["level"] == "care"
+    assert assessment["level"] == "bad"
+    assert "in mm? Then name the columns x_mm" in assessment["notes"][0]
     notes = [note for note in assessment["notes"] if "looks like millimetres" in note]
     assert len(notes) == (1 if command == "pivot" else 2)
     assert err.count("looks like millimetres") == len(notes)
     assert f"{files[0]}:1: column" in notes[0]
-    assert cli(command, *files) == 0
+    assert cli(command, *files) == 1
     shown = " ".join(capsys.readouterr().out.split())
-    assert "Take care." in shown
+    assert "Do not use" in shown
     assert shown.count("looks like millimetres") == len(notes)
 
 

@@ -65,6 +65,31 @@ def test_a_copied_file_counts_once_and_is_said(job: Path, name: str) -> None:
     assert twice.solution.noise == pytest.approx(once.solution.noise, rel=0.02)
 
 
+def test_a_file_whose_rows_stand_three_times_counts_once_and_is_said(job: Path) -> None:
+    once = CalibrationJob.load(job).run()
+    file = job.parent / "calibration" / "a.csv"
+    header, *rows = file.read_text().splitlines(keepends=True)
+    file.write_text("".join([header, *rows * 3]))
+    thrice = CalibrationJob.load(job).run()
+    said = "80 rows of a.csv stand there twice or more: they count once."
+    assert said in thrice.assessment.notes
+    assert not any("they count once" in note for note in once.assessment.notes)
+    assert {*thrice.assessment.notes} - {said} == {*once.assessment.notes}
+    for estimate in once.solution.estimates.values():
+        if estimate.std:
+            same = thrice.solution.estimates[estimate.name].std
+            assert same == pytest.approx(estimate.std, rel=0.02)
+
+
+def test_rows_read_again_at_once_are_no_copies(job: Path) -> None:
+    """A recorder faster than its tracker writes what it has until there is more."""
+    file = job.parent / "calibration" / "a.csv"
+    header, *rows = file.read_text().splitlines(keepends=True)
+    file.write_text("".join([header, *(row for row in rows for _ in range(3))]))
+    notes = CalibrationJob.load(job).run().assessment.notes
+    assert not any("they count once" in note for note in notes)
+
+
 @pytest.mark.parametrize(("rows", "said"), [(40, True), (0, False)])
 def test_readings_of_a_fitted_rest_are_not_held_out(job: Path, rows: int, said: bool) -> None:
     """Validation that was read at the calibration's rests, at once or after coming back."""

@@ -120,6 +120,31 @@ def test_units_of_readings(
     assert f"looks like {meant}: convert to" in error.hint
 
 
+@pytest.mark.parametrize(
+    ("column", "hint"),
+    [
+        ([8.0, 7.2, 6.9], "a whole turn (360 deg) more than its range, and the other joints are"),
+        ([1.7, 0.9, 8.0], "a whole turn (360 deg) more than its range"),  # it jumped
+        ([-8.0, -7.2, -5.3], "a whole turn (360 deg) less than its range"),
+        ([12.7, 12.1, 13.5], "2 whole turns (720 deg) more than its range"),
+        ([8.0, 80.0, -45.0], "looks like degrees"),
+        ([38.0, 38.2, 38.4], "looks like degrees"),
+    ],
+)
+def test_whole_turns_are_no_degrees_beside_joints_in_rad(
+    tmp_path: Path, column: list[float], hint: str
+) -> None:
+    joints = [JointRange("j0", "rad", -3.14, 3.14), REVOLUTE]
+    for others, meant in (([0.1, -1.2, 2.0], hint), ([20.0, -1.2, 40.0], "looks like degrees")):
+        rows = "".join(f"{a},{b},A\n" for a, b in zip(others, column, strict=True))
+        error = refusal(tmp_path, f"j0,j1,point\n{rows}", TOUCHED, *joints)
+        assert meant in error.hint
+    rows = "".join(f"0,{b},A\n" for b in column)  # the other joint tells nothing
+    error = refusal(tmp_path, f"j0,j1,point\n{rows}", TOUCHED, *joints)
+    assert "looks like degrees" in error.hint
+    assert error.where == "column 'j1'"
+
+
 def test_a_joint_named_like_a_column_is_ambiguous(tmp_path: Path) -> None:
     with pytest.raises(SamplesError, match=r"found a joint named 'x'.*rename the joint"):
         read_samples([tmp_path], [JointRange("x", "m", 0, 1)], TRACKED)

@@ -9,6 +9,9 @@ import pytest
 from simulated import Scene, Spread, arm_named, dh_parameters, read_again
 from terms_cases import SIGMA, noises, scene
 
+from suta_calib.diagnostics.accuracy import assess
+from suta_calib.diagnostics.common_scale import common_scales
+from suta_calib.diagnostics.contradictions import contradictions
 from suta_calib.diagnostics.repeats import lack_of_fit
 from suta_calib.diagnostics.score_tests import score_tests
 from suta_calib.measurements import Samples
@@ -144,6 +147,42 @@ def test_the_spread_is_the_predicted_one_however_often_a_rest_is_read(
     noise = np.sqrt(np.mean([f.noise[0] ** 2 for f in found]))
     assert noise == pytest.approx(SIGMA.position, rel=0.15)
     assert sum(any(t.suspicious for t in score_tests(f)) for f in found[:3]) <= 1
+
+
+@pytest.mark.parametrize("name", [*KINDS, "pairwise_distance"])
+def test_exact_copies_of_all_rows_change_nothing(name: str) -> None:
+    s = scene(name)
+    rows = s.samples(SIGMA, seed=3)[0]
+    once, thrice = (solved(s, rows.take(np.tile(np.arange(len(rows)), k))) for k in (1, 3))
+    terms = [each.problem.terms[0] for each in (once, thrice)]
+    assert terms[0].equations() == terms[1].equations()
+    assert terms[0].witnesses.max() == terms[1].witnesses.max()
+    assert thrice.free.tolist() == once.free.tolist()
+    std, same = (np.sqrt(np.diag(each.covariance)) for each in (once, thrice))
+    np.testing.assert_allclose(same, std, rtol=0.05)
+    assert thrice.noise == pytest.approx(once.noise, rel=0.05)
+    chances, again = (
+        {(t.joint, t.family): t for t in score_tests(each)} for each in (once, thrice)
+    )
+    for key in chances.keys() & again.keys():
+        assert again[key].p == pytest.approx(chances[key].p, rel=0.1, abs=0.01)
+        assert again[key].suspicious == chances[key].suspicious
+    scales, others = ({c.what: c for c in common_scales(each)} for each in (once, thrice))
+    assert scales.keys() == others.keys()
+    for what, scale in scales.items():
+        assert others[what].significance == pytest.approx(scale.significance, rel=0.05)
+    assert not any(fit.ratio > 1.5 for fit in lack_of_fit(thrice))
+    (note,) = (c.sentence for c in contradictions(thrice, assess(thrice)) if "twice" in c.sentence)
+    assert note.startswith(f"{2 * len(rows)} rows of ")
+
+
+def test_copies_elsewhere_in_a_file_make_no_pairs() -> None:
+    s = scene("pairwise_distance")
+    rows = s.samples(SIGMA)[0]
+    copied = rows.take(np.tile(np.arange(len(rows)), 3))
+    elsewhere = replace(copied, origin=tuple(f"a.csv:{k + 2}" for k in range(len(copied))))
+    once, copies = (s.term(each).blocks[0].samples for each in (rows, elsewhere))
+    np.testing.assert_array_equal(copies, once)
 
 
 @pytest.mark.slow

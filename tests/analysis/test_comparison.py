@@ -1,0 +1,32 @@
+"""Which of two arms is better on held-out data: said only where chance does not explain it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from terms_cases import SIGMA, scene
+
+from suta_calib.analysis.comparison import ArmComparison
+from suta_calib.diagnostics.accuracy import term_accuracies
+
+
+@pytest.mark.parametrize(
+    ("factor", "level", "said"),
+    [
+        (1 / 3, "good", ""),
+        (1.0, "care", "cannot tell the URDF from the job's own"),
+        (3.0, "care", "worse than the job's own"),
+    ],
+)
+@pytest.mark.parametrize("seed", range(4))
+def test_better_and_worse_are_more_than_chance(
+    factor: float, level: str, said: str, seed: int
+) -> None:
+    """Two arms whose errors are equally large: one is always a little worse, by chance."""
+    s = scene("tracked_point")
+    term = s.term(s.samples(SIGMA)[0])
+    before, after = np.random.default_rng(seed).normal(scale=1e-4, size=(2, len(term.poses), 3))
+    found = ArmComparison(term_accuracies([term], [before], [factor * after])).assessment
+    assert found.level == level
+    assert said in " ".join(found.notes)
+    assert "RMS" in found.sentence
