@@ -1,4 +1,4 @@
-"""One BLAS thread for matrices of tens of rows: with more, they mostly wait for each other."""
+"""One BLAS thread for matrices of up to some thousand rows: more mostly wait for each other."""
 
 from __future__ import annotations
 

@@ -27,6 +27,7 @@ from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import rms_length
 from suta_calib.pose_calibration.consensus import DIMENSION, outlier_limit
+from suta_calib.threads import single_threaded
 
 # Beyond this the basis is worse conditioned than the data are good: (7 + 1)³ gives 1e8.
 DEGREES: Final = tuple(range(7))
@@ -134,6 +135,7 @@ def fit_distortion(
     return _continued(*_fit_inside(measured, expected, degrees))
 
 
+@single_threaded
 def _fit_inside(
     measured: FloatArray, expected: FloatArray, degrees: Sequence[int] = DEGREES
 ) -> tuple[DistortionCorrection, dict[int, _PolynomialFit]]:
@@ -162,6 +164,7 @@ def _fit_inside(
     return found, fits
 
 
+@single_threaded
 def _continued(
     found: DistortionCorrection, fits: Mapping[int, _PolynomialFit]
 ) -> DistortionCorrection:
