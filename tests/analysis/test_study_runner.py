@@ -89,12 +89,12 @@ def test_progress_counts_every_trial() -> None:
 
 def test_an_address_without_a_scheduler(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("distributed")
-    monkeypatch.setitem(dask.config.get("distributed.comm.timeouts"), "connect", "0.5s")
     cried: list[object] = []
     monkeypatch.setattr(sys, "unraisablehook", cried.append)
-    for address in ("tcp://127.0.0.1:1", "nowhere", "udp://x:1"):
-        with pytest.raises(InputError, match=f"--dask {address}.*no scheduler"):
-            run_study(plan_of("size"), dask=address)
+    with dask.config.set({"distributed.comm.timeouts.connect": "0.5s"}):
+        for address in ("tcp://127.0.0.1:1", "nowhere", "udp://x:1"):
+            with pytest.raises(InputError, match=f"--dask {address}.*no scheduler"):
+                run_study(plan_of("size"), dask=address)
     gc.collect()
     assert not cried
 

@@ -151,10 +151,10 @@ def test_bad_usage(
     arguments: tuple[str, ...],
     says: str,
     capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setitem(dask.config.get("distributed.comm.timeouts"), "connect", "0.5s")
-    line = refused(capsys, JOB, *arguments, "--out", tmp_path / "none")
+    pytest.importorskip("distributed")  # its settings are there once it is loaded
+    with dask.config.set({"distributed.comm.timeouts.connect": "0.5s"}):
+        line = refused(capsys, JOB, *arguments, "--out", tmp_path / "none")
     assert re.search(says, line), line
     assert not (tmp_path / "none").exists()
 
