@@ -8,17 +8,14 @@ from __future__ import annotations
 
 import platform
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any, Final
 
 import numpy as np
 
-from suta_calib.arrays import FloatArray
 from suta_calib.diagnostics.accuracy import TermAccuracy
 from suta_calib.diagnostics.explanation import redundant_names
-from suta_calib.diagnostics.held_out import PROBABILITIES, HeldOutErrors, held_out_errors
 from suta_calib.job.calibration import CalibrationResult
 from suta_calib.report import calibration_plots as plots
 from suta_calib.report.document import Document, Figure, File, Folded, Part, Place, ShownOnly, Text
@@ -31,7 +28,9 @@ from suta_calib.report.errors import (
     groups,
     residual_rows,
 )
+from suta_calib.report.held_out import HELD_OUT, held_out_rows
 from suta_calib.report.listing import Column, Json, Listing, csv_text
+from suta_calib.report.noise import NOISE, PRIORS, noise_of, priors_of
 from suta_calib.report.observability import (
     EXPLANATIONS,
     MOST_SENTENCES,
@@ -41,9 +40,6 @@ from suta_calib.report.observability import (
 from suta_calib.report.parameters import PARAMETERS, left_out, outcomes
 from suta_calib.solver.ipopt import Minimum
 from suta_calib.solver.solution import Solution
-from suta_calib.solver.weights import Learned
-from suta_calib.terms.block import Block
-from suta_calib.units import Unit, text, unit_name
 from suta_calib.words import combination
 
 NAME: Final = "result"
@@ -53,135 +49,6 @@ NOT_USABLE: Final = "not_usable.urdf"
 DISTRIBUTIONS: Final = ("suta_calib", "pin", "casadi", "numpy")
 
 
-@dataclass(frozen=True, eq=False)
-class BlockNoise:
-    """Noise of one block of residuals: as it was assumed, and as the residuals show it.
-
-    Attributes:
-        kind, label: of its term.
-        block: of residuals.
-        assumed: standard deviation of one component, m or rad.
-        found: the same; None where the solution did not converge.
-        interval: where it is with a chance of 95 %; None where it was weighed against nothing.
-    """
-
-    kind: str
-    label: str
-    block: Block
-    assumed: float
-    found: float | None
-    interval: tuple[float, float] | None
-
-
-def _unit(row: BlockNoise) -> Unit:
-    return row.block.unit
-
-
-def _between(interval: tuple[float, float], unit: Unit | None = None) -> str:
-    return " … ".join(f"{end:.2f}" if unit is None else text(end, unit) for end in interval)
-
-
-NOISE: Final = Listing[BlockNoise](
-    "Noise",
-    Column("kind"),
-    Column("", "residuals", lambda row: f"{row.kind.replace('_', ' ')}: {row.block.name}"),
-    Column("label", "label"),
-    Column("block", None, lambda row: row.block.name),
-    Column("unit", "unit", _unit, cell=lambda row: unit_name(_unit(row))),
-    Column("assumed", "assumed", unit=_unit, si=True),
-    Column(
-        "given",
-        "from",
-        lambda row: row.block.noise.sigma is not None,
-        cell=lambda row: "default" if row.block.noise.sigma is None else "the job",
-    ),
-    Column("found", "found", unit=_unit, si=True),
-    Column(
-        "interval",
-        "95 %",
-        unit=_unit,
-        si=True,
-        optional=True,
-        cell=lambda row: _between(row.interval, row.block.unit) if row.interval else "",
-    ),
-)
-PRIORS: Final = Listing[tuple[str, Learned]](
-    "Priors",
-    Column("group", "of", lambda row: row[0]),
-    Column("factor", "times what the job gives", lambda row: row[1].value, form=".2f"),
-    Column(
-        "interval", "95 %", lambda row: row[1].interval, cell=lambda row: _between(row[1].interval)
-    ),
-    Column("contradicted", None, lambda row: row[1].contradicted),
-)
-
-
-@dataclass(frozen=True, eq=False)
-class HeldOutRow:
-    """Held-out errors of one block, and the label of the job's row.
-
-    Attributes:
-        label: of the row.
-        errors: against their prediction.
-    """
-
-    label: str
-    errors: HeldOutErrors
-
-    @property
-    def unit(self) -> Unit:
-        """Of the errors: m or rad."""
-        return self.errors.unit
-
-
-def _rms(values: FloatArray) -> float:
-    return float(np.sqrt(np.mean(values**2)))
-
-
-def _within(probability: float) -> Column[HeldOutRow]:
-    def shown(row: HeldOutRow) -> str:
-        found = row.errors.coverage(probability)
-        return f"{100 * found.share:.0f} ± {100 * found.std:.0f} %"
-
-    return Column(
-        f"within_{100 * probability:.0f}",
-        f"within {100 * probability:.0f} %",
-        lambda row: row.errors.coverage(probability).share,
-        "%",
-        cell=shown,
-    )
-
-
-HELD_OUT: Final = Listing[HeldOutRow](
-    "Held-out errors, of one component, against what was predicted",
-    Column(
-        "kind",
-        "of",
-        lambda row: row.errors.term.kind,
-        cell=lambda row: f"{row.errors.term.kind.replace('_', ' ')} {row.errors.name}",
-    ),
-    Column("label"),
-    Column("block", None, lambda row: row.errors.name),
-    Column("unit", "unit", cell=lambda row: unit_name(row.unit)),
-    Column("std", "found", lambda row: _rms(row.errors.residual), lambda row: row.unit, si=True),
-    Column(
-        "predicted_std",
-        "predicted",
-        lambda row: _rms(row.errors.predicted),
-        lambda row: row.unit,
-        si=True,
-    ),
-    Column(
-        "parameters_std",
-        "by parameters",
-        lambda row: _rms(row.errors.by_parameters),
-        lambda row: row.unit,
-        si=True,
-    ),
-    *map(_within, PROBABILITIES),
-    Column("each_predicted_std", None, lambda row: row.errors.predicted),
-    key="held_out",
-)
 STARTS: Final = Listing[tuple[int, Minimum]](
     "How it was computed",
     Column("", "start", lambda row: row[0], form="d"),
@@ -269,13 +136,7 @@ def _errors(result: CalibrationResult) -> Iterator[Part]:
         look="soft",
     )
     if result.solution.converged:
-        found = held_out_errors(result.solution, accuracy)
-        yield HELD_OUT.of(
-            HeldOutRow(label, each)
-            for label, term in result.labelled_terms["validation"]
-            for each in found
-            if each.term is term.term
-        )
+        yield HELD_OUT.of(held_out_rows(result))
         yield Text(
             "Predicted: the scatter of the fitted errors, which holds what the model lacks, and "
             "the covariance of the parameters. As many errors as named should be within.",
@@ -342,14 +203,14 @@ def _remaining_errors(result: CalibrationResult) -> Iterator[Part]:
 
 def _noise_and_correlations(result: CalibrationResult) -> Iterator[Part]:
     solution = result.solution
-    yield ShownOnly(NOISE.of(_noise(result)), "page")
+    yield ShownOnly(NOISE.of(noise_of(result)), "page")
     yield Text(
         "Standard deviation of one component. Standard deviations of the parameters follow from "
         "what was found.",
         place="page",
         look="soft",
     )
-    if priors := _priors(result):
+    if priors := priors_of(result):
         yield ShownOnly(PRIORS.of(priors), "page")
         yield Text(
             "How wide priors are is learned with the noise, from the evidence of the data; "
@@ -431,8 +292,8 @@ def _data(result: CalibrationResult) -> Json:
         "metrics": _metrics(result),
         "timing_s": timing,
         **_matrices(solution),
-        "noise": NOISE.records(_noise(result)),
-        "priors": PRIORS.records(_priors(result)),
+        "noise": NOISE.records(noise_of(result)),
+        "priors": PRIORS.records(priors_of(result)),
         "solver": {"name": "IPOPT", **best, "starts": starts},
         "versions": versions(),
     }
@@ -469,28 +330,3 @@ def _matrices(solution: Solution) -> Mapping[str, Any]:
         "correlations": {"parameters": names, "matrix": np.round(correlation, 4)},
         "covariance": {"parameters": names, "unit": "m, rad", "matrix": covariance},
     }
-
-
-def _noise(result: CalibrationResult) -> list[BlockNoise]:
-    solution = result.solution
-    intervals = (
-        [None] * len(solution.noise)
-        if solution.weights is None
-        else [found.interval for found in solution.weights.noise]
-    )
-    blocks = [
-        (term.term.kind, label, block)
-        for label, term in result.labelled_terms["calibration"]
-        for block in term.term.blocks
-    ]
-    return [
-        BlockNoise(*block, assumed, found if solution.converged else None, interval)
-        for block, assumed, found, interval in zip(
-            blocks, solution.problem.assumed_sigmas(), solution.noise, intervals, strict=True
-        )
-    ]
-
-
-def _priors(result: CalibrationResult) -> list[tuple[str, Learned]]:
-    weights = result.solution.weights
-    return [] if weights is None else list(weights.priors.items())
