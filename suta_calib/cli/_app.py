@@ -106,7 +106,10 @@ def run(arguments: Sequence[str] | None = None) -> int:
         except click.ClickException as error:
             click.echo(f"{PROGRAM}: error: {_one_line(error.format_message())}", err=True)
             return error.exit_code
-        except (click.Abort, KeyboardInterrupt):
+        except (click.Abort, KeyboardInterrupt, SystemError) as error:
+            # CasADi's calls may put a SystemError around an interrupt.
+            if type(error) is SystemError and type(error.__cause__) is not KeyboardInterrupt:
+                raise
             click.echo(f"{PROGRAM}: interrupted; nothing half-written was left", err=True)
             return INTERRUPTED
         except BrokenPipeError:

@@ -299,6 +299,25 @@ def test_an_interrupt_leaves_nothing_half_written(job: Path) -> None:
     assert not (job.parent / "results").exists()
 
 
+@pytest.mark.parametrize("cause", [KeyboardInterrupt(), None])
+def test_an_interrupt_that_a_library_wraps_is_one(
+    job: Path,
+    cause: BaseException | None,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def interrupted(*_: object) -> None:
+        raise SystemError("a result with an exception set") from cause
+
+    monkeypatch.setattr("suta_calib.job.calibration.CalibrationJob.run", interrupted)
+    if cause is None:
+        with pytest.raises(SystemError):
+            cli("calibrate", job)
+        return
+    assert cli("calibrate", job) == 130
+    assert capsys.readouterr().err.startswith("suta-calib: interrupted")
+
+
 def test_a_closed_pipe_is_no_traceback(job: Path) -> None:
     done = subprocess.run(
         f"{sys.executable} -m suta_calib observe {job} | true",
