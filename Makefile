@@ -75,7 +75,7 @@ bench-device: $(INSTALLED_DEV)
 
 clean:
 	rm -rf build dist ./*.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis .coverage .coverage.*
-	rm -rf data/*/results
+	rm -rf data/*/results data/*/results-*
 	find . -path "./.venv*" -prune -o -name __pycache__ -type d -exec rm -rf {} +
 
 distclean: clean
