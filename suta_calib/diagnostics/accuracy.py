@@ -13,6 +13,7 @@ from scipy.special import chdtri, stdtrit
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.model.parameters import ParameterSet
+from suta_calib.solver.covariance import summed_by_member, summed_by_pair
 from suta_calib.solver.information import whitened_rows
 from suta_calib.solver.ipopt import RobustNlp, SolverOptions
 from suta_calib.solver.problem import Problem
@@ -239,15 +240,12 @@ def gain_of(
 
 def _variance_of_sum(values: FloatArray, members: IntArray) -> float:
     """Of centred values (n,), of which those that share a member (n, k) go together."""
-    together = np.zeros(int(members.max()) + 1)
-    for column in members.T:
-        np.add.at(together, column, values)
-    found = float(np.sum(together**2))
-    if members.shape[1] > 1:  # Those between the same two were counted once for each.
-        _, pair = np.unique(np.sort(members, axis=1), axis=0, return_inverse=True)
-        twice = np.bincount(pair.reshape(-1), values)
-        found = max(found - float(np.sum(twice**2)), float(np.sum(values**2)))
-    return found
+    score = values[:, None]
+    found = float(np.sum(summed_by_member(score, members, int(members.max()) + 1) ** 2))
+    if members.shape[1] == 1:
+        return found
+    twice = float(np.sum(summed_by_pair(score, members) ** 2))
+    return max(found - twice, float(np.sum(values**2)))
 
 
 def _unsure(

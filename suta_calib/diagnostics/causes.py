@@ -106,7 +106,7 @@ def find_cause(solution: Solution, options: CauseOptions = CauseOptions()) -> Ca
     if solution.problem.arm is None:
         return None
     # Readings are told apart by what the job gives: wrong ones widen priors until they fit.
-    problem = Problem(solution.problem.terms, solution.problem.arm_parameters)
+    problem = solution.problem.as_given()
     cap = options.cap * _level(problem, solution.x)
     present = misfit(problem, solution.x, cap, len(solution.free))
     times, one_in = options.explained

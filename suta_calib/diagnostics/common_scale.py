@@ -103,7 +103,7 @@ def _step(solution: Solution, what: str, mine: Sequence[bool]) -> CommonScale:
         squared = line.weight[:, None] * (line.residual / line.sigma[:, None]) ** 2
         squares += share * float(np.sum(squared))
     # As the job gives them: priors that were learned have made room for the factor already.
-    precision = problem.with_priors_scaled(np.ones(len(x))).prior_precision()[free]
+    precision = problem.as_given().prior_precision()[free]
     off = (x - problem.parameters.array("nominal"))[free]
     curvature[:-1, :-1] += np.diag(precision)
     gradient[:-1] += precision * off

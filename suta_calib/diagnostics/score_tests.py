@@ -25,6 +25,7 @@ from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.errors import UrdfError
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import COMPLIANCE, FAMILIES, OFFSET, Family, ParameterSet
+from suta_calib.solver.covariance import summed_by_member, summed_by_pair
 from suta_calib.solver.identifiability import WEAK
 from suta_calib.solver.information import Rows, robust_jacobian, whitened_rows
 from suta_calib.solver.problem import Problem
@@ -278,13 +279,9 @@ def _by_touch(
         score = np.einsum("ndp,nd,n->np", columns, line.residual, line.weight / line.sigma)
         total -= score.sum(axis=0)
         members = touch[line.view.block.samples]
-        for k in range(members.shape[1]):
-            np.add.at(by_touch, members[:, k], score)
-        if members.shape[1] > 1:
-            _, pair = np.unique(np.sort(members, axis=1), axis=0, return_inverse=True)
-            by_pair = np.zeros((int(pair.max()) + 1, width))
-            np.add.at(by_pair, pair.reshape(-1), score)
-            twice += (members.shape[1] - 1) * by_pair.T @ by_pair
+        by_touch += summed_by_member(score, members, len(by_touch))
+        by_pair = summed_by_pair(score, members)
+        twice += (members.shape[1] - 1) * by_pair.T @ by_pair
     return total, by_touch.T @ by_touch - twice
 
 

@@ -123,13 +123,32 @@ def _clustered_variance(rows: Sequence[Rows], touch: IntArray, bread: FloatArray
         gain = (r.jacobian @ root).reshape(n, size, width) * belief[:, None, None]
         score = np.einsum("ndp,nd,n->np", gain, line.residual, belief / line.sigma)
         members = touch[line.view.block.samples]
-        mine = np.zeros_like(by_touch)
-        for k in range(members.shape[1]):
-            np.add.at(mine, members[:, k], score)
+        mine = summed_by_member(score, members, count)
         by_touch += _freed(mine, gain, members) if count <= MANY_TOUCHES else mine
         twice += _between_pairs(score, gain, members)
     spread = root @ _positive(by_touch.T @ by_touch - twice) @ root.T
     return np.asarray(spread)
+
+
+def summed_by_member(score: FloatArray, members: IntArray, count: int) -> FloatArray:
+    """Scores (n, w) of rows that look at members (n, k), summed over each of ``count`` members."""
+    sums = np.zeros((count, score.shape[1]))
+    for member in members.T:
+        np.add.at(sums, member, score)
+    return sums
+
+
+def summed_by_pair(score: FloatArray, members: IntArray) -> FloatArray:
+    """Scores (n, w) summed over rows between the same members (n, k); empty where k is 1.
+
+    A sum over members counts them once for each (Cameron, Gelbach and Miller 2011).
+    """
+    if members.shape[1] == 1:
+        return np.zeros((0, score.shape[1]))
+    _, pair = np.unique(np.sort(members, axis=1), axis=0, return_inverse=True)
+    sums = np.zeros((int(pair.max()) + 1, score.shape[1]))
+    np.add.at(sums, pair.reshape(-1), score)
+    return sums
 
 
 def _freed(by_touch: FloatArray, gain: FloatArray, members: IntArray) -> FloatArray:

@@ -105,6 +105,10 @@ class Problem:
         other._prior_scale = scale
         return other
 
+    def as_given(self) -> Problem:
+        """The same problem with the priors that the job gives, whatever was learned of them."""
+        return self.with_priors_scaled(np.ones(len(self.parameters)))
+
     def linearise(self, x: FloatArray, sigmas: Sequence[float]) -> list[Linearised]:
         """Residuals and derivatives of every block at x, for given noise levels."""
         return self.evaluation.linearise(x, sigmas)
