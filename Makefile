@@ -21,6 +21,9 @@ INSTALLED_BENCH := $(VENV)/.installed-bench
 VENV_LOWEST := .venv-lowest
 INSTALLED_LOWEST := $(VENV_LOWEST)/.installed
 
+# Every test process, and every command that a test starts, would compile the package again.
+unexport PYTHONDONTWRITEBYTECODE
+
 .DEFAULT_GOAL := help
 .PHONY: help demo test test-all test-lowest lint format bench bench-device clean distclean
 .DELETE_ON_ERROR:

@@ -6,11 +6,12 @@ import io
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any, Final
+from typing import Any, Final, cast
 
 import matplotlib as mpl
 import numpy as np
 from lxml import etree
+from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, NullFormatter
 
@@ -73,12 +74,18 @@ def svg_text(figure: Figure, name: str, description: str) -> str:
     """A figure as an SVG element, without XML declaration, metadata or clashing ids.
 
     Args:
-        figure: drawn under `style` with the same name.
+        figure: a `picture` of the same name.
         name: of the plot, unique on the page.
         description: what a reader who cannot see it is told.
     """
     buffer = io.BytesIO()
-    figure.savefig(buffer, format="svg", metadata=_METADATA)
+    # `Figure.savefig` draws everything one time more, only to lay it out.
+    canvas, engine = cast("Any", FigureCanvasSVG(figure)), cast("Any", figure.get_layout_engine())
+    resolution, figure.dpi = figure.dpi, canvas.fixed_dpi
+    engine.execute(figure)
+    figure.set_layout_engine("none")
+    figure.dpi = resolution
+    canvas.print_svg(buffer, metadata=_METADATA)
     root = etree.fromstring(buffer.getvalue())
     for metadata in root.findall(f"{_SVG}metadata"):
         root.remove(metadata)
