@@ -7,6 +7,7 @@ binds the arrays once and then costs only the arithmetic.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -30,8 +31,7 @@ class Batched:
     """
 
     def __init__(self, function: Any, n: int, shared: Sequence[int] = ()) -> None:
-        mapped = function.map(function.name() + "_rows", "serial", n, list(shared), [])
-        self._buffer, self._trigger = mapped.buffer()
+        self._buffer, self._trigger = _mapped(function, n, tuple(shared)).buffer()
         self.inputs: list[FloatArray] = []
         for i in range(function.n_in()):
             size = function.nnz_in(i)
@@ -50,3 +50,9 @@ class Batched:
         """Evaluate at what `inputs` hold now; the answer is `outputs`."""
         self._trigger()
         return self.outputs
+
+
+# The same terms are solved again and again, over other unknowns or simulated readings.
+@lru_cache(maxsize=128)
+def _mapped(function: Any, n: int, shared: tuple[int, ...]) -> Any:
+    return function.map(function.name() + "_rows", "serial", n, list(shared), [])

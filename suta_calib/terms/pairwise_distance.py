@@ -130,6 +130,10 @@ class PairwiseDistance(Term):
 
     def equations(self) -> int:
         """Distances between m points of one set fix their shape: 3 m - 6 numbers, not m²/2."""
+        return self._equations
+
+    @cached_property
+    def _equations(self) -> int:
         pairs = self.blocks[0].samples
         sets, found = self._sets(self.poses), 0
         for name in np.unique(sets):
