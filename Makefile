@@ -10,8 +10,8 @@ JOBS ?= 2
 
 VENV := .venv
 BIN := $(VENV)/bin
-# Whoever is idle takes from the end of the other's queue, where the short tests are (conftest.py).
-PYTEST := pytest -n $(JOBS) --dist worksteal
+# Each file in one process, which makes what its tests share once; the longest first (conftest.py).
+PYTEST := pytest -n $(JOBS) --dist loadfile --no-loadscope-reorder
 PIP_INSTALL := -m pip install --quiet --disable-pip-version-check
 INSTALL := $(BIN)/python $(PIP_INSTALL) -c constraints.txt
 INSTALLED := $(VENV)/.installed

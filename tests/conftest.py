@@ -21,21 +21,39 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 settings.register_profile("suta_calib", derandomize=True, deadline=None, print_blob=True)
 settings.load_profile("suta_calib")
 
-# Modules with tests of many seconds each, the longest first.
+# Modules that take longest, the longest first.
 LONG = (
     "test_notebooks",
+    "test_outliers",
     "test_hand_eye_accuracy",
-    "test_model_selection",
-    "test_covariance",
+    "test_spread",
     "test_nongeometric",
+    "test_readme",
+    "test_model_selection",
+    "test_study",
+    "test_end_to_end",
+    "test_covariance",
+    "test_track",
     "test_motion",
 )
+# Modules that solve the same again and again: what they run is covered by others, and watching it
+# would take a third longer.
+STATISTICAL = {
+    "test_spread",
+    "test_hand_eye_accuracy",
+    "test_covariance",
+    "test_outliers_study",
+    "test_model_selection",
+}
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """What takes longest runs first, so that no process works alone at the end."""
     rank = {name: k for k, name in enumerate(LONG)}
     items.sort(key=lambda item: rank.get(item.path.stem, len(LONG)))
+    for item in items:
+        if item.path.stem in STATISTICAL:
+            item.add_marker("no_cover")
 
 
 @pytest.fixture(scope="session")

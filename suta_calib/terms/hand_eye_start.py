@@ -34,7 +34,7 @@ def quaternion_hand_eye(hand: Poses, seen: Poses) -> Poses:
     translation is the least-squares solution of ``(R_A - I) t_X = R_X t_B - t_A``.
 
     Args:
-        hand: ``T_base_hand``, rotations (..., n, 3, 3) and positions (..., n, 3), n at least 2.
+        hand: ``T_base_hand``, rotations (..., n, 3, 3) and positions (..., n, 3).
         seen: ``T_eye_target``, the same shapes.
 
     Returns:
@@ -93,7 +93,7 @@ def _rotation_between(A: Poses, B: Poses) -> FloatArray:
     """
     a, b = _quaternions(A[0]), _quaternions(B[0])
     still = a[..., :1] > np.cos(STILL / 2)
-    longest = np.linalg.norm(A[1], axis=-1).max(axis=-1)[..., None, None]
+    longest = np.linalg.norm(A[1], axis=-1).max(axis=-1, initial=0.0)[..., None, None]
     shift = SAY_OF_STILL / np.where(longest > 0, longest, 1.0)
     a = np.where(still, _pure(shift * A[1]), a)
     b = np.where(still, _pure(shift * B[1]), b)

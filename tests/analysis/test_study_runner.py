@@ -27,8 +27,8 @@ from suta_calib.errors import InputError, JobError, MissingExtraError, SamplesEr
 
 ASKED: dict[str, dict[str, Any]] = {
     "size": {"kind": "size", "sizes": (1, 4), "trials": 5},
-    "bootstrap": {"kind": "bootstrap", "trials": 6},
-    "monte-carlo": {"kind": "monte-carlo", "trials": 6},
+    "bootstrap": {"kind": "bootstrap", "trials": 4},
+    "monte-carlo": {"kind": "monte-carlo", "trials": 4},
 }
 IDENTITY = {"kind": "size", "seed": "0", "job": "abc"}
 NAMES = ("joint_1.offset", "tip.z")
@@ -68,7 +68,7 @@ def test_the_command_prints_the_same_json_wherever_it_runs(
 ) -> None:
     printed = []
     for where in (("--jobs", "1"), ("--jobs", "2"), ("--dask", cluster)):
-        asked = ("--trials", "6", "--sizes", "2,5", "--out", tmp_path, "--json", *where)
+        asked = ("--trials", "3", "--sizes", "2,5", "--out", tmp_path, "--json", *where)
         assert cli("study", SUTA / "calibration.yaml", *asked) == 0
         printed.append(capsys.readouterr().out)
     assert printed[0].count("mean_mm") == 2

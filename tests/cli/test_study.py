@@ -61,7 +61,7 @@ def test_sizes_as_the_formats_have_them(tmp_path: Path, capsys: pytest.CaptureFi
 def test_what_is_written(
     tmp_path: Path, kind: str, name: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    ten = ("--trials", "12", "--jobs", "2", "--kind", kind, "--out", tmp_path)
+    ten = ("--trials", "12", "--jobs", "1", "--kind", kind, "--out", tmp_path)
     sizes = ("--sizes", "2,4") if kind == "size" else ()
     assert cli("study", JOB, *ten, *sizes) == 0
     out, err = capsys.readouterr()
