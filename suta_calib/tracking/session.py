@@ -152,15 +152,18 @@ class Pace:
 
     Args:
         count: a number that only grows.
+        clock: the time, s.
     """
 
-    def __init__(self, count: Callable[[], int]) -> None:
-        self._count = count
-        self._seen: deque[tuple[float, int]] = deque([(time.perf_counter(), count())])
+    def __init__(
+        self, count: Callable[[], int], clock: Callable[[], float] = time.perf_counter
+    ) -> None:
+        self._count, self._clock = count, clock
+        self._seen: deque[tuple[float, int]] = deque([(clock(), count())])
 
     def __call__(self) -> float:
         """Growth per second since the oldest look within the window."""
-        now = time.perf_counter()
+        now = self._clock()
         self._seen.append((now, self._count()))
         while len(self._seen) > 2 and now - self._seen[0][0] > _WINDOW_S:
             self._seen.popleft()

@@ -5,11 +5,11 @@ from __future__ import annotations
 import io
 import json
 import os
+import pty
 import signal
 import subprocess
 import sys
-import time
-from contextlib import redirect_stderr, redirect_stdout
+from contextlib import redirect_stderr, redirect_stdout, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -280,22 +280,35 @@ def test_warnings_are_one_line_on_stderr(job: Path, capsys: pytest.CaptureFixtur
     assert lines[0].startswith("suta-calib: warning: ")
 
 
-def test_an_interrupt_leaves_nothing_half_written(job: Path) -> None:
+@pytest.mark.parametrize("seen", [1, pytest.param(9, marks=pytest.mark.slow)])
+def test_an_interrupt_leaves_nothing_half_written(job: Path, seen: int) -> None:
+    """As soon as the terminal shows that it is being solved, and while it goes on."""
     job.write_text(job.read_text().replace("starts: 2", "starts: 100000"))
-    running = subprocess.Popen(
+    here, there = pty.openpty()
+    with subprocess.Popen(
         [sys.executable, "-m", "suta_calib", "calibrate", job],
         cwd=Path(__file__).parents[2],
+        env=os.environ | {"TERM": "xterm", "COLUMNS": "80"},
         stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
+        stderr=there,
         text=True,
-    )
-    time.sleep(3)
-    assert running.poll() is None, running.communicate()
-    os.kill(running.pid, signal.SIGINT)
-    out, err = running.communicate(timeout=30)
-    assert running.returncode == 130, err
-    assert (out, err.strip().count("\n")) == ("", 0)
-    assert err.strip() == "suta-calib: interrupted; nothing half-written was left"
+    ) as running:
+        os.close(there)
+        said = b""
+        while said.count(b"solving") < seen:
+            said += os.read(here, 4096)
+        os.kill(running.pid, signal.SIGINT)
+        out, _ = running.communicate()
+        # At the end of what a terminal got reading it is an error.
+        with suppress(OSError):
+            while more := os.read(here, 4096):
+                said += more
+    os.close(here)
+    assert running.returncode == 130, said
+    assert out == ""
+    last = said.decode().splitlines()[-1]
+    assert last.endswith("suta-calib: interrupted; nothing half-written was left")
+    assert "Traceback" not in said.decode()
     assert not (job.parent / "results").exists()
 
 

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import array
 import contextlib
+import fcntl
 import os
 import pty
+import termios
 import threading
 import time
 import tty
@@ -122,6 +125,13 @@ class PtyDevice:
             os.close(self._slave)
             os.close(self._master)
             self._master = -1
+
+    @property
+    def taken(self) -> bool:
+        """Whether whoever listens has read all that was sent."""
+        waiting = array.array("i", [0])
+        fcntl.ioctl(self._slave, termios.FIONREAD, waiting)
+        return waiting[0] == 0
 
     def write(self, data: bytes) -> None:
         """Send bytes; what does not fit into the pty is lost, as on a wire."""
