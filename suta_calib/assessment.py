@@ -26,7 +26,7 @@ class Assessment:
     Attributes:
         level: ``good``; ``care`` (usable, but something must be known); ``bad`` (not usable).
         sentence: what was found; empty where the level says it all.
-        notes: what must be known, one sentence each; none where all is well.
+        notes: what must be known, one sentence each; where all is well, what that rests on.
     """
 
     level: Level
@@ -35,7 +35,12 @@ class Assessment:
 
     @classmethod
     def of(
-        cls, sentence: str = "", *, bad: Sequence[str] = (), care: Sequence[str] = ()
+        cls,
+        sentence: str = "",
+        *,
+        bad: Sequence[str] = (),
+        care: Sequence[str] = (),
+        known: Sequence[str] = (),
     ) -> Assessment:
         """The worst of what was found.
 
@@ -43,9 +48,10 @@ class Assessment:
             sentence: what was found.
             bad: reasons not to use the answer.
             care: what must be known to use it.
+            known: what it rests on; no reason for care.
         """
         level: Level = "bad" if bad else "care" if care else "good"
-        return cls(level, sentence, (*bad, *care))
+        return cls(level, sentence, (*bad, *care, *known))
 
     def with_care(self, notes: Sequence[str]) -> Assessment:
         """The same, with more that must be known."""

@@ -15,7 +15,7 @@ from suta_calib.diagnostics.repeats import lack_of_fit
 from suta_calib.diagnostics.score_tests import score_tests
 from suta_calib.solver.information import robust_jacobian, whitened_rows
 from suta_calib.solver.solution import Solution
-from suta_calib.units import text
+from suta_calib.units import stored, text, unit_name
 from suta_calib.words import listed
 
 # Residuals over the scatter of repeats from which a model is said to lack something.
@@ -64,6 +64,7 @@ def assess_calibration(solution: Solution, accuracy: Accuracy) -> Assessment:
             *_beside_geometry(solution),
             *_on_priors(solution),
         ],
+        known=_as_drawn(solution),
     )
 
 
@@ -108,6 +109,22 @@ def _on_parameters(solution: Solution) -> list[str]:
             "the wrong artefact."
         )
     return notes
+
+
+def _as_drawn(solution: Solution) -> list[str]:
+    """What no data of these kinds could tell is no convention where the tip hangs on it."""
+    problem = solution.problem
+    moved = {e.fixed: e for e in explain_solution(solution) if e.told == "redundant" and e.moves}
+    if not moved:
+        return []
+    name, worst = max(moved.items(), key=lambda item: item[1].moves)
+    unit = problem.parameters[name].unit
+    off = text(worst.moves * stored(1.0, unit), "m", with_unit=True)
+    return [
+        f"Held at nominal, because observations of these kinds cannot tell: {listed([*moved])}. "
+        f"The tip is as good as its drawing there (with {name} off by 1 {unit_name(unit)}, by "
+        f"{off})."
+    ]
 
 
 def _on_redundancy(solution: Solution) -> list[str]:

@@ -119,6 +119,8 @@ def find_cause(solution: Solution, options: CauseOptions = CauseOptions()) -> Ca
     limit = misfit(nominal, registered, coarse, len(nominal.names))
     readings = [*_readings(problem.terms, options), *_mirrored(problem.terms)]
     scores = np.array([_registered(terms, coarse) for _, terms in readings])
+    # A reading explains only the rows that it keeps.
+    scores /= [_kept(terms, problem.terms) for _, terms in readings]
     ranked = [k for k in np.argsort(scores, kind="stable") if scores[k] < limit]
     tried = [(*readings[k], float(scores[k])) for k in ranked[: options.fitted]]
     # What was moved when the nominal arm is too coarse to rank.
@@ -133,6 +135,7 @@ def find_cause(solution: Solution, options: CauseOptions = CauseOptions()) -> Ca
             after = misfit(again.problem, again.x, cap, len(again.free))
             # An arm that hardly moves agrees with anything.
             after *= max(_travel(problem.terms) / _travel(terms), 1.0)
+            after /= _kept(terms, problem.terms)
             if after < explained:
                 causes.append(Cause(sentence, present, after))
                 worst = min(worst, options.alike * score)
@@ -315,6 +318,11 @@ def _mirrored(terms: Sequence[Term]) -> Iterator[tuple[str, tuple[Term, ...]]]:
             read[k] = replace(read[k], artefact=Artefact(term.touched.name, marks))
     if any(term.touched for term in terms):
         yield "the artefact is mirrored: its certificate's frame is left-handed", tuple(read)
+
+
+def _kept(terms: Sequence[Term], given: Sequence[Term]) -> float:
+    """Share of the rows that have a partner."""
+    return sum(len(term.poses) for term in terms) / sum(len(term.poses) for term in given)
 
 
 def _travel(terms: Sequence[Term]) -> float:

@@ -16,6 +16,7 @@ from typing import Any, Final
 import numpy as np
 from scipy.special import ndtri, stdtr
 
+from suta_calib.arrays import FloatArray
 from suta_calib.measurements import Artefact
 from suta_calib.model.parameters import POSITION
 from suta_calib.solver.information import robust_jacobian, whitened_rows
@@ -32,6 +33,9 @@ UNTOLD: Final = 0.01
 SHORTEST: Final = 0.02
 # One length alone has no evenness.
 FEWEST: Final = 2
+# By how much lengths are off by nature: no less, m, and so many values are tried.
+FINEST: Final = 1e-6
+SCATTERS: Final = 60
 
 
 @dataclass(frozen=True)
@@ -135,19 +139,48 @@ def _longer(term: Term) -> Term:
 
 
 def _grown(solution: Solution) -> Iterator[CommonScale]:
-    """How the arm's estimated lengths have grown together, judged by how unevenly they have."""
-    told = [
-        (e.nominal, e.value - e.nominal)
+    """How the arm's estimated lengths have grown together."""
+    names = [
+        name
         for name, e in solution.arm_estimates.items()
-        if e.std and abs(e.nominal) > SHORTEST and name.rpartition(".")[2] in POSITION
+        if e.std and name.rpartition(".")[2] in POSITION
     ]
-    if len(told) < FEWEST:
-        return
-    length, change = np.array(told).T
-    size = float(length @ length)
-    value = float(length @ change) / size
-    left, freedom = float(np.sum((change - value * length) ** 2)), len(told) - 1
-    t = abs(value) / math.sqrt(max(left, 1e-18) / freedom / size)
+    told = [solution.arm_estimates[name] for name in names]
+    length = np.array([e.nominal for e in told])
+    if np.sum(np.abs(length) > SHORTEST) >= FEWEST:
+        at = [solution.problem.names.index(name) for name in names]
+        change = np.array([e.value - e.nominal for e in told])
+        yield grown_together(length, change, solution.covariance[np.ix_(at, at)])
+
+
+def grown_together(length: FloatArray, change: FloatArray, covariance: FloatArray) -> CommonScale:
+    """A factor on all lengths of an arm, judged by how unevenly they have changed.
+
+    Changes scatter by their covariance, and by how far lengths are off by nature, of which those
+    that are 0 in the drawing tell as much as long ones: random effects, with the scatter by
+    restricted likelihood, and Student's t for its few degrees of freedom.
+
+    Args:
+        length: (n,) of the nominal arm, two or more of them, m.
+        change: (n,) by which they came out longer, m.
+        covariance: (n, n) of what came out, m².
+
+    Returns:
+        The factor, its standard deviation such that their ratio has the chance of Student's t.
+    """
+    own, axes = np.linalg.eigh(covariance)
+    along, changed = length @ axes, change @ axes
+    # (scatters, n): what each may be off by beside its own covariance.
+    scatter = np.geomspace(FINEST, float(np.linalg.norm(change)) + FINEST, SCATTERS)
+    variances = np.maximum(own, 0.0) + scatter[:, None] ** 2
+    sizes = np.sum(along**2 / variances, axis=1)
+    values = np.sum(along * changed / variances, axis=1) / sizes
+    lefts = np.sum((changed - values[:, None] * along) ** 2 / variances, axis=1)
+    likeliest = int(np.argmin(np.sum(np.log(variances), axis=1) + np.log(sizes) + lefts))
+    value, variance, left = (float(v[likeliest]) for v in (values, 1.0 / sizes, lefts))
+    freedom = len(length) - 1
+    t = abs(value) / math.sqrt(variance * max(left / freedom, 1.0))
     # As many standard deviations of normal noise have the same chance.
-    off = float(-ndtri(max(stdtr(freedom, -t), 1e-300)))
-    yield CommonScale("arm", value, abs(value) / off, 1.0 - left / float(change @ change))
+    off = max(float(-ndtri(max(stdtr(freedom, -t), 1e-300))), 1e-9)
+    unexplained = float(np.sum((change - value * length) ** 2) / max(change @ change, 1e-300))
+    return CommonScale("arm", value, abs(value) / off, 1.0 - unexplained)

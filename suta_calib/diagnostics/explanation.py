@@ -36,6 +36,7 @@ PURE: Final = 1e-2
 _MOST_NAMES: Final = 4
 _MOST_ADVICE: Final = 3
 _NO_REMEDY: Final = "none needed: a convention, and nominal is one"
+_AS_DRAWN: Final = "none needed as far as the tip is as drawn"
 # Words of an advice, and the information that following it would bring.
 Advice = tuple[str, Callable[[], FloatArray]]
 
@@ -49,12 +50,15 @@ class Explanation:
         sentence: what the undetermined direction does, so that no observation sees it.
         remedy: what to measure, or to decide, to get rid of it.
         told: whether it is redundant, or how far the data tell it.
+        moves: by how much the registered tip is off per unit by which the parameter is, with what
+            makes up for it to the data; m per m or rad.
     """
 
     fixed: str
     sentence: str
     remedy: str
     told: Told = "untold"
+    moves: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,7 +104,9 @@ class _Case:
         good = [words for words, told in advice if self._told_by(told())]
         if self.redundant:
             known = f"; to know it, {' or '.join(good)}" if good else ""
-            return Explanation(self.fixed, sentence, f"{_NO_REMEDY}{known}", "redundant")
+            moves = 0.0 if self.motion.vanishes else self.motion.registered
+            remedy = f"{_AS_DRAWN if moves else _NO_REMEDY}{known}"
+            return Explanation(self.fixed, sentence, remedy, "redundant", moves)
         if not good:
             kinds = [kind.kind for kind in KINDS.values() if self._told_by(self._any(kind))]
             good = [f"add {' or '.join(kinds)}"] if kinds else []

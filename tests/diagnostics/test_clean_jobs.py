@@ -68,6 +68,14 @@ def judged(
     return assess_calibration(solution, assess(solution, [held_out]))
 
 
+def is_good(found: Assessment, kind: str) -> bool:
+    """Good, and nothing said but what is true of a tip that only a camera's job knows."""
+    if kind != "hand_eye":
+        return (found.level, found.notes) == ("good", ())
+    (note,) = found.notes
+    return found.level == "good" and "The tip is as good as its drawing" in note
+
+
 @pytest.mark.parametrize(("kind", "oriented"), SORTS)
 def test_what_init_frees_is_good(kind: str, oriented: bool) -> None:
     arm = arm_named("suta")
@@ -78,7 +86,7 @@ def test_what_init_frees_is_good(kind: str, oriented: bool) -> None:
         assert "do not tell joint_3.y" in note
         assert "tracked_point" in note
     else:
-        assert (found.level, found.notes) == ("good", ())
+        assert is_good(found, kind)
 
 
 @pytest.mark.parametrize(("kind", "oriented"), SORTS)
@@ -93,5 +101,4 @@ def test_what_priors_hold_is_good(kind: str, oriented: bool) -> None:
 )
 def test_another_arm_is_good_too(kind: str, oriented: bool) -> None:
     arm = arm_named("ur5")
-    found = judged(arm, as_init_frees(arm), kind, oriented, seed=2)
-    assert (found.level, found.notes) == ("good", ())
+    assert is_good(judged(arm, as_init_frees(arm), kind, oriented, seed=2), kind)
