@@ -137,15 +137,14 @@ class RobustAnswer:
             found.append(f"{share:.0%} of the {what} do not agree with the rest.")
         return found
 
-    def cautions(self, what: str) -> list[str]:
-        """What must be known of the rows to use it, one sentence each."""
-        kept = listed([str(row) for row in np.flatnonzero(self.suspects)])
-        if not kept:
-            return list(self.notes)
+    def kept(self, what: str) -> list[str]:
+        """Which rows, ``what`` in the plural, stand out and were believed all the same."""
+        rows = listed([str(row) for row in np.flatnonzero(self.suspects)])
+        if not rows:
+            return []
         return [
-            f"Of the {what} {kept} (rows from 0) stand out, but so few others do not prove them "
-            "wrong: they are kept, and ± is wider for it.",
-            *self.notes,
+            f"Of the {what} {rows} (rows from 0) stand out, but so few others do not prove them "
+            "wrong: they are kept, and ± is wider for it."
         ]
 
 
