@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,7 +15,9 @@ import numpy as np
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment
 from suta_calib.diagnostics.accuracy import (
+    Gain,
     TermAccuracy,
+    added_by_estimates,
     block_residuals,
     fit_own,
     gain_of,
@@ -33,22 +36,40 @@ SAME_ORIGIN: Final = 1e-7
 
 @dataclass(frozen=True, eq=False)
 class ArmComparison:
-    """Errors of held-out terms with the job's own arm (before) and with another (after)."""
+    """Errors of held-out terms with the job's own arm (before) and with another (after).
+
+    Attributes:
+        terms: one for each held-out term.
+        unsure: mean square that the other arm's covariance adds to their lengths, m²; zero where
+            the covariance is not known.
+        unsure_std: standard deviation of that, m².
+    """
 
     terms: tuple[TermAccuracy, ...]
+    unsure: float = 0.0
+    unsure_std: float = 0.0
+
+    @cached_property
+    def gain(self) -> Gain:
+        """What the other arm is better, and how surely."""
+        gain = gain_of(self.terms, self.unsure, self.unsure_std)
+        assert gain is not None
+        return gain
 
     @cached_property
     def assessment(self) -> Assessment:
         """Care where the other arm is worse, or the data cannot tell; it is of use in any case."""
-        gain = gain_of(self.terms)
-        assert gain is not None
+        gain = self.gain
         own, this = (text(rms, "m", with_unit=True) for rms in (gain.before, gain.after))
         care = []
         if gain.worse:
             care.append("The URDF is worse than the job's own on these data.")
         elif not gain.better:
             care.append("These data cannot tell the URDF from the job's own: neither is better.")
-        return Assessment.of(f"RMS {own} with the job's URDF, {this} with this one", care=care)
+        sentence = f"RMS {own} with the job's URDF, {this} with this one"
+        if 0.0 < abs(gain.significance) < math.inf:
+            sentence += f" ({abs(gain.significance):.1f} standard errors apart)"
+        return Assessment.of(sentence, care=care)
 
 
 def compare_arms(
@@ -56,6 +77,7 @@ def compare_arms(
     validation: Sequence[Term],
     other: ArmModel,
     beside_geometry: Mapping[str, float] = MappingProxyType({}),
+    uncertainty: tuple[Sequence[str], FloatArray] | None = None,
 ) -> ArmComparison:
     """Errors on the validation rows with the terms' own arm (before) and another (after).
 
@@ -68,18 +90,26 @@ def compare_arms(
         validation: the terms to judge by, over the same arm.
         other: the arm to compare with, of the same moving joints.
         beside_geometry: its eccentricities and compliances by name.
+        uncertainty: what of it was estimated, by name, and the covariance, m and rad; None where
+            that is not known.
 
     Raises:
         UrdfError: the arms differ in their moving joints.
     """
-    before = _residuals(observations, validation)
-    after = _residuals(
-        [_through(term, other) for term in observations],
-        [_through(term, other) for term in validation],
-        other.select(*beside_geometry) if beside_geometry else None,
-        beside_geometry,
-    )
-    return ArmComparison(term_accuracies(validation, before, after))
+    nothing = ParameterSet()
+    before = block_residuals(validation, nothing, _fitted(observations, validation, nothing))
+    judged = [_through(term, other) for term in validation]
+    fixed = other.select(*beside_geometry) if beside_geometry else ParameterSet()
+    known = [_through(term, other) for term in observations]
+    values = _fitted(known, judged, fixed, beside_geometry)
+    terms = term_accuracies(validation, before, block_residuals(judged, fixed, values))
+    if uncertainty is None or not uncertainty[0]:
+        return ArmComparison(terms)
+    names, covariance = uncertainty
+    estimated = other.select(*names)
+    at = {p.name: p.nominal for p in estimated.values()} | values
+    first = [term for term in judged if term.kind == judged[0].kind]
+    return ArmComparison(terms, *added_by_estimates(first, estimated, at, names, covariance))
 
 
 def check_calibrated(nominal: ArmModel, other: ArmModel, values: Mapping[str, float]) -> None:
@@ -140,18 +170,16 @@ def _differing(nominal: ArmModel, other: ArmModel, values: Mapping[str, float]) 
     return ""
 
 
-def _residuals(
+def _fitted(
     observations: Sequence[Term],
     validation: Sequence[Term],
-    fixed: ParameterSet | None = None,
+    fixed: ParameterSet,
     known: Mapping[str, float] = MappingProxyType({}),
-) -> list[FloatArray]:
-    """Residuals of every block of the validation terms, own unknowns fitted, the arm held."""
-    fixed = fixed or ParameterSet()
+) -> dict[str, float]:
+    """Values of the validation terms' own unknowns, the arm held."""
     shared = {p.name for term in validation for p in term.own}
     sharing = [t for t in observations if any(p.name in shared for p in t.own)]
-    fitted = fit_own(sharing or validation, fixed, known)
-    return block_residuals(validation, fixed, fit_own(validation, fixed, fitted))
+    return fit_own(validation, fixed, fit_own(sharing or validation, fixed, known))
 
 
 def _through(term: Term, arm: ArmModel) -> Term:

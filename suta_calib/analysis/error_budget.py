@@ -5,7 +5,8 @@ The mean square of a block's residuals is split into what each source is known t
 * gross errors: what rows beyond the block's Huber threshold, and apart from their repeats, have
   more than the others, and rows of touches that have many such (`repeats`);
 * encoders: their stated noise, pushed through the kinematics;
-* seating: the scatter of repeats of the same touch, less the encoders';
+* seating: the scatter of repeats of the same touch, or of rests at one posture, less the
+  encoders';
 * artefact: the certified coordinates' stated standard deviations;
 * parameters (held-out data only): the covariance of the calibration;
 * model: the rest, which repeats share and nothing stated explains (see `lack_of_fit`).
@@ -18,16 +19,16 @@ number: its sources stand together with one number for all of them.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, Literal
 
 import numpy as np
 from scipy import sparse
 
-from suta_calib.arrays import FloatArray, IntArray
+from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment
 from suta_calib.diagnostics.accuracy import fit_own
-from suta_calib.diagnostics.repeats import gross_rows, repeat_variance
+from suta_calib.diagnostics.repeats import gross_rows, one_of_each_rest, repeat_variance
 from suta_calib.errors import ParameterError
 from suta_calib.job.calibration import CalibrationJob
 from suta_calib.model.arm import ArmModel
@@ -169,8 +170,8 @@ class BlockBudget:
         block: ``distance``, ``position`` or ``rotation``.
         unit: m or rad.
         shares: they add up to ``variance``.
-        variance: mean square of all residuals' norms.
-        count: of residuals.
+        variance: mean square of their norms, what was read at one rest counted once.
+        count: of residuals, those of one rest counted once.
         overstated: whether the encoders' stated noise is more than repeats scatter.
         per_position: variance of a touched position over that of a residual's norm.
     """
@@ -317,27 +318,29 @@ def _blocks(
 ) -> list[BlockBudget]:
     found, each = [], iter(zip(at.residuals, at.by_reading, at.by_parameters, strict=True))
     for term in terms:
-        touch = term.repeats()
         for block in term.blocks:
-            residual, by_reading, by_parameters = next(each)
+            # What was read again at one rest says nothing new of where errors come from.
+            once = one_of_each_rest(term, block)
+            residual, by_reading, by_parameters = (array[once] for array in next(each))
             stated: dict[Source, float | None] = {
                 "encoders": float(by_reading.mean()) if known else None,
                 # Stated variance of the certified coordinates; None where none is stated.
                 "artefact": 0.0,
             }
             if block.certified is not None:
-                artefact = float(block.size * np.mean(block.known_sigma**2))
+                artefact = float(block.size * np.mean(block.known_sigma[once] ** 2))
                 stated["artefact"] = artefact or None
             if covariance is not None:
                 stated["parameters"] = _mean_variance(by_parameters, covariance)
-            shares = _shares(term, block, residual, touch, stated)
+            looked_at = replace(block, samples=block.samples[once])
+            shares = _shares(term, looked_at, residual, stated)
             total = float(np.mean(np.sum(residual**2, axis=1)))
             head = (data, term.kind, block.name, block.unit)
             budget = next((s.variance for s in shares if s.sources == ("encoders",)), 0.0)
             overstated = 0.0 < TOO_LARGE * budget < (stated["encoders"] or 0.0)
             # A position has three coordinates; a distance sees one of each of its two ends.
             per_position = 3.0 / (block.size * term.noise_factor**2)
-            sums = (shares, total, len(block), overstated)
+            sums = (shares, total, len(once), overstated)
             found.append(BlockBudget(*head, *sums, per_position))
     return found
 
@@ -346,9 +349,9 @@ def _shares(
     term: Term,
     block: Block,
     residual: FloatArray,
-    touch: IntArray,
     stated: dict[Source, float | None],
 ) -> tuple[Share, ...]:
+    touch = term.witnesses
     squares = np.sum(residual**2, axis=1)
     sound = ~gross_rows(block, residual, touch)
     inside = min(float(squares[sound].mean()) if sound.any() else 0.0, float(squares.mean()))

@@ -18,7 +18,8 @@ from suta_calib.report.document import Document
 @click.option(
     "--result",
     type=PATH,
-    help="The result.json beside it: corrects eccentric encoders and yielding joints too.",
+    help="The result.json beside it: corrects eccentric encoders and yielding joints too, and says "
+    "how unsure the arm is.",
 )
 @anyway_option
 def validate(urdf: Path, job: Path, result: Path | None, anyway: bool) -> Document:
@@ -42,10 +43,13 @@ def validate(urdf: Path, job: Path, result: Path | None, anyway: bool) -> Docume
         )
     arm = loaded.spec.arm
     other = ArmModel.from_urdf(urdf, arm.tip, arm.base)
-    beside: dict[str, float] = {}
+    beside, uncertainty = dict[str, float](), None
     if result is not None:
         found = read_uncertainty(result, other, anyway=anyway)
         check_calibrated(loaded.arm, other, found.values)
-        beside = found.beside_geometry
-    compared = compare_arms(loaded.observations, loaded.validation, other, beside)
+        names, factor = found.folded(other)
+        beside, uncertainty = found.beside_geometry, (names, factor @ factor.T)
+    compared = compare_arms(
+        loaded.observations, loaded.validation, other, beside, uncertainty=uncertainty
+    )
     return comparison_document(compared, arm.urdf, urdf)

@@ -128,6 +128,15 @@ class Gain:
     unsure_std: float = 0.0
 
     @property
+    def significance(self) -> float:
+        """The mean, in standard errors: those of its scatter and of what the estimates add."""
+        apart = abs(self.before - self.after) > ROUNDING
+        error = math.hypot(self.std, self.unsure_std)
+        if not apart:
+            return 0.0
+        return self.mean / error if error > 0 else math.copysign(math.inf, self.mean)
+
+    @property
     def better(self) -> bool:
         """Whether the calibrated arm is better by more than chance."""
         apart = self.before - self.after > ROUNDING
@@ -208,7 +217,8 @@ def assess(solution: Solution, validation: Sequence[Term] = ()) -> Accuracy:
     before, after = (fit_own(validation, arm, values) for values in (before, after))
     found = (block_residuals(validation, arm, values) for values in (before, after))
     terms = term_accuracies(validation, *found)
-    unsure = _unsure(solution, [each.term for each in _of_first_kind(terms)], after)
+    judged = [each.term for each in _of_first_kind(terms)]
+    unsure = added_by_estimates(judged, arm, after, problem.names, solution.covariance)
     return Accuracy(calibration, terms, after, gain_of(terms, *unsure))
 
 
@@ -248,13 +258,25 @@ def _variance_of_sum(values: FloatArray, members: IntArray) -> float:
     return max(found - twice, float(np.sum(values**2)))
 
 
-def _unsure(
-    solution: Solution, terms: Sequence[Term], values: Mapping[str, float]
+def added_by_estimates(
+    terms: Sequence[Term],
+    arm: ParameterSet,
+    values: Mapping[str, float],
+    names: Sequence[str],
+    covariance: FloatArray,
 ) -> tuple[float, float]:
-    """Mean square, m², that the estimates' covariance adds to lengths, and its own scatter."""
-    problem = Problem(terms, solution.problem.arm_parameters)
+    """Mean square, m², that estimates' covariance adds to the terms' lengths, and its scatter, m².
+
+    Args:
+        terms: whose first blocks are looked at.
+        arm: the arm's parameters.
+        values: of all parameters.
+        names: what was estimated (n,).
+        covariance: (n, n) of it, m and rad.
+    """
+    problem = Problem(terms, arm)
     x = np.array([values[name] for name in problem.names])
-    index = {name: k for k, name in enumerate(solution.problem.names)}
+    index = {name: k for k, name in enumerate(names)}
     known = [k for k, name in enumerate(problem.names) if name in index]
     at = [index[problem.names[k]] for k in known]
     firsts = {id(term.blocks[0]) for term in terms}
@@ -265,7 +287,7 @@ def _unsure(
             jacobian = r.jacobian[:, known] * np.repeat(r.line.sigma, size)[:, None]
             squares += jacobian.T @ jacobian
             rows += n
-    added = solution.covariance[np.ix_(at, at)] @ squares / rows
+    added = covariance[np.ix_(at, at)] @ squares / rows
     return float(np.trace(added)), math.sqrt(max(2.0 * float(np.trace(added @ added)), 0.0))
 
 

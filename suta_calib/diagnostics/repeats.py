@@ -17,6 +17,7 @@ import numpy as np
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.solver.solution import Solution
 from suta_calib.terms.block import Block
+from suta_calib.terms.term import Term
 from suta_calib.units import Unit
 
 # Of a normal distribution: median absolute value over standard deviation.
@@ -40,6 +41,12 @@ def repeat_groups(block: Block, touch: IntArray) -> tuple[IntArray, IntArray]:
     members = np.sort(touch[block.samples], axis=1)
     _, group, count = np.unique(members, axis=0, return_inverse=True, return_counts=True)
     return group.reshape(-1).astype(np.intp), count.astype(np.intp)
+
+
+def one_of_each_rest(term: Term, block: Block) -> IntArray:
+    """Rows (k,) of a block of a term, one for each rest: reading again there repeats no touch."""
+    rests = np.sort(term.poses.rests[block.samples], axis=1)
+    return np.sort(np.unique(rests, axis=0, return_index=True)[1])
 
 
 def repeat_variance(
@@ -138,10 +145,7 @@ def lack_of_fit(solution: Solution) -> tuple[LackOfFit, ...]:
     for term in problem.terms:
         touch = term.repeats()
         for block in term.blocks:
-            residual = next(lines).residual
-            # What was read again at one rest repeats no touch: it stands for it once.
-            rests = np.sort(term.poses.rests[block.samples], axis=1)
-            once = np.sort(np.unique(rests, axis=0, return_index=True)[1])
+            residual, once = next(lines).residual, one_of_each_rest(term, block)
             seen = replace(block, samples=block.samples[once])
             repeat = _repeat_scatter(seen, residual[once], touch)
             if repeat is not None:

@@ -136,7 +136,9 @@ class HandEyeCalibration(RobustAnswer):
                 f"called Z here: position ({', '.join(f'{v:.1f}' for v in place)}) mm, roll pitch "
                 f"yaw ({', '.join(f'{v:.2f}' for v in turn)})°."
             )
-        return Assessment.of(bad=bad, care=[*caution, *self.cautions("pairs")])
+        # A hand may move by millimetres, a target be seen from them: not both.
+        (bad if len(self.notes) > 1 else caution).extend(self.notes)
+        return Assessment.of(bad=bad, care=[*caution, *self.kept("pairs")])
 
     @property
     def inverted(self) -> Level:

@@ -143,7 +143,7 @@ class Registration(RobustAnswer):
                 f"The points' middle is known to ± {mm(unsure):.2f} mm and the turn to "
                 f"± {deg(turned):.2f}° only (one sigma)."
             )
-        return Assessment.of(bad=bad, care=[*caution, *self.cautions("points")])
+        return Assessment.of(bad=bad, care=[*caution, *self.kept("points"), *self.notes])
 
     @property
     def scaled(self) -> Level:

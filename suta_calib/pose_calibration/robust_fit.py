@@ -18,21 +18,25 @@ from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.assessment import Level
 from suta_calib.geometry.numbers import rms_length
 from suta_calib.pose_calibration.consensus import DIMENSION, FALSE_ALARM, Consensus, outlier_limit
+from suta_calib.pose_calibration.correlation import common_covariance
 from suta_calib.pose_calibration.serial_correlation import blocks
 from suta_calib.solver.covariance import observed_covariance, predicted_covariance
-from suta_calib.solver.information import Information, whitened_rows
+from suta_calib.solver.information import Information, scaled_inverse, whitened_rows
 from suta_calib.solver.ipopt import SolverOptions
 from suta_calib.solver.losses import huber_threshold
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.solver.solve import solve
 from suta_calib.terms.block import Noise
+from suta_calib.terms.poses import MeasuredPoses, PoseSource
 from suta_calib.terms.term import Term
 from suta_calib.words import listed
 
 MAX_ROUNDS: Final = 12
 # Rows from which on each may speak for its own scatter.
 MANY_ROWS: Final = 30
+# Rows from which on neighbours in a series tell what they have in common well enough by themselves.
+MOST_ROWS: Final = 400
 # Rows below which the scatter they show is too small by chance: then no less than is assumed.
 FEW_ROWS: Final = 12
 # Part of the rows that, where they disagree, leave open who is right.
@@ -133,15 +137,14 @@ class RobustAnswer:
             found.append(f"{share:.0%} of the {what} do not agree with the rest.")
         return found
 
-    def cautions(self, what: str) -> list[str]:
-        """What must be known of the rows to use it, one sentence each."""
-        kept = listed([str(row) for row in np.flatnonzero(self.suspects)])
-        if not kept:
-            return list(self.notes)
+    def kept(self, what: str) -> list[str]:
+        """Which rows, ``what`` in the plural, stand out and were believed all the same."""
+        rows = listed([str(row) for row in np.flatnonzero(self.suspects)])
+        if not rows:
+            return []
         return [
-            f"Of the {what} {kept} (rows from 0) stand out, but so few others do not prove them "
-            "wrong: they are kept, and ± is wider for it.",
-            *self.notes,
+            f"Of the {what} {rows} (rows from 0) stand out, but so few others do not prove them "
+            "wrong: they are kept, and ± is wider for it."
         ]
 
 
@@ -228,9 +231,9 @@ def _settled(
         if revise is not None:
             revise(solution.values, inliers)
         residuals = evaluate(make(everything, noises), solution.values)
-        # Residuals are smaller than the noise because the unknowns followed it.
-        numbers = DIMENSION * int(inliers.sum()) * len(residuals)
-        followed = np.sqrt(numbers / max(numbers - len(solution.free), 1))
+        # Residuals are smaller than the noise because the unknowns followed it, block by block.
+        numbers = DIMENSION * int(inliers.sum())
+        followed = np.sqrt(numbers / np.maximum(numbers - _followed(solution), 1.0))
         scatter = np.array([_scatter(r[inliers], robust) for r in residuals])
         levels = np.maximum(followed * scatter, ROUNDING)
         agreeing = inliers
@@ -244,10 +247,13 @@ def _settled(
         inliers, sigmas = agreeing, levels
     few = int(inliers.sum()) < FEW_ROWS
     truly = np.maximum(levels, least) if few else levels
-    covariance = _covariance(solution, [r[inliers] for r in residuals], truly)
-    if int(inliers.sum()) < MANY_ROWS and (freedom := numbers - len(solution.free)) > 2:
+    rows = np.flatnonzero(inliers)
+    covariance = _covariance(solution, [r[rows] for r in residuals], truly, rows)
+    # Each block's scatter is learnt from its own part of what the unknowns leave.
+    freedom = numbers - len(solution.free) / len(residuals)
+    if int(inliers.sum()) < MANY_ROWS and freedom > 2.0:
         # The scatter of few is itself uncertain: errors in units of it have Student's variance.
-        covariance = covariance * freedom / (freedom - 2)
+        covariance = covariance * freedom / (freedom - 2.0)
     none = np.zeros_like(inliers)
     found = tuple(float(s) for s in levels)
     return RobustFit(solution, residuals, inliers, none, found, covariance)
@@ -260,29 +266,70 @@ def evaluate(term: Term, values: Mapping[str, float]) -> tuple[FloatArray, ...]:
     return tuple(line.residual.copy() for line in problem.linearise(x, problem.assumed_sigmas()))
 
 
+def _followed(solution: Solution) -> FloatArray:
+    """(blocks,) how many unknowns each block's residuals determine: traces of its hat matrix."""
+    rows, free = whitened_rows(solution.problem, solution.x, solution.sigmas), solution.free
+    parts = [r.jacobian[:, free].T @ r.jacobian[:, free] for r in rows]
+    bread = scaled_inverse(sum(parts, np.zeros((len(free), len(free)))))
+    return np.array([float(np.sum(bread * part)) for part in parts])
+
+
 def _covariance(
-    solution: Solution, residuals: Sequence[FloatArray], levels: FloatArray
+    solution: Solution, residuals: Sequence[FloatArray], levels: FloatArray, order: IntArray
 ) -> FloatArray:
     """The sandwich needs many rows: the scatter of few says nothing of most directions.
 
     Of few it is A⁻¹ M A⁻¹, with the weights of the fit in A and in M what the blocks truly scatter.
+    What rows have in common that are alike comes on top.
     """
-    problem = solution.problem
-    if len(residuals[0]) >= MANY_ROWS:
-        white = np.hstack([r / level for r, level in zip(residuals, levels, strict=True)])
-        witnesses = blocks(white)
-        if np.array_equal(witnesses, problem.terms[0].repeats()):
-            return solution.covariance
-        return observed_covariance(problem, solution.x, solution.sigmas, solution.free, [witnesses])
+    problem, free = solution.problem, solution.free
+    postures = problem.terms[0].poses.postures
+    white = np.hstack([r / level for r, level in zip(residuals, levels, strict=True)])
+    count, groups = len(white), int(postures.max()) + 1
+    if groups > MOST_ROWS:
+        witnesses = blocks(white) if groups == count else postures
+        return observed_covariance(problem, solution.x, solution.sigmas, free, [witnesses])
     rows = whitened_rows(problem, solution.x, solution.sigmas)
     parts = [r.jacobian.T @ r.jacobian for r in rows]
-    truly = [
-        (level / sigma) ** 2 * part
-        for level, sigma, part in zip(levels, solution.sigmas, parts, strict=True)
-    ]
+    weights = levels / np.array(solution.sigmas)
     nothing = np.zeros_like(parts[0])
-    information = Information(sum(parts, nothing), sum(truly, nothing), nothing)
-    return predicted_covariance(problem, information, solution.free)
+    curvature = sum(parts, nothing)
+    if groups >= MANY_ROWS:
+        alone = [np.arange(count, dtype=np.intp)]
+        independent = observed_covariance(problem, solution.x, solution.sigmas, free, alone)
+    else:
+        truly = sum((w**2 * part for w, part in zip(weights, parts, strict=True)), nothing)
+        information = Information(curvature, truly, nothing)
+        independent = predicted_covariance(problem, information, free)
+    poses = problem.terms[0].poses
+    if isinstance(poses, MeasuredPoses) and poses.exact:
+        return independent
+    at = np.ix_(free, free)
+    jacobian = np.concatenate(
+        [
+            r.jacobian[:, free].reshape(count, DIMENSION, -1) / w
+            for r, w in zip(rows, weights, strict=True)
+        ],
+        axis=1,
+    )
+    bread, weight = scaled_inverse(curvature[at]), np.repeat(weights, DIMENSION)
+    independent[at] += common_covariance(
+        jacobian, white, weight, bread, _alike(poses, solution), order, postures
+    )
+    return independent
+
+
+def _alike(poses: PoseSource, solution: Solution) -> list[FloatArray]:
+    """Spaces (n, 12) in which neighbours may err alike: of the hand's poses, and of the seen."""
+    spaces, samples = [_embedded(*poses.at(solution.values))], poses.samples
+    if samples.position is not None and samples.rotation is not None:
+        spaces.append(_embedded(samples.rotation, samples.position))
+    return spaces
+
+
+def _embedded(rotation: FloatArray, position: FloatArray) -> FloatArray:
+    """Poses (n, 12) whose distances are those of places, in units of the extent, and turns, rad."""
+    return np.hstack([position, rotation.reshape(-1, 9) / np.sqrt(2.0)])
 
 
 def _scatter(residual: FloatArray, robust: bool) -> float:

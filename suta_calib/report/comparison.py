@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Final
 
@@ -22,7 +23,14 @@ def comparison_document(found: ArmComparison, own: Path, given: Path) -> Documen
     """
     terms = found.terms
     by_term = [{"kind": term.term.kind} | accuracy_json([term]) for term in terms]
-    metrics = {"validation": {**accuracy_json(terms), "by_term": by_term}}
+    told = math.isfinite(found.gain.significance)
+    metrics = {
+        "validation": {
+            **accuracy_json(terms),
+            "gain_standard_errors": found.gain.significance if told else None,
+            "by_term": by_term,
+        }
+    }
     return Document(
         NAME,
         "Validation",

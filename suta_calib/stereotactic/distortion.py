@@ -65,6 +65,7 @@ class DistortionCorrection:
         continued: ((continuation + 1)³, 3) control points of that.
         growth: 3-D RMS error to expect outside beyond that inside, m per m from the border.
         hull: (facets, 4) outward normals and offsets of the convex hull of the measured points.
+        common: correlation of the errors of a frame's points when the frame is left out, 0 to 1.
         cross_validation: 3-D RMS error of left-out frames by degree, m; only degrees that the data
             support.
         residuals: (N_frames, n, 3) corrected minus expected, of the fitted points, m.
@@ -78,6 +79,7 @@ class DistortionCorrection:
     continued: FloatArray
     growth: float
     hull: FloatArray
+    common: float
     cross_validation: Mapping[int, float]
     residuals: FloatArray
 
@@ -108,6 +110,20 @@ class DistortionCorrection:
     def inside(self, points: FloatArray) -> BoolArray:
         """Whether measured points lie in what the calibration covered: (..., 3) → (...)."""
         return _in_hull(np.asarray(points, dtype=float), self.hull)
+
+    def body_error(self, frames: FloatArray) -> FloatArray:
+        """3-D RMS error (N_frames,) that a body's fit does not average away, m, of one marker.
+
+        It averages what each marker errs for itself. What neighbours share, and all that is
+        extrapolated, it does not: then they are as good as one.
+
+        Args:
+            frames: (N_frames, n, 3) the markers as the tracker saw them, m.
+        """
+        inside = self.cross_validation[self.degree] ** 2
+        single = inside * ((1.0 - self.common) / frames.shape[1] + self.common)
+        beyond = np.array([self.extrapolation_error(frame) for frame in frames])
+        return np.asarray(np.sqrt(single + beyond**2))
 
     def extrapolation_error(self, points: FloatArray) -> float:
         """3-D RMS error to expect of corrected points (..., 3) for lying outside, m."""
@@ -157,9 +173,19 @@ def _fit_inside(
     }
     degree = _lowest_as_good(errors)
     validation = {d: float(np.sqrt(e.sum() / known.sum())) for d, e in errors.items()}
-    chosen, stays = fits[degree], np.zeros((1, 3))
+    chosen = fits[degree]
     found = DistortionCorrection(
-        degree, lower, upper, chosen.coefficients, 0, stays, 0.0, hull, validation, chosen.residuals
+        degree=degree,
+        lower=lower,
+        upper=upper,
+        coefficients=chosen.coefficients,
+        continuation=0,
+        continued=np.zeros((1, 3)),
+        growth=0.0,
+        hull=hull,
+        common=_intraclass(chosen.left_out),
+        cross_validation=validation,
+        residuals=chosen.residuals,
     )
     return found, fits
 
@@ -260,6 +286,15 @@ def _fit(degree: int, at: FloatArray, off: FloatArray) -> _PolynomialFit | None:
         return None
     left_out = np.linalg.solve(kept, residuals)
     return _PolynomialFit(coefficients, residuals, left_out, u, back, places, wanted)
+
+
+def _intraclass(errors: FloatArray) -> float:
+    """Correlation, 0 to 1, of the errors (N_frames, n, 3) of two points of one frame."""
+    n, power = errors.shape[1], float(np.mean(np.sum(errors**2, axis=-1)))
+    if n < 2 or power == 0.0:
+        return 0.0
+    together = float(np.mean(np.sum(errors.mean(axis=1) ** 2, axis=-1)))
+    return float(np.clip((n * together / power - 1.0) / (n - 1), 0.0, 1.0))
 
 
 def _lowest_as_good(errors: Mapping[int, FloatArray]) -> int:

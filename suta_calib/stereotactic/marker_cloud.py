@@ -65,6 +65,18 @@ class MarkerCloud:
         """A body defined by one frame: axes of the tracker, origin at the markers' centroid."""
         return cls(frame - frame.mean(axis=0))
 
+    def amplified(self, point: FloatArray) -> float:
+        """How many times an error of the body's middle a point of the body (3,) errs, RMS.
+
+        Fitzpatrick, West, Maurer (1998), doi:10.1109/42.736021: it turns with the body too.
+        """
+        centred = self.markers - self.markers.mean(axis=0)
+        _, spread, axes = np.linalg.svd(centred)
+        along = axes @ (point - self.markers.mean(axis=0))
+        # Square distances from each axis: of the point, and the mean of the markers.
+        lever, arm = along @ along - along**2, (spread @ spread - spread**2) / len(centred)
+        return float(np.sqrt(1.0 + np.sum(lever / arm) / 3.0))
+
     def poses(self, frames: FloatArray, *, robust: bool = False) -> BodyPoses:
         """Pose of the body in every frame, by least squares over the markers.
 

@@ -63,14 +63,14 @@ class Navigation:
         registration: ``T_ct_em`` by the fiducials.
         fiducials: (N_B, 3) the fiducials by the EM probe, corrected, in the EM tracker, m.
         em: (N_frames, 3) the tip while navigating, corrected, in the EM tracker, m.
-        extrapolation_error: (N_frames,) 3-D RMS error to expect there for markers that were seen
-            outside what the correction is fitted to, m.
+        tip_error: (N_frames,) 3-D RMS error to expect there for what the markers are read wrongly,
+            more where they lie outside what a correction is fitted to, m.
     """
 
     registration: Registration
     fiducials: FloatArray
     em: FloatArray
-    extrapolation_error: FloatArray
+    tip_error: FloatArray
 
     @property
     def ct(self) -> FloatArray:
@@ -79,8 +79,8 @@ class Navigation:
 
     @property
     def target_error(self) -> FloatArray:
-        """(N_frames,) expected error by the registration and for extrapolation, 3-D RMS, m."""
-        return np.hypot(self.registration.target_error(self.em), self.extrapolation_error)
+        """(N_frames,) expected error by the registration and by the readings, 3-D RMS, m."""
+        return np.hypot(self.registration.target_error(self.em), self.tip_error)
 
 
 @dataclass(frozen=True, eq=False)
@@ -236,10 +236,14 @@ def _navigate(
     fiducials, em = tips(EM_FIDUCIALS[0], given.em_fiducials), tips("EM-nav", given.em_nav)
     with error_context(path_of(data.prefix, "ct-fiducials")):
         registration = register(fiducials, given.ct_fiducials, robust=bodies.robust)
-    beyond = np.zeros(len(em))
     if correction is not None:
-        beyond = np.array([correction.extrapolation_error(frame) for frame in given.em_nav])
-    return Navigation(registration, fiducials, em, beyond)
+        errors = correction.body_error(given.em_nav)
+    else:
+        # What the markers miss the probe's shape by; six numbers of a frame are its pose's.
+        scatter = rms_length(_misfit(probe.markers, given.em_nav)[:, None])
+        markers = len(probe.markers)
+        errors = np.full(len(em), scatter / np.sqrt(max(markers - 2, 1)))
+    return Navigation(registration, fiducials, em, probe.amplified(tip) * errors)
 
 
 def _on_shapes(result: StereotacticResult) -> list[str]:

@@ -120,6 +120,11 @@ class MeasuredPoses(PoseSource):
         self.rotation, self.position = rotation, position
         self.samples, self.exact = samples, exact
 
+    @cached_property
+    def postures(self) -> IntArray:
+        """Poses that hardly differ, as those of a body that did not move."""
+        return together(np.hstack([self.position, self.rotation.reshape(len(self), 9)]))
+
     def at(self, values: Mapping[str, float]) -> tuple[FloatArray, FloatArray]:
         """The measured poses, whatever the values."""
         del values

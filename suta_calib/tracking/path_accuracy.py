@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment
+from suta_calib.geometry.numbers import extent
 from suta_calib.model.arm import ArmModel
 from suta_calib.tracking.alignment import Alignment, ReferencePath, align
 from suta_calib.tracking.reversals import (
@@ -30,6 +31,8 @@ _LEAST_REVERSALS: Final = 2
 _UNSURE: Final = 0.2
 # Of the motion, what may be left of it for the one to follow the other.
 _FOLLOWS: Final = 0.5
+# Times that a motion in another unit seems larger.
+_MILLIMETRES: Final = 1e3
 # Of the fastest, below which a direction of motion means nothing.
 _SLOW: Final = 0.02
 
@@ -89,6 +92,19 @@ class PathAccuracy:
         return np.asarray(turned.magnitude())
 
     @property
+    def _other_unit(self) -> str:
+        """What is said where one motion is as much larger as millimetres are than metres."""
+        there, here = extent(self.reference.position), self.alignment.motion
+        larger = max(there, here) / max(min(there, here), 1e-12)
+        if not _MILLIMETRES / 2 < larger < _MILLIMETRES * 2:
+            return ""
+        which = "reference" if there > here else "recording"
+        return (
+            f"The {which} strays {larger:.0f} times as far from its mean as the other: is one of "
+            "them in mm? Columns x, y, z are in m, and x_mm, y_mm, z_mm in mm."
+        )
+
+    @property
     def assessment(self) -> Assessment:
         """Bad where the motions do not tell the latency, or the recording does not follow."""
         alignment, bad, care = self.alignment, list[str](), list[str]()
@@ -98,6 +114,8 @@ class PathAccuracy:
                 f"With its axes taken as {alignment.other_axes} the recording would follow far "
                 "better: axes are swapped, or turned round, in one of the files."
             )
+        elif left > _FOLLOWS * moved and (unit := self._other_unit):
+            bad.append(unit)
         elif left > _FOLLOWS * moved:
             bad.append(
                 f"The recording strays {moved:.3f} mm (RMS) from its mean, and {left:.3f} mm from "

@@ -158,7 +158,7 @@ class TermSearch:
         everything = groupings(self.own.term)
         landmarks = next((g for g in everything if g.name == "landmarks"), None)
         single, unknowns, linear = linearised(self.own, self.arm)
-        touches = explained_touches(linear, self.own.term.repeats(), landmarks)
+        touches = explained_touches(linear, self.own.term.witnesses, landmarks)
         judged = self.own.freed(self.arm, ~(touches.gross | _displaced(touches, landmarks)))
         found = [self._level(judged, g, landmarks, touches) for g in levels]
         gross = []

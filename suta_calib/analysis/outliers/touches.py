@@ -51,7 +51,7 @@ class Touches:
     Attributes:
         rest: (n, d) what is left of each residual, m.
         sigma, shared: standard deviation of one component of one touch, m; the part of it that
-            repeats of a touch have in common.
+            touches of one witness have in common.
         gross: (n,) touches far beyond that.
         displaced: landmarks by number.
     """
@@ -77,14 +77,16 @@ def linearised(
     jacobian = rows.jacobian * np.repeat(rows.line.sigma, vehicle.blocks[0].size)[:, None]
     deviation = x - problem.parameters.array("nominal")
     residual, precision = rows.line.residual.copy(), problem.prior_precision()
-    return vehicle, problem.names, RobustLinearFit(jacobian, residual, precision, deviation)
+    readings = len(vehicle.poses) / (int(vehicle.poses.rests.max()) + 1)
+    fit = RobustLinearFit(jacobian, residual, precision, deviation, readings)
+    return vehicle, problem.names, fit
 
 
 def explained_touches(fit: RobustLinearFit, cells: IntArray, landmarks: Grouping | None) -> Touches:
     """Split every touch into explained, displaced and gross.
 
     What may explain are the arm's unknowns with their priors, and displaced landmarks. Touches of
-    one cell are repeats.
+    one cell err together (`Term.witnesses`).
     """
     # One landmark after the other is freed for as long as one is significantly displaced.
     member = np.zeros(0, dtype=np.intp) if landmarks is None else landmarks.member
@@ -132,7 +134,7 @@ def _most_displaced(
 
 
 def _shared(rest: FloatArray, cells: IntArray, sigma: float) -> float:
-    """Scatter of one component that the repeats of a touch have in common, m."""
+    """Scatter of one component that the touches of one cell have in common, m."""
     _, index, count = np.unique(cells, return_inverse=True, return_counts=True)
     if not np.any(count > 1):
         return 0.0
@@ -147,7 +149,8 @@ def _shared(rest: FloatArray, cells: IntArray, sigma: float) -> float:
 class RobustLinearFit:
     """Robust linear least squares of residual vectors (n, d), m, with priors.
 
-    The Jacobian is (n d, p); precision of the priors and deviation from their centres are (p,).
+    The Jacobian is (n d, p); precision of the priors and deviation from their centres are (p,);
+    ``readings`` is how many rows there are to a rest, which say what one says.
     """
 
     def __init__(
@@ -156,8 +159,9 @@ class RobustLinearFit:
         residual: FloatArray,
         precision: FloatArray,
         deviation: FloatArray,
+        readings: float = 1.0,
     ) -> None:
-        self.jacobian, self.residual = jacobian, residual
+        self.jacobian, self.residual, self.readings = jacobian, residual, readings
         self.precision, self.deviation = precision, deviation
         # Whether the last fit took up so much that what it leaves is no noise.
         self.saturated = False
@@ -178,6 +182,7 @@ class RobustLinearFit:
         for k in range(ROUNDS):
             step, used = _weighted_step(a, self.residual, weight / sigma**2, precision, deviation)
             rest = (self.residual.reshape(-1) + a @ step).reshape(n, size)
+            used *= self.readings
             freedom = max(n * size - used, 0.1 * n * size)
             found = max(scatter(rest) * np.sqrt(n * size / freedom), FINEST)
             length = np.linalg.norm(rest, axis=1) / found

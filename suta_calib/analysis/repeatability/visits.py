@@ -52,6 +52,8 @@ _FEW: Final = 10
 # Of all visits, and in numbers, the least that make a group and no outliers.
 _GROUP: Final = 0.1
 _LEAST_OF_GROUP: Final = 3
+# m between two places that no play and no bending of an arm explains: they are two points.
+SEVERAL_POINTS: Final = 5e-3
 DIRECTION: Final = "direction"
 PROTOCOL: Final = "protocol"
 # Share of visits that read as the one before, from which on somebody should ask.
@@ -145,7 +147,16 @@ class Repeatability:
             f"({100 * self.confidence:g} % interval {mm(inside.low):.3f} to "
             f"{mm(inside.high):.3f} mm)"
         )
-        return Assessment.of(sentence, care=[*self._of_visits(), *self._of_effects()])
+        visits, effects = self._of_visits(), self._of_effects()
+        if self._apart > SEVERAL_POINTS:
+            return Assessment.of(sentence, bad=visits, care=effects)
+        return Assessment.of(sentence, care=[*visits, *effects])
+
+    @property
+    def _apart(self) -> float:
+        """How far the places lie apart that the visits lie about, m; zero for one."""
+        middles = [self.position_of[rows].mean(axis=0) for rows in self.places]
+        return float(pdist(middles).max()) if len(middles) > 1 else 0.0
 
     def _of_visits(self) -> list[str]:
         """Visits that are copies, few, or of something else."""
@@ -173,8 +184,7 @@ class Repeatability:
             middles = [visits.mean(axis=0) for visits in groups]
             sizes = [rms_length(v - m) for v, m in zip(groups, middles, strict=True)]
             notes.append(
-                f"The visits lie about {len(groups)} places up to "
-                f"{mm(float(pdist(middles).max())):.3f} mm apart: "
+                f"The visits lie about {len(groups)} places up to {mm(self._apart):.3f} mm apart: "
                 f"{', '.join(str(len(visits)) for visits in groups)} visits, which scatter by "
                 f"{', '.join(f'{mm(size):.3f}' for size in sizes)} mm (RMS) about their own. Were "
                 "these several points, or one from several sides? Every figure here is of all "

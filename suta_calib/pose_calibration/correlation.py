@@ -1,0 +1,139 @@
+"""Rows that err alike because they are alike: what that adds to an estimate's covariance.
+
+A robot errs alike in neighbouring poses, a camera alike where it sees the target in the same place,
+and a tracker alike a moment later. Least squares takes every row for a witness of its own, so its ±
+is too small. How much the errors of neighbours have in common, and how near they must be for it, is
+asked of the residuals: a part w of their variance with a correlation that falls with the distance
+in some space. Its restricted likelihood (Patterson and Thompson 1971, doi:10.1093/biomet/58.3.545)
+allows for what the fit took up. Few rows tell little of it, so the covariance is the mean over all
+that might be, each weighed by its likelihood.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Final
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+
+from suta_calib.arrays import FloatArray, IntArray
+
+# Part of the variance that neighbours may share.
+PARTS: Final = (0.3, 0.6, 0.9, 0.98)
+# How far apart rows are that share about half of it, in the space in which 1 is far.
+REACHES: Final = (0.1, 0.3, 0.9)
+# The same in rows, one after the other.
+LAGS: Final = (1.5, 5.0, 15.0, 50.0)
+# How likely it is beforehand that every row errs for itself.
+INDEPENDENT: Final = 0.5
+# Rows of which the likelihood is asked: what is intensive, so many tell it.
+ENOUGH: Final = 200
+# Least variance of a group's mean, as part of all, that is no rounding.
+ROUNDING: Final = 1e-6
+
+
+def common_covariance(
+    jacobian: FloatArray,
+    residual: FloatArray,
+    weight: FloatArray,
+    bread: FloatArray,
+    alike: Sequence[FloatArray],
+    order: IntArray,
+    rests: IntArray,
+) -> FloatArray:
+    """Covariance (p, p) of an estimate beyond that of rows that err independently.
+
+    Args:
+        jacobian: (n, d, p) in units of the residuals' scatter.
+        residual: (n, d) in units of their scatter.
+        weight: (d,) of each component in the fit, over that of its scatter.
+        bread: (p, p) inverse of the fit's curvature.
+        alike: spaces (n, k) in which rows that are near each other may err alike; 1 is far.
+        order: (n,) place of each row in its series.
+        rests: (n,) rows of one rest or posture, from 0, which say once what they say.
+    """
+    n, size, unknowns = jacobian.shape
+    count = np.bincount(rests).astype(float)
+    groups = len(count)
+    first = np.unique(rests, return_index=True)[1]
+    mean = np.zeros((groups, size))
+    np.add.at(mean, rests, residual / count[rests, None])
+    slope = np.zeros((groups, size, unknowns))
+    np.add.at(slope, rests, jacobian / count[rests, None, None])
+    inside = float(np.sum((residual - mean[rests]) ** 2)) / max(size * (n - groups), 1)
+    between = float(np.sum(mean**2)) / max(size * groups - unknowns, 1)
+    # Of a group's mean: what its readings have for themselves, and what they share.
+    single = inside / count
+    shared = between if groups == n else max(between - float(single.mean()), ROUNDING * between)
+    if groups == n:
+        single = np.zeros(groups)
+    pulled = (slope * (count[:, None, None] * weight[:, None])).reshape(groups, -1)
+    white = np.einsum("ndp,ndq->pq", jacobian * weight[:, None] ** 2, jacobian)
+    white *= float(np.sum(residual**2)) / max(size * n - unknowns, 1)
+    spaces = [space[first] for space in alike]
+    some = np.unique(np.linspace(0, groups - 1, min(groups, ENOUGH)).astype(np.intp))
+    likelihoods, variances = list[float](), list[FloatArray]()
+    for prior, kernel in _kernels(spaces, order[first].astype(float)):
+        covariance = np.diag(single) + shared * kernel
+        found = _restricted(covariance[np.ix_(some, some)], slope[some], mean[some])
+        if found is None:
+            continue
+        likelihood, scale = found
+        along = (covariance @ pulled).reshape(groups * size, unknowns)
+        variances.append(scale * pulled.reshape(groups * size, unknowns).T @ along)
+        likelihoods.append(np.log(prior) + likelihood)
+    if not variances:
+        return np.zeros((unknowns, unknowns))
+    belief = np.exp(np.array(likelihoods) - max(likelihoods))
+    expected = np.tensordot(belief / belief.sum(), np.array(variances), axes=1)
+    return bread @ _positive(expected - white, white) @ bread
+
+
+def _kernels(spaces: Sequence[FloatArray], order: FloatArray) -> Iterator[tuple[float, FloatArray]]:
+    """Probabilities beforehand, and correlation matrices (n, n)."""
+    identity = np.eye(len(order))
+    yield INDEPENDENT, identity
+    steps = np.abs(order[:, None] - order[None])
+    shapes = [np.exp(-steps / lag) for lag in LAGS]
+    for space in spaces:
+        apart = np.linalg.norm(space[:, None] - space[None], axis=2)
+        for reach in REACHES:
+            # Matérn 3/2: smooth errors, of no particular wave length.
+            far = np.sqrt(3.0) * apart / reach
+            shapes.append((1.0 + far) * np.exp(-far))
+    for shape in shapes:
+        for part in PARTS:
+            prior = (1.0 - INDEPENDENT) / (len(shapes) * len(PARTS))
+            yield prior, (1.0 - part) * identity + part * shape
+
+
+def _restricted(
+    covariance: FloatArray, slope: FloatArray, mean: FloatArray
+) -> tuple[float, float] | None:
+    """Logarithm of the restricted likelihood of rows (n, d), and the factor on their covariance.
+
+    None where the rows leave nothing.
+    """
+    n, size, unknowns = slope.shape
+    freedom = n * size - unknowns
+    if freedom < 1:
+        return None
+    factor = cho_factor(covariance, lower=True)
+    told = cho_solve(factor, slope.reshape(n, -1)).reshape(n * size, unknowns)
+    flat = slope.reshape(n * size, unknowns)
+    information = flat.T @ told
+    sums = told.T @ mean.reshape(-1)
+    solved = np.linalg.lstsq(information, sums, rcond=None)[0]
+    power = float(np.sum(mean * cho_solve(factor, mean))) - float(sums @ solved)
+    scale = max(power, 1e-300) / freedom
+    whole = 2.0 * size * float(np.log(np.diag(factor[0])).sum())
+    fitted = float(np.linalg.slogdet(information)[1])
+    return -0.5 * (whole + fitted + freedom * np.log(scale)), scale
+
+
+def _positive(matrix: FloatArray, scale: FloatArray) -> FloatArray:
+    """The positive part of a symmetric matrix, whatever the units of its rows."""
+    unit = np.sqrt(np.maximum(np.diag(scale), 1e-300))
+    values, vectors = np.linalg.eigh(matrix / np.outer(unit, unit))
+    return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T * np.outer(unit, unit))
