@@ -15,7 +15,7 @@ from itertools import count
 from pathlib import Path
 from typing import Final
 
-from suta_calib.atomic import write_bytes_atomically
+from suta_calib.atomic import note_input, write_bytes_atomically
 from suta_calib.errors import InputError, SamplesError
 
 
@@ -28,6 +28,7 @@ def read_text(path: Path, error: type[InputError] = InputError) -> str:
     if path.is_dir():
         raise error("a folder", "a file", file=path)
     try:
+        note_input(path)
         data = path.read_bytes()
     except FileNotFoundError:
         raise error("no such file", "a file that exists", file=path) from None

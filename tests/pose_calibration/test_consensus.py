@@ -27,7 +27,7 @@ def centre_of(values: np.ndarray, seed: int = 0) -> Consensus:
         return np.linalg.norm(kinds - centres[:, None], axis=-1)
 
     samples = minimal_samples(np.zeros(len(values), dtype=np.intp), 1, seed)
-    return find_consensus(samples, propose, residuals, 1)
+    return find_consensus(len(values), samples, propose, residuals, 1)
 
 
 def cluster(count: int, outliers: int, seed: int, kinds: int = 1) -> np.ndarray:
