@@ -118,7 +118,8 @@ def run(arguments: Sequence[str] | None = None) -> int:
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             return 1
         except OSError as error:
-            click.echo(f"{PROGRAM}: error: {error.strerror or error}", err=True)
+            name = f"{error.filename}: " if error.filename else ""
+            click.echo(f"{PROGRAM}: error: {name}{error.strerror or error}", err=True)
             return 2
         except MemoryError as error:
             too_large = _one_line(error) or "nobody said for what"

@@ -17,7 +17,7 @@ from suta_calib.diagnostics.accuracy import Accuracy, TermAccuracy, assess
 from suta_calib.diagnostics.assessment import assess_calibration
 from suta_calib.diagnostics.explanation import Explanation, explain_solution
 from suta_calib.errors import InputError, JobError, ParameterError, SamplesError
-from suta_calib.job.schema import JobSpec, ObservationSpec, read_job
+from suta_calib.job.schema import JobSpec, ObservationSpec, load_arm, read_job
 from suta_calib.measurements import (
     JointRange,
     Samples,
@@ -62,7 +62,7 @@ class CalibrationJob:
                 what was expected.
         """
         spec = read_job(Path(path))
-        arm = ArmModel.from_urdf(spec.arm.urdf, spec.arm.tip, spec.arm.base)
+        arm = load_arm(spec.arm)
         try:
             parameters = arm.select(*spec.parameters)
         except ParameterError as error:
