@@ -204,9 +204,9 @@ def _check_last(path: Path, text: str, rows: Sequence[tuple[int, list[str]]]) ->
 
 
 def _number(cell: str) -> float:
-    """The number in a cell, NaN where there is none; Python's ``1_000`` is not a number here."""
+    """The number in a cell, NaN where there is none: no ``1_000``, no digits of other scripts."""
     try:
-        return float("nan" if "_" in cell else cell)
+        return float(cell if cell.isascii() and "_" not in cell else "nan")
     except ValueError:
         return float("nan")
 

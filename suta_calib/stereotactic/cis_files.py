@@ -315,8 +315,9 @@ def _read(
 
 
 def _numbers(row: str) -> list[float]:
-    """Cells as numbers, NaN where there is none; Python's ``1_000`` is not a number here."""
+    """Cells as numbers, NaN where there is none: no ``1_000``, no digits of other scripts."""
+    plain = row.isascii() and "_" not in row
     try:
-        return [float("nan" if "_" in cell else cell) for cell in row.split(",")]
+        return [float(cell if plain else "nan") for cell in row.split(",")]
     except ValueError:
         return [math.nan] * (row.count(",") + 1)
