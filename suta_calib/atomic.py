@@ -9,9 +9,53 @@ import secrets
 import sys
 import tempfile
 from collections.abc import Collection, Iterable, Iterator, Mapping
+from contextvars import ContextVar
 from pathlib import Path
 
 from suta_calib.errors import OutputError
+
+# Real paths: of what the running command has read (None outside of one), and of what it edits.
+_inputs: ContextVar[set[str] | None] = ContextVar("inputs", default=None)
+_edited: ContextVar[frozenset[str]] = ContextVar("edited", default=frozenset())
+
+
+@contextlib.contextmanager
+def inputs_kept() -> Iterator[None]:
+    """Within it, what was read by then is neither replaced nor removed.
+
+    A job may name a file of its own results folder, which its next run would overwrite. A file of
+    which somebody is the `only_writer` is edited, and no input.
+    """
+    token = _inputs.set(set())
+    try:
+        yield
+    finally:
+        _inputs.reset(token)
+
+
+def note_input(path: Path) -> None:
+    """Say that a file is read; whoever opens one does, so that `inputs_kept` knows it."""
+    if (inputs := _inputs.get()) is not None:
+        inputs.add(os.path.realpath(path))
+
+
+def _refuse_inputs(contents: Mapping[Path, bytes | None]) -> None:
+    """Refuse to replace an input by something else, or to remove it (None)."""
+    inputs = (_inputs.get() or set()) - _edited.get()
+    for path, data in contents.items():
+        if inputs and os.path.realpath(path) in inputs:
+            # The same once more is no loss.
+            with contextlib.suppress(OSError):
+                if path.read_bytes() == data:
+                    continue
+            raise _is_input(path)
+
+
+def _is_input(path: Path) -> OutputError:
+    return OutputError(
+        f"{path}: found an input of the same command; expected a file of its own; move it, or "
+        "choose another --out"
+    )
 
 
 def write_bytes_atomically(path: str | Path, data: bytes) -> None:
@@ -43,9 +87,11 @@ def exchange_files(
         stale: names of files of an earlier run that these do not replace; removed.
 
     Raises:
-        OutputError: a file could not be written. Where the disk or the folder is why, what was
-            there before is untouched, and no temporary file is left.
+        OutputError: a file could not be written, or is an input (`inputs_kept`). Where the disk or
+            the folder is why, what was there before is untouched, and no temporary file is left.
     """
+    files = {folder / name: data for name, data in contents.items()}
+    _refuse_inputs({**dict.fromkeys(folder / name for name in stale), **files})
     # Not tempfile: it makes files only their owner may read, and the rename would keep that.
     staged = {
         folder / name: folder / f".{name[:40]}.{secrets.token_hex(6)}.tmp" for name in contents
@@ -81,15 +127,18 @@ def check_outputs(outputs: Iterable[Path], inputs: Iterable[Path | None]) -> Non
     Raises:
         OutputError: an output is one of the inputs, or two outputs are the same file.
     """
-    taken = {os.path.realpath(path): "an input" for path in inputs if path is not None}
+    read = {os.path.realpath(path) for path in inputs if path is not None}
+    written = set[str]()
     for path in outputs:
-        found = taken.get(os.path.realpath(path))
-        if found is not None:
+        real = os.path.realpath(path)
+        if real in read:
+            raise _is_input(path)
+        if real in written:
             raise OutputError(
-                f"{path}: found {found} of the same command; expected a file of its own; choose "
-                "another name"
+                f"{path}: found another output of the same command; expected a file of its own; "
+                "choose another name"
             )
-        taken[os.path.realpath(path)] = "another output"
+        written.add(real)
 
 
 @contextlib.contextmanager
@@ -102,13 +151,15 @@ def only_writer(path: Path) -> Iterator[None]:
     Raises:
         OutputError: another process is writing it; says which.
     """
-    name = hashlib.sha256(os.fsencode(os.path.realpath(path))).hexdigest()[:24]
+    real = os.path.realpath(path)
+    name = hashlib.sha256(os.fsencode(real)).hexdigest()[:24]
     lock = Path(tempfile.gettempdir()) / f"suta-calib-{name}.lock"
     try:
         descriptor = os.open(lock, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o666)
     except OSError:
         # Nowhere to keep a lock, or somebody else's: better to write than not to.
-        yield
+        with _editing(real):
+            yield
         return
     try:
         try:
@@ -122,9 +173,19 @@ def only_writer(path: Path) -> Iterator[None]:
             ) from None
         os.ftruncate(descriptor, 0)
         os.write(descriptor, f" {os.getpid()}".encode())
-        yield
+        with _editing(real):
+            yield
     finally:
         os.close(descriptor)
+
+
+@contextlib.contextmanager
+def _editing(real: str) -> Iterator[None]:
+    token = _edited.set(_edited.get() | {real})
+    try:
+        yield
+    finally:
+        _edited.reset(token)
 
 
 def _lock(descriptor: int) -> None:

@@ -17,6 +17,8 @@ from suta_calib.arrays import FloatArray
 Unit = Literal["m", "rad", "rad/Nm", "m/s", "rad/s", "s", "1", "%"]
 Quantity = TypeVar("Quantity", float, FloatArray)
 NOTHING: Final = "–"
+# m; beyond it is no place, and the sums of squares of places must stay numbers.
+FARTHEST: Final = 1e6
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,14 @@ from pathlib import Path
 
 import pytest
 
-from suta_calib.atomic import check_outputs, only_writer, write_bytes_atomically
+from suta_calib.atomic import (
+    check_outputs,
+    exchange_files,
+    inputs_kept,
+    note_input,
+    only_writer,
+    write_bytes_atomically,
+)
 from suta_calib.errors import OutputError
 
 
@@ -80,3 +87,21 @@ def test_outputs_are_no_inputs_and_not_each_other(tmp_path: Path) -> None:
     with pytest.raises(OutputError, match="found another output"):
         check_outputs([arm, out], [])
     check_outputs([tmp_path / "a", tmp_path / "b"], [arm])
+
+
+def test_what_was_read_is_neither_replaced_nor_removed(tmp_path: Path) -> None:
+    path, link = tmp_path / "arm.urdf", tmp_path / "link.urdf"
+    path.write_bytes(b"read")
+    link.symlink_to(path)
+    with inputs_kept():
+        note_input(path)
+        for name in ("arm.urdf", "link.urdf"):
+            with pytest.raises(OutputError, match="found an input of the same command"):
+                exchange_files(tmp_path, {"before": b"", name: b"new"})
+        with pytest.raises(OutputError, match="found an input of the same command"):
+            exchange_files(tmp_path, {"before": b""}, ["arm.urdf"])
+        assert sorted(each.name for each in tmp_path.iterdir()) == ["arm.urdf", "link.urdf"]
+        exchange_files(tmp_path, {"arm.urdf": b"read"})
+        with only_writer(link):
+            exchange_files(tmp_path, {"arm.urdf": b"edited"})
+    write_bytes_atomically(path, b"another command")

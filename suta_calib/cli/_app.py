@@ -16,6 +16,7 @@ from typing import Any, Final
 
 import click
 
+from suta_calib.atomic import inputs_kept
 from suta_calib.errors import SutaCalibError
 
 PROGRAM: Final = "suta-calib"
@@ -96,7 +97,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
         The exit code. Bad input, bad usage and an interrupt are one line on stderr.
     """
     _forgive_encodings()
-    with warnings.catch_warnings():
+    with warnings.catch_warnings(), inputs_kept():
         warnings.showwarning = _show_warning
         try:
             code = app.main(arguments, prog_name=PROGRAM, standalone_mode=False)
@@ -117,7 +118,8 @@ def run(arguments: Sequence[str] | None = None) -> int:
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             return 1
         except OSError as error:
-            click.echo(f"{PROGRAM}: error: {error.strerror or error}", err=True)
+            name = f"{error.filename}: " if error.filename else ""
+            click.echo(f"{PROGRAM}: error: {name}{error.strerror or error}", err=True)
             return 2
         except MemoryError as error:
             too_large = _one_line(error) or "nobody said for what"

@@ -6,6 +6,7 @@ import json
 import math
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
@@ -18,6 +19,11 @@ from suta_calib.units import from_mm
 if TYPE_CHECKING:
     from suta_calib.arrays import FloatArray
     from suta_calib.model.arm import ArmModel
+
+# Answers that a folder of results holds at most, one of each command; and what `run`, the last key
+# of one, takes.
+_MOST_RECORDS: Final = 100
+_RUN_BYTES: Final = 1 << 16
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
@@ -89,10 +95,16 @@ def _results(context: click.Context, parameter: click.Parameter, out: Path | Non
 
 def _jobs_of(folder: Path) -> Iterator[str]:
     """Names of the jobs whose answers a folder holds."""
-    for file in folder.glob("*.json"):
-        with suppress(OSError, ValueError, KeyError, TypeError):
-            inputs = json.loads(file.read_text(encoding="utf-8"))["run"]["inputs"]
-            yield Path(next(iter(inputs), "")).name
+    records = (path for path in folder.glob("*.json") if path.is_file())
+    for path in islice(records, _MOST_RECORDS):
+        with suppress(OSError, ValueError, KeyError, TypeError, AttributeError):
+            with path.open("rb") as file:
+                file.seek(max(0, path.stat().st_size - _RUN_BYTES))
+                end = file.read(_RUN_BYTES).decode(errors="replace")
+            # What follows it is of no interest, and what is before it may be long.
+            _, _, told = end.rpartition('"run":')
+            run, _ = json.JSONDecoder().raw_decode(told.lstrip())
+            yield Path(next(iter(run["inputs"]), "")).name
 
 
 # Eager: the folder of results follows from it, wherever it stands on the command line.

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 import click
 
+from suta_calib.atomic import note_input
 from suta_calib.cli._options import PATH, json_option
 
 if TYPE_CHECKING:
@@ -77,12 +78,13 @@ def answer_command(command: Callable[..., Document]) -> click.Command:
 
 def _inputs(context: click.Context) -> dict[str, str]:
     """SHA-256 of the files that the command line names, in its order."""
-    given = (context.params[str(each.name)] for each in context.command.params if each.type is PATH)
-    return {
-        str(path): sha256(path.read_bytes()).hexdigest()
-        for path in given
-        if path is not None and path.is_file()
-    }
+    hashes = {}
+    for parameter in context.command.params:
+        path: Path | None = context.params[str(parameter.name)]
+        if parameter.type is PATH and path is not None and path.is_file():
+            note_input(path)
+            hashes[str(path)] = sha256(path.read_bytes()).hexdigest()
+    return hashes
 
 
 def results_folder() -> Path:

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
 _DEFAULT_BAUDRATE: Final = 921600
 _KEYS: Final = ("port", "baudrate", "format", "unit", "counts_per_turn", "joints")
+# Longer than the name of any port; a message has to show it.
+_LONGEST_PORT: Final = 1000
 _URL: Final = re.compile(r"[a-z][a-z0-9+.-]*://", re.IGNORECASE)
 _SOCKET: Final = re.compile(r"socket://[^/?]+:\d+([/?].*)?", re.IGNORECASE)
 
@@ -37,6 +39,7 @@ def read_device(path: Path) -> DeviceSpec:
     # Whoever only reads a port, or streams, need not wait for what the files need.
     from suta_calib.device.formats import FORMATS
     from suta_calib.measurements import YamlSection, read_yaml
+    from suta_calib.measurements.yaml_file import shown
 
     top = YamlSection(read_yaml(path, DeviceFileError), DeviceFileError)
     top.check_keys(_KEYS, required=("port", "joints"))
@@ -55,6 +58,8 @@ def read_device(path: Path) -> DeviceSpec:
         found = {"unit": repr(unit), "counts_per_turn": str(counts)}[key]
         raise top.refuse(found, expected, at=(key,))
     port = top.text("port")
+    if len(port) > _LONGEST_PORT:
+        raise top.refuse(shown(port), f"at most {_LONGEST_PORT} characters", at=("port",))
     if port.lower().startswith("socket://") and not _SOCKET.fullmatch(port):
         raise top.refuse(repr(port), "socket://host:port", at=("port",))
     return DeviceSpec(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -16,8 +17,14 @@ from suta_calib.diagnostics.accuracy import Accuracy, TermAccuracy, assess
 from suta_calib.diagnostics.assessment import assess_calibration
 from suta_calib.diagnostics.explanation import Explanation, explain_solution
 from suta_calib.errors import InputError, JobError, ParameterError, SamplesError
-from suta_calib.job.schema import JobSpec, ObservationSpec, read_job
-from suta_calib.measurements import JointRange, Samples, read_artefact, read_samples
+from suta_calib.job.schema import JobSpec, ObservationSpec, load_arm, read_job
+from suta_calib.measurements import (
+    JointRange,
+    Samples,
+    SutaCalibWarning,
+    read_artefact,
+    read_samples,
+)
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import ParameterSet
 from suta_calib.solver.ipopt import SolverOptions
@@ -55,7 +62,7 @@ class CalibrationJob:
                 what was expected.
         """
         spec = read_job(Path(path))
-        arm = ArmModel.from_urdf(spec.arm.urdf, spec.arm.tip, spec.arm.base)
+        arm = load_arm(spec.arm)
         try:
             parameters = arm.select(*spec.parameters)
         except ParameterError as error:
@@ -206,6 +213,8 @@ def read_term(arm: ArmModel, row: ObservationSpec, job: Path, *, fitted: bool = 
             term.check_enough()
     except InputError as error:
         raise _placed(error, job, row.line) from None
+    for note in term.notes:
+        warnings.warn(f"{job}:{row.line}: {note}", SutaCalibWarning, stacklevel=3)
     return term
 
 

@@ -11,9 +11,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final, Literal, cast
 
-from suta_calib.errors import JobError
+from suta_calib.errors import JobError, UrdfError
 from suta_calib.measurements.exclusion import Exclusion, read_exclusion
 from suta_calib.measurements.yaml_file import YamlSection, read_yaml
+from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import Selection
 from suta_calib.terms import GROUPINGS, KINDS, Term
 
@@ -39,11 +40,13 @@ class ArmSpec:
         urdf: the file.
         tip: link or frame whose pose matters.
         base: link the chain starts from; None for the root link.
+        section: where the job says so, for messages; None for no job.
     """
 
     urdf: Path
     tip: str
     base: str | None = None
+    section: YamlSection | None = field(default=None, repr=False, compare=False)
 
 
 @dataclass(frozen=True)
@@ -184,7 +187,24 @@ def read_arm(top: YamlSection, urdf: Path | None = None) -> ArmSpec:
     arm = top.section("arm")
     arm.check_keys(("urdf", "tip", "base"), required=("urdf", "tip"))
     file = arm.existing_file("urdf") if urdf is None else urdf
-    return ArmSpec(file, arm.text("tip"), arm.text("base") if "base" in arm else None)
+    return ArmSpec(file, arm.text("tip"), arm.text("base") if "base" in arm else None, arm)
+
+
+def load_arm(spec: ArmSpec) -> ArmModel:
+    """The arm of a job.
+
+    Raises:
+        UrdfError: the file cannot be used.
+        JobError: it has no such tip or base; names the job's line.
+    """
+    try:
+        return ArmModel.from_urdf(spec.urdf, spec.tip, spec.base)
+    except UrdfError as problem:
+        if spec.section is None or problem.where not in ("tip", "base"):
+            raise
+        expected = f"{problem.expected} {spec.urdf}"
+        at, hint = (problem.where,), problem.hint
+        raise spec.section.refuse(problem.found, expected, at=at, hint=hint) from None
 
 
 def _selection(row: YamlSection) -> Selection:

@@ -7,8 +7,9 @@ such as ``a_`` tells several poses in one file apart (``a_x``, ``a_x_mm``, ``a_q
 from __future__ import annotations
 
 import csv
+import re
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import compress
 from pathlib import Path
@@ -20,11 +21,15 @@ from suta_calib.arrays import FloatArray
 from suta_calib.errors import SamplesError, did_you_mean
 from suta_calib.geometry.numbers import rotation_from_quaternion
 from suta_calib.measurements.files import lines_of, read_text
-from suta_calib.units import from_mm
+from suta_calib.units import FARTHEST, from_mm
 
 _QUATERNION = ("qx", "qy", "qz", "qw")
 _UNIT_NORM_TOLERANCE = 0.01
 _ZERO_NORM = 1e-3
+# Rows from which on the length of the last one's numbers says something.
+_ENOUGH_LINES = 5
+_DECIMAL = re.compile(r"[+-]?\d+\.\d+", re.ASCII)
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 
 
 @dataclass(frozen=True)
@@ -139,7 +144,11 @@ def read_csv_table(path: Path) -> CsvTable:
 
     Raises:
         SamplesError: unreadable, empty, header only, a column name twice, not comma-separated,
-            or a row with another number of cells than the header, such as a half-written last one.
+            or a row with another number of cells than the header, or a number of fewer decimals
+            than all others, such as a half-written last one.
+
+    Warns:
+        SutaCalibWarning: a last number that may be half-written.
     """
     text = read_text(path, SamplesError)
     rows = _csv_rows(path, text)
@@ -161,15 +170,43 @@ def read_csv_table(path: Path) -> CsvTable:
                 if cut_off
                 else "",
             )
+    _check_last(path, text, rows)
     cells = zip(*(row for _, row in rows), strict=True)
     columns = {name: column for name, column in zip(header, cells, strict=True) if name}
     return CsvTable(path, columns, header_line, tuple(line for line, _ in rows))
 
 
+def _check_last(path: Path, text: str, rows: Sequence[tuple[int, list[str]]]) -> None:
+    """Look at the last number of a file whose last line alone has no end: a copy may be cut there.
+
+    Many a program leaves that end out, so it alone means nothing.
+    """
+    if text.endswith(("\n", "\r")) or len(rows) < _ENOUGH_LINES:
+        return
+    line, last = rows[-1][0], rows[-1][1][-1]
+    others = [row[-1] for _, row in rows[:-1]]
+    decimals = {len(cell.partition(".")[2]) for cell in others if _DECIMAL.fullmatch(cell)}
+    if not _NUMBER.fullmatch(last) or not all(map(_NUMBER.fullmatch, others)):
+        return
+    where = f"{path}:{line}"
+    found = f"{last!r} at the end of a last line without its end"
+    hint = "if nothing is missing, end the line"
+    fixed = len(decimals) == 1 and all(map(_DECIMAL.fullmatch, others))
+    if fixed and len(last.partition(".")[2]) < min(decimals):
+        expected = f"{min(decimals)} decimals, as in all other rows"
+        raise SamplesError(found, expected, file=path, line=line, hint=f"cut off? {hint}")
+    if len(last) < min(map(len, others)):
+        warnings.warn(
+            f"{where}: found {found}; all other rows have a longer one: cut off? {hint}",
+            SutaCalibWarning,
+            stacklevel=4,
+        )
+
+
 def _number(cell: str) -> float:
-    """The number in a cell, NaN where there is none; Python's ``1_000`` is not a number here."""
+    """The number in a cell, NaN where there is none: no ``1_000``, no digits of other scripts."""
     try:
-        return float("nan" if "_" in cell else cell)
+        return float(cell if cell.isascii() and "_" not in cell else "nan")
     except ValueError:
         return float("nan")
 
@@ -225,7 +262,8 @@ def positions(table: CsvTable, prefix: str = "") -> FloatArray:
     """Positions, (n, 3) in m.
 
     Raises:
-        SamplesError: a column is missing or not finite, or there are both metres and millimetres.
+        SamplesError: a column is missing or not finite, there are both metres and millimetres, or
+            a position is no place.
     """
     names = position_columns(prefix)
     metres, millimetres = names[:3], names[3:]
@@ -240,7 +278,12 @@ def positions(table: CsvTable, prefix: str = "") -> FloatArray:
     expected = f"columns {', '.join(metres)} in m, or {', '.join(millimetres)}"
     chosen = millimetres if in_mm else metres
     read = np.stack([table.numbers(name, expected) for name in chosen], axis=-1)
-    return from_mm(read) if in_mm else read
+    found = from_mm(read) if in_mm else read
+    for row, axis in np.argwhere(np.abs(found) > FARTHEST):
+        cell = repr(table.columns[chosen[axis]][row])
+        expected = f"a position within {FARTHEST:g} m"
+        raise table.refuse(int(row), chosen[axis], cell, expected)
+    return found
 
 
 def has_rotations(table: CsvTable, prefix: str = "") -> bool:

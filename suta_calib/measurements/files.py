@@ -15,7 +15,7 @@ from itertools import count
 from pathlib import Path
 from typing import Final
 
-from suta_calib.atomic import write_bytes_atomically
+from suta_calib.atomic import note_input, write_bytes_atomically
 from suta_calib.errors import InputError, SamplesError
 
 
@@ -28,6 +28,7 @@ def read_text(path: Path, error: type[InputError] = InputError) -> str:
     if path.is_dir():
         raise error("a folder", "a file", file=path)
     try:
+        note_input(path)
         data = path.read_bytes()
     except FileNotFoundError:
         raise error("no such file", "a file that exists", file=path) from None
@@ -73,8 +74,8 @@ def expand(pattern: str, folder: Path) -> list[Path]:
         folder: where relative patterns start.
 
     Raises:
-        SamplesError: no file matches, or so many have to be looked at that it was not meant; says
-            the pattern and the folder.
+        SamplesError: no file matches, one is a link to nothing, or so many have to be looked at
+            that it was not meant; says the pattern and the folder.
     """
     is_file = os.path.isfile  # Path.is_file raises on overlong names
     if is_file(folder / pattern):
@@ -82,12 +83,20 @@ def expand(pattern: str, folder: Path) -> list[Path]:
     given = Path(pattern)
     paths = _matching(folder / given.anchor, given.relative_to(given.anchor).parts, count())
     try:
-        files = sorted({path for path in paths if is_file(path)})
+        found = sorted(set(paths))
     except OverflowError:
         raise SamplesError(
             f"{pattern!r} in {folder}, which goes through more than {MOST_ENTRIES:,} files",
             "a pattern that names the folder of the files",
         ) from None
+    files = [path for path in found if is_file(path)]
+    for path in found:
+        if path.is_symlink() and not path.exists():
+            raise SamplesError(
+                f"{path}, a link to {path.readlink()}, which is not there",
+                f"files that {pattern!r} matches",
+                hint="mend the link or remove it",
+            )
     if not files:
         raise SamplesError(f"no file that matches {pattern!r} in {folder}", "at least one file")
     return files

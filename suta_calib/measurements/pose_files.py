@@ -26,8 +26,6 @@ from suta_calib.units import from_mm, mm
 
 # Different rows that any of these problems needs.
 LEAST_ROWS: Final = 3
-# m; beyond it is no position, and the sums of its squares must stay numbers.
-LARGEST: Final = 1e6
 # Typical distances that speak of the other unit: no tracker looks 30 m far, nor 3 mm only.
 FAR: Final = 30.0
 NEAR: Final = from_mm(3.0)
@@ -136,7 +134,7 @@ def read_points(path: str | Path) -> Points:
         SutaCalibWarning: lengths that look like another unit.
     """
     table = read_csv_table(Path(path))
-    return _points(table, _positions(table))
+    return _points(table, positions(table))
 
 
 def read_corresponding_points(path_a: str | Path, path_b: str | Path) -> tuple[Points, Points]:
@@ -150,7 +148,7 @@ def read_corresponding_points(path_a: str | Path, path_b: str | Path) -> tuple[P
         SutaCalibWarning: lengths that look like another unit.
     """
     tables = [read_csv_table(Path(path)) for path in (path_a, path_b)]
-    both = [_positions(table) for table in tables]
+    both = [positions(table) for table in tables]
     a, b = tables
     if len(a) != len(b):
         raise SamplesError(_rows(len(b)), f"{len(a)}, as in {a.path}: rows correspond", file=b.path)
@@ -179,28 +177,15 @@ def _points(table: CsvTable, position: FloatArray) -> Points:
 def _poses(
     table: CsvTable, prefix: str = ""
 ) -> tuple[tuple[FloatArray, FloatArray], tuple[str, ...]]:
-    position = _positions(table, prefix)
+    position = positions(table, prefix)
     return (rotations(table, prefix), position), _hint_at_unit(table, position, prefix)
-
-
-def _positions(table: CsvTable, prefix: str = "") -> FloatArray:
-    found, names = positions(table, prefix), _names(table, prefix)
-    for row, axis in np.argwhere(np.abs(found) > LARGEST):
-        cell = repr(table.columns[names[axis]][row])
-        raise table.refuse(int(row), names[axis], cell, f"a position within {LARGEST:g} m")
-    return found
-
-
-def _names(table: CsvTable, prefix: str) -> list[str]:
-    unit = "_mm" if f"{prefix}x_mm" in table.columns else ""
-    return [f"{prefix}{axis}{unit}" for axis in "xyz"]
 
 
 def _hint_at_unit(table: CsvTable, found: FloatArray, prefix: str = "") -> tuple[str, ...]:
     """Warn where lengths look like another unit, and say so to whoever judges the answer."""
-    first = _names(table, prefix)[0]
+    in_mm = f"{prefix}x_mm" in table.columns
+    first = f"{prefix}x_mm" if in_mm else f"{prefix}x"
     distance = float(np.median(np.linalg.norm(found, axis=1)))
-    in_mm = first.endswith("_mm")
     if not in_mm and distance > FAR:
         said, other = f"{distance:.0f} m away; looks like millimetres", "_mm"
     elif in_mm and 0.0 < distance < NEAR:

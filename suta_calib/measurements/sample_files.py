@@ -27,6 +27,7 @@ from suta_calib.measurements.csv_table import (
 )
 from suta_calib.measurements.files import write_text
 from suta_calib.measurements.samples import Samples
+from suta_calib.units import FARTHEST
 
 # Encoders report raw readings, which may lie outside the joint's limits: only what no arm in
 # radians or metres can mean is refused.
@@ -150,7 +151,8 @@ def _implausible(values: FloatArray, joint: JointRange) -> NDArray[np.bool_]:
         return np.abs(values) > (limit if math.isfinite(limit) else _UNLIMITED_REVOLUTE)
     beyond = np.maximum(joint.lower - values, values - joint.upper)
     width = joint.upper - joint.lower
-    return np.asarray(beyond > max(_PRISMATIC_WIDTHS * width, _PRISMATIC_MARGIN))
+    most = max(_PRISMATIC_WIDTHS * width, _PRISMATIC_MARGIN)
+    return np.asarray((beyond > most) | (np.abs(values) > FARTHEST))
 
 
 def _what_it_is(q: FloatArray, k: int, joints: Sequence[JointRange]) -> str:

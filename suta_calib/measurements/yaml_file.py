@@ -23,7 +23,7 @@ from suta_calib.arrays import FloatArray
 from suta_calib.errors import InputError, SamplesError, did_you_mean
 from suta_calib.geometry.numbers import rotation_from_rpy
 from suta_calib.measurements.files import expand, read_text
-from suta_calib.units import Unit, from_deg, from_mm, stored
+from suta_calib.units import FARTHEST, Unit, from_deg, from_mm, mm, stored
 
 KeyPath = tuple[str | int, ...]
 _SPECIAL_FLOATS = {".inf": "inf", "+.inf": "inf", "-.inf": "-inf", ".nan": "nan"}
@@ -36,8 +36,10 @@ MOST_VALUES: Final = 200_000
 MOST_BYTES: Final = 8_000_000
 MOST_LEVELS: Final = 50
 
-# No length, angle or count of this field is larger; its square would soon be infinite.
+# No length, angle or count of this field is larger; its square would soon be infinite. Nor is any
+# size (a noise level, a bound, a prior: what is divided by) smaller, a picometre in mm, but zero.
 LARGEST: Final = 1e12
+SMALLEST: Final = 1e-9
 
 
 @dataclass(frozen=True)
@@ -279,7 +281,12 @@ class YamlSection:
 
     def position(self) -> FloatArray:
         """The key ``position_mm`` as (3,), m."""
-        return from_mm(np.array(self.numbers("position_mm", 3)))
+        found = from_mm(np.array(self.numbers("position_mm", 3)))
+        for index in np.flatnonzero(np.abs(found) > FARTHEST):
+            value = self.data["position_mm"][index]
+            expected = f"a position within {mm(FARTHEST):g} mm"
+            raise self.refuse(shown(value), expected, at=("position_mm", int(index)))
+        return found
 
     def rotation(self) -> FloatArray | None:
         """The key ``rotation_rpy_deg`` as a matrix (3, 3), or None where it is absent."""
@@ -317,7 +324,9 @@ class YamlSection:
                 for file in expand(pattern, self.document.path.parent):
                     found.setdefault(file.resolve(), file)
             except SamplesError as problem:
-                raise self.refuse(problem.found, problem.expected, at=(key,)) from None
+                raise self.refuse(
+                    problem.found, problem.expected, at=(key,), hint=problem.hint
+                ) from None
         return tuple(found.values())
 
     def _value(self, key: str) -> Any:
@@ -347,6 +356,11 @@ class YamlSection:
             raise self.refuse(shown(value), f"a number of at most {LARGEST:g}", at=at)
         if (number < 0 and sign != "any") or (number == 0 and sign == "positive"):
             raise self.refuse(shown(value), f"a {sign} number", at=at)
+        if sign != "any" and 0 < number < SMALLEST:
+            least = (
+                f"at least {SMALLEST:g}" if sign == "positive" else f"0, or {SMALLEST:g} or more"
+            )
+            raise self.refuse(shown(value), least, at=at)
         return number
 
 

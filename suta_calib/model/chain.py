@@ -28,6 +28,7 @@ from suta_calib.model.urdf_tree import (
     refusal,
     suggestion,
 )
+from suta_calib.units import FARTHEST
 
 _MOVING_TYPES: Final = ("revolute", "continuous", "prismatic")
 _SUPPORTED_TYPES: Final = (*_MOVING_TYPES, "fixed")
@@ -160,6 +161,10 @@ def _chain_joint(path: Path, joint: TreeJoint) -> ChainJoint:
     for origin in children(element, "origin")[:1]:
         place = f"{where}: <origin>"
         xyz, rpy = (_numbers(path, origin, key, place, (0.0,) * 3) for key in ("xyz", "rpy"))
+        for key, numbers in (("xyz", xyz), ("rpy", rpy)):
+            if np.abs(numbers).max() > FARTHEST:
+                expected = f"numbers within {FARTHEST:g}"
+                raise refusal(path, origin, f"{key}={quoted(origin.get(key))}", expected, place)
     moving = kind in _MOVING_TYPES
     axis = _axis(path, element, where) if moving else np.array([1.0, 0.0, 0.0])
     lower, upper = _limits(path, element, kind, where)

@@ -15,6 +15,7 @@ from typing import Any, Final
 
 from lxml import etree
 
+from suta_calib.atomic import note_input
 from suta_calib.errors import UrdfError
 
 # lxml ships without type information.
@@ -177,6 +178,7 @@ def read_urdf_bytes(path: str | Path) -> bytes:
     """
     path = Path(path)
     try:
+        note_input(path)
         data = path.read_bytes()
     except FileNotFoundError:
         raise UrdfError("no such file", "a URDF file", file=path) from None

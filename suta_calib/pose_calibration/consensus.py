@@ -20,6 +20,8 @@ from suta_calib.arrays import BoolArray, FloatArray, IntArray
 TRIES: Final = 300
 REFINED: Final = 8
 CONCENTRATIONS: Final = 20
+# Residuals of models that are held at once: 300 models of 100,000 rows would take gigabytes.
+AT_ONCE: Final = 1_000_000
 # Probability that a set without outliers loses a row.
 FALSE_ALARM: Final = 0.01
 # A residual is three components, each normal.
@@ -40,6 +42,7 @@ class Consensus:
 
 
 def find_consensus(
+    count: int,
     samples: IntArray,
     propose: Callable[[IntArray], Any],
     residuals: Callable[[Any], FloatArray],
@@ -48,17 +51,20 @@ def find_consensus(
     """The rows that agree, from minimal samples.
 
     Args:
+        count: of the rows.
         samples: (m, k) rows of each minimal sample, from `minimal_samples`.
         propose: closed-form models of rows (m, k), with a leading dimension m.
         residuals: norms (m, n, kinds) of all n rows' residuals under m models.
         needed: rows that determine a solution.
     """
-    norms = residuals(propose(samples))
-    count, kinds = norms.shape[1:]
     # As many rows as a solution must fit for the highest breakdown.
     half = min(count, (count + needed + 1) // 2)
-    best = np.argsort(_score(norms, half), kind="stable")[:REFINED]
-    norms = norms[best]
+    few = max(1, AT_ONCE // count)
+    parts = [samples[k : k + few] for k in range(0, len(samples), few)]
+    scores = [_score(residuals(propose(part)), half) for part in parts]
+    best = np.argsort(np.concatenate(scores), kind="stable")[:REFINED]
+    norms = residuals(propose(samples[best]))
+    kinds = norms.shape[-1]
     for _ in range(CONCENTRATIONS):
         scale = _scale(norms, half)
         distance = np.sum((norms / scale[:, None, :]) ** 2, axis=-1)

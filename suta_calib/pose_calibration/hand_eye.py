@@ -272,7 +272,7 @@ def _start(A: Poses, B: Poses, seed: int | None) -> Consensus:
         return quaternion_hand_eye((A[0][rows], A[1][rows]), (B[0][rows], B[1][rows]))
 
     samples = minimal_samples(np.zeros(n, dtype=np.intp), SAMPLE, seed)
-    return find_consensus(samples, propose, lambda X: _norms(A, B, X), NEEDED)
+    return find_consensus(n, samples, propose, lambda X: _norms(A, B, X), NEEDED)
 
 
 def _norms(A: Poses, B: Poses, X: Poses) -> FloatArray:

@@ -241,11 +241,12 @@ def _start(R: FloatArray, p: FloatArray, index: IntArray, seed: int | None) -> C
     if seed is None or np.bincount(index).max() < SAMPLE + 1:
         norms = _norms(R, p, index, stacked_pivot(R, p, index)[None])
         return Consensus.of_all(len(p), float(np.sqrt(np.mean(norms**2) / 3.0)))
-    one_hot = np.eye(len(p))
 
     def propose(rows: IntArray) -> FloatArray:
-        return stacked_pivot(R, p, index, one_hot[rows].sum(axis=1))
+        weight = np.zeros((len(rows), len(p)))
+        np.put_along_axis(weight, rows, 1.0, axis=1)
+        return stacked_pivot(R, p, index, weight)
 
     samples = minimal_samples(index, SAMPLE, seed)
     posts = int(index.max()) + 1
-    return find_consensus(samples, propose, lambda t: _norms(R, p, index, t), 2 + posts)
+    return find_consensus(len(p), samples, propose, lambda t: _norms(R, p, index, t), 2 + posts)

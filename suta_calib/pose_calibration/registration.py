@@ -279,7 +279,7 @@ def agreeing_points(a: FloatArray, b: FloatArray, seed: int, needed: int) -> Con
         return np.asarray(np.linalg.norm(error, axis=2)[..., None])
 
     samples = minimal_samples(np.zeros(len(a), dtype=np.intp), LEAST_POINTS, seed)
-    return find_consensus(samples, lambda rows: kabsch(a[rows], b[rows]), residuals, needed)
+    return find_consensus(len(a), samples, lambda rows: kabsch(a[rows], b[rows]), residuals, needed)
 
 
 def kabsch(source: FloatArray, target: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -20,7 +20,9 @@ import numpy as np
 
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import SamplesError
+from suta_calib.geometry.numbers import extent
 from suta_calib.measurements.files import read_text
+from suta_calib.measurements.pose_files import OTHER_UNIT
 from suta_calib.units import from_mm, mm
 
 # mm; beyond this it is no position of a marker, and its square must stay a number.
@@ -205,10 +207,12 @@ class StereotacticData:
         for name, part in (("N_D", "base"), ("N_A", "optical"), ("N_C", "em")):
             found, expected = getattr(readings, part).shape[1], len(getattr(body, part))
             agree(path, name, found, "markers", expected, calbody)
+            same_size(path, getattr(readings, part), calbody, getattr(body, part))
         em_pivot = read_em_frames(path_of(prefix, "empivot"))
         path = path_of(prefix, "optpivot")
         optical_pivot = read_optical_pivot(path)
         agree(path, "N_D", optical_pivot.base.shape[1], "markers", len(body.base), calbody)
+        same_size(path, optical_pivot.base, calbody, body.base)
         data = cls(Path(prefix), body, readings, em_pivot, optical_pivot)
         return data._with_navigation(prefix) if navigation else data
 
@@ -226,6 +230,8 @@ class StereotacticData:
         markers, pivot = self.em_pivot.shape[1], path_of(prefix, "empivot")
         agree(em_path, "N_G", fiducials.shape[1], "markers", markers, pivot)
         agree(nav_path, "N_G", nav.shape[1], "markers", markers, pivot)
+        for path, frames in ((em_path, fiducials), (nav_path, nav)):
+            same_size(path, frames, pivot, self.em_pivot)
         return replace(self, navigation=NavigationData(ct, fiducials, nav))
 
 
@@ -239,6 +245,19 @@ def agree(path: Path, name: str, found: int, what: str, expected: int, other: Pa
     if found != expected:
         said = f"{expected}: {other.name} has {expected} {what}"
         raise SamplesError(str(found), said, file=path, line=1, where=name)
+
+
+def same_size(path: Path, found: FloatArray, other: Path, expected: FloatArray) -> None:
+    """Refuse a file that shows a rigid body (..., n, 3) as large as another unit would make it."""
+    size, wanted = (extent(body.reshape(-1, *body.shape[-2:])[0]) for body in (found, expected))
+    ratio = size / wanted if wanted > 0 else 1.0
+    if OTHER_UNIT[0] < max(ratio, 1 / ratio if ratio else 1.0) < OTHER_UNIT[1]:
+        raise SamplesError(
+            f"markers {ratio:.4g} times as far apart as those of the same body in {other}",
+            "the same distances in both, in mm",
+            file=path,
+            hint="one of the files is in another unit",
+        )
 
 
 def _by_frame(counts: Counts) -> int:
@@ -296,8 +315,9 @@ def _read(
 
 
 def _numbers(row: str) -> list[float]:
-    """Cells as numbers, NaN where there is none; Python's ``1_000`` is not a number here."""
+    """Cells as numbers, NaN where there is none: no ``1_000``, no digits of other scripts."""
+    plain = row.isascii() and "_" not in row
     try:
-        return [float("nan" if "_" in cell else cell) for cell in row.split(",")]
+        return [float(cell if plain else "nan") for cell in row.split(",")]
     except ValueError:
         return [math.nan] * (row.count(",") + 1)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import ClassVar, Literal
+from typing import ClassVar, Final, Literal
 
 import casadi as ca
 import numpy as np
@@ -32,6 +32,10 @@ from suta_calib.terms.poses import PoseSource
 from suta_calib.terms.seating import Seating, seat_axes, seated_at
 from suta_calib.terms.term import Observed, Setup, Term
 
+# Distances of one term: each costs a kilobyte or two while it is solved, and m touches of one
+# placement make m²/2 of them. From so many on, each touch is paired with some of the others only.
+MOST_PAIRS: Final = 100_000
+
 
 def _distance(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
     length = data[0]
@@ -45,7 +49,8 @@ class PairwiseDistance(Term):
     """``|p_i - p_j| - |l_i - l_j|`` for every two different landmarks of one placement and repeat.
 
     Pairs share samples, so their errors are correlated: the uncertainty of the solution accounts
-    for that. A distance has no sign, so a mirrored arm would fit as well; bounds exclude it.
+    for that, and for the pairs that are left out where there are too many (`landmark_pairs`). A
+    distance has no sign, so a mirrored arm would fit as well; bounds exclude it.
 
     Attributes:
         poses: samples with the labels placement, repeat and landmark.
@@ -127,6 +132,18 @@ class PairwiseDistance(Term):
         """An artefact in mm, as the arm touched it."""
         certified = certified_positions(self.poses, self.artefact)
         check_artefact_unit(self, certified, grouped(self._sets(self.poses))[1])
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """That not all pairs are looked at."""
+        possible = _possible_pairs(np.bincount(grouped(self._sets(self.poses))[1]))
+        if possible <= MOST_PAIRS:
+            return ()
+        return (
+            f"{len(self.poses):,} touches make up to {possible:,} pairs within their placements: "
+            f"{len(self.blocks[0]):,} of them are looked at, each touch with some of the others. "
+            "The answer is hardly less sure, and ± allows for it.",
+        )
 
     def equations(self) -> int:
         """Distances between m points of one set fix their shape: 3 m - 6 numbers, not m²/2."""
@@ -212,6 +229,9 @@ def landmark_pairs(samples: Samples) -> IntArray:
 
     Not of rows that stand elsewhere in the files to the last digit: k copies of every row would
     make k² of every distance. A row that was taken twice, as in a bootstrap, counts twice.
+
+    Where there are more than `MOST_PAIRS`, each row of a large set is paired with as many others
+    of it, drawn at random but the same every time.
     """
     columns = ("landmark", "placement", "repeat")
     landmark, placement, repeat = (grouped(samples.labels[name])[1] for name in columns)
@@ -221,8 +241,31 @@ def landmark_pairs(samples: Samples) -> IntArray:
     _, first, alike = np.unique(numbers, axis=0, return_index=True, return_inverse=True)
     origin = np.array(samples.origin)
     original = origin == origin[first[alike.reshape(-1)]]
+    thinned = _possible_pairs(np.bincount(sets[original])) > MOST_PAIRS
+    partners = max(1, MOST_PAIRS // len(sets)) if thinned else len(sets)
+    random = np.random.default_rng(0)
     for group in np.unique(sets):
         rows = np.flatnonzero((sets == group) & original)
-        pairs = rows[np.column_stack(np.triu_indices(len(rows), k=1))]
+        if len(rows) - 1 > 2 * partners:
+            pairs = rows[_some_pairs(landmark[rows], partners, random)]
+        else:
+            pairs = rows[np.column_stack(np.triu_indices(len(rows), k=1))]
         found.append(pairs[landmark[pairs[:, 0]] != landmark[pairs[:, 1]]])
     return np.concatenate(found).astype(np.intp)
+
+
+def _possible_pairs(sizes: IntArray) -> int:
+    """How many pairs sets of these sizes make at most."""
+    return int(np.sum(sizes * (sizes - 1) // 2))
+
+
+def _some_pairs(landmark: IntArray, partners: int, random: np.random.Generator) -> IntArray:
+    """(n, 2) different pairs of rows, each row with so many rows of other landmarks, or fewer."""
+    order = np.argsort(landmark, kind="stable")
+    # In this order the rows of a landmark stand together, and those of all others behind them.
+    ends = np.searchsorted(landmark[order], landmark[order], side="right")
+    others = len(order) - np.bincount(landmark)[landmark[order]]
+    chosen = np.floor(random.random((len(order), partners)) * others[:, None]).astype(np.intp)
+    second = order[(ends[:, None] + chosen) % len(order)]
+    pairs = np.stack([np.broadcast_to(order[:, None], second.shape), second], axis=-1)
+    return np.unique(np.sort(pairs.reshape(-1, 2), axis=1), axis=0)

@@ -360,6 +360,11 @@ class Term(ABC):
         together = connected_components(one, directed=False)[1][at]
         return np.asarray(np.unique(together, return_inverse=True)[1], dtype=np.intp)
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What must be known of how the samples are used, one sentence each."""
+        return ()
+
     def equations(self) -> int:
         """How many independent numbers the samples give at most: a rest counts once."""
         rests = self.poses.rests

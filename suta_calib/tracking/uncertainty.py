@@ -30,6 +30,7 @@ from suta_calib.model.chain import ChainJoint
 from suta_calib.model.kinematics import Segment
 from suta_calib.model.parameters import OFFSET, PLACEMENT, POSITION
 from suta_calib.model.urdf import folded_origin
+from suta_calib.units import FARTHEST
 
 Source = Literal["covariance", "correlations", "std"]
 # How the figures were told, for people.
@@ -169,6 +170,7 @@ def read_uncertainty(
             where="parameters",
         )
     names, covariance, source = _covariance(data, own, estimated, path)
+    _check_covariance(covariance, path, source)
     values = {n: float(numbers(e.get("value"), (), path, n)) for n, e in own.items()}
     fixed = tuple(str(n) for n in data.get("unidentified", []) if n in known)
     beside = {n: v for n, v in values.items() if v and not arm.offered[n].geometric}
@@ -194,6 +196,21 @@ def _covariance(
         return names, matrix * np.outer(std, std), "correlations"
     std = np.array([numbers(own[name]["std"], (), path, name) for name in estimated])
     return tuple(estimated), np.diag(std**2), "std"
+
+
+def _check_covariance(covariance: FloatArray, path: Path, source: Source) -> None:
+    """Refuse what is no covariance of lengths and angles, whatever it is called in the file."""
+    variances = np.diag(covariance)
+    found = ""
+    if np.abs(covariance).max(initial=0.0) > FARTHEST**2:
+        found = f"a standard deviation of {np.sqrt(np.abs(covariance).max()):.3g} m or rad"
+    elif variances.min(initial=0.0) < 0:
+        found = f"a variance of {variances.min():.3g}"
+    elif not np.allclose(covariance, covariance.T, 1e-6, 1e-9 * variances.max(initial=0.0)):
+        found = "a matrix that is not symmetric"
+    if found:
+        expected = "the covariance that suta-calib calibrate wrote"
+        raise InputError(found, expected, file=path, where=source)
 
 
 def _unfolded(joint: ChainJoint, vector: FloatArray, offset: float) -> ChainJoint:

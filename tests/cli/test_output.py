@@ -83,6 +83,20 @@ def test_each_job_has_a_folder_of_its_own(job: Path, tmp_path: Path) -> None:
         assert (tmp_path / folder / "good.urdf").read_text() == str(tmp_path / folder)
 
 
+def test_whose_a_folder_is_is_found_without_reading_all_of_it(job: Path, tmp_path: Path) -> None:
+    """Somebody else's files may be of any size and number, and need not be files."""
+    other = tmp_path / "other.yaml"
+    other.write_text("x" * 1_000_000)
+    assert run(other) == 0
+    results = tmp_path / "results"
+    os.mkfifo(results / "pipe.json")
+    with (results / "vast.json").open("wb") as file:
+        file.truncate(1 << 40)
+    assert run(job) == 0
+    assert names(results) == {"good.urdf", "result.json", "pipe.json", "vast.json"}
+    assert names(tmp_path / "results-calibration") == {"good.urdf", "result.json"}
+
+
 def test_a_job_under_another_name_keeps_its_folder(job: Path, tmp_path: Path) -> None:
     assert run(job) == 0
     assert run(job.rename(tmp_path / "other.yaml")) == 0

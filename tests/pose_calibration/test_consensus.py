@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
+from suta_calib.pose_calibration import consensus
 from suta_calib.pose_calibration.consensus import (
     FALSE_ALARM,
     TRIES,
@@ -27,7 +28,7 @@ def centre_of(values: np.ndarray, seed: int = 0) -> Consensus:
         return np.linalg.norm(kinds - centres[:, None], axis=-1)
 
     samples = minimal_samples(np.zeros(len(values), dtype=np.intp), 1, seed)
-    return find_consensus(samples, propose, residuals, 1)
+    return find_consensus(len(values), samples, propose, residuals, 1)
 
 
 def cluster(count: int, outliers: int, seed: int, kinds: int = 1) -> np.ndarray:
@@ -116,3 +117,19 @@ def test_a_clean_set_loses_a_row_as_seldom_as_promised(kinds: int) -> None:
     squared = np.random.default_rng(0).standard_normal((4000, 50, 3 * kinds)) ** 2
     lost = (squared.sum(axis=2) > outlier_limit(50, kinds)).any(axis=1).sum()
     assert abs(lost - 4000 * FALSE_ALARM) < 20
+
+
+def test_the_residuals_of_a_few_models_are_held_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """100,000 rows under 300 models would take gigabytes."""
+    values = cluster(200, 60, 0)
+    shapes = []
+
+    def residuals(centres: np.ndarray) -> np.ndarray:
+        shapes.append((len(centres), len(values)))
+        return np.linalg.norm(values - centres[:, None], axis=-1)[..., None]
+
+    monkeypatch.setattr(consensus, "AT_ONCE", 4000)
+    samples = minimal_samples(np.zeros(200, dtype=np.intp), 1, 0)
+    found = find_consensus(200, samples, lambda rows: values[rows].mean(axis=1), residuals, 1)
+    assert max(models * rows for models, rows in shapes) <= 4000
+    np.testing.assert_array_equal(found.inliers, centre_of(values).inliers)

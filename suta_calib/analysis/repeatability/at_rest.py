@@ -20,6 +20,7 @@ from scipy.stats import chi2, t
 from suta_calib.analysis.repeatability.scatter import deviations, median_angle
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment
+from suta_calib.atomic import note_input
 from suta_calib.errors import SamplesError, did_you_mean
 from suta_calib.extras import load
 from suta_calib.measurements.csv_table import CsvTable, read_csv_table
@@ -366,6 +367,7 @@ def read_stream(path: Path, joints: Sequence[str] = ()) -> Stream:
 def _read_parquet(path: Path) -> CsvTable:
     """A Parquet file as the table a CSV file would give; a row's number stands for its line."""
     arrow, parquet = load("pyarrow", "parquet"), load("pyarrow.parquet", "parquet")
+    note_input(path)
     try:
         columns = parquet.read_table(path).to_pydict()
     except FileNotFoundError:

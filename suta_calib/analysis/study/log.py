@@ -12,12 +12,13 @@ import io
 import math
 import os
 from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from importlib.metadata import version
 from pathlib import Path
 from typing import Final, Self
 
 from suta_calib.analysis.study.trial import StudyData, Trial
-from suta_calib.atomic import write_bytes_atomically
+from suta_calib.atomic import only_writer, write_bytes_atomically
 from suta_calib.errors import JobError, OutputError
 from suta_calib.job.calibration import CalibrationJob
 from suta_calib.measurements import CsvTable, read_csv_table, read_text
@@ -54,6 +55,7 @@ class StudyLog:
         self.path, self._identity, self._names = path, identity, tuple(names)
         self._descriptor = -1
         self._goes_on = False
+        self._stack = ExitStack()
 
     def finished(self) -> Done:
         """Trials that a file has already, by (size, number); those to come are added to it.
@@ -110,11 +112,13 @@ class StudyLog:
             raise OutputError(f"{self.path}: not written: {error.strerror}") from error
 
     def __enter__(self) -> Self:
+        self._stack.enter_context(only_writer(self.path))
         return self
 
     def __exit__(self, *_: object) -> None:
         if self._descriptor >= 0:
             os.close(self._descriptor)
+        self._stack.close()
 
     def _head(self) -> tuple[str, str]:
         said = ", ".join(f"{name}={value}" for name, value in self._identity.items())

@@ -1,0 +1,213 @@
+"""Full disks, interrupts and odd terminals: what was there stays, and nothing half-written is."""
+
+from __future__ import annotations
+
+import io
+import os
+import re
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from cli_job import cli
+from hostile_scene import GIVEN, command_line
+from rich.console import Console
+
+from suta_calib import atomic
+from suta_calib.atomic import only_writer
+from suta_calib.cli._app import COMMANDS
+from suta_calib.errors import OutputError
+from suta_calib.report import files
+from suta_calib.report.console import rendered
+from suta_calib.report.document import Document
+from suta_calib.report.listing import Table
+
+Capture = pytest.CaptureFixture[str]
+# Their answers are as any other's here, and take seconds.
+LONG = ("extend", "outliers", "plan")
+WRITING = [name for name, given in GIVEN.items() if given.out and not given.needs_device]
+ANSWERS = [name for name in WRITING if name not in ("init", "simulate", "emulate", *LONG)]
+STOPS: dict[str, Callable[[], BaseException]] = {
+    "full disk": lambda: OSError(28, "No space left on device"),
+    "Ctrl-C": KeyboardInterrupt,
+}
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+
+
+class Stopping:
+    """A function that is called a few times, and then stops whoever calls it."""
+
+    def __init__(self, function: Callable[..., Any], times: int, stop: Callable[[], Any]) -> None:
+        self._function, self.left, self._stop = function, times, stop
+
+    def __call__(self, *arguments: Any, **named: Any) -> Any:
+        self.left -= 1
+        if self.left < 0:
+            raise self._stop()
+        return self._function(*arguments, **named)
+
+
+@pytest.fixture(scope="module")
+def answers(scene: Path, tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Document]:
+    """What a command answers, computed once."""
+    known: dict[str, Document] = {}
+
+    def answer(command: str) -> Document:
+        if command not in known:
+            with pytest.MonkeyPatch.context() as patch:
+                shown = "suta_calib.report.console.rendered"
+                patch.setattr(shown, lambda it: known.setdefault(command, it) and "")
+                out = tmp_path_factory.mktemp("out") / "out"
+                assert cli(*command_line(command, scene, out)) in (0, 1)
+        return known[command]
+
+    return answer
+
+
+@pytest.mark.parametrize("stop", STOPS)
+@pytest.mark.parametrize("command", ANSWERS)
+def test_an_answer_is_written_whole_or_the_one_before_stays(
+    command: str,
+    stop: str,
+    answers: Callable[[str], Document],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Stopped before each of its files is on the disk."""
+    answer = answers(command)
+    files.write_document(answer, tmp_path)
+    before = contents(tmp_path)
+    for written in range(len(before)):
+        sync = Stopping(os.fsync, written, STOPS[stop])
+        monkeypatch.setattr(atomic.os, "fsync", sync)
+        with pytest.raises((OutputError, KeyboardInterrupt)):
+            files.write_document(answer, tmp_path)
+        assert contents(tmp_path) == before
+    monkeypatch.setattr(atomic.os, "fsync", Stopping(os.fsync, 0, STOPS[stop]))
+
+
+@pytest.mark.parametrize("stop", STOPS)
+@pytest.mark.parametrize("command", ["init", "simulate", "certify", "zero-offsets", "emulate"])
+def test_files_that_are_no_answer_are_whole_too(
+    command: str, stop: str, scene: Path, tmp_path: Path, capsys: Capture
+) -> None:
+    whole = tmp_path / "whole" / "out"
+    whole.parent.mkdir()
+    assert cli(*command_line(command, scene, whole)) == 0
+    (folder := tmp_path / "stopped").mkdir()
+    capsys.readouterr()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(atomic.os, "fsync", Stopping(os.fsync, 1, STOPS[stop]))
+        code = cli(*command_line(command, scene, folder / "out"))
+    if len(contents(whole.parent)) > 1:
+        assert code == (2 if stop == "full disk" else 130)
+        error = capsys.readouterr().err.splitlines()[-1]
+        assert "No space left on device" in error or "interrupted" in error
+    made = contents(folder)
+    assert {name: contents(whole.parent)[name] for name in made} == made or command == "emulate"
+    assert not [name for name in made if name.endswith(".tmp")]
+
+
+@pytest.mark.parametrize("command", [name for name in GIVEN if GIVEN[name].reads])
+def test_an_interrupt_while_it_reads(
+    command: str, scene: Path, tmp_path: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for read in range(len(GIVEN[command].reads)):
+        note = Stopping(atomic.note_input, read, KeyboardInterrupt)
+        for module in ("measurements.files", "model.urdf_tree"):
+            monkeypatch.setattr(f"suta_calib.{module}.note_input", note)
+        assert cli(*command_line(command, scene, tmp_path / "out")) == 130
+        assert capsys.readouterr().err.splitlines()[-1].startswith("suta-calib: interrupted")
+        assert not contents(tmp_path)
+
+
+@pytest.mark.parametrize("command", [name for name in GIVEN if GIVEN[name].out])
+def test_a_place_that_cannot_be_written(
+    command: str, scene: Path, tmp_path: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A file where a folder should be, and a folder that this user may not write into."""
+    (tmp_path / "file").write_text("a file")
+    (tmp_path / "locked").mkdir()
+    may = os.access
+    monkeypatch.setattr(
+        atomic.os, "access", lambda path, how: Path(path).name != "locked" and may(path, how)
+    )
+    for place in ("file", "locked"):
+        out = tmp_path / place / "out"
+        assert cli(*command_line(command, scene, out)) == 2
+        stdout, stderr = capsys.readouterr()
+        assert stdout == ""
+        assert len(re.findall("^suta-calib: error: ", stderr, re.MULTILINE)) == 1
+        assert str(out.parent) in stderr
+    assert contents(tmp_path) == {"file": b"a file"}
+
+
+@pytest.mark.parametrize("command", GIVEN)
+def test_a_working_folder_that_is_gone(
+    command: str, tmp_path: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (gone := tmp_path / "gone").mkdir()
+    monkeypatch.chdir(gone)
+    gone.rmdir()
+    words = [w if "/" not in w else Path(w).name for w in command_line(command, Path())]
+    assert cli(*words) == 2
+    stdout, stderr = capsys.readouterr()
+    assert (stdout, stderr.count("\n")) == ("", 1), stderr
+    assert re.search(r"error: \S*(folder|\.\w+)\b.*: found ", stderr), stderr
+
+
+@pytest.fixture
+def closed(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """A standard output that nobody reads any more."""
+    read, write = os.pipe()
+    os.close(read)
+    with os.fdopen(write, "w") as pipe:
+        monkeypatch.setattr(sys, "stdout", pipe)
+        yield
+        # What is left in its buffer goes nowhere, as it does in a process.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), write)
+
+
+@pytest.mark.usefixtures("closed")
+def test_help_that_nobody_reads_is_no_error(capsys: Capture) -> None:
+    for command in ("", *COMMANDS):
+        assert cli(*filter(None, (command,)), "--help") in (0, 1)
+    assert capsys.readouterr().err == ""
+
+
+@pytest.mark.parametrize("command", ANSWERS)
+def test_answers_on_narrow_terminals_of_few_letters(
+    command: str, answers: Callable[[str], Document]
+) -> None:
+    """Forty columns and ASCII: every name and every number of a table is there in one piece."""
+    answer = answers(command)
+    stream = io.TextIOWrapper(io.BytesIO(), encoding="ascii", errors="replace")
+    Console(file=stream, width=40, markup=False, emoji=False).print(rendered(answer), crop=False)
+    stream.flush()
+    told = stream.buffer.getvalue().decode()  # type: ignore[attr-defined]
+    for part in answer.shown("console"):
+        if isinstance(part, Table):
+            words = {word for row in part.cells for cell in row for word in cell.split()}
+            assert not [w for w in words if w.isascii() and w not in told]
+
+
+def test_two_studies_do_not_write_one_log(scene: Path, tmp_path: Path, capsys: Capture) -> None:
+    with only_writer(tmp_path / "study.trials.csv"):
+        assert cli(*command_line("study", scene, tmp_path)) == 2
+    assert f"found process {os.getpid()} writing it" in capsys.readouterr().err
+    assert not contents(tmp_path)
+
+
+def test_a_user_without_a_home(scene: Path, tmp_path: Path) -> None:
+    line = command_line("register", scene, tmp_path / "out")
+    environment = {"PATH": os.defpath, "PYTHONPATH": str(Path.cwd()), "HOME": "/nowhere"}
+    process = [sys.executable, "-m", "suta_calib", *line, "--json"]
+    done = subprocess.run(process, env=environment, capture_output=True, check=False, text=True)
+    assert done.returncode == 0, done.stderr
+    assert "Traceback" not in done.stderr

@@ -1,0 +1,166 @@
+"""A folder with everything that any command reads, and what each command is given of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from certified_artefact import write_points
+from cli_job import write_simulated_job
+from pose_answers import XYZ
+from pose_scenes import PAIR, POSE, pair_numbers, pivot_numbers, point_numbers, write_csv
+
+from suta_calib.measurements import Samples, write_samples
+from suta_calib.model.arm import ArmModel
+from suta_calib.stereotactic.cis_simulation import simulate_stereotactic
+
+JOB, URDF, SAMPLES = "calibration.yaml", "arm.urdf", "calibration/a.csv"
+BOX = ("--region", "150,600,-300,300,0,400", "--grid", "5")
+DEVICE = """\
+port: /dev/no-such-port
+joints: [{name: joint_1}, {name: joint_2}, {name: joint_3},
+         {name: joint_4}, {name: joint_5}, {name: joint_6}]
+"""
+ARTEFACT = """\
+name: block
+landmarks:
+  A: {position_mm: [0, 0, 0]}
+  B: {position_mm: [100, 0, 0]}
+  C: {position_mm: [0, 100, 0]}
+"""
+TOUCHED = """\
+arm: {urdf: arm.urdf, tip: tip}
+parameters: [{select: ["joint_*.offset"], bound_deg: 15}]
+observations: [{kind: pairwise_distance, artefact: artefact.yaml, samples: touched.csv}]
+"""
+ACCEPTANCE = "arm: {urdf: arm.urdf, tip: tip}\nrepeatability: {samples: visits.csv}\n"
+SIMULATION = """\
+arm: {urdf: arm.urdf, tip: tip}
+seed: 3
+sets:
+  tracked:
+    kind: tracked_point
+    samples: 5
+    base_in_instrument: {position_mm: [1000, 2000, 300], rotation_rpy_deg: [10, 20, 30]}
+"""
+
+
+@dataclass(frozen=True)
+class Given:
+    """What a command is given.
+
+    Attributes:
+        arguments: behind its name; of these, names of the scene's files and folders are paths.
+        reads: the scene's files that it reads, all of them before it computes.
+        out: the option that says where it writes, and whether that is a file; empty for none.
+        needs_device: whether it cannot end well without a device.
+    """
+
+    arguments: tuple[str, ...]
+    reads: tuple[str, ...]
+    out: str = ""
+    out_is_file: bool = False
+    needs_device: bool = False
+
+
+_OF_JOB = (JOB, URDF, SAMPLES, "validation/a.csv")
+_OF_ARM = (URDF, "--tip", "tip")
+GIVEN = {
+    "calibrate": Given((JOB,), _OF_JOB, "--out"),
+    "observe": Given((JOB,), _OF_JOB),
+    "study": Given(
+        (JOB, "--trials", "1", "--sizes", "30", "--jobs", "1", "--anyway"), _OF_JOB, "--out"
+    ),
+    "extend": Given((JOB, "--quick"), _OF_JOB, "--out"),
+    "budget": Given((JOB, "--anyway"), _OF_JOB, "--out"),
+    "validate": Given((URDF, JOB), _OF_JOB),
+    "outliers": Given((JOB,), _OF_JOB, "--out"),
+    "init": Given(_OF_ARM, (URDF,), "--out"),
+    "simulate": Given(("simulation.yaml",), ("simulation.yaml", URDF), "--out"),
+    "pivot": Given(("pivot.csv",), ("pivot.csv",), "--out"),
+    "hand-eye": Given(("pairs.csv",), ("pairs.csv",), "--out"),
+    "register": Given(("a.csv", "b.csv"), ("a.csv", "b.csv"), "--out"),
+    "stereotactic": Given(
+        ("cis",), tuple(f"cis-{k}.txt" for k in ("calbody", "calreadings", "empivot")), "--out"
+    ),
+    "certify": Given(("points.csv",), ("points.csv",), "--out", out_is_file=True),
+    "monitor": Given(("--device", "device.yaml"), ("device.yaml",), needs_device=True),
+    "emulate": Given(
+        (*_OF_ARM, "--seconds", "0.1", "--start", "now"), (URDF,), "--device-out", out_is_file=True
+    ),
+    "track": Given(
+        (*_OF_ARM, "--device", "device.yaml"),
+        (URDF, "device.yaml"),
+        "--csv",
+        out_is_file=True,
+        needs_device=True,
+    ),
+    "path-accuracy": Given(
+        ("recorded.csv", "reference.csv"), ("recorded.csv", "reference.csv"), "--out"
+    ),
+    "measure": Given(
+        ("touched.yaml", "--device", "device.yaml", "--placement", "P9", "--yes"),
+        ("touched.yaml", URDF, "artefact.yaml", "device.yaml"),
+        "--out",
+        out_is_file=True,
+        needs_device=True,
+    ),
+    "plan": Given((JOB, "-n", "1", "--tilt", "0"), _OF_JOB, "--out"),
+    "tip-map": Given((JOB, *BOX, "--anyway"), _OF_JOB, "--out"),
+    "zero-offsets": Given(
+        (*_OF_ARM, "--readings", "known.csv"),
+        (URDF, "known.csv"),
+        "--out",
+        out_is_file=True,
+    ),
+    "repeatability": Given(("visits.csv", "--urdf", *_OF_ARM), (URDF, "visits.csv"), "--out"),
+    "iso10360": Given(("iso.yaml",), ("iso.yaml", URDF, "visits.csv"), "--out"),
+}
+
+
+def write_scene(folder: Path, urdf: Path) -> Path:
+    """Write all that `GIVEN` names."""
+    write_simulated_job(folder, urdf)
+    arm = ArmModel.from_urdf(folder / URDF, "tip")
+    random = np.random.default_rng(0)
+    for name, text in (
+        ("device.yaml", DEVICE),
+        ("artefact.yaml", ARTEFACT),
+        ("touched.yaml", TOUCHED),
+        ("iso.yaml", ACCEPTANCE),
+        ("simulation.yaml", SIMULATION),
+    ):
+        (folder / name).write_text(text)
+    q = 0.5 + 1e-4 * random.standard_normal((10, len(arm.joints)))
+    visits = Samples.from_arrays(arm.joints, q, labels={"point": ["F1"] * len(q)})
+    write_samples(folder / "visits.csv", visits)
+    turned = random.uniform(-0.8, 0.8, (6, len(arm.joints)))
+    known = Samples.from_arrays(arm.joints, turned - 0.01, position=arm.forward(turned)[1])
+    write_samples(folder / "known.csv", known)
+    labels = {"placement": ["P1"] * 3, "repeat": ["1"] * 3, "landmark": list("ABC")}
+    write_samples(folder / "touched.csv", Samples.from_arrays(arm.joints, q[:3], labels=labels))
+    write_csv(folder / "pivot.csv", POSE, pivot_numbers(["left"] * 40))
+    write_csv(folder / "pairs.csv", PAIR, pair_numbers(20, "eye-in-hand"))
+    for name, numbers in zip(("a.csv", "b.csv"), point_numbers(12), strict=True):
+        write_csv(folder / name, XYZ, numbers)
+    time = np.arange(0, 4, 0.02)[:, None]
+    path = np.hstack([0.1 * np.sin(time * k) for k in (1.0, 2.3, 3.1)])
+    for name in ("recorded.csv", "reference.csv"):
+        write_csv(folder / name, ("time", *XYZ), np.hstack([time, path]))
+    write_points(folder / "points.csv")
+    simulate_stereotactic("cis", seed=2, distortion=3e-3, em_noise=0.05e-3, grid=2).write(folder)
+    return folder
+
+
+def command_line(command: str, folder: Path, out: Path | None = None) -> list[str]:
+    """The words of one command over the scene in a folder."""
+    given = GIVEN[command]
+    words: Sequence[str] = [
+        str(folder / word) if (folder / word).is_file() or word == "cis" else word
+        for word in given.arguments
+    ]
+    if out is not None and given.out:
+        words = [*words, given.out, str(out)]
+    return [command, *words]
