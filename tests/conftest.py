@@ -36,14 +36,15 @@ LONG = (
     "test_track",
     "test_motion",
 )
-# Modules that solve the same again and again: what they run is covered by others, and watching it
-# would take a third longer.
-STATISTICAL = {
+# Modules that solve the same again and again, or run the commands that tests/cli runs: others cover
+# what they run, and watching it would take a third longer.
+COVERED_ELSEWHERE = {
     "test_spread",
     "test_hand_eye_accuracy",
     "test_covariance",
     "test_outliers_study",
     "test_model_selection",
+    "test_readme",
 }
 
 
@@ -52,7 +53,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     rank = {name: k for k, name in enumerate(LONG)}
     items.sort(key=lambda item: rank.get(item.path.stem, len(LONG)))
     for item in items:
-        if item.path.stem in STATISTICAL:
+        if item.path.stem in COVERED_ELSEWHERE:
             item.add_marker("no_cover")
 
 

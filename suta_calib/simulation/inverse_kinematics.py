@@ -149,8 +149,8 @@ class InverseKinematics:
 
     def _descend(self, targets: Targets, q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """One damped Gauss–Newton search per row: final readings and residuals (n, 6)."""
-        batch = Batched(self._function, len(targets), shared=[0])
-        batch.inputs[0][:] = self._theta
+        found, left = np.empty_like(q), np.empty((len(q), 6))
+        rows, batch = np.arange(len(q)), self._batch(len(q))
         error, jacobian = _residuals(batch, targets, q)
         cost = (error**2).sum(axis=1)
         damping = np.full(len(q), 1e-3)
@@ -168,9 +168,24 @@ class InverseKinematics:
             jacobian = np.where(better[:, None, None], new_jacobian, jacobian)
             cost = np.where(better, new_cost, cost)
             damping = np.clip(np.where(better, damping / 5, damping * 10), 1e-6, 1e8)
-            if (cost < (_TOLERANCE / 100) ** 2).all() or not (better | (damping < 1e8)).any():
+            going = (cost >= (_TOLERANCE / 100) ** 2) & (better | (damping < 1e8))
+            if not going.any():
                 break
-        return q, error
+            # Most arrive soon; what is out of reach goes on without them.
+            if 2 * np.count_nonzero(going) <= len(rows):
+                found[rows], left[rows] = q, error
+                rows, targets = rows[going], targets.take(going)
+                q, error, jacobian, cost, damping = (
+                    each[going] for each in (q, error, jacobian, cost, damping)
+                )
+                batch = self._batch(len(rows))
+        found[rows], left[rows] = q, error
+        return found, left
+
+    def _batch(self, n: int) -> Batched:
+        batch = Batched(self._function, n, shared=[0])
+        batch.inputs[0][:] = self._theta
+        return batch
 
 
 def _residuals(batch: Batched, targets: Targets, q: FloatArray) -> tuple[FloatArray, FloatArray]:

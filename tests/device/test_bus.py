@@ -63,9 +63,12 @@ def test_what_was_waiting_or_comes_from_a_cache_is_left_out(arm: PtyDevice) -> N
     arm.write(b"".join(frames(range(100))))
     with Bus(spec_of(arm)) as bus:
         arm.write(b"".join(frames(range(100, 110))))  # the device's own cache: an old clock
+        streamed = time.perf_counter()
         arm.stream(first=5000)
         readings = read_until(bus, lambda found: len(found) >= 20)
-        assert readings[0].sequence >= 5000 + 0.1 * RATE - 2
+        # By this computer's clock: on a busy one a reading may come late.
+        assert readings[0].sequence > 5000
+        assert readings[0].arrival >= streamed + 0.1
         assert bus.statistics.stale_readings >= 10
         assert bus.statistics.lost_frames == 0
         assert bus.statistics.interruptions == 0
