@@ -282,12 +282,16 @@ def _covariance(
     Of few it is A⁻¹ M A⁻¹, with the weights of the fit in A and in M what the blocks truly scatter.
     What rows have in common that are alike comes on top.
     """
-    problem, free = solution.problem, solution.free
-    postures = problem.terms[0].poses.postures
+    problem, free, poses = solution.problem, solution.free, solution.problem.terms[0].poses
     white = np.hstack([r / level for r, level in zip(residuals, levels, strict=True)])
+    postures, each = poses.postures, np.arange(len(white), dtype=np.intp)
     count, groups = len(white), int(postures.max()) + 1
-    if groups > MOST_ROWS:
+    # Poses that are exact, such as those of certified points, have no errors to share.
+    exact = isinstance(poses, MeasuredPoses) and poses.exact
+    if groups > MOST_ROWS or (exact and groups >= MANY_ROWS):
         witnesses = blocks(white) if groups == count else postures
+        if np.array_equal(witnesses, each):
+            return solution.covariance
         return observed_covariance(problem, solution.x, solution.sigmas, free, [witnesses])
     rows = whitened_rows(problem, solution.x, solution.sigmas)
     parts = [r.jacobian.T @ r.jacobian for r in rows]
@@ -295,14 +299,16 @@ def _covariance(
     nothing = np.zeros_like(parts[0])
     curvature = sum(parts, nothing)
     if groups >= MANY_ROWS:
-        alone = [np.arange(count, dtype=np.intp)]
-        independent = observed_covariance(problem, solution.x, solution.sigmas, free, alone)
+        independent = (
+            solution.covariance.copy()
+            if groups == count
+            else observed_covariance(problem, solution.x, solution.sigmas, free, [each])
+        )
     else:
         truly = sum((w**2 * part for w, part in zip(weights, parts, strict=True)), nothing)
         information = Information(curvature, truly, nothing)
         independent = predicted_covariance(problem, information, free)
-    poses = problem.terms[0].poses
-    if isinstance(poses, MeasuredPoses) and poses.exact:
+    if exact:
         return independent
     at = np.ix_(free, free)
     jacobian = np.concatenate(
