@@ -48,7 +48,7 @@ def common_covariance(
     Args:
         jacobian: (n, d, p) in units of the residuals' scatter.
         residual: (n, d) in units of their scatter.
-        weight: (d,) of each component in the fit, over that of its scatter.
+        weight: (d,) of each component in the fit, over what its scatter deserves.
         bread: (p, p) inverse of the fit's curvature.
         alike: spaces (n, k) in which rows that are near each other may err alike; 1 is far.
         order: (n,) place of each row in its series.
@@ -64,6 +64,8 @@ def common_covariance(
     np.add.at(slope, rests, jacobian / count[rests, None, None])
     inside = float(np.sum((residual - mean[rests]) ** 2)) / max(size * (n - groups), 1)
     between = float(np.sum(mean**2)) / max(size * groups - unknowns, 1)
+    if between == 0.0:
+        return np.zeros((unknowns, unknowns))
     # Of a group's mean: what its readings have for themselves, and what they share.
     single = inside / count
     shared = between if groups == n else max(between - float(single.mean()), ROUNDING * between)

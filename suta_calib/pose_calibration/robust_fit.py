@@ -318,7 +318,7 @@ def _covariance(
         ],
         axis=1,
     )
-    bread, weight = scaled_inverse(curvature[at]), np.repeat(weights, DIMENSION)
+    bread, weight = scaled_inverse(curvature[at]), np.repeat(weights**2, DIMENSION)
     independent[at] += common_covariance(
         jacobian, white, weight, bread, _alike(poses, solution), order, postures
     )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hand_eye_scenes import calibrate, errors, noisy, simulate
@@ -39,6 +41,13 @@ def test_an_eye_that_no_hand_could_hold_must_not_be_used() -> None:
     assert data.seen is not None
     wrong = calibrate_hand_eye(inverse_poses(data.poses), inverse_poses(data.seen))
     assert wrong.inverted == wrong.assessment.level == "bad"
+
+
+def test_another_unit_in_both_poses_is_no_answer() -> None:
+    """Of one alone it may be true: a stage moves by millimetres."""
+    found, note = calibrate(noisy(30)), "looks like metres"
+    levels = [replace(found, notes=(note,) * k).assessment.level for k in range(3)]
+    assert levels == ["good", "care", "bad"]
 
 
 # ── Few pairs ────────────────────────────────────────────────────────────────────────────────

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -156,6 +157,12 @@ def test_reading_again_without_moving_makes_nothing_surer(count: int, times: int
         alone.append(found.tip_std / calibrate(data).tip_std)
     assert is_as_predicted(float(np.sqrt(np.mean(np.square(ratios)))), 3 * 10)
     assert np.median(alone) == pytest.approx(1.0, abs=0.3)
+
+
+def test_poses_in_another_unit_than_their_columns_are_no_answer() -> None:
+    found = calibrate(simulate(40, spread=NOISE))
+    assert found.assessment.usable
+    assert not replace(found, notes=("looks like metres",)).assessment.usable
 
 
 # ── Inverted poses ───────────────────────────────────────────────────────────────────────────
