@@ -143,11 +143,11 @@ def test_the_monte_carlo_spread_is_the_predicted_one_closely(count: int, posts: 
     assert ((ratio > 0.88) & (ratio < 1.14)).all(), ratio
 
 
-@pytest.mark.parametrize(("count", "times"), [(12, 10)])
-def test_reading_again_without_moving_makes_nothing_surer(count: int, times: int) -> None:
-    """In any order; as if every reading were one more pose ± would be 3 to 6 times too small."""
+def test_reading_again_without_moving_makes_nothing_surer() -> None:
+    """In any order; as if every reading were one more pose ± would be three times too small."""
+    count, times = 12, 10
     ratios, alone = [], []
-    for seed in range(10):
+    for seed in range(6):
         data, random = simulate(count, spread=NOISE, seed=seed), np.random.default_rng(seed)
         rows = random.permutation(np.repeat(np.arange(count), times))
         R, p = (part[rows] for part in data.poses)
@@ -155,7 +155,7 @@ def test_reading_again_without_moving_makes_nothing_surer(count: int, times: int
         found = calibrate_pivot(R @ rotation_from_vector(jitter[0]), p + jitter[1])
         ratios.append((found.tip - data.true_point("tip")) / found.tip_std)
         alone.append(found.tip_std / calibrate(data).tip_std)
-    assert is_as_predicted(float(np.sqrt(np.mean(np.square(ratios)))), 3 * 10)
+    assert is_as_predicted(float(np.sqrt(np.mean(np.square(ratios)))), 3 * 6)
     assert np.median(alone) == pytest.approx(1.0, abs=0.3)
 
 

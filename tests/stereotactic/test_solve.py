@@ -98,11 +98,11 @@ def inside(made: SimulatedSet, axis: int, limit: float) -> StereotacticData:
     )
 
 
-@pytest.mark.parametrize(("distortion", "limit"), [(0.0, 9.0), (6e-3, 9.0), (6e-3, 0.45)])
+@pytest.mark.parametrize(("distortion", "limit"), [(0.0, 9.0), (6e-3, 0.45)])
 def test_tips_in_ct_are_off_by_what_is_stated(distortion: float, limit: float) -> None:
     """Of the readings' noise, of what the correction leaves, and outside where it was fitted."""
     ratios = []
-    for seed in range(4):
+    for seed in range(3):
         made = simulate_stereotactic(seed=seed, distortion=distortion, em_noise=1e-4, grid=4)
         navigation = solve(inside(made, seed % 3, limit), dewarp=True).navigation
         assert navigation is not None
