@@ -250,8 +250,9 @@ def _settled(
     rows = np.flatnonzero(inliers)
     covariance = _covariance(solution, [r[rows] for r in residuals], truly, rows)
     # Each block's scatter is learnt from its own part of what the unknowns leave.
-    freedom = numbers - len(solution.free) / len(residuals)
-    if int(inliers.sum()) < MANY_ROWS and freedom > 2.0:
+    witnesses = int(solution.problem.terms[0].poses.postures.max()) + 1
+    freedom = DIMENSION * witnesses - len(solution.free) / len(residuals)
+    if witnesses < MANY_ROWS and freedom > 2.0:
         # The scatter of few is itself uncertain: errors in units of it have Student's variance.
         covariance = covariance * freedom / (freedom - 2.0)
     none = np.zeros_like(inliers)
