@@ -270,7 +270,7 @@ def _twice(terms: Sequence[Term]) -> Iterator[Contradiction]:
     copies: Counter[tuple[str, str, bool]] = Counter()
     for number, term in enumerate(terms):
         samples = term.poses.samples
-        if _may_read_alike(samples):
+        if may_read_alike(samples):
             continue
         visits = np.cumsum(np.diff(term.poses.rests, prepend=-1) != 0).tolist()
         rows = zip(samples.as_keys(), _labels(samples), _files(samples), visits, strict=True)
@@ -320,7 +320,7 @@ def _files(samples: Samples) -> Iterator[tuple[int, str]]:
         yield file, name or "the samples"
 
 
-def _may_read_alike(samples: Samples) -> bool:
+def may_read_alike(samples: Samples) -> bool:
     """Whether an arm that comes back may read the same to the last digit: encoders all coarse."""
     moving = samples.q[:, np.ptp(samples.q, axis=0) > 0]
     return samples.position is None and all(resolution(joint) > 0 for joint in moving.T)

@@ -15,6 +15,7 @@ import numpy as np
 from suta_calib.assessment import Assessment, refuse_unusable
 from suta_calib.diagnostics.accuracy import Accuracy, TermAccuracy, assess
 from suta_calib.diagnostics.assessment import assess_calibration
+from suta_calib.diagnostics.contradictions import may_read_alike
 from suta_calib.diagnostics.explanation import Explanation, explain_solution
 from suta_calib.errors import InputError, JobError, ParameterError, SamplesError
 from suta_calib.job.schema import JobSpec, ObservationSpec, load_arm, read_job
@@ -225,8 +226,9 @@ def _check_once(spec: JobSpec, terms: Sequence[Term]) -> None:
         keys = set(term.poses.samples.as_keys())
         for other, theirs in known.setdefault(row.kind, []):
             both = len(keys & theirs)
-            # Touches of one point may happen to read alike, a few of them.
-            if both > min(len(keys), len(theirs)) / 2:
+            # Touches of one point may happen to read alike, a few of them, by coarse encoders.
+            few = max(1, min(len(keys), len(theirs)) // 2)
+            if both > (few if may_read_alike(term.poses.samples) else 1):
                 raise JobError(
                     f"{both} samples that stand in observations[{other}] too",
                     "samples of their own in every row of one kind",

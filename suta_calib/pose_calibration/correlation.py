@@ -18,6 +18,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from suta_calib.arrays import FloatArray, IntArray
+from suta_calib.pose_calibration.serial_correlation import correlation_length
 
 # Part of the variance that neighbours may share.
 PARTS: Final = (0.3, 0.6, 0.9, 0.98)
@@ -26,7 +27,7 @@ REACHES: Final = (0.1, 0.3, 0.9)
 # The same in rows, one after the other.
 LAGS: Final = (1.5, 5.0, 15.0, 50.0)
 # How likely it is beforehand that every row errs for itself.
-INDEPENDENT: Final = 0.5
+INDEPENDENT: Final = 0.8
 # Rows of which the likelihood is asked: what is intensive, so many tell it.
 ENOUGH: Final = 200
 # Least variance of a group's mean, as part of all, that is no rounding.
@@ -47,7 +48,7 @@ def common_covariance(
     Args:
         jacobian: (n, d, p) in units of the residuals' scatter.
         residual: (n, d) in units of their scatter.
-        weight: (d,) of each component in the fit, over that of its scatter.
+        weight: (d,) of each component in the fit, over what its scatter deserves.
         bread: (p, p) inverse of the fit's curvature.
         alike: spaces (n, k) in which rows that are near each other may err alike; 1 is far.
         order: (n,) place of each row in its series.
@@ -63,6 +64,8 @@ def common_covariance(
     np.add.at(slope, rests, jacobian / count[rests, None, None])
     inside = float(np.sum((residual - mean[rests]) ** 2)) / max(size * (n - groups), 1)
     between = float(np.sum(mean**2)) / max(size * groups - unknowns, 1)
+    if between == 0.0:
+        return np.zeros((unknowns, unknowns))
     # Of a group's mean: what its readings have for themselves, and what they share.
     single = inside / count
     shared = between if groups == n else max(between - float(single.mean()), ROUNDING * between)
@@ -72,9 +75,13 @@ def common_covariance(
     white = np.einsum("ndp,ndq->pq", jacobian * weight[:, None] ** 2, jacobian)
     white *= float(np.sum(residual**2)) / max(size * n - unknowns, 1)
     spaces = [space[first] for space in alike]
+    # The order of rows is a reason only where neighbours in it are seen to be alike.
+    series = (
+        order[first].astype(float) if correlation_length(mean[np.argsort(first)]) > 1.0 else None
+    )
     some = np.unique(np.linspace(0, groups - 1, min(groups, ENOUGH)).astype(np.intp))
     likelihoods, variances = list[float](), list[FloatArray]()
-    for prior, kernel in _kernels(spaces, order[first].astype(float)):
+    for prior, kernel in _kernels(spaces, series, groups):
         covariance = np.diag(single) + shared * kernel
         found = _restricted(covariance[np.ix_(some, some)], slope[some], mean[some])
         if found is None:
@@ -90,12 +97,15 @@ def common_covariance(
     return bread @ _positive(expected - white, white) @ bread
 
 
-def _kernels(spaces: Sequence[FloatArray], order: FloatArray) -> Iterator[tuple[float, FloatArray]]:
-    """Probabilities beforehand, and correlation matrices (n, n)."""
-    identity = np.eye(len(order))
+def _kernels(
+    spaces: Sequence[FloatArray], series: FloatArray | None, count: int
+) -> Iterator[tuple[float, FloatArray]]:
+    """Probabilities beforehand, and correlation matrices (count, count)."""
+    identity, shapes = np.eye(count), list[FloatArray]()
     yield INDEPENDENT, identity
-    steps = np.abs(order[:, None] - order[None])
-    shapes = [np.exp(-steps / lag) for lag in LAGS]
+    if series is not None:
+        steps = np.abs(series[:, None] - series[None])
+        shapes += [np.exp(-steps / lag) for lag in LAGS]
     for space in spaces:
         apart = np.linalg.norm(space[:, None] - space[None], axis=2)
         for reach in REACHES:

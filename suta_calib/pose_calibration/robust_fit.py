@@ -250,8 +250,9 @@ def _settled(
     rows = np.flatnonzero(inliers)
     covariance = _covariance(solution, [r[rows] for r in residuals], truly, rows)
     # Each block's scatter is learnt from its own part of what the unknowns leave.
-    freedom = numbers - len(solution.free) / len(residuals)
-    if int(inliers.sum()) < MANY_ROWS and freedom > 2.0:
+    witnesses = int(solution.problem.terms[0].poses.postures.max()) + 1
+    freedom = DIMENSION * witnesses - len(solution.free) / len(residuals)
+    if witnesses < MANY_ROWS and freedom > 2.0:
         # The scatter of few is itself uncertain: errors in units of it have Student's variance.
         covariance = covariance * freedom / (freedom - 2.0)
     none = np.zeros_like(inliers)
@@ -282,12 +283,16 @@ def _covariance(
     Of few it is A⁻¹ M A⁻¹, with the weights of the fit in A and in M what the blocks truly scatter.
     What rows have in common that are alike comes on top.
     """
-    problem, free = solution.problem, solution.free
-    postures = problem.terms[0].poses.postures
+    problem, free, poses = solution.problem, solution.free, solution.problem.terms[0].poses
     white = np.hstack([r / level for r, level in zip(residuals, levels, strict=True)])
+    postures, each = poses.postures, np.arange(len(white), dtype=np.intp)
     count, groups = len(white), int(postures.max()) + 1
-    if groups > MOST_ROWS:
+    # Poses that are exact, such as those of certified points, have no errors to share.
+    exact = isinstance(poses, MeasuredPoses) and poses.exact
+    if groups > MOST_ROWS or (exact and groups >= MANY_ROWS):
         witnesses = blocks(white) if groups == count else postures
+        if np.array_equal(witnesses, each):
+            return solution.covariance
         return observed_covariance(problem, solution.x, solution.sigmas, free, [witnesses])
     rows = whitened_rows(problem, solution.x, solution.sigmas)
     parts = [r.jacobian.T @ r.jacobian for r in rows]
@@ -295,14 +300,16 @@ def _covariance(
     nothing = np.zeros_like(parts[0])
     curvature = sum(parts, nothing)
     if groups >= MANY_ROWS:
-        alone = [np.arange(count, dtype=np.intp)]
-        independent = observed_covariance(problem, solution.x, solution.sigmas, free, alone)
+        independent = (
+            solution.covariance.copy()
+            if groups == count
+            else observed_covariance(problem, solution.x, solution.sigmas, free, [each])
+        )
     else:
         truly = sum((w**2 * part for w, part in zip(weights, parts, strict=True)), nothing)
         information = Information(curvature, truly, nothing)
         independent = predicted_covariance(problem, information, free)
-    poses = problem.terms[0].poses
-    if isinstance(poses, MeasuredPoses) and poses.exact:
+    if exact:
         return independent
     at = np.ix_(free, free)
     jacobian = np.concatenate(
@@ -312,7 +319,7 @@ def _covariance(
         ],
         axis=1,
     )
-    bread, weight = scaled_inverse(curvature[at]), np.repeat(weights, DIMENSION)
+    bread, weight = scaled_inverse(curvature[at]), np.repeat(weights**2, DIMENSION)
     independent[at] += common_covariance(
         jacobian, white, weight, bread, _alike(poses, solution), order, postures
     )

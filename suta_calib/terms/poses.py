@@ -122,7 +122,9 @@ class MeasuredPoses(PoseSource):
 
     @cached_property
     def postures(self) -> IntArray:
-        """Poses that hardly differ, as those of a body that did not move."""
+        """Poses that hardly differ, as those of a body that did not move; of exact ones, none."""
+        if self.exact:
+            return self.rests
         return together(np.hstack([self.position, self.rotation.reshape(len(self), 9)]))
 
     def at(self, values: Mapping[str, float]) -> tuple[FloatArray, FloatArray]:

@@ -30,3 +30,15 @@ def test_better_and_worse_are_more_than_chance(
     assert found.level == level
     assert said in " ".join(found.notes)
     assert "RMS" in found.sentence
+
+
+def test_what_the_estimates_are_unsure_of_counts_against_significance() -> None:
+    s = scene("tracked_point")
+    term = s.term(s.samples(SIGMA)[0])
+    before, after = np.random.default_rng(0).normal(scale=1e-4, size=(2, len(term.poses), 3))
+    terms = term_accuracies([term], [before], [0.5 * after])
+    found, unsure = ArmComparison(terms), ArmComparison(terms, 1e-9, 2e-9)
+    gain = found.gain
+    assert gain.significance == pytest.approx(gain.mean / gain.std)
+    assert unsure.gain.significance == pytest.approx(gain.mean / np.hypot(gain.std, 2e-9))
+    assert f"({gain.significance:.1f} standard errors apart)" in found.assessment.sentence

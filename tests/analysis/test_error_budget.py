@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -33,7 +34,7 @@ from suta_calib.solver.ipopt import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.solver.solve import solve
-from suta_calib.terms import HandEye, Noise, Term
+from suta_calib.terms import ArmPoses, HandEye, Noise, Term
 from suta_calib.terms.block import Block
 
 # Put in by the shipped simulation: per axis, so √2 of it in a distance.
@@ -122,9 +123,21 @@ def noisy(where: Scene, std: float, seed: int = 0) -> Term:
     return where.term(samples, Noise(1e-4), Noise(1e-3))
 
 
-def with_sigma(marks: Artefact, sigma: float) -> Artefact:
-    from dataclasses import replace
+def test_reading_again_at_rest_repeats_no_touch() -> None:
+    where = artefact_scene("landmark", arm_named("suta"), {}, artefact(), placements(2), repeats=3)
+    once = noisy(where, 1e-3)
+    rows = np.repeat(np.arange(len(once.poses)), 4)
+    jitter = 1e-6 * np.random.default_rng(1).standard_normal((len(rows), 6))
+    samples = once.poses.samples.take(rows)
+    again = once.over_poses(ArmPoses(arm_named("suta"), replace(samples, q=samples.q + jitter)))
+    found, expected = (error_budget(solution_of(term)).blocks[0] for term in (again, once))
+    assert found.count == expected.count
+    assert root(found, "encoders", "seating") == pytest.approx(
+        root(expected, "encoders", "seating"), rel=0.02
+    )
 
+
+def with_sigma(marks: Artefact, sigma: float) -> Artefact:
     named = {n: replace(m, sigma=sigma) for n, m in marks.landmarks.items()}
     return Artefact(marks.name, named)
 

@@ -189,6 +189,14 @@ def test_excluding_it_helps_on_data_that_were_not_fitted(found: Outliers) -> Non
     assert effect.after != effect.before
 
 
+def test_scatter_that_is_no_noise_singles_out_nothing_and_is_no_answer(found: Outliers) -> None:
+    """As a joint that counts the other way leaves it."""
+    strange = replace(found, terms=[replace(found.terms[0], sigma=0.05)]).assessment
+    assert found.assessment.usable
+    assert not strange.usable
+    assert "scatter by 50 mm per axis whatever the arm's geometry is" in strange.notes[0]
+
+
 def test_without_validation_placements_are_held_out(study: Study) -> None:
     problem = Problem([study.calibration], suta_job().parameters)
     term = find_outliers(problem, sorts={"landmarks"}).terms[0]

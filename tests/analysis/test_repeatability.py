@@ -231,6 +231,13 @@ def test_several_points_in_one_file_are_told(shares: tuple[int, ...], seed: int)
         assert estimate.value in estimate.interval()
 
 
+def test_what_no_play_explains_are_several_points_and_no_answer() -> None:
+    one, other = visits(12, 1e-4), visits(12, 1e-4, seed=1, at=POINT + np.array([0, 0.03, 0]))
+    found = run(Samples.concatenate([one, other])).assessment
+    assert not found.usable
+    assert "about 2 places" in found.notes[1]
+
+
 def test_visits_to_one_point_are_not_taken_for_several() -> None:
     """However they scatter: like a ball, a disc, a needle, a ring, with tails or on a grid."""
     rng = np.random.default_rng(0)

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hand_eye_scenes import calibrate, errors, noisy, simulate
 
+from suta_calib.arrays import FloatArray
 from suta_calib.geometry.numbers import rotation_from_vector, vector_from_rotation
 from suta_calib.pose_calibration.hand_eye import HandEyeCalibration, Setup, calibrate_hand_eye
 from suta_calib.terms import HandEye
@@ -40,6 +43,13 @@ def test_an_eye_that_no_hand_could_hold_must_not_be_used() -> None:
     assert wrong.inverted == wrong.assessment.level == "bad"
 
 
+def test_another_unit_in_both_poses_is_no_answer() -> None:
+    """Of one alone it may be true: a stage moves by millimetres."""
+    found, note = calibrate(noisy(30)), "looks like metres"
+    levels = [replace(found, notes=(note,) * k).assessment.level for k in range(3)]
+    assert levels == ["good", "care", "bad"]
+
+
 # ── Few pairs ────────────────────────────────────────────────────────────────────────────────
 def of_a_bent_robot(count: int, seed: int) -> tuple[Simulated[HandEye], HandEyeCalibration]:
     """Some 4 mm and 0.4°, alike where the hand is alike: a geometry that errs, no wrong pair."""
@@ -56,6 +66,33 @@ def of_a_bent_robot(count: int, seed: int) -> tuple[Simulated[HandEye], HandEyeC
 def test_of_few_pairs_with_correlated_errors_none_is_thrown_out(seed: int) -> None:
     _, found = of_a_bent_robot(15, seed)
     assert found.outliers == ()
+
+
+def normalised(trials: int, count: int) -> FloatArray:
+    """Errors of X, (6 trials,), in standard deviations, of robots that err alike in like poses."""
+    found = []
+    for seed in range(trials):
+        data, answer = of_a_bent_robot(count, seed)
+        R, p = data.true_pose("hand_eye")
+        turn = vector_from_rotation(R.T @ answer.X[:3, :3])
+        found.append(np.concatenate([answer.X[:3, 3] - p, turn]) / answer.std["X"])
+    return np.concatenate(found)
+
+
+@pytest.mark.parametrize("count", [15, 60])
+def test_errors_that_neighbours_share_are_within_what_is_stated(count: int) -> None:
+    """As if every pair erred for itself they would be 2.0 (15 pairs) and 3.6 times too large."""
+    off = normalised(4, count)
+    assert np.sqrt(np.mean(off**2)) < 1.6
+    assert np.mean(np.abs(off) < 2.0) > 0.8
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("count", [8, 15, 30, 60])
+def test_errors_that_neighbours_share_are_within_what_is_stated_closely(count: int) -> None:
+    off = normalised(60, count)
+    assert 0.8 < np.sqrt(np.mean(off**2)) < 1.4
+    assert np.mean(np.abs(off) < 2.0) > 0.86
 
 
 @pytest.mark.parametrize("count", [12, 15, 20])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -140,6 +141,28 @@ def test_the_monte_carlo_spread_is_the_predicted_one(count: int, posts: FloatArr
 def test_the_monte_carlo_spread_is_the_predicted_one_closely(count: int, posts: FloatArray) -> None:
     ratio = spread_over_prediction(400, posts, count)
     assert ((ratio > 0.88) & (ratio < 1.14)).all(), ratio
+
+
+def test_reading_again_without_moving_makes_nothing_surer() -> None:
+    """In any order; as if every reading were one more pose ± would be three times too small."""
+    count, times = 12, 10
+    ratios, alone = [], []
+    for seed in range(6):
+        data, random = simulate(count, spread=NOISE, seed=seed), np.random.default_rng(seed)
+        rows = random.permutation(np.repeat(np.arange(count), times))
+        R, p = (part[rows] for part in data.poses)
+        jitter = 1e-6 * random.standard_normal((2, len(rows), 3))
+        found = calibrate_pivot(R @ rotation_from_vector(jitter[0]), p + jitter[1])
+        ratios.append((found.tip - data.true_point("tip")) / found.tip_std)
+        alone.append(found.tip_std / calibrate(data).tip_std)
+    assert is_as_predicted(float(np.sqrt(np.mean(np.square(ratios)))), 3 * 6)
+    assert np.median(alone) == pytest.approx(1.0, abs=0.3)
+
+
+def test_poses_in_another_unit_than_their_columns_are_no_answer() -> None:
+    found = calibrate(simulate(40, spread=NOISE))
+    assert found.assessment.usable
+    assert not replace(found, notes=("looks like metres",)).assessment.usable
 
 
 # ── Inverted poses ───────────────────────────────────────────────────────────────────────────

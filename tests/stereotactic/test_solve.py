@@ -11,7 +11,7 @@ import pytest
 from stereotactic_scenes import distance, spoilt
 
 from suta_calib.geometry.numbers import rms_length
-from suta_calib.stereotactic.cis_files import StereotacticData
+from suta_calib.stereotactic.cis_files import CalibrationMarkers, StereotacticData
 from suta_calib.stereotactic.cis_simulation import SimulatedSet, simulate_stereotactic
 from suta_calib.stereotactic.distortion import fit_distortion_robustly
 from suta_calib.stereotactic.solve import (
@@ -86,6 +86,30 @@ def test_posts_scatter_as_their_standard_deviations_say() -> None:
         pivot = solve(made.data).em_pivot
         ratios.append((pivot.post - made.truth.em_post) / pivot.post_std())
     assert 0.7 < np.sqrt(np.mean(np.square(ratios))) < 1.5
+
+
+def inside(made: SimulatedSet, axis: int, limit: float) -> StereotacticData:
+    """The set without the frames whose markers lie farther out than ``limit``, m."""
+    seen = made.data.readings
+    kept = seen.em.mean(axis=1)[:, axis] < limit
+    return replace(
+        made.data,
+        readings=CalibrationMarkers(seen.base[kept], seen.optical[kept], seen.em[kept]),
+    )
+
+
+@pytest.mark.parametrize(("distortion", "limit"), [(0.0, 9.0), (6e-3, 0.45)])
+def test_tips_in_ct_are_off_by_what_is_stated(distortion: float, limit: float) -> None:
+    """Of the readings' noise, of what the correction leaves, and outside where it was fitted."""
+    ratios = []
+    for seed in range(3):
+        made = simulate_stereotactic(seed=seed, distortion=distortion, em_noise=1e-4, grid=4)
+        navigation = solve(inside(made, seed % 3, limit), dewarp=True).navigation
+        assert navigation is not None
+        off = np.linalg.norm(navigation.ct - made.truth.navigation, axis=1)
+        ratios.append(off / navigation.target_error)
+    assert 0.5 < np.sqrt(np.mean(np.square(ratios))) < 1.5
+    assert np.mean(np.concatenate(ratios) < 1.6) > 0.8
 
 
 def test_outliers_are_left_out_where_asked_for() -> None:

@@ -172,6 +172,17 @@ def noisy(time: FloatArray, position: FloatArray, seed: int, std: float = 2e-5) 
     return Trajectory(NOWHERE, time, position + noise)
 
 
+@pytest.mark.parametrize("which", ["reference", "recording"])
+def test_a_motion_in_another_unit_is_told_so(which: str):
+    recorded, reference = motions(0.01, 0 * PLAY)
+    small = recorded if which == "reference" else reference
+    small.position[:] *= 1e-3
+    found = compare(recorded, reference)
+    assert not found.assessment.usable
+    assert found.assessment.notes[0].startswith(f"The {which} strays ")
+    assert "is one of them in mm?" in found.assessment.notes[0]
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_an_arm_at_rest_tells_no_latency(seed: int):
     time = np.arange(0, 12, 1 / RATE)

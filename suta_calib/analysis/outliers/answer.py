@@ -10,6 +10,7 @@ import numpy as np
 
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment
+from suta_calib.solver.problem import DEFAULT_SIGMA
 from suta_calib.solver.solution import Solution
 from suta_calib.terms import GROUPINGS
 from suta_calib.units import mm
@@ -22,6 +23,8 @@ METRICS: Final[tuple[Metric, ...]] = ("contribution", "cooks_distance", "leave_o
 # take for noise has no certain bias. Three of four leaves room for one blind spot, and no single
 # metric convicts.
 AGREEMENT: Final = 3
+# Times the noise of one coordinate that is stated, or assumed, from which on it is no noise.
+STRANGE: Final = 20.0
 GROUPING_NOUN: Final = {f"{noun}s": noun for noun in GROUPINGS}
 WORDS: Final = {
     "contribution": "error contribution",
@@ -232,6 +235,14 @@ class Outliers:
             "as data. Nothing can be unlike the others; measure more, or select fewer parameters."
             for t in terms
             if t.exact
+        ]
+        bad += [
+            f"The samples of {t.kind} scatter by {mm(t.sigma):.3g} mm per axis whatever the arm's "
+            "geometry is: something is wrong with most of them (a joint's sign, a unit, rows that "
+            "do not belong together), so none is unlike the others. suta-calib calibrate looks for "
+            "the cause."
+            for t, term in zip(terms, solution.problem.terms, strict=True)
+            if t.sigma > STRANGE * (term.blocks[0].noise.sigma or DEFAULT_SIGMA["m"])
         ]
         levels = [level for t in terms for level in t.levels]
         care = [

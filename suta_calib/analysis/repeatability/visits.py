@@ -53,7 +53,7 @@ _FEW: Final = 10
 _GROUP: Final = 0.1
 _LEAST_OF_GROUP: Final = 3
 # m between two places that no play and no bending of an arm explains: they are two points.
-SEVERAL_POINTS: Final = 5e-3
+SEVERAL_POINTS: Final = 20e-3
 DIRECTION: Final = "direction"
 PROTOCOL: Final = "protocol"
 # Share of visits that read as the one before, from which on somebody should ask.
