@@ -58,8 +58,8 @@ class Corruption:
         artefact: what becomes of an artefact's file.
         needs: what the samples must have: ``position``, ``rotation``, ``artefact``, an ``order`` of
             what was observed, or a label.
-        files: of which samples it happens to: those of every file, of every file that is fitted, or
-            of the first of these.
+        files: of which samples it happens to: those of every file, of every file that is fitted, of
+            the first of these, or of all that was measured ``later`` than half of what is fitted.
         validation: which set stands in for the validation's.
         right: whether the tip stays right, so that only ± or the meaning of figures suffers.
     """
@@ -108,6 +108,11 @@ def moved_half_way(position: FloatArray) -> FloatArray:
     return np.asarray(position + later[:, None] * [0.05, 0.0, 0.0])
 
 
+def crept(position: FloatArray) -> FloatArray:
+    """An instrument that sinks by 2 mm while the rows are measured."""
+    return np.asarray(position + np.linspace(0.0, 2e-3, len(position))[:, None] * [0.0, 0.6, 0.8])
+
+
 def inverted(samples: Samples) -> Samples:
     """Poses of the target in the camera written as those of the camera in the target."""
     assert samples.position is not None
@@ -154,6 +159,15 @@ def reused(label: str, samples: Samples) -> Samples:
     return replace(samples, labels=labels)
 
 
+def numbered_on(label: str, samples: Samples) -> Samples:
+    """Names that end with a number, counted from one too many; the last begins anew."""
+    names = samples.labels[label]
+    order = sorted({n for n in names.tolist() if n[-1].isdigit()})
+    new = dict(zip(order, [*order[1:], *order[:1]], strict=True))
+    changed = np.array([new.get(n, n) for n in names.tolist()])
+    return replace(samples, labels={**samples.labels, label: changed})
+
+
 def gross(samples: Samples) -> Samples:
     """Three of ten rows: seen elsewhere, or another posture's readings."""
     rng = np.random.default_rng(0)
@@ -176,7 +190,7 @@ def stretched(factors: FloatArray | float, artefact: Artefact) -> Artefact:
     return replace(artefact, landmarks=marks)
 
 
-LATE: Final = ("late", "early", "rows", "order")
+LATE: Final = (" late", " early", "opposite order")
 CORRUPTIONS: Final = (
     Corruption("a joint's sign", ("counts the other way", "sign"), joint(1, np.negative)),
     Corruption("two joints swapped", ("exchanged",), swapped_joints),
@@ -189,12 +203,15 @@ CORRUPTIONS: Final = (
         joint(3, lambda q: 0 * q + 1.9),
     ),
     Corruption(
-        "a count lost per turn", ("count", "gain", "scale"), joint(2, lambda q: q * (1 - 1 / 4096))
+        "a count lost per turn", ("lose or double counts",), joint(2, lambda q: q * (1 - 1 / 4096))
+    ),
+    Corruption(
+        "an encoder slips half-way", ("slip",), joint(1, lambda q: q + 0.005), files="later"
     ),
     Corruption("mm for m (instrument)", (" mm, not m", "mm"), seen(mm), needs="position"),
     Corruption(
         "instrument 2 % too long",
-        ("too long", "times as", "scale", "%"),
+        ("too long", "longer than nominal"),
         seen(lambda p: 1.02 * p),
         needs="position",
     ),
@@ -213,6 +230,9 @@ CORRUPTIONS: Final = (
         files="validation",
         right=True,
     ),
+    Corruption(
+        "instrument creeps by 2 mm", ("crept",), seen(crept), needs="position", files="fitted"
+    ),
     Corruption("poses inverted", ("inverted",), inverted, needs="rotation"),
     Corruption("quaternion order", ("w x y z", "quaternion"), reordered, needs="rotation"),
     *(Corruption(f"{n} rows late", LATE, partial(late, n), needs="order") for n in (1, 5, 20)),
@@ -222,17 +242,21 @@ CORRUPTIONS: Final = (
         "landmarks swapped", ("exchanged",), partial(exchanged, "landmark"), needs="landmark"
     ),
     Corruption(
+        "landmarks numbered on",
+        ("numbers are",),
+        partial(numbered_on, "landmark"),
+        needs="landmark",
+    ),
+    Corruption(
         "one label for all placements",
-        ("placement", "moved"),
+        ("was moved",),
         partial(reused, "placement"),
         needs="placement",
     ),
-    Corruption(
-        "one label for all points", ("point", "moved"), partial(reused, "point"), needs="point"
-    ),
+    Corruption("one label for all points", ("was moved",), partial(reused, "point"), needs="point"),
     Corruption(
         "duplicated rows",
-        ("twice", "repeat", "same row", "times"),
+        ("twice", "count once"),
         lambda s: s.take(np.tile(np.arange(len(s)), 3)),
         files="fitted",
         right=True,
@@ -252,7 +276,7 @@ CORRUPTIONS: Final = (
     ),
     Corruption(
         "artefact 2 % too long",
-        ("too long", "times as", "scale", "%"),
+        ("too long", "longer than nominal"),
         artefact=partial(stretched, 1.02),
         needs="artefact",
     ),
@@ -438,16 +462,31 @@ class Judged:
     note: str
 
 
+def held_out(path: str) -> bool:
+    """Whether a file is not fitted."""
+    return path.startswith("validation/")
+
+
 def corrupted(sound: Sound, corruption: Corruption | None, folder: Path) -> Path:
     """Write a job into an empty folder, its files as somebody would have got them wrong."""
-    text, files = sound.text, []
+    text, files, done = sound.text, [], 0
+    fitted = sum(len(f.samples) for f in sound.made.files if not held_out(f.path))
     for file in sound.made.files:
-        held_out = file.path.startswith("validation/")
-        first = file.path == sound.made.files[0].path
-        meant = {"all": True, "fitted": not held_out, "first": first, "validation": held_out}
-        suffers = corruption is not None and has(file.samples, corruption.needs)
-        if corruption is not None and suffers and meant[corruption.files]:
-            samples = corruption.samples(file.samples)
+        rows = np.arange(done, done + len(file.samples))
+        done += len(rows)
+        meant = {
+            "all": rows >= 0,
+            "fitted": np.full(len(rows), not held_out(file.path)),
+            "first": np.full(len(rows), file.path == sound.made.files[0].path),
+            "validation": np.full(len(rows), held_out(file.path)),
+            "later": (rows >= fitted // 2) | held_out(file.path),
+        }
+        if corruption is not None and has(file.samples, corruption.needs):
+            suffers = meant[corruption.files]
+            parts = [file.samples.take(~suffers), file.samples.take(suffers)]
+            if suffers.any():
+                parts[1] = corruption.samples(parts[1])
+            samples = Samples.concatenate([part for part in parts if len(part)])
             file = replace(file, samples=samples, displacement=np.zeros((len(samples), 3)))
         files.append(file)
     write_simulation(replace(sound.made, files=tuple(files)), folder)
