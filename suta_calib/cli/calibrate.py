@@ -26,4 +26,6 @@ def calibrate(job: Path, verbose: bool) -> Document:
     loaded = CalibrationJob.load(job)
     with LateProgress("solving") as progress:
         result = loaded.run(progress)
-    return calibration_document(result, verbose=verbose)
+        # To name what is wrong with data, they are read in many other ways.
+        progress.about("judging")
+        return calibration_document(result, verbose=verbose)

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from typing import Final
 
-import numpy as np
-
 from suta_calib.assessment import Assessment
 from suta_calib.diagnostics.accuracy import Accuracy
 from suta_calib.diagnostics.causes import find_cause
-from suta_calib.diagnostics.contradictions import contradictions, dead_joints
+from suta_calib.diagnostics.changes import changes
+from suta_calib.diagnostics.contradictions import contradictions, dead_joints, gross_rows
 from suta_calib.diagnostics.explanation import Told, explain_solution
 from suta_calib.diagnostics.repeats import lack_of_fit
-from suta_calib.diagnostics.score_tests import score_tests
-from suta_calib.solver.information import robust_jacobian, whitened_rows
+from suta_calib.diagnostics.score_tests import effective_unknowns, score_tests
 from suta_calib.solver.solution import Solution
 from suta_calib.units import stored, text, unit_name
 from suta_calib.words import listed
@@ -36,7 +34,8 @@ def assess_calibration(solution: Solution, accuracy: Accuracy) -> Assessment:
         nominal one on held-out data; ``care`` where something must be known.
     """
     if not solution.converged:
-        return Assessment("bad", solution.sentence, tuple(_cause(solution)))
+        notes = _cause(solution) or [each.sentence for each in gross_rows(solution)]
+        return Assessment("bad", solution.sentence, tuple(notes))
     found = contradictions(solution, accuracy)
     worse = "The calibrated arm is worse than the nominal one on the validation data."
     fitted_only = "There are no validation data: the errors shown are those of the fitted data."
@@ -129,14 +128,8 @@ def _as_drawn(solution: Solution) -> list[str]:
 
 def _on_redundancy(solution: Solution) -> list[str]:
     """Noise that is learnt from few residuals may be off by half, and every ± with it."""
-    problem, free = solution.problem, solution.free
-    equations = sum(term.equations() for term in problem.terms)
-    rows = whitened_rows(problem, solution.x, solution.sigmas)
-    told = sum(j.T @ j for j in (robust_jacobian(r)[:, free] for r in rows))
-    # A prior takes no equation's place: what the data tell of an unknown in spite of it, they
-    # spend (the trace of the fit's hat matrix, its effective number of parameters).
-    kept = told + np.diag(problem.prior_precision()[free])
-    spent = float(np.trace(np.linalg.lstsq(kept, told, rcond=None)[0]))
+    equations = sum(term.equations() for term in solution.problem.terms)
+    spent = effective_unknowns(solution)
     if equations - spent >= REDUNDANT:
         return []
     return [
@@ -156,6 +149,8 @@ def _beside_geometry(solution: Solution) -> list[str]:
             "is right only with the corrections in result.json (track and validate apply them "
             "with --result)."
         )
+    if changed := changes(solution):
+        return [*notes, *(change.sentence for change in changed)]
     if suspect := next((test for test in score_tests(solution) if test.suspicious), None):
         yields = suspect.family == "compliance"
         what = "a joint that yields" if yields else "an eccentric encoder"

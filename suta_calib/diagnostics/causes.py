@@ -270,6 +270,18 @@ def _of_landmarks(
     if len(names) <= options.most_landmarks:
         for a, b in combinations(names, 2):
             yield f"landmarks {a} and {b} are exchanged", partial(_renamed, {a: b, b: a})
+    numbered: dict[str, list[tuple[int, str]]] = {}
+    for name in names:
+        stem = name.rstrip("0123456789")
+        if stem != name:
+            numbered.setdefault(stem, []).append((int(name[len(stem) :]), name))
+    for which, steps in (("one too low", 1), ("one too high", -1)):
+        other = dict[str, str]()
+        for group in numbered.values():
+            ordered = [name for _, name in sorted(group)]
+            other |= zip(ordered, [*ordered[steps:], *ordered[:steps]], strict=True)
+        if any(old != new for old, new in other.items()):
+            yield f"the landmarks' numbers are {which}", partial(_renamed, other)
 
 
 def _moved(terms: Sequence[Term]) -> Iterator[tuple[str, tuple[Term, ...]]]:

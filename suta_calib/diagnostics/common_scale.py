@@ -182,5 +182,6 @@ def grown_together(length: FloatArray, change: FloatArray, covariance: FloatArra
     t = abs(value) / math.sqrt(variance * max(left / freedom, 1.0))
     # As many standard deviations of normal noise have the same chance.
     off = max(float(-ndtri(max(stdtr(freedom, -t), 1e-300))), 1e-9)
-    unexplained = float(np.sum((change - value * length) ** 2) / max(change @ change, 1e-300))
+    unexplained = float(np.sum((change - value * length) ** 2))
+    unexplained /= max(float(change @ change), 1e-300)
     return CommonScale("arm", value, abs(value) / off, 1.0 - unexplained)

@@ -18,6 +18,7 @@ from suta_calib.diagnostics.accuracy import Accuracy
 from suta_calib.diagnostics.common_scale import common_scales
 from suta_calib.diagnostics.held_out import HeldOutErrors, held_out_errors, robust_level
 from suta_calib.measurements import Samples
+from suta_calib.solver.evaluation import Linearised
 from suta_calib.solver.solution import Solution
 from suta_calib.terms import Term
 from suta_calib.terms.poses import resolution
@@ -144,20 +145,39 @@ def _residuals(solution: Solution, options: ContradictionOptions) -> Iterator[Co
                 f"axis, far less than the {stated} that the job states: it lets priors weigh too "
                 "much.",
             )
-        norms = np.linalg.norm(line.residual, axis=1) / math.sqrt(line.residual.shape[1])
-        # Three gross touches of ten are in half of all distances: the best quarter says what most
-        # would be.
-        sound = robust_level(line.residual, 0.25)
-        share = float(np.mean(norms > options.gross_level * max(sound, 1e-12)))
-        plain = math.isinf(block.noise.huber)
-        if share > (options.gross_plain if plain else options.gross_care) and level > 1e-9:
-            yield Contradiction(
-                share > options.gross_bad,
-                f"{100 * share:.0f} % of the {block.name} residuals are more than "
-                f"{options.gross_level:.0f} times as large as most: run suta-calib outliers, which "
-                "says what they have in common"
-                + (", and give huber_mm, so that they are believed less." if plain else "."),
-            )
+        if level > 1e-9:
+            yield from _gross(line, options)
+
+
+def gross_rows(
+    solution: Solution, options: ContradictionOptions = ContradictionOptions()
+) -> Iterator[Contradiction]:
+    """Blocks of which many rows stand far off from most, wherever a solver stopped.
+
+    Args:
+        solution: converged or not.
+        options: from where on it counts.
+    """
+    for line in solution.problem.linearise(solution.x, solution.problem.assumed_sigmas()):
+        yield from _gross(line, options)
+
+
+def _gross(line: Linearised, options: ContradictionOptions) -> Iterator[Contradiction]:
+    block = line.view.block
+    norms = np.linalg.norm(line.residual, axis=1) / math.sqrt(line.residual.shape[1])
+    # Three gross touches of ten are in half of all distances: the best quarter says what most
+    # would be.
+    sound = robust_level(line.residual, 0.25)
+    share = float(np.mean(norms > options.gross_level * max(sound, 1e-12)))
+    plain = math.isinf(block.noise.huber)
+    if share > (options.gross_plain if plain else options.gross_care):
+        yield Contradiction(
+            share > options.gross_bad,
+            f"{100 * share:.0f} % of the {block.name} residuals are more than "
+            f"{options.gross_level:.0f} times as large as most: run suta-calib outliers, which "
+            "says what they have in common"
+            + (", and give huber_mm, so that they are believed less." if plain else "."),
+        )
 
 
 def _held_out(

@@ -111,7 +111,7 @@ def score_tests(solution: Solution) -> tuple[ScoreTest, ...]:
         for key, names in offered_names(problem.arm).items()
     }
     order = {name: k for k, name in enumerate(n for names in groups.values() for n in names)}
-    extended, x = _extended(solution, list(order))
+    extended, x = extended_problem(solution, list(order))
     rows = whitened_rows(extended, x, solution.sigmas)
     columns = np.array([extended.names.index(n) for n in order], dtype=np.intp)
     known = order.keys() | problem.parameters.keys()
@@ -166,8 +166,15 @@ def _geometry_gain(
     return max(0.0, gain - estimated * float(np.log(scores.touches)))
 
 
-def _extended(solution: Solution, candidates: Sequence[str]) -> tuple[Problem, FloatArray]:
-    """The problem with all of the geometry and the candidates unknown, at the same point."""
+def extended_problem(
+    solution: Solution, candidates: Sequence[str] = ()
+) -> tuple[Problem, FloatArray]:
+    """The problem with all of the geometry and the candidates unknown, at the same point.
+
+    Args:
+        solution: of terms over an arm.
+        candidates: names of parameters beside geometry.
+    """
     arm, fitted, values = solution.problem.arm, solution.problem.arm_parameters, solution.values
     assert arm is not None
     more = [
@@ -178,6 +185,19 @@ def _extended(solution: Solution, candidates: Sequence[str]) -> tuple[Problem, F
     extended = Problem(solution.problem.terms, ParameterSet([*fitted.values(), *more]))
     start = [values.get(p.name, p.nominal) for p in extended.parameters.values()]
     return extended, np.array(start)
+
+
+def effective_unknowns(solution: Solution) -> float:
+    """How many unknowns the data have told: the trace of the fit's hat matrix.
+
+    A prior takes no equation's place: only what the data tell of an unknown in spite of it, they
+    spend.
+    """
+    problem, free = solution.problem, solution.free
+    rows = whitened_rows(problem, solution.x, solution.sigmas)
+    told = sum(j.T @ j for j in (robust_jacobian(r)[:, free] for r in rows))
+    kept = told + np.diag(problem.prior_precision()[free])
+    return float(np.trace(np.linalg.lstsq(kept, told, rcond=None)[0]))
 
 
 # ── scores of columns that were not fitted, their variance, one step ─────────────────────────
@@ -239,17 +259,35 @@ class Scores:
         return lowered * sum(t.equations() for t in terms) / rows
 
 
-def scores_of(problem: Problem, rows: Sequence[Rows], columns: IntArray, known: IntArray) -> Scores:
-    """Of ``columns``, with every other parameter free to follow but the ``known`` ones."""
-    others = np.setdiff1d(np.arange(len(problem.names)), np.concatenate([columns, known]))
-    curvature = sum(j.T @ j for j in map(robust_jacobian, rows))
-    curvature = np.asarray(curvature + np.diag(problem.prior_precision()))
+def scores_of(
+    problem: Problem,
+    rows: Sequence[Rows],
+    columns: IntArray,
+    known: IntArray,
+    beside: FloatArray | None = None,
+) -> Scores:
+    """Of ``columns``, with every other parameter free to follow but the ``known`` ones.
+
+    Args:
+        problem: whose rows these are.
+        rows: at the fit, with a column for each parameter and then for whatever else is tested.
+        columns: (k,) to be tested.
+        known: that stay.
+        beside: how large is plausible of what else there is a column for.
+    """
+    plausible = problem.parameters.array("plausible")
+    if beside is not None:
+        plausible = np.concatenate([plausible, beside])
+    others = np.setdiff1d(np.arange(len(plausible)), np.concatenate([columns, known]))
+    curvature = np.asarray(sum(j.T @ j for j in map(robust_jacobian, rows)))
+    prior = np.diag_indices(len(problem.names))
+    curvature[prior] += problem.prior_precision()
     follow = _solved(curvature[np.ix_(others, others)], curvature[np.ix_(others, columns)])
-    left = np.zeros((len(problem.names), len(columns)))
+    left = np.zeros((len(plausible), len(columns)))
     left[columns, np.arange(len(columns))] = 1.0
     left[others] = -follow
     reduced = left.T @ curvature @ left
-    plausible = problem.parameters.array("plausible")[columns]
+    plausible = plausible[columns]
     telling = np.diag(reduced) * (TELLING * plausible) ** 2 > 1.0
     score, variance, touches = np.zeros(len(columns)), np.zeros_like(reduced), 0
     for term in problem.terms:

@@ -194,13 +194,14 @@ def learn_weights(
         eta, step = eta + best.eta, best.step
         if np.max(np.abs(best.eta)) < SETTLED:
             break
-    uncertainty = np.asarray(np.linalg.inv(hessian), dtype=np.float64)
+    data = _told_by_data(hessian, belief)
+    uncertainty = np.asarray(np.linalg.inv(data + belief), dtype=np.float64)
     values, stds = np.exp(eta), np.sqrt(np.diag(uncertainty))
     scale, added = np.ones(len(x)), np.zeros((len(x),) * 2)
     for mine, factor in zip(members, values[factors], strict=True):
         scale[free[mine]] = factor
     # How far the weights scatter from data to data: what nothing was learned of is as given.
-    told = uncertainty @ (hessian - belief) @ uncertainty
+    told = uncertainty @ data @ uncertainty
     added[np.ix_(free, free)] = _not_knowing(evidence, best, told)
     return Weights(
         tuple(
@@ -412,6 +413,18 @@ def _minimise(evidence: _Evidence) -> tuple[_Point, FloatArray]:
         here = there
         gradient, hessian = evidence.derivatives(here)
     return here, hessian
+
+
+def _told_by_data(hessian: FloatArray, belief: FloatArray) -> FloatArray:
+    """Information of the data in that of data and belief: no less than nothing.
+
+    Where a model fits badly, the evidence is no parabola, and its curvature may be below belief's.
+    """
+    root = np.linalg.cholesky(belief)
+    scaled = np.linalg.solve(root, np.linalg.solve(root, hessian - belief).T)
+    values, vectors = np.linalg.eigh(scaled)
+    part = root @ vectors * np.sqrt(np.maximum(values, 0.0))
+    return np.asarray(part @ part.T)
 
 
 def _not_knowing(evidence: _Evidence, best: _Point, uncertainty: FloatArray) -> FloatArray:

@@ -1,0 +1,166 @@
+"""What changed while it was measured: found, with its size, and not seen in sound data."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from simulated import (
+    Scene,
+    Spread,
+    arm_named,
+    artefact,
+    artefact_scene,
+    hand_eye_scene,
+    perturbed,
+    placements,
+    tracked_scene,
+)
+
+from suta_calib import (
+    Noise,
+    ParameterSet,
+    Problem,
+    Samples,
+    Selection,
+    SolverOptions,
+    assess,
+    solve,
+)
+from suta_calib.diagnostics.assessment import assess_calibration
+from suta_calib.diagnostics.changes import Change, ChangeOptions, changes
+from suta_calib.solver.solution import Solution
+
+NOISE = Spread(position=1e-4, rotation=1e-3)
+ARM = arm_named("suta")
+UNKNOWN: ParameterSet = ARM.select(Selection(("*.offset",), bound_rad=0.26))
+TRUTH = perturbed(UNKNOWN, 3, angle=5e-3)
+
+
+def solved(scene: Scene, change: Callable[[Samples], Samples], seed: int = 0) -> Solution:
+    """The fit of a scene's samples, changed."""
+    samples = change(scene.samples(NOISE, seed)[0])
+    term = scene.term(samples, Noise(None, 1e-3), Noise(None, 0.01))
+    return solve(Problem([term], UNKNOWN), SolverOptions(starts=1))
+
+
+def found(scene: Scene, change: Callable[[Samples], Samples], seed: int = 0) -> tuple[Change, ...]:
+    return changes(solved(scene, change, seed))
+
+
+def unchanged(samples: Samples) -> Samples:
+    return samples
+
+
+def read(joint: int, change: Callable[[Any], Any]) -> Callable[[Samples], Samples]:
+    """The readings of a joint, which ``change`` makes of an array."""
+
+    def changed(samples: Samples) -> Samples:
+        q = samples.q.copy()
+        q[:, joint] = change(q[:, joint])
+        return replace(samples, q=q)
+
+    return changed
+
+
+def slipped(by: float, since: int) -> Callable[[Samples], Samples]:
+    return read(1, lambda q: q + by * (np.arange(len(q)) >= since))
+
+
+def seen(change: Callable[[Any], Any]) -> Callable[[Samples], Samples]:
+    def changed(samples: Samples) -> Samples:
+        assert samples.position is not None
+        return replace(samples, position=change(samples.position))
+
+    return changed
+
+
+def crept(position: Any) -> Any:
+    return position + np.linspace(0.0, 1e-3, len(position))[:, None] * [0.6, 0.0, 0.8]
+
+
+def pushed(position: Any) -> Any:
+    return position + (np.arange(len(position)) >= 35)[:, None] * [0.0, 8e-4, 0.0]
+
+
+TRACKED = tracked_scene(ARM, TRUTH, 60)
+
+
+@pytest.mark.parametrize(
+    ("change", "kind", "since", "size"),
+    [
+        (slipped(2e-3, 22), "slip", "row 22", 2e-3),
+        (read(2, lambda q: q * (1 + 1e-3)), "travel", "", 1e-3),
+        (seen(crept), "base creep", "", 1e-3),
+        (seen(pushed), "base", "row 35", 8e-4),
+    ],
+    ids=["slip", "travel", "creep", "moved"],
+)
+def test_a_small_change_is_named_and_sized(
+    change: Callable[[Samples], Samples], kind: str, since: str, size: float
+) -> None:
+    (told,) = found(TRACKED, change)
+    assert (told.kind, told.since) == (kind, since)
+    assert abs(told.size - size) < 4 * told.std
+    assert told.std < 0.1 * size
+    assert since in told.sentence
+
+
+def test_a_camera_that_creeps_on_its_tool_is_named() -> None:
+    (told,) = found(hand_eye_scene(ARM, TRUTH, 60), seen(crept))
+    assert told.kind == "tip creep"
+    assert abs(told.size - 1e-3) < 4 * told.std
+
+
+def test_an_encoder_that_slips_between_touches_is_named() -> None:
+    scene = artefact_scene("pairwise_distance", ARM, TRUTH, artefact(8), placements(5), 2)
+    (told,) = found(scene, read(3, lambda q: q + 5e-3 * (np.arange(len(q)) >= 38)))
+    assert (told.kind, told.joint) == ("slip", ARM.joints[3])
+    assert abs(told.size - 5e-3) < 4 * told.std
+
+
+def test_a_change_is_as_sure_as_it_says() -> None:
+    pulls = []
+    few = ChangeOptions(most_times=3)
+    for seed in range(8):
+        (told,) = changes(solved(TRACKED, slipped(2e-3, 30), seed), few)
+        pulls.append((told.size - 2e-3) / told.std)
+    squares = float(np.sum(np.square(pulls)))
+    # Chi-squared with eight degrees of freedom: 0.1 % on either side.
+    assert 0.86 < squares < 26.1
+
+
+@pytest.mark.parametrize("kind", ["tracked_point", "landmark", "pairwise_distance"])
+def test_sound_data_have_not_changed(kind: str) -> None:
+    """Nor have those of an arm that is crooked in a way that the job does not free."""
+    crooked = perturbed(ARM.select(Selection(("joint_?.[xy]",), bound_m=0.01)), 3, 1e-3)
+    for truth in (TRUTH, TRUTH | crooked):
+        scene = (
+            tracked_scene(ARM, truth, 60)
+            if kind == "tracked_point"
+            else artefact_scene(kind, ARM, truth, artefact(6), placements(5))
+        )
+        for seed in range(3):
+            assert not found(scene, unchanged, seed)
+
+
+def test_an_eccentric_encoder_is_no_change() -> None:
+    truth = TRUTH | {f"{ARM.joints[2]}.ecc_s1": 2e-3}
+    solution = solved(tracked_scene(ARM, truth, 60), unchanged)
+    assert not changes(solution)
+    said = " ".join(assess_calibration(solution, assess(solution)).notes)
+    assert "eccentric encoder" in said
+
+
+def test_a_lost_count_is_not_called_an_eccentric_encoder() -> None:
+    solution = solved(TRACKED, read(2, lambda q: q * (1 - 1 / 4096)))
+    said = " ".join(assess_calibration(solution, assess(solution)).notes)
+    assert "eccentric encoder" not in said
+    assert "lose or double counts" in said
+    (told,) = changes(solution)
+    assert abs(told.size + 1 / 4096) < 4 * told.std
+    assert math.isclose(told.size, -1 / 4096, rel_tol=0.3)
