@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -74,7 +75,7 @@ BYTES = st.one_of(
                 b"[",
                 b"&a *a",
             ),
-            *(b"nan", b"-inf", b"1e999", b"1e-320", b"1e200", b"null", b"true", b"-0", b"<!--"),
+            *(b"nan", b"-inf", b"1e999", b"1e-320", b"1e200", b"null", b"true", b"<!--", b"&a *a"),
         )
     ),
 )
@@ -90,7 +91,6 @@ def beside(scene: Path) -> Path:
 
 
 @pytest.mark.parametrize("name", READERS)
-@pytest.mark.filterwarnings("ignore")
 def test_any_change_of_a_file_is_read_or_refused(name: str, beside: Path) -> None:
     path = beside / name
     good = path.read_bytes()[:4000]
@@ -106,7 +106,8 @@ def test_any_change_of_a_file_is_read_or_refused(name: str, beside: Path) -> Non
             data = data[:k] + new + data[k + cut :]
         spoilt.write_bytes(data)
         try:
-            READERS[name](spoilt)
+            with warnings.catch_warnings(action="ignore"):
+                READERS[name](spoilt)
         except SutaCalibError as error:
             said = str(error)
             assert "found " in said
