@@ -39,8 +39,12 @@ def note_input(path: Path) -> None:
         inputs.add(os.path.realpath(path))
 
 
-def _refuse_inputs(contents: Mapping[Path, bytes | None]) -> None:
-    """Refuse to replace an input by something else, or to remove it (None)."""
+def refuse_inputs(contents: Mapping[Path, bytes | None]) -> None:
+    """Refuse to replace an input (`inputs_kept`) by something else, or to remove it (None).
+
+    Raises:
+        OutputError: one of these files is one.
+    """
     inputs = (_inputs.get() or set()) - _edited.get()
     for path, data in contents.items():
         if inputs and os.path.realpath(path) in inputs:
@@ -91,7 +95,7 @@ def exchange_files(
             the folder is why, what was there before is untouched, and no temporary file is left.
     """
     files = {folder / name: data for name, data in contents.items()}
-    _refuse_inputs({**dict.fromkeys(folder / name for name in stale), **files})
+    refuse_inputs({**dict.fromkeys(folder / name for name in stale), **files})
     # Not tempfile: it makes files only their owner may read, and the rename would keep that.
     staged = {
         folder / name: folder / f".{name[:40]}.{secrets.token_hex(6)}.tmp" for name in contents

@@ -12,6 +12,7 @@ import os
 import sys
 import warnings
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any, Final
 
 import click
@@ -118,8 +119,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             return 1
         except OSError as error:
-            name = f"{error.filename}: " if error.filename else ""
-            click.echo(f"{PROGRAM}: error: {name}{error.strerror or error}", err=True)
+            click.echo(f"{PROGRAM}: error: {_of_system(error)}", err=True)
             return 2
         except MemoryError as error:
             too_large = _one_line(error) or "nobody said for what"
@@ -170,6 +170,16 @@ def _forgive_encodings() -> None:
             is_ascii = codecs.lookup(stream.encoding).name == "ascii"
             encoding = "plain_ascii" if is_ascii else stream.encoding
             stream.reconfigure(encoding=encoding, errors="suta_calib.plain")
+
+
+def _of_system(error: OSError) -> str:
+    """What the system said, and of what."""
+    try:
+        Path.cwd()
+    except OSError:
+        return "found a working folder that is gone; expected one that exists; change into one"
+    name = f"{error.filename}: " if error.filename else ""
+    return f"{name}{error.strerror or error}"
 
 
 def _one_line(message: object) -> str:

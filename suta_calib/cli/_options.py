@@ -14,6 +14,7 @@ import click
 import numpy as np
 
 from suta_calib.atomic import check_folder
+from suta_calib.errors import OutputError
 from suta_calib.units import from_mm
 
 if TYPE_CHECKING:
@@ -51,9 +52,23 @@ class Folder(click.Path):
         return folder
 
 
+class NewFile(click.Path):
+    """A file to write into a folder that is there, checked before any work is done."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
+        """The file, which may be there already."""
+        file = Path(str(super().convert(value, param, ctx)))
+        if not file.parent.is_dir() or file.is_dir():
+            what = "a folder" if file.is_dir() else f"no folder {file.parent}"
+            wanted = "a file's name in a folder that exists"
+            raise OutputError(f"{file}: found {what}; expected {wanted}")
+        check_folder(file.parent)
+        return file
+
+
 # A file or folder that is read, and a file that is written.
 PATH: Final = click.Path(path_type=Path)
-WRITTEN: Final = click.Path(path_type=Path)
+WRITTEN: Final = NewFile()
 POSITIVE: Final = FiniteRange(min=0, min_open=True)
 
 

@@ -11,7 +11,6 @@ import click
 from suta_calib.atomic import check_outputs
 from suta_calib.cli._options import PATH, WRITTEN, FiniteRange, Folder
 from suta_calib.cli._output import answer_command
-from suta_calib.errors import OutputError
 from suta_calib.report.document import Document
 from suta_calib.units import from_deg, from_mm, from_um
 
@@ -95,10 +94,6 @@ def certify(
     from suta_calib.report.certification import certification_document
 
     if file is not None:
-        if not file.parent.is_dir() or file.is_dir():
-            what = "a folder" if file.is_dir() else f"no folder {file.parent}"
-            wanted = "a file's name in a folder that exists"
-            raise OutputError(f"{file}: found {what}; expected {wanted}")
         check_outputs([file], [points, nominal])
     raw = read_raw_points(points)
     options = CertificationOptions(

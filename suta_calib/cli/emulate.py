@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import click
 
-from suta_calib.atomic import check_folder
-from suta_calib.cli._options import PATH, POSITIVE, FiniteRange
+from suta_calib.cli._options import PATH, POSITIVE, WRITTEN, FiniteRange
 from suta_calib.cli._output import noted_sigterm
 from suta_calib.device.description import UNITS
 from suta_calib.device.formats import FORMATS
@@ -118,9 +117,9 @@ _SIGNS: Final = {"1": 1, "+1": 1, "+": 1, "-1": -1, "-": -1}
     help="Begin when the port is first opened, or at once.",
 )
 @click.option("--continuous", is_flag=True, help="Do not wait between placements.")
-@click.option("--device-out", type=PATH, help="Write the device.yaml to read it with.")
-@click.option("--truth-out", type=PATH, help="Write the truth (YAML), to judge a result by.")
-@click.option("--trajectory-out", type=PATH, help="Write the true tip poses (CSV) at the end.")
+@click.option("--device-out", type=WRITTEN, help="Write the device.yaml to read it with.")
+@click.option("--truth-out", type=WRITTEN, help="Write the truth (YAML), to judge a result by.")
+@click.option("--trajectory-out", type=WRITTEN, help="Write the true tip poses (CSV) at the end.")
 def emulate(**options: Any) -> None:
     """Emulate ARM.urdf: encoder frames on a pseudo-terminal, in real time.
 
@@ -141,8 +140,6 @@ def emulate(**options: Any) -> None:
         truth_out=options.pop("truth_out"),
         trajectory_out=options.pop("trajectory_out"),
     )
-    for file in filter(None, (playing.device_out, playing.truth_out, playing.trajectory_out)):
-        check_folder(file.parent)
     seating = options.pop("seating_mm")
     arm = EmulationOptions(
         placements=_places(options.pop("placements"), "--placement"),

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from suta_calib.cli._options import PATH
+from suta_calib.cli._options import PATH, Folder
 from suta_calib.cli._output import LateProgress
 from suta_calib.simulation import read_simulation, write_simulation
 from suta_calib.simulation import simulate as run
@@ -15,7 +15,7 @@ from suta_calib.simulation import simulate as run
 
 @click.command()
 @click.argument("simulation", type=PATH, metavar="SIMULATION.yaml")
-@click.option("--out", type=PATH, required=True, help="Folder to write into.")
+@click.option("--out", type=Folder(), required=True, help="Folder to write into.")
 @click.option("--seed", type=click.IntRange(min=0), help="In place of the file's own seed.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def simulate(simulation: Path, out: Path, seed: int | None, as_json: bool) -> None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final
 import click
 import numpy as np
 
-from suta_calib.atomic import check_folder, check_outputs
+from suta_calib.atomic import check_outputs
 from suta_calib.cli._options import PATH, POSITIVE, WRITTEN, numbers_of
 from suta_calib.cli._output import answer_command
 from suta_calib.errors import InputError
@@ -75,7 +75,6 @@ def zero_offsets(
     from suta_calib.report.zero_offsets import zero_offsets_document
 
     if file is not None:
-        check_folder(file.parent)
         check_outputs([file], [urdf, readings])
     arm = ArmModel.from_urdf(urdf, tip, base)
     options = ZeroOffsetOptions(branch, from_mm(tolerance_mm))

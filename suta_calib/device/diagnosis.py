@@ -26,16 +26,19 @@ def describe_bytes(data: bytes, spec: DeviceSpec) -> str:
         spec: what was expected, and where the file is that says so.
     """
     form, text = format_of(spec), is_text(data)
+    others = (each for each in FORMATS.values() if each is not form and each.recognises(data))
+    other = next(others, None)
     if text:
         lines = [line for line in re.split(rb"[\r\n]+", data) if line.strip()]
         # The first may have been cut off at its beginning.
         line = lines[1] if len(lines) > 1 else b"".join(lines)
         found = f"text such as {line[:_QUOTED].decode('ascii')!r}"
     else:
-        found = f"bytes such as {data[:_BYTES_SHOWN].hex(' ').upper()}"
+        # From the beginning of a frame, where one is recognised.
+        start = 0 if other is None else max(data.find(other.header), 0)
+        found = f"bytes such as {data[start : start + _BYTES_SHOWN].hex(' ').upper()}"
     baud = f"baudrate ({spec.baudrate}) in {spec.path}"
-    others = (each for each in FORMATS.values() if each is not form and each.recognises(data))
-    if (other := next(others, None)) is not None:
+    if other is not None:
         hint = f"set 'format: {other.name}' in {spec.path}"
     elif form.near_miss and form.recognises(data):
         found, hint = form.near_miss, f"check the cable, its shield and {baud}"

@@ -9,6 +9,7 @@ from typing import Any, Final
 from ruamel.yaml import YAML
 from ruamel.yaml.comments import CommentedMap
 
+from suta_calib.atomic import refuse_inputs
 from suta_calib.errors import OutputError
 from suta_calib.measurements import write_samples, write_text
 from suta_calib.simulation.simulate import SimulatedFile, Simulation
@@ -28,11 +29,15 @@ def write_simulation(simulation: Simulation, folder: Path) -> list[Path]:
         The files written.
 
     Raises:
-        OutputError: a file cannot be written, would replace a README of somebody else's, or
-            would lie beside samples of another origin that a glob would then read too.
+        OutputError: a file cannot be written, is an input of the same command, would replace a
+            README of somebody else's, or would lie beside samples of another origin that a glob
+            would then read too.
     """
     folder = Path(folder)
     _check_readme(folder / "README.md")
+    written = [*(file.path for file in simulation.files), "truth.yaml", "README.md"]
+    # Before the first of them is written.
+    refuse_inputs({folder / name: None for name in written})
     for name in {Path(file.path).parts[0] for file in simulation.files}:
         _check_strangers(folder / name, simulation)
     for file in simulation.files:
@@ -44,7 +49,6 @@ def write_simulation(simulation: Simulation, folder: Path) -> list[Path]:
         write_samples(path, file.samples)
     write_text(folder / "truth.yaml", truth_text(simulation))
     write_text(folder / "README.md", _readme(simulation))
-    written = [*(file.path for file in simulation.files), "truth.yaml", "README.md"]
     return [folder / name for name in written]
 
 

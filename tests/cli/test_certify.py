@@ -138,7 +138,10 @@ BAD: dict[str, tuple[Callable[[str], str], str]] = {
         r":3: column 'feature': found 'grund'; expected one of .*did you mean 'ground'",
     ),
     "nan": (replaced(r"(top,O,0,)[^,]*", r"\1nan"), r":\d+: column 'x': found 'nan'"),
-    "far too large": (replaced(r"(top,O,0,)[^,]*", r"\g<1>1e308"), r"found points within inf m"),
+    "far too large": (
+        replaced(r"(top,O,0,)[^,]*", r"\g<1>1e308"),
+        r"28: column 'x': found '1e308'; expected a position within",
+    ),
     "no number": (replaced(r"(top,O,0,)[^,]*", r"\1one"), r":\d+: column 'x': found 'one'"),
     "no name": (replaced("top,O,0", "top,,0"), r":\d+: column 'landmark': found an empty cell"),
     "hole index": (replaced("hole,O,3", "hole,O,5"), r"column 'index': found '5'.* from 0 to 4"),

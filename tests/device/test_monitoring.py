@@ -132,8 +132,12 @@ def test_in_a_terminal_it_draws_a_table(
     monkeypatch.setenv("TERM", "xterm")
     monkeypatch.setenv("COLUMNS", "100")
     arm.stream()
-    assert monitor(arm, "--seconds", "0.6") == 0
-    out = capsys.readouterr().out
+    # A busy machine may hear nothing at the end, and needs more time for as much.
+    for seconds in ("0.6", "2.5", "8"):
+        assert monitor(arm, "--seconds", seconds) == 0
+        out = capsys.readouterr().out
+        if "nothing wrong was seen" in out:
+            break
     assert "noise, °" in out
     assert "─" * 20 in out
     assert "nothing wrong was seen" in out

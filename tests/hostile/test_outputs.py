@@ -17,7 +17,7 @@ from hostile_scene import GIVEN, command_line
 from rich.console import Console
 
 from suta_calib import atomic
-from suta_calib.atomic import only_writer
+from suta_calib.atomic import inputs_kept, note_input, only_writer
 from suta_calib.cli._app import COMMANDS
 from suta_calib.errors import OutputError
 from suta_calib.report import files
@@ -92,6 +92,33 @@ def test_an_answer_is_written_whole_or_the_one_before_stays(
     monkeypatch.setattr(atomic.os, "fsync", Stopping(os.fsync, 0, STOPS[stop]))
 
 
+@pytest.mark.parametrize("command", ANSWERS)
+def test_an_input_among_the_results_stays(
+    command: str, answers: Callable[[str], Document], tmp_path: Path
+) -> None:
+    """A job whose arm is the calibrated.urdf of the run before, say."""
+    answer = answers(command)
+    names = set(files.write_document(answer, tmp_path)["files"]) - {files.REPORT}
+    for name in names:
+        (tmp_path / name).write_bytes(b"read by the same command")
+        before = contents(tmp_path)
+        with inputs_kept():
+            note_input(tmp_path / name)
+            with pytest.raises(OutputError, match=f"{name}: found an input of the same command"):
+                files.write_document(answer, tmp_path)
+        assert contents(tmp_path) == before
+
+
+def test_a_simulation_does_not_overwrite_itself(
+    scene: Path, tmp_path: Path, capsys: Capture
+) -> None:
+    text = (scene / "simulation.yaml").read_text().replace("arm.urdf", str(scene / "arm.urdf"))
+    (tmp_path / "truth.yaml").write_text(text)
+    assert cli("simulate", tmp_path / "truth.yaml", "--out", tmp_path) == 2
+    assert "truth.yaml: found an input of the same command" in capsys.readouterr().err
+    assert contents(tmp_path) == {"truth.yaml": text.encode()}
+
+
 @pytest.mark.parametrize("stop", STOPS)
 @pytest.mark.parametrize("command", ["init", "simulate", "certify", "zero-offsets", "emulate"])
 def test_files_that_are_no_answer_are_whole_too(
@@ -155,11 +182,10 @@ def test_a_working_folder_that_is_gone(
     (gone := tmp_path / "gone").mkdir()
     monkeypatch.chdir(gone)
     gone.rmdir()
-    words = [w if "/" not in w else Path(w).name for w in command_line(command, Path())]
-    assert cli(*words) == 2
+    assert cli(*command_line(command, Path(), Path("out"))) == 2
     stdout, stderr = capsys.readouterr()
     assert (stdout, stderr.count("\n")) == ("", 1), stderr
-    assert re.search(r"error: \S*(folder|\.\w+)\b.*: found ", stderr), stderr
+    assert re.search(r"error: (\S+\.\w+: )?found ", stderr), stderr
 
 
 @pytest.fixture

@@ -90,7 +90,7 @@ def test_files_of_another_origin_are_neither_mixed_in_nor_replaced(folder: Folde
 
 def test_an_output_folder_that_cannot_be_made_is_refused(folder: Folder) -> None:
     (folder.path / "out").write_text("a file")
-    with pytest.raises(OutputError, match="not created"):
+    with pytest.raises(OutputError, match="which is no folder"):
         run(folder.file(), "--out", folder.path / "out")
 
 

@@ -104,6 +104,7 @@ class Format(ABC):
         damaged: what samples are called that came damaged, in the plural.
         damage: the same as a predicate: ``5 % of`` …
         near_miss: what was seen where bytes look like this format and none can be believed.
+        header: bytes that a sample begins with, where it is binary.
     """
 
     name: ClassVar[str]
@@ -116,6 +117,7 @@ class Format(ABC):
     damaged: ClassVar[str]
     damage: ClassVar[str]
     near_miss: ClassVar[str] = ""
+    header: ClassVar[bytes] = b""
 
     @abstractmethod
     def expected(self, joints: int) -> str:

@@ -251,6 +251,7 @@ class FramesFormat(Format):
     damaged: ClassVar[str] = "frames with a wrong CRC"
     damage: ClassVar[str] = "frames are damaged"
     near_miss: ClassVar[str] = "frame headers AA 55, but no frame whose CRC fits"
+    header: ClassVar[bytes] = HEADER
 
     def expected(self, joints: int) -> str:
         """``frames AA 55 … of 6 joints``."""
