@@ -138,7 +138,7 @@ def test_runs_without_error(path: Path, repository: Path, tmp_path: Path):
     client = NotebookClient(
         notebook,
         kernel_name="python3",
-        timeout=120,
+        timeout=900,
         resources={"metadata": {"path": str(copy.parent)}},
     )
     client.execute()

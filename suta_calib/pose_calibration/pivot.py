@@ -91,8 +91,7 @@ class PivotCalibration(RobustAnswer):
         unsure = float(np.linalg.norm(self.tip_std))
         if unsure > UNSURE:
             caution.append(f"The tip is known to ± {mm(unsure):.2f} mm only (one sigma, 3-D).")
-        # No tracker sees a tool from millimetres, or from tens of metres.
-        bad = [*self.objections("poses", self.inliers), *self.notes]
+        bad = self.objections("poses", self.inliers)
         long = float(np.linalg.norm(self.tip))
         if max(long, float(np.linalg.norm(self.post))) > LARGEST or long > LONGEST_TIP:
             bad.append(
@@ -107,7 +106,8 @@ class PivotCalibration(RobustAnswer):
                 f"({mm(float(np.linalg.norm(self.post))):.0f} mm): are the poses T_tool_tracker? "
                 f"Inverted, they give the tip {_place(self.post)} and the post {_place(self.tip)}."
             )
-        return Assessment.of(bad=bad, care=[*caution, *self.kept("poses")])
+        # No tracker sees a tool from millimetres or from tens of metres.
+        return Assessment.of(bad=[*bad, *self.notes], care=[*caution, *self.kept("poses")])
 
     @property
     def inverted(self) -> Level:
