@@ -81,16 +81,20 @@ class InverseKinematics:
     Args:
         arm: the arm; its joint limits are kept, save those a full circle apart.
         values: parameter values by name, m or rad; nominal where not given.
+
+    Attributes:
+        arm: as given.
+        true: the same arm at these values.
     """
 
     def __init__(self, arm: ArmModel, values: Mapping[str, float]) -> None:
-        self.arm = arm
-        offsets = [f"{joint}.offset" for joint in arm.joints]
+        self.arm, self.true = arm, arm.at(values)
+        offsets = arm.offsets
         others = [n for n in values if n in arm.offered and n not in offsets]
         self._function = arm.function([*offsets, *others])
         nominal = {n: arm.parameters[n].nominal for n in offsets}
         self._theta = np.array([(nominal | dict(values))[n] for n in (*offsets, *others)])
-        unlimited = full_circle(arm)
+        unlimited = full_circle(self.true)
         limits = np.array([(joint.lower, joint.upper) for joint in arm.chain.moving]).T
         self._lower, self._upper = np.where(unlimited, [[-np.inf], [np.inf]], limits)
 
@@ -137,7 +141,7 @@ class InverseKinematics:
         reached = np.linalg.norm(error, axis=1) <= 1e3 * _TOLERANCE
         distance = np.linalg.norm(error[:, :3], axis=1) * _LENGTH
         return Postures(
-            wrapped(self.arm, q), reached, distance, np.linalg.norm(error[:, 3:], axis=1)
+            wrapped(self.true, q), reached, distance, np.linalg.norm(error[:, 3:], axis=1)
         )
 
     def _range(self) -> tuple[FloatArray, FloatArray]:
@@ -151,7 +155,7 @@ class InverseKinematics:
         """One damped Gauss–Newton search per row: final readings and residuals (n, 6)."""
         batch = Batched(self._function, len(targets), shared=[0])
         batch.inputs[0][:] = self._theta
-        error, jacobian = _residuals(batch, targets, q)
+        error, jacobian = _residuals(batch, targets, q, self.arm.gearing)
         cost = (error**2).sum(axis=1)
         damping = np.full(len(q), 1e-3)
         for _ in range(_ITERATIONS):
@@ -160,7 +164,7 @@ class InverseKinematics:
             floor = (damping * cost + 1e-12)[:, None, None] * np.eye(q.shape[1])
             step = np.linalg.solve(transposed @ jacobian + floor, transposed @ error[..., None])
             moved = np.clip(q + np.clip(step[..., 0], -1.0, 1.0), self._lower, self._upper)
-            new_error, new_jacobian = _residuals(batch, targets, moved)
+            new_error, new_jacobian = _residuals(batch, targets, moved, self.arm.gearing)
             new_cost = (new_error**2).sum(axis=1)
             better = new_cost < cost
             q = np.where(better[:, None], moved, q)
@@ -173,13 +177,15 @@ class InverseKinematics:
         return q, error
 
 
-def _residuals(batch: Batched, targets: Targets, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _residuals(
+    batch: Batched, targets: Targets, q: FloatArray, gearing: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """(n, 6) residuals in the tip's frame, lengths in units of `_LENGTH`; (n, 6, joints) by q."""
     batch.inputs[1][:] = q
     flat, position, jacobian = batch()
     to_tip = flat.reshape(-1, 3, 3)  # Column by column: R of the tip in the base, transposed.
     kept = _KEPT[targets.matching][:, None]
-    columns = jacobian.reshape(len(q), 6, -1)[:, :, : q.shape[1]]
+    columns = jacobian.reshape(len(q), 6, -1)[:, :, : len(gearing)] @ gearing
     linear, angular = to_tip @ columns[:, :3] / _LENGTH, kept * (to_tip @ columns[:, 3:])
     away = to_tip @ (targets.position - position)[..., None] / _LENGTH
     relative = to_tip @ targets.rotation

@@ -192,23 +192,19 @@ class Reach:
         return Unreachable(candidate.name, candidate.place.kind, reason)
 
 
-def configuration(arm: ArmModel, q: FloatArray) -> FloatArray:
-    """Readings (joints,) as a configuration of ``arm.model``, continuous joints included."""
-    return np.asarray(pin.integrate(arm.model, pin.neutral(arm.model), np.asarray(q, dtype=float)))
-
-
 def link_points(arm: ArmModel, q: FloatArray) -> FloatArray:
-    """Origins of the base, of every moving joint and of the tip, (joints + 2, 3), m in the base.
+    """Origins of the base, of all that moves in between and of the tip, (n + 2, 3), m in the base.
 
     Args:
         arm: the arm; its nominal geometry is drawn.
         q: (joints,) readings, rad (m for prismatic joints).
     """
     model, data = arm.model, arm.model.createData()
-    pin.framesForwardKinematics(model, data, configuration(arm, q))
-    base = data.oMf[model.getFrameId(arm.chain.joints[0].parent, pin.FrameType.BODY)]
+    pin.framesForwardKinematics(model, data, arm.configuration(q))
+    base = data.oMf[model.getFrameId(arm.chain.base, pin.FrameType.BODY)]
     _, tip = arm.forward(q)
-    joints = [base.actInv(placement).translation for placement in list(data.oMi)[1:]]
+    numbers = [model.getJointId(joint.name) for joint in arm.chain.joints if joint.moving]
+    joints = [base.actInv(data.oMi[number]).translation for number in numbers]
     return np.array([np.zeros(3), *joints, tip])
 
 
@@ -269,9 +265,8 @@ class Collisions:
     def _hits(self, q: FloatArray) -> Sequence[int]:
         """Numbers of the pairs that overlap."""
         data, shapes = self.arm.model.createData(), self.geometry.createData()
-        pin.computeCollisions(
-            self.arm.model, data, self.geometry, shapes, configuration(self.arm, q), False
-        )
+        at = self.arm.configuration(q)
+        pin.computeCollisions(self.arm.model, data, self.geometry, shapes, at, False)
         return [k for k, result in enumerate(shapes.collisionResults) if result.isCollision()]
 
 
