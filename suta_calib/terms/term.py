@@ -30,6 +30,7 @@ from suta_calib.geometry.numbers import rotation_from_vector, vector_from_rotati
 from suta_calib.measurements import Artefact, SampleColumns, YamlSection
 from suta_calib.model.parameters import PLACEMENT, POSITION, ROTATION, Parameter
 from suta_calib.terms.block import LEARNT, Block, Noise, grouped
+from suta_calib.terms.outside import OutsideFrame, frames_of
 from suta_calib.terms.poses import PoseSource
 from suta_calib.terms.seating import Seating
 from suta_calib.units import mm
@@ -83,7 +84,7 @@ class TrueFrame:
 
     Attributes:
         own: the unknowns, ``own.x … own.rz``.
-        key: of the simulation's file.
+        key: of the simulation's file: what it is, ``_in_``, and in whose frame.
         required: whether a simulation must state it; the frames coincide by default.
     """
 
@@ -319,6 +320,18 @@ class Term(ABC):
             samples: (n, ·) which samples each row looks at.
         """
         return displacement[:, samples[:, 0], : self.blocks[0].size]
+
+    @property
+    def outside(self) -> tuple[OutsideFrame, ...]:
+        """The poses and the points that the own unknowns are: of `frames`, and of `places`."""
+        owners: dict[str, set[str]] = {}
+        for p in self.own:
+            owners.setdefault(p.owner, set()).add(p.key)
+        words = {self.place_unknown: (self.place, "base")} if self.place_unknown else {}
+        for frame in self.frames:
+            what, _, within = frame.key.partition("_in_")
+            words[frame.own] = (what, within)
+        return tuple(frames_of(owners, words))
 
     @property
     def subject(self) -> str:
