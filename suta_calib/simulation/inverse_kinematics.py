@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final, Literal
 
 import numpy as np
@@ -22,7 +23,7 @@ from suta_calib.simulation.noise import full_circle, wrapped
 
 # What of a target's orientation counts: all of it, the direction of the tip's z axis, or nothing.
 Matching = Literal["pose", "axis", "position"]
-_KEPT: Final = {
+_KEPT: Final[dict[Matching, FloatArray]] = {
     "pose": np.array([1.0, 1.0, 1.0]),
     "axis": np.array([1.0, 1.0, 0.0]),
     "position": np.zeros(3),
@@ -32,6 +33,10 @@ _LENGTH: Final = 0.25
 _TOLERANCE: Final = 1e-12
 _ITERATIONS: Final = 80
 _PRISMATIC_REACH: Final = 1.0
+# Postures at which an arm is asked in how many ways it can move, and the smallest singular value
+# of its Jacobian, over the largest, that is a way.
+_ASKED: Final = 8
+_A_WAY: Final = 1e-6
 # By this start the whole range of every joint is searched.
 _WIDEST_START: Final = 6
 
@@ -83,12 +88,12 @@ class InverseKinematics:
         values: parameter values by name, m or rad; nominal where not given.
 
     Attributes:
-        arm: as given.
+        arm, values: as given.
         true: the same arm at these values.
     """
 
     def __init__(self, arm: ArmModel, values: Mapping[str, float]) -> None:
-        self.arm, self.true = arm, arm.at(values)
+        self.arm, self.true, self.values = arm, arm.at(values), dict(values)
         offsets = arm.offsets
         others = [n for n in values if n in arm.offered and n not in offsets]
         self._function = arm.function([*offsets, *others])
@@ -103,6 +108,34 @@ class InverseKinematics:
         """(joints,) readings in the middle of every joint's range."""
         lower, upper = self._range()
         return np.asarray((lower + upper) / 2, dtype=float)
+
+    @cached_property
+    def attainable(self) -> Mapping[Matching, bool]:
+        """Which targets this arm can reach in general: not those that ask more than it can do.
+
+        Six joints or more reach poses, five a position and the direction of an axis, three or four
+        a position; if their axes are not arranged so that they do less.
+        """
+        q = self.random_readings(np.random.default_rng(0), _ASKED)
+        batch = Batched(self._function, _ASKED, shared=[0])
+        batch.inputs[0][:] = self._theta
+        found: dict[Matching, bool] = {}
+        for matching, kept in _KEPT.items():
+            here = Targets(np.zeros((_ASKED, 3)), np.tile(np.eye(3), (_ASKED, 1, 1)), matching)
+            _, jacobian = _residuals(batch, here, q, self.arm.gearing)
+            rows = jacobian[:, np.append([True] * 3, kept > 0)]
+            values = np.linalg.svd(rows, compute_uv=False)
+            ways = np.sum(values > _A_WAY * values[:, :1], axis=1).max()
+            found[matching] = bool(ways == rows.shape[1])
+        return found
+
+    def most(self, matching: Matching) -> Matching:
+        """What of a target the arm can match, at most what is asked: a position if nothing else."""
+        order = list(_KEPT)
+        for each in order[order.index(matching) :]:
+            if self.attainable[each]:
+                return each
+        return "position"
 
     def random_readings(self, rng: np.random.Generator, n: int) -> FloatArray:
         """(n, joints) readings, uniform over every joint's range."""

@@ -129,6 +129,9 @@ class Reach:
         q = np.zeros((*position.shape[:2], len(self.situation.arm.joints)))
         ok = np.zeros(position.shape[:2], dtype=bool)
         oriented = np.array([mark.rotation is not None for mark in artefact.landmarks.values()])
+        touching = self.situation.touching
+        if touching is not None and not touching.has_angles:
+            oriented &= self.situation.kinematics.attainable["pose"]
         kinds: dict[Matching, NDArray[np.bool_]] = {"pose": oriented, "position": ~oriented}
         for matching, rows in kinds.items():
             if rows.any():
@@ -155,7 +158,9 @@ class Reach:
             square = (0.5 + k[:, None] * _ROBERTS) % 1.0
             position.append(kind.touches(turning_z_to(-p.axis), p.position, square, settings))
             rotation.append(directions(p.axis, p.cone, (k + 0.5) / n, (k * _GOLDEN) % 1.0))
-        targets = Targets(np.concatenate(position), np.concatenate(rotation), "axis")
+        # An arm of few joints comes as it can.
+        matching = self.situation.kinematics.most("axis")
+        targets = Targets(np.concatenate(position), np.concatenate(rotation), matching)
         answer, reached = self._solve(targets)
         found: dict[str, Candidate | Unreachable] = {}
         ends = np.cumsum(counts)
