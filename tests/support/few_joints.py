@@ -1,6 +1,10 @@
-"""Arms of one to eight joints, as a student might build them, and jobs for them; all simulated."""
+"""Arms of one to eight joints, as a student might build them, and what is simulated with them."""
 
 from __future__ import annotations
+
+from pathlib import Path
+
+from suta_calib.terms import KINDS
 
 # A turntable, a shoulder, an elbow, and a wrist of three; two joints more for a redundant one.
 AXES = ("0 0 1", "0 1 0", "0 1 0", "1 0 0", "0 1 0", "1 0 0", "0 1 0", "1 0 0")
@@ -23,32 +27,25 @@ def few_joints(joints: int) -> str:
     return "\n".join(text)
 
 
-SIMULATION = """\
-arm: {{urdf: arm.urdf, tip: tip}}
-errors:
-  - {{select: ["*.offset"], std_deg: 0.5}}
-  - {{select: [geometric], std_mm: 0.5}}
-posture_deg: {{{posture}}}
-sets:
-{sets}
+ARTEFACT = """\
+landmarks:
+  A: {position_mm: [0, 0, 0], rotation_rpy_deg: [180, 0, 0]}
+  B: {position_mm: [100, 0, 0], rotation_rpy_deg: [180, 0, 0]}
+  C: {position_mm: [0, 80, 0], rotation_rpy_deg: [180, 0, 0]}
 """
-TRACKED = """\
-  {name}: {{kind: tracked_point, samples: {samples}, noise: {{instrument_mm: 0.05}}}}
-"""
-TOUCHED = """\
-  {name}:
-    kind: fixed_point
-    noise: {{seating_mm: 0.05}}
-    directions: 12
-    points: {{F1: {{position_mm: [350, 50, 250]}}, F2: {{position_mm: [250, -200, 200]}}}}
-"""
-JOB = """\
-arm: {{urdf: arm.urdf, tip: tip}}
-parameters:
-  - {{select: ["*.offset"], bound_deg: 10}}
-  - {{select: [geometric], bound_mm: 10, bound_deg: 3}}
-observations:
-  - {{kind: {kind}, samples: fitted/*.csv}}
-validation:
-  - {{kind: {kind}, samples: held/*.csv}}
-"""
+_PLACES = {
+    True: "artefact: artefact.yaml\n    placements: {P1: {position_mm: [250, 50, 250]}}",
+    False: "directions: 6\n    points: {F1: {position_mm: [350, 50, 250]}}",
+}
+
+
+def simulation(folder: Path, kind: str) -> Path:
+    """A simulation of one kind over ``arm.urdf`` and ``artefact.yaml`` in the folder."""
+    places = _PLACES[KINDS[kind].needs_artefact]
+    path = folder / "simulation.yaml"
+    path.write_text(
+        "arm: {urdf: arm.urdf, tip: tip}\n"
+        'errors: [{select: ["*.offset"], std_deg: 0.5}]\n'
+        f"sets:\n  fitted:\n    kind: {kind}\n    {places}\n"
+    )
+    return path
