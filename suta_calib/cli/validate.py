@@ -18,7 +18,7 @@ from suta_calib.report.document import Document
 @click.option(
     "--result",
     type=PATH,
-    help="The result.json beside it: corrects eccentric encoders and yielding joints too.",
+    help="The result.json beside it: corrects gains, eccentric encoders and yielding joints too.",
 )
 @anyway_option
 def validate(urdf: Path, job: Path, result: Path | None, anyway: bool) -> Document:

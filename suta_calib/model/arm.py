@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import replace
 from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import cast
+from typing import Any, Final, cast
 
 import numpy as np
 import pinocchio as pin
@@ -36,6 +36,9 @@ from suta_calib.model.parameters import (
 )
 from suta_calib.model.urdf import folded_origin, urdf_bytes
 from suta_calib.units import Unit
+
+# Before a link's name, for as long as joints may be called the same.
+_LINK: Final = "link "
 
 
 class ArmModel:
@@ -89,9 +92,8 @@ class ArmModel:
                 "a URDF that Pinocchio can load",
                 file=path,
             ) from error
-        on_chain = {joint.name for joint in chain.joints if joint.moving}
-        locked = [i for i in range(1, model.njoints) if model.names[i] not in on_chain]
-        return cls(chain, pin.buildReducedModel(model, locked, pin.neutral(model)))
+        reduced, _ = reduced_model(model, {j.name for j in chain.joints if j.moving})
+        return cls(chain, reduced)
 
     def at(self, values: Mapping[str, float]) -> ArmModel:
         """The same arm with these values as its nominal ones, those of no geometry included.
@@ -286,6 +288,27 @@ class ArmModel:
             offset = float(x[6]) if joint.moving else 0.0
             found[joint.name] = folded_origin(joint, x[:3], x[3:6], offset)
         return found
+
+
+def reduced_model(
+    model: pin.Model, moving: Collection[str], shapes: Sequence[Any] = ()
+) -> tuple[pin.Model, list[Any]]:
+    """A model in which only some joints move and all others are locked at neutral.
+
+    Args:
+        model: of a whole robot.
+        moving: names of the joints that go on moving.
+        shapes: `pin.GeometryModel` of it, which are reduced with it.
+    """
+    # Pinocchio looks for frames by name, and refuses a joint that is called as a link is.
+    links = [frame for frame in model.frames if frame.type == pin.FrameType.BODY]
+    for link in links:
+        link.name = _LINK + link.name
+    locked = [i for i in range(1, model.njoints) if model.names[i] not in moving]
+    reduced, left = pin.buildReducedModel(model, list(shapes), locked, pin.neutral(model))
+    for link in (*links, *(f for f in reduced.frames if f.type == pin.FrameType.BODY)):
+        link.name = link.name.removeprefix(_LINK)
+    return reduced, list(left)
 
 
 @lru_cache(maxsize=16)

@@ -17,7 +17,9 @@ from hypothesis import HealthCheck, given, reject, settings
 from hypothesis import strategies as st
 from simulated import random_readings
 
-from suta_calib.errors import UrdfError
+from suta_calib.errors import SamplesError, UrdfError
+from suta_calib.job.calibration import joint_ranges
+from suta_calib.measurements.sample_files import SampleColumns, read_samples
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.chain import read_chain
 from suta_calib.model.parameters import COMPLIANCE, GAIN
@@ -266,3 +268,21 @@ def test_mimics_that_follow_nobody_are_refused(
         read_chain(robot, "f3", "left")
     assert message in str(caught.value)
     assert caught.value.line is not None
+
+
+def test_a_link_may_be_called_as_a_joint_is(robot: Path) -> None:
+    arm = ArmModel.from_urdf(robot, "right", "left")
+    robot.write_text(ROBOT.replace('"l1"', '"left_1"').replace('"r1"', '"right_1"'))
+    same = ArmModel.from_urdf(robot, "right", "left")
+    assert same.joints == arm.joints
+    q = np.array([0.3, -0.4, 0.5])
+    for found, expected in zip(same.forward(q), arm.forward(q), strict=True):
+        np.testing.assert_array_equal(found, expected)
+
+
+def test_a_missing_column_says_who_follows_it(robot: Path, tmp_path: Path) -> None:
+    ranges = joint_ranges(ArmModel.from_urdf(robot, "f3", "left"))
+    (tmp_path / "samples.csv").write_text("left_2,left_1,right_1,finger_2\n0,0,0,0\n")
+    expected = "finger_1.*in m, which finger_2, finger_3 mimics"
+    with pytest.raises(SamplesError, match=expected):
+        read_samples([tmp_path / "samples.csv"], ranges, SampleColumns())

@@ -26,7 +26,7 @@ from suta_calib.analysis.planning.situation import Situation
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import JobError
 from suta_calib.measurements import Artefact
-from suta_calib.model.arm import ArmModel
+from suta_calib.model.arm import ArmModel, reduced_model
 from suta_calib.simulation.inverse_kinematics import Matching, Targets
 from suta_calib.terms import KINDS, Term
 from suta_calib.terms.landmark import seated
@@ -283,7 +283,5 @@ def _shapes(arm: ArmModel, kind: Any) -> Any:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         geometry = pin.buildGeomFromUrdf(model, str(path), kind, folders)
-    kept = set(arm.model.names)
-    locked = [i for i in range(1, model.njoints) if model.names[i] not in kept]
-    _, reduced = pin.buildReducedModel(model, [geometry], locked, pin.neutral(model))
-    return reduced[0]
+    _, (shapes,) = reduced_model(model, set(arm.model.names), [geometry])
+    return shapes
