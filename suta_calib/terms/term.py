@@ -50,6 +50,8 @@ Gap = Literal["base", "tool", "place"]
 # Extents of what was seen or touched and of what the arm moved that differ by more are in different
 # units: no geometry is so wrong.
 OTHER_UNIT: Final = 20.0
+# A tip that moves by less, m, lies on the axes that were turned about, if anything moved.
+UNMOVED: Final = 1e-7
 
 
 @dataclass(frozen=True)
@@ -438,8 +440,14 @@ def check_unit(term: Term, what: str, size: float, moved: float, expected: str, 
         hint: which columns, or which key, say the unit.
 
     Raises:
-        SamplesError: one is more than `OTHER_UNIT` times the other.
+        SamplesError: one is more than `OTHER_UNIT` times the other, or the tip does not move.
     """
+    if moved < UNMOVED:
+        raise SamplesError(
+            f"a tip that the arm's readings move by {mm(moved):.2g} mm",
+            "readings that differ, and a tip off the axes of the joints that turn",
+            where=term.kind,
+        )
     if not moved / OTHER_UNIT <= size <= moved * OTHER_UNIT:
         raise SamplesError(
             f"{what} {mm(size):.4g} mm about their middle, where the arm's readings move the tip "
