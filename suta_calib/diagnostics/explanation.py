@@ -308,7 +308,7 @@ def _rigid(case: _Case) -> Explanation | None:
         in_tool = not in_base
     terms = case.problem.terms
     if in_base:
-        why = next((t.leaves_open["base"][0] for t in terms if "base" in t.leaves_open), "")
+        why = next((t.opens["base"][0] for t in terms if "base" in t.opens), "")
         turning = float(np.linalg.norm(w_base)) * LEVER > NOISE * case.motion.size
         does = (
             f"turns the whole arm about the base's {_axis(w_base)}"
@@ -322,8 +322,8 @@ def _rigid(case: _Case) -> Explanation | None:
         return case.says(f"{does}: {why or gauge}", *case.kinds("base"))
     if not in_tool:
         return None
-    if all("tool" in term.leaves_open for term in terms):
-        does = terms[0].leaves_open["tool"][0]
+    if all("tool" in term.opens for term in terms):
+        does = terms[0].opens["tool"][0]
         return case.says(does, *case.kinds("tool"), *case.oriented())
     if float(np.linalg.norm(w_tool)) * LEVER <= NOISE * case.motion.size:
         return case.says(

@@ -26,6 +26,7 @@ FEWEST: Final = 4
 _LINE: Final = 1e-3
 # Edge of the square that simulated touches fill where the file does not say, m.
 _SIZE: Final = 0.2
+_KEYS: Final = ("z", "rx", "ry")
 
 
 def _signed_distance(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
@@ -106,7 +107,7 @@ class TouchedPlane(Term):
             p
             for name in self.places[0]
             for p in pose_parameters(f"plane[{name}]")
-            if p.name.endswith((".z", ".rx", ".ry"))
+            if p.key in _KEYS
         )
 
     @cached_property
@@ -127,7 +128,7 @@ class TouchedPlane(Term):
     def observed(self, values: Mapping[str, float], poses: PoseSource) -> Observed:
         """The tips as they are, shifted along the normal to where the ball touches."""
         names, plane = grouped(poses.samples.labels["plane"])
-        own = np.array([[values[f"plane[{n}].{k}"] for k in ("z", "rx", "ry")] for n in names])
+        own = np.array([[values[f"plane[{n}].{k}"] for k in _KEYS] for n in names])
         turns = np.column_stack([own[:, 1:], np.zeros(len(names))])
         normal, distance = rotation_from_vector(turns)[plane, :, 2], own[plane, 0]
         rotation, position = poses.at(values)

@@ -150,7 +150,10 @@ class Term(ABC):
         keys: what else a row of a job may say, read by `read_settings`.
         place: label column of what stands somewhere unknown and is touched; empty where nothing is.
         place_unknown: name of the unknowns of one such place, before its label in brackets.
+        place_more: names of what else is unknown of it, before its label in brackets.
         place_turns: whether such a place has an orientation.
+        mark: label column, that may be left out, of what is seen on the tip's link; its unknowns
+            carry the same name. Empty for kinds that look at nothing but the tip.
         groupings: what its samples can be grouped by: what one group is called, and the label
             columns whose values, joined by a slash, name it; none for every row by itself.
         noise_factor: standard deviation of a component of the first block, over that of one
@@ -172,7 +175,9 @@ class Term(ABC):
     keys: ClassVar[tuple[str, ...]] = ()
     place: ClassVar[str] = ""
     place_unknown: ClassVar[str] = ""
+    place_more: ClassVar[tuple[str, ...]] = ()
     place_turns: ClassVar[bool] = True
+    mark: ClassVar[str] = ""
     groupings: ClassVar[Mapping[str, tuple[str, ...]]] = {"row": ()}
     noise_factor: ClassVar[float] = 1.0
     simulation_keys: ClassVar[tuple[str, ...]] = ()
@@ -239,6 +244,23 @@ class Term(ABC):
         del rotation, settings
         return np.tile(position, (len(where), 1))
 
+    @classmethod
+    def measured(
+        cls, place: FloatArray, tips: FloatArray, settings: Mapping[str, Any]
+    ) -> dict[str, FloatArray]:
+        """Lengths that are measured, with nothing wrong, while the tip touches a place.
+
+        Args:
+            place: (3,) or (n, 3) where it is in the base, m.
+            tips: (n, 3) in the base, m.
+            settings: as `read_settings`, or `settings`, gives them.
+
+        Returns:
+            By name of `SampleColumns.optional_lengths`, (n,), m; empty where nothing is measured.
+        """
+        del place, tips, settings
+        return {}
+
     @abstractmethod
     def start(self, rotation: FloatArray, position: FloatArray) -> FloatArray:
         """Closed-form values of `own` for given tool poses (n, 3, 3), (n, 3): the solver's start.
@@ -300,6 +322,16 @@ class Term(ABC):
     def settings(self) -> Mapping[str, Any]:
         """The values of the kind's own `keys` that this term was built with."""
         return {}
+
+    @property
+    def opens(self) -> Mapping[Gap, tuple[str, str]]:
+        """What of `leaves_open` these samples leave open."""
+        return self.leaves_open
+
+    @property
+    def marked(self) -> bool:
+        """Whether the samples say which mark on the tip's link was seen."""
+        return self.mark in self.poses.samples.labels
 
     @property
     def touched(self) -> Artefact | None:
@@ -403,14 +435,15 @@ class SeenTerm(Term):
         return cls(poses, setup.noise, setup.angular_noise, setup.label)
 
     @property
-    def _frames(self) -> list[str]:
+    def frame_names(self) -> list[str]:
+        """Owners of the unknowns of its frames."""
         suffix = "" if self.label == "default" else f"[{self.label}]"
         return [frame.own + suffix for frame in self.frames]
 
     @cached_property
     def own(self) -> tuple[Parameter, ...]:
         """The poses of its frames."""
-        return tuple(p for frame in self._frames for p in pose_parameters(frame))
+        return tuple(p for frame in self.frame_names for p in pose_parameters(frame))
 
 
 def check_unit(term: Term, what: str, size: float, moved: float, expected: str, hint: str) -> None:

@@ -33,7 +33,9 @@ from suta_calib.solver.problem import Problem
 from suta_calib.terms import KINDS
 
 # Unknowns that belong to one place: another place has its own.
-_PRIVATE: Final = tuple(f"{kind.place_unknown}[" for kind in KINDS.values() if kind.place_unknown)
+_PRIVATE: Final = tuple(
+    f"{name}[" for kind in KINDS.values() for name in (kind.place_unknown, *kind.place_more) if name
+)
 CRITERIA: Final = ("tip", "d")
 # An exchange must gain this much to count, in units of the criterion's value.
 _WORTH: Final = 1e-9
