@@ -377,14 +377,16 @@ def _hardly(case: _Case) -> Explanation:
 
 def _spread(problem: Problem, direction: Mapping[str, float], information: Information) -> float:
     """Predicted standard deviation along a direction, in the fixed parameter's unit."""
-    a = problem.arm_count
+    free = [k for k, p in enumerate(problem.parameters.values()) if p.free]
+    own = [k for k in free if k >= problem.arm_count]
     d = np.array([direction.get(name, 0.0) for name in problem.names])
     curvature = information.curvature
     pushed = curvature @ d
     squared = float(d @ pushed)
-    if len(d) > a:
-        inverse = np.linalg.pinv(curvature[a:, a:], 1e-11, True)
-        squared -= float(pushed[a:] @ inverse @ pushed[a:])
+    if own:
+        known = np.diag(problem.prior_precision()[own])
+        inverse = np.linalg.pinv(curvature[np.ix_(own, own)] + known, 1e-11, True)
+        squared -= float(pushed[own] @ inverse @ pushed[own])
     # Below rounding of the sum it came from, it says nothing.
     floor = 1e-12 * float(np.abs(d) @ np.abs(curvature) @ np.abs(d))
     return 1.0 / math.sqrt(squared) if squared > floor else math.inf

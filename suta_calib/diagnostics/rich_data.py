@@ -208,8 +208,11 @@ class RichData:
         rows = whitened_rows(problem, x, problem.assumed_sigmas())
         unit = problem.parameters.array("plausible")
         curvature = sum((r.jacobian * unit).T @ (r.jacobian * unit) for r in rows)
-        own = np.arange(problem.arm_count, len(unit))
-        (told,) = schur_complement([np.asarray(curvature)], 0.0 * unit, self._free, own)
+        arm = problem.arm_count
+        free = np.array([p.free for p in problem.parameters.values()], dtype=bool)
+        prior = problem.prior_precision() * unit**2 * (np.arange(len(unit)) >= arm)
+        own = np.flatnonzero(free[arm:]) + arm
+        (told,) = schur_complement([np.asarray(curvature)], prior, self._free, own)
         size, vectors = np.linalg.eigh(told)
         # What is left where the own unknowns make up for everything is rounding.
         size[size < NULL * np.diag(curvature)[self._free].max(initial=0.0)] = 0.0

@@ -202,6 +202,8 @@ def read_term(arm: ArmModel, row: ObservationSpec, job: Path, *, fitted: bool = 
         if row.exclude is not None:
             samples = row.exclude.kept(samples)
         term = KINDS[row.kind].over(ArmPoses(arm, samples), setup)
+        term = replace(term, given=row.given) if row.given else term
+        term.check_given()
         if fitted:
             term.check_enough()
     except InputError as error:

@@ -15,7 +15,8 @@ from suta_calib.errors import JobError
 from suta_calib.measurements.exclusion import Exclusion, read_exclusion
 from suta_calib.measurements.yaml_file import YamlSection, read_yaml
 from suta_calib.model.parameters import Selection
-from suta_calib.terms import GROUPINGS, KINDS, Term
+from suta_calib.terms import GROUPINGS, KINDS, GivenPose, Term
+from suta_calib.terms.given import POSE_KEYS
 
 _BOUND_AND_PRIOR_KEYS: Final = (
     *("bound_mm", "bound_deg", "bound_deg_per_nm"),
@@ -24,7 +25,8 @@ _BOUND_AND_PRIOR_KEYS: Final = (
 _ANGLE_KEYS: Final = ("huber_deg", "sigma_deg")
 _OBSERVATION_KEYS: Final = (
     *("kind", "artefact", "samples", "label", "exclude"),
-    *("huber_mm", "huber_deg", "sigma_mm", "sigma_deg", "fixed", "seating"),
+    *("huber_mm", "huber_deg", "sigma_mm", "sigma_deg", "fixed", "seating", "pose"),
+    *dict.fromkeys(frame.key for kind in KINDS.values() for frame in kind.frames),
     *dict.fromkeys(key for kind in KINDS.values() for key in kind.keys),
 )
 
@@ -66,6 +68,7 @@ class ObservationSpec:
         clearance_m, clearance_rad: what the artefact's sockets leave the tip, m and rad; zero where
             it fits.
         settings: what the kind's own keys say, as it has read them.
+        given: what is known beforehand of where things stand, as `Term.given`.
     """
 
     kind: str
@@ -83,6 +86,7 @@ class ObservationSpec:
     clearance_m: float = 0.0
     clearance_rad: float = 0.0
     settings: Mapping[str, Any] = field(default_factory=dict)
+    given: Mapping[str, GivenPose] = field(default_factory=dict)
 
     @property
     def seated(self) -> bool:
@@ -234,7 +238,22 @@ def _observation(row: YamlSection) -> ObservationSpec:
         clearance_m=clearance_m,
         clearance_rad=clearance_rad,
         settings=kind.read_settings(row),
+        given=_given(row, kind),
     )
+
+
+def _given(row: YamlSection, kind: type[Term]) -> dict[str, GivenPose]:
+    """``pose`` of the only place or of what sees, or poses by label; and frames by their keys."""
+    keys = [frame.key for frame in kind.frames if frame.key in row]
+    given = {key: GivenPose.read(row.section(key)) for key in keys}
+    if "pose" not in row:
+        return given
+    if keys:
+        raise row.refuse(f"pose beside {keys[0]}", "one or the other", at=("pose",))
+    poses = row.section("pose")
+    if any(key in poses for key in POSE_KEYS):
+        return given | {"": GivenPose.read(poses)}
+    return given | {str(label): GivenPose.read(poses.section(label)) for label in poses.data}
 
 
 def _seating(row: YamlSection, kind: type[Term]) -> tuple[float, float]:
@@ -257,6 +276,8 @@ def _check_keys_of_kind(row: YamlSection, kind: type[Term]) -> None:
     senseless = {key for other in KINDS.values() for key in other.keys} - {*kind.keys}
     senseless |= set() if kind.needs_artefact else {"artefact", "seating"}
     senseless |= set() if kind.has_angles else {*_ANGLE_KEYS}
+    frames = {frame.key for other in KINDS.values() for frame in other.frames}
+    senseless |= frames - {frame.key for frame in kind.frames}
     for key in _OBSERVATION_KEYS:
         if key in row and key in senseless:
             raise row.refuse(

@@ -6,6 +6,7 @@ from typing import Final
 
 from suta_calib.terms.block import Block, Noise
 from suta_calib.terms.fixed_point import FixedPoint
+from suta_calib.terms.given import GivenPose
 from suta_calib.terms.hand_eye import HandEye
 from suta_calib.terms.landmark import TouchedLandmark
 from suta_calib.terms.line import TouchedLine
@@ -51,6 +52,7 @@ __all__ = [
     "ArmPoses",
     "Block",
     "FixedPoint",
+    "GivenPose",
     "HandEye",
     "MeasuredPoses",
     "MeasuredRange",

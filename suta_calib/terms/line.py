@@ -17,8 +17,9 @@ from suta_calib.geometry.symbols import Symbol, symbolic_rotation
 from suta_calib.measurements import SampleColumns, YamlSection
 from suta_calib.model.parameters import Parameter
 from suta_calib.terms.block import LEARNT, Block, Noise, Pose, grouped, norm
+from suta_calib.terms.given import GivenPose, Known
 from suta_calib.terms.poses import PoseSource
-from suta_calib.terms.term import Observed, Setup, Term, pose_parameters
+from suta_calib.terms.term import Observed, Setup, Term, check_turned, pose_parameters
 
 # Two touches lie on some line whatever the arm is: the third is the first that tells.
 FEWEST: Final = 3
@@ -51,7 +52,8 @@ class TouchedLine(Term):
     A line has four unknowns: ``rx``, ``ry``, the rotation vector (rx, ry, 0) that turns the base's
     z axis along it, and ``x``, ``y``, where it meets the plane through the base's origin square to
     it, along the x and y axes that were turned likewise. The start takes the direction that points
-    up; a horizontal line is nothing special.
+    up; a horizontal line is nothing special. A given pose is of any point of it, its x axis going
+    along it; prior_mm is of x and y.
 
     Lines find what a point touched from many directions does, and are easier to come by; the
     overall scale is free, unless another term fixes it.
@@ -132,6 +134,14 @@ class TouchedLine(Term):
         in_line = np.einsum("nji,nj->ni", frame, position)
         in_line[:, :2] = own[line, :2]
         return Observed(np.einsum("nij,nj->ni", frame, in_line))
+
+    def _known_place(self, owner: str, pose: GivenPose) -> dict[str, Known]:
+        return pose.of_axis(owner, 0, ("x", "y"))
+
+    def check_given(self) -> None:
+        """A line that is given goes somewhere."""
+        check_turned(self)
+        super().check_given()
 
     def start(self, rotation: FloatArray, position: FloatArray) -> FloatArray:
         """The line of least squares through the touches, by singular value decomposition."""

@@ -17,8 +17,9 @@ from suta_calib.geometry.symbols import Symbol, symbolic_rotation
 from suta_calib.measurements import SampleColumns, YamlSection
 from suta_calib.model.parameters import Parameter
 from suta_calib.terms.block import LEARNT, Block, Noise, Pose, grouped
+from suta_calib.terms.given import GivenPose, Known
 from suta_calib.terms.poses import PoseSource
-from suta_calib.terms.term import Observed, Setup, Term, pose_parameters
+from suta_calib.terms.term import Observed, Setup, Term, check_turned, pose_parameters
 
 # Three touches lie on some plane whatever the arm is: the fourth is the first that tells.
 FEWEST: Final = 4
@@ -46,7 +47,8 @@ class TouchedPlane(Term):
 
     A plane has three unknowns: ``z``, its distance d from the base's origin along its normal, and
     ``rx``, ``ry``, the rotation vector (rx, ry, 0) that turns the base's z axis into the normal n.
-    The start takes the normal that points up; a vertical plane is nothing special.
+    The start takes the normal that points up; a vertical plane is nothing special. A given pose is
+    of any point of it, its z axis being square to it; prior_mm is of the distance from the origin.
 
     Planes that face several ways, each touched with the tool in several directions, find what a
     point touched from many directions does, and need nothing that a tip can rest in; the overall
@@ -134,6 +136,14 @@ class TouchedPlane(Term):
         rotation, position = poses.at(values)
         height = np.sum(normal * position, axis=1) - distance - self._side(normal, rotation)
         return Observed(position - height[:, None] * normal)
+
+    def _known_place(self, owner: str, pose: GivenPose) -> dict[str, Known]:
+        return pose.of_axis(owner, 2, ("z",))
+
+    def check_given(self) -> None:
+        """A plane that is given faces somewhere."""
+        check_turned(self)
+        super().check_given()
 
     def _side(self, normal: FloatArray, rotation: FloatArray) -> FloatArray:
         """(n,) height of the ball's centre over the plane, m, for normals (n, 3) or one of them."""

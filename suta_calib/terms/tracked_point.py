@@ -91,7 +91,7 @@ class TrackedPoint(SeenTerm):
     mark: ClassVar[str] = "target"
     groupings: ClassVar[Mapping[str, tuple[str, ...]]] = {"target": ("target",), "row": ()}
     frames: ClassVar[tuple[TrueFrame, ...]] = (
-        TrueFrame("base", "base_in_instrument", required=False),
+        TrueFrame("base", "base_in_instrument", required=False, seen_from=True),
     )
     leaves_open: ClassVar[Mapping[Gap, tuple[str, str]]] = {
         "base": (

@@ -58,9 +58,10 @@ class Space:
     def of(cls, situation: Situation) -> Space:
         """The arm's free parameters, and unknowns of terms that are not of one place."""
         problem = situation.problem
-        own = {p.name: p for t in problem.terms for p in t.own if not p.name.startswith(_PRIVATE)}
-        arm = [p for p in problem.arm_parameters.values() if p.free]
-        return cls(ParameterSet([*arm, *own.values()]), len(arm))
+        free = [p for p in problem.parameters.values() if p.free]
+        arm = [p for p in free if p.name in problem.arm_parameters]
+        own = [p for p in free[len(arm) :] if not p.name.startswith(_PRIVATE)]
+        return cls(ParameterSet([*arm, *own]), len(arm))
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -169,9 +170,11 @@ def _shared_information(
     fixed = {p.name for p in problem.parameters.values() if not p.free}
     kept = [k for k, name in enumerate(problem.names) if name in index]
     private = [k for k, n in enumerate(problem.names) if n not in index and n not in fixed]
+    known = np.zeros(len(unit))
+    known[private] = (problem.prior_precision() * unit**2)[private]
     reduced = schur_complement(
         [m * scale for m in matrices],
-        np.zeros(len(unit)),
+        known,
         np.array(kept, dtype=np.intp),
         np.array(private, dtype=np.intp),
     )
