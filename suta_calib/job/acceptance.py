@@ -161,7 +161,7 @@ def _tested(top: YamlSection, urdf: Path | None) -> AcceptanceJob:
     if not any(key in top for key in _MEASURED):
         raise top.refuse("nothing that was measured", f"one of {', '.join(_MEASURED)}")
     spec = read_arm(top, urdf)
-    arm = ArmModel.from_urdf(spec.urdf, spec.tip, spec.base)
+    arm = spec.model()
     sections = {key: top.section(key) for key in _MEASURED if key in top}
     job = AcceptanceJob(top.document.path, arm, sections=sections)
     for key, read in zip(_MEASURED, (_lengths, _articulation, _probing, _visits), strict=True):

@@ -55,7 +55,7 @@ class CalibrationJob:
                 what was expected.
         """
         spec = read_job(Path(path))
-        arm = ArmModel.from_urdf(spec.arm.urdf, spec.arm.tip, spec.arm.base)
+        arm = spec.arm.model()
         try:
             parameters = arm.select(*spec.parameters)
         except ParameterError as error:

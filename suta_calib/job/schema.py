@@ -12,8 +12,10 @@ from pathlib import Path
 from typing import Any, Final, Literal, cast
 
 from suta_calib.errors import JobError
+from suta_calib.job.tip_offset import TipOffset
 from suta_calib.measurements.exclusion import Exclusion, read_exclusion
 from suta_calib.measurements.yaml_file import YamlSection, read_yaml
+from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import Selection
 from suta_calib.terms import GROUPINGS, KINDS, GivenPose, Term
 from suta_calib.terms.given import POSE_KEYS
@@ -41,11 +43,22 @@ class ArmSpec:
         urdf: the file.
         tip: link or frame whose pose matters.
         base: link the chain starts from; None for the root link.
+        tip_offset: where the tip is in that frame, or None where it is its origin.
     """
 
     urdf: Path
     tip: str
     base: str | None = None
+    tip_offset: TipOffset | None = None
+
+    def model(self) -> ArmModel:
+        """The arm at nominal.
+
+        Raises:
+            InputError: the URDF cannot be used, or has no place for the tip's offset.
+        """
+        arm = ArmModel.from_urdf(self.urdf, self.tip, self.base)
+        return arm if self.tip_offset is None else self.tip_offset.on(arm)
 
 
 @dataclass(frozen=True)
@@ -170,10 +183,12 @@ def read_job(path: Path) -> JobSpec:
             at=("parameters",),
             hint='for example - {select: ["*.offset"], bound_deg: 15}',
         )
+    # Later rows win: what the job says of the tip counts.
+    first = () if arm.tip_offset is None else (arm.tip_offset.selection(arm.tip),)
     return JobSpec(
         path,
         arm,
-        tuple(_selection(row) for row in top.sections("parameters")),
+        (*first, *(_selection(row) for row in top.sections("parameters"))),
         tuple(_observation(row) for row in top.sections("observations")),
         tuple(_observation(row) for row in top.sections("validation"))
         if "validation" in top
@@ -186,9 +201,13 @@ def read_job(path: Path) -> JobSpec:
 def read_arm(top: YamlSection, urdf: Path | None = None) -> ArmSpec:
     """The key ``arm`` of a job, ``urdf`` in place of the file that it names."""
     arm = top.section("arm")
-    arm.check_keys(("urdf", "tip", "base"), required=("urdf", "tip"))
-    file = arm.existing_file("urdf") if urdf is None else urdf
-    return ArmSpec(file, arm.text("tip"), arm.text("base") if "base" in arm else None)
+    arm.check_keys(("urdf", "tip", "base", "tip_offset_mm"), required=("urdf", "tip"))
+    base = arm.text("base") if "base" in arm else None
+    offset = TipOffset.read(arm)
+    if urdf is not None:
+        # A calibrated one has the offset in it.
+        return ArmSpec(urdf, arm.text("tip"), base)
+    return ArmSpec(arm.existing_file("urdf"), arm.text("tip"), base, offset)
 
 
 def _selection(row: YamlSection) -> Selection:
