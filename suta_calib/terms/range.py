@@ -187,8 +187,9 @@ class MeasuredRange(Term):
             tips = position[which == k]
             if len(tips) <= unknowns:
                 raise SamplesError(
-                    f"{len(tips)} distances from anchor {name}",
-                    f"at least {unknowns + 1}: its unknowns alone are {unknowns}",
+                    f"anchor {name} ranged {len(tips)} times",
+                    f"every anchor ranged at least {unknowns + 1} times: its unknowns alone are "
+                    f"{unknowns}",
                     where=self.kind,
                     hint="" if len(tips) > 1 else "is its label misspelt?",
                 )

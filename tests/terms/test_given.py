@@ -206,3 +206,17 @@ def test_an_instruments_pose_is_that_in_the_base(tmp_path: Path, suta_urdf: Path
 def _rpy(pose: GivenPose) -> np.ndarray:
     assert pose.rotation is not None
     return rpy_from_rotation(pose.rotation)
+
+
+def test_a_pose_that_is_wrong_is_named(tmp_path: Path, suta_urdf: Path) -> None:
+    """An instrument five centimetres from where it was surveyed."""
+    job = write_simulated_job(tmp_path / "job", suta_urdf)
+    turn = np.degrees(rpy_from_rotation(rotation_from_vector([0.1, -0.4, 1.2])))
+    row = (
+        "base_in_instrument: {position_mm: [1000, -450, 300], "
+        f"rotation_rpy_deg: [{', '.join(map(str, turn))}]}}"
+    )
+    job.write_text(job.read_text().replace("sigma_mm: 0.05", row, 1))
+    found = CalibrationJob.load(job).run().assessment
+    assert not found.usable
+    assert any("base_in_instrument is not where its given pose says" in n for n in found.notes)
