@@ -68,8 +68,9 @@ class SampleColumns:
 
     Attributes:
         labels: label columns, such as ``("placement", "repeat", "landmark")``.
-        optional_labels: label columns that all the files have, or none of them.
-        optional_lengths: columns of measured lengths, m, or in mm with ``_mm`` after their name,
+        optional_labels: label columns that are read where every file has them.
+        common_labels: label columns that all the files have, or none of them.
+        common_lengths: columns of measured lengths, m, or in mm with ``_mm`` after their name,
             that all the files have, or none of them.
         position: whether ``x, y, z`` (m), or ``x_mm, y_mm, z_mm``, are required.
         orientation: whether ``qx, qy, qz, qw`` are read.
@@ -79,7 +80,8 @@ class SampleColumns:
     position: bool = False
     orientation: Literal["none", "optional", "required"] = "none"
     optional_labels: tuple[str, ...] = ()
-    optional_lengths: tuple[str, ...] = ()
+    common_labels: tuple[str, ...] = ()
+    common_lengths: tuple[str, ...] = ()
 
 
 def read_samples(
@@ -104,9 +106,10 @@ def read_samples(
         raise SamplesError("no files", "at least one samples file")
     _check_names(joints, columns)
     tables = [read_csv_table(path) for path in paths]
-    there = [name for name in columns.optional_labels if _everywhere(tables, name)]
-    lengths = [n for n in columns.optional_lengths if _everywhere(tables, *length_columns(n))]
-    columns = replace(columns, labels=(*columns.labels, *there), optional_lengths=tuple(lengths))
+    there = [n for n in columns.optional_labels if all(n in table.columns for table in tables)]
+    there += [name for name in columns.common_labels if _everywhere(tables, name)]
+    lengths = [n for n in columns.common_lengths if _everywhere(tables, *length_columns(n))]
+    columns = replace(columns, labels=(*columns.labels, *there), common_lengths=tuple(lengths))
     parts = [_samples(table, joints, columns) for table in tables]
     for path, part in zip(paths, parts, strict=True):
         if (part.rotation is None) != (parts[0].rotation is None):
@@ -128,7 +131,7 @@ def _samples(table: CsvTable, joints: Sequence[JointRange], columns: SampleColum
         [joint.name for joint in joints],
         _readings(table, joints),
         labels={name: table.labels(name, needed) for name in columns.labels},
-        lengths={name: lengths(table, name) for name in columns.optional_lengths},
+        lengths={name: lengths(table, name) for name in columns.common_lengths},
         position=positions(table) if columns.position else None,
         rotation=rotations(table) if oriented else None,
         origin=table.origin,
@@ -207,8 +210,8 @@ def _turns_beyond(values: FloatArray, joint: JointRange) -> int | None:
 
 def _check_names(joints: Sequence[JointRange], columns: SampleColumns) -> None:
     """Refuse a joint whose column would also have to hold something else."""
-    taken = {*columns.labels, *columns.optional_labels}
-    taken |= {each for name in columns.optional_lengths for each in length_columns(name)}
+    taken = {*columns.labels, *columns.common_labels}
+    taken |= {each for name in columns.common_lengths for each in length_columns(name)}
     taken |= {*position_columns()} if columns.position else set()
     taken |= {*rotation_columns()} if columns.orientation != "none" else set()
     for joint in joints:

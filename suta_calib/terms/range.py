@@ -63,9 +63,7 @@ class MeasuredRange(Term):
         "column length in m, or length_mm; without it all distances from one anchor are one "
         "unknown radius"
     )
-    columns: ClassVar[SampleColumns] = SampleColumns(
-        labels=("anchor",), optional_lengths=("length",)
-    )
+    columns: ClassVar[SampleColumns] = SampleColumns(labels=("anchor",), common_lengths=("length",))
     has_angles: ClassVar[bool] = False
     place: ClassVar[str] = "anchor"
     place_unknown: ClassVar[str] = "anchor"

@@ -347,7 +347,7 @@ class Term(ABC):
             settings: as `read_settings`, or `settings`, gives them.
 
         Returns:
-            By name of `SampleColumns.optional_lengths`, (n,), m; empty where nothing is measured.
+            By name of `SampleColumns.common_lengths`, (n,), m; empty where nothing is measured.
         """
         del place, tips, settings
         return {}

@@ -85,7 +85,7 @@ class TrackedPoint(SeenTerm):
         "reflector of that name, which sits anywhere on the tip's link and is found as well"
     )
     columns: ClassVar[SampleColumns] = SampleColumns(
-        position=True, orientation="optional", optional_labels=("target",)
+        position=True, orientation="optional", common_labels=("target",)
     )
     medium: ClassVar[Medium] = "instrument"
     mark: ClassVar[str] = "target"

@@ -176,7 +176,7 @@ def test_it_is_begun(kind: type[Term], tmp_path: Path) -> None:
     assert f"# {kind.kind}: " in (tmp_path / "calibration.yaml").read_text()
     header = (tmp_path / "calibration" / "samples.csv").read_text().strip().split(",")
     assert set(kind.columns.labels) <= set(header)
-    assert not set(kind.columns.optional_labels) & set(header)
+    assert not set(kind.columns.common_labels) & set(header)
 
 
 def test_it_is_observed(job: Path, capsys: pytest.CaptureFixture[str]) -> None:

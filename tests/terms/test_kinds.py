@@ -76,8 +76,8 @@ def test_a_kind_is_described(kind: type[Term]) -> None:
     assert bool(kind.place) == bool(kind.place_unknown) == (kind.medium == "touch")
     assert not kind.place or kind.place in kind.columns.labels
     for noun, columns in kind.groupings.items():
-        assert set(columns) <= {*kind.columns.labels, *kind.columns.optional_labels}, noun
-    assert not kind.mark or kind.mark in kind.columns.optional_labels
+        assert set(columns) <= {*kind.columns.labels, *kind.columns.common_labels}, noun
+    assert not kind.mark or kind.mark in kind.columns.common_labels
     assert kind.columns.position == (kind.medium != "touch")
 
 
