@@ -14,6 +14,7 @@ from typing import Final
 
 from suta_calib.errors import InputError, JobError, did_you_mean
 from suta_calib.job.outline import read_outline
+from suta_calib.job.schema import read_arm as read_arm_of_job
 from suta_calib.measurements import Artefact, read_artefact
 from suta_calib.model.arm import ArmModel
 from suta_calib.terms import KINDS, Term
@@ -96,7 +97,9 @@ def read_arm(job: Path, urdf: Path | None = None) -> ArmModel:
         JobError, UrdfError: as `CalibrationJob.load` does.
     """
     outline = read_outline(job)
-    return ArmModel.from_urdf(outline.urdf() if urdf is None else urdf, outline.tip, outline.base)
+    if urdf is not None:
+        return ArmModel.from_urdf(urdf, outline.tip, outline.base)
+    return read_arm_of_job(outline.top).model()
 
 
 def read_row(job: Path, which: str | None, wanted: Sequence[str]) -> Row:

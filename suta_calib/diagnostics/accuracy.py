@@ -298,7 +298,11 @@ def fit_own(
     problem = Problem(terms, arm)
     x, names = problem.start(known), problem.names
     x = np.array([known.get(name, value) for name, value in zip(names, x, strict=True)])
-    unknown = [k for k, name in enumerate(names) if k >= problem.arm_count and name not in known]
+    unknown = [
+        k
+        for k, p in enumerate(problem.parameters.values())
+        if k >= problem.arm_count and p.free and p.name not in known
+    ]
     free = np.array(unknown, dtype=np.intp)
     nlp = RobustNlp(problem, free, problem.assumed_sigmas(), SolverOptions())
     return dict(known) | problem.values(nlp.minimise(x).x)

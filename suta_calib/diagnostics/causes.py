@@ -42,6 +42,8 @@ from suta_calib.units import from_deg, from_mm, mm
 Change = Callable[[Samples], Samples]
 # The label column of what is touched on an artefact.
 LANDMARK: Final = "landmark"
+# A score beyond all others but infinity.
+_UNRANKED: Final = 1e300
 
 
 @dataclass(frozen=True)
@@ -123,7 +125,9 @@ def find_cause(solution: Solution, options: CauseOptions = CauseOptions()) -> Ca
     scores /= [_kept(terms, problem.terms) for _, terms in readings]
     ranked = [k for k in np.argsort(scores, kind="stable") if scores[k] < limit]
     tried = [(*readings[k], float(scores[k])) for k in ranked[: options.fitted]]
-    # What was moved when the nominal arm is too coarse to rank.
+    # What the nominal arm is too coarse to rank: what stands elsewhere; and only where that is no
+    # cause, for it leaves more open, what was moved.
+    tried += [(*each, _UNRANKED) for each in _elsewhere(problem.terms)]
     tried += [(*each, math.inf) for each in _moved(problem.terms)]
     few = SolverOptions(starts=1, max_iterations=25, weights=None)
     causes, worst = list[Cause](), math.inf
@@ -307,6 +311,16 @@ def _moved(terms: Sequence[Term]) -> Iterator[tuple[str, tuple[Term, ...]]]:
                 apart.append(term)
         if any(each not in terms for each in apart):
             yield sentence, tuple(apart)
+
+
+def _elsewhere(terms: Sequence[Term]) -> Iterator[tuple[str, tuple[Term, ...]]]:
+    """As if one of the given poses had not been given."""
+    for k, term in enumerate(terms):
+        for label in term.given:
+            rest = {name: pose for name, pose in term.given.items() if name != label}
+            read = (*terms[:k], replace(term, given=rest), *terms[k + 1 :])
+            what = f"{term.place} {label}".strip() if term.place else label or f"the {term.medium}"
+            yield f"{what} is not where its given pose says", read
 
 
 def _half(samples: Samples, place: NDArray[np.str_] | None) -> NDArray[np.str_]:

@@ -70,7 +70,10 @@ def common_scales(solution: Solution) -> Iterator[CommonScale]:
     problem, told = solution.problem, False
     for what, mine in (
         ("artefact", [term.needs_artefact for term in problem.terms]),
-        ("instrument", [term.medium != "touch" for term in problem.terms]),
+        (
+            "instrument",
+            [t.medium != "touch" or bool(t.poses.samples.lengths) for t in problem.terms],
+        ),
     ):
         if any(mine):
             found = _step(solution, what, mine)
@@ -125,8 +128,10 @@ def _step(solution: Solution, what: str, mine: Sequence[bool]) -> CommonScale:
 def _longer(term: Term) -> Term:
     """The term with every certified or measured length longer by `STEP`."""
     samples = term.poses.samples
-    if samples.position is not None:
-        samples = replace(samples, position=samples.position * (1.0 + STEP))
+    if samples.position is not None or samples.lengths:
+        position = None if samples.position is None else samples.position * (1.0 + STEP)
+        lengths = {name: each * (1.0 + STEP) for name, each in samples.lengths.items()}
+        samples = replace(samples, position=position, lengths=lengths)
         return term.over_poses(term.poses.with_samples(samples))
     if term.touched is None:
         return term

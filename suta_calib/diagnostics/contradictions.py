@@ -228,7 +228,7 @@ def _scales(solution: Solution, options: ContradictionOptions) -> Iterator[Contr
 
 
 def _priors(solution: Solution, options: ContradictionOptions) -> Iterator[Contradiction]:
-    parameters, values = solution.problem.arm_parameters, solution.values
+    parameters, values = solution.problem.parameters, solution.values
     pulls = [
         (abs(values[p.name] - p.nominal) / p.prior, p.name)
         for p in parameters.values()

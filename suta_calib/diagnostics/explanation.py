@@ -315,7 +315,7 @@ def _rigid(case: _Case) -> Explanation | None:
         in_tool = not in_base
     terms = case.problem.terms
     if in_base:
-        why = next((t.leaves_open["base"][0] for t in terms if "base" in t.leaves_open), "")
+        why = next((t.opens["base"][0] for t in terms if "base" in t.opens), "")
         turning = float(np.linalg.norm(w_base)) * LEVER > NOISE * case.motion.size
         does = (
             f"turns the whole arm about the base's {_axis(w_base)}"
@@ -329,8 +329,8 @@ def _rigid(case: _Case) -> Explanation | None:
         return case.says(f"{does}: {why or gauge}", *case.kinds("base"))
     if not in_tool:
         return None
-    if all("tool" in term.leaves_open for term in terms):
-        does = terms[0].leaves_open["tool"][0]
+    if all("tool" in term.opens for term in terms):
+        does = terms[0].opens["tool"][0]
         return case.says(does, *case.kinds("tool"), *case.oriented())
     if float(np.linalg.norm(w_tool)) * LEVER <= NOISE * case.motion.size:
         return case.says(
@@ -384,14 +384,16 @@ def _hardly(case: _Case) -> Explanation:
 
 def _spread(problem: Problem, direction: Mapping[str, float], information: Information) -> float:
     """Predicted standard deviation along a direction, in the fixed parameter's unit."""
-    a = problem.arm_count
+    free = [k for k, p in enumerate(problem.parameters.values()) if p.free]
+    own = [k for k in free if k >= problem.arm_count]
     d = np.array([direction.get(name, 0.0) for name in problem.names])
     curvature = information.curvature
     pushed = curvature @ d
     squared = float(d @ pushed)
-    if len(d) > a:
-        inverse = np.linalg.pinv(curvature[a:, a:], 1e-11, True)
-        squared -= float(pushed[a:] @ inverse @ pushed[a:])
+    if own:
+        known = np.diag(problem.prior_precision()[own])
+        inverse = np.linalg.pinv(curvature[np.ix_(own, own)] + known, 1e-11, True)
+        squared -= float(pushed[own] @ inverse @ pushed[own])
     # Below rounding of the sum it came from, it says nothing.
     floor = 1e-12 * float(np.abs(d) @ np.abs(curvature) @ np.abs(d))
     return 1.0 / math.sqrt(squared) if squared > floor else math.inf

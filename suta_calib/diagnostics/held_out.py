@@ -221,7 +221,9 @@ def _predicted(
     """Of one component of every row of each block (n,): the whole, and the parameters' part."""
     names = solution.problem.names
     known = [k for k, name in enumerate(held_out.names) if name in names]
-    new = [k for k, name in enumerate(held_out.names) if name not in names]
+    new = [
+        k for k, (name, p) in enumerate(held_out.parameters.items()) if name not in names and p.free
+    ]
     at = [names.index(held_out.names[k]) for k in known]
     covariance = solution.covariance[np.ix_(at, at)]
     jacobian = np.vstack([r.jacobian for r in rows])

@@ -48,6 +48,7 @@ class Sort:
     Attributes:
         kind: of observation.
         oriented: whether orientations are seen, or certified where an artefact is touched.
+        marked: whether marks on the tip's link are seen in place of the tip.
         noise, angular_noise: scatter of lengths and of angles.
         seating: what the artefact's sockets leave open, or None.
         settings: the kind's own.
@@ -55,6 +56,7 @@ class Sort:
 
     kind: type[Term]
     oriented: bool
+    marked: bool = False
     noise: Noise = LEARNT
     angular_noise: Noise = LEARNT
     seating: Seating | None = None
@@ -66,7 +68,7 @@ class Sort:
         noise = {block.unit: block.noise for block in reversed(term.blocks)}
         oriented, seating = "rad" in noise, getattr(term, "seating", None)
         angular = noise.get("rad", LEARNT)
-        return cls(type(term), oriented, noise["m"], angular, seating, term.settings)
+        return cls(type(term), oriented, term.marked, noise["m"], angular, seating, term.settings)
 
 
 @dataclass(eq=False)
@@ -210,8 +212,11 @@ class RichData:
         rows = whitened_rows(problem, x, problem.assumed_sigmas())
         unit = problem.parameters.array("plausible")
         curvature = sum((r.jacobian * unit).T @ (r.jacobian * unit) for r in rows)
-        own = np.arange(problem.arm_count, len(unit))
-        (told,) = schur_complement([np.asarray(curvature)], 0.0 * unit, self._free, own)
+        arm = problem.arm_count
+        free = np.array([p.free for p in problem.parameters.values()], dtype=bool)
+        prior = problem.prior_precision() * unit**2 * (np.arange(len(unit)) >= arm)
+        own = np.flatnonzero(free[arm:]) + arm
+        (told,) = schur_complement([np.asarray(curvature)], prior, self._free, own)
         size, vectors = np.linalg.eigh(told)
         # What is left where the own unknowns make up for everything is rounding.
         size[size < NULL * np.diag(curvature)[self._free].max(initial=0.0)] = 0.0
@@ -227,7 +232,8 @@ class RichData:
         kind, random = sort.kind, np.random.default_rng(0)
         place, row = np.divmod(np.arange(PLACES * ROWS), ROWS)
         artefact = _artefact(oriented=sort.oriented)
-        labels = {name: [f"{label}.{k}" for k in place] for name in kind.columns.labels}
+        columns = (*kind.columns.labels, *([kind.mark] if sort.marked else []))
+        labels = {name: [f"{label}.{k}" for k in place] for name in columns}
         if kind.needs_artefact:
             repeat, mark = np.divmod(row, len(artefact.landmarks))
             labels |= {"repeat": [str(k) for k in repeat], "landmark": [f"L{k}" for k in mark]}
@@ -247,6 +253,8 @@ class RichData:
             _, centre = self._known.forward(q[:PLACES])
             about = centre[place] + random.uniform(-APART, APART, (n, 3))
             poses = _Exact(self._kinematics, random).touched(poses, about, 0.0)
+            lengths = kind.measured(centre[place], poses.at({})[1], sort.settings)
+            poses = poses.with_samples(replace(poses.samples, lengths=lengths))
         noise = sort.noise, sort.angular_noise
         term = kind.over(poses, Setup(artefact, *noise, label, sort.seating, sort.settings))
         anywhere = {p.name: random.uniform(-0.5, 0.5) for p in term.own}

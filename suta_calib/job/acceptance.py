@@ -34,7 +34,7 @@ from suta_calib.job.limits import (
     read_rule,
     read_uncertainty,
 )
-from suta_calib.job.schema import ObservationSpec, load_arm, read_arm
+from suta_calib.job.schema import ObservationSpec, read_arm
 from suta_calib.measurements import SampleColumns, Samples, YamlSection, read_samples, read_yaml
 from suta_calib.model.arm import ArmModel
 from suta_calib.terms import KINDS, ArmPoses, Term
@@ -161,7 +161,7 @@ def _tested(top: YamlSection, urdf: Path | None) -> AcceptanceJob:
     if not any(key in top for key in _MEASURED):
         raise top.refuse("nothing that was measured", f"one of {', '.join(_MEASURED)}")
     spec = read_arm(top, urdf)
-    arm = load_arm(spec)
+    arm = spec.model()
     sections = {key: top.section(key) for key in _MEASURED if key in top}
     job = AcceptanceJob(top.document.path, arm, sections=sections)
     for key, read in zip(_MEASURED, (_lengths, _articulation, _probing, _visits), strict=True):

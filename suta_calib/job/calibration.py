@@ -18,7 +18,7 @@ from suta_calib.diagnostics.assessment import assess_calibration
 from suta_calib.diagnostics.contradictions import may_read_alike
 from suta_calib.diagnostics.explanation import Explanation, explain_solution
 from suta_calib.errors import InputError, JobError, ParameterError, SamplesError
-from suta_calib.job.schema import JobSpec, ObservationSpec, load_arm, read_job
+from suta_calib.job.schema import JobSpec, ObservationSpec, read_job
 from suta_calib.measurements import (
     JointRange,
     Samples,
@@ -63,7 +63,7 @@ class CalibrationJob:
                 what was expected.
         """
         spec = read_job(Path(path))
-        arm = load_arm(spec.arm)
+        arm = spec.arm.model()
         try:
             parameters = arm.select(*spec.parameters)
         except ParameterError as error:
@@ -217,6 +217,8 @@ def read_term(arm: ArmModel, row: ObservationSpec, job: Path, *, fitted: bool = 
         if row.exclude is not None:
             samples = row.exclude.kept(samples)
         term = KINDS[row.kind].over(ArmPoses(arm, samples), setup)
+        term = replace(term, given=row.given) if row.given else term
+        term.check_given()
         if fitted:
             term.check_enough()
     except InputError as error:

@@ -12,11 +12,13 @@ from pathlib import Path
 from typing import Any, Final, Literal, cast
 
 from suta_calib.errors import JobError, UrdfError
+from suta_calib.job.tip_offset import TipOffset
 from suta_calib.measurements.exclusion import Exclusion, read_exclusion
 from suta_calib.measurements.yaml_file import YamlSection, read_yaml
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import Selection
-from suta_calib.terms import GROUPINGS, KINDS, Term
+from suta_calib.terms import GROUPINGS, KINDS, GivenPose, Term
+from suta_calib.terms.given import POSE_KEYS
 
 _BOUND_AND_PRIOR_KEYS: Final = (
     *("bound_mm", "bound_deg", "bound_deg_per_nm", "bound"),
@@ -25,7 +27,8 @@ _BOUND_AND_PRIOR_KEYS: Final = (
 _ANGLE_KEYS: Final = ("huber_deg", "sigma_deg")
 _OBSERVATION_KEYS: Final = (
     *("kind", "artefact", "samples", "label", "exclude"),
-    *("huber_mm", "huber_deg", "sigma_mm", "sigma_deg", "fixed", "seating"),
+    *("huber_mm", "huber_deg", "sigma_mm", "sigma_deg", "fixed", "seating", "pose"),
+    *dict.fromkeys(frame.key for kind in KINDS.values() for frame in kind.frames),
     *dict.fromkeys(key for kind in KINDS.values() for key in kind.keys),
 )
 
@@ -40,13 +43,32 @@ class ArmSpec:
         urdf: the file.
         tip: link or frame whose pose matters.
         base: link the chain starts from; None for the root link.
+        tip_offset: where the tip is in that frame, or None where it is its origin.
         section: where the job says so, for messages; None for no job.
     """
 
     urdf: Path
     tip: str
     base: str | None = None
+    tip_offset: TipOffset | None = None
     section: YamlSection | None = field(default=None, repr=False, compare=False)
+
+    def model(self) -> ArmModel:
+        """The arm at nominal.
+
+        Raises:
+            UrdfError: the file cannot be used, or has no place for the tip's offset.
+            JobError: it has no such tip or base; names the job's line.
+        """
+        try:
+            arm = ArmModel.from_urdf(self.urdf, self.tip, self.base)
+        except UrdfError as problem:
+            if self.section is None or problem.where not in ("tip", "base"):
+                raise
+            expected = f"{problem.expected} {self.urdf}"
+            at, hint = (problem.where,), problem.hint
+            raise self.section.refuse(problem.found, expected, at=at, hint=hint) from None
+        return arm if self.tip_offset is None else self.tip_offset.on(arm)
 
 
 @dataclass(frozen=True)
@@ -69,6 +91,7 @@ class ObservationSpec:
         clearance_m, clearance_rad: what the artefact's sockets leave the tip, m and rad; zero where
             it fits.
         settings: what the kind's own keys say, as it has read them.
+        given: what is known beforehand of where things stand, as `Term.given`.
     """
 
     kind: str
@@ -86,6 +109,7 @@ class ObservationSpec:
     clearance_m: float = 0.0
     clearance_rad: float = 0.0
     settings: Mapping[str, Any] = field(default_factory=dict)
+    given: Mapping[str, GivenPose] = field(default_factory=dict)
 
     @property
     def seated(self) -> bool:
@@ -169,10 +193,12 @@ def read_job(path: Path) -> JobSpec:
             at=("parameters",),
             hint='for example - {select: ["*.offset"], bound_deg: 15}',
         )
+    # Later rows win: what the job says of the tip counts.
+    first = () if arm.tip_offset is None else (arm.tip_offset.selection(arm.tip),)
     return JobSpec(
         path,
         arm,
-        tuple(_selection(row) for row in top.sections("parameters")),
+        (*first, *(_selection(row) for row in top.sections("parameters"))),
         tuple(_observation(row) for row in top.sections("observations")),
         tuple(_observation(row) for row in top.sections("validation"))
         if "validation" in top
@@ -185,26 +211,13 @@ def read_job(path: Path) -> JobSpec:
 def read_arm(top: YamlSection, urdf: Path | None = None) -> ArmSpec:
     """The key ``arm`` of a job, ``urdf`` in place of the file that it names."""
     arm = top.section("arm")
-    arm.check_keys(("urdf", "tip", "base"), required=("urdf", "tip"))
-    file = arm.existing_file("urdf") if urdf is None else urdf
-    return ArmSpec(file, arm.text("tip"), arm.text("base") if "base" in arm else None, arm)
-
-
-def load_arm(spec: ArmSpec) -> ArmModel:
-    """The arm of a job.
-
-    Raises:
-        UrdfError: the file cannot be used.
-        JobError: it has no such tip or base; names the job's line.
-    """
-    try:
-        return ArmModel.from_urdf(spec.urdf, spec.tip, spec.base)
-    except UrdfError as problem:
-        if spec.section is None or problem.where not in ("tip", "base"):
-            raise
-        expected = f"{problem.expected} {spec.urdf}"
-        at, hint = (problem.where,), problem.hint
-        raise spec.section.refuse(problem.found, expected, at=at, hint=hint) from None
+    arm.check_keys(("urdf", "tip", "base", "tip_offset_mm"), required=("urdf", "tip"))
+    base = arm.text("base") if "base" in arm else None
+    offset = TipOffset.read(arm)
+    if urdf is not None:
+        # A calibrated one has the offset in it.
+        return ArmSpec(urdf, arm.text("tip"), base, section=arm)
+    return ArmSpec(arm.existing_file("urdf"), arm.text("tip"), base, offset, arm)
 
 
 def _selection(row: YamlSection) -> Selection:
@@ -256,7 +269,22 @@ def _observation(row: YamlSection) -> ObservationSpec:
         clearance_m=clearance_m,
         clearance_rad=clearance_rad,
         settings=kind.read_settings(row),
+        given=_given(row, kind),
     )
+
+
+def _given(row: YamlSection, kind: type[Term]) -> dict[str, GivenPose]:
+    """``pose`` of the only place or of what sees, or poses by label; and frames by their keys."""
+    keys = [frame.key for frame in kind.frames if frame.key in row]
+    given = {key: GivenPose.read(row.section(key)) for key in keys}
+    if "pose" not in row:
+        return given
+    if keys:
+        raise row.refuse(f"pose beside {keys[0]}", "one or the other", at=("pose",))
+    poses = row.section("pose")
+    if any(key in poses for key in POSE_KEYS):
+        return given | {"": GivenPose.read(poses)}
+    return given | {str(label): GivenPose.read(poses.section(label)) for label in poses.data}
 
 
 def _seating(row: YamlSection, kind: type[Term]) -> tuple[float, float]:
@@ -279,6 +307,8 @@ def _check_keys_of_kind(row: YamlSection, kind: type[Term]) -> None:
     senseless = {key for other in KINDS.values() for key in other.keys} - {*kind.keys}
     senseless |= set() if kind.needs_artefact else {"artefact", "seating"}
     senseless |= set() if kind.has_angles else {*_ANGLE_KEYS}
+    frames = {frame.key for other in KINDS.values() for frame in other.frames}
+    senseless |= frames - {frame.key for frame in kind.frames}
     for key in _OBSERVATION_KEYS:
         if key in row and key in senseless:
             raise row.refuse(

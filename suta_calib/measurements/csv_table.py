@@ -286,6 +286,32 @@ def positions(table: CsvTable, prefix: str = "") -> FloatArray:
     return found
 
 
+def length_columns(name: str) -> tuple[str, str]:
+    """Names of the columns that `lengths` may read: in m, and in mm."""
+    return name, f"{name}_mm"
+
+
+def lengths(table: CsvTable, name: str) -> FloatArray:
+    """Measured lengths, (n,) in m, all of them positive.
+
+    Raises:
+        SamplesError: no such column, a cell that is no positive number, or both m and mm.
+    """
+    metres, millimetres = length_columns(name)
+    if metres in table.columns and millimetres in table.columns:
+        raise SamplesError(
+            f"columns {metres} and {millimetres}",
+            f"either {metres} (m) or {millimetres}",
+            file=table.path,
+            line=table.header_line,
+        )
+    chosen = millimetres if millimetres in table.columns else metres
+    read = table.numbers(chosen, f"column {metres} in m, or {millimetres}")
+    for row in np.flatnonzero(read <= 0.0):
+        raise table.refuse(int(row), chosen, f"{read[row]:g}", "a length greater than 0")
+    return from_mm(read) if chosen == millimetres else read
+
+
 def has_rotations(table: CsvTable, prefix: str = "") -> bool:
     """Whether any of the quaternion's columns is there."""
     return any(name in table.columns for name in rotation_columns(prefix))

@@ -19,6 +19,8 @@ from suta_calib.geometry.numbers import quaternion_from_rotation
 from suta_calib.measurements.csv_table import (
     CsvTable,
     has_rotations,
+    length_columns,
+    lengths,
     position_columns,
     positions,
     read_csv_table,
@@ -70,6 +72,9 @@ class SampleColumns:
     Attributes:
         labels: label columns, such as ``("placement", "repeat", "landmark")``.
         optional_labels: label columns that are read where every file has them.
+        common_labels: label columns that all the files have, or none of them.
+        common_lengths: columns of measured lengths, m, or in mm with ``_mm`` after their name,
+            that all the files have, or none of them.
         position: whether ``x, y, z`` (m), or ``x_mm, y_mm, z_mm``, are required.
         orientation: whether ``qx, qy, qz, qw`` are read.
     """
@@ -78,6 +83,8 @@ class SampleColumns:
     position: bool = False
     orientation: Literal["none", "optional", "required"] = "none"
     optional_labels: tuple[str, ...] = ()
+    common_labels: tuple[str, ...] = ()
+    common_lengths: tuple[str, ...] = ()
 
 
 def read_samples(
@@ -103,7 +110,9 @@ def read_samples(
     _check_names(joints, columns)
     tables = [read_csv_table(path) for path in paths]
     there = [n for n in columns.optional_labels if all(n in table.columns for table in tables)]
-    columns = replace(columns, labels=(*columns.labels, *there))
+    there += [name for name in columns.common_labels if _everywhere(tables, name)]
+    lengths = [n for n in columns.common_lengths if _everywhere(tables, *length_columns(n))]
+    columns = replace(columns, labels=(*columns.labels, *there), common_lengths=tuple(lengths))
     parts = [_samples(table, joints, columns) for table in tables]
     for path, part in zip(paths, parts, strict=True):
         if (part.rotation is None) != (parts[0].rotation is None):
@@ -125,6 +134,7 @@ def _samples(table: CsvTable, joints: Sequence[JointRange], columns: SampleColum
         [joint.name for joint in joints],
         _readings(table, joints),
         labels={name: table.labels(name, needed) for name in columns.labels},
+        lengths={name: lengths(table, name) for name in columns.common_lengths},
         position=positions(table) if columns.position else None,
         rotation=rotations(table) if oriented else None,
         origin=table.origin,
@@ -134,6 +144,19 @@ def _samples(table: CsvTable, joints: Sequence[JointRange], columns: SampleColum
 def _expected(joint: JointRange) -> str:
     mimics = f", which {', '.join(joint.followers)} mimics" if joint.followers else ""
     return f"one column per joint of the chain, in {joint.unit}{mimics}"
+
+
+def _everywhere(tables: Sequence[CsvTable], *names: str) -> bool:
+    """Whether all tables have one of these columns; refused where only some of them do."""
+    has = [any(name in table.columns for name in names) for table in tables]
+    if any(has) and not all(has):
+        other = tables[has.index(True)].path
+        raise SamplesError(
+            f"no column {names[0]!r}, but {other} has one",
+            f"the column {names[0]} in all of these files or in none",
+            file=tables[has.index(False)].path,
+        )
+    return all(has)
 
 
 def _readings(table: CsvTable, joints: Sequence[JointRange]) -> FloatArray:
@@ -195,7 +218,8 @@ def _turns_beyond(values: FloatArray, joint: JointRange) -> int | None:
 
 def _check_names(joints: Sequence[JointRange], columns: SampleColumns) -> None:
     """Refuse a joint whose column would also have to hold something else."""
-    taken = {*columns.labels}
+    taken = {*columns.labels, *columns.common_labels}
+    taken |= {each for name in columns.common_lengths for each in length_columns(name)}
     taken |= {*position_columns()} if columns.position else set()
     taken |= {*rotation_columns()} if columns.orientation != "none" else set()
     for joint in joints:
@@ -208,7 +232,7 @@ def _check_names(joints: Sequence[JointRange], columns: SampleColumns) -> None:
 
 
 def write_samples(path: Path, samples: Samples) -> None:
-    """Write a samples CSV: joints, ``x,y,z`` in m, ``qx,qy,qz,qw``, then the labels.
+    """Write a samples CSV: joints, ``x,y,z`` in m, ``qx,qy,qz,qw``, lengths in m, the labels.
 
     Numbers have as many digits as it takes to read the same number back.
 
@@ -222,6 +246,7 @@ def write_samples(path: Path, samples: Samples) -> None:
     if samples.rotation is not None:
         quaternion = quaternion_from_rotation(samples.rotation)
         columns += zip(rotation_columns(), quaternion.T, strict=True)
+    columns += samples.lengths.items()
     columns += samples.labels.items()
     names = [name for name, _ in columns]
     if len(set(names)) < len(names):

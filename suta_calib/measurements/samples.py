@@ -29,6 +29,7 @@ class Samples:
             kind of observation.
         rotation: (n, 3, 3) measured orientations, or None.
         origin: where each row came from, such as ``file.csv:12``.
+        lengths: measured lengths by name, each (n,), m, such as ``length``.
     """
 
     joints: tuple[str, ...]
@@ -37,6 +38,7 @@ class Samples:
     position: FloatArray | None = None
     rotation: FloatArray | None = None
     origin: tuple[str, ...] = ()
+    lengths: Mapping[str, FloatArray] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.q)
@@ -51,6 +53,7 @@ class Samples:
         position: ArrayLike | None = None,
         rotation: ArrayLike | None = None,
         origin: Sequence[str] | None = None,
+        lengths: Mapping[str, ArrayLike] | None = None,
     ) -> Samples:
         """Samples from copies of arrays, checked; arguments as the class's attributes.
 
@@ -61,6 +64,7 @@ class Samples:
             position: (n, 3).
             rotation: (n, 3, 3) orthonormal, right-handed.
             origin: (n,); ``row 0``, ``row 1``, … where not given.
+            lengths: each (n,).
 
         Raises:
             SamplesError: a shape does not fit, or a value is not finite, empty or not a rotation.
@@ -80,6 +84,7 @@ class Samples:
             None if position is None else _finite("position", position, (n, 3)),
             None if rotation is None else _rotations(rotation, n),
             tuple(origin),
+            {name: _finite(name, values, (n,)) for name, values in (lengths or {}).items()},
         )
 
     def as_keys(self) -> list[bytes]:
@@ -89,6 +94,7 @@ class Samples:
             parts.append(self.position)
         if self.rotation is not None:
             parts.append(self.rotation.reshape(-1, 9))
+        parts += [each[:, None] for each in self.lengths.values()]
         return [row.tobytes() for row in np.hstack(parts)]
 
     @classmethod
@@ -100,7 +106,10 @@ class Samples:
                 orientations.
         """
         kinds = {
-            (part.joints, frozenset(part.labels), part.position is None, part.rotation is None)
+            (
+                *(part.joints, frozenset(part.labels), frozenset(part.lengths)),
+                *(part.position is None, part.rotation is None),
+            )
             for part in parts
         }
         if len(kinds) != 1:
@@ -113,6 +122,7 @@ class Samples:
             _joined([part.position for part in parts]),
             _joined([part.rotation for part in parts]),
             tuple(origin for part in parts for origin in part.origin),
+            {n: _frozen(np.concatenate([p.lengths[n] for p in parts])) for n in first.lengths},
         )
 
     def take(self, index: ArrayLike | slice) -> Samples:
@@ -125,6 +135,7 @@ class Samples:
             None if self.position is None else _frozen(self.position[rows]),
             None if self.rotation is None else _frozen(self.rotation[rows]),
             tuple(self.origin[row] for row in rows),
+            {name: _frozen(values[rows]) for name, values in self.lengths.items()},
         )
 
 

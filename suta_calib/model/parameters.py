@@ -60,7 +60,8 @@ class Parameter:
 
     Attributes:
         owner: what it belongs to, e.g. ``joint_4`` or ``placement[P1]``.
-        key: which of the owner's numbers it is, e.g. ``z``, ``rx``, ``offset``, ``ecc_c1``.
+        key: which of the owner's numbers it is, e.g. ``z``, ``rx``, ``offset``, ``ecc_c1``; empty
+            for its only one.
         unit: ``m``, ``rad``, ``rad/Nm``, or ``1`` for a gain.
         nominal: where it starts, and where it stays if nothing can be said of it.
         lower, upper: bounds of the value, infinite where there is none.
@@ -97,8 +98,8 @@ class Parameter:
 
     @cached_property
     def name(self) -> str:
-        """As in the file formats: ``owner.key``."""
-        return f"{self.owner}.{self.key}"
+        """As in the file formats: ``owner.key``, or the owner alone."""
+        return f"{self.owner}.{self.key}" if self.key else self.owner
 
     @property
     def geometric(self) -> bool:

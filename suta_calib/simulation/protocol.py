@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
@@ -35,6 +35,7 @@ class Visits:
         oriented: (n,) whether what is touched fixes the tip's orientation too.
         start: (n, joints) readings that reach the targets.
         line: where the placement or point stands in the simulation's file.
+        lengths: what is measured beside the touches, each (n,), m, before any noise.
     """
 
     name: str
@@ -43,6 +44,7 @@ class Visits:
     oriented: BoolArray
     start: FloatArray
     line: int | None = None
+    lengths: dict[str, FloatArray] = field(default_factory=dict)
 
     def what(self, row: int) -> str:
         """What a row touches, for messages."""
@@ -140,7 +142,9 @@ class Visitor:
         targets = Targets(touched[:n], np.tile(np.eye(3), (n, 1, 1)))
         # Whatever the direction, the place is touched: it alone has to be met again with noise.
         unoriented = np.zeros(n, dtype=bool)
-        return Visits(label, {plan.term.place: [label] * n}, targets, unoriented, q[:n], pose.line)
+        lengths = plan.term.measured(pose.position, touched[:n], plan.settings)
+        labels = {plan.term.place: [label] * n}
+        return Visits(label, labels, targets, unoriented, q[:n], pose.line, lengths)
 
     def reach(
         self,

@@ -101,6 +101,7 @@ class SetSpec:
         frames: by key (such as ``base_in_instrument``), the frames of the kind that are stated.
         orientation: whether the instrument sees orientations too.
         settings: what the kind's own keys say, as it has read them.
+        marks: by label, where on the tip's link what is seen sits; empty where the tip is seen.
         line: line of the set in the file.
         seating: (3,) how the tip always sits in its sockets: x and y off their axes, m, and the
             turn about the tool's axis, rad.
@@ -120,6 +121,7 @@ class SetSpec:
     frames: Mapping[str, PoseSpec] = field(default_factory=dict)
     orientation: bool = False
     settings: Mapping[str, Any] = field(default_factory=dict)
+    marks: Mapping[str, PoseSpec] = field(default_factory=dict)
     line: int | None = None
     seating: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
@@ -262,6 +264,9 @@ def _set(name: str, section: YamlSection, noise: NoiseLevels) -> SetSpec:
     if kind.place:
         read = partial(_pose, turns=kind.place_turns)
         places = _named(section, f"{kind.place}s", lambda _, each: read(each))
+    marks: dict[str, PoseSpec] = {}
+    if kind.mark and f"{kind.mark}s" in section:
+        marks = _named(section, f"{kind.mark}s", lambda _, each: _pose(each))
     axis = np.array(section.numbers("axis", 3)) if "axis" in section else None
     if axis is not None and not axis.any():
         raise section.refuse("a vector without direction", "a direction", at=("axis",))
@@ -286,6 +291,7 @@ def _set(name: str, section: YamlSection, noise: NoiseLevels) -> SetSpec:
         {key: _pose(section.section(key)) for key in frames},
         section.flag("orientation"),
         kind.read_settings(section),
+        marks,
         section.line,
         SetSpec.seating
         if seating is None
@@ -303,8 +309,9 @@ def _check_keys(section: YamlSection, kind: type[Term]) -> None:
     known: tuple[str, ...]
     if kind.medium != "touch":
         required = ("samples", *(frame.key for frame in kind.frames if frame.required))
-        optional = ("orientation",) if kind.columns.orientation == "optional" else ()
-        known = ("samples", *(frame.key for frame in kind.frames), *optional)
+        known = ("samples", *(frame.key for frame in kind.frames))
+        known += ("orientation",) if kind.columns.orientation == "optional" else ()
+        known += (f"{kind.mark}s",) if kind.mark else ()
     elif kind.needs_artefact:
         required, known = ("artefact", places), ("artefact", places, "repeats", "seating")
     else:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -200,8 +200,13 @@ def _touched(plan: SetSpec, visits: Visits, visitor: Visitor) -> SimulatedFile:
     noise = stream(visitor.seed, plan.name, visits.name, "encoders")
     readings = encoder_readings(noise, plan.noise, visitor.kinematics.true, q)
     path = f"{plan.name}/{visits.name}.csv"
+    instrument = stream(visitor.seed, plan.name, visits.name, "instrument")
+    lengths = {
+        name: length + plan.noise.instrument * instrument.standard_normal(n)
+        for name, length in visits.lengths.items()
+    }
     samples = Samples.from_arrays(
-        arm.joints, readings, labels=visits.labels, origin=_origins(path, n)
+        arm.joints, readings, labels=visits.labels, origin=_origins(path, n), lengths=lengths
     )
     return SimulatedFile(path, samples, displacement)
 
@@ -214,10 +219,15 @@ def _seen(
     seed: int,
 ) -> SimulatedFile:
     """What an external instrument sees of the tip, or a camera on it, in random configurations."""
-    arm, n, noise = kinematics.arm, plan.samples, plan.noise
+    arm, noise = kinematics.arm, plan.noise
     rng = stream(seed, plan.name, "configurations")
-    q = wrapped(kinematics.true, kinematics.random_readings(rng, n))
-    ideal = _ideal(plan, arm, q, values)
+    rests = wrapped(kinematics.true, kinematics.random_readings(rng, plan.samples))
+    # At every rest each of the marks is seen.
+    marks = list(plan.marks)
+    labels = {plan.term.mark: marks * plan.samples} if marks else {}
+    seen_at = np.repeat(np.arange(plan.samples), max(len(marks), 1))
+    q, n = rests[seen_at], len(seen_at)
+    ideal = _ideal(plan, arm, q, labels, values)
     rng = stream(seed, plan.name, "instrument")
     gross = stream(seed, plan.name, label, "outliers")
     displacement = outlier_displacements(gross, plan.outliers, n)
@@ -227,11 +237,12 @@ def _seen(
         turned = ideal.rotation @ turned
     oriented = plan.orientation or plan.term.columns.orientation == "required"
     encoders = stream(seed, plan.name, "encoders")
-    readings = encoder_readings(encoders, noise, kinematics.true, q)
+    readings = encoder_readings(encoders, noise, kinematics.true, rests)
     path = f"{plan.name}/{label}.csv"
     samples = Samples.from_arrays(
         arm.joints,
-        readings,
+        readings[seen_at],
+        labels=labels,
         position=seen,
         rotation=turned if oriented else None,
         origin=_origins(path, n),
@@ -239,16 +250,28 @@ def _seen(
     return SimulatedFile(path, samples, displacement)
 
 
-def _ideal(plan: SetSpec, arm: ArmModel, q: FloatArray, values: Mapping[str, float]) -> Observed:
+def _ideal(
+    plan: SetSpec,
+    arm: ArmModel,
+    q: FloatArray,
+    labels: Mapping[str, Sequence[str]],
+    values: Mapping[str, float],
+) -> Observed:
     """What would be seen in these configurations without noise; frames not stated coincide."""
+    here = PoseSpec(np.eye(3), np.zeros(3))
+    stated = {frame.own: plan.frames.get(frame.key, here) for frame in plan.term.frames}
+    stated |= {f"{plan.term.mark}[{label}]": pose for label, pose in plan.marks.items()}
     truth = dict(values)
-    for frame in plan.term.frames:
-        stated = plan.frames.get(frame.key, PoseSpec(np.eye(3), np.zeros(3)))
-        six = pose_values(stated.rotation, stated.position).tolist()
-        truth |= {p.name: v for p, v in zip(pose_parameters(frame.own), six, strict=True)}
+    for owner, pose in stated.items():
+        six = pose_values(pose.rotation, pose.position).tolist()
+        truth |= {p.name: v for p, v in zip(pose_parameters(owner), six, strict=True)}
     n = len(q)
     blank = Samples.from_arrays(
-        arm.joints, q, position=np.zeros((n, 3)), rotation=np.tile(np.eye(3), (n, 1, 1))
+        arm.joints,
+        q,
+        labels=labels,
+        position=np.zeros((n, 3)),
+        rotation=np.tile(np.eye(3), (n, 1, 1)),
     )
     poses = ArmPoses(arm, blank)
     return plan.term.over(poses, Setup(settings=plan.settings)).observed(truth, poses)

@@ -90,7 +90,7 @@ def identify(
     matrices = (information.curvature, information.variance, information.noise_induced)
     scaled = [m * np.outer(unit, unit) for m in matrices]
     prior = precision * unit**2
-    arm, own = np.flatnonzero(free[:arm_count]), np.arange(arm_count, len(unit))
+    arm, own = np.flatnonzero(free[:arm_count]), np.flatnonzero(free[arm_count:]) + arm_count
     reduced = schur_complement(scaled, prior, arm, own)
     spectrum = np.sqrt(np.maximum(np.linalg.eigvalsh(reduced[0])[::-1], 0.0))
     fixed, combinations = list[int](), list[Combination]()
@@ -114,8 +114,9 @@ def schur_complement(
     """Information on some parameters alone, once the others have followed wherever they move them.
 
     Args:
-        matrices: (n, n) each; the first is the curvature that says how the others follow.
-        prior: (n,) to be added to its diagonal.
+        matrices: (n, n) each: the curvature, which says how the others follow; and perhaps its
+            variance, and what noise makes up of it.
+        prior: (n,) precision. That of what is eliminated tells of what is kept.
         arm: indices to keep.
         own: indices to eliminate.
     """
@@ -123,7 +124,11 @@ def schur_complement(
     inverse = np.linalg.pinv(curvature[np.ix_(own, own)], 1e-11, True) if len(own) else np.eye(0)
     follow = np.vstack([np.eye(len(arm)), -inverse @ curvature[np.ix_(own, arm)]])
     both = np.concatenate([arm, own])
-    return [follow.T @ m[np.ix_(both, both)] @ follow for m in matrices]
+    known = np.diag(np.concatenate([np.zeros(len(arm)), prior[own]]))
+    return [
+        follow.T @ (m[np.ix_(both, both)] + (known if k < 2 else 0.0)) @ follow
+        for k, m in enumerate(matrices)
+    ]
 
 
 def _choose_fixed(

@@ -82,6 +82,12 @@ class Problem:
         for term in self.terms:
             for name, value in term.start_values(values).items():
                 values.setdefault(name, value)
+        # What is given of the own ones is where they begin.
+        values |= {
+            p.name: p.nominal
+            for p in list(self.parameters.values())[self.arm_count :]
+            if p.prior is not None or not p.free
+        }
         return np.array([values[name] for name in self.names])
 
     def values(self, x: FloatArray) -> dict[str, float]:
@@ -128,11 +134,14 @@ class Problem:
 
 
 def _own_parameters(terms: Sequence[Term]) -> dict[str, Parameter]:
-    """Own unknowns of all terms; a name that occurs twice is one unknown of the same thing."""
+    """Own unknowns of all terms; a name that occurs twice is one unknown of the same thing.
+
+    What one term is given of it holds for all of them.
+    """
     own: dict[str, Parameter] = {}
     subjects: dict[str, str] = {}
     for term in terms:
-        for parameter in term.own:
+        for parameter in term.unknowns:
             known = subjects.setdefault(parameter.name, term.subject)
             if known != term.subject:
                 raise ParameterError(
@@ -140,5 +149,13 @@ def _own_parameters(terms: Sequence[Term]) -> dict[str, Parameter]:
                     "one name for one thing",
                     hint="give the placements of one of them other labels",
                 )
-            own[parameter.name] = parameter
+            before = own.get(parameter.name, parameter)
+            given = [p for p in (before, parameter) if p.prior is not None or not p.free]
+            if len(given) == 2 and given[0] != given[1]:
+                raise ParameterError(
+                    f"two given poses that differ in {parameter.name}",
+                    "one pose for one place",
+                    hint="give it in one row of the observations",
+                )
+            own[parameter.name] = given[0] if given else parameter
     return own

@@ -6,11 +6,14 @@ from typing import Final
 
 from suta_calib.terms.block import Block, Noise
 from suta_calib.terms.fixed_point import FixedPoint
+from suta_calib.terms.given import GivenPose
 from suta_calib.terms.hand_eye import HandEye
 from suta_calib.terms.landmark import TouchedLandmark
+from suta_calib.terms.line import TouchedLine
 from suta_calib.terms.pairwise_distance import PairwiseDistance
 from suta_calib.terms.plane import TouchedPlane
 from suta_calib.terms.poses import ArmPoses, MeasuredPoses, PoseSource
+from suta_calib.terms.range import MeasuredRange
 from suta_calib.terms.seating import Seating
 from suta_calib.terms.synthetic import EXACT, OutlierKind, OutlierModel, PoseNoise, Simulated
 from suta_calib.terms.term import Observed, Setup, Term
@@ -24,6 +27,8 @@ KINDS: Final[dict[str, type[Term]]] = {
         TouchedLandmark,
         FixedPoint,
         TouchedPlane,
+        TouchedLine,
+        MeasuredRange,
         TrackedPoint,
         HandEye,
     )
@@ -47,8 +52,10 @@ __all__ = [
     "ArmPoses",
     "Block",
     "FixedPoint",
+    "GivenPose",
     "HandEye",
     "MeasuredPoses",
+    "MeasuredRange",
     "Noise",
     "Observed",
     "OutlierKind",
@@ -61,6 +68,7 @@ __all__ = [
     "Simulated",
     "Term",
     "TouchedLandmark",
+    "TouchedLine",
     "TouchedPlane",
     "TrackedPoint",
     "first_kind",

@@ -135,7 +135,7 @@ class HandEye(SeenTerm):
 
     def observed(self, values: Mapping[str, float], poses: PoseSource) -> Observed:
         """The target as the eye sees it."""
-        X, Z = (pose_named(values, frame) for frame in self._frames)
+        X, Z = (pose_named(values, frame) for frame in self.frame_names)
         rotation, position = poses.at(values)
         back = np.swapaxes(rotation @ X[0], 1, 2)
         eye = position + rotation @ X[1]

@@ -55,9 +55,14 @@ def quaternion_hand_eye(hand: Poses, seen: Poses) -> Poses:
 def close_the_loop(hand: Poses, X: Poses, seen: Poses) -> Poses:
     """Z as the mean of ``A_i X B_i``: chordal mean of the rotations, mean of the positions."""
     R, p = loop_closures(hand, X, seen)
-    u, _, v = np.linalg.svd(R.sum(axis=-3))
+    return chordal_mean(R), p.mean(axis=-2)
+
+
+def chordal_mean(rotation: FloatArray) -> FloatArray:
+    """Rotation (..., 3, 3) with the least sum of squared chords to (..., n, 3, 3)."""
+    u, _, v = np.linalg.svd(rotation.sum(axis=-3))
     u[..., :, 2] *= np.linalg.det(u @ v)[..., None]
-    return u @ v, p.mean(axis=-2)
+    return np.asarray(u @ v)
 
 
 def loop_closures(hand: Poses, X: Poses, seen: Poses) -> Poses:

@@ -17,9 +17,10 @@ from suta_calib.geometry.symbols import Symbol, symbolic_rotation
 from suta_calib.measurements import SampleColumns, YamlSection
 from suta_calib.model.parameters import Parameter
 from suta_calib.terms.block import LEARNT, Block, Noise, Pose, grouped
+from suta_calib.terms.given import GivenPose, Known
 from suta_calib.terms.outside import OutsideFrame, OutsidePose
 from suta_calib.terms.poses import PoseSource
-from suta_calib.terms.term import Observed, Setup, Term, pose_parameters
+from suta_calib.terms.term import Observed, Setup, Term, check_turned, pose_parameters
 
 # Three touches lie on some plane whatever the arm is: the fourth is the first that tells.
 FEWEST: Final = 4
@@ -27,6 +28,7 @@ FEWEST: Final = 4
 _LINE: Final = 1e-3
 # Edge of the square that simulated touches fill where the file does not say, m.
 _SIZE: Final = 0.2
+_KEYS: Final = ("z", "rx", "ry")
 
 
 def _signed_distance(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
@@ -56,7 +58,8 @@ class TouchedPlane(Term):
 
     A plane has three unknowns: ``z``, its distance d from the base's origin along its normal, and
     ``rx``, ``ry``, the rotation vector (rx, ry, 0) that turns the base's z axis into the normal n.
-    The start takes the normal that points up; a vertical plane is nothing special.
+    The start takes the normal that points up; a vertical plane is nothing special. A given pose is
+    of any point of it, its z axis being square to it; prior_mm is of the distance from the origin.
 
     Planes that face several ways, each touched with the tool in several directions, find what a
     point touched from many directions does, and need nothing that a tip can rest in; the overall
@@ -117,7 +120,7 @@ class TouchedPlane(Term):
             p
             for name in self.places[0]
             for p in pose_parameters(f"plane[{name}]")
-            if p.name.endswith((".z", ".rx", ".ry"))
+            if p.key in _KEYS
         )
 
     @property
@@ -146,12 +149,20 @@ class TouchedPlane(Term):
     def observed(self, values: Mapping[str, float], poses: PoseSource) -> Observed:
         """The tips as they are, shifted along the normal to where the ball touches."""
         names, plane = grouped(poses.samples.labels["plane"])
-        own = np.array([[values[f"plane[{n}].{k}"] for k in ("z", "rx", "ry")] for n in names])
+        own = np.array([[values[f"plane[{n}].{k}"] for k in _KEYS] for n in names])
         turns = np.column_stack([own[:, 1:], np.zeros(len(names))])
         normal, distance = rotation_from_vector(turns)[plane, :, 2], own[plane, 0]
         rotation, position = poses.at(values)
         height = np.sum(normal * position, axis=1) - distance - self._side(normal, rotation)
         return Observed(position - height[:, None] * normal)
+
+    def _known_place(self, owner: str, pose: GivenPose) -> dict[str, Known]:
+        return pose.of_axis(owner, 2, ("z",))
+
+    def check_given(self) -> None:
+        """A plane that is given faces somewhere."""
+        check_turned(self)
+        super().check_given()
 
     def _side(self, normal: FloatArray, rotation: FloatArray) -> FloatArray:
         """(n,) height of the ball's centre over the plane, m, for normals (n, 3) or one of them."""

@@ -25,11 +25,12 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from suta_calib.arrays import FloatArray, IntArray
-from suta_calib.errors import ArtefactError, SamplesError
+from suta_calib.errors import ArtefactError, SamplesError, did_you_mean
 from suta_calib.geometry.numbers import rotation_from_vector, vector_from_rotation
 from suta_calib.measurements import Artefact, SampleColumns, YamlSection
 from suta_calib.model.parameters import PLACEMENT, POSITION, ROTATION, Parameter
 from suta_calib.terms.block import LEARNT, Block, Noise, grouped
+from suta_calib.terms.given import GivenPose, Known
 from suta_calib.terms.outside import OutsideFrame, frames_of
 from suta_calib.terms.poses import PoseSource
 from suta_calib.terms.seating import Seating
@@ -50,6 +51,8 @@ Gap = Literal["base", "tool", "place"]
 # Extents of what was seen or touched and of what the arm moved that differ by more are in different
 # units: no geometry is so wrong.
 OTHER_UNIT: Final = 20.0
+# Metres that stand where millimetres belong: how many times too near that is, nearly.
+_IN_METRES: Final = (700.0, 1400.0)
 # A tip that moves by less, m, lies on the axes that were turned about, if anything moved.
 UNMOVED: Final = 1e-7
 
@@ -88,11 +91,14 @@ class TrueFrame:
         own: the unknowns, ``own.x … own.rz``.
         key: of the simulation's file: what it is, ``_in_``, and in whose frame.
         required: whether a simulation must state it; the frames coincide by default.
+        seen_from: whether it is the pose of what stands still in what sees it, not of what sees in
+            what carries it.
     """
 
     own: str
     key: str
     required: bool
+    seen_from: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,7 +159,10 @@ class Term(ABC):
         keys: what else a row of a job may say, read by `read_settings`.
         place: label column of what stands somewhere unknown and is touched; empty where nothing is.
         place_unknown: name of the unknowns of one such place, before its label in brackets.
+        place_more: names of what else is unknown of it, before its label in brackets.
         place_turns: whether such a place has an orientation.
+        mark: label column, that may be left out, of what is seen on the tip's link; its unknowns
+            carry the same name. Empty for kinds that look at nothing but the tip.
         groupings: what its samples can be grouped by: what one group is called, and the label
             columns whose values, joined by a slash, name it; none for every row by itself.
         noise_factor: standard deviation of a component of the first block, over that of one
@@ -164,6 +173,8 @@ class Term(ABC):
         leaves_open: by what is left open, why this kind alone cannot tell, and what to do then.
         tells: by what others leave open, how this kind tells it: an advice.
         poses: where the tool poses come from.
+        given: what is known beforehand of where things stand, by the label of a place or a mark or
+            the key of a frame; an empty one for the only place there is, or for what sees.
     """
 
     kind: ClassVar[str]
@@ -175,7 +186,9 @@ class Term(ABC):
     keys: ClassVar[tuple[str, ...]] = ()
     place: ClassVar[str] = ""
     place_unknown: ClassVar[str] = ""
+    place_more: ClassVar[tuple[str, ...]] = ()
     place_turns: ClassVar[bool] = True
+    mark: ClassVar[str] = ""
     groupings: ClassVar[Mapping[str, tuple[str, ...]]] = {"row": ()}
     noise_factor: ClassVar[float] = 1.0
     simulation_keys: ClassVar[tuple[str, ...]] = ()
@@ -185,6 +198,7 @@ class Term(ABC):
     tells: ClassVar[Mapping[Gap, str]] = {}
 
     poses: PoseSource
+    given: Mapping[str, GivenPose] = field(default_factory=dict, kw_only=True)
 
     def __post_init__(self) -> None:
         # What cannot be used is refused where the term is made, not where it is first looked at.
@@ -194,6 +208,88 @@ class Term(ABC):
     @abstractmethod
     def own(self) -> tuple[Parameter, ...]:
         """The term's own unknowns."""
+
+    @cached_property
+    def unknowns(self) -> tuple[Parameter, ...]:
+        """`own`, with what is given of them: fixed there, or with a prior about it."""
+        known: dict[str, Known] = {}
+        for label, pose in self.given.items():
+            known |= self.known(label, pose)
+        return tuple(
+            replace(
+                p,
+                nominal=known[p.name].value,
+                prior=known[p.name].std,
+                free=known[p.name].std is not None,
+                prior_fixed=True,
+            )
+            if p.name in known
+            else p
+            for p in self.own
+        )
+
+    def known(self, label: str, pose: GivenPose) -> dict[str, Known]:
+        """The own unknowns, by name, that a given pose tells of a place; empty for no such place.
+
+        Args:
+            label: of the place; empty for the only one there is.
+            pose: of it in the base.
+        """
+        names = self.places[0]
+        if not label and len(names) == 1:
+            (label,) = names
+        return self._known_place(f"{self.place_unknown}[{label}]", pose) if label in names else {}
+
+    def _known_place(self, owner: str, pose: GivenPose) -> dict[str, Known]:
+        return pose.of_pose(owner) if self.place_turns else pose.of_point(owner)
+
+    def check_given(self) -> None:
+        """Refuse given poses of what is not there, or of what nothing here depends on.
+
+        Raises:
+            SamplesError: says what there is.
+        """
+        there, own = self.places[0], {p.name for p in self.own}
+        for label, pose in self.given.items():
+            if not self.place_turns and pose.rotation is not None:
+                raise SamplesError(
+                    f"rotation_rpy_deg of {self.place} {label}".strip(),
+                    "position_mm alone: it is a point",
+                    where=f"{self.kind}: pose",
+                )
+            known = self.known(label, pose)
+            if not known:
+                raise SamplesError(
+                    f"a pose of {self.place} '{label}'" if label else "one pose",
+                    f"poses by label, of {', '.join(there)}",
+                    where=f"{self.kind}: pose",
+                    hint=did_you_mean(label, there) if label else "",
+                )
+            if not set(known) <= own:
+                raise SamplesError(
+                    f"a pose of {self.place} {label}".strip(),
+                    "none",
+                    where=f"{self.kind}: pose",
+                    hint=f"{self.kind} does not see where it stands",
+                )
+            self._check_in_mm(label, known)
+
+    def _check_in_mm(self, label: str, known: Mapping[str, Known]) -> None:
+        """Refuse a given position that the nominal arm finds a thousand times as far away."""
+        there = [p.name for p in self.own if p.name in known and p.key in POSITION]
+        start = self.start_values({})
+        given, found = (
+            float(np.linalg.norm(values))
+            for values in ([known[n].value for n in there], [start[n] for n in there])
+        )
+        if _IN_METRES[0] * given < found < _IN_METRES[1] * given:
+            raise SamplesError(
+                f"position_mm {label} of {mm(given):.4g} mm, which the nominal arm finds "
+                f"{mm(found):.4g} mm away".replace("  ", " "),
+                "a position in mm",
+                where=f"{self.kind}: pose",
+                hint="it looks like metres: convert it to mm",
+            )
 
     @property
     @abstractmethod
@@ -241,6 +337,23 @@ class Term(ABC):
         """
         del rotation, settings
         return np.tile(position, (len(where), 1))
+
+    @classmethod
+    def measured(
+        cls, place: FloatArray, tips: FloatArray, settings: Mapping[str, Any]
+    ) -> dict[str, FloatArray]:
+        """Lengths that are measured, with nothing wrong, while the tip touches a place.
+
+        Args:
+            place: (3,) or (n, 3) where it is in the base, m.
+            tips: (n, 3) in the base, m.
+            settings: as `read_settings`, or `settings`, gives them.
+
+        Returns:
+            By name of `SampleColumns.common_lengths`, (n,), m; empty where nothing is measured.
+        """
+        del place, tips, settings
+        return {}
 
     @abstractmethod
     def start(self, rotation: FloatArray, position: FloatArray) -> FloatArray:
@@ -303,6 +416,16 @@ class Term(ABC):
     def settings(self) -> Mapping[str, Any]:
         """The values of the kind's own `keys` that this term was built with."""
         return {}
+
+    @property
+    def opens(self) -> Mapping[Gap, tuple[str, str]]:
+        """What of `leaves_open` these samples leave open."""
+        return self.leaves_open
+
+    @property
+    def marked(self) -> bool:
+        """Whether the samples say which mark on the tip's link was seen."""
+        return self.mark in self.poses.samples.labels
 
     @property
     def touched(self) -> Artefact | None:
@@ -423,14 +546,57 @@ class SeenTerm(Term):
         return cls(poses, setup.noise, setup.angular_noise, setup.label)
 
     @property
-    def _frames(self) -> list[str]:
+    def frame_names(self) -> list[str]:
+        """Owners of the unknowns of its frames."""
         suffix = "" if self.label == "default" else f"[{self.label}]"
         return [frame.own + suffix for frame in self.frames]
 
     @cached_property
     def own(self) -> tuple[Parameter, ...]:
         """The poses of its frames."""
-        return tuple(p for frame in self._frames for p in pose_parameters(frame))
+        return tuple(p for frame in self.frame_names for p in pose_parameters(frame))
+
+    def known(self, label: str, pose: GivenPose) -> dict[str, Known]:
+        """The unknowns that a given pose tells of a frame or of a mark.
+
+        Args:
+            label: key of a frame; or of a mark, whose pose in the tip is given; or empty, for the
+                pose of what sees in what carries it: an instrument's in the base, a camera's in the
+                tip.
+            pose: of it.
+        """
+        for frame, owner in zip(self.frames, self.frame_names, strict=True):
+            if label == frame.key:
+                return pose.of_pose(owner)
+        if not label:
+            seeing = pose.inverse if self.frames[0].seen_from else pose
+            return seeing.of_pose(self.frame_names[0])
+        marks = self.poses.samples.labels[self.mark] if self.marked else ()
+        return pose.of_pose(f"{self.mark}[{label}]") if label in marks else {}
+
+    def check_given(self) -> None:
+        """Refuse given poses of what is not there, or that leave open what they must say."""
+        marks = sorted(set(self.poses.samples.labels[self.mark].tolist())) if self.marked else []
+        for label, pose in self.given.items():
+            partly = pose.rotation is None or (
+                (pose.position_std is None) != (pose.rotation_std is None)
+            )
+            if not label and self.frames[0].seen_from and partly:
+                raise SamplesError(
+                    f"a pose of the {self.medium} that is known in part",
+                    "position_mm and rotation_rpy_deg, and both of prior_mm and prior_deg or none",
+                    where=f"{self.kind}: pose",
+                    hint=f"or give {self.frames[0].key}, each part of which may be left out",
+                )
+            if not set(self.known(label, pose)) & {p.name for p in self.own}:
+                noun = self.mark or "place"
+                raise SamplesError(
+                    f"a pose of {noun} '{label}'",
+                    f"one of {', '.join(marks)}" if marks else f"the pose of the {self.medium}",
+                    where=f"{self.kind}: pose",
+                    hint=did_you_mean(label, marks),
+                )
+            self._check_in_mm(label, self.known(label, pose))
 
 
 def check_unit(term: Term, what: str, size: float, moved: float, expected: str, hint: str) -> None:
@@ -461,6 +627,21 @@ def check_unit(term: Term, what: str, size: float, moved: float, expected: str, 
             where=term.kind,
             hint=hint,
         )
+
+
+def check_turned(term: Term) -> None:
+    """Refuse given poses without an orientation, for kinds that it is everything of.
+
+    Raises:
+        SamplesError: names the first.
+    """
+    for label, pose in term.given.items():
+        if pose.rotation is None:
+            raise SamplesError(
+                f"a pose of {term.place} {label} without an orientation".replace("  ", " "),
+                "rotation_rpy_deg beside position_mm",
+                where=f"{term.kind}: pose",
+            )
 
 
 def pose_parameters(label: str) -> tuple[Parameter, ...]:

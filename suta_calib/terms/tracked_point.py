@@ -1,4 +1,4 @@
-"""An external instrument saw the tip: motion capture, a laser tracker, another arm."""
+"""An external instrument saw the tip, or targets near it: motion capture, a laser tracker."""
 
 from __future__ import annotations
 
@@ -11,13 +11,14 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from suta_calib.arrays import FloatArray
+from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import extent, register_points, rotation_from_vector
 from suta_calib.geometry.symbols import Symbol, symbolic_chordal_log
 from suta_calib.measurements import SampleColumns, Samples
-from suta_calib.terms.block import Block, Pose, flat, pose_of
-from suta_calib.terms.hand_eye_start import Poses
+from suta_calib.model.parameters import Parameter
+from suta_calib.terms.block import Block, Pose, flat, grouped, pose_of
+from suta_calib.terms.hand_eye_start import Poses, chordal_mean
 from suta_calib.terms.poses import ArmPoses, MeasuredPoses, PoseSource
 from suta_calib.terms.synthetic import (
     EXACT,
@@ -28,6 +29,7 @@ from suta_calib.terms.synthetic import (
     contaminated,
     named,
 )
+from suta_calib.terms.target_start import instrument_and_targets
 from suta_calib.terms.term import (
     SEEN_UNIT,
     Gap,
@@ -36,7 +38,10 @@ from suta_calib.terms.term import (
     SeenTerm,
     TrueFrame,
     check_unit,
+    point_named,
+    point_parameters,
     pose_named,
+    pose_parameters,
     pose_values,
 )
 
@@ -46,19 +51,27 @@ _T: Final = (rotation_from_vector([0.3, -1.2, 0.7]), np.array([1.1, -0.4, 0.6]))
 
 def _position(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
     base = pose_of(own)
-    return base.R @ poses[0].p + base.p - data
+    target = poses[0].p + poses[0].R @ own[6:9] if own.numel() > 6 else poses[0].p
+    return base.R @ target + base.p - data
 
 
 def _rotation(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
-    return symbolic_chordal_log(ca.reshape(data, 3, 3).T @ pose_of(own).R @ poses[0].R)
+    target = poses[0].R @ pose_of(own[6:12]).R if own.numel() > 6 else poses[0].R
+    return symbolic_chordal_log(ca.reshape(data, 3, 3).T @ pose_of(own).R @ target)
 
 
 @dataclass(frozen=True, eq=False)
 class TrackedPoint(SeenTerm):
-    """``T_instrument_base p_i - z_i``; the instrument-to-base pose is unknown.
+    """``T_instrument_base (p_i + R_i t) - z_i``; the instrument-to-base pose is unknown.
+
+    Without the label target, t = 0: the tip itself was seen. With it, every label is a reflector or
+    a marker that sits somewhere unknown on the tip's link, ``target[A].x|y|z`` in the tip frame;
+    where orientations were seen too it is a frame, whose turn ``target[A].rx|ry|rz`` is unknown as
+    well. The targets then take up whatever moves the tip frame in its link.
 
     Attributes:
-        poses: samples with a measured position, and an orientation of the tip if there is one.
+        poses: samples with a measured position, an orientation if there is one, and perhaps the
+            label target.
         label: instruments with the same label stand at the same place.
 
     Raises:
@@ -68,28 +81,62 @@ class TrackedPoint(SeenTerm):
     kind: ClassVar[str] = "tracked_point"
     about: ClassVar[str] = (
         "an external instrument saw the tip at x, y, z (m; columns qx, qy, qz, qw may be added); "
-        "where the instrument stands is found too"
+        "where the instrument stands is found too; with a column target, what was seen is a "
+        "reflector of that name, which sits anywhere on the tip's link and is found as well"
     )
-    columns: ClassVar[SampleColumns] = SampleColumns(position=True, orientation="optional")
+    columns: ClassVar[SampleColumns] = SampleColumns(
+        position=True, orientation="optional", common_labels=("target",)
+    )
     medium: ClassVar[Medium] = "instrument"
+    mark: ClassVar[str] = "target"
+    groupings: ClassVar[Mapping[str, tuple[str, ...]]] = {"target": ("target",), "row": ()}
     frames: ClassVar[tuple[TrueFrame, ...]] = (
-        TrueFrame("base", "base_in_instrument", required=False),
+        TrueFrame("base", "base_in_instrument", required=False, seen_from=True),
     )
     leaves_open: ClassVar[Mapping[Gap, tuple[str, str]]] = {
         "base": (
             "the unknown pose of the instrument makes up for it",
             "choose it by convention (leave it at nominal), or survey the base with the instrument",
-        )
+        ),
+        "tool": (
+            "moves the tip in its link, and with it nothing that the instrument sees: the unknown "
+            "places of the targets on that link make up for it",
+            "leave it at nominal: the targets are found relative to it",
+        ),
     }
     tells: ClassVar[Mapping[Gap, str]] = {
         "base": "see the tip with an external instrument (tracked_point)",
         "place": "see the tip with an external instrument (tracked_point)",
     }
 
+    @property
+    def opens(self) -> Mapping[Gap, tuple[str, str]]:
+        """Only targets take up where the tip is in its link."""
+        gaps: tuple[Gap, ...] = ("base", "tool") if self.marked else ("base",)
+        return {gap: self.leaves_open[gap] for gap in gaps}
+
+    @cached_property
+    def _targets(self) -> tuple[list[str], IntArray]:
+        """Their labels, and which of them each sample saw, (n,); none where it was the tip."""
+        if not self.marked:
+            return [], np.zeros(len(self.poses), dtype=np.intp)
+        return grouped(self.poses.samples.labels[self.mark])
+
+    @cached_property
+    def own(self) -> tuple[Parameter, ...]:
+        """The pose of the instrument, then where the targets are in the tip."""
+        of_one = point_parameters if self.poses.samples.rotation is None else pose_parameters
+        frames = (p for frame in self.frame_names for p in pose_parameters(frame))
+        return (*frames, *(p for n in self._targets[0] for p in of_one(f"target[{n}]")))
+
     @cached_property
     def blocks(self) -> tuple[Block, ...]:
         """Positions, and rotations where they were seen."""
         samples, own = self.poses.samples, np.tile(np.arange(6), (len(self.poses), 1))
+        names, target = self._targets
+        if names:
+            size = (len(self.own) - 6) // len(names)
+            own = np.hstack([own, 6 + size * target[:, None] + np.arange(size)])
         block, labels, angular = Block.per_sample, samples.origin, self.angular_noise
         position = block("position", "m", 3, _position, own, self._seen, self.noise, labels)
         if samples.rotation is None:
@@ -104,20 +151,40 @@ class TrackedPoint(SeenTerm):
         return self.poses.samples.position
 
     def observed(self, values: Mapping[str, float], poses: PoseSource) -> Observed:
-        """The tip as the instrument sees it."""
-        (frame,) = self._frames
+        """The tip, or the targets, as the instrument sees them."""
+        (frame,) = self.frame_names
         R, p = pose_named(values, frame)
         rotation, position = poses.at(values)
+        labels = poses.samples.labels.get(self.mark)
+        if labels is not None:
+            names, target = grouped(labels)
+            turned = f"target[{names[0]}].rx" in values
+            frames = [_target_named(values, f"target[{n}]", turned=turned) for n in names]
+            sits, at = (np.array(c)[target] for c in zip(*frames, strict=True))
+            position = position + np.einsum("nij,nj->ni", rotation, at)
+            rotation = rotation @ sits
         return Observed(position @ R.T + p, R @ rotation)
 
     def check_enough(self) -> None:
-        """Three samples at least, for the instrument's pose is six unknowns; in the arm's unit."""
+        """Three samples at least, for the instrument's pose is six unknowns; in the arm's unit.
+
+        A target that was seen once says nothing but where it is itself.
+        """
         if len(self.poses) < 3:
             raise SamplesError(
                 f"{len(self.poses)} samples",
                 "at least 3: the pose of the instrument alone is six unknowns",
                 where=self.kind,
             )
+        names, target = self._targets
+        for name, rows in zip(names, np.bincount(target), strict=False):
+            if rows < 2:
+                raise SamplesError(
+                    f"target {name} seen once",
+                    "every target seen at least twice: where it sits on the link is unknown",
+                    where=self.kind,
+                    hint="is its label misspelt?",
+                )
         if not isinstance(self.poses, ArmPoses):
             return
         seen, moved = extent(self._seen), extent(self.poses.at({})[1])
@@ -158,6 +225,20 @@ class TrackedPoint(SeenTerm):
         return Simulated(cls(MeasuredPoses(upright, points, samples)), truth, outliers)
 
     def start(self, rotation: FloatArray, position: FloatArray) -> FloatArray:
-        """Arun's registration of the tip's positions to what the instrument saw."""
-        del rotation
-        return pose_values(*register_points(position, self._seen))
+        """Arun's registration of the tip's positions; `instrument_and_targets` where there are."""
+        names, target = self._targets
+        if not names:
+            return pose_values(*register_points(position, self._seen))
+        R, p, targets = instrument_and_targets((rotation, position), self._seen, target)
+        seen = self.poses.samples.rotation
+        if seen is None:
+            return np.concatenate([pose_values(R, p), targets.reshape(-1)])
+        sits = np.swapaxes(R @ rotation, 1, 2) @ seen
+        turns = [chordal_mean(sits[target == k]) for k in range(len(names))]
+        poses = [pose_values(turn, t) for turn, t in zip(turns, targets, strict=True)]
+        return np.concatenate([pose_values(R, p), *poses])
+
+
+def _target_named(values: Mapping[str, float], label: str, *, turned: bool) -> Poses:
+    """Rotation (3, 3) of a target, upright where none was seen, and position (3,)."""
+    return pose_named(values, label) if turned else (np.eye(3), point_named(values, label))

@@ -117,6 +117,7 @@ class Scene:
     seen: tuple[str, ...] = ()
     artefact: Artefact | None = None
     settings: dict[str, Any] = field(default_factory=dict)
+    lengths: dict[str, FloatArray] = field(default_factory=dict)
 
     def samples(self, spread: Spread = Spread(), seed: int = 0, trials: int = 1) -> list[Samples]:
         """Independent repetitions of the measurement."""
@@ -144,7 +145,7 @@ class Scene:
         return self.term(self.samples()[0], noise, angular)
 
     def _observed(self, q: FloatArray, position: FloatArray, rotation: FloatArray) -> Samples:
-        measured: dict[str, Any] = {}
+        measured: dict[str, Any] = {"lengths": self.lengths}
         if "position" in self.seen:
             measured["position"] = position
         if "rotation" in self.seen:
@@ -242,13 +243,48 @@ def plane_scene(
     ),
 ) -> Scene:
     """Planes of several attitudes (position, rpy), touched all over from a cone of directions."""
+    return places_scene("plane", arm, truth, touches, {"radius": radius}, planes)
+
+
+def line_scene(arm: ArmModel, truth: dict[str, float]) -> Scene:
+    """Edges that lie in several directions."""
+    edges = (
+        ((0.45, 0.05, -0.05), (0.0, 0.1, 0.2)),
+        ((-0.05, 0.45, 0.1), (0.4, 0.0, 1.3)),
+        ((-0.4, -0.2, 0.0), (-0.1, -0.3, 2.2)),
+        ((0.2, -0.45, 0.15), (0.5, 0.3, 0.9)),
+    )
+    return places_scene("line", arm, truth, 10, {}, edges)
+
+
+def range_scene(arm: ArmModel, truth: dict[str, float], *, measured: bool) -> Scene:
+    """A draw-wire, or a ball bar of unknown length, from three anchors."""
+    lengths = (0.15, 0.4) if measured else (0.3, 0.3)
+    anchors = (
+        ((0.3, 0.1, -0.25), (0.0, 0.0, 0.0)),
+        ((-0.1, 0.3, -0.2), (0.2, 0.0, 0.0)),
+        ((-0.2, -0.3, -0.15), (0.0, -0.2, 0.0)),
+    )
+    settings = {"measured": measured, "lengths": lengths}
+    return places_scene("range", arm, truth, 18, settings, anchors)
+
+
+def places_scene(
+    kind: str,
+    arm: ArmModel,
+    truth: dict[str, float],
+    touches: int,
+    settings: dict[str, Any],
+    places: Sequence[tuple[Sequence[float], Sequence[float]]],
+) -> Scene:
+    """Places of a kind (position, rpy) that touches no artefact, from a cone of directions."""
     rng = np.random.default_rng(4)
-    kinematics, settings = InverseKinematics(arm, truth), {"radius": radius}
+    kinematics = InverseKinematics(arm, truth)
     found = []
-    for k, (centre, rpy) in enumerate(planes):
+    for k, (centre, rpy) in enumerate(places):
         R, tried = rotation_from_rpy(list(rpy)), 4 * touches
         where = rng.random((tried, 2))
-        position = KINDS["plane"].touches(R, np.array(centre), where, settings)
+        position = KINDS[kind].touches(R, np.array(centre), where, settings)
         lean = np.zeros((tried, 3))
         lean[:, :2] = rng.uniform(-0.7, 0.7, (tried, 2))
         yaw = rng.uniform(-3, 3, tried)
@@ -257,22 +293,38 @@ def plane_scene(
         # Four are tried for each that is wanted: what few starts reach is not worth more.
         answer = kinematics.solve(Targets(position, rotation), kinematics.middle, rng, starts=8)
         rows = np.flatnonzero(answer.reached)[:touches]
-        assert len(rows) == touches, f"plane {k} is out of reach"
-        found.append((position[rows], rotation[rows], answer.q[rows]))
-    position, rotation, q = (np.concatenate(column) for column in zip(*found, strict=True))
-    labels = {"plane": [f"S{k}" for k in range(len(planes)) for _ in range(touches)]}
-    return Scene("plane", arm, truth, q, True, position, rotation, labels, settings=settings)
+        assert len(rows) == touches, f"{kind} {k} is out of reach"
+        at = np.tile(np.array(centre, dtype=float), (touches, 1))
+        found.append((position[rows], rotation[rows], answer.q[rows], at))
+    position, rotation, q, at = (np.concatenate(column) for column in zip(*found, strict=True))
+    labels = {KINDS[kind].place: [f"S{k}" for k in range(len(places)) for _ in range(touches)]}
+    lengths = KINDS[kind].measured(at, position, settings)
+    return Scene(
+        kind, arm, truth, q, True, position, rotation, labels, settings=settings, lengths=lengths
+    )
 
 
 def tracked_scene(
-    arm: ArmModel, truth: dict[str, float], n: int = 30, *, oriented: bool = False
+    arm: ArmModel,
+    truth: dict[str, float],
+    n: int = 30,
+    *,
+    oriented: bool = False,
+    targets: Sequence[Sequence[float]] = (),
 ) -> Scene:
-    """An instrument somewhere sees the tip at random postures."""
+    """An instrument somewhere sees the tip, or targets (x y z rx ry rz in it), at any postures."""
     q = random_readings(arm, np.random.default_rng(5), n)
+    labels = {"target": [f"T{k}" for _ in range(n) for k in range(len(targets))]} if targets else {}
+    q = np.repeat(q, max(len(targets), 1), axis=0)
     rotation, position = arm.forward(q, truth)
+    if targets:
+        six = np.tile(np.array(targets, dtype=float), (n, 1))
+        position = position + np.einsum("nij,nj->ni", rotation, six[:, :3])
+        rotation = rotation @ rotation_from_vector(six[:, 3:])
     R, p = rotation_from_vector([0.3, -1.2, 0.7]), np.array([1.1, -0.4, 0.6])
     seen = ("position", "rotation") if oriented else ("position",)
-    return Scene("tracked_point", arm, truth, q, False, position @ R.T + p, R @ rotation, {}, seen)
+    at, turned = position @ R.T + p, R @ rotation
+    return Scene("tracked_point", arm, truth, q, False, at, turned, labels, seen)
 
 
 def hand_eye_scene(arm: ArmModel, truth: dict[str, float], n: int = 25) -> Scene:

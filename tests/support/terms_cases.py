@@ -17,9 +17,11 @@ from simulated import (
     dh_parameters,
     fixed_point_scene,
     hand_eye_scene,
+    line_scene,
     perturbed,
     placements,
     plane_scene,
+    range_scene,
     tracked_scene,
 )
 
@@ -51,6 +53,8 @@ def case(kind: str, make: Make, *names: str) -> Case:
     return Case(kind, make, frozenset(GAUGE | set(names)))
 
 
+# x y z (m) and turn (rad) in the tip.
+TARGETS = ((0.05, 0.02, 0.03, 0.3, -0.1, 2.0), (-0.04, 0.03, -0.02, 0.0, 1.0, 0.0))
 # Parallel pillars hide the tool's length; one point hides the scale, held by one of the lengths;
 # a camera's unknown pose on the tip takes up whatever follows the last joint.
 CASES = {
@@ -64,7 +68,22 @@ CASES = {
     "plane with a ball": case(
         "plane", lambda arm, truth: plane_scene(arm, truth, radius=0.02), "joint_4.z"
     ),
+    "line": case("line", line_scene, "joint_4.z"),
+    "range": case("range", lambda arm, truth: range_scene(arm, truth, measured=True)),
+    "range of unknown radius": case(
+        "range", lambda arm, truth: range_scene(arm, truth, measured=False), "joint_4.z"
+    ),
     "tracked_point": case("tracked_point", tracked_scene),
+    "tracked_point with targets": case(
+        "tracked_point",
+        lambda arm, truth: tracked_scene(arm, truth, 20, targets=TARGETS),
+        *("joint_6.offset", "tip.y", "tip.z"),
+    ),
+    "tracked_point with targets and orientation": case(
+        "tracked_point",
+        lambda arm, truth: tracked_scene(arm, truth, 20, oriented=True, targets=TARGETS[:1]),
+        *("joint_6.offset", "tip.y", "tip.z"),
+    ),
     "tracked_point with orientation": case(
         "tracked_point", lambda arm, truth: tracked_scene(arm, truth, oriented=True)
     ),

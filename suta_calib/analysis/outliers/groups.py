@@ -49,6 +49,8 @@ def groupings(term: Term) -> tuple[Grouping, ...]:
     """
     labels, found = term.poses.samples.labels, dict[tuple[str, ...], Grouping]()
     for noun, columns in term.groupings.items():
+        if not set(columns) <= set(labels):
+            continue
         names, member = grouped(joined(labels, columns) if columns else row_names(term))
         grouping = Grouping(f"{noun}s", tuple(names), member)
         coarser = found.get(columns[:-1])

@@ -84,13 +84,13 @@ def find_moves(
 
 def _poses(term: Term, names: Sequence[str]) -> Iterator[tuple[str, IntArray, list[int]]]:
     """What may have been moved, its rows in their order, and the columns of where it stands."""
+    noun, unknown = (term.place, term.place_unknown) if term.place else (term.mark, term.mark)
     if term.medium != "touch":
-        own = [p.name for p in term.own]
+        own = [p.name for p in term.own if not (noun and p.owner.startswith(f"{noun}["))]
         yield f"the {term.medium}", np.arange(len(term.poses)), [names.index(n) for n in own]
-        return
-    labels = term.poses.samples.labels.get(term.place)
+    labels = term.poses.samples.labels.get(noun)
     for label in () if labels is None else dict.fromkeys(labels.tolist()):
-        start = f"{term.place_unknown}[{label}]"
+        start = f"{unknown}[{label}]"
         columns = [k for k, name in enumerate(names) if name.startswith(start)]
         if columns:
-            yield f"{term.place} {label}", np.flatnonzero(labels == label), columns
+            yield f"{noun} {label}", np.flatnonzero(labels == label), columns

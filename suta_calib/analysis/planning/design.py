@@ -33,7 +33,9 @@ from suta_calib.solver.problem import Problem
 from suta_calib.terms import KINDS
 
 # Unknowns that belong to one place: another place has its own.
-_PRIVATE: Final = tuple(f"{kind.place_unknown}[" for kind in KINDS.values() if kind.place_unknown)
+_PRIVATE: Final = tuple(
+    f"{name}[" for kind in KINDS.values() for name in (kind.place_unknown, *kind.place_more) if name
+)
 CRITERIA: Final = ("tip", "d")
 # An exchange must gain this much to count, in units of the criterion's value.
 _WORTH: Final = 1e-9
@@ -56,9 +58,10 @@ class Space:
     def of(cls, situation: Situation) -> Space:
         """The arm's free parameters, and unknowns of terms that are not of one place."""
         problem = situation.problem
-        own = {p.name: p for t in problem.terms for p in t.own if not p.name.startswith(_PRIVATE)}
-        arm = [p for p in problem.arm_parameters.values() if p.free]
-        return cls(ParameterSet([*arm, *own.values()]), len(arm))
+        free = [p for p in problem.parameters.values() if p.free]
+        arm = [p for p in free if p.name in problem.arm_parameters]
+        own = [p for p in free[len(arm) :] if not p.name.startswith(_PRIVATE)]
+        return cls(ParameterSet([*arm, *own]), len(arm))
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -167,9 +170,11 @@ def _shared_information(
     fixed = {p.name for p in problem.parameters.values() if not p.free}
     kept = [k for k, name in enumerate(problem.names) if name in index]
     private = [k for k, n in enumerate(problem.names) if n not in index and n not in fixed]
+    known = np.zeros(len(unit))
+    known[private] = (problem.prior_precision() * unit**2)[private]
     reduced = schur_complement(
         [m * scale for m in matrices],
-        np.zeros(len(unit)),
+        known,
         np.array(kept, dtype=np.intp),
         np.array(private, dtype=np.intp),
     )

@@ -146,7 +146,14 @@ class Situation:
         if isinstance(place, Posture):
             # What the instrument or the camera would report in these postures.
             assert self.seen is not None
-            poses = ArmPoses(self.arm, Samples.from_arrays(self.arm.joints, q))
+            seen = self.seen.poses.samples.labels
+            # Every mark that was seen is seen again.
+            marks = list(dict.fromkeys(seen.get(self.seen.mark, np.array([""])).tolist()))
+            labels = {self.seen.mark: marks} if self.seen.marked else {}
+            readings = np.repeat(q, len(marks), axis=0)
+            poses = ArmPoses(
+                self.arm, Samples.from_arrays(self.arm.joints, readings, labels=labels)
+            )
             ideal = self.seen.observed(self.values, poses)
             oriented = self.seen.poses.samples.rotation is not None
             rotation = ideal.rotation if oriented else None
@@ -154,8 +161,14 @@ class Situation:
             return self.seen.over_poses(ArmPoses(self.arm, samples))
         if isinstance(place, Point):
             labels = {self.places.place: [candidate.name] * n}
-            poses = ArmPoses(self.arm, Samples.from_arrays(self.arm.joints, q, labels=labels))
             kind = self.places
+            settings = kind.settings if isinstance(kind, Term) else {}
+            tips = self.arm.forward(q, self.values)[1]
+            lengths = kind.measured(place.position, tips, settings)
+            poses = ArmPoses(
+                self.arm,
+                Samples.from_arrays(self.arm.joints, q, labels=labels, lengths=lengths),
+            )
             return kind.over_poses(poses) if isinstance(kind, Term) else kind.over(poses, Setup())
         labels = {
             "placement": [candidate.name] * n,

@@ -1,0 +1,88 @@
+"""The key ``tip_offset_mm`` of a job's arm: a probe at the tip that the URDF does not know."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from suta_calib.errors import JobError
+from suta_calib.measurements import YamlSection
+from suta_calib.model.arm import ArmModel
+from suta_calib.model.parameters import POSITION, Selection
+from suta_calib.units import from_mm
+
+
+@dataclass(frozen=True)
+class TipOffset:
+    """Where the tip is in the frame that the URDF says it is.
+
+    It becomes part of the tip's own placement ``tip.x|y|z``, and so of a calibrated URDF.
+
+    Attributes:
+        position: x, y, z along the axes of the URDF's tip, m.
+        bound, prior: half-width of the bounds and standard deviation of a prior about it, m, where
+            it is to be found; without either it is taken as given.
+        file, line: of the job, for messages.
+    """
+
+    position: tuple[float, float, float]
+    bound: float | None = None
+    prior: float | None = None
+    file: Path | None = None
+    line: int | None = None
+
+    @classmethod
+    def read(cls, arm: YamlSection) -> TipOffset | None:
+        """``tip_offset_mm: [x, y, z]``, or ``{position_mm, bound_mm, prior_mm}``; None without it.
+
+        Raises:
+            JobError: a key that is unknown, missing or unusable.
+        """
+        key = "tip_offset_mm"
+        if key not in arm:
+            return None
+        if isinstance(arm.data[key], list):
+            x, y, z = (from_mm(number) for number in arm.numbers(key, 3))
+            return cls((x, y, z), file=arm.document.path, line=arm.line)
+        section = arm.section(key)
+        section.check_keys(("position_mm", "bound_mm", "prior_mm"), required=("position_mm",))
+        x, y, z = section.position().tolist()
+        bound, prior = (
+            section.optional_number(name, "positive", unit="m") for name in ("bound_mm", "prior_mm")
+        )
+        if bound is None and prior is None:
+            raise section.refuse(
+                "an offset that is to be found, without a size",
+                "bound_mm or prior_mm beside position_mm",
+                hint=f"a known one is {key}: [x, y, z]",
+            )
+        return cls((x, y, z), bound, prior, section.document.path, section.line)
+
+    def selection(self, tip: str) -> Selection:
+        """The row that names it among a job's parameters."""
+        names = tuple(f"{tip}.{key}" for key in POSITION)
+        given = self.bound is None and self.prior is None
+        return Selection(names, bound_m=self.bound, prior_m=self.prior, fixed=given, line=self.line)
+
+    def on(self, arm: ArmModel) -> ArmModel:
+        """The arm with its tip there.
+
+        Raises:
+            JobError: the tip is on a link that moves, and so has no placement of its own.
+        """
+        last = arm.segments[-1]
+        if last.motion != "fixed":
+            raise JobError(
+                f"a tip_offset_mm at {arm.tip}, the link that {last.owner} moves",
+                "a tip that a fixed joint holds",
+                file=self.file,
+                line=self.line,
+                where="arm.tip_offset_mm",
+                hint=f"add to the URDF a link with a fixed joint on {arm.chain.tip_link}, and make "
+                "it the tip",
+            )
+        moved = last.position + last.rotation @ np.array(self.position)
+        names = last.names(*POSITION)
+        return arm.at(dict(zip(names, moved.tolist(), strict=True)))

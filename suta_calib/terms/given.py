@@ -1,0 +1,137 @@
+"""Poses that somebody knows beforehand: surveyed, taped down, certified; exactly or roughly."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from suta_calib.arrays import FloatArray
+from suta_calib.geometry.numbers import (
+    rotation_from_vector,
+    tangent_of_vector,
+    vector_from_rotation,
+    vector_turning_z_to,
+)
+from suta_calib.measurements import YamlSection
+from suta_calib.model.parameters import POSITION, ROTATION
+
+POSE_KEYS: Final = ("position_mm", "rotation_rpy_deg", "prior_mm", "prior_deg")
+
+
+@dataclass(frozen=True)
+class Known:
+    """What is known of one unknown beforehand: a value, and its standard deviation; None for sure.
+
+    Both in the unknown's unit, m or rad.
+    """
+
+    value: float
+    std: float | None
+
+
+@dataclass(frozen=True, eq=False)
+class GivenPose:
+    """Where something stands, as far as that is known.
+
+    Attributes:
+        position: (3,), m.
+        rotation: (3, 3), or None where the orientation stays unknown.
+        position_std: (3,) standard deviation of each coordinate, m; None for an exact one.
+        rotation_std: standard deviation of the turn about any axis, rad; None for an exact one.
+        line: where it stands in its file.
+    """
+
+    position: FloatArray
+    rotation: FloatArray | None = None
+    position_std: FloatArray | None = None
+    rotation_std: float | None = None
+    line: int | None = None
+
+    @classmethod
+    def read(cls, section: YamlSection) -> GivenPose:
+        """``position_mm``, and what else of `POSE_KEYS` there is.
+
+        Raises:
+            InputError: a key that is unknown, missing or unusable; names the line and the key.
+        """
+        section.check_keys(POSE_KEYS, required=("position_mm",))
+        rotation = section.rotation()
+        if rotation is None and "prior_deg" in section:
+            raise section.refuse(
+                "prior_deg without an orientation",
+                "rotation_rpy_deg beside it",
+                at=("prior_deg",),
+            )
+        length = section.optional_number("prior_mm", "positive", unit="m")
+        std = None if length is None else np.full(3, length)
+        angle = section.optional_number("prior_deg", "positive", unit="rad")
+        return cls(section.position(), rotation, std, angle, section.line)
+
+    @property
+    def inverse(self) -> GivenPose:
+        """``T_b_a`` of a ``T_a_b`` whose orientation is known.
+
+        Its position is unsure by the turn too, through the lever between the two.
+        """
+        assert self.rotation is not None
+        back = self.rotation.T
+        position, std = -back @ self.position, self.position_std
+        if std is not None and self.rotation_std is not None:
+            lever = position @ position - position**2
+            std = np.asarray(np.sqrt((back**2) @ std**2 + self.rotation_std**2 * lever))
+        return GivenPose(position, back, std, self.rotation_std, self.line)
+
+    def of_point(self, owner: str) -> dict[str, Known]:
+        """The unknowns ``owner.x|y|z``."""
+        std = [None] * 3 if self.position_std is None else self.position_std.tolist()
+        pairs = zip(POSITION, self.position.tolist(), std, strict=True)
+        return {f"{owner}.{key}": Known(value, s) for key, value, s in pairs}
+
+    def of_pose(self, owner: str) -> dict[str, Known]:
+        """The unknowns ``owner.x … owner.rz``; without the last three where no turn is known."""
+        known = self.of_point(owner)
+        if self.rotation is None:
+            return known
+        vector = vector_from_rotation(self.rotation)
+        inverse = np.linalg.inv(tangent_of_vector(vector))
+        return known | self._turns(owner, ROTATION, vector, np.asarray(inverse))
+
+    def of_axis(self, owner: str, axis: int, along: tuple[str, ...]) -> dict[str, Known]:
+        """The unknowns of something that only an axis of the pose matters for: ``rx``, ``ry``.
+
+        They are the shortest turn (rx, ry, 0) of the base's z axis to the one that the axis lies
+        on, of the two directions the one that points up.
+
+        Args:
+            owner: of the unknowns.
+            axis: of the pose: 0, 1 or 2.
+            along: keys of the place's coordinates in the frame turned so, that are unknowns too.
+                Their prior is that of the position, whatever the axis is.
+        """
+        assert self.rotation is not None
+        direction = self.rotation[:, axis]
+        turn = vector_turning_z_to(direction if direction[2] >= 0 else -direction)
+        frame = rotation_from_vector(turn)
+        there = frame.T @ self.position
+        std = None if self.position_std is None else np.sqrt((frame.T**2) @ self.position_std**2)
+        known = {}
+        for key in along:
+            k = POSITION.index(key)
+            known[f"{owner}.{key}"] = Known(float(there[k]), None if std is None else float(std[k]))
+        # Turned about the horizontal it leans by one for one; aside by the sine of its lean.
+        lean = float(np.linalg.norm(turn))
+        radial = turn[:2] / lean if lean else np.array([1.0, 0.0])
+        stretch = lean / np.sin(lean) if lean else 1.0
+        by_tilt = np.column_stack([radial, stretch * np.array([-radial[1], radial[0]])])
+        return known | self._turns(owner, ROTATION[:2], turn[:2], by_tilt)
+
+    def _turns(
+        self, owner: str, keys: tuple[str, ...], values: FloatArray, derivative: FloatArray
+    ) -> dict[str, Known]:
+        """Components of a turn, unsure by so much for each small turn about an axis."""
+        spread = np.linalg.norm(derivative, axis=1)
+        std = [None if self.rotation_std is None else float(self.rotation_std * s) for s in spread]
+        pairs = zip(keys, values.tolist(), std, strict=True)
+        return {f"{owner}.{key}": Known(value, s) for key, value, s in pairs}

@@ -1,0 +1,180 @@
+"""Unknown straight lines, touched anywhere along them: an edge, a taut wire, a guide rail."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, ClassVar, Final
+
+import casadi as ca
+import numpy as np
+
+from suta_calib.arrays import FloatArray, IntArray
+from suta_calib.errors import SamplesError
+from suta_calib.geometry.numbers import rotation_from_vector, vector_turning_z_to
+from suta_calib.geometry.symbols import Symbol, symbolic_rotation
+from suta_calib.measurements import SampleColumns, YamlSection
+from suta_calib.model.parameters import Parameter
+from suta_calib.terms.block import LEARNT, Block, Noise, Pose, grouped, norm
+from suta_calib.terms.given import GivenPose, Known
+from suta_calib.terms.poses import PoseSource
+from suta_calib.terms.term import Observed, Setup, Term, check_turned, pose_parameters
+
+# Two touches lie on some line whatever the arm is: the third is the first that tells.
+FEWEST: Final = 3
+# Touches closer together than that, rms about their middle, are one point and no line, m.
+_SHORTEST: Final = 1e-3
+# Length of the line that simulated touches fill where the file does not say, m.
+_SIZE: Final = 0.2
+_KEYS: Final = ("x", "y", "rx", "ry")
+
+
+def _offset(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
+    """Off the line, along two directions square to it that turn with the tool.
+
+    The data are the tool's axis, in the tool, that the first of them is square to: in the line's
+    own frame, which has no turn about the line to follow the arm with, noise would seem to tell
+    where the arm points.
+    """
+    frame = symbolic_rotation(ca.vertcat(own[2], own[3], 0))
+    along = frame[:, 2]
+    off = poses[0].p - frame[:, 0] * own[0] - frame[:, 1] * own[1]
+    first = ca.cross(along, poses[0].R @ data)
+    first = first / norm(first)
+    return ca.vertcat(ca.dot(first, off), ca.dot(ca.cross(along, first), off))
+
+
+@dataclass(frozen=True, eq=False)
+class TouchedLine(Term):
+    """Two offsets of every touch from an unknown straight line.
+
+    A line has four unknowns: ``rx``, ``ry``, the rotation vector (rx, ry, 0) that turns the base's
+    z axis along it, and ``x``, ``y``, where it meets the plane through the base's origin square to
+    it, along the x and y axes that were turned likewise. The start takes the direction that points
+    up; a horizontal line is nothing special. A given pose is of any point of it, its x axis going
+    along it; prior_mm is of x and y.
+
+    Lines find what a point touched from many directions does, and are easier to come by; the
+    overall scale is free, unless another term fixes it.
+
+    Attributes:
+        poses: samples with the label line.
+        noise: scatter and robustness of an offset, m per axis.
+    """
+
+    kind: ClassVar[str] = "line"
+    about: ClassVar[str] = (
+        "an unknown straight line (an edge, a taut wire), touched anywhere along it and from "
+        "several directions"
+    )
+    columns: ClassVar[SampleColumns] = SampleColumns(labels=("line",))
+    has_angles: ClassVar[bool] = False
+    place: ClassVar[str] = "line"
+    place_unknown: ClassVar[str] = "line"
+    groupings: ClassVar[Mapping[str, tuple[str, ...]]] = {"line": ("line",), "row": ()}
+    simulation_keys: ClassVar[tuple[str, ...]] = ("size_mm",)
+
+    noise: Noise = LEARNT
+
+    @classmethod
+    def over(cls, poses: PoseSource, setup: Setup) -> TouchedLine:
+        """Build it from a row of a job file."""
+        return cls(poses, setup.noise)
+
+    @classmethod
+    def read_settings(cls, row: YamlSection) -> dict[str, Any]:
+        """``size_mm``: how much of the line is touched."""
+        return {"size": row.optional_number("size_mm", "positive", unit="m") or _SIZE}
+
+    @classmethod
+    def touches(
+        cls,
+        rotation: FloatArray,
+        position: FloatArray,
+        where: FloatArray,
+        settings: Mapping[str, Any],
+    ) -> FloatArray:
+        """All along the place's x axis, about the position."""
+        aside = (where[:, 0] - 0.5) * settings.get("size", _SIZE)
+        return np.asarray(position + aside[:, None] * rotation[:, 0])
+
+    @cached_property
+    def own(self) -> tuple[Parameter, ...]:
+        """Place and direction of every line."""
+        return tuple(
+            p for name in self.places[0] for p in pose_parameters(f"line[{name}]") if p.key in _KEYS
+        )
+
+    @cached_property
+    def blocks(self) -> tuple[Block, ...]:
+        """The offsets."""
+        own = 4 * self.places[1][:, None] + np.arange(4)
+        labels = self.poses.samples.labels["line"]
+        return (
+            Block.per_sample("position", "m", 2, _offset, own, self._square, self.noise, labels),
+        )
+
+    @cached_property
+    def _square(self) -> FloatArray:
+        """(n, 3) the tool's axis, in the tool, that is most nearly square to the line touched."""
+        rotation, position = self.poses.at({})
+        along = np.empty((len(rotation), 3))
+        for rows, _, direction in self._by_line(position):
+            along[rows] = direction
+        nearest = np.argmin(np.abs(np.einsum("nij,ni->nj", rotation, along)), axis=1)
+        return np.asarray(np.eye(3)[nearest])
+
+    def observed(self, values: Mapping[str, float], poses: PoseSource) -> Observed:
+        """The tips as they are, shifted square to the line onto it."""
+        names, line = grouped(poses.samples.labels["line"])
+        own = np.array([[values[f"line[{n}].{k}"] for k in _KEYS] for n in names])
+        frame = rotation_from_vector(np.column_stack([own[:, 2:], np.zeros(len(names))]))[line]
+        _, position = poses.at(values)
+        in_line = np.einsum("nji,nj->ni", frame, position)
+        in_line[:, :2] = own[line, :2]
+        return Observed(np.einsum("nij,nj->ni", frame, in_line))
+
+    def _known_place(self, owner: str, pose: GivenPose) -> dict[str, Known]:
+        return pose.of_axis(owner, 0, ("x", "y"))
+
+    def check_given(self) -> None:
+        """A line that is given goes somewhere."""
+        check_turned(self)
+        super().check_given()
+
+    def start(self, rotation: FloatArray, position: FloatArray) -> FloatArray:
+        """The line of least squares through the touches, by singular value decomposition."""
+        del rotation
+        found = []
+        for _, middle, along in self._by_line(position):
+            turn = vector_turning_z_to(along)
+            found.append([*(rotation_from_vector(turn).T @ middle)[:2], *turn[:2]])
+        return np.concatenate(found)
+
+    def _by_line(self, position: FloatArray) -> Iterator[tuple[IntArray, FloatArray, FloatArray]]:
+        """Rows of every line, the middle (3,) of their touches, and its direction (3,)."""
+        names, line = self.places
+        for k in range(len(names)):
+            rows = np.flatnonzero(line == k)
+            middle = position[rows].mean(axis=0)
+            along = np.linalg.svd(position[rows] - middle, full_matrices=False)[2][0]
+            yield rows, middle, -along if along[2] < 0 else along
+
+    def check_enough(self) -> None:
+        """Three touches of every line at least, not all at one point at nominal."""
+        _, position = self.poses.at({})
+        for name, (rows, middle, _) in zip(self.places[0], self._by_line(position), strict=True):
+            if len(rows) < FEWEST:
+                raise SamplesError(
+                    f"line {name} touched {len(rows)} times",
+                    f"every line touched at least {FEWEST} times: two touches make any line",
+                    where=self.kind,
+                )
+            if np.abs(position[rows] - middle).max() < _SHORTEST:
+                raise SamplesError(
+                    f"all touches of line {name} at one point",
+                    "touches all along the line",
+                    where=self.kind,
+                    hint="touches at one point do not say which way the line goes",
+                )

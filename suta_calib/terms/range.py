@@ -1,0 +1,260 @@
+"""Distances from fixed points: a draw-wire sensor, a telescoping or a fixed ball bar, ranging."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, ClassVar, Final
+
+import numpy as np
+
+from suta_calib.arrays import FloatArray
+from suta_calib.errors import SamplesError
+from suta_calib.geometry.numbers import extent
+from suta_calib.geometry.symbols import Symbol
+from suta_calib.measurements import SampleColumns, YamlSection
+from suta_calib.model.parameters import Parameter
+from suta_calib.terms.block import LEARNT, Block, Noise, Pose, grouped, norm
+from suta_calib.terms.poses import ArmPoses, PoseSource
+from suta_calib.terms.term import (
+    OTHER_UNIT,
+    PLAUSIBLE_POSITION,
+    Observed,
+    Setup,
+    Term,
+    point_named,
+    point_parameters,
+)
+from suta_calib.units import from_mm, mm
+
+# Lengths between which simulated ones are where the file does not say, m.
+_LENGTHS: Final = (0.2, 0.5)
+# Half the angle of the cap, about the z axis of an anchor, that simulated tips fill, as a cosine.
+_CAP: Final = 0.5
+# Second over first, and third over first, singular value of tips on a line or in a plane.
+_LINE: Final = 1e-3
+_PLANE: Final = 1e-2
+_STEPS: Final = 20
+
+
+def _excess(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
+    """A distance alone, so that motions of the whole arm leave it as it is."""
+    return norm(poses[0].p - own[:3]) - (own[3] if own.numel() > 3 else data[0])
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredRange(Term):
+    """``‖p_i - a‖ - l_i`` for the distance of the tip from an anchor a that stands somewhere.
+
+    With the column ``length`` every l_i was measured: by a draw-wire sensor, a telescoping ball
+    bar. Without, all distances from one anchor are one unknown ``radius[A]``: a ball bar whose
+    length nobody certified. Lengths fix the overall scale, an unknown radius does not; neither sees
+    the tip's orientation but through where the tip is.
+
+    Attributes:
+        poses: samples with the label anchor, and perhaps a length.
+        noise: scatter and robustness of a distance, m.
+    """
+
+    kind: ClassVar[str] = "range"
+    about: ClassVar[str] = (
+        "the distance of the tip from a fixed point that is unknown (draw-wire sensor, ball bar): "
+        "column length in m, or length_mm; without it all distances from one anchor are one "
+        "unknown radius"
+    )
+    columns: ClassVar[SampleColumns] = SampleColumns(labels=("anchor",), common_lengths=("length",))
+    has_angles: ClassVar[bool] = False
+    place: ClassVar[str] = "anchor"
+    place_unknown: ClassVar[str] = "anchor"
+    place_more: ClassVar[tuple[str, ...]] = ("radius",)
+    place_turns: ClassVar[bool] = False
+    groupings: ClassVar[Mapping[str, tuple[str, ...]]] = {"anchor": ("anchor",), "row": ()}
+    simulation_keys: ClassVar[tuple[str, ...]] = ("length_mm",)
+
+    noise: Noise = LEARNT
+
+    @classmethod
+    def over(cls, poses: PoseSource, setup: Setup) -> MeasuredRange:
+        """Build it from a row of a job file."""
+        return cls(poses, setup.noise)
+
+    @classmethod
+    def read_settings(cls, row: YamlSection) -> dict[str, Any]:
+        """``length_mm``: lengths measured from … to, or the one length that nobody measured."""
+        if "length_mm" not in row:
+            return {}
+        if not isinstance(row.data["length_mm"], list):
+            length = from_mm(row.number("length_mm", "positive"))
+            return {"lengths": (length, length), "measured": False}
+        low, high = row.numbers("length_mm", 2)
+        if not 0.0 < low <= high:
+            raise row.refuse(
+                f"[{low:g}, {high:g}]", "[shortest, longest] length", at=("length_mm",)
+            )
+        return {"lengths": (from_mm(low), from_mm(high)), "measured": True}
+
+    @classmethod
+    def touches(
+        cls,
+        rotation: FloatArray,
+        position: FloatArray,
+        where: FloatArray,
+        settings: Mapping[str, Any],
+    ) -> FloatArray:
+        """All over a cap about the z axis of the anchor, at any of the lengths."""
+        shortest, longest = settings.get("lengths", _LENGTHS)
+        # A third number that goes its own way, of two that fill a square.
+        between = np.mod(where @ [7.0, 11.0], 1.0)
+        height, around = 1.0 - (1.0 - _CAP) * where[:, 0], 2.0 * np.pi * where[:, 1]
+        aside = np.sqrt(1.0 - height**2)
+        away = np.column_stack([aside * np.cos(around), aside * np.sin(around), height])
+        length = shortest + (longest - shortest) * between
+        return np.asarray(position + length[:, None] * away @ rotation.T)
+
+    @classmethod
+    def measured(
+        cls, place: FloatArray, tips: FloatArray, settings: Mapping[str, Any]
+    ) -> dict[str, FloatArray]:
+        """The distances from the anchor, unless nobody measures them."""
+        if not settings.get("measured", True):
+            return {}
+        return {"length": np.linalg.norm(tips - place, axis=1)}
+
+    @property
+    def settings(self) -> Mapping[str, Any]:
+        """Whether the lengths were measured, and between which they are."""
+        rotation, position = self.poses.at({})
+        own = self.start(rotation, position).reshape(len(self.places[0]), -1)
+        away = np.linalg.norm(position - own[self.places[1], :3], axis=1)
+        bounds = (float(away.min()), float(away.max()))
+        if self._lengths is None:
+            bounds = (float(away.mean()),) * 2
+        return {"measured": self._lengths is not None, "lengths": bounds}
+
+    @property
+    def _lengths(self) -> FloatArray | None:
+        return self.poses.samples.lengths.get("length")
+
+    @cached_property
+    def own(self) -> tuple[Parameter, ...]:
+        """Every anchor, followed by its radius where no length was measured."""
+        found = list[Parameter]()
+        for name in self.places[0]:
+            found += point_parameters(f"anchor[{name}]")
+            if self._lengths is None:
+                found.append(Parameter(f"radius[{name}]", "", "m", plausible=PLAUSIBLE_POSITION))
+        return tuple(found)
+
+    @cached_property
+    def blocks(self) -> tuple[Block, ...]:
+        """The distances."""
+        size = len(self.own) // len(self.places[0])
+        own = size * self.places[1][:, None] + np.arange(size)
+        labels = self.poses.samples.labels["anchor"]
+        none = np.zeros((len(self.poses), 0))
+        data = none if self._lengths is None else self._lengths[:, None]
+        return (Block.per_sample("distance", "m", 1, _excess, own, data, self.noise, labels),)
+
+    def observed(self, values: Mapping[str, float], poses: PoseSource) -> Observed:
+        """The tips as they are, shifted along the line to the anchor."""
+        names, which = grouped(poses.samples.labels["anchor"])
+        anchor = np.array([point_named(values, f"anchor[{n}]") for n in names])[which]
+        length = poses.samples.lengths.get("length")
+        if length is None:
+            length = np.array([values[f"radius[{n}]"] for n in names])[which]
+        away = poses.at(values)[1] - anchor
+        distance = np.linalg.norm(away, axis=1)
+        return Observed(anchor + away * (length / np.maximum(distance, 1e-12))[:, None])
+
+    def start(self, rotation: FloatArray, position: FloatArray) -> FloatArray:
+        """Every anchor by `anchor_of`."""
+        del rotation
+        names, which = self.places
+        rows = [which == k for k in range(len(names))]
+        if self._lengths is None:
+            return np.concatenate([np.append(*anchor_of(position[row])) for row in rows])
+        return np.concatenate([anchor_of(position[row], self._lengths[row])[0] for row in rows])
+
+    def check_enough(self) -> None:
+        """One distance more than an anchor has unknowns, from tips off one line; in one unit."""
+        _, position = self.poses.at({})
+        names, which = self.places
+        unknowns = len(self.own) // len(names)
+        for k, name in enumerate(names):
+            tips = position[which == k]
+            if len(tips) <= unknowns:
+                raise SamplesError(
+                    f"anchor {name} ranged {len(tips)} times",
+                    f"every anchor ranged at least {unknowns + 1} times: its unknowns alone are "
+                    f"{unknowns}",
+                    where=self.kind,
+                    hint="" if len(tips) > 1 else "is its label misspelt?",
+                )
+            singular = np.linalg.svd(tips - tips.mean(axis=0), compute_uv=False)
+            if singular[1] < _LINE * singular[0]:
+                raise SamplesError(
+                    f"all tips on one line where anchor {name} was ranged",
+                    "tips on several sides of it",
+                    where=self.kind,
+                    hint="distances from a line do not say how the anchor turns about it",
+                )
+            if self._lengths is not None and isinstance(self.poses, ArmPoses):
+                self._check_unit(name, self._lengths[which == k], extent(tips))
+
+    def _check_unit(self, name: str, lengths: FloatArray, moved: float) -> None:
+        """Lengths vary by no more than the tip moved, which is within reach of each of them."""
+        if lengths.std() > OTHER_UNIT * moved or lengths.max() < moved / OTHER_UNIT:
+            raise SamplesError(
+                f"lengths from {mm(lengths.min()):.4g} to {mm(lengths.max()):.4g} mm at anchor "
+                f"{name}, where the arm's readings move the tip by {mm(moved):.4g} mm",
+                "distances of the tip from the anchor",
+                where=self.kind,
+                hint="column length is in m, and length_mm in mm: is it another unit, or another "
+                "arm?",
+            )
+
+
+def anchor_of(tips: FloatArray, lengths: FloatArray | None = None) -> tuple[FloatArray, float]:
+    """The point that has these distances from the tips, and the mean distance.
+
+    ``|p|² - 2 pᵀa + |a|² = l²`` is linear in a and |a|²; then Gauss–Newton. Tips in one plane leave
+    open on which side the point is: then it is the one below.
+
+    Args:
+        tips: (n, 3), m.
+        lengths: (n,), m; one unknown length by default.
+    """
+    middle = tips.mean(axis=0)
+    about = tips - middle
+    squared = np.sum(about**2, axis=1)
+    known = np.zeros(len(tips)) if lengths is None else lengths**2
+    _, singular, v = np.linalg.svd(about, full_matrices=False)
+    kept = v[singular > _PLANE * max(singular[0], 1e-12)]
+    columns = np.column_stack([-2.0 * about @ kept.T, np.ones(len(tips))])
+    solved = np.linalg.lstsq(columns, known - squared, rcond=None)[0]
+    anchor = solved[:-1] @ kept
+    if lengths is not None and len(v) == 3 and len(kept) == 2:
+        off = np.sqrt(max(solved[-1] - anchor @ anchor, 0.0))
+        anchor = anchor - off * v[2] * (1.0 if v[2, 2] >= 0 else -1.0)
+    return _refined(about, anchor, lengths, middle)
+
+
+def _refined(
+    tips: FloatArray, anchor: FloatArray, lengths: FloatArray | None, middle: FloatArray
+) -> tuple[FloatArray, float]:
+    def left(a: FloatArray) -> tuple[FloatArray, FloatArray]:
+        distance = np.linalg.norm(tips - a, axis=1)
+        return distance - (distance.mean() if lengths is None else lengths), distance
+
+    residual, distance = left(anchor)
+    for _ in range(_STEPS):
+        columns = (anchor - tips) / np.maximum(distance, 1e-12)[:, None]
+        if lengths is None:
+            columns = columns - columns.mean(axis=0)
+        moved = anchor - np.linalg.lstsq(columns, residual, rcond=_LINE)[0]
+        after, farther = left(moved)
+        if not np.sum(after**2) < np.sum(residual**2):
+            break
+        anchor, residual, distance = moved, after, farther
+    return middle + anchor, float(distance.mean())

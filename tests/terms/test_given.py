@@ -1,0 +1,222 @@
+"""Poses that are known beforehand, exactly or roughly: what they tell, and what is refused."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cli_job import cli, write_simulated_job
+from simulated import dh_parameters
+from terms_cases import CASES, SIGMA, each_case, noises, scene
+
+from suta_calib.errors import ParameterError
+from suta_calib.geometry.numbers import (
+    rotation_from_rpy,
+    rotation_from_vector,
+    rpy_from_rotation,
+    vector_from_rotation,
+    vector_turning_z_to,
+)
+from suta_calib.job.calibration import CalibrationJob
+from suta_calib.model.parameters import PLACEMENT, POSITION
+from suta_calib.solver.problem import Problem
+from suta_calib.solver.solve import solve
+from suta_calib.terms import GivenPose, Term
+
+SURE = GivenPose(np.array([0.1, -0.2, 0.3]), rotation_from_rpy([0.3, -2.0, 1.0]))
+
+
+def given_as_it_is(term: Term, truth: dict[str, float], std: float | None = None) -> Term:
+    """The term with every place or frame of its own given where it truly is."""
+    values, given = term.start_values(truth), {}
+    for owner in dict.fromkeys(p.owner for p in term.own if p.key):
+        six = np.array([values.get(f"{owner}.{key}", np.nan) for key in PLACEMENT])
+        label = owner.partition("[")[2].rstrip("]")
+        frames = [f.key for f in term.frames if f.own == owner]
+        if frames or (label in term.places[0] if term.place else label):
+            turn = rotation_from_vector(six[3:]) if np.isfinite(six).all() else None
+            unsure = None if std is None else np.full(3, std)
+            given[frames[0] if frames else label] = GivenPose(six[:3], turn, unsure)
+    return replace(term, given=given)
+
+
+@each_case
+def test_what_stands_where_it_is_known_to_tells_where_the_arm_stands(name: str) -> None:
+    s = scene(name)
+    term = s.exact(*noises(SIGMA, False))
+    if not term.own:
+        pytest.skip("distances do not see where anything stands")
+    if any(p.key not in POSITION for p in term.own) and term.kind in ("plane", "line"):
+        term = replace(term, given=axes_as_they_are(term, s.truth))
+    else:
+        term = given_as_it_is(term, s.truth)
+    term.check_given()
+    solution = solve(Problem([term], dh_parameters(s.arm)))
+    assert solution.converged
+    # Parallel pillars still hide the tool's length, now against the base's height.
+    assert len(solution.unidentified) < len(CASES[name].unidentified)
+    estimate = solution.estimates["joint_1.offset"]
+    assert (estimate.state, estimate.given) == ("identified", ())
+    assert estimate.value == pytest.approx(s.truth["joint_1.offset"], abs=1e-9)
+    states = {p.name: solution.estimates[p.name].state for p in term.unknowns if not p.free}
+    assert states
+    assert set(states.values()) == {"fixed"}
+
+
+def axes_as_they_are(term: Term, truth: dict[str, float]) -> dict[str, GivenPose]:
+    """Planes by their z axis and lines by their x axis, each at any point of it."""
+    values, given = term.start_values(truth), {}
+    for label in term.places[0]:
+        owner = f"{term.place_unknown}[{label}]"
+        frame = rotation_from_vector([values[f"{owner}.rx"], values[f"{owner}.ry"], 0.0])
+        at = frame @ [values.get(f"{owner}.{key}", 0.07) for key in POSITION]
+        turned = frame if term.kind == "plane" else frame[:, [2, 0, 1]]
+        given[label] = GivenPose(at, turned)
+    return given
+
+
+def test_a_rough_pose_counts_as_much_as_it_is_worth() -> None:
+    """The instrument's pose drawn as its priors say: the base scatters as predicted."""
+    s, rng, trials = scene("tracked_point"), np.random.default_rng(0), 40
+    truth = s.exact().start_values(s.truth)
+    names = ("joint_1.offset", "joint_2.z")
+    off = []
+    for samples in s.samples(SIGMA, seed=5, trials=trials):
+        term = s.term(samples, *noises(SIGMA, False))
+        true = rotation_from_vector([truth[f"base.{k}"] for k in ("rx", "ry", "rz")])
+        position = np.array([truth[f"base.{k}"] for k in POSITION])
+        said = GivenPose(
+            position + 1e-3 * rng.standard_normal(3),
+            true @ rotation_from_vector(3e-3 * rng.standard_normal(3)),
+            np.full(3, 1e-3),
+            3e-3,
+        )
+        term = replace(term, given={"base_in_instrument": said})
+        estimates = solve(Problem([term], dh_parameters(s.arm))).estimates
+        assert estimates["base.x"].state in ("prior", "identified")
+        off.append([(estimates[n].value - s.truth[n]) / estimates[n].std for n in names])
+    ratio = np.sqrt(np.mean(np.square(off), axis=0))
+    # Four standard deviations of the root mean square of so many.
+    assert np.abs(ratio - 1.0).max() < 4.0 / np.sqrt(2.0 * trials)
+
+
+@pytest.mark.parametrize("rpy", [[0.0, 0.0, 0.0], [0.3, -2.0, 1.0], [np.pi, 0.0, 0.4]])
+def test_the_priors_are_the_marginal_ones(rpy: list[float]) -> None:
+    """Against draws of poses: as a pose, as its inverse, and as a plane's or a line's axis."""
+    rng, n, tilt = np.random.default_rng(1), 4000, 1e-3
+    R, p = rotation_from_rpy(rpy), np.array([0.8, -0.5, 0.3])
+    given = GivenPose(p, R, np.full(3, 2e-4), tilt)
+    turned = rotation_from_vector(tilt * rng.standard_normal((n, 3))) @ R
+    moved = p + 2e-4 * rng.standard_normal((n, 3))
+    drawn = {
+        "pose": np.hstack([moved, near(vector_from_rotation(turned), vector_from_rotation(R))]),
+        "inverse": np.hstack(
+            [
+                -np.einsum("nij,ni->nj", turned, moved),
+                near(vector_from_rotation(np.swapaxes(turned, 1, 2)), vector_from_rotation(R.T)),
+            ]
+        ),
+    }
+    known = {"pose": given.of_pose("a"), "inverse": given.inverse.of_pose("a")}
+    for what, values in drawn.items():
+        std = [each.std for each in known[what].values()]
+        np.testing.assert_allclose(values.std(axis=0), std, rtol=0.08, err_msg=what)
+        means = [each.value for each in known[what].values()]
+        np.testing.assert_allclose(values.mean(axis=0), means, atol=1e-4, err_msg=what)
+    for axis in (0, 2):
+        up = np.sign(R[2, axis]) or 1.0
+        turns = vector_turning_z_to(up * turned[:, :, axis])
+        if np.ptp(np.sign(turned[:, 2, axis])) > 0:
+            continue  # about the horizontal a draw may be described from either side
+        found = given.of_axis("a", axis, ())
+        std = [each.std for each in found.values()]
+        np.testing.assert_allclose(turns[:, :2].std(axis=0), std, rtol=0.08)
+
+
+def near(vectors: np.ndarray, middle: np.ndarray) -> np.ndarray:
+    """The description of each turn, of the two, that is nearer the middle one."""
+    length = np.linalg.norm(vectors, axis=1, keepdims=True)
+    other = vectors * (1.0 - 2.0 * np.pi / np.maximum(length, 1e-12))
+    far = np.linalg.norm(vectors - middle, axis=1) > np.pi
+    return np.where(far[:, None], other, vectors)
+
+
+def test_of_two_rows_one_says_where_it_stands() -> None:
+    s = scene("tracked_point")
+    term = s.exact()
+    given = replace(term, given={"base_in_instrument": SURE})
+    for terms in ((term, given), (given, term)):
+        problem = Problem(terms, dh_parameters(s.arm))
+        assert not problem.parameters["base.x"].free
+        assert problem.values(problem.start())["base.x"] == pytest.approx(0.1)
+    other = replace(SURE, position=SURE.position + 0.01)
+    with pytest.raises(ParameterError, match=r"two given poses that differ in base\.x"):
+        Problem([given, replace(term, given={"base_in_instrument": other})], dh_parameters(s.arm))
+
+
+POSE = "pose: {position_mm: [-310, 870, -890], rotation_rpy_deg: [0, 0, 10], "
+
+
+@pytest.mark.parametrize(
+    ("row", "message"),
+    [
+        ("pose: {position_mm: [1, 2]}", "position_mm: found"),
+        ("pose: {rotation_rpy_deg: [0, 0, 1]}", "position_mm"),
+        ("pose: {position_mm: [1, 2, 3]}", "known in part"),
+        (POSE + "prior_mm: 1}", "both of prior_mm and prior_deg or none"),
+        (POSE + "prior_mm: 0}", "prior_mm: found 0"),
+        (POSE + "prior: 1}", "prior"),
+        ("pose: {A: {position_mm: [1, 2, 3]}}", "a pose of target 'A'"),
+        ("pose: {}", "an empty mapping"),
+        ("base_in_instrument: {position_mm: [1, -0.5, 0.3]}", "looks like metres"),
+        ("base_in_instrument: {position_mm: [1, 2, 3], prior_deg: 1}", "without an orientation"),
+        ("eye_in_tip: {position_mm: [1, 2, 3]}", "a key that tracked_point has no use for"),
+        (POSE + "}, base_in_instrument: {position_mm: [1, 2, 3]}", "one or the other"),
+    ],
+)
+def test_what_makes_no_sense_is_refused(
+    tmp_path: Path, suta_urdf: Path, row: str, message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    job = write_simulated_job(tmp_path / "job", suta_urdf)
+    job.write_text(job.read_text().replace("sigma_mm: 0.05", row, 1))
+    assert cli("observe", job) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert f"{job}:" in error
+
+
+def test_an_instruments_pose_is_that_in_the_base(tmp_path: Path, suta_urdf: Path) -> None:
+    """The simulated instrument, said as it stands in the base rather than the other way round."""
+    job = write_simulated_job(tmp_path / "job", suta_urdf)
+    turn = rotation_from_vector([0.1, -0.4, 1.2])
+    given = GivenPose(np.array([1.0, -0.5, 0.3]), turn).inverse
+    rpy = np.degrees(np.array([*map(float, _rpy(given))]))
+    at = ", ".join(f"{v:.9f}" for v in 1e3 * given.position)
+    row = f"pose: {{position_mm: [{at}], rotation_rpy_deg: [{', '.join(map(str, rpy))}]}}"
+    job.write_text(job.read_text().replace("sigma_mm: 0.05", row, 1))
+    loaded = CalibrationJob.load(job)
+    solution = loaded.run().solution
+    np.testing.assert_allclose(solution.values["base.x"], 1.0, atol=1e-9)
+    assert solution.estimates["joint_1.offset"].state == "identified"
+    assert abs(solution.values["joint_1.offset"]) < 5.0 * solution.estimates["joint_1.offset"].std
+
+
+def _rpy(pose: GivenPose) -> np.ndarray:
+    assert pose.rotation is not None
+    return rpy_from_rotation(pose.rotation)
+
+
+def test_a_pose_that_is_wrong_is_named(tmp_path: Path, suta_urdf: Path) -> None:
+    """An instrument five centimetres from where it was surveyed."""
+    job = write_simulated_job(tmp_path / "job", suta_urdf)
+    turn = np.degrees(rpy_from_rotation(rotation_from_vector([0.1, -0.4, 1.2])))
+    row = (
+        "base_in_instrument: {position_mm: [1000, -450, 300], "
+        f"rotation_rpy_deg: [{', '.join(map(str, turn))}]}}"
+    )
+    job.write_text(job.read_text().replace("sigma_mm: 0.05", row, 1))
+    found = CalibrationJob.load(job).run().assessment
+    assert not found.usable
+    assert any("base_in_instrument is not where its given pose says" in n for n in found.notes)
