@@ -85,6 +85,8 @@ class _Exact:
         return poses.with_samples(replace(poses.samples, q=found.q))
 
     def seen(self, poses: PoseSource, seen: Observed, noise: Sequence[float]) -> PoseSource:
+        if seen.pixels is not None:
+            return poses.with_samples(replace(poses.samples, pixels=seen.pixels))
         rotation = seen.rotation if len(noise) > 1 else None
         again = replace(poses.samples, position=seen.position, rotation=rotation)
         return poses.with_samples(again)

@@ -100,10 +100,13 @@ class Observed:
         position: (n, 3), m: of what is seen, in the instrument or the camera; of a tip that
             touches, in the base.
         rotation: (n, 3, 3) of the same, or None where the observation says nothing of it.
+        pixels: (n, points, 2) where a camera sees the points of a board, px, NaN for those that it
+            does not; None for who sees no points. What is seen is then these.
     """
 
     position: FloatArray
     rotation: FloatArray | None = None
+    pixels: FloatArray | None = None
 
 
 class Resimulation(Protocol):
@@ -129,7 +132,7 @@ class Resimulation(Protocol):
             poses: as they were measured.
             seen: without noise.
             noise: standard deviation of a coordinate, m, and, where orientations are seen, of a
-                component of their turn, rad.
+                component of their turn, rad; of pixels, px.
         """
 
     def turned(self, rotation: FloatArray, sigma: float) -> FloatArray:
@@ -157,6 +160,8 @@ class Term(ABC):
             coordinate of one touch.
         simulation_keys: what else a set of a simulation may say, read by `read_settings`.
         frames: what a simulation may state of what sees or is seen.
+        chance: rough part of an arm's postures in which what is looked at is in sight.
+        files: by key of a job's row, what the files that it names are begun with.
         tested: what of an acceptance test after ISO 10360-12 its samples measure.
         leaves_open: by what is left open, why this kind alone cannot tell, and what to do then.
         tells: by what others leave open, how this kind tells it: an advice.
@@ -177,6 +182,8 @@ class Term(ABC):
     noise_factor: ClassVar[float] = 1.0
     simulation_keys: ClassVar[tuple[str, ...]] = ()
     frames: ClassVar[tuple[TrueFrame, ...]] = ()
+    chance: ClassVar[float] = 1.0
+    files: ClassVar[Mapping[str, str]] = {}
     tested: ClassVar[Literal["", "length", "articulation"]] = ""
     leaves_open: ClassVar[Mapping[Gap, tuple[str, str]]] = {}
     tells: ClassVar[Mapping[Gap, str]] = {}
@@ -362,10 +369,13 @@ class Term(ABC):
 
     def equations(self) -> int:
         """How many independent numbers the samples give at most: a rest counts once."""
-        rests = self.poses.rests
         return sum(
-            len(np.unique(rests[block.samples], axis=0)) * block.size for block in self.blocks
+            len(np.unique(self.readings(block), axis=0)) * block.size for block in self.blocks
         )
+
+    def readings(self, block: Block) -> IntArray:
+        """(n, k) the same numbers for all rows of a block that read one thing at one rest again."""
+        return self.poses.rests[block.samples]
 
     def check_enough(self) -> None:  # noqa: B027 (nothing to check is a fine answer)
         """Refuse sets too small to be fitted; a held-out set may be as small as it likes.
