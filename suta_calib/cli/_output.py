@@ -77,7 +77,8 @@ def answer_command(command: Callable[..., Document]) -> click.Command:
 
 def _inputs(context: click.Context) -> dict[str, str]:
     """SHA-256 of the files that the command line names, in its order."""
-    given = (context.params[str(each.name)] for each in context.command.params if each.type is PATH)
+    options = [context.params[str(o.name)] for o in context.command.params if o.type is PATH]
+    given = [path for each in options for path in (each if isinstance(each, tuple) else (each,))]
     return {
         str(path): sha256(path.read_bytes()).hexdigest()
         for path in given

@@ -12,6 +12,7 @@ from typing import Final
 import numpy as np
 
 from suta_calib.arrays import FloatArray
+from suta_calib.geometry.numbers import rotation_from_vector, skew
 
 # Points of a plane that determine a homography, and points of a body that determine a projection.
 PLANAR: Final = 4
@@ -22,6 +23,9 @@ _FLAT: Final = 1e-3
 _LINE: Final = 1e-2
 # Second smallest over largest singular value below which a linear system has several solutions.
 _SINGULAR: Final = 1e-9
+# Steps of a refinement, and the relative gain from where on it is settled.
+_STEPS: Final = 10
+_SETTLED: Final = 1e-6
 # How far the principal point may be from the middle of what was seen, in its extents.
 _OFF_CENTRE: Final = 1.5
 
@@ -30,7 +34,7 @@ def board_pose(points: FloatArray, seen: FloatArray) -> tuple[FloatArray, FloatA
     """``T_eye_board`` from one picture; None where its points do not determine it.
 
     Points in a plane give a homography, whose first columns are the plane's axes; others a
-    projection. The rotation is the nearest one to what is found.
+    projection. From the nearest rotation to what is found the reprojection error is minimised.
 
     Args:
         points: (k, 3) in the board's frame, m.
@@ -63,8 +67,40 @@ def board_pose(points: FloatArray, seen: FloatArray) -> tuple[FloatArray, FloatA
     columns = columns * (np.array([sign, sign, 1.0]) if flat else sign)
     u, _, v = np.linalg.svd(columns)
     turn = (u * np.array([1.0, 1.0, np.linalg.det(u @ v)])) @ v @ axes
-    position = sign * shift / length - turn @ middle
-    return (turn, position) if np.isfinite(position).all() else None
+    position = sign * shift / length
+    if not np.isfinite(position).all():
+        return None
+    turn, position = _refined(points - middle, seen, turn, position)
+    return turn, position - turn @ middle
+
+
+def _refined(
+    points: FloatArray, seen: FloatArray, rotation: FloatArray, position: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """The pose of least reprojection error, by Gauss and Newton from one that is near.
+
+    A step that does not help ends it: what is near is then the answer.
+    """
+    best, error = (rotation, position), np.inf
+    for _ in range(_STEPS):
+        turned = points @ rotation.T
+        x, y, z = (turned + position).T
+        residual = np.column_stack([x / z, y / z]) - seen
+        squared = float(np.sum(residual**2))
+        if not (squared < error and (z > 0).all()):
+            break
+        best, settled = (rotation, position), error - squared <= _SETTLED * squared
+        error = squared
+        if settled:
+            break
+        by_point = np.zeros((len(points), 2, 3))
+        by_point[:, 0, 0] = by_point[:, 1, 1] = 1.0 / z
+        by_point[:, 0, 2], by_point[:, 1, 2] = -x / z**2, -y / z**2
+        # The point moves with the position, and with a turn about the camera's axes.
+        jacobian = np.concatenate([by_point, -by_point @ skew(turned)], axis=2).reshape(-1, 6)
+        step = np.linalg.lstsq(jacobian, -residual.ravel(), rcond=None)[0]
+        rotation, position = rotation_from_vector(step[3:]) @ rotation, position + step[:3]
+    return best
 
 
 def _linear(points: FloatArray, seen: FloatArray) -> FloatArray | None:

@@ -334,7 +334,7 @@ class CameraView(Term):
         return replace(self, pixel=float(np.median(told)) / focal) if len(told) else self
 
     @property
-    def _frames(self) -> tuple[str, str, str]:
+    def frames_named(self) -> tuple[str, str, str]:
         """Owners of the camera's pose, of the board's, and of the intrinsics."""
         camera = "" if self.label == "default" else f"[{self.label}]"
         board = "" if self.target == "default" else f"[{self.target}]"
@@ -343,7 +343,7 @@ class CameraView(Term):
     @cached_property
     def own(self) -> tuple[Parameter, ...]:
         """Poses of camera and board, and the intrinsics where they are free."""
-        eye, board, camera = self._frames
+        eye, board, camera = self.frames_named
         poses = (*pose_parameters(eye), *pose_parameters(board))
         if not self.free:
             return poses
@@ -452,13 +452,13 @@ class CameraView(Term):
 
     def _camera_at(self, values: Mapping[str, float]) -> Camera:
         """The camera with the intrinsics that these values have, or with its own."""
-        owner, known = self._frames[2], self.camera.values
+        owner, known = self.frames_named[2], self.camera.values
         found = [values.get(f"{owner}.{key}", known[key]) for key in INTRINSICS]
         return replace(self.camera, intrinsics=np.array(found))
 
     def _in_eye(self, values: Mapping[str, float], poses: PoseSource) -> Poses:
         """``T_eye_board`` of every sample."""
-        eye, board, _ = self._frames
+        eye, board, _ = self.frames_named
         (R_eye, p_eye), (R_board, p_board) = pose_named(values, eye), pose_named(values, board)
         hand = poses.at(values)
         rotation, position = hand if self.setup == EYE_TO_HAND else inverse_poses(hand)
