@@ -16,7 +16,7 @@ from scipy.stats import chi2
 
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.assessment import Assessment, Level
-from suta_calib.errors import SamplesError
+from suta_calib.errors import InputError, SamplesError
 from suta_calib.geometry.numbers import (
     homogeneous,
     rms_length,
@@ -47,7 +47,12 @@ from suta_calib.solver.solve import solve
 from suta_calib.solver.weights import CAMERA
 from suta_calib.terms import CameraView, MeasuredPoses, Noise
 from suta_calib.terms.camera_view import UNCALIBRATED, closed_form_camera, with_corners
-from suta_calib.terms.hand_eye_start import inverse_poses, loop_closures
+from suta_calib.terms.hand_eye_start import (
+    Poses,
+    inverse_poses,
+    loop_closures,
+    quaternion_hand_eye,
+)
 from suta_calib.terms.term import pose_named
 from suta_calib.units import deg, mm
 from suta_calib.words import listed
@@ -66,6 +71,8 @@ _FINEST: Final = 1e-6
 ROBOTS: Final = 2.0
 # Relative departure of a focal length that no calibration of the same pictures has.
 OTHER_PICTURES: Final = 0.1
+# Ratio of two sizes that no measuring error explains.
+OTHER_SIZE: Final = 1.3
 # Pictures that a sentence names.
 QUOTED: Final = 5
 
@@ -299,7 +306,7 @@ def hand_eye_from_pictures(
     for view, term in zip(views, terms, strict=True):
         with error_context(view.corners.path):
             term.check_enough()
-            believed.append(_agreeing(term, setup, robust, seed))
+            believed.append(_agreeing(term, view, robust, seed))
     solution, believed = _settled(terms, believed, robust)
     cameras = tuple(
         _seen(view, term, good, solution, hand, setup)
@@ -338,17 +345,90 @@ def _term(hand: HandPoses, view: View, setup: Setup, intrinsics: Intrinsics) -> 
     return term.at_its_distance()
 
 
-def _agreeing(term: CameraView, setup: Setup, robust: bool, seed: int) -> BoolArray:
-    """(n,) pictures whose boards agree with one X; refuses what no X explains."""
+def _agreeing(term: CameraView, view: View, robust: bool, seed: int) -> BoolArray:
+    """(n,) pictures whose boards agree with one X; refuses what no X explains, by its cause."""
     told = np.isfinite(term.seen_poses[1][:, 0])
-    hand, seen = (
-        (rotation[told], position[told])
-        for rotation, position in (term.poses.at({}), term.seen_poses)
-    )
-    found = calibrate_hand_eye(hand, seen, setup=setup, robust=robust, seed=seed)
+    hand, seen = _told(term, told)
+    try:
+        found = calibrate_hand_eye(hand, seen, setup=term.setup, robust=robust, seed=seed)
+    except SamplesError as problem:
+        found_instead, hint = _cause(term, view, seed)
+        if not hint:
+            raise
+        raise SamplesError(found_instead, "pictures and poses that agree", hint=hint) from problem
     believed = np.zeros(len(told), dtype=np.bool_)
     believed[told] = found.inliers
     return believed if robust else np.ones_like(believed)
+
+
+def _told(term: CameraView, told: BoolArray) -> tuple[Poses, Poses]:
+    """Poses of the hand, and of the board in the eye, of some pictures."""
+    hand, seen = term.poses.at({}), term.seen_poses
+    return (hand[0][told], hand[1][told]), (seen[0][told], seen[1][told])
+
+
+def _cause(term: CameraView, view: View, seed: int) -> tuple[str, str]:
+    """What is wrong with pictures that agree with no X, and what to do; nothing if unknown."""
+    told = np.isfinite(term.seen_poses[1][:, 0])
+    hand, seen = _told(term, told)
+    scale = _scale(inverse_poses(hand) if term.setup == "eye-to-hand" else hand, seen)
+    if scale > 0 and abs(np.log(scale)) > np.log(OTHER_SIZE):
+        larger = (hand, (seen[0], seen[1] * scale))
+        if _agrees(*larger, term.setup, seed):
+            return (
+                f"a hand that moves {scale:.4g} times as far as the pictures show by the size of "
+                "the board",
+                "columns a_x, a_y, a_z are in m (a_x_mm: mm), and lengths in board.yaml in mm",
+            )
+    width = 2.0 * term.camera.intrinsics[2]
+    mirrored = term.pixels * [-1.0, 1.0] + [width, 0.0]
+    samples = replace(term.poses.samples, pixels=mirrored)
+    if _agrees(*_told(term.over_poses(term.poses.with_samples(samples)), told), term.setup, seed):
+        return (
+            "pictures that agree with the poses if left and right are exchanged in them",
+            "take them without mirroring",
+        )
+    if view.camera is None:
+        return "", ""
+    try:
+        own = closed_form_camera(view.corners, view.board)
+    except InputError:
+        return "", ""
+    if _agrees(*_told(replace(term, camera=own), told), term.setup, seed):
+        before, after = view.camera.values["fx"], own.values["fx"]
+        return (
+            f"pictures of a focal length of some {after:.0f} px, where the camera's file says "
+            f"{before:.0f} px",
+            "the file must be of this camera, focus and size of picture",
+        )
+    return "", ""
+
+
+def _scale(hand: Poses, seen: Poses) -> float:
+    """How much farther the hand moves than the eye sees, with X found beside it.
+
+    ``(R_A - I) t_X + t_A = s R_X t_B`` for motions between any two pictures, by least squares.
+    """
+    turn, _ = quaternion_hand_eye(hand, seen)
+    (R, p), (Rb, pb) = hand, seen
+    # Motions of the hand A = A_j⁻¹ A_i and of the board in the eye B = B_j B_i⁻¹.
+    i, j = np.triu_indices(len(p), k=1)
+    A = np.swapaxes(R[j], 1, 2) @ R[i]
+    a = np.einsum("nji,nj->ni", R[j], p[i] - p[j])
+    b = pb[j] - np.einsum("nij,nj->ni", Rb[j] @ np.swapaxes(Rb[i], 1, 2), pb[i])
+    rows = np.concatenate([A - np.eye(3), -(b @ turn.T)[:, :, None]], axis=2).reshape(-1, 4)
+    return float(np.linalg.lstsq(rows, -a.ravel(), rcond=None)[0][3])
+
+
+def _agrees(hand: Poses, seen: Poses, setup: Setup, seed: int) -> bool:
+    """Whether poses determine an X that most of them agree with."""
+    if not (np.isfinite(hand[1]).all() and np.isfinite(seen[1]).all()):
+        return False
+    try:
+        found = calibrate_hand_eye(hand, seen, setup=setup, seed=seed)
+    except SamplesError:
+        return False
+    return bool(found.inliers.mean() > 1.0 - MANY_OUTLIERS)
 
 
 def _settled(
