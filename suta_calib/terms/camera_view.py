@@ -213,19 +213,24 @@ class CameraView(Term):
         *("corners", "board", "camera", "setup", "intrinsics", "target"),
         *("sigma_px", "huber_px"),
     )
+    required: ClassVar[tuple[str, ...]] = ("corners", "board")
+    measured_keys: ClassVar[tuple[str, ...]] = (
+        *("corners", "intrinsics", "target", "sigma_px", "huber_px"),
+    )
+    unit: ClassVar[Literal["mm", "px"]] = "px"
     files: ClassVar[Mapping[str, str]] = {
-        "corners": "image,point,u,v\n",
-        "board": "# Inner corners of a chessboard, columns and rows; or type: charuco, markers.\n"
+        "corners.csv": "image,point,u,v\n",
+        "board.yaml": "# Inner corners: columns, rows. Other types: charuco, markers.\n"
         "type: chessboard\ncorners: [7, 5]\nsquare_mm: 30\n",
-        "camera": "# As ROS or OpenCV calibrated it.\nimage_width: 1280\nimage_height: 960\n"
+        "camera.yaml": "# As ROS or OpenCV calibrated it.\nimage_width: 1280\nimage_height: 960\n"
         "camera_matrix: {rows: 3, cols: 3, data: [1000, 0, 639.5, 0, 1000, 479.5, 0, 0, 1]}\n"
         "distortion_model: plumb_bob\n"
         "distortion_coefficients: {rows: 1, cols: 5, data: [0, 0, 0, 0, 0]}\n",
     }
     groupings: ClassVar[Mapping[str, tuple[str, ...]]] = {"image": ("image",), "row": ()}
     frames: ClassVar[tuple[TrueFrame, ...]] = (
-        TrueFrame("hand_eye", "eye_in_tip", required=True),
-        TrueFrame("target", "target_in_base", required=True),
+        TrueFrame("hand_eye", "camera_pose", required=True),
+        TrueFrame("target", "board_pose", required=True),
     )
     chance: ClassVar[float] = 0.02
     leaves_open: ClassVar[Mapping[Gap, tuple[str, str]]] = {

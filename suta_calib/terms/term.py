@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from suta_calib.arrays import FloatArray, IntArray
+from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.errors import ArtefactError, SamplesError
 from suta_calib.geometry.numbers import rotation_from_vector, vector_from_rotation
 from suta_calib.measurements import Artefact, SampleColumns, YamlSection
@@ -108,6 +108,13 @@ class Observed:
     rotation: FloatArray | None = None
     pixels: FloatArray | None = None
 
+    @property
+    def in_sight(self) -> BoolArray:
+        """(n,) whether something is seen: of a board, half of its points."""
+        if self.pixels is None:
+            return np.ones(len(self.position), dtype=np.bool_)
+        return np.asarray(np.isfinite(self.pixels[..., 0]).mean(axis=1) >= 0.5)
+
 
 class Resimulation(Protocol):
     """A measurement repeated in simulation: how an arm reaches its targets, and how that scatters.
@@ -151,6 +158,8 @@ class Term(ABC):
         needs_artefact: whether an artefact is touched.
         has_angles: whether it looks at orientations, so that their noise means something.
         keys: what else a row of a job may say, read by `read_settings`.
+        required: those of them that it must say.
+        unit: of the noise of its lengths in a job: ``mm``, or ``px`` where they are in pictures.
         place: label column of what stands somewhere unknown and is touched; empty where nothing is.
         place_unknown: name of the unknowns of one such place, before its label in brackets.
         place_turns: whether such a place has an orientation.
@@ -159,9 +168,10 @@ class Term(ABC):
         noise_factor: standard deviation of a component of the first block, over that of one
             coordinate of one touch.
         simulation_keys: what else a set of a simulation may say, read by `read_settings`.
+        measured_keys: keys of a row about what was measured, which a simulation does not take.
         frames: what a simulation may state of what sees or is seen.
         chance: rough part of an arm's postures in which what is looked at is in sight.
-        files: by key of a job's row, what the files that it names are begun with.
+        files: what the files that a job names are begun with; each is called as its key.
         tested: what of an acceptance test after ISO 10360-12 its samples measure.
         leaves_open: by what is left open, why this kind alone cannot tell, and what to do then.
         tells: by what others leave open, how this kind tells it: an advice.
@@ -175,12 +185,15 @@ class Term(ABC):
     needs_artefact: ClassVar[bool] = False
     has_angles: ClassVar[bool] = True
     keys: ClassVar[tuple[str, ...]] = ()
+    required: ClassVar[tuple[str, ...]] = ()
+    unit: ClassVar[Literal["mm", "px"]] = "mm"
     place: ClassVar[str] = ""
     place_unknown: ClassVar[str] = ""
     place_turns: ClassVar[bool] = True
     groupings: ClassVar[Mapping[str, tuple[str, ...]]] = {"row": ()}
     noise_factor: ClassVar[float] = 1.0
     simulation_keys: ClassVar[tuple[str, ...]] = ()
+    measured_keys: ClassVar[tuple[str, ...]] = ()
     frames: ClassVar[tuple[TrueFrame, ...]] = ()
     chance: ClassVar[float] = 1.0
     files: ClassVar[Mapping[str, str]] = {}
