@@ -44,7 +44,7 @@ SHOWN: Final[dict[Unit, Shown]] = {
     "rad/s": Shown("deg/h", "_deg_per_h", 3600.0 * 180.0 / math.pi, 4),
     "s": Shown("s", "_s", 1.0, 3),
     "px": Shown("px", "_px", 1.0, 3),
-    "1": Shown("", "", 1.0, 3),
+    "1": Shown("", "", 1.0, 5),
     "%": Shown("%", "_pct", 100.0, 1),
 }
 

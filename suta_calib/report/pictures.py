@@ -34,8 +34,6 @@ from suta_calib.units import NOTHING, Unit, text
 from suta_calib.words import listed
 
 NAME: Final = "hand_eye"
-# Decimals of a coefficient of distortion, of which the last still moves a corner a little.
-_COEFFICIENT: Final = 5
 _DIGITS: Final = 6
 # Of the picture's width, how long the largest error is drawn.
 _ARROW: Final = 0.06
@@ -63,7 +61,7 @@ class Intrinsic:
         """A value of it as text."""
         if value is None:
             return NOTHING
-        return text(value, self.unit, decimals=None if self.unit == "px" else _COEFFICIENT)
+        return text(value, self.unit)
 
 
 INTRINSIC: Final = Listing[Intrinsic](

@@ -227,7 +227,7 @@ class CameraView(Term):
         "distortion_model: plumb_bob\n"
         "distortion_coefficients: {rows: 1, cols: 5, data: [0, 0, 0, 0, 0]}\n",
     }
-    groupings: ClassVar[Mapping[str, tuple[str, ...]]] = {"image": ("image",), "row": ()}
+    groupings: ClassVar[Mapping[str, tuple[str, ...]]] = {"image": ("image",)}
     frames: ClassVar[tuple[TrueFrame, ...]] = (
         TrueFrame("hand_eye", "camera_pose", required=True),
         TrueFrame("target", "board_pose", required=True),
@@ -518,6 +518,18 @@ class CameraView(Term):
             found.append(self.camera.intrinsics)
         return np.concatenate(found)
 
+    def single_touches(self) -> CameraView:
+        """The board's middle in every picture, where the picture's own pose of the board has it."""
+        middle = _Middle(self.points.mean(axis=0))
+        rotation, position = self.seen_poses
+        there = rotation @ middle.place + position
+        mean = np.nanmean(self.pixels, axis=1)
+        told = np.isfinite(there[:, 2]) & (there[:, 2] > 0)
+        there[~told] = [0.0, 0.0, 1.0]
+        pixels = np.where(told[:, None], projected(there, self.camera.intrinsics), mean)
+        samples = replace(self.poses.samples, pixels=pixels[:, None])
+        return replace(self, poses=self.poses.with_samples(samples), board=middle)
+
     def check_enough(self) -> None:
         """Three pictures at least of which each tells where the board is, at different places."""
         told = int(np.isfinite(self.seen_poses[1][:, 0]).sum())
@@ -527,6 +539,25 @@ class CameraView(Term):
                 f"at least {FEWEST}, each with {PLANAR} corners or more that are not on a line",
                 where=self.kind,
             )
+
+
+@dataclass(frozen=True, eq=False)
+class _Middle(Board):
+    """One point of a board."""
+
+    type: ClassVar[str] = "point"
+
+    place: FloatArray
+
+    @cached_property
+    def points(self) -> Mapping[int, FloatArray]:
+        return {0: self.place}
+
+    def scaled(self, factor: float) -> Self:
+        return replace(self, place=factor * self.place)
+
+    def row(self) -> dict[str, Any]:
+        return {"type": self.type}
 
 
 def _some(poses: Poses, rows: BoolArray) -> Poses:
