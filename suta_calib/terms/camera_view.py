@@ -493,11 +493,11 @@ class CameraView(Term):
         """``T_eye_board`` of every picture, by its own corners; NaN where they do not tell it."""
         n = len(self.poses)
         rotation, position = np.full((n, 3, 3), np.nan), np.full((n, 3), np.nan)
-        for row, pixels in enumerate(self.pixels):
-            there = np.isfinite(pixels).all(axis=1)
+        straight = undistorted(self.pixels, self.camera.intrinsics)
+        for row, seen in enumerate(straight):
+            there = np.isfinite(seen).all(axis=1)
             if there.sum() >= PLANAR:
-                straight = undistorted(pixels[there], self.camera.intrinsics)
-                found = board_pose(self.points[there], straight)
+                found = board_pose(self.points[there], seen[there])
                 if found is not None:
                     rotation[row], position[row] = found
         return rotation, position
