@@ -79,6 +79,14 @@ class ArtefactError(InputError):
     """The artefact file is missing, malformed or describes an impossible artefact."""
 
 
+class BoardError(InputError):
+    """A calibration board's file is missing, malformed or describes no board."""
+
+
+class CameraError(InputError):
+    """A camera's file is missing, malformed or of a camera that there is no model of here."""
+
+
 class JobError(InputError):
     """A key of the job file is missing, unknown or has an unusable value."""
 

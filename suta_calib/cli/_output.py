@@ -79,11 +79,12 @@ def answer_command(command: Callable[..., Document]) -> click.Command:
 def _inputs(context: click.Context) -> dict[str, str]:
     """SHA-256 of the files that the command line names, in its order."""
     hashes = {}
-    for parameter in context.command.params:
-        path: Path | None = context.params[str(parameter.name)]
-        if parameter.type is PATH and path is not None and path.is_file():
-            note_input(path)
-            hashes[str(path)] = sha256(path.read_bytes()).hexdigest()
+    for option in (o for o in context.command.params if o.type is PATH):
+        given = context.params[str(option.name)]
+        for path in given if isinstance(given, tuple) else (given,):
+            if path is not None and path.is_file():
+                note_input(path)
+                hashes[str(path)] = sha256(path.read_bytes()).hexdigest()
     return hashes
 
 

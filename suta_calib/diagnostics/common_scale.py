@@ -43,7 +43,7 @@ class CommonScale:
     """A factor on all lengths of one sort.
 
     Attributes:
-        what: whose lengths they are: ``artefact``, ``instrument``, ``arm``.
+        what: whose lengths they are: ``artefact``, ``instrument``, ``board``, ``arm``.
         value: s, by which they are too long (the arm's: by which it came out too long).
         std: standard deviation of it.
         gain: share that it explains: of the priors' squared pulls or of the squared residuals,
@@ -70,10 +70,8 @@ def common_scales(solution: Solution) -> Iterator[CommonScale]:
     problem, told = solution.problem, False
     for what, mine in (
         ("artefact", [term.needs_artefact for term in problem.terms]),
-        (
-            "instrument",
-            [t.medium != "touch" or bool(t.poses.samples.lengths) for t in problem.terms],
-        ),
+        ("instrument", [_measured_in_lengths(t) for t in problem.terms]),
+        ("board", [t.poses.samples.pixels is not None for t in problem.terms]),
     ):
         if any(mine):
             found = _step(solution, what, mine)
@@ -125,14 +123,22 @@ def _step(solution: Solution, what: str, mine: Sequence[bool]) -> CommonScale:
     return CommonScale(what, value, math.sqrt(variance), gain)
 
 
+def _measured_in_lengths(term: Term) -> bool:
+    samples = term.poses.samples
+    return samples.position is not None or bool(samples.lengths)
+
+
 def _longer(term: Term) -> Term:
     """The term with every certified or measured length longer by `STEP`."""
     samples = term.poses.samples
-    if samples.position is not None or samples.lengths:
+    if _measured_in_lengths(term):
         position = None if samples.position is None else samples.position * (1.0 + STEP)
         lengths = {name: each * (1.0 + STEP) for name, each in samples.lengths.items()}
         samples = replace(samples, position=position, lengths=lengths)
         return term.over_poses(term.poses.with_samples(samples))
+    if samples.pixels is not None:
+        larger: dict[str, Any] = {"board": getattr(term, "board").scaled(1.0 + STEP)}  # noqa: B009
+        return replace(term, **larger)
     if term.touched is None:
         return term
     marks = {

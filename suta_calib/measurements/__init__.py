@@ -14,6 +14,20 @@ if TYPE_CHECKING:
     from suta_calib.measurements.artefact import Landmark as Landmark
     from suta_calib.measurements.artefact import read_artefact as read_artefact
     from suta_calib.measurements.artefact import write_artefact as write_artefact
+    from suta_calib.measurements.board import Board as Board
+    from suta_calib.measurements.board import Charuco as Charuco
+    from suta_calib.measurements.board import Chessboard as Chessboard
+    from suta_calib.measurements.board import Marker as Marker
+    from suta_calib.measurements.board import Markers as Markers
+    from suta_calib.measurements.board import read_board as read_board
+    from suta_calib.measurements.board import write_board as write_board
+    from suta_calib.measurements.camera import Camera as Camera
+    from suta_calib.measurements.camera import read_camera as read_camera
+    from suta_calib.measurements.camera import write_camera as write_camera
+    from suta_calib.measurements.corners import Corners as Corners
+    from suta_calib.measurements.corners import corners_of as corners_of
+    from suta_calib.measurements.corners import read_corners as read_corners
+    from suta_calib.measurements.corners import write_corners as write_corners
     from suta_calib.measurements.csv_table import CsvTable as CsvTable
     from suta_calib.measurements.csv_table import SutaCalibWarning as SutaCalibWarning
     from suta_calib.measurements.csv_table import has_rotations as has_rotations

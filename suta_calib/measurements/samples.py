@@ -28,6 +28,8 @@ class Samples:
         position: (n, 3) measured positions, m, or None. Whose and in which frame depends on the
             kind of observation.
         rotation: (n, 3, 3) measured orientations, or None.
+        pixels: (n, points, 2) where the points of a board were seen, px, in the order of its
+            numbers; NaN for those that were not; or None.
         origin: where each row came from, such as ``file.csv:12``.
         lengths: measured lengths by name, each (n,), m, such as ``length``.
     """
@@ -38,6 +40,7 @@ class Samples:
     position: FloatArray | None = None
     rotation: FloatArray | None = None
     origin: tuple[str, ...] = ()
+    pixels: FloatArray | None = None
     lengths: Mapping[str, FloatArray] = field(default_factory=dict)
 
     def __len__(self) -> int:
@@ -84,7 +87,7 @@ class Samples:
             None if position is None else _finite("position", position, (n, 3)),
             None if rotation is None else _rotations(rotation, n),
             tuple(origin),
-            {name: _finite(name, values, (n,)) for name, values in (lengths or {}).items()},
+            lengths={name: _finite(name, v, (n,)) for name, v in (lengths or {}).items()},
         )
 
     def as_keys(self) -> list[bytes]:
@@ -94,6 +97,8 @@ class Samples:
             parts.append(self.position)
         if self.rotation is not None:
             parts.append(self.rotation.reshape(-1, 9))
+        if self.pixels is not None:
+            parts.append(self.pixels.reshape(len(self), -1))
         parts += [each[:, None] for each in self.lengths.values()]
         return [row.tobytes() for row in np.hstack(parts)]
 
@@ -109,6 +114,7 @@ class Samples:
             (
                 *(part.joints, frozenset(part.labels), frozenset(part.lengths)),
                 *(part.position is None, part.rotation is None),
+                None if part.pixels is None else part.pixels.shape[1:],
             )
             for part in parts
         }
@@ -122,6 +128,7 @@ class Samples:
             _joined([part.position for part in parts]),
             _joined([part.rotation for part in parts]),
             tuple(origin for part in parts for origin in part.origin),
+            _joined([part.pixels for part in parts]),
             {n: _frozen(np.concatenate([p.lengths[n] for p in parts])) for n in first.lengths},
         )
 
@@ -135,6 +142,7 @@ class Samples:
             None if self.position is None else _frozen(self.position[rows]),
             None if self.rotation is None else _frozen(self.rotation[rows]),
             tuple(self.origin[row] for row in rows),
+            None if self.pixels is None else _frozen(self.pixels[rows]),
             {name: _frozen(values[rows]) for name, values in self.lengths.items()},
         )
 

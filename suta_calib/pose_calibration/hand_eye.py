@@ -124,7 +124,8 @@ class HandEyeCalibration(RobustAnswer):
                 f"What the eye sees seems {abs(self.trend.share):.2%} ± {self.trend.std:.2%} of "
                 f"its distance too {'far' if self.trend.share > 0 else 'near'}: a camera whose "
                 "focal length errs, or a target of another size. X follows it, and ± allows for "
-                "that: calibrate the camera anew and measure the target."
+                "that: calibrate the camera anew and measure the target, or give the corners in "
+                "the pictures (--corners), which correct the camera too."
             )
         bad = self.objections("pairs", self.inliers, self.length)
         if self.inverted != "good":

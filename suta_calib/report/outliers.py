@@ -70,7 +70,7 @@ def _column(metric: Metric, *, judged: bool) -> Column[Group]:
         number = shown(value(group), unit)
         wide = math.isfinite(number) and abs(number) >= WIDEST
         flag = " !" if judged and metric in group.flags else ""
-        return (f"{number:.1e}" if wide else text(value(group), unit)) + flag
+        return (f"{number:.1e}" if wide else text(value(group), unit, decimals=3)) + flag
 
     return Column(metric, head, value, unit, cell=cell)
 

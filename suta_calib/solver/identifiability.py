@@ -163,6 +163,8 @@ def _weak_directions(matrices: list[FloatArray], prior: FloatArray) -> FloatArra
     spread = np.sqrt(np.maximum(np.maximum(along[0] + known, values), 0.0)) / np.maximum(
         values, floor
     )
+    # Whatever the data are worth, a prior alone leaves no more than itself.
+    spread = np.minimum(spread, np.maximum(known, 1e-300) ** -0.5)
     by_noise = along[1] * NOISE_INDUCED_SHARE**-1 > np.maximum(values - known, floor)
     weak = (values < floor) | (spread > WEAK) | (by_noise & (known <= 0))
     return np.asarray(vectors[:, weak])

@@ -19,11 +19,12 @@ import pytest
 
 from suta_calib.arrays import FloatArray
 from suta_calib.geometry.numbers import rotation_from_rpy, rotation_from_vector
-from suta_calib.measurements import Artefact, Landmark, Samples
+from suta_calib.measurements import Artefact, Camera, Chessboard, Landmark, Samples
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import ParameterSet, Selection
 from suta_calib.simulation.inverse_kinematics import InverseKinematics, Targets
 from suta_calib.terms import KINDS, ArmPoses, Noise, Setup, Term
+from suta_calib.terms.term import pose_parameters, pose_values
 
 SUTA_URDF = Path(__file__).resolve().parents[2] / "urdf" / "suta.urdf"
 ROBOTS = Path(sysconfig.get_paths()["purelib"]) / "cmeel.prefix/share/example-robot-data/robots"
@@ -117,6 +118,7 @@ class Scene:
     seen: tuple[str, ...] = ()
     artefact: Artefact | None = None
     settings: dict[str, Any] = field(default_factory=dict)
+    pixels: FloatArray | None = None
     lengths: dict[str, FloatArray] = field(default_factory=dict)
 
     def samples(self, spread: Spread = Spread(), seed: int = 0, trials: int = 1) -> list[Samples]:
@@ -134,7 +136,19 @@ class Scene:
         if self.touched and spread != Spread():
             flat = readings_for(self.arm, self.truth, position, rotation, q)
             q = flat.reshape(trials, n, -1)
+        if self.pixels is not None:
+            return [self._pictured(p - self.position, rng, spread) for p in position]
         return [self._observed(*rows) for rows in zip(q, position, rotation, strict=True)]
+
+    def _pictured(self, off: FloatArray, rng: np.random.Generator, spread: Spread) -> Samples:
+        """Corners that scatter one by one, and pictures that are grossly off as a whole."""
+        assert self.pixels is not None
+        per_pixel = self.settings["pixel"]
+        gross = np.where(np.linalg.norm(off, axis=1) > spread.gross / 2, 1.0, 0.0)
+        scatter = spread.position * rng.standard_normal(self.pixels.shape)
+        seen = self.pixels + (scatter + (gross[:, None] * off[:, :2])[:, None]) / per_pixel
+        samples = Samples.from_arrays(self.arm.joints, self.q, labels=self.labels)
+        return replace(samples, pixels=seen)
 
     def term(self, samples: Samples, noise: Noise = PLAIN, angular: Noise = PLAIN) -> Term:
         setup = Setup(self.artefact, noise, angular, settings=self.settings)
@@ -339,6 +353,42 @@ def hand_eye_scene(arm: ArmModel, truth: dict[str, float], n: int = 25) -> Scene
     seen_R = np.swapaxes(eye_R, 1, 2) @ Rz
     seen = ("position", "rotation")
     return Scene("hand_eye", arm, truth, q, False, seen_p, seen_R, {}, seen)
+
+
+def camera_scene(
+    arm: ArmModel, truth: dict[str, float], n: int = 20, *, setup: str = "eye-in-hand"
+) -> Scene:
+    """A camera on the tip sees a small board, or one beside the arm a board on the tip."""
+    board = Chessboard(4, 3, 0.04)
+    lens = np.array([1000.0, 1005, 639.5, 479.5, -0.1, 0.02, 5e-4, -3e-4, 0.0])
+    settings = {"board": board, "camera": Camera(1280, 960, lens), "setup": setup}
+    settings["pixel"] = 5e-4
+    # At the first posture the board is half a metre ahead of the camera, its face to it.
+    q = random_readings(arm, np.random.default_rng(9), 100 * n)
+    (turn,), (place,) = arm.forward(q[:1], truth)
+    held = rotation_from_vector([0.1, 0.2, -1.5]), np.array([0.02, -0.05, 0.08])
+    ahead = np.array([-0.06, -0.04, 0.5])
+    if setup == "eye-in-hand":
+        eye = turn @ held[0], turn @ held[1] + place
+        own = held, (eye[0], eye[0] @ ahead + eye[1])
+    else:
+        board_R, board_p = turn @ held[0], turn @ held[1] + place
+        own = (board_R, board_p - board_R @ ahead), held
+    names = [p.name for frame in ("hand_eye", "target") for p in pose_parameters(frame)]
+    six = np.concatenate([pose_values(*pose) for pose in own]).tolist()
+    values = dict(truth) | dict(zip(names, six, strict=True))
+    kind = KINDS["camera_view"]
+    blank = ArmPoses(arm, Samples.from_arrays(arm.joints, q))
+    seen = kind.over(blank, Setup(settings=settings)).observed(values, blank)
+    rows = np.flatnonzero(np.isfinite(seen.pixels).all(axis=(1, 2)))[:n]
+    assert len(rows) == n, f"the board is in sight in {len(rows)} postures"
+    labels = {"image": [f"{k}.png" for k in range(n)]}
+    return Scene(
+        *("camera_view", arm, truth, q[rows], False, seen.position[rows], seen.rotation[rows]),
+        labels,
+        settings=settings,
+        pixels=seen.pixels[rows],
+    )
 
 
 def read_again(samples: Samples, times: int, seed: int, jitter: float = 1e-6) -> Samples:

@@ -14,6 +14,7 @@ from simulated import (
     arm_named,
     artefact,
     artefact_scene,
+    camera_scene,
     dh_parameters,
     fixed_point_scene,
     hand_eye_scene,
@@ -88,6 +89,12 @@ CASES = {
         "tracked_point", lambda arm, truth: tracked_scene(arm, truth, oriented=True)
     ),
     "hand_eye": case("hand_eye", hand_eye_scene, "joint_6.offset", "tip.y", "tip.z"),
+    "camera_view": case("camera_view", camera_scene, "joint_6.offset", "tip.y", "tip.z"),
+    "camera_view beside": case(
+        "camera_view",
+        lambda arm, truth: camera_scene(arm, truth, setup="eye-to-hand"),
+        *("joint_6.offset", "tip.y", "tip.z"),
+    ),
 }
 AVAILABLE = [name for name, c in CASES.items() if c.kind in KINDS]
 each_case = pytest.mark.parametrize("name", AVAILABLE)

@@ -17,6 +17,7 @@ from suta_calib.terms import KINDS, Term, first_kind
 # Files that state a problem of their own over measured poses, or offer the classes: what they use.
 BY_NAME = {
     "__init__.py": {"FixedPoint", "HandEye", "PairwiseDistance", "TouchedLandmark", "TrackedPoint"},
+    "pose_calibration/pictures.py": {"CameraView"},
     "pose_calibration/pivot.py": {"FixedPoint"},
     "pose_calibration/registration.py": {"TrackedPoint"},
     "pose_calibration/robot_noise.py": {"HandEye"},
@@ -30,6 +31,7 @@ OTHERS = {
     "cli/_app.py": {"suta_calib.cli.hand_eye"},
     "report/hand_eye.py": {"hand_eye"},
     "report/study.py": {"range"},
+    "report/pictures.py": {"hand_eye"},
 }
 
 each_kind = pytest.mark.parametrize("kind", KINDS.values(), ids=KINDS)
@@ -78,7 +80,8 @@ def test_a_kind_is_described(kind: type[Term]) -> None:
     for noun, columns in kind.groupings.items():
         assert set(columns) <= {*kind.columns.labels, *kind.columns.common_labels}, noun
     assert not kind.mark or kind.mark in kind.columns.common_labels
-    assert kind.columns.position == (kind.medium != "touch")
+    # What is seen is a position, or in pictures.
+    assert kind.columns.position == (kind.medium != "touch" and kind.unit == "mm")
 
 
 @each_kind

@@ -91,9 +91,12 @@ class Reach:
                     for joint, reading in zip(moving, q, strict=True)
                     if not joint.lower - 1e-9 <= reading <= joint.upper + 1e-9
                 ]
+                why = f"{off[0]} beyond its limits" if off else ""
+                if not why and not self.situation.in_sight(q[None, :])[0]:
+                    why = "nothing in sight of the camera"
                 found[place.name] = (
-                    Unreachable(place.name, place.kind, f"{off[0]} beyond its limits")
-                    if off
+                    Unreachable(place.name, place.kind, why)
+                    if why
                     else Candidate(place, q[None, :], (), 1)
                 )
         judged = [self._colliding(found[place.name], collisions) for place in places]

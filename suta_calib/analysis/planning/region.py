@@ -266,7 +266,9 @@ def _postures(
 ) -> list[Place]:
     """Anywhere within the limits, the tip in the region where enough of them have it there."""
     rng = np.random.default_rng(seed + 2)
-    q = situation.kinematics.random_readings(rng, 50 * pool.poses)
+    chance = 1.0 if situation.seen is None else situation.seen.chance
+    q = situation.kinematics.random_readings(rng, int(50 * pool.poses / chance))
+    q = q[situation.in_sight(q)]
     _, position = situation.arm.forward(q, situation.values)
     inside = q[region.inside(position)]
     chosen = (inside if len(inside) >= pool.poses / _POSES_IN_REGION else q)[: pool.poses]

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from suta_calib.analysis.planning.candidates import Candidate, Placement, Point, Posture
-from suta_calib.arrays import FloatArray
+from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.errors import JobError
 from suta_calib.geometry.numbers import register_points
 from suta_calib.measurements import Artefact, Samples
@@ -103,6 +103,13 @@ class Situation:
         """The first term of an instrument or a camera."""
         return next((t for t in self.problem.terms if t.medium != "touch"), None)
 
+    def in_sight(self, readings: FloatArray) -> BoolArray:
+        """(n,) whether the instrument or the camera sees anything at readings (n, joints)."""
+        if self.seen is None or self.seen.chance == 1.0:
+            return np.ones(len(readings), dtype=np.bool_)
+        poses = ArmPoses(self.arm, Samples.from_arrays(self.arm.joints, readings))
+        return self.seen.observed(self.values, poses).in_sight
+
     @property
     def places(self) -> Term | type[Term]:
         """The first term that touches places without an artefact, or the kind that would."""
@@ -157,7 +164,10 @@ class Situation:
             ideal = self.seen.observed(self.values, poses)
             oriented = self.seen.poses.samples.rotation is not None
             rotation = ideal.rotation if oriented else None
-            samples = replace(poses.samples, position=ideal.position, rotation=rotation)
+            position = None if self.seen.poses.samples.position is None else ideal.position
+            samples = replace(
+                poses.samples, position=position, rotation=rotation, pixels=ideal.pixels
+            )
             return self.seen.over_poses(ArmPoses(self.arm, samples))
         if isinstance(place, Point):
             labels = {self.places.place: [candidate.name] * n}

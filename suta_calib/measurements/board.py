@@ -1,0 +1,354 @@
+"""A calibration board: numbered points whose places on it are known, and how they are found.
+
+A board's frame has x to the right and y down as one looks at its face, z into it: as OpenCV and
+AprilTag have it, so that a board which faces a camera that stands upright is not turned.
+"""
+
+from __future__ import annotations
+
+import io
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any, ClassVar, Final, Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+from ruamel.yaml import YAML
+from ruamel.yaml.comments import CommentedMap, CommentedSeq
+
+from suta_calib.arrays import FloatArray, IntArray
+from suta_calib.errors import BoardError
+from suta_calib.geometry.numbers import rpy_from_rotation
+from suta_calib.measurements.files import write_text
+from suta_calib.measurements.yaml_file import YamlSection, read_yaml
+from suta_calib.units import deg, mm
+
+# Sizes of a whole board, m, beyond which its file is in another unit than mm.
+_SMALLEST: Final = 2e-3
+_LARGEST: Final = 30.0
+# Most points of a board; no printed one comes near.
+_MOST_POINTS: Final = 100_000
+# Corners of one marker, in the order of their numbers: top left, top right, bottom right, bottom
+# left, in halves of its size.
+_MARKER_CORNERS: Final = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) / 2
+
+
+@dataclass(frozen=True, eq=False)
+class Board(ABC):
+    """Numbered points on a rigid body.
+
+    Attributes:
+        type: its name in files.
+    """
+
+    type: ClassVar[str]
+
+    @cached_property
+    @abstractmethod
+    def points(self) -> Mapping[int, FloatArray]:
+        """Position (3,) in the board's frame, m, of every point by its number."""
+
+    @abstractmethod
+    def row(self) -> dict[str, Any]:
+        """Keys and values of the file, in mm."""
+
+    @abstractmethod
+    def scaled(self, factor: float) -> Self:
+        """A board whose every length is so many times as long."""
+
+    def positions(self, numbers: ArrayLike) -> FloatArray:
+        """Positions (n, 3) in the board's frame, m, of points by number (n,).
+
+        Raises:
+            BoardError: a number that the board does not have.
+        """
+        listed = np.asarray(numbers, dtype=np.intp)
+        for number in np.unique(listed):
+            if int(number) not in self.points:
+                raise BoardError(f"point {number}", self.numbering, where=f"board ({self.type})")
+        return np.array([self.points[int(number)] for number in listed]).reshape(-1, 3)
+
+    @property
+    def numbering(self) -> str:
+        """Which numbers its points have."""
+        return f"a number from 0 to {max(self.points)}"
+
+    @property
+    def symmetric(self) -> bool:
+        """Whether it looks the same after half a turn, so that no picture tells which way."""
+        return False
+
+
+@dataclass(frozen=True, eq=False)
+class Chessboard(Board):
+    """Where four squares meet; numbered from 0 along the rows, the first at the origin.
+
+    Attributes:
+        columns, rows: numbers of inner corners.
+        square: edge of a square, m.
+    """
+
+    type: ClassVar[str] = "chessboard"
+
+    columns: int
+    rows: int
+    square: float
+
+    @cached_property
+    def points(self) -> Mapping[int, FloatArray]:
+        """The corners, in the plane z = 0."""
+        return _grid(self.columns, self.rows, self.square, first=0.0)
+
+    def scaled(self, factor: float) -> Self:
+        """Larger squares."""
+        return replace(self, square=factor * self.square)
+
+    def row(self) -> dict[str, Any]:
+        """Type, corners and square."""
+        return {
+            "type": self.type,
+            "corners": [self.columns, self.rows],
+            "square_mm": mm(self.square),
+        }
+
+    @property
+    def symmetric(self) -> bool:
+        """Half a turn brings black onto black where both numbers are even, or both odd."""
+        return (self.columns + self.rows) % 2 == 0
+
+
+@dataclass(frozen=True, eq=False)
+class Charuco(Board):
+    """A chessboard with a marker in every white square, which says which corner is which.
+
+    The inner corners are numbered from 0 along the rows; the origin is the outer corner of the
+    board, as in OpenCV from 4.6 on.
+
+    Attributes:
+        columns, rows: numbers of squares.
+        square, marker: edges of a square and of a marker, m.
+        dictionary: OpenCV's name of the markers' dictionary, such as ``DICT_5X5_1000``.
+    """
+
+    type: ClassVar[str] = "charuco"
+
+    columns: int
+    rows: int
+    square: float
+    marker: float
+    dictionary: str
+
+    @cached_property
+    def points(self) -> Mapping[int, FloatArray]:
+        """The inner corners, in the plane z = 0."""
+        return _grid(self.columns - 1, self.rows - 1, self.square, first=self.square)
+
+    def scaled(self, factor: float) -> Self:
+        """Larger squares and markers."""
+        return replace(self, square=factor * self.square, marker=factor * self.marker)
+
+    def row(self) -> dict[str, Any]:
+        """Type, squares, both edges and dictionary."""
+        return {
+            "type": self.type,
+            "squares": [self.columns, self.rows],
+            "square_mm": mm(self.square),
+            "marker_mm": mm(self.marker),
+            "dictionary": self.dictionary,
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Marker:
+    """One ArUco marker or AprilTag.
+
+    Attributes:
+        position: (3,) of its middle in the board's frame, m.
+        size: edge of its black square, m.
+        rotation: (3, 3) of its own axes (right, down, in) in the board's frame.
+    """
+
+    position: FloatArray
+    size: float
+    rotation: FloatArray = field(default_factory=lambda: np.eye(3))
+
+    @property
+    def corners(self) -> FloatArray:
+        """(4, 3) top left, top right, bottom right, bottom left, in the board's frame, m."""
+        return np.asarray(self.position + self.size * _MARKER_CORNERS @ self.rotation.T)
+
+
+@dataclass(frozen=True, eq=False)
+class Markers(Board):
+    """Markers of known places. Corner k of marker m, k from 0 as in `Marker.corners`, is 4 m + k.
+
+    Attributes:
+        dictionary: OpenCV's name of it, such as ``DICT_APRILTAG_36h11``.
+        markers: by their number in the dictionary.
+    """
+
+    type: ClassVar[str] = "markers"
+
+    dictionary: str
+    markers: Mapping[int, Marker]
+
+    @cached_property
+    def points(self) -> Mapping[int, FloatArray]:
+        """The corners of all markers."""
+        return {
+            4 * number + k: corner
+            for number, marker in self.markers.items()
+            for k, corner in enumerate(marker.corners)
+        }
+
+    def scaled(self, factor: float) -> Self:
+        """Larger markers, farther apart."""
+        markers = {
+            number: replace(m, position=factor * m.position, size=factor * m.size)
+            for number, m in self.markers.items()
+        }
+        return replace(self, markers=markers)
+
+    def row(self) -> dict[str, Any]:
+        """Type, dictionary, and a mapping of the markers."""
+        listed: dict[int, Any] = {}
+        for number, marker in self.markers.items():
+            one: dict[str, Any] = {"position_mm": mm(marker.position).tolist()}
+            if not np.array_equal(marker.rotation, np.eye(3)):
+                one["rotation_rpy_deg"] = deg(rpy_from_rotation(marker.rotation)).tolist()
+            listed[number] = one | {"size_mm": mm(marker.size)}
+        return {"type": self.type, "dictionary": self.dictionary, "markers": listed}
+
+    @property
+    def numbering(self) -> str:
+        """Four to a marker."""
+        known = ", ".join(str(number) for number in self.markers)
+        return f"4 m + k, corner k from 0 to 3 of a marker m that the board has: {known}"
+
+
+def _grid(columns: int, rows: int, square: float, first: float) -> dict[int, FloatArray]:
+    index: IntArray = np.arange(columns * rows)
+    x, y = first + square * (index % columns), first + square * (index // columns)
+    return dict(enumerate(np.column_stack([x, y, np.zeros(len(index))])))
+
+
+def read_board(path: str | Path) -> Board:
+    """Read ``board.yaml``.
+
+    Raises:
+        BoardError: unreadable, an unknown, missing or unusable key (with its line), or a size that
+            speaks of another unit than mm.
+    """
+    top = YamlSection(read_yaml(Path(path), BoardError), BoardError)
+    readers = {
+        Chessboard.type: _read_chessboard,
+        Charuco.type: _read_charuco,
+        Markers.type: _read_markers,
+    }
+    board = readers[top.choice("type", readers)](top)
+    places = np.array(list(board.points.values()))
+    size = float(np.ptp(places, axis=0).max())
+    if not _SMALLEST <= size <= _LARGEST:
+        raise top.refuse(
+            f"a board of {mm(size):.3g} mm",
+            f"{mm(_SMALLEST):g} mm to {_LARGEST:g} m",
+            hint="lengths in this file are in mm; "
+            + ("these look like metres" if size < _SMALLEST else "these look like µm"),
+        )
+    return board
+
+
+def _read_chessboard(top: YamlSection) -> Board:
+    keys = ("type", "corners", "square_mm")
+    top.check_keys(keys, required=keys)
+    return Chessboard(*_counts(top, "corners", 2), _length(top, "square_mm"))
+
+
+def _read_charuco(top: YamlSection) -> Board:
+    keys = ("type", "squares", "square_mm", "marker_mm", "dictionary")
+    top.check_keys(keys, required=keys)
+    square, marker = _length(top, "square_mm"), _length(top, "marker_mm")
+    if marker >= square:
+        raise top.refuse(
+            f"a marker of {mm(marker):g} mm in a square of {mm(square):g} mm",
+            "a marker smaller than its square",
+            at=("marker_mm",),
+        )
+    return Charuco(*_counts(top, "squares", 3), square, marker, top.text("dictionary"))
+
+
+def _read_markers(top: YamlSection) -> Board:
+    keys = ("type", "dictionary", "markers")
+    top.check_keys(keys, required=keys)
+    listed = top.section("markers")
+    return Markers(top.text("dictionary"), dict(_marker(listed, key) for key in listed.data))
+
+
+def _marker(listed: YamlSection, key: str) -> tuple[int, Marker]:
+    if not key.isdecimal() or str(int(key)) != key or int(key) > _MOST_POINTS:
+        expected = "the marker's number in its dictionary, from 0"
+        raise listed.refuse(repr(key), expected, at=(key,))
+    section = listed.section(key)
+    section.check_keys(
+        ("position_mm", "rotation_rpy_deg", "size_mm"), required=("position_mm", "size_mm")
+    )
+    rotation = section.rotation()
+    return int(key), Marker(
+        section.position(),
+        _length(section, "size_mm"),
+        np.eye(3) if rotation is None else rotation,
+    )
+
+
+def _counts(top: YamlSection, key: str, least: int) -> tuple[int, int]:
+    """Columns and rows, whole numbers."""
+    values = top.numbers(key, 2)
+    columns, rows = (int(value) for value in values)
+    if [columns, rows] != values or min(values) < least or columns * rows > _MOST_POINTS:
+        raise top.refuse(
+            f"{values[0]:g} and {values[1]:g}",
+            f"two whole numbers from {least} up: columns, rows",
+            at=(key,),
+        )
+    return columns, rows
+
+
+def _length(section: YamlSection, key: str) -> float:
+    length = section.optional_number(key, "positive", unit="m")
+    if length is None:
+        raise section.refuse("no such key", "a length in mm", at=(key,))
+    return length
+
+
+def board_text(board: Board) -> str:
+    """Content of ``board.yaml``, millimetres to 1 pm."""
+    yaml, text = YAML(), io.StringIO()
+    yaml.width = 1000
+    yaml.dump(_flow(board.row()), text)
+    return text.getvalue()
+
+
+def write_board(path: Path, board: Board) -> None:
+    """Write ``board.yaml``: `board_text`.
+
+    Raises:
+        OutputError: the file cannot be written; what was there is untouched.
+    """
+    write_text(path, board_text(board))
+
+
+def _flow(value: Any, depth: int = 0) -> Any:
+    """What YAML writes: rows of a table on a line each, numbers rounded."""
+    if isinstance(value, dict):
+        mapping = CommentedMap({key: _flow(each, depth + 1) for key, each in value.items()})
+        if depth > 1:
+            mapping.fa.set_flow_style()
+        return mapping
+    if isinstance(value, list):
+        row = CommentedSeq(_flow(each) for each in value)
+        row.fa.set_flow_style()
+        return row
+    return round(value, 9) + 0.0 if isinstance(value, float) else value

@@ -1,0 +1,190 @@
+"""A calibrated camera, in the file that ROS and OpenCV users have: ``camera.yaml``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from suta_calib.arrays import BoolArray, FloatArray
+from suta_calib.errors import CameraError
+from suta_calib.geometry.pinhole import DISTORTION, INTRINSICS
+from suta_calib.measurements.files import write_text
+from suta_calib.measurements.yaml_file import YamlSection, read_yaml, shown
+
+# The one distortion model here, as ROS calls it.
+PLUMB_BOB: Final = "plumb_bob"
+_KEYS: Final = ("image_width", "image_height", "camera_matrix", "distortion_coefficients")
+# Focal lengths in picture widths that some lens has; others are in mm, or another picture's.
+_FOCAL: Final = (0.1, 1000.0)
+# A negative variance of this share of the largest is rounding.
+_ROUNDING: Final = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """A pinhole camera with distortion: its picture, its intrinsics, and how well they are known.
+
+    Attributes:
+        width, height: of the picture, px.
+        intrinsics: (9,) in the order of `geometry.pinhole.INTRINSICS`: fx fy cx cy (px), k1 k2 p1
+            p2 k3.
+        covariance: (9, 9) of these, or None where it is not known; zero for what was held.
+    """
+
+    width: int
+    height: int
+    intrinsics: FloatArray
+    covariance: FloatArray | None = None
+
+    @property
+    def values(self) -> Mapping[str, float]:
+        """The intrinsics by name."""
+        return dict(zip(INTRINSICS, self.intrinsics.tolist(), strict=True))
+
+    @property
+    def stds(self) -> FloatArray | None:
+        """(9,) standard deviations of the intrinsics, or None."""
+        return None if self.covariance is None else np.sqrt(np.diag(self.covariance))
+
+    @property
+    def matrix(self) -> FloatArray:
+        """(3, 3), as OpenCV has it."""
+        fx, fy, cx, cy = self.intrinsics[:4]
+        return np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+
+    def inside(self, pixels: FloatArray) -> BoolArray:
+        """(n,) whether pixels (n, 2) are in the picture; the first one's centre is 0, 0."""
+        size = np.array([self.width, self.height])
+        return np.asarray(np.all((pixels >= -0.5) & (pixels <= size - 0.5), axis=1))
+
+
+def read_camera(path: str | Path) -> Camera:
+    """Read ``camera.yaml``: of ROS, of OpenCV's ``FileStorage``, or as `write_camera` writes it.
+
+    A key ``covariance`` (``data``: 81 numbers, row by row, in the order of `INTRINSICS`) says how
+    well the intrinsics are known. Other keys are ignored.
+
+    Raises:
+        CameraError: unreadable, a key missing or unusable (with its line), another distortion
+            model, or numbers that no camera has.
+    """
+    top = YamlSection(read_yaml(Path(path), CameraError), CameraError)
+    for key in _KEYS:
+        if key not in top:
+            hint = "a camera.yaml as camera_calibration of ROS, or `detect --camera-out`, writes it"
+            raise top.refuse("no such key", "a value: this key is required", at=(key,), hint=hint)
+    model = top.text("distortion_model", default=PLUMB_BOB)
+    if model != PLUMB_BOB:
+        raise top.refuse(
+            repr(model),
+            f"{PLUMB_BOB} (k1, k2, p1, p2, k3)",
+            at=("distortion_model",),
+            hint="calibrate the camera with that model",
+        )
+    width, height = (top.integer(key, 0, minimum=2) for key in _KEYS[:2])
+    intrinsics = np.array([*_matrix(top, width, height), *_coefficients(top)])
+    return Camera(width, height, intrinsics, _covariance(top))
+
+
+def _matrix(top: YamlSection, width: int, height: int) -> list[float]:
+    """Focal lengths and principal point, px."""
+    section = top.section("camera_matrix")
+    fx, skew, cx, *zeros, one = section.numbers("data", 9)
+    shear, fy, cy, *below = zeros
+    if skew or shear or any(below) or one != 1.0:
+        raise section.refuse(
+            shown([fx, skew, cx]),
+            "fx 0 cx 0 fy cy 0 0 1, row by row, without skew",
+            at=("data",),
+        )
+    for name, focal in (("fx", fx), ("fy", fy)):
+        if not _FOCAL[0] * width <= focal <= _FOCAL[1] * width:
+            raise section.refuse(
+                f"{name} = {focal:g} px for a picture {width} px wide",
+                f"{_FOCAL[0] * width:g} to {_FOCAL[1] * width:g} px",
+                at=("data",),
+                hint="the focal length is in pixels of this picture",
+            )
+    for name, centre, size in (("cx", cx, width), ("cy", cy, height)):
+        if not 0.0 <= centre <= size:
+            raise section.refuse(
+                f"{name} = {centre:g} px for a picture of {width} x {height} px",
+                f"a principal point in the picture: 0 to {size} px",
+                at=("data",),
+                hint="image_width and image_height are those of the pictures it was calibrated on",
+            )
+    return [fx, fy, cx, cy]
+
+
+def _coefficients(top: YamlSection) -> list[float]:
+    """Five distortion coefficients; fewer are followed by zeros, more must be."""
+    section = top.section("distortion_coefficients")
+    listed = section.data.get("data")
+    count = len(listed) if isinstance(listed, list) else len(DISTORTION)
+    values = section.numbers("data", count)
+    if any(values[len(DISTORTION) :]):
+        raise section.refuse(
+            f"{count} coefficients",
+            f"five: {', '.join(DISTORTION)}",
+            at=("data",),
+            hint=f"calibrate the camera with the model {PLUMB_BOB}",
+        )
+    return (values + [0.0] * len(DISTORTION))[: len(DISTORTION)]
+
+
+def _covariance(top: YamlSection) -> FloatArray | None:
+    if "covariance" not in top:
+        return None
+    section = top.section("covariance")
+    n = len(INTRINSICS)
+    matrix = np.array(section.numbers("data", n * n)).reshape(n, n)
+    scale = np.sqrt(np.maximum(np.diag(matrix), 0.0))
+    scale[scale == 0.0] = 1.0
+    unit = matrix / np.outer(scale, scale)
+    if not np.allclose(unit, unit.T) or np.linalg.eigvalsh((unit + unit.T) / 2)[0] < -_ROUNDING:
+        raise section.refuse(
+            "a matrix that is no covariance",
+            f"81 numbers, row by row, in the order {', '.join(INTRINSICS)}",
+            at=("data",),
+        )
+    return np.asarray((matrix + matrix.T) / 2)
+
+
+def camera_text(camera: Camera) -> str:
+    """Content of ``camera.yaml``, as ROS and OpenCV read it; with the covariance where known."""
+    rows = [
+        f"image_width: {camera.width}",
+        f"image_height: {camera.height}",
+        f"camera_matrix: {_numbers(camera.matrix)}",
+        f"distortion_model: {PLUMB_BOB}",
+        f"distortion_coefficients: {_numbers(camera.intrinsics[None, 4:])}",
+    ]
+    if camera.covariance is not None:
+        rows.append(f"# of {' '.join(INTRINSICS)}")
+        rows.append(f"covariance: {_numbers(camera.covariance)}")
+    return "\n".join(rows) + "\n"
+
+
+def _numbers(matrix: FloatArray) -> str:
+    rows, columns = matrix.shape
+    # Shortest text that reads back as the same number; YAML 1.1 takes an exponent with a dot only.
+    data = ", ".join(_number(value) for value in matrix.ravel().tolist())
+    return f"{{rows: {rows}, cols: {columns}, data: [{data}]}}"
+
+
+def _number(value: float) -> str:
+    text = repr(value)
+    return text.replace("e", ".0e") if "e" in text and "." not in text else text
+
+
+def write_camera(path: Path, camera: Camera) -> None:
+    """Write ``camera.yaml``: `camera_text`.
+
+    Raises:
+        OutputError: the file cannot be written; what was there is untouched.
+    """
+    write_text(path, camera_text(camera))

@@ -1,0 +1,148 @@
+"""Corners of a board found in pictures: ``corners.csv``, columns image, point, u, v."""
+
+from __future__ import annotations
+
+import csv
+import io
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from suta_calib.arrays import BoolArray, FloatArray, IntArray
+from suta_calib.errors import InputError, SamplesError
+from suta_calib.measurements.board import Board
+from suta_calib.measurements.camera import Camera
+from suta_calib.measurements.csv_table import read_csv_table
+from suta_calib.measurements.files import write_text
+
+_COLUMNS: Final = ("image", "point", "u", "v")
+# Pixels; a corner farther off than any sensor is wide is none.
+_LARGEST: Final = 1e6
+
+
+@dataclass(frozen=True, eq=False)
+class Corners:
+    """Which point of a board was seen where, in which picture. Immutable.
+
+    Attributes:
+        image: (n,) the picture's name.
+        point: (n,) the board's number of the point.
+        pixel: (n, 2) u to the right and v down, px; the centre of the first pixel is 0, 0.
+        path: the file it was read from, or None.
+        lines: (n,) line of every row in it, from 1; empty without a file.
+    """
+
+    image: NDArray[np.str_]
+    point: IntArray
+    pixel: FloatArray
+    path: Path | None = None
+    lines: tuple[int, ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.image)
+
+    @property
+    def images(self) -> list[str]:
+        """Names of the pictures, by first appearance."""
+        return list(dict.fromkeys(self.image.tolist()))
+
+    def take(self, rows: BoolArray | IntArray) -> Corners:
+        """Some of the rows, by number or by boolean mask."""
+        index = np.arange(len(self))[rows]
+        lines = tuple(self.lines[k] for k in index) if self.lines else ()
+        return Corners(self.image[index], self.point[index], self.pixel[index], self.path, lines)
+
+    def refuse(self, row: int, found: str, expected: str, hint: str = "") -> SamplesError:
+        """Error about one row, to be raised by the caller."""
+        line = self.lines[row] if self.lines else None
+        where = f"image {self.image[row]}, point {self.point[row]}"
+        return SamplesError(found, expected, file=self.path, line=line, where=where, hint=hint)
+
+    def check(self, board: Board, camera: Camera | None = None) -> None:
+        """Refuse points that the board does not have, and pixels outside the camera's picture.
+
+        Raises:
+            SamplesError: the first such row, with its line.
+        """
+        for row in np.flatnonzero(~np.isin(self.point, list(board.points)))[:1]:
+            expected = f"{board.numbering} ({board.type})"
+            hint = "corners and board belong together: is it another board?"
+            raise self.refuse(int(row), f"point {self.point[row]}", expected, hint)
+        if camera is None:
+            return
+        for row in np.flatnonzero(~camera.inside(self.pixel))[:1]:
+            u, v = self.pixel[row]
+            raise self.refuse(
+                int(row),
+                f"a corner at {u:.1f}, {v:.1f} px",
+                f"one in the picture, which is {camera.width} x {camera.height} px",
+                "the camera's file must be of pictures of this size",
+            )
+
+
+def read_corners(path: str | Path) -> Corners:
+    """Read ``corners.csv``; other columns are ignored.
+
+    Raises:
+        SamplesError: unreadable, a column missing, a value that is none, a point's number that is
+            not whole, or a point twice in one picture.
+    """
+    table = read_csv_table(Path(path))
+    image = table.labels("image", "a column with the picture's name")
+    point = table.numbers("point", "a column with the board's number of the corner")
+    for row in np.flatnonzero((point != np.round(point)) | (point < 0) | (point > _LARGEST))[:1]:
+        cell = repr(table.columns["point"][row])
+        raise table.refuse(int(row), "point", cell, "a corner's number: whole, from 0")
+    pixel = np.column_stack([table.numbers(name, f"a column {name}, px") for name in "uv"])
+    for row, axis in np.argwhere(np.abs(pixel) > _LARGEST)[:1]:
+        cell = repr(table.columns["uv"[axis]][row])
+        raise table.refuse(int(row), "uv"[axis], cell, f"pixels, within {_LARGEST:g}")
+    corners = Corners(image, point.astype(np.intp), pixel, table.path, table.lines)
+    first: dict[tuple[str, int], int] = {}
+    for row, key in enumerate(zip(image.tolist(), corners.point.tolist(), strict=True)):
+        if key in first:
+            raise corners.refuse(
+                row,
+                f"the same point as in line {table.lines[first[key]]}",
+                "each point once in a picture",
+                "two boards in one picture, or two pictures of one name? Give each its own",
+            )
+        first[key] = row
+    return corners
+
+
+def corners_text(corners: Corners) -> str:
+    """Content of ``corners.csv``; pixels to a ten-thousandth, far below what is found."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(_COLUMNS)
+    for image, point, (u, v) in zip(corners.image, corners.point, corners.pixel, strict=True):
+        writer.writerow([image, point, f"{u:.4f}", f"{v:.4f}"])
+    return text.getvalue()
+
+
+def write_corners(path: Path, corners: Corners) -> None:
+    """Write ``corners.csv``: `corners_text`.
+
+    Raises:
+        OutputError: the file cannot be written; what was there is untouched.
+    """
+    write_text(path, corners_text(corners))
+
+
+def corners_of(image: ArrayLike, point: ArrayLike, pixel: ArrayLike) -> Corners:
+    """Corners from arrays: (n,) names, (n,) numbers, (n, 2) px.
+
+    Raises:
+        InputError: shapes that do not fit one another.
+    """
+    names, numbers = np.asarray(image, dtype=np.str_), np.asarray(point, dtype=np.intp)
+    seen = np.asarray(pixel, dtype=float)
+    if not (names.shape == numbers.shape == seen.shape[:1] and seen.shape[1:] == (2,)):
+        raise InputError(
+            f"shapes {names.shape}, {numbers.shape}, {seen.shape}", "(n,), (n,), (n, 2)"
+        )
+    return Corners(names, numbers, seen)

@@ -1,0 +1,258 @@
+"""Hand-eye from pictures of a board: recovery, spread, wrong cameras, and what is wrong by name."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from camera_scenes import BOARD, CAMERA, LENS, SECOND, Pictures, X, Z, pictures
+from cli_job import cli
+from pose_answers import Capture, answer
+
+from suta_calib.errors import SamplesError
+from suta_calib.geometry.numbers import vector_from_rotation
+from suta_calib.measurements import Camera, Charuco, corners_of, read_camera, write_corners
+from suta_calib.pose_calibration.pictures import (
+    PictureCalibration,
+    SeenCamera,
+    hand_eye_from_pictures,
+)
+
+OPTIONS: dict[str, Any] = {"setup": "eye-in-hand", "model": "AX=ZB"}
+
+
+def solved(scene: Pictures, **more: Any) -> PictureCalibration:
+    return hand_eye_from_pictures(scene.hand, scene.views, **OPTIONS | more)
+
+
+def errors(seen: SeenCamera, eye: Any = X, board: Any = Z) -> np.ndarray:
+    """Displacement, m, and turn, rad, of X and of Z against the truth, (12,)."""
+    found = []
+    for T, (R, p) in ((seen.X, eye), (seen.Z, board)):
+        found += [T[:3, 3] - p, vector_from_rotation(R.T @ T[:3, :3])]
+    return np.concatenate(found)
+
+
+@pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
+@pytest.mark.parametrize("intrinsics", ["fixed", "free"])
+def test_without_noise_everything_is_found(setup: str, intrinsics: str) -> None:
+    found = solved(pictures(setup=setup), setup=setup, intrinsics=intrinsics)
+    (seen,) = found.cameras
+    assert np.abs(errors(seen)).max() < 1e-7
+    assert found.rms < 1e-5
+    assert found.assessment.level == "good"
+    assert not found.outliers
+
+
+def test_noise_is_told_and_a_wrong_camera_corrected() -> None:
+    """A principal point off by a pixel and a focal length by 2 %, which X would follow."""
+    wrong = Camera(1280, 960, np.add(LENS, [20.0, 20.0, 1.0, 1.0, 0, 0, 0, 0, 0]))
+    scene = pictures(24, pixel=0.1, given=wrong)
+    fixed, free = (solved(scene, intrinsics=how).cameras[0] for how in ("fixed", "free"))
+    std = np.concatenate([free.std["X"], free.std["Z"]])
+    assert np.abs(errors(free) / std).max() < 4.0
+    assert np.linalg.norm(errors(fixed)[:3]) > 5 * np.linalg.norm(errors(free)[:3])
+    stds = free.camera.stds
+    assert stds is not None
+    assert np.abs((free.camera.intrinsics - LENS) / stds)[:4].max() < 4.0
+    note = solved(scene).assessment.notes[-1]
+    assert "contradict the camera's file (fx 1020.0 → 100" in note
+
+
+def test_the_intrinsics_may_be_unknown() -> None:
+    (seen,) = solved(pictures(24, pixel=0.1, given=None)).cameras
+    std = np.concatenate([seen.std["X"], seen.std["Z"]])
+    assert np.abs(errors(seen) / std).max() < 4.0
+    assert np.abs(seen.camera.intrinsics - LENS)[:4].max() < 5.0
+    assert abs(seen.camera.intrinsics[4] - LENS[4]) < 0.01
+
+
+def test_a_robots_errors_are_told_from_the_cameras() -> None:
+    """Corners of a picture share where the hand was: a hundred of them are one witness."""
+    scene = pictures(40, pixel=0.1, robot=(5e-4, 1e-3))
+    (seen,) = solved(scene).cameras
+    assert seen.rms > 5 * seen.alone
+    assert seen.alone == pytest.approx(0.1 * np.sqrt(2), rel=0.1)
+    std = np.concatenate([seen.std["X"], seen.std["Z"]])
+    assert np.abs(errors(seen) / std).max() < 4.0
+    assert np.linalg.norm(std[:3]) > 1e-4
+
+
+def spread(trials: int) -> np.ndarray:
+    """Root mean square error of X, in its standard deviations, (6,)."""
+    ratios = []
+    for seed in range(trials):
+        scene = pictures(14, pixel=0.2, robot=(3e-4, 5e-4), seed=seed)
+        (seen,) = solved(scene).cameras
+        ratios.append(errors(seen)[:6] / seen.std["X"])
+    return np.sqrt(np.mean(np.square(ratios), axis=0))
+
+
+def test_the_spread_is_the_predicted_one() -> None:
+    """Eight trials of six figures: their mean square scatters by a quarter."""
+    assert 0.5 < np.sqrt(np.mean(spread(8) ** 2)) < 1.5
+
+
+@pytest.mark.slow
+def test_the_spread_is_the_predicted_one_closely() -> None:
+    assert 0.8 < np.sqrt(np.mean(spread(150) ** 2)) < 1.2
+
+
+def test_two_cameras_and_a_board_with_marks_are_solved_together() -> None:
+    board = Charuco(7, 6, 0.03, 0.022, "DICT_4X4_50")
+    found = solved(pictures(16, pixel=0.05, eyes=(X, SECOND), board=board))
+    for seen, eye in zip(found.cameras, (X, SECOND), strict=True):
+        assert np.linalg.norm(errors(seen, eye)[:3]) < 1e-3
+        assert np.array_equal(seen.Z, found.cameras[0].Z)
+    assert len(found.cameras[1].images) > 6
+
+
+# ── what is wrong ────────────────────────────────────────────────────────────────────────────
+def other(scene: Pictures, corners: Any, **view: Any) -> Pictures:
+    """The scene with other corners."""
+    return replace(scene, views=(replace(scene.views[0], corners=corners, **view),))
+
+
+def test_boards_turned_by_half_a_turn_and_wrong_poses_are_left_out() -> None:
+    scene = pictures(20, pixel=0.1)
+    corners = scene.views[0].corners
+    turned = np.isin(corners.image, ["003.png", "011.png"])
+    last = len(BOARD.points) - 1
+    point = np.where(turned, last - corners.point, corners.point)
+    scene = other(scene, replace(corners, point=point))
+    scene.hand.pose[1][7] += 0.02
+    found = solved(scene)
+    (seen,) = found.cameras
+    assert seen.strange == ["003.png", "007.png", "011.png"]
+    assert seen.turned == ("003.png", "011.png")
+    assert found.outliers == (3, 7, 11)
+    assert np.linalg.norm(errors(seen)[:3]) < 1e-3
+    assert "In 003.png, 011.png the board is turned by half a turn" in found.assessment.notes[0]
+
+
+def test_a_board_that_is_numbered_mirrored_is_named() -> None:
+    scene = pictures(pixel=0.1)
+    corners = scene.views[0].corners
+    row, column = np.divmod(corners.point, BOARD.columns)
+    mirrored = replace(corners, point=BOARD.columns * row + BOARD.columns - 1 - column)
+    found = solved(other(scene, mirrored))
+    assert "seen from behind" in found.assessment.notes[0]
+    assert np.linalg.norm(found.cameras[0].X[:3, 3] - X[1]) < 1e-3
+
+
+def test_one_corner_far_off_costs_no_more_than_its_picture() -> None:
+    scene = pictures(pixel=0.1)
+    corners = scene.views[0].corners
+    pixel = corners.pixel.copy()
+    pixel[40] += [25.0, 10.0]
+    (seen,) = solved(other(scene, replace(corners, pixel=pixel))).cameras
+    assert np.linalg.norm(errors(seen)[:3]) < 1e-3
+
+
+def test_pictures_that_agree_with_no_x_say_why() -> None:
+    scene = pictures(pixel=0.1)
+    corners = scene.views[0].corners
+    half = replace(corners, pixel=corners.pixel / 2)
+    mirrored = replace(corners, pixel=[1279.0, 0.0] + corners.pixel * [-1.0, 1.0])
+    rotation, position = scene.hand.pose
+    far = replace(scene, hand=replace(scene.hand, pose=(rotation, 1e3 * position)))
+    small = other(scene, corners, board=BOARD.scaled(0.1))
+    for wrong, said in (
+        (other(scene, half), "focal length of some 50"),
+        (other(scene, mirrored), "if left and right are exchanged"),
+        (far, "moves 100"),
+        (small, "moves 10 times"),
+    ):
+        with pytest.raises(SamplesError, match=said):
+            solved(wrong)
+
+
+def test_names_that_do_not_match_are_refused() -> None:
+    scene = pictures()
+    corners = scene.views[0].corners
+    renamed = replace(corners, image=np.char.add("x", corners.image))
+    with pytest.raises(SamplesError, match=r"000\.png.* in the samples and x000\.png"):
+        solved(other(scene, renamed))
+    two = corners.take(np.isin(corners.image, ["000.png", "001.png"]))
+    with (
+        pytest.warns(UserWarning, match="no corners of 14 of 16 images"),
+        pytest.raises(SamplesError, match="found 2 pictures that tell where the board is"),
+    ):
+        solved(other(scene, two))
+
+
+# ── the command ──────────────────────────────────────────────────────────────────────────────
+def test_the_command_answers_and_writes(tmp_path: Path, capsys: Capture) -> None:
+    options = pictures(14, pixel=0.1).written(tmp_path)
+    out = tmp_path / "out"
+    found = answer(capsys, "hand-eye", *options, "--model", "AX=ZB", "--out", out)
+    assert found["frames"] == {"X": "T_hand_eye", "Z": "T_base_target"}
+    assert np.linalg.norm(np.array(found["X"])[:3, 3] - X[1]) < 2e-3
+    assert 0.1 < found["reprojection_rms_px"] < 0.2
+    assert found["outliers"] == []
+    assert found["counts"]["images"] == 14
+    camera = found["camera"]
+    assert camera["fx"] == pytest.approx(1000.0, abs=5.0)
+    assert len(camera["distortion"]) == len(camera["std"]["distortion"]) == 5
+    assert 0.0 < camera["std"]["fx"] < 5.0
+    assert {p.name for p in out.iterdir()} == {
+        *("residuals.csv", "hand_eye.svg", "result.json", "camera.yaml")
+    }
+    written = read_camera(out / "camera.yaml")
+    assert written.covariance is not None
+    assert written.intrinsics[0] == pytest.approx(camera["fx"])
+    run = json.loads((out / "result.json").read_text())["run"]
+    assert {Path(name).name for name in run["inputs"]} == {
+        *("poses.csv", "corners.csv", "board.yaml", "camera.yaml")
+    }
+
+
+def test_the_screen_says_what_counts(
+    tmp_path: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    options = pictures(14, pixel=0.1, setup="eye-to-hand").written(tmp_path)
+    assert cli("hand-eye", *options, "--setup", "eye-to-hand", "--intrinsics", "fixed") == 0
+    said, err = capsys.readouterr()
+    assert err == ""
+    assert max(map(len, said.splitlines())) <= 80
+    assert "X = T_base_eye" in said
+    assert "reprojection rms 0.1" in said
+    assert "14 of 14 pictures fitted" in said
+    assert "Intrinsics" not in said
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--board", "b.yaml"], "belong to --corners"),
+        (["--corners", "c.csv"], "--corners needs --board"),
+        (["--corners", "c.csv", "--board", "b.yaml", "--intrinsics", "fixed"], "needs --camera"),
+        (
+            ["--corners", "c.csv", "--corners", "d.csv", "--board", "b", "--camera", "k"],
+            "1 --camera for 2 --corners",
+        ),
+        (["--corners", "c.csv", "--board", "b.yaml"], "found no such file"),
+    ],
+)
+def test_options_that_do_not_go_together(
+    options: list[str], said: str, tmp_path: Path, capsys: Capture
+) -> None:
+    assert cli("hand-eye", tmp_path / "poses.csv", *options) == 2
+    assert said in capsys.readouterr().err
+
+
+def test_a_corner_outside_the_cameras_picture_is_refused(tmp_path: Path, capsys: Capture) -> None:
+    scene = pictures()
+    options = scene.written(tmp_path)
+    corners = scene.views[0].corners
+    outside = corners_of(corners.image, corners.point, np.add(corners.pixel, [900.0, 0.0]))
+    write_corners(tmp_path / "corners.csv", outside)
+    assert cli("hand-eye", *options) == 2
+    err = capsys.readouterr().err
+    assert "corners.csv:" in err
+    assert f"one in the picture, which is {CAMERA.width} x {CAMERA.height} px" in err
