@@ -14,7 +14,7 @@ from suta_calib.arrays import FloatArray
 
 # rad/Nm is the unit of a joint's compliance, a turn per torque; rad/s that of a drift; % that of a
 # share, a number from 0 to 1 that a reader sees in per cent.
-Unit = Literal["m", "rad", "rad/Nm", "m/s", "rad/s", "s", "1", "%"]
+Unit = Literal["m", "rad", "rad/Nm", "m/s", "rad/s", "s", "px", "1", "%"]
 Quantity = TypeVar("Quantity", float, FloatArray)
 NOTHING: Final = "–"
 
@@ -43,6 +43,7 @@ SHOWN: Final[dict[Unit, Shown]] = {
     "m/s": Shown("mm/h", "_mm_per_h", 3.6e6, 3),
     "rad/s": Shown("deg/h", "_deg_per_h", 3600.0 * 180.0 / math.pi, 4),
     "s": Shown("s", "_s", 1.0, 3),
+    "px": Shown("px", "_px", 1.0, 3),
     "1": Shown("", "", 1.0, 3),
     "%": Shown("%", "_pct", 100.0, 1),
 }
