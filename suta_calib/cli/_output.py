@@ -77,12 +77,11 @@ def answer_command(command: Callable[..., Document]) -> click.Command:
 
 def _inputs(context: click.Context) -> dict[str, str]:
     """SHA-256 of the files that the command line names, in its order."""
-    given = [context.params[str(each.name)] for each in context.command.params if each.type is PATH]
-    # An argument may be many paths.
-    paths = [path for each in given for path in (each if isinstance(each, tuple) else (each,))]
+    options = [context.params[str(o.name)] for o in context.command.params if o.type is PATH]
+    given = [path for each in options for path in (each if isinstance(each, tuple) else (each,))]
     return {
         str(path): sha256(path.read_bytes()).hexdigest()
-        for path in paths
+        for path in given
         if path is not None and path.is_file()
     }
 

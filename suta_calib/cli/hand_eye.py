@@ -12,7 +12,9 @@ from suta_calib.cli._output import LateProgress, answer_command
 from suta_calib.report.document import Document
 
 if TYPE_CHECKING:
+    from suta_calib.measurements import Camera
     from suta_calib.pose_calibration.hand_eye import Model, Setup
+    from suta_calib.pose_calibration.pictures import Intrinsics, View
 
 
 @answer_command
@@ -29,11 +31,33 @@ if TYPE_CHECKING:
     default="AX=XB",
     help="Ask for X, or for X and Z.",
 )
+@click.option(
+    "--corners",
+    type=PATH,
+    multiple=True,
+    help="Corners of a board in pictures, as detect finds them; again for every other camera.",
+)
+@click.option(
+    "--board", type=PATH, multiple=True, help="board.yaml; one for all, or one for each --corners."
+)
+@click.option(
+    "--camera", type=PATH, multiple=True, help="camera.yaml, in the order of --corners, or none."
+)
+@click.option(
+    "--intrinsics",
+    type=click.Choice(["fixed", "free"]),
+    default="free",
+    help="Believe the camera's file, or correct it by the pictures (default).",
+)
 @pose_options
 def hand_eye(
     poses: Path,
     setup: Setup,
     model: Model,
+    corners: tuple[Path, ...],
+    board: tuple[Path, ...],
+    camera: tuple[Path, ...],
+    intrinsics: Intrinsics,
     plain: bool,
     seed: int,
 ) -> Document:
@@ -43,7 +67,15 @@ def hand_eye(
     T_eye_target; m (a_x_mm, …: mm). X is T_hand_eye, and Z T_base_target; for eye-to-hand X is
     T_base_eye, and Z T_hand_target. With --out writes result.json, residuals.csv and hand_eye.svg.
     Exits with 1 where X must not be used.
+
+    With --corners and --board the eye's pictures take the place of the b_ columns: POSES.csv then
+    names the picture taken at each pose (image), and reprojection errors are minimised, which is
+    nearer and also corrects the camera; --out writes camera.yaml too. Without --camera its
+    intrinsics are found from the pictures alone.
     """
+    _check(corners, board, camera, intrinsics)
+    if corners:
+        return _from_pictures(poses, setup, model, corners, board, camera, intrinsics, plain, seed)
     from suta_calib.measurements.pose_files import read_pose_pairs
     from suta_calib.pose_calibration import hand_eye_from_pairs
     from suta_calib.report.hand_eye import hand_eye_document
@@ -52,3 +84,80 @@ def hand_eye(
     with LateProgress("calibrating"):
         found = hand_eye_from_pairs(data, setup=setup, model=model, robust=not plain, seed=seed)
     return hand_eye_document(found, data).with_data(robust=not plain, seed=seed)
+
+
+def _check(
+    corners: tuple[Path, ...], board: tuple[Path, ...], camera: tuple[Path, ...], intrinsics: str
+) -> None:
+    """Which options go together."""
+    if not corners:
+        if board or camera or intrinsics == "fixed":
+            raise click.UsageError("--board, --camera and --intrinsics belong to --corners")
+        return
+    if not board:
+        raise click.UsageError("--corners needs --board: the board.yaml of what was seen")
+    if len(board) not in (1, len(corners)):
+        raise click.UsageError(f"{len(board)} --board for {len(corners)} --corners: one, or each")
+    if len(camera) not in (0, len(corners)):
+        raise click.UsageError(
+            f"{len(camera)} --camera for {len(corners)} --corners: none, or each"
+        )
+    if intrinsics == "fixed" and not camera:
+        raise click.UsageError("--intrinsics fixed needs --camera: the file to believe")
+
+
+def _from_pictures(
+    poses: Path,
+    setup: Setup,
+    model: Model,
+    corners: tuple[Path, ...],
+    board: tuple[Path, ...],
+    camera: tuple[Path, ...],
+    intrinsics: Intrinsics,
+    plain: bool,
+    seed: int,
+) -> Document:
+    from suta_calib.measurements.pose_files import read_hand_poses
+    from suta_calib.pose_calibration.pictures import hand_eye_from_pictures
+    from suta_calib.report.pictures import picture_document
+
+    data, views = read_hand_poses(poses), _views(corners, board, camera)
+    with LateProgress("calibrating"):
+        found = hand_eye_from_pictures(
+            data,
+            views,
+            setup=setup,
+            model=model,
+            intrinsics=intrinsics,
+            robust=not plain,
+            seed=seed,
+        )
+    return picture_document(found, data).with_data(
+        robust=not plain, seed=seed, intrinsics=intrinsics
+    )
+
+
+def _views(
+    corners: tuple[Path, ...], board: tuple[Path, ...], camera: tuple[Path, ...]
+) -> list[View]:
+    """What every camera saw; cameras and boards are called as their files, or numbered."""
+    from suta_calib.measurements import read_board, read_camera, read_corners
+    from suta_calib.pose_calibration.pictures import View
+
+    boards = [read_board(file) for file in board] * (len(corners) if len(board) == 1 else 1)
+    of_board = [str(file.resolve()) for file in board] * (len(corners) if len(board) == 1 else 1)
+    targets = {name: str(k + 1) for k, name in enumerate(dict.fromkeys(of_board))}
+    cameras: list[Camera | None] = [read_camera(file) for file in camera]
+    cameras = cameras or [None] * len(corners)
+    stems = [file.stem for file in corners]
+    unique = len(set(stems)) == len(stems)
+    return [
+        View(
+            "default" if len(corners) == 1 else stem if unique else str(k + 1),
+            read_corners(file),
+            boards[k],
+            cameras[k],
+            "default" if len(targets) == 1 else targets[of_board[k]],
+        )
+        for k, (file, stem) in enumerate(zip(corners, stems, strict=True))
+    ]

@@ -64,6 +64,7 @@ class BlockErrors:
         labels: (n,) what was looked at: a landmark, a pair, a row.
         rows: (n, k) samples each error belongs to.
         residual_before, residual_after: (n, d) with sign.
+        pixel: length that a pixel covers, m, where they were seen in pictures.
     """
 
     name: str
@@ -72,6 +73,7 @@ class BlockErrors:
     rows: IntArray
     residual_before: FloatArray
     residual_after: FloatArray
+    pixel: float | None = None
 
     @cached_property
     def before(self) -> FloatArray:
@@ -306,7 +308,8 @@ def term_accuracies(
         TermAccuracy(
             term,
             tuple(
-                BlockErrors(b.name, b.unit, b.labels, b.samples, *next(pairs)) for b in term.blocks
+                BlockErrors(b.name, b.unit, b.labels, b.samples, *next(pairs), b.pixel)
+                for b in term.blocks
             ),
         )
         for term in terms

@@ -39,7 +39,7 @@ class CommonScale:
     """A factor on all lengths of one sort.
 
     Attributes:
-        what: whose lengths they are: ``artefact``, ``instrument``, ``arm``.
+        what: whose lengths they are: ``artefact``, ``instrument``, ``board``, ``arm``.
         value: s, by which they are too long (the arm's: by which it came out too long).
         std: standard deviation of it.
         gain: share that it explains: of the priors' squared pulls or of the squared residuals,
@@ -66,7 +66,8 @@ def common_scales(solution: Solution) -> Iterator[CommonScale]:
     problem, told = solution.problem, False
     for what, mine in (
         ("artefact", [term.needs_artefact for term in problem.terms]),
-        ("instrument", [term.medium != "touch" for term in problem.terms]),
+        ("instrument", [t.poses.samples.position is not None for t in problem.terms]),
+        ("board", [t.poses.samples.pixels is not None for t in problem.terms]),
     ):
         if any(mine):
             found = _step(solution, what, mine)
@@ -124,6 +125,9 @@ def _longer(term: Term) -> Term:
     if samples.position is not None:
         samples = replace(samples, position=samples.position * (1.0 + STEP))
         return term.over_poses(term.poses.with_samples(samples))
+    if samples.pixels is not None:
+        larger: dict[str, Any] = {"board": getattr(term, "board").scaled(1.0 + STEP)}  # noqa: B009
+        return replace(term, **larger)
     if term.touched is None:
         return term
     marks = {

@@ -7,6 +7,7 @@ these kinds could tell it. Advice is tested in the same way: following it must t
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -85,6 +86,8 @@ class _Exact:
         return poses.with_samples(replace(poses.samples, q=found.q))
 
     def seen(self, poses: PoseSource, seen: Observed, noise: Sequence[float]) -> PoseSource:
+        if seen.pixels is not None:
+            return poses.with_samples(replace(poses.samples, pixels=seen.pixels))
         rotation = seen.rotation if len(noise) > 1 else None
         again = replace(poses.samples, position=seen.position, rotation=rotation)
         return poses.with_samples(again)
@@ -221,13 +224,14 @@ class RichData:
             label: tells its places and instruments from others.
         """
         kind, random = sort.kind, np.random.default_rng(0)
-        place, row = np.divmod(np.arange(PLACES * ROWS), ROWS)
+        n = math.ceil(PLACES * ROWS / kind.chance)
+        place, row = np.divmod(np.arange(n) % (PLACES * ROWS), ROWS)
         artefact = _artefact(oriented=sort.oriented)
         labels = {name: [f"{label}.{k}" for k in place] for name in kind.columns.labels}
         if kind.needs_artefact:
             repeat, mark = np.divmod(row, len(artefact.landmarks))
             labels |= {"repeat": [str(k) for k in repeat], "landmark": [f"L{k}" for k in mark]}
-        q, n = self._kinematics.random_readings(random, len(place)), len(place)
+        q = self._kinematics.random_readings(random, n)
         samples = Samples.from_arrays(
             self._arm.joints,
             q,
@@ -253,8 +257,13 @@ class RichData:
         """The term over ideal measurements near the given postures, of the arm in question."""
         exact = _Exact(self._kinematics, random)
         ideal = term.resimulated(values, [0.0] * len(term.blocks), exact)
-        kept = ideal if exact.reached is None else ideal.take(exact.reached)
-        return kept.over_poses(ArmPoses(self._arm, kept.poses.samples))
+        if exact.reached is not None:
+            ideal = ideal.take(exact.reached)
+        seen = ideal.poses.samples.pixels
+        if seen is not None:
+            in_sight = np.flatnonzero(np.isfinite(seen).any(axis=(1, 2)))
+            ideal = ideal.take(in_sight[: PLACES * ROWS])
+        return ideal.over_poses(ArmPoses(self._arm, ideal.poses.samples))
 
 
 def _artefact(*, oriented: bool) -> Artefact:

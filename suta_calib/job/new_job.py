@@ -57,7 +57,7 @@ def new_job(
         kinds: of observation, each once.
 
     Returns:
-        ``calibration.yaml``, ``artefact.yaml`` where a kind needs one, and empty samples files.
+        ``calibration.yaml``, ``artefact.yaml`` and what else a kind needs, and empty samples files.
 
     Raises:
         UrdfError: the URDF has no usable chain to the tip.
@@ -76,6 +76,8 @@ def new_job(
     files = [Template(folder / "calibration.yaml", _job(arm, urdf, folder, base, folders))]
     if any(KINDS[kind].needs_artefact for kind in kinds):
         files.append(Template(folder / "artefact.yaml", _ARTEFACT))
+    begun = {name: text for kind in kinds for name, text in KINDS[kind].files.items()}
+    files += [Template(folder / name, text) for name, text in begun.items()]
     for kind, ends in folders.items():
         columns, header = KINDS[kind].columns, io.StringIO()
         oriented = rotation_columns() if columns.orientation == "required" else ()
@@ -135,8 +137,9 @@ def _job(
 
 def _row(kind: str, folder: str, *, explain: bool) -> str:
     artefact = ", artefact: artefact.yaml" if KINDS[kind].needs_artefact else ""
-    huber = ", huber_mm: 1.35" if explain else ""
-    row = f"  - {{kind: {kind}{artefact}, samples: '{folder}/*.csv'{huber}}}"
+    named = "".join(f", {Path(name).stem}: {name}" for name in KINDS[kind].files)
+    huber = f", huber_{KINDS[kind].unit}: 1.35" if explain else ""
+    row = f"  - {{kind: {kind}{artefact}{named}, samples: '{folder}/*.csv'{huber}}}"
     comment = textwrap.wrap(
         f"{kind}: {KINDS[kind].about}",
         _WIDTH,

@@ -22,6 +22,7 @@ _BOUND_AND_PRIOR_KEYS: Final = (
     *("prior_mm", "prior_deg", "prior_deg_per_nm"),
 )
 _ANGLE_KEYS: Final = ("huber_deg", "sigma_deg")
+_LENGTH_KEYS: Final = ("huber_mm", "sigma_mm")
 _OBSERVATION_KEYS: Final = (
     *("kind", "artefact", "samples", "label", "exclude"),
     *("huber_mm", "huber_deg", "sigma_mm", "sigma_deg", "fixed", "seating"),
@@ -214,9 +215,10 @@ def _observation(row: YamlSection) -> ObservationSpec:
     _check_keys_of_kind(row, kind)
     clearance_m, clearance_rad = _seating(row, kind)
     fixed = row.flag("fixed")
-    if fixed and "sigma_mm" not in row and "sigma_deg" not in row:
+    levels = [f"sigma_{kind.unit}", *(["sigma_deg"] if kind.has_angles else [])]
+    if fixed and not any(level in row for level in levels):
         raise row.refuse(
-            "fixed: true without a noise level", "sigma_mm or sigma_deg beside it", at=("fixed",)
+            "fixed: true without a noise level", f"{' or '.join(levels)} beside it", at=("fixed",)
         )
     return ObservationSpec(
         kind.kind,
@@ -254,9 +256,13 @@ def _check_keys_of_kind(row: YamlSection, kind: type[Term]) -> None:
     if kind.needs_artefact and "artefact" not in row:
         needed = f"the artefact's file: {kind.kind} needs it"
         raise row.refuse("no such key", needed, at=("artefact",))
+    for key in kind.required:
+        if key not in row:
+            raise row.refuse("no such key", f"a file: {kind.kind} needs it", at=(key,))
     senseless = {key for other in KINDS.values() for key in other.keys} - {*kind.keys}
     senseless |= set() if kind.needs_artefact else {"artefact", "seating"}
     senseless |= set() if kind.has_angles else {*_ANGLE_KEYS}
+    senseless |= set() if kind.unit == "mm" else {*_LENGTH_KEYS}
     for key in _OBSERVATION_KEYS:
         if key in row and key in senseless:
             raise row.refuse(

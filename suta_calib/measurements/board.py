@@ -9,10 +9,10 @@ from __future__ import annotations
 import io
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, ClassVar, Final
+from typing import Any, ClassVar, Final, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -54,6 +54,10 @@ class Board(ABC):
     @abstractmethod
     def row(self) -> dict[str, Any]:
         """Keys and values of the file, in mm."""
+
+    @abstractmethod
+    def scaled(self, factor: float) -> Self:
+        """A board whose every length is so many times as long."""
 
     def positions(self, numbers: ArrayLike) -> FloatArray:
         """Positions (n, 3) in the board's frame, m, of points by number (n,).
@@ -98,6 +102,10 @@ class Chessboard(Board):
         """The corners, in the plane z = 0."""
         return _grid(self.columns, self.rows, self.square, first=0.0)
 
+    def scaled(self, factor: float) -> Self:
+        """Larger squares."""
+        return replace(self, square=factor * self.square)
+
     def row(self) -> dict[str, Any]:
         """Type, corners and square."""
         return {
@@ -137,6 +145,10 @@ class Charuco(Board):
     def points(self) -> Mapping[int, FloatArray]:
         """The inner corners, in the plane z = 0."""
         return _grid(self.columns - 1, self.rows - 1, self.square, first=self.square)
+
+    def scaled(self, factor: float) -> Self:
+        """Larger squares and markers."""
+        return replace(self, square=factor * self.square, marker=factor * self.marker)
 
     def row(self) -> dict[str, Any]:
         """Type, squares, both edges and dictionary."""
@@ -191,6 +203,14 @@ class Markers(Board):
             for number, marker in self.markers.items()
             for k, corner in enumerate(marker.corners)
         }
+
+    def scaled(self, factor: float) -> Self:
+        """Larger markers, farther apart."""
+        markers = {
+            number: replace(m, position=factor * m.position, size=factor * m.size)
+            for number, m in self.markers.items()
+        }
+        return replace(self, markers=markers)
 
     def row(self) -> dict[str, Any]:
         """Type, dictionary, and a mapping of the markers."""

@@ -79,6 +79,19 @@ class PosePairs(_PoseRows):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
+class HandPoses(_PoseRows):
+    """``T_base_hand`` with the picture that was taken there.
+
+    Attributes:
+        pose: rotations (n, 3, 3) and positions (n, 3), m.
+        image: (n,) the picture's name.
+    """
+
+    pose: tuple[FloatArray, FloatArray]
+    image: NDArray[np.str_]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Points(_PoseRows):
     """Points in one frame.
 
@@ -124,6 +137,28 @@ def read_pose_pairs(path: str | Path) -> PosePairs:
     _check_different(table, *hand, *seen)
     notes = of_hand + of_seen
     return PosePairs(path=table.path, lines=table.lines, unit_notes=notes, hand=hand, seen=seen)
+
+
+def read_hand_poses(path: str | Path) -> HandPoses:
+    """Columns ``a_x,a_y,a_z,a_qx,a_qy,a_qz,a_qw`` and ``image``.
+
+    Raises:
+        SamplesError: as `read_tool_poses`, or a picture twice.
+
+    Warns:
+        SutaCalibWarning: as `read_tool_poses`.
+    """
+    table = read_csv_table(Path(path))
+    pose, notes = _poses(table, "a_")
+    image = table.labels("image", "a column with the name of the picture taken at each pose")
+    first: dict[str, int] = {}
+    for row, name in enumerate(image.tolist()):
+        if name in first:
+            found = f"{name!r} as in line {table.lines[first[name]]}"
+            raise table.refuse(row, "image", found, "each picture once")
+        first[name] = row
+    _check_different(table, *pose)
+    return HandPoses(path=table.path, lines=table.lines, unit_notes=notes, pose=pose, image=image)
 
 
 def read_points(path: str | Path) -> Points:

@@ -28,6 +28,8 @@ class Samples:
         position: (n, 3) measured positions, m, or None. Whose and in which frame depends on the
             kind of observation.
         rotation: (n, 3, 3) measured orientations, or None.
+        pixels: (n, points, 2) where the points of a board were seen, px, in the order of its
+            numbers; NaN for those that were not; or None.
         origin: where each row came from, such as ``file.csv:12``.
     """
 
@@ -37,6 +39,7 @@ class Samples:
     position: FloatArray | None = None
     rotation: FloatArray | None = None
     origin: tuple[str, ...] = ()
+    pixels: FloatArray | None = None
 
     def __len__(self) -> int:
         return len(self.q)
@@ -89,6 +92,8 @@ class Samples:
             parts.append(self.position)
         if self.rotation is not None:
             parts.append(self.rotation.reshape(-1, 9))
+        if self.pixels is not None:
+            parts.append(self.pixels.reshape(len(self), -1))
         return [row.tobytes() for row in np.hstack(parts)]
 
     @classmethod
@@ -100,7 +105,13 @@ class Samples:
                 orientations.
         """
         kinds = {
-            (part.joints, frozenset(part.labels), part.position is None, part.rotation is None)
+            (
+                part.joints,
+                frozenset(part.labels),
+                part.position is None,
+                part.rotation is None,
+                None if part.pixels is None else part.pixels.shape[1:],
+            )
             for part in parts
         }
         if len(kinds) != 1:
@@ -113,6 +124,7 @@ class Samples:
             _joined([part.position for part in parts]),
             _joined([part.rotation for part in parts]),
             tuple(origin for part in parts for origin in part.origin),
+            _joined([part.pixels for part in parts]),
         )
 
     def take(self, index: ArrayLike | slice) -> Samples:
@@ -125,6 +137,7 @@ class Samples:
             None if self.position is None else _frozen(self.position[rows]),
             None if self.rotation is None else _frozen(self.rotation[rows]),
             tuple(self.origin[row] for row in rows),
+            None if self.pixels is None else _frozen(self.pixels[rows]),
         )
 
 

@@ -38,14 +38,16 @@ ECCENTRICITY: Final = (*FAMILIES["ecc_1"], *FAMILIES["ecc_2"])
 # How these keys begin: globs reach them only where they say so.
 _NONGEOMETRIC: Final = ("ecc", COMPLIANCE)
 # Lengths and angles of the size that moves the tip of a metre-long arm by a centimetre, and what
-# yields as much to the torque of a few kilograms.
-SCALE: Final[dict[Unit, float]] = {"m": 0.01, "rad": 0.01, "rad/Nm": 1e-3}
+# yields as much to the torque of a few kilograms; a pixel, and what bends a picture by several.
+SCALE: Final[dict[Unit, float]] = {"m": 0.01, "rad": 0.01, "rad/Nm": 1e-3, "px": 1.0, "1": 0.01}
 # How far a geometric parameter without a bound may plausibly be off: only used to judge whether
 # the data tell anything about it, never to limit it.
 PLAUSIBLE: Final[dict[Unit, float]] = {
     "m": 0.05,
     "rad": from_deg(10.0),
     "rad/Nm": from_deg(0.2),
+    "px": 20.0,
+    "1": 0.1,
 }
 # A degree of eccentricity would be seen with the naked eye.
 PLAUSIBLE_ECCENTRICITY: Final = from_deg(1.0)
@@ -58,7 +60,7 @@ class Parameter:
     Attributes:
         owner: what it belongs to, e.g. ``joint_4`` or ``placement[P1]``.
         key: which of the owner's numbers it is, e.g. ``z``, ``rx``, ``offset``, ``ecc_c1``.
-        unit: ``m``, ``rad`` or ``rad/Nm``.
+        unit: ``m``, ``rad``, ``rad/Nm``, or of a camera ``px`` and ``1``.
         nominal: where it starts, and where it stays if nothing can be said of it.
         lower, upper: bounds of the value, infinite where there is none.
         prior: standard deviation of a Gaussian prior about nominal, or None.

@@ -18,6 +18,8 @@ from suta_calib.report.listing import Column, Json, Listing, Table
 from suta_calib.terms import GROUPINGS as LABEL_COLUMNS
 from suta_calib.units import NOTHING, Unit
 
+# Unit of what was seen in pictures.
+SEEN: Final[Unit] = "px"
 # Label columns of samples that errors are looked at by.
 GROUPINGS: Final = tuple(noun for noun, columns in LABEL_COLUMNS.items() if columns == (noun,))
 
@@ -84,19 +86,23 @@ class KindErrors:
 
 def by_kind(terms: Sequence[TermAccuracy]) -> list[KindErrors]:
     """Errors of all terms, one entry for each kind and quantity, in the order of the terms."""
-    found: dict[tuple[str, str], list[BlockErrors]] = {}
+    found: dict[tuple[str, str, Unit], list[tuple[BlockErrors, float]]] = {}
     for term in terms:
         for block in term.blocks:
-            found.setdefault((term.term.kind, block.name), []).append(block)
+            found.setdefault((term.term.kind, block.name, block.unit), []).append((block, 1.0))
+            if block.pixel is not None:
+                # The same errors, as they were seen.
+                seen = term.term.kind, block.name, SEEN
+                found.setdefault(seen, []).append((block, block.pixel))
     return [
         KindErrors(
             kind,
             name,
-            blocks[0].unit,
-            np.concatenate([b.before for b in blocks]),
-            np.concatenate([b.after for b in blocks]),
+            unit,
+            np.concatenate([b.before / scale for b, scale in blocks]),
+            np.concatenate([b.after / scale for b, scale in blocks]),
         )
-        for (kind, name), blocks in found.items()
+        for (kind, name, unit), blocks in found.items()
     ]
 
 

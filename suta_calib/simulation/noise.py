@@ -30,6 +30,7 @@ class NoiseLevels:
         encoder_bits: readings of revolute joints are whole steps of 2π / 2^bits; 0 for exact ones.
         instrument: position an external instrument reports, m.
         instrument_angle: orientation it reports, rad.
+        corner: where a camera finds a corner, px.
         artefact: whether the true landmarks depart from the certified ones by their ``sigma``.
     """
 
@@ -40,6 +41,7 @@ class NoiseLevels:
     encoder_bits: int = 0
     instrument: float = 0.0
     instrument_angle: float = 0.0
+    corner: float = 0.0
     artefact: bool = False
 
 

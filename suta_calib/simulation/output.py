@@ -10,7 +10,7 @@ from ruamel.yaml import YAML
 from ruamel.yaml.comments import CommentedMap
 
 from suta_calib.errors import OutputError
-from suta_calib.measurements import write_samples, write_text
+from suta_calib.measurements import write_corners, write_samples, write_text
 from suta_calib.simulation.simulate import SimulatedFile, Simulation
 from suta_calib.units import deg, key, mm, shown
 
@@ -42,9 +42,14 @@ def write_simulation(simulation: Simulation, folder: Path) -> list[Path]:
         except OSError as problem:
             raise OutputError(f"{path.parent}: not created: {problem.strerror}") from problem
         write_samples(path, file.samples)
+        if file.corners is not None:
+            name, corners = file.corners
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            write_corners(folder / name, corners)
     write_text(folder / "truth.yaml", truth_text(simulation))
     write_text(folder / "README.md", _readme(simulation))
-    written = [*(file.path for file in simulation.files), "truth.yaml", "README.md"]
+    seen = [file.corners[0] for file in simulation.files if file.corners is not None]
+    written = [*(file.path for file in simulation.files), *seen, "truth.yaml", "README.md"]
     return [folder / name for name in written]
 
 

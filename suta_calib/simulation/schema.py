@@ -22,7 +22,7 @@ from suta_calib.units import Unit, from_deg, from_mm, key, stored
 
 _NOISE_KEYS: Final = (
     *("seating_mm", "seating_deg", "encoder_deg", "encoder_mm", "encoder_bits"),
-    *("instrument_mm", "instrument_deg", "artefact"),
+    *("instrument_mm", "instrument_deg", "corner_px", "artefact"),
 )
 # Of what an arm's parameters may be.
 _UNITS: Final[tuple[Unit, ...]] = ("m", "rad", "rad/Nm")
@@ -238,6 +238,7 @@ def _noise(section: YamlSection) -> NoiseLevels:
         encoder_bits=section.bits("encoder_bits", minimum=0),
         instrument=level("instrument_mm", "m"),
         instrument_angle=level("instrument_deg", "rad"),
+        corner=section.optional_number("corner_px", "non-negative") or 0.0,
         artefact=section.flag("artefact"),
     )
 
@@ -309,7 +310,8 @@ def _check_keys(section: YamlSection, kind: type[Term]) -> None:
         required, known = ("artefact", places), ("artefact", places, "repeats", "seating")
     else:
         required, known = (places,), (places, "directions", "axis", "cone_deg")
-    own = (*kind.keys, *kind.simulation_keys)
+    own = [key for key in kind.keys if key not in kind.measured_keys]
+    own += kind.simulation_keys
     section.check_keys(("kind", "noise", "outliers", *known, *own), required=required)
 
 

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import JobError, ParameterError
-from suta_calib.measurements import Artefact, Samples, read_artefact
+from suta_calib.measurements import Artefact, Board, Corners, Samples, corners_of, read_artefact
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import Parameter
 from suta_calib.simulation.inverse_kinematics import InverseKinematics, Targets
@@ -28,6 +29,9 @@ from suta_calib.terms import ArmPoses, Observed, Setup
 from suta_calib.terms.term import pose_parameters, pose_values
 from suta_calib.units import key
 
+# Times that configurations are drawn until what is looked at is in sight in enough of them.
+_ROUNDS: Final = 20
+
 
 @dataclass(frozen=True, eq=False)
 class SimulatedFile:
@@ -38,11 +42,13 @@ class SimulatedFile:
         samples: what it holds; the origins name its lines.
         displacement: (n, 3) gross error of each row in the base's frame (what was seen from afar:
             in the instrument's or the camera's), m; zero for all but the outliers.
+        corners: what a camera saw, and the path of its file; or None.
     """
 
     path: str
     samples: Samples
     displacement: FloatArray
+    corners: tuple[str, Corners] | None = None
 
     @property
     def outliers(self) -> NDArray[np.intp]:
@@ -216,8 +222,7 @@ def _seen(
     """What an external instrument sees of the tip, or a camera on it, in random configurations."""
     arm, n, noise = kinematics.arm, plan.samples, plan.noise
     rng = stream(seed, plan.name, "configurations")
-    q = wrapped(arm, kinematics.random_readings(rng, n))
-    ideal = _ideal(plan, arm, q, values)
+    q, ideal = _in_sight(plan, kinematics, values, rng)
     rng = stream(seed, plan.name, "instrument")
     gross = stream(seed, plan.name, label, "outliers")
     displacement = outlier_displacements(gross, plan.outliers, n)
@@ -228,6 +233,8 @@ def _seen(
     oriented = plan.orientation or plan.term.columns.orientation == "required"
     readings = encoder_readings(stream(seed, plan.name, "encoders"), noise, arm, q)
     path = f"{plan.name}/{label}.csv"
+    if ideal.pixels is not None:
+        return _pictures(plan, path, arm, readings, ideal, displacement, rng)
     samples = Samples.from_arrays(
         arm.joints,
         readings,
@@ -236,6 +243,65 @@ def _seen(
         origin=_origins(path, n),
     )
     return SimulatedFile(path, samples, displacement)
+
+
+def _pictures(
+    plan: SetSpec,
+    path: str,
+    arm: ArmModel,
+    readings: FloatArray,
+    ideal: Observed,
+    displacement: FloatArray,
+    rng: np.random.Generator,
+) -> SimulatedFile:
+    """Corners in pictures, each scattered by itself; an outlier moves all of a picture."""
+    assert ideal.pixels is not None
+    n = len(readings)
+    names = np.array([f"{plan.name}-{k:04d}.png" for k in range(n)])
+    # As the board would seem displaced: by the pixels that a length covers where it is.
+    across = np.nanmedian(np.linalg.norm(np.diff(ideal.pixels, axis=1), axis=2), axis=1)
+    board: Board = plan.settings["board"]
+    apart = np.linalg.norm(np.diff(np.array(list(board.points.values())), axis=0), axis=1)
+    shift = displacement[:, :2] * (across / np.median(apart))[:, None]
+    pixels = ideal.pixels + shift[:, None]
+    pixels = pixels + plan.noise.corner * rng.standard_normal(pixels.shape)
+    picture, point = np.nonzero(np.isfinite(pixels).all(axis=2))
+    numbers = np.array(list(board.points))
+    samples = Samples.from_arrays(
+        arm.joints, readings, labels={"image": names}, origin=_origins(path, n)
+    )
+    seen = corners_of(names[picture], numbers[point], pixels[picture, point])
+    return SimulatedFile(path, samples, displacement, (f"corners/{plan.name}.csv", seen))
+
+
+def _in_sight(
+    plan: SetSpec,
+    kinematics: InverseKinematics,
+    values: Mapping[str, float],
+    rng: np.random.Generator,
+) -> tuple[FloatArray, Observed]:
+    """Random configurations in which what is looked at is in sight, and what is seen.
+
+    Raises:
+        JobError: it hardly ever is.
+    """
+    arm, n, chance = kinematics.arm, plan.samples, plan.term.chance
+    tries, found, left = math.ceil(n / chance), list[FloatArray](), n
+    for _ in range(_ROUNDS):
+        q = wrapped(arm, kinematics.random_readings(rng, tries))
+        q = q[np.flatnonzero(_ideal(plan, arm, q, values).in_sight)[:left]]
+        found.append(q)
+        left -= len(q)
+        if not left:
+            q = np.concatenate(found)
+            return q, _ideal(plan, arm, q, values)
+    raise JobError(
+        f"what is looked at in sight in {n - left} of {_ROUNDS * tries} random configurations",
+        f"{n} of them",
+        line=plan.line,
+        where=f"sets.{plan.name}",
+        hint="move it into the arm's reach, turn its face to the camera, or ask for fewer samples",
+    )
 
 
 def _ideal(plan: SetSpec, arm: ArmModel, q: FloatArray, values: Mapping[str, float]) -> Observed:

@@ -33,6 +33,8 @@ from suta_calib.model.parameters import OFFSET
 from suta_calib.solver.information import Rows, whitened_rows
 from suta_calib.solver.problem import Problem
 
+# The group of what is known of a camera's intrinsics.
+CAMERA: Final = "camera"
 # Noise that is always there, m or rad per component: rounding is no information.
 FINEST: Final = 1e-6
 # Share of rows that may be blunders: beyond Huber's threshold they are then no surprise.
@@ -63,12 +65,15 @@ class WeightOptions:
         common: of the factor common to all priors; a guess is right within one of ten.
         between: of a group's factor about the common one: whoever guesses one size too small is
             likely to guess the others so. Free factors would let groups of few parameters run away.
+        camera: of the factor on what is known of a camera: what its calibration says of itself, or
+            what calibrations usually are, is right within one of three.
     """
 
     stated: float = math.log(2.0)
     assumed: float = math.log(10.0)
     common: float = math.log(10.0)
     between: float = 0.2
+    camera: float = math.log(3.0)
 
 
 @dataclass(frozen=True)
@@ -123,8 +128,8 @@ class Weights:
 def prior_groups(problem: Problem) -> list[str | None]:
     """Whose size is guessed together with that of a parameter's prior, for each of the problem.
 
-    None where there is no prior, where it was to stay, and for the terms' own unknowns, whose
-    priors were measured.
+    None where there is no prior, and where it was to stay. The terms' own unknowns that have one
+    are a camera's.
     """
     groups: list[str | None] = []
     for p in problem.arm_parameters.values():
@@ -138,7 +143,8 @@ def prior_groups(problem: Problem) -> list[str | None]:
             groups.append("offsets")
         else:
             groups.append("lengths" if p.unit == "m" else "angles")
-    return groups + [None] * (len(problem.names) - problem.arm_count)
+    own = list(problem.parameters.values())[problem.arm_count :]
+    return groups + [None if p.prior is None or p.prior_fixed else CAMERA for p in own]
 
 
 def learn_weights(
@@ -174,7 +180,11 @@ def learn_weights(
         for b in blocks
     ]
     covariance = np.diag(np.square([*before, *[options.between] * len(groups)]))
-    covariance[factors, factors] += options.common**2
+    # Who guesses an arm's errors too small need not be the one who calibrated the camera.
+    camera = np.array([group == CAMERA for group in groups], dtype=np.bool_)
+    covariance[factors, factors] += np.where(
+        np.outer(camera, camera), options.camera**2, options.common**2
+    ) * (camera[:, None] == camera)
     belief = np.linalg.inv(covariance)
     eta, step = np.log(given), np.zeros(len(free))
     for _ in range(ROUNDS):
@@ -233,7 +243,7 @@ def _independent_shares(problem: Problem, rows: Sequence[Rows]) -> list[float]:
             line = next(lines).line
             # Readings of one rest count once in the term's equations already.
             _, first, rest, read = np.unique(
-                term.poses.rests[block.samples],
+                term.readings(block),
                 axis=0,
                 return_index=True,
                 return_inverse=True,

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from suta_calib.terms.block import Block, Noise
+from suta_calib.terms.camera_view import CameraView
 from suta_calib.terms.fixed_point import FixedPoint
 from suta_calib.terms.hand_eye import HandEye
 from suta_calib.terms.landmark import TouchedLandmark
@@ -26,6 +27,7 @@ KINDS: Final[dict[str, type[Term]]] = {
         TouchedPlane,
         TrackedPoint,
         HandEye,
+        CameraView,
     )
 }
 # What one group of samples is called, in any kind, and the label columns that name it.
@@ -46,6 +48,7 @@ __all__ = [
     "KINDS",
     "ArmPoses",
     "Block",
+    "CameraView",
     "FixedPoint",
     "HandEye",
     "MeasuredPoses",

@@ -105,6 +105,7 @@ class Block:
         known_sigma: (n,) standard deviation per row that is known beforehand, added in quadrature.
         labels: (n,) what a person calls the row.
         certified: the artefact's part in the residuals, where there is an artefact.
+        pixel: length that a pixel covers, m, where residuals are what was seen in a picture.
     """
 
     name: str
@@ -118,6 +119,7 @@ class Block:
     known_sigma: FloatArray
     labels: tuple[str, ...] = field(repr=False)
     certified: Certified | None = None
+    pixel: float | None = None
 
     @classmethod
     def per_sample(

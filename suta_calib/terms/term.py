@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from suta_calib.arrays import FloatArray, IntArray
+from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.errors import ArtefactError, SamplesError
 from suta_calib.geometry.numbers import rotation_from_vector, vector_from_rotation
 from suta_calib.measurements import Artefact, SampleColumns, YamlSection
@@ -100,10 +100,20 @@ class Observed:
         position: (n, 3), m: of what is seen, in the instrument or the camera; of a tip that
             touches, in the base.
         rotation: (n, 3, 3) of the same, or None where the observation says nothing of it.
+        pixels: (n, points, 2) where a camera sees the points of a board, px, NaN for those that it
+            does not; None for who sees no points. What is seen is then these.
     """
 
     position: FloatArray
     rotation: FloatArray | None = None
+    pixels: FloatArray | None = None
+
+    @property
+    def in_sight(self) -> BoolArray:
+        """(n,) whether something is seen: of a board, half of its points."""
+        if self.pixels is None:
+            return np.ones(len(self.position), dtype=np.bool_)
+        return np.asarray(np.isfinite(self.pixels[..., 0]).mean(axis=1) >= 0.5)
 
 
 class Resimulation(Protocol):
@@ -129,7 +139,7 @@ class Resimulation(Protocol):
             poses: as they were measured.
             seen: without noise.
             noise: standard deviation of a coordinate, m, and, where orientations are seen, of a
-                component of their turn, rad.
+                component of their turn, rad; of pixels, px.
         """
 
     def turned(self, rotation: FloatArray, sigma: float) -> FloatArray:
@@ -148,6 +158,8 @@ class Term(ABC):
         needs_artefact: whether an artefact is touched.
         has_angles: whether it looks at orientations, so that their noise means something.
         keys: what else a row of a job may say, read by `read_settings`.
+        required: those of them that it must say.
+        unit: of the noise of its lengths in a job: ``mm``, or ``px`` where they are in pictures.
         place: label column of what stands somewhere unknown and is touched; empty where nothing is.
         place_unknown: name of the unknowns of one such place, before its label in brackets.
         place_turns: whether such a place has an orientation.
@@ -156,7 +168,10 @@ class Term(ABC):
         noise_factor: standard deviation of a component of the first block, over that of one
             coordinate of one touch.
         simulation_keys: what else a set of a simulation may say, read by `read_settings`.
+        measured_keys: keys of a row about what was measured, which a simulation does not take.
         frames: what a simulation may state of what sees or is seen.
+        chance: rough part of an arm's postures in which what is looked at is in sight.
+        files: what the files that a job names are begun with; each is called as its key.
         tested: what of an acceptance test after ISO 10360-12 its samples measure.
         leaves_open: by what is left open, why this kind alone cannot tell, and what to do then.
         tells: by what others leave open, how this kind tells it: an advice.
@@ -170,13 +185,18 @@ class Term(ABC):
     needs_artefact: ClassVar[bool] = False
     has_angles: ClassVar[bool] = True
     keys: ClassVar[tuple[str, ...]] = ()
+    required: ClassVar[tuple[str, ...]] = ()
+    unit: ClassVar[Literal["mm", "px"]] = "mm"
     place: ClassVar[str] = ""
     place_unknown: ClassVar[str] = ""
     place_turns: ClassVar[bool] = True
     groupings: ClassVar[Mapping[str, tuple[str, ...]]] = {"row": ()}
     noise_factor: ClassVar[float] = 1.0
     simulation_keys: ClassVar[tuple[str, ...]] = ()
+    measured_keys: ClassVar[tuple[str, ...]] = ()
     frames: ClassVar[tuple[TrueFrame, ...]] = ()
+    chance: ClassVar[float] = 1.0
+    files: ClassVar[Mapping[str, str]] = {}
     tested: ClassVar[Literal["", "length", "articulation"]] = ""
     leaves_open: ClassVar[Mapping[Gap, tuple[str, str]]] = {}
     tells: ClassVar[Mapping[Gap, str]] = {}
@@ -362,10 +382,13 @@ class Term(ABC):
 
     def equations(self) -> int:
         """How many independent numbers the samples give at most: a rest counts once."""
-        rests = self.poses.rests
         return sum(
-            len(np.unique(rests[block.samples], axis=0)) * block.size for block in self.blocks
+            len(np.unique(self.readings(block), axis=0)) * block.size for block in self.blocks
         )
+
+    def readings(self, block: Block) -> IntArray:
+        """(n, k) the same numbers for all rows of a block that read one thing at one rest again."""
+        return self.poses.rests[block.samples]
 
     def check_enough(self) -> None:  # noqa: B027 (nothing to check is a fine answer)
         """Refuse sets too small to be fitted; a held-out set may be as small as it likes.

@@ -31,6 +31,7 @@ def identity(job: CalibrationJob, data: StudyData) -> dict[str, str]:
     files = [job.spec.path, job.spec.arm.urdf]
     for row in (*job.spec.observations, *job.spec.validation):
         files += [*row.sample_files, *([] if row.artefact is None else [row.artefact])]
+        files += [value for value in row.settings.values() if isinstance(value, Path)]
     each = (hashlib.sha256(path.read_bytes()).digest() for path in files)
     return {
         "kind": data.kind,

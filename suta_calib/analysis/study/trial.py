@@ -246,6 +246,9 @@ class _Noisy:
         return poses.with_samples(replace(poses.samples, q=found.q))
 
     def seen(self, poses: PoseSource, seen: Observed, noise: Sequence[float]) -> PoseSource:
+        if seen.pixels is not None:
+            pixels = seen.pixels + noise[0] * self.random.standard_normal(seen.pixels.shape)
+            return poses.with_samples(replace(poses.samples, pixels=pixels))
         scatter = noise[0] * self.random.standard_normal(seen.position.shape)
         samples = replace(poses.samples, position=seen.position + scatter)
         if len(noise) > 1 and seen.rotation is not None:

@@ -1,0 +1,246 @@
+"""A hand-eye calibration from pictures, told: cameras, their intrinsics, and which pictures fit."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Final
+
+import numpy as np
+from matplotlib.ticker import MaxNLocator
+
+from suta_calib.geometry.numbers import rms_length
+from suta_calib.geometry.pinhole import CENTRE, FOCAL, INTRINSICS
+from suta_calib.measurements.camera import camera_text
+from suta_calib.measurements.pose_files import HandPoses
+from suta_calib.model.parameters import PLACEMENT
+from suta_calib.pose_calibration.pictures import ROBOTS, PictureCalibration, SeenCamera
+from suta_calib.report.document import Document, Figure, File, Part, Text
+from suta_calib.report.hand_eye import FRAMES
+from suta_calib.report.listing import Column, Json, Listing, csv_text, plain
+from suta_calib.report.poses import (
+    INLIER,
+    LARGE,
+    MOST_OUTLIERS,
+    OUTLIER,
+    covariance_record,
+    pose_record,
+    pose_std_record,
+    pose_table,
+)
+from suta_calib.report.svg import GREY, picture, svg_text
+from suta_calib.units import NOTHING, Unit, text
+from suta_calib.words import listed
+
+NAME: Final = "hand_eye"
+# Decimals of a coefficient of distortion, of which the last still moves a corner a little.
+_COEFFICIENT: Final = 5
+_DIGITS: Final = 6
+# Of the picture's width, how long the largest error is drawn.
+_ARROW: Final = 0.06
+
+
+@dataclass(frozen=True)
+class Intrinsic:
+    """One intrinsic of one camera.
+
+    Attributes:
+        name: fx, fy, cx, cy (px), k1, k2, p1, p2 or k3.
+        unit: px or 1.
+        given: as the camera's file says; None without one.
+        value: as found.
+        std: of it; None where it was held.
+    """
+
+    name: str
+    unit: Unit
+    given: float | None
+    value: float
+    std: float | None
+
+    def shown(self, value: float | None) -> str:
+        """A value of it as text."""
+        if value is None:
+            return NOTHING
+        return text(value, self.unit, decimals=None if self.unit == "px" else _COEFFICIENT)
+
+
+INTRINSIC: Final = Listing[Intrinsic](
+    "Intrinsics",
+    Column("name", ""),
+    Column("given", "given", cell=lambda row: row.shown(row.given), numeric=True),
+    Column("value", "found", cell=lambda row: row.shown(row.value), numeric=True),
+    Column("std", "± std", cell=lambda row: row.shown(row.std), numeric=True),
+    Column("unit", "", lambda row: row.unit if row.unit == "px" else ""),
+)
+
+
+@dataclass(frozen=True)
+class SeenCorner:
+    """One corner in one picture of one camera, for ``residuals.csv``."""
+
+    camera: SeenCamera
+    row: int
+
+    def number(self, column: int) -> float:
+        """One of the figures of the corner."""
+        return float(self.camera.corners[self.row, column])
+
+
+CORNERS: Final = Listing[SeenCorner](
+    "Every corner",
+    Column("camera", value=lambda each: each.camera.label),
+    Column("image", value=lambda each: each.camera.images[int(each.number(0))]),
+    Column("point", value=lambda each: int(each.number(1))),
+    Column("u", value=lambda each: each.number(2)),
+    Column("v", value=lambda each: each.number(3)),
+    Column("du", value=lambda each: each.number(4), unit="px"),
+    Column("dv", value=lambda each: each.number(5), unit="px"),
+    Column("status", value=lambda each: "inlier" if each.number(6) else "outlier"),
+)
+
+
+def picture_document(found: PictureCalibration, data: HandPoses) -> Document:
+    """X of every camera, Z where the model asks for it, and intrinsics, with standard deviations.
+
+    Files: ``residuals.csv``, and ``camera.yaml`` of every camera whose intrinsics were found.
+    """
+    several = len(found.cameras) > 1
+    parts: list[Part] = []
+    for seen in found.cameras:
+        if several:
+            parts.append(Text(f"Camera {seen.label}", look="heading"))
+        parts += _poses(found, seen)
+        if seen.camera.covariance is not None:
+            parts.append(INTRINSIC.of(_intrinsics(seen)))
+            name = f"camera-{seen.label}.yaml" if several else "camera.yaml"
+            parts.append(File(name, partial(camera_text, seen.camera)))
+        parts += _fit(seen)
+    corners = [SeenCorner(c, k) for c in found.cameras for k in range(len(c.corners))]
+    parts += [
+        File("residuals.csv", lambda: csv_text(CORNERS, corners, _DIGITS)),
+        Figure(partial(picture_plot, found)),
+    ]
+    first = found.cameras[0]
+    record: Json = {"setup": found.setup, "model": found.model, **_record(found, first)}
+    if several:
+        record["cameras"] = {seen.label: _record(found, seen) for seen in found.cameras}
+    counts = [len(seen.images) for seen in found.cameras]
+    lost = [int((~seen.inliers).sum()) for seen in found.cameras]
+    record |= {
+        "frames": {name: FRAMES[found.setup][name] for name in found.unknowns},
+        "reprojection_rms_px": found.rms,
+        "outliers": list(found.outliers),
+        "outlier_lines": [data.lines[row] for row in found.outliers],
+        "counts": {
+            "rows": len(data.lines),
+            "images": sum(counts),
+            "inliers": sum(counts) - sum(lost),
+            "outliers": sum(lost),
+        },
+        "input": str(data.path),
+    }
+    title = "Hand-eye calibration from pictures"
+    return Document(NAME, title, found.assessment, parts, record, "result")
+
+
+def _poses(found: PictureCalibration, seen: SeenCamera) -> Iterator[Part]:
+    for name in found.unknowns:
+        frame = FRAMES[found.setup][name]
+        _, base, what = frame.split("_")
+        title = f"{name} = {frame}: the {what} in the {base}, {found.setup}"
+        yield pose_table(title, getattr(seen, name), seen.std[name], f"the {what}'s axes")
+
+
+def _intrinsics(seen: SeenCamera) -> list[Intrinsic]:
+    stds = seen.camera.stds
+    return [
+        Intrinsic(
+            name,
+            "px" if name in (*FOCAL, *CENTRE) else "1",
+            None if seen.given is None else seen.given.values[name],
+            value,
+            None if stds is None else float(stds[k]),
+        )
+        for k, (name, value) in enumerate(seen.camera.values.items())
+    ]
+
+
+def _fit(seen: SeenCamera) -> Iterator[Part]:
+    """How well the pictures agree, and which do not."""
+    count, strange = len(seen.images), seen.strange
+    said = f"reprojection rms {seen.rms:.3f} px"
+    if seen.alone > 0 and seen.rms > ROBOTS * seen.alone:
+        said += (
+            f", of which the camera alone leaves {seen.alone:.3f} px: the rest is where the robot "
+            "was against what it reported"
+        )
+    yield Text(said)
+    fitted = f"{count - len(strange)} of {count} pictures fitted"
+    if strange:
+        s = "s" * (len(strange) > 1)
+        fitted += f"; {len(strange)} outlier{s}: {listed(strange, MOST_OUTLIERS)}"
+    yield Text(fitted)
+
+
+def _record(found: PictureCalibration, seen: SeenCamera) -> Json:
+    """A camera as JSON has it."""
+    record: Json = {}
+    for name in found.unknowns:
+        record |= {name: getattr(seen, name), **pose_record(getattr(seen, name), f"{name}_")}
+    size = 6 * len(found.unknowns)
+    order = [f"{name}.{key}" for name in found.unknowns for key in PLACEMENT]
+    told = seen.inliers & np.isfinite(seen.slides[:, 0])
+    return record | {
+        "std": {name: pose_std_record(seen.std[name]) for name in found.unknowns},
+        "rms_mm": plain(rms_length(seen.slides[told]), "m"),
+        "rms_deg": plain(rms_length(seen.turns[told]), "rad"),
+        "reprojection_rms_px": seen.rms,
+        "camera_alone_rms_px": seen.alone,
+        "camera": _camera_record(seen),
+        "outlier_images": seen.strange,
+        "covariance": covariance_record(seen.covariance[:size, :size], order, "m, rad"),
+    }
+
+
+def _camera_record(seen: SeenCamera) -> Json:
+    """Intrinsics with their standard deviations, null where they were held."""
+    values, stds = seen.camera.intrinsics, seen.camera.stds
+    none: Sequence[float | None] = [None] * len(INTRINSICS)
+    std = none if stds is None else stds.tolist()
+    return {
+        **dict(zip(INTRINSICS[:4], values[:4].tolist(), strict=True)),
+        "distortion": values[4:].tolist(),
+        "std": {
+            **dict(zip(INTRINSICS[:4], std[:4], strict=True)),
+            "distortion": list(std[4:]),
+        },
+    }
+
+
+def picture_plot(found: PictureCalibration) -> str:
+    """An SVG: errors by picture, and where in the picture corners are off."""
+    rows = len(found.cameras)
+    with picture(NAME, (LARGE, 3.2 * rows)) as figure:
+        panels = figure.subplots(rows, 2, squeeze=False, width_ratios=(1.3, 1))
+        for (by_picture, over), seen in zip(panels, found.cameras, strict=True):
+            number, good = np.arange(len(seen.images)), seen.inliers
+            by_picture.axhline(seen.rms, color=GREY, lw=1.2, ls="--", label="RMS")
+            by_picture.plot(number[good], seen.picture_rms[good], label="fitted", **INLIER)
+            if not good.all():
+                by_picture.plot(number[~good], seen.picture_rms[~good], label="outlier", **OUTLIER)
+                by_picture.set_yscale("log")
+            else:
+                by_picture.set_ylim(bottom=0.0)
+            by_picture.xaxis.set_major_locator(MaxNLocator(integer=True))
+            by_picture.set(xlabel="picture (from 0)", ylabel="reprojection RMS, px")
+            by_picture.legend(ncols=3, fontsize=8, loc="lower left", bbox_to_anchor=(0, 1))
+            fitted = seen.corners[seen.corners[:, 6] > 0]
+            u, v, du, dv = fitted[:, 2:6].T
+            largest = max(float(np.hypot(du, dv).max(initial=0.0)), 1e-9)
+            scale = largest / (_ARROW * seen.camera.width)
+            over.quiver(u, v, du, dv, angles="xy", scale_units="xy", scale=scale, width=3e-3)
+            over.set(xlim=(0, seen.camera.width), ylim=(seen.camera.height, 0), aspect="equal")
+            over.set(xlabel="u, px", ylabel="v, px", title=f"errors × {1 / scale:.0f}")
+        return svg_text(figure, NAME, "Reprojection errors by picture and over the picture")

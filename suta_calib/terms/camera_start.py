@@ -1,0 +1,196 @@
+"""Closed forms of a camera that sees a board: where the board is, and the camera's focal length.
+
+What is found here is where a solver starts. Homographies and projections are found linearly from
+points that are first centred and scaled (Hartley 1997, doi:10.1109/34.601246).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from suta_calib.arrays import FloatArray
+from suta_calib.geometry.numbers import rotation_from_vector, skew
+
+# Points of a plane that determine a homography, and points of a body that determine a projection.
+PLANAR: Final = 4
+SPATIAL: Final = 6
+# Third over first singular value of points below which they lie in a plane.
+_FLAT: Final = 1e-3
+# Second over first singular value of points below which they lie on a line.
+_LINE: Final = 1e-2
+# Second smallest over largest singular value below which a linear system has several solutions.
+_SINGULAR: Final = 1e-9
+# Steps of a refinement, and the relative gain from where on it is settled.
+_STEPS: Final = 10
+_SETTLED: Final = 1e-6
+# How far the principal point may be from the middle of what was seen, in its extents.
+_OFF_CENTRE: Final = 1.5
+
+
+def board_pose(points: FloatArray, seen: FloatArray) -> tuple[FloatArray, FloatArray] | None:
+    """``T_eye_board`` from one picture; None where its points do not determine it.
+
+    Points in a plane give a homography, whose first columns are the plane's axes; others a
+    projection. From the nearest rotation to what is found the reprojection error is minimised.
+
+    Args:
+        points: (k, 3) in the board's frame, m.
+        seen: (k, 2) where an ideal camera of focal length one sees them.
+
+    Returns:
+        Rotation (3, 3) and position (3,), m; or None.
+    """
+    if len(points) < PLANAR:
+        return None
+    middle = points.mean(axis=0)
+    _, size, axes = np.linalg.svd(points - middle, full_matrices=False)
+    if size[1] <= _LINE * size[0]:
+        return None
+    axes = axes * np.array([1.0, 1.0, np.linalg.det(axes)])[:, None]
+    local = (points - middle) @ axes.T
+    flat = size[2] <= _FLAT * size[0]
+    matrix = _linear(local[:, :2] if flat else local, seen)
+    if matrix is None:
+        return None
+    columns, shift = matrix[:, :-1], matrix[:, -1]
+    if flat:
+        columns = np.column_stack([columns, np.zeros(3)])
+        length = np.linalg.norm(columns[:, :2], axis=0).mean()
+        columns[:, 2] = np.cross(columns[:, 0], columns[:, 1]) / length
+    else:
+        length = np.linalg.svd(columns, compute_uv=False).mean()
+    # A homography has no sign: what is seen is ahead.
+    sign = np.sign(shift[2]) or 1.0
+    columns = columns * (np.array([sign, sign, 1.0]) if flat else sign)
+    u, _, v = np.linalg.svd(columns)
+    turn = (u * np.array([1.0, 1.0, np.linalg.det(u @ v)])) @ v @ axes
+    position = sign * shift / length
+    if not np.isfinite(position).all():
+        return None
+    turn, position = _refined(points - middle, seen, turn, position)
+    return turn, position - turn @ middle
+
+
+def _refined(
+    points: FloatArray, seen: FloatArray, rotation: FloatArray, position: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """The pose of least reprojection error, by Gauss and Newton from one that is near.
+
+    A step that does not help ends it: what is near is then the answer.
+    """
+    best, error = (rotation, position), np.inf
+    for _ in range(_STEPS):
+        turned = points @ rotation.T
+        x, y, z = (turned + position).T
+        residual = np.column_stack([x / z, y / z]) - seen
+        squared = float(np.sum(residual**2))
+        if not (squared < error and (z > 0).all()):
+            break
+        best, settled = (rotation, position), error - squared <= _SETTLED * squared
+        error = squared
+        if settled:
+            break
+        by_point = np.zeros((len(points), 2, 3))
+        by_point[:, 0, 0] = by_point[:, 1, 1] = 1.0 / z
+        by_point[:, 0, 2], by_point[:, 1, 2] = -x / z**2, -y / z**2
+        # The point moves with the position, and with a turn about the camera's axes.
+        jacobian = np.concatenate([by_point, -by_point @ skew(turned)], axis=2).reshape(-1, 6)
+        step = np.linalg.lstsq(jacobian, -residual.ravel(), rcond=None)[0]
+        rotation, position = rotation_from_vector(step[3:]) @ rotation, position + step[:3]
+    return best
+
+
+def _linear(points: FloatArray, seen: FloatArray) -> FloatArray | None:
+    """(3, d + 1) that takes points (k, d) to homogeneous coordinates of what is seen (k, 2).
+
+    Up to a factor; None where several do.
+    """
+    k, dimension = points.shape
+    if k < (PLANAR if dimension == 2 else SPATIAL):
+        return None
+    to_points, to_seen = _unit_size(points), _unit_size(seen)
+    source = np.column_stack([points, np.ones(k)]) @ to_points.T
+    target = np.column_stack([seen, np.ones(k)]) @ to_seen.T
+    width = dimension + 1
+    rows = np.zeros((k, 2, 3 * width))
+    rows[:, 0, :width] = rows[:, 1, width : 2 * width] = source
+    rows[:, :, 2 * width :] = -target[:, :2, None] * source[:, None, :]
+    _, singular, vectors = np.linalg.svd(rows.reshape(2 * k, -1))
+    if not np.isfinite(singular).all() or singular[3 * width - 2] <= _SINGULAR * singular[0]:
+        return None
+    found = vectors[-1].reshape(3, width)
+    return np.asarray(np.linalg.solve(to_seen, found @ to_points))
+
+
+def _unit_size(points: FloatArray) -> FloatArray:
+    """Homogeneous matrix that brings points (k, d) to their middle and to unit size."""
+    dimension, middle = points.shape[1], points.mean(axis=0)
+    scale = 1.0 / max(float(np.sqrt(np.mean((points - middle) ** 2))), 1e-300)
+    matrix = np.eye(dimension + 1)
+    matrix[:dimension] = scale * np.column_stack([np.eye(dimension), -middle])
+    return matrix
+
+
+def closed_form_intrinsics(
+    boards: Sequence[FloatArray], pictures: Sequence[FloatArray]
+) -> FloatArray | None:
+    """fx, fy, cx, cy (4,), px, from pictures of a plane: Zhang (2000), doi:10.1109/34.888718.
+
+    Without skew. Where the pictures do not tell the principal point, it is the middle of what was
+    seen, and pixels are square.
+
+    Args:
+        boards: (k, 3) points in the plane z = 0 of the board, m, of each picture.
+        pictures: (k, 2) where they were seen, px.
+
+    Returns:
+        None where not even the focal length is told: pictures that all look straight at the board.
+    """
+    every = np.concatenate(pictures)
+    middle, size = (every.min(axis=0) + every.max(axis=0)) / 2.0, float(np.ptp(every, axis=0).max())
+    found = (_linear(b[:, :2], (p - middle) / size) for b, p in zip(boards, pictures, strict=True))
+    rows = [row for H in found if H is not None for row in _conic_rows(H / np.linalg.norm(H))]
+    if not rows:
+        return None
+    for answer in (_free_centre(np.array(rows)), _given_centre(np.array(rows))):
+        if answer is not None:
+            focal, centre = answer[:2] * size, answer[2:] * size + middle
+            return np.concatenate([focal, centre])
+    return None
+
+
+def _conic_rows(H: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """What one homography says of the image of the absolute conic: B11 B22 B13 B23 B33 (5,)."""
+
+    def row(i: int, j: int) -> FloatArray:
+        a, b = H[:, i], H[:, j]
+        mixed = (a[0] * b[2] + a[2] * b[0], a[1] * b[2] + a[2] * b[1])
+        return np.array([a[0] * b[0], a[1] * b[1], *mixed, a[2] * b[2]])
+
+    return row(0, 1), row(0, 0) - row(1, 1)
+
+
+def _free_centre(rows: FloatArray) -> FloatArray | None:
+    """fx, fy, cx, cy in units of the picture, from three homographies or more."""
+    if len(rows) < 6:
+        return None
+    b11, b22, b13, b23, b33 = np.linalg.svd(rows)[2][-1]
+    if not (b11 * b22 > 0):
+        return None
+    cx, cy = -b13 / b11, -b23 / b22
+    scale = b33 - b11 * cx**2 - b22 * cy**2
+    squared = np.array([scale / b11, scale / b22])
+    if not (squared > 0).all() or np.hypot(cx, cy) > _OFF_CENTRE:
+        return None
+    return np.array([*np.sqrt(squared), cx, cy])
+
+
+def _given_centre(rows: FloatArray) -> FloatArray | None:
+    """One focal length, with the principal point in the middle."""
+    of_focal, constant = rows[:, 0] + rows[:, 1], rows[:, 4]
+    square = float(of_focal @ of_focal)
+    inverse = -float(of_focal @ constant) / square if square > 0 else 0.0
+    return np.array([inverse**-0.5, inverse**-0.5, 0.0, 0.0]) if inverse > 0 else None

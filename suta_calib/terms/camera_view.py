@@ -1,0 +1,639 @@
+"""A camera sees a board: reprojection of its corners, with the camera's own errors if wanted."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any, ClassVar, Final, Literal, Self
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from suta_calib.arrays import BoolArray, FloatArray, IntArray
+from suta_calib.errors import BoardError, SamplesError
+from suta_calib.geometry.pinhole import (
+    CENTRE,
+    DISTORTION,
+    FOCAL,
+    INTRINSICS,
+    pixel_of,
+    projected,
+    undistorted,
+)
+from suta_calib.geometry.symbols import Symbol
+from suta_calib.measurements import (
+    Board,
+    Camera,
+    Chessboard,
+    Corners,
+    SampleColumns,
+    YamlSection,
+    read_board,
+    read_camera,
+    read_corners,
+)
+from suta_calib.measurements.csv_table import SutaCalibWarning
+from suta_calib.model.parameters import Parameter
+from suta_calib.terms.block import LEARNT, Block, Noise, Pose, pose_of
+from suta_calib.terms.camera_start import PLANAR, board_pose, closed_form_intrinsics
+from suta_calib.terms.hand_eye_start import (
+    Poses,
+    close_the_loop,
+    inverse_poses,
+    loop_closures,
+    quaternion_hand_eye,
+)
+from suta_calib.terms.poses import PoseSource
+from suta_calib.terms.term import (
+    Gap,
+    Medium,
+    Observed,
+    Resimulation,
+    Setup,
+    Term,
+    TrueFrame,
+    pose_named,
+    pose_parameters,
+    pose_values,
+)
+from suta_calib.words import listed
+
+Where = Literal["eye-in-hand", "eye-to-hand"]
+EYE_IN_HAND: Final[Where] = "eye-in-hand"
+EYE_TO_HAND: Final[Where] = "eye-to-hand"
+# Pictures that determine where camera and board are.
+FEWEST: Final = 3
+# Nearest that a point is taken to be to a camera while a solver looks for it, m.
+_NEAREST: Final = 1e-3
+# Cosine of the steepest angle at which a board is still found.
+_GRAZING: Final = 0.25
+# Loops that are this many times as far off as the middle one start nothing.
+_STRANGE: Final = 4.0
+_ROUNDS: Final = 3
+# What is known of a camera at least as badly as this, px or 1: a prior of zero width is none.
+_FINEST: Final = 1e-4
+# Names of images that an error quotes.
+_QUOTED: Final = 3
+
+
+@dataclass(frozen=True)
+class IntrinsicsPrior:
+    """How far the intrinsics of a camera may be from what is known of them: standard deviations.
+
+    Attributes:
+        focal: of the focal lengths, part of them.
+        centre: of the principal point, part of the picture's width.
+        radial: of k1, k2 and k3.
+        tangential: of p1 and p2.
+        unbent: whether coefficients that are exactly zero are no part of the camera's model, as in
+            rectified pictures.
+    """
+
+    focal: float
+    centre: float
+    radial: float
+    tangential: float
+    unbent: bool
+
+    def stds(self, camera: Camera) -> FloatArray:
+        """(9,) in the order of `geometry.pinhole.INTRINSICS`, px and 1."""
+        focal, centre = self.focal * camera.intrinsics[:2], self.centre * camera.width
+        bent = np.array([self.radial, self.radial, self.tangential, self.tangential, self.radial])
+        if self.unbent:
+            bent[camera.intrinsics[4:] == 0.0] = 0.0
+        return np.concatenate([focal, [centre, centre], bent])
+
+
+# Of a camera that somebody calibrated without saying how well, such as by twenty pictures; pixels
+# may be counted from 0, 1 or corners. Where pictures contradict it, `solver.weights` widens it.
+CALIBRATED: Final = IntrinsicsPrior(
+    focal=1e-3, centre=1e-3, radial=0.02, tangential=5e-4, unbent=True
+)
+# Of a camera that nobody has calibrated.
+UNCALIBRATED: Final = IntrinsicsPrior(
+    focal=0.3, centre=0.1, radial=0.3, tangential=0.02, unbent=False
+)
+
+# What a kind that nobody has set up looks at, and with what: a board and a camera as they are.
+_BOARD: Final = Chessboard(7, 5, 0.03)
+_CAMERA: Final = Camera(1280, 960, np.array([1000.0, 1000.0, 639.5, 479.5, 0, 0, 0, 0, 0]))
+
+
+def _reprojection(in_eye: Symbol, intrinsics: Symbol, data: Symbol) -> Symbol:
+    """Error of a corner, as the length that it covers at the board; data: u v x y z m/px."""
+    depth = ca.fmax(in_eye[2], _NEAREST)
+    u, v = pixel_of(in_eye[0], in_eye[1], depth, intrinsics)
+    return data[5] * ca.vertcat(u - data[0], v - data[1])
+
+
+def _seen_from_hand(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
+    """The board's point in an eye on the hand."""
+    in_hand = poses[0].inverse_act(_on_board(own, data))
+    return pose_of(own[0:6]).inverse_act(in_hand)
+
+
+def _seen_from_base(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
+    """The point of a board on the hand in an eye that stands."""
+    in_base = poses[0].R @ _on_board(own, data) + poses[0].p
+    return pose_of(own[0:6]).inverse_act(in_base)
+
+
+def _on_board(own: Symbol, data: Symbol) -> Symbol:
+    board = pose_of(own[6:12])
+    return board.R @ data[2:5] + board.p
+
+
+# Every residual is a function of its own: what was compiled for it is found again by it.
+def _known_in_hand(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
+    return _reprojection(_seen_from_hand(poses, own, data), data[6:15], data)
+
+
+def _known_beside(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
+    return _reprojection(_seen_from_base(poses, own, data), data[6:15], data)
+
+
+def _unknown_in_hand(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
+    return _reprojection(_seen_from_hand(poses, own, data), own[12:21], data)
+
+
+def _unknown_beside(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
+    return _reprojection(_seen_from_base(poses, own, data), own[12:21], data)
+
+
+_RESIDUALS: Final = {
+    (EYE_IN_HAND, False): _known_in_hand,
+    (EYE_IN_HAND, True): _unknown_in_hand,
+    (EYE_TO_HAND, False): _known_beside,
+    (EYE_TO_HAND, True): _unknown_beside,
+}
+
+
+@dataclass(frozen=True, eq=False)
+class CameraView(Term):
+    """``π((T_base_hand,i X)⁻¹ Z p_k) - u_ik`` for every corner k that is seen in picture i.
+
+    π is the pinhole with distortion; X = ``T_hand_eye`` and Z = ``T_base_board`` are unknown. With
+    the camera beside the arm X = ``T_base_eye``, Z = ``T_hand_board``, and the board's point in the
+    eye ``X⁻¹ T_base_hand,i Z p_k``.
+
+    Errors are in pixels; so that they stand beside other kinds' lengths, a pixel counts as what it
+    covers at the typical distance of the board: a constant factor. Corners of one picture share
+    where the arm really was: they are one witness.
+
+    Attributes:
+        poses: samples, one for each picture, with the corners seen in it.
+        board: whose points are seen.
+        camera: its intrinsics as they are known, and how well.
+        setup: the camera is on the hand, or beside the arm.
+        free: whether the intrinsics are estimated too, from what is known of them as prior.
+        pixel: length that a pixel covers at the board, m.
+        noise: scatter and robustness of a corner, m at the board.
+        label: terms with the same label share the camera.
+        target: terms with the same one share the board.
+        prior: of the intrinsics (9,), standard deviations.
+
+    Raises:
+        SamplesError: no corner in any picture, or corners of another board.
+    """
+
+    kind: ClassVar[str] = "camera_view"
+    about: ClassVar[str] = (
+        "a camera on the tip saw a board, or one beside the arm a board on the tip (setup: "
+        "eye-to-hand): where its corners are in the pictures, as suta-calib detect finds them; "
+        "intrinsics: free corrects the camera too"
+    )
+    columns: ClassVar[SampleColumns] = SampleColumns(labels=("image",))
+    medium: ClassVar[Medium] = "camera"
+    has_angles: ClassVar[bool] = False
+    keys: ClassVar[tuple[str, ...]] = (
+        *("corners", "board", "camera", "setup", "intrinsics", "target"),
+        *("sigma_px", "huber_px"),
+    )
+    required: ClassVar[tuple[str, ...]] = ("corners", "board")
+    measured_keys: ClassVar[tuple[str, ...]] = (
+        *("corners", "intrinsics", "target", "sigma_px", "huber_px"),
+    )
+    unit: ClassVar[Literal["mm", "px"]] = "px"
+    files: ClassVar[Mapping[str, str]] = {
+        "corners.csv": "image,point,u,v\n",
+        "board.yaml": "# Inner corners: columns, rows. Other types: charuco, markers.\n"
+        "type: chessboard\ncorners: [7, 5]\nsquare_mm: 30\n",
+        "camera.yaml": "# As ROS or OpenCV calibrated it.\nimage_width: 1280\nimage_height: 960\n"
+        "camera_matrix: {rows: 3, cols: 3, data: [1000, 0, 639.5, 0, 1000, 479.5, 0, 0, 1]}\n"
+        "distortion_model: plumb_bob\n"
+        "distortion_coefficients: {rows: 1, cols: 5, data: [0, 0, 0, 0, 0]}\n",
+    }
+    groupings: ClassVar[Mapping[str, tuple[str, ...]]] = {"image": ("image",), "row": ()}
+    frames: ClassVar[tuple[TrueFrame, ...]] = (
+        TrueFrame("hand_eye", "camera_pose", required=True),
+        TrueFrame("target", "board_pose", required=True),
+    )
+    chance: ClassVar[float] = 0.02
+    leaves_open: ClassVar[Mapping[Gap, tuple[str, str]]] = {
+        "tool": (
+            "moves the tip in the last link, and with it nothing that the camera sees: the "
+            "unknown pose of what is on the tip makes up for it",
+            "touch one fixed point from several directions (fixed_point), or leave it at nominal "
+            "if only the camera matters",
+        )
+    }
+
+    board: Board = _BOARD
+    camera: Camera = _CAMERA
+    setup: Where = EYE_IN_HAND
+    free: bool = False
+    pixel: float = 1e-3
+    noise: Noise = LEARNT
+    label: str = "default"
+    target: str = "default"
+    prior: FloatArray | None = None
+
+    @classmethod
+    def over(cls, poses: PoseSource, setup: Setup) -> CameraView:
+        """Build it from a row of a job file.
+
+        Raises:
+            InputError: corners that cannot be used, or that belong to no sample.
+        """
+        given = dict(setup.settings)
+        board, camera = given.get("board", _BOARD), given.get("camera")
+        corners: Path | None = given.get("corners")
+        if corners is not None:
+            found = read_corners(corners)
+            found.check(board, camera)
+            poses = with_corners(poses, found, board)
+            if camera is None:
+                camera = closed_form_camera(found, board)
+                given.setdefault("prior", UNCALIBRATED.stds(camera))
+        camera = _CAMERA if camera is None else camera
+        term = cls(
+            poses,
+            board,
+            camera,
+            given.get("setup", EYE_IN_HAND),
+            given.get("free", False),
+            given.get("pixel", 1e-3),
+            setup.noise,
+            setup.label,
+            given.get("target", "default"),
+            given.get("prior"),
+        )
+        if "pixel" not in given and poses.samples.pixels is not None:
+            term = term.at_its_distance()
+        noise: Noise | None = given.get("noise")
+        return term if noise is None else term.with_noise(noise)
+
+    @classmethod
+    def read_settings(cls, row: YamlSection) -> dict[str, Any]:
+        """Board, camera, where it is, and the noise in pixels; the corners' file as it is named.
+
+        Raises:
+            InputError: a file or a value that cannot be used.
+        """
+        found: dict[str, Any] = {"board": read_board(row.existing_file("board"))}
+        if "camera" in row:
+            found["camera"] = read_camera(row.existing_file("camera"))
+        if "corners" in row:
+            found["corners"] = row.existing_file("corners")
+        found["setup"] = row.choice("setup", (EYE_IN_HAND, EYE_TO_HAND), EYE_IN_HAND)
+        known = "fixed" if "camera" in row else "free"
+        found["free"] = row.choice("intrinsics", ("fixed", "free"), known) == "free"
+        if not found["free"] and "camera" not in row:
+            hint = "name the camera's file, or set intrinsics: free"
+            raise row.refuse("no camera for intrinsics: fixed", at=("camera",), hint=hint)
+        found["target"] = row.text("target", default="default")
+        sigma = row.optional_number("sigma_px", "positive")
+        huber = row.optional_number("huber_px", "positive")
+        fixed = sigma is not None and row.flag("fixed")
+        found["noise"] = Noise(sigma, np.inf if huber is None else huber, fixed)
+        return found
+
+    @property
+    def settings(self) -> Mapping[str, Any]:
+        """Board, camera and where it is."""
+        return {
+            "board": self.board,
+            "camera": self.camera,
+            "setup": self.setup,
+            "free": self.free,
+            "pixel": self.pixel,
+            "target": self.target,
+            "prior": self.prior,
+        }
+
+    def with_noise(self, noise: Noise) -> Self:
+        """The same with another noise, in px."""
+        sigma = None if noise.sigma is None else noise.sigma * self.pixel
+        return replace(self, noise=Noise(sigma, noise.huber * self.pixel, noise.fixed))
+
+    def at_its_distance(self) -> Self:
+        """The same with the length that a pixel covers where the board typically is."""
+        _, position = self.seen_poses
+        depth = position[:, 2]
+        focal = float(np.sqrt(self.camera.intrinsics[0] * self.camera.intrinsics[1]))
+        told = depth[np.isfinite(depth) & (depth > 0)]
+        return replace(self, pixel=float(np.median(told)) / focal) if len(told) else self
+
+    @property
+    def frames_named(self) -> tuple[str, str, str]:
+        """Owners of the camera's pose, of the board's, and of the intrinsics."""
+        camera = "" if self.label == "default" else f"[{self.label}]"
+        board = "" if self.target == "default" else f"[{self.target}]"
+        return f"hand_eye{camera}", f"target{board}", f"camera{camera}"
+
+    @cached_property
+    def own(self) -> tuple[Parameter, ...]:
+        """Poses of camera and board, and the intrinsics where they are free."""
+        eye, board, camera = self.frames_named
+        poses = (*pose_parameters(eye), *pose_parameters(board))
+        if not self.free:
+            return poses
+        known = self.camera.stds if self.prior is None else self.prior
+        stds = CALIBRATED.stds(self.camera) if known is None else known
+        values = zip(INTRINSICS, self.camera.intrinsics.tolist(), stds.tolist(), strict=True)
+        return (
+            *poses,
+            *(
+                Parameter(
+                    camera,
+                    key,
+                    "px" if key in (*FOCAL, *CENTRE) else "1",
+                    value,
+                    prior=max(std, _FINEST),
+                    prior_fixed=self.prior is not None,
+                )
+                for key, value, std in values
+            ),
+        )
+
+    @cached_property
+    def pixels(self) -> FloatArray:
+        """(n, points, 2) of the samples; the origin for samples that nobody has looked at."""
+        seen = self.poses.samples.pixels
+        count = len(self.board.points)
+        if seen is None:
+            return np.zeros((len(self.poses), count, 2))
+        if seen.shape[1] != count:
+            raise SamplesError(
+                f"pixels of {seen.shape[1]} points", f"of the board's {count}", where=self.kind
+            )
+        return seen
+
+    @cached_property
+    def points(self) -> FloatArray:
+        """(points, 3) of the board, m."""
+        return np.array(list(self.board.points.values()))
+
+    @cached_property
+    def blocks(self) -> tuple[Block, ...]:
+        """Reprojection errors, one row for each corner in each picture."""
+        sample, point = np.nonzero(np.isfinite(self.pixels).all(axis=2))
+        if not len(sample):
+            raise SamplesError("no corner in any picture", "corners of the board", where=self.kind)
+        n = len(sample)
+        data = [self.pixels[sample, point], self.points[point], np.full((n, 1), self.pixel)]
+        if not self.free:
+            data.append(np.tile(self.camera.intrinsics, (n, 1)))
+        numbers, names = np.array(list(self.board.points)), np.array(self._names)
+        return (
+            Block(
+                "reprojection",
+                "m",
+                2,
+                _RESIDUALS[self.setup, self.free],
+                sample[:, None],
+                np.tile(np.arange(len(self.own)), (n, 1)),
+                np.hstack(data),
+                self.noise,
+                np.zeros(n),
+                tuple(
+                    f"{name} corner {k}"
+                    for name, k in zip(names[sample], numbers[point], strict=True)
+                ),
+                pixel=self.pixel,
+            ),
+        )
+
+    @property
+    def _names(self) -> Sequence[str]:
+        """Of the pictures."""
+        samples = self.poses.samples
+        return samples.labels["image"].tolist() if "image" in samples.labels else samples.origin
+
+    def readings(self, block: Block) -> IntArray:
+        """A corner that is seen again at the same rest is the same reading."""
+        sample, point = np.nonzero(np.isfinite(self.pixels).all(axis=2))
+        del block
+        return np.column_stack([self.poses.rests[sample], point])
+
+    def observed(self, values: Mapping[str, float], poses: PoseSource) -> Observed:
+        """The board in the camera, and its corners in the picture where they would be found."""
+        rotation, position = self._in_eye(values, poses)
+        points = np.einsum("nij,kj->nki", rotation, self.points) + position[:, None]
+        camera = self._camera_at(values)
+        ahead = points[..., 2] > _NEAREST
+        safe = np.where(ahead[..., None], points, [0.0, 0.0, 1.0])
+        pixels = projected(safe, camera.intrinsics)
+        inside = camera.inside(pixels.reshape(-1, 2)).reshape(ahead.shape)
+        # Distortion folds back into the picture what is far outside: an ideal lens tells that.
+        straight = np.concatenate([camera.intrinsics[:4], np.zeros(len(DISTORTION))])
+        room = np.array([camera.width, camera.height])
+        near = np.all(np.abs(projected(safe, straight) - room / 2) < room, axis=2)
+        shown = ahead & inside & near & self._faces(rotation, position)[:, None]
+        return Observed(position, rotation, np.where(shown[..., None], pixels, np.nan))
+
+    def _faces(self, rotation: FloatArray, position: FloatArray) -> BoolArray:
+        """(n,) whether a flat board shows its face; one that is not flat always shows some."""
+        if np.ptp(self.points[:, 2]) > 0:
+            return np.ones(len(position), dtype=np.bool_)
+        middle = position + rotation @ self.points.mean(axis=0)
+        distance = np.maximum(np.linalg.norm(middle, axis=1), 1e-300)
+        cosine = np.einsum("ni,ni->n", rotation[:, :, 2], middle) / distance
+        return np.asarray(cosine > _GRAZING)
+
+    def _camera_at(self, values: Mapping[str, float]) -> Camera:
+        """The camera with the intrinsics that these values have, or with its own."""
+        owner, known = self.frames_named[2], self.camera.values
+        found = [values.get(f"{owner}.{key}", known[key]) for key in INTRINSICS]
+        return replace(self.camera, intrinsics=np.array(found))
+
+    def _in_eye(self, values: Mapping[str, float], poses: PoseSource) -> Poses:
+        """``T_eye_board`` of every sample."""
+        eye, board, _ = self.frames_named
+        (R_eye, p_eye), (R_board, p_board) = pose_named(values, eye), pose_named(values, board)
+        hand = poses.at(values)
+        rotation, position = hand if self.setup == EYE_TO_HAND else inverse_poses(hand)
+        return R_eye.T @ rotation @ R_board, (rotation @ p_board + position - p_eye) @ R_eye
+
+    def resimulated(
+        self, values: Mapping[str, float], noise: Sequence[float], again: Resimulation
+    ) -> Self:
+        """The same corners of the same pictures, or those that are in sight where none were."""
+        ideal = self.observed(values, self.poses)
+        assert ideal.pixels is not None
+        seen = self.poses.samples.pixels
+        if seen is not None:
+            pixels = np.where(np.isfinite(seen), self._everywhere(values), np.nan)
+            ideal = replace(ideal, pixels=pixels)
+        return self.over_poses(again.seen(self.poses, ideal, [noise[0] / self.pixel]))
+
+    def _everywhere(self, values: Mapping[str, float]) -> FloatArray:
+        """(n, points, 2) pixels, whether they are in the picture or not."""
+        rotation, position = self._in_eye(values, self.poses)
+        points = np.einsum("nij,kj->nki", rotation, self.points) + position[:, None]
+        points[..., 2] = np.maximum(points[..., 2], _NEAREST)
+        return projected(points, self._camera_at(values).intrinsics)
+
+    @cached_property
+    def seen_poses(self) -> Poses:
+        """``T_eye_board`` of every picture, by its own corners; NaN where they do not tell it."""
+        n = len(self.poses)
+        rotation, position = np.full((n, 3, 3), np.nan), np.full((n, 3), np.nan)
+        for row, pixels in enumerate(self.pixels):
+            there = np.isfinite(pixels).all(axis=1)
+            if there.sum() >= PLANAR:
+                straight = undistorted(pixels[there], self.camera.intrinsics)
+                found = board_pose(self.points[there], straight)
+                if found is not None:
+                    rotation[row], position[row] = found
+        return rotation, position
+
+    def start(self, rotation: FloatArray, position: FloatArray) -> FloatArray:
+        """Poses of the board by every picture; quaternions of motions; the mean of the loops.
+
+        Pictures whose loops are far from the middle one, such as a board that was taken to be
+        turned, are left out of it.
+        """
+        told = np.isfinite(self.seen_poses[1][:, 0])
+        hand = (rotation, position)
+        if self.setup == EYE_TO_HAND:
+            hand = inverse_poses(hand)
+        X, Z = _start(_some(hand, told), _some(self.seen_poses, told))
+        found = [pose_values(*X), pose_values(*Z)]
+        if self.free:
+            found.append(self.camera.intrinsics)
+        return np.concatenate(found)
+
+    def check_enough(self) -> None:
+        """Three pictures at least of which each tells where the board is, at different places."""
+        told = int(np.isfinite(self.seen_poses[1][:, 0]).sum())
+        if told < FEWEST:
+            raise SamplesError(
+                f"{told} pictures that tell where the board is",
+                f"at least {FEWEST}, each with {PLANAR} corners or more that are not on a line",
+                where=self.kind,
+            )
+
+
+def _some(poses: Poses, rows: BoolArray) -> Poses:
+    return poses[0][rows], poses[1][rows]
+
+
+def _start(hand: Poses, seen: Poses) -> tuple[Poses, Poses]:
+    """X and Z of ``A_i X B_i = Z``, of the pairs that agree."""
+    nothing = np.eye(3), np.zeros(3)
+    if len(hand[1]) < 2:
+        return nothing, nothing
+    kept = np.ones(len(hand[1]), dtype=np.bool_)
+    for _ in range(_ROUNDS):
+        A, B = _some(hand, kept), _some(seen, kept)
+        X = quaternion_hand_eye(A, B)
+        Z = close_the_loop(A, X, B)
+        R, p = loop_closures(hand, X, seen)
+        apart = np.linalg.norm(p - np.median(p, axis=0), axis=1)
+        turned = np.linalg.norm(R - Z[0], axis=(1, 2))
+        agreeing = np.ones_like(kept)
+        for off in (apart, turned):
+            agreeing &= off <= _STRANGE * max(float(np.median(off)), 1e-9)
+        if agreeing.sum() < FEWEST or np.array_equal(agreeing, kept):
+            break
+        kept = agreeing
+    return X, Z
+
+
+def with_corners(poses: PoseSource, corners: Corners, board: Board) -> PoseSource:
+    """Poses whose samples hold the corners that were seen in their pictures.
+
+    Args:
+        poses: with the label ``image``.
+        corners: of any pictures; those of others are left out.
+        board: whose points they are.
+
+    Returns:
+        The poses of pictures that have corners.
+
+    Warns:
+        SutaCalibWarning: some pictures have none.
+
+    Raises:
+        SamplesError: no picture has any.
+    """
+    images: NDArray[np.str_] = poses.samples.labels["image"]
+    there = np.isin(images, corners.image)
+    if not there.any():
+        raise SamplesError(
+            f"images {_quoted(images)} in the samples and {_quoted(corners.image)} in the corners",
+            "the same names in both",
+            file=corners.path,
+            where="column 'image'",
+        )
+    if not there.all():
+        lost = images[~there]
+        warnings.warn(
+            f"{corners.path}: no corners of {len(lost)} of {len(images)} images "
+            f"({_quoted(lost)}): they are left out",
+            SutaCalibWarning,
+            stacklevel=2,
+        )
+        poses, images = poses.take(there), images[there]
+    numbers = {number: k for k, number in enumerate(board.points)}
+    table = np.full((len(images), len(numbers), 2), np.nan)
+    columns = np.array([numbers[int(number)] for number in corners.point], dtype=np.intp)
+    for row, image in enumerate(images):
+        mine = corners.image == image
+        table[row, columns[mine]] = corners.pixel[mine]
+    return poses.with_samples(replace(poses.samples, pixels=table))
+
+
+def _quoted(names: NDArray[np.str_]) -> str:
+    """The first few different ones."""
+    different = list(dict.fromkeys(names.tolist()))
+    quoted = different[:_QUOTED]
+    return listed(quoted) if len(different) == len(quoted) else ", ".join([*quoted, "…"])
+
+
+def closed_form_camera(corners: Corners, board: Board) -> Camera:
+    """A camera as its pictures of a flat board show it, without distortion.
+
+    Its picture is taken to end where the corners do: its real size is in none of them.
+
+    Raises:
+        SamplesError: pictures that do not tell the focal length, or a board that is not flat.
+    """
+    boards, pictures = [], []
+    for image in corners.images:
+        mine = corners.take(corners.image == image)
+        points = board.positions(mine.point)
+        if np.ptp(points[:, 2]) > 0:
+            raise BoardError(
+                "a board that is not flat",
+                "a flat one, where no camera is given",
+                hint="calibrate the camera first, and name its file",
+            )
+        boards.append(points)
+        pictures.append(mine.pixel)
+    found = closed_form_intrinsics(boards, pictures)
+    if found is None:
+        raise SamplesError(
+            "pictures that do not tell the focal length",
+            "a board that is seen at a slant, in several directions",
+            file=corners.path,
+            hint="or give the camera's file",
+        )
+    width, height = (int(size) + 1 for size in corners.pixel.max(axis=0))
+    intrinsics = np.concatenate([found, np.zeros(len(DISTORTION))])
+    return Camera(width, height, intrinsics)
