@@ -20,7 +20,7 @@ ROWS = (
     {"diagnostics"},
     {"job"},
     {"pose_calibration"},
-    {"stereotactic", "analysis", "certification"},
+    {"stereotactic", "analysis", "certification", "vision"},
     {"device"},
     {"emulation", "acquisition", "tracking"},
     {"report"},
@@ -32,6 +32,7 @@ ONLY = {
     "model": {"model"} | ROWS[0] | ROWS[1],
     "measurements": {"measurements"} | ROWS[0] | ROWS[1],
     "device": {"device", "measurements"} | ROWS[0] | ROWS[1],
+    "vision": {"vision", "measurements"} | ROWS[0] | ROWS[1],
 }
 
 

@@ -34,6 +34,7 @@ COMMANDS: Final = {
     "init": "Start a job for a URDF: commented files to fill in.",
     "simulate": "Simulate measurements of an arm with known errors.",
     "pivot": "The tip of a tracked tool that pivots on a point.",
+    "detect": "A board's corners in pictures, and the camera.",
     "hand-eye": "Where a camera is: AX=XB or AX=ZB.",
     "register": "A rigid transform between corresponding points.",
     "stereotactic": "Two trackers, distortion and CT: JHU files.",

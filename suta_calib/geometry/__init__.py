@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     from suta_calib.geometry.numbers import skew as skew
     from suta_calib.geometry.numbers import vector_from_rotation as vector_from_rotation
     from suta_calib.geometry.numbers import wrap as wrap
+    from suta_calib.geometry.pinhole import projected as projected
+    from suta_calib.geometry.pinhole import undistorted as undistorted
     from suta_calib.geometry.symbols import symbolic_chordal_log as symbolic_chordal_log
     from suta_calib.geometry.symbols import symbolic_rotation as symbolic_rotation
     from suta_calib.geometry.symbols import symbolic_skew as symbolic_skew

@@ -1,0 +1,83 @@
+"""``suta-calib detect``: from a folder of pictures to corners, and the camera."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from suta_calib.atomic import check_outputs
+from suta_calib.cli._options import PATH, WRITTEN, Folder
+from suta_calib.cli._output import LateProgress, answer_command
+from suta_calib.errors import BoardError, OutputError
+from suta_calib.report.document import Document
+
+
+@answer_command
+@click.argument("images", type=PATH, metavar="IMAGES…", nargs=-1, required=True)
+@click.option("--board", type=PATH, metavar="BOARD.yaml", required=True, help="What is to be seen.")
+@click.option("--out", "file", type=WRITTEN, metavar="CORNERS.csv", help="The corners' file.")
+@click.option(
+    "--camera",
+    "known",
+    type=PATH,
+    metavar="CAMERA.yaml",
+    help="The camera, if it is calibrated; from these pictures without.",
+)
+@click.option("--camera-out", type=WRITTEN, metavar="CAMERA.yaml", help="The calibrated camera.")
+@click.option(
+    "--report",
+    "out",
+    type=Folder(),
+    metavar="DIR",
+    help="Write detect.json, detect.svg and report.html there.",
+)
+@click.option("--pictures", is_flag=True, help="And each picture, with what was found in it.")
+def detect(
+    images: tuple[Path, ...],
+    board: Path,
+    file: Path | None,
+    known: Path | None,
+    camera_out: Path | None,
+    pictures: bool,
+) -> Document:
+    """Find a board's corners in pictures, and calibrate the camera that took them.
+
+    IMAGES are files, or folders of them. A picture that cannot be used is named and left out. The
+    files of corners and camera are those that `hand-eye --corners` and jobs of camera_view read.
+    Exits with 1 where the camera's file does not fit, or the pictures determine no camera.
+    """
+    from suta_calib.measurements import read_board, read_camera, write_camera, write_corners
+    from suta_calib.report.detect import detect_document
+    from suta_calib.vision import detect as detected
+    from suta_calib.vision import find_pictures
+
+    if known is not None and camera_out is not None:
+        raise click.UsageError(
+            "--camera says which camera it is, and --camera-out asks for it: give one of them"
+        )
+    if pictures and click.get_current_context().params["out"] is None:
+        raise click.UsageError("--pictures needs a folder to write them into: give --report")
+    outputs = [each for each in (file, camera_out) if each is not None]
+    for each in outputs:
+        if not each.parent.is_dir() or each.is_dir():
+            what = "a folder" if each.is_dir() else f"no folder {each.parent}"
+            raise OutputError(f"{each}: found {what}; expected a file in a folder that exists")
+    found_files = find_pictures(images)
+    check_outputs(outputs, [board, known, *(each.path for each in found_files)])
+    sought = read_board(board)
+    camera = None if known is None else read_camera(known)
+    with LateProgress("searching") as progress:
+        try:
+            found = detected(found_files, sought, camera, progress=progress)
+        except BoardError as problem:
+            raise BoardError.of(problem, board, problem.line) from None
+    answer = detect_document(found, pictures=pictures)
+    written: dict[str, str] = {}
+    if file is not None and found.assessment.usable:
+        write_corners(file, found.corners)
+        written["corners_file"] = str(file)
+    if camera_out is not None and found.fit is not None and found.assessment.usable:
+        write_camera(camera_out, found.fit.camera)
+        written["camera_file"] = str(camera_out)
+    return answer.with_data(**written, input=[str(path) for path in images])

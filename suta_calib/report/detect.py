@@ -1,0 +1,160 @@
+"""Corners found in pictures, told: which pictures show the board, and the camera they make."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from suta_calib.geometry.pinhole import INTRINSICS
+from suta_calib.report.document import Document, Figure, File, Part, ShownOnly, Text
+from suta_calib.report.listing import Column, Json, Listing
+from suta_calib.report.svg import BLUE, GREY, WIDTH, picture, svg_text
+from suta_calib.units import Unit, text
+
+if TYPE_CHECKING:
+    from suta_calib.measurements import Camera
+    from suta_calib.vision import Detection, View
+
+NAME: Final = "detect"
+# Most pictures of a table on a console; JSON and the page have all.
+_MOST_ROWS: Final = 40
+# Most corners that are drawn, as a drawing of more is many megabytes.
+_MOST_MARKS: Final = 5000
+_PIXELS: Final = frozenset({"fx", "fy", "cx", "cy"})
+
+VIEWS: Final = Listing["View"](
+    "Pictures",
+    Column("image", "picture", lambda view: view.picture.name),
+    Column("corners", "corners", lambda view: len(view.found.point) if view.found else 0, form="d"),
+    Column("rms", "RMS, px", unit="px"),
+    Column("sigma", "σ, px", lambda view: _found(view, "std"), unit="px"),
+    Column("blur", "blur, px", lambda view: _found(view, "blur"), unit="px", form=".2f"),
+    Column("left_out", "left out: what was found", lambda view: view.reason),
+    key="pictures",
+)
+
+
+def _found(view: View, what: str) -> float | None:
+    if view.found is None:
+        return None
+    value = float(np.median(getattr(view.found, what)))
+    return value if np.isfinite(value) else None
+
+
+@dataclass(frozen=True)
+class Intrinsic:
+    """One of a camera's numbers, and its standard deviation, or None."""
+
+    name: str
+    value: float
+    std: float | None
+
+    @property
+    def unit(self) -> Unit:
+        """Pixels, or none."""
+        return "px" if self.name in _PIXELS else "1"
+
+    def shown(self, value: float | None) -> str:
+        """With as many decimals as it has."""
+        return text(value, self.unit, decimals=2 if self.name in _PIXELS else 5)
+
+
+CAMERA: Final = Listing[Intrinsic](
+    "Camera",
+    Column("", "", lambda row: row.name),
+    Column("", "value", cell=lambda row: row.shown(row.value), numeric=True),
+    Column("", "± std", cell=lambda row: row.shown(row.std), numeric=True),
+    Column("", "unit", lambda row: "px" if row.unit == "px" else ""),
+)
+
+
+def intrinsics_of(camera: Camera) -> list[Intrinsic]:
+    """Rows of a camera, in the order of its file."""
+    stds = camera.stds
+    return [
+        Intrinsic(name, value, None if stds is None else float(stds[k]))
+        for k, (name, value) in enumerate(camera.values.items())
+    ]
+
+
+def camera_record(camera: Camera) -> Json:
+    """A camera as JSON has it: its numbers by name, and ``std`` of each where it is known."""
+    record: Json = {"width": camera.width, "height": camera.height, **camera.values}
+    if camera.stds is not None:
+        record["std"] = dict(zip(INTRINSICS, camera.stds.tolist(), strict=True))
+    return record
+
+
+def detect_document(found: Detection, *, pictures: bool = False) -> Document:
+    """Pictures with the board and without, and the camera; ``NAME.found.jpg`` of each if asked."""
+    table = VIEWS.of(found.views)
+    lost = [view for view in found.views if view.found is None]
+    parts: list[Part] = []
+    if len(found.views) <= _MOST_ROWS:
+        parts.append(table)
+    else:
+        parts += [ShownOnly(table, "page"), ShownOnly(VIEWS.of(lost, "Left out"), "console")]
+    told = f"{found.detected} of {len(found.views)} pictures show the board"
+    if found.rms is not None:
+        told += f"; reprojection RMS {text(found.rms, 'px', with_unit=True)} (2-D)"
+    parts.append(Text(told))
+    if found.camera is not None:
+        title = "Camera, calibrated from these pictures" if found.fit else "Camera, as given"
+        parts += [
+            CAMERA.of(intrinsics_of(found.camera), title),
+            Figure(partial(_plot, found), "Where corners were seen, and what is left"),
+        ]
+    if pictures:
+        from suta_calib.vision import drawn
+
+        parts += [File(_file_name(v.picture.name), partial(drawn, v, found)) for v in found.views]
+    data: Json = {
+        "images": len(found.views),
+        "detected": found.detected,
+        "corners": len(found.corners),
+        "rms_px": found.rms,
+        "board": found.board.row(),
+        "calibrated": found.fit is not None,
+        "camera": None if found.camera is None else camera_record(found.camera),
+    }
+    if found.fit is not None:
+        data["covered"] = found.fit.covered
+    return Document(NAME, "Corners in pictures", found.assessment, parts, data)
+
+
+def _file_name(picture: str) -> str:
+    """Of a picture's drawing, whatever folders its name has."""
+    return f"{Path(picture).with_suffix('').as_posix().replace('/', '_')}.found.jpg"
+
+
+def _plot(found: Detection) -> str:
+    """An SVG: corners over the picture, and reprojection errors."""
+    camera, residuals = found.camera, found.residuals
+    assert camera is not None
+    assert residuals is not None
+    with picture(NAME, (1.3 * WIDTH, 3.8)) as figure:
+        where, left = figure.subplots(1, 2, width_ratios=(1.4, 1))
+        step = max(1, len(residuals) // _MOST_MARKS)
+        marks: dict[str, Any] = {"color": BLUE, "ms": 1.5, "alpha": 0.6, "linestyle": "none"}
+        where.plot(*found.corners.pixel[::step].T, marker="o", **marks)
+        where.set_xlim(-0.5, camera.width - 0.5)
+        where.set_ylim(camera.height - 0.5, -0.5)
+        where.set_aspect("equal")
+        where.set_title("Corners of all pictures")
+        where.set_xlabel("u, px")
+        where.set_ylabel("v, px")
+        left.plot(*residuals[::step].T, marker="o", **marks)
+        largest = float(np.nanmax(np.abs(residuals), initial=0.01)) * 1.1
+        for axis in (left.axhline, left.axvline):
+            axis(0, color=GREY, lw=0.8, zorder=0)
+        left.set_xlim(-largest, largest)
+        left.set_ylim(largest, -largest)
+        left.set_aspect("equal")
+        left.set_title("Reprojection errors")
+        left.set_xlabel("along u, px")
+        left.set_ylabel("along v, px")
+        return svg_text(figure, NAME, "Corners over the picture, and reprojection errors")

@@ -1,0 +1,272 @@
+"""A camera from pictures of a board, with its covariance; and where the board is in a picture.
+
+Zhang (2000), doi:10.1109/34.888718, by OpenCV; the covariance is our own, over all pictures.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from suta_calib.arrays import FloatArray
+from suta_calib.assessment import Assessment
+from suta_calib.errors import SamplesError
+from suta_calib.geometry.pinhole import INTRINSICS
+from suta_calib.measurements.board import Board
+from suta_calib.measurements.camera import Camera
+from suta_calib.measurements.corners import Corners
+from suta_calib.vision.opencv import opencv
+
+# Corners of a picture from which a pose and more can be told.
+LEAST_CORNERS: Final = 6
+# Pictures with which a camera can be calibrated at all: each tells two numbers of four.
+LEAST_VIEWS: Final = 3
+# A point is out of its board's plane, in the board's size, where the board is not plane.
+_FLAT: Final = 1e-6
+
+
+@dataclass(frozen=True)
+class CameraFitOptions:
+    """What a calibration of a camera must keep to.
+
+    Attributes:
+        doubtful: standard deviation of a focal length or of the principal point, as a share of
+            the focal length, from which on a word is said: 0.5 % of the focal length are 5 mm
+            at a metre.
+        useless: the same, from which on the camera must not be used.
+        covered: least share of the picture that corners should have covered; outside, distortion
+            is extrapolated.
+        astray: a picture is left out where its RMS is so many times the median.
+        noticed: px; none is left out below it.
+    """
+
+    doubtful: float = 0.005
+    useless: float = 0.05
+    covered: float = 0.25
+    astray: float = 5.0
+    noticed: float = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class CameraFit:
+    """A camera that pictures of a board determined.
+
+    Attributes:
+        camera: with the covariance of its intrinsics.
+        rms: of the reprojection errors, px (2-D, over corners).
+        views: RMS of each picture that was used, px.
+        astray: RMS of the pictures that do not fit the others, px; left out.
+        residuals: (n, 2) reprojection errors of the corners of ``used``, px.
+        used: the corners that were fitted.
+        covered: share of the picture that their hull covers.
+        assessment: how far to trust it.
+    """
+
+    camera: Camera
+    rms: float
+    views: Mapping[str, float]
+    astray: Mapping[str, float]
+    residuals: FloatArray
+    used: Corners
+    covered: float
+    assessment: Assessment
+
+
+def calibrate_camera(
+    corners: Corners,
+    board: Board,
+    width: int,
+    height: int,
+    options: CameraFitOptions | None = None,
+) -> CameraFit:
+    """Intrinsics and distortion from corners of a board in pictures of one camera.
+
+    Pictures with fewer corners than `LEAST_CORNERS`, or that do not fit the others, are left out.
+
+    Args:
+        corners: found in the pictures.
+        board: that was seen.
+        width: of the pictures, px.
+        height: of the pictures, px.
+        options: what it must keep to.
+
+    Raises:
+        SamplesError: too few pictures, or pictures that determine no camera.
+    """
+    how = options or CameraFitOptions()
+    names = [name for name in corners.images if np.sum(corners.image == name) >= LEAST_CORNERS]
+    astray: dict[str, float] = {}
+    while True:
+        if len(names) < LEAST_VIEWS:
+            raise SamplesError(
+                f"{len(names)} pictures with {LEAST_CORNERS} corners or more",
+                f"at least {LEAST_VIEWS}, from different sides",
+                where="camera",
+                hint="take more, or give its file with --camera",
+            )
+        camera, residuals, used = _fitted(corners, names, board, width, height)
+        views = rms_by_view(used, residuals)
+        limit = max(how.astray * float(np.median(list(views.values()))), how.noticed)
+        worst = max(views, key=lambda name: views[name])
+        if views[worst] <= limit:
+            break
+        astray[worst] = views[worst]
+        names.remove(worst)
+    rms = float(np.sqrt(np.mean(np.sum(residuals**2, axis=1))))
+    hull = opencv().convexHull(used.pixel.astype(np.float32))
+    covered = float(opencv().contourArea(hull)) / (width * height)
+    assessment = _assessed(camera, rms, len(views), covered, how)
+    return CameraFit(camera, rms, views, astray, residuals, used, covered, assessment)
+
+
+def _fitted(
+    corners: Corners, names: list[str], board: Board, width: int, height: int
+) -> tuple[Camera, FloatArray, Corners]:
+    """The camera of these pictures, residuals, and the corners they are of."""
+    cv2 = opencv()
+    used = corners.take(np.isin(corners.image, names))
+    objects, pixels = [], []
+    for name in names:
+        rows = used.image == name
+        objects.append(board.positions(used.point[rows]).astype(np.float32))
+        pixels.append(used.pixel[rows].astype(np.float32))
+    flags, guess = 0, np.eye(3)
+    if not _is_plane(np.concatenate(objects)):
+        # Only from plane boards is there a closed form.
+        flags = cv2.CALIB_USE_INTRINSIC_GUESS
+        focal = float(max(width, height))
+        guess = np.array([[focal, 0, (width - 1) / 2], [0, focal, (height - 1) / 2], [0, 0, 1.0]])
+    try:
+        _, matrix, distortion, turns, places = cv2.calibrateCamera(
+            objects, pixels, (width, height), guess, np.zeros(5), flags=flags
+        )
+    except cv2.error:
+        matrix = np.full((3, 3), np.nan)
+    if not np.isfinite(matrix).all():
+        raise SamplesError(
+            f"{len(names)} pictures that determine no camera",
+            "a board seen from different sides, tilted by 30° and more",
+            where="camera",
+            hint="take more, or give its file with --camera",
+        )
+    values = np.array([*matrix[[0, 1, 0, 1], [0, 1, 2, 2]], *np.ravel(distortion)[:5]])
+    parts = [
+        _linearised(board, used, name, values, np.ravel(turn), np.ravel(place))
+        for name, turn, place in zip(names, turns, places, strict=True)
+    ]
+    residuals = np.zeros((len(used), 2))
+    schur = np.zeros((len(INTRINSICS), len(INTRINSICS)))
+    for name, (r, A, B) in zip(names, parts, strict=True):
+        residuals[used.image == name] = r
+        # The board's pose in each picture is unknown too.
+        schur += A.T @ (A - B @ np.linalg.lstsq(B, A, rcond=None)[0])
+    free = residuals.size - len(INTRINSICS) - 6 * len(names)
+    variance = float(np.sum(residuals**2)) / max(free, 1)
+    inverse = np.asarray(np.linalg.pinv(schur, rcond=1e-14, hermitian=True), dtype=np.float64)
+    return Camera(width, height, values, variance * inverse), residuals, used
+
+
+def _linearised(
+    board: Board,
+    corners: Corners,
+    name: str,
+    intrinsics: FloatArray,
+    turn: FloatArray,
+    place: FloatArray,
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Residuals (n, 2) of a picture; derivatives by intrinsics (2 n, 9) and by pose (2 n, 6)."""
+    rows = corners.image == name
+    camera = Camera(2, 2, intrinsics)
+    seen, J = opencv().projectPoints(
+        board.positions(corners.point[rows]), turn, place, camera.matrix, intrinsics[4:]
+    )
+    return seen.reshape(-1, 2) - corners.pixel[rows], J[:, 6:15], J[:, :6]
+
+
+def rms_by_view(corners: Corners, residuals: FloatArray) -> dict[str, float]:
+    """RMS (2-D, over corners) of the residuals (n, 2) of each picture, px."""
+    squared = np.sum(residuals**2, axis=1)
+    return {
+        name: float(np.sqrt(np.mean(squared[corners.image == name]))) for name in corners.images
+    }
+
+
+def _assessed(
+    camera: Camera, rms: float, views: int, covered: float, how: CameraFitOptions
+) -> Assessment:
+    stds = camera.stds
+    assert stds is not None
+    share = stds[:4] / camera.intrinsics[:2].mean()
+    worst = int(np.argmax(share))
+    told = f"{INTRINSICS[worst]} is known to ± {stds[worst]:.1f} px only"
+    remedy = "tilt the board by 30° and more, towards all sides, and come nearer"
+    bad, care = [], []
+    if not np.isfinite(share).all() or share[worst] > how.useless:
+        bad.append(f"The pictures do not determine the camera: {told}; {remedy}.")
+    elif share[worst] > how.doubtful:
+        care.append(f"The pictures hardly determine the camera: {told}; {remedy}.")
+    if covered < how.covered:
+        care.append(
+            f"Corners cover {100 * covered:.0f} % of the picture; outside of them distortion is "
+            "extrapolated: show the board near the edges too."
+        )
+    sentence = f"Camera calibrated from {views} pictures, RMS {rms:.3f} px."
+    return Assessment.of(sentence, bad=bad, care=care)
+
+
+def _is_plane(points: FloatArray) -> bool:
+    centred = points - points.mean(axis=0)
+    values = np.linalg.svd(centred, compute_uv=False)
+    return bool(values[2] <= _FLAT * values[0])
+
+
+def view_poses(
+    corners: Corners, board: Board, camera: Camera
+) -> tuple[dict[str, FloatArray], FloatArray]:
+    """Where the board is in each picture, and reprojection errors.
+
+    Args:
+        corners: found in the pictures.
+        board: that was seen.
+        camera: that took them.
+
+    Returns:
+        ``T_camera_board`` (4, 4), m, by picture, where its corners tell it (at least four); and
+        (n, 2) residuals of all corners, px, NaN in other pictures.
+    """
+    cv2 = opencv()
+    poses, residuals = {}, np.full((len(corners), 2), np.nan)
+    for name in corners.images:
+        rows = corners.image == name
+        points, pixels = board.positions(corners.point[rows]), corners.pixel[rows]
+        if len(points) < 4:
+            continue
+        found, turn, place = _posed(points, pixels, camera)
+        if not found:
+            continue
+        T = np.eye(4)
+        T[:3, :3], T[:3, 3] = cv2.Rodrigues(turn)[0], np.ravel(place)
+        poses[name] = T
+        residuals[rows] = _linearised(
+            board, corners, name, camera.intrinsics, np.ravel(turn), np.ravel(place)
+        )[0]
+    return poses, residuals
+
+
+def _posed(points: FloatArray, pixels: FloatArray, camera: Camera) -> tuple[bool, Any, Any]:
+    """Whether a pose was found; rotation vector, position, m."""
+    cv2 = opencv()
+    lens = camera.matrix, camera.intrinsics[4:]
+    plane = _is_plane(points)
+    # Of the two poses that a plane has in a distant picture it tells the better one.
+    method = cv2.SOLVEPNP_IPPE if plane else cv2.SOLVEPNP_SQPNP
+    try:
+        count, turns, places, _ = cv2.solvePnPGeneric(points, pixels, *lens, flags=method)
+        if not count:
+            return False, None, None
+        return True, *cv2.solvePnPRefineLM(points, pixels, *lens, turns[0], places[0])
+    except cv2.error:
+        return False, None, None

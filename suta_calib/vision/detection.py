@@ -1,0 +1,293 @@
+"""A board's corners in many pictures, and the camera that took them."""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
+from hashlib import sha256
+from typing import Final
+
+import numpy as np
+
+from suta_calib.arrays import FloatArray
+from suta_calib.assessment import Assessment
+from suta_calib.errors import InputError, SamplesError
+from suta_calib.measurements.board import Board, Charuco, Chessboard, Markers
+from suta_calib.measurements.camera import Camera
+from suta_calib.measurements.corners import Corners, corners_of
+from suta_calib.vision.camera_fit import (
+    CameraFit,
+    CameraFitOptions,
+    calibrate_camera,
+    rms_by_view,
+    view_poses,
+)
+from suta_calib.vision.chessboard import ChessboardFinder
+from suta_calib.vision.finder import Finder, Found, NotSeenError
+from suta_calib.vision.markers import CharucoFinder, MarkersFinder
+from suta_calib.vision.pictures import PictureFile, UnusablePictureError, read_picture
+from suta_calib.words import listed
+
+Progress = Callable[[int, int], None]
+_MOST_TOLD: Final = 3
+
+
+@dataclass(frozen=True)
+class DetectionOptions:
+    """How pictures are searched, and when a word is said.
+
+    Attributes:
+        workers: threads; as many as there are processors by default.
+        doubtful: median RMS, px, from which on a camera that was given hardly fits the pictures;
+            corners are found to a few hundredths.
+        unfit: the same, from which on it is another camera's, or another focus'.
+        camera: what a calibration of the camera must keep to.
+    """
+
+    workers: int = 0
+    doubtful: float = 1.0
+    unfit: float = 3.0
+    camera: CameraFitOptions = field(default_factory=CameraFitOptions)
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """What became of one picture.
+
+    Attributes:
+        picture: its file.
+        size: width and height, px; None where it could not be read.
+        found: the board; None where the picture is left out.
+        reason: why it is left out; empty where it is not.
+        rms: of its reprojection errors, px; None where there is no camera.
+    """
+
+    picture: PictureFile
+    size: tuple[int, int] | None = None
+    found: Found | None = None
+    reason: str = ""
+    rms: float | None = None
+
+    def without(self, reason: str) -> View:
+        """The same picture, left out."""
+        return replace(self, found=None, reason=reason)
+
+
+@dataclass(frozen=True, eq=False)
+class Detection:
+    """Corners found in pictures.
+
+    Attributes:
+        board: that was sought.
+        views: every picture, in order.
+        corners: of all pictures that are not left out.
+        camera: that was given, or is calibrated; None where the pictures determine none.
+        fit: the calibration of the camera, where none was given.
+        residuals: (n, 2) reprojection errors of the corners, px; None without a camera.
+        assessment: how far to trust it.
+    """
+
+    board: Board
+    views: Sequence[View]
+    corners: Corners
+    camera: Camera | None
+    fit: CameraFit | None
+    residuals: FloatArray | None
+    assessment: Assessment
+
+    @property
+    def detected(self) -> int:
+        """Number of pictures in which the board was found."""
+        return sum(view.found is not None for view in self.views)
+
+    @property
+    def rms(self) -> float | None:
+        """Of the reprojection errors, px (2-D, over corners); None without a camera."""
+        if self.residuals is None:
+            return None
+        squared = np.sum(self.residuals**2, axis=1)
+        return float(np.sqrt(np.nanmean(squared))) if np.isfinite(squared).any() else None
+
+
+def finder_of(board: Board) -> Finder:
+    """What finds a board.
+
+    Raises:
+        BoardError: a dictionary of markers that there is not.
+    """
+    if isinstance(board, Chessboard):
+        return ChessboardFinder(board)
+    if isinstance(board, Charuco):
+        return CharucoFinder(board)
+    assert isinstance(board, Markers)
+    return MarkersFinder(board)
+
+
+def detect(
+    pictures: Sequence[PictureFile],
+    board: Board,
+    camera: Camera | None = None,
+    options: DetectionOptions | None = None,
+    progress: Progress | None = None,
+) -> Detection:
+    """Find a board's corners in pictures of one camera, and calibrate the camera if need be.
+
+    Args:
+        pictures: to be searched.
+        board: to be found.
+        camera: that took them; calibrated from them without.
+        options: how.
+        progress: is told how many pictures are done, and of how many.
+
+    Raises:
+        InputError: the board is in no picture; says why.
+        MissingExtraError: OpenCV is not installed.
+    """
+    how = options or DetectionOptions()
+    views = _one_size(_searched(pictures, finder_of(board), how.workers, progress), camera)
+    if not any(view.found for view in views):
+        raise _none_found(views)
+    fit, notes = None, []
+    if camera is None:
+        try:
+            fit = calibrate_camera(_corners(views), board, *_size(views), how.camera)
+        except SamplesError as problem:
+            notes.append(f"No camera is calibrated: found {problem.found}.")
+        else:
+            camera = fit.camera
+            views = [_fitting(view, fit.astray) for view in views]
+    corners = _corners(views)
+    residuals = None
+    bad: list[str] = []
+    if camera is not None:
+        _, residuals = view_poses(corners, board, camera)
+        rms = rms_by_view(corners, residuals)
+        views = [replace(view, rms=rms.get(view.picture.name)) for view in views]
+        if fit is None:
+            bad, notes = _judged(list(rms.values()), how)
+    notes = [*_symmetry(board), *notes, *_left_out(views)]
+    count = sum(view.found is not None for view in views)
+    sentence = f"{len(corners)} corners in {count} of {len(views)} pictures."
+    if fit is not None:
+        sentence += f" {fit.assessment.sentence}"
+        (bad if not fit.assessment.usable else notes).extend(fit.assessment.notes)
+    assessment = Assessment.of(sentence, bad=bad, care=notes)
+    return Detection(board, views, corners, camera, fit, residuals, assessment)
+
+
+def _searched(
+    pictures: Sequence[PictureFile], finder: Finder, workers: int, progress: Progress | None
+) -> list[View]:
+    """Every picture searched; of pictures that are the same to the bit only the first counts."""
+    first: dict[bytes, str] = {}
+
+    def searched(picture: PictureFile) -> tuple[View, bytes]:
+        try:
+            grey = read_picture(picture.path)
+        except UnusablePictureError as problem:
+            return View(picture, reason=_said(problem)), b""
+        size = (grey.shape[1], grey.shape[0])
+        content = sha256(grey.tobytes()).digest()
+        try:
+            return View(picture, size, finder.find(grey)), content
+        except NotSeenError as problem:
+            return View(picture, size, reason=_said(problem)), content
+
+    views = []
+    with ThreadPoolExecutor(workers or os.cpu_count()) as pool:
+        try:
+            for done, (view, content) in enumerate(pool.map(searched, pictures), 1):
+                name = view.picture.name
+                same = first.setdefault(content, name) if view.found else name
+                views.append(view if same == name else view.without(f"the same picture as {same}"))
+                if progress is not None:
+                    progress(done, len(pictures))
+        except BaseException:
+            pool.shutdown(cancel_futures=True)
+            raise
+    return views
+
+
+def _said(problem: InputError) -> str:
+    return problem.found + (f"; expected {problem.expected}" if problem.expected else "")
+
+
+def _size(views: Sequence[View]) -> tuple[int, int]:
+    """Width and height of most of the pictures that show the board, px."""
+    return Counter(view.size for view in views if view.found and view.size).most_common(1)[0][0]
+
+
+def _one_size(views: list[View], camera: Camera | None) -> list[View]:
+    """The same, pictures of another size left out: a camera's file is of one."""
+    if not any(view.found for view in views):
+        return views
+    whose = "the others" if camera is None else "the camera's file"
+    wanted = _size(views) if camera is None else (camera.width, camera.height)
+    told = f"where {whose} " + ("have" if camera is None else "has")
+    return [
+        view.without(f"{view.size[0]}x{view.size[1]} px {told} {wanted[0]}x{wanted[1]}")
+        if view.found and view.size and view.size != wanted
+        else view
+        for view in views
+    ]
+
+
+def _fitting(view: View, astray: Mapping[str, float]) -> View:
+    """A picture, left out where its corners do not fit the others'."""
+    if view.picture.name not in astray:
+        return view
+    rms = astray[view.picture.name]
+    return view.without(f"corners {rms:.1f} px off where the camera of the others has them")
+
+
+def _corners(views: Sequence[View]) -> Corners:
+    seen = [(view.picture.name, view.found) for view in views if view.found is not None]
+    return corners_of(
+        np.concatenate([np.full(len(found.point), name) for name, found in seen]),
+        np.concatenate([found.point for _, found in seen]),
+        np.concatenate([found.pixel for _, found in seen]),
+    )
+
+
+def _none_found(views: Sequence[View]) -> InputError:
+    """The board is nowhere: the commonest reason, to be raised by the caller."""
+    count = len(views)
+    (reason, times), *rest = Counter(view.reason for view in views).most_common()
+    first = next(view.picture for view in views if view.reason == reason)
+    where = f"in {times} of {count} pictures" if count > 1 else "in it"
+    also = f"; also: {listed([reason for reason, _ in rest], _MOST_TOLD)}" if rest else ""
+    return SamplesError(
+        f"{reason}, {where}{also}",
+        "the board of its file",
+        file=first.path,
+        hint="correct the board's file, or the pictures",
+    )
+
+
+def _judged(rms: Sequence[float], how: DetectionOptions) -> tuple[list[str], list[str]]:
+    """What is bad about a camera that was given, and what must be known."""
+    told = [each for each in rms if np.isfinite(each)]
+    median = float(np.median(told)) if told else 0.0
+    said = f"The camera's file does not fit the pictures: RMS {median:.1f} px (median)"
+    if median > how.unfit:
+        return [f"{said}; is it of another camera, focus or resolution?"], []
+    return [], [f"{said}; calibrate it with --camera-out."] if median > how.doubtful else []
+
+
+def _symmetry(board: Board) -> list[str]:
+    if not board.symmetric:
+        return []
+    return [
+        "The board looks the same after half a turn: its corners are numbered as if it stood "
+        "upright in every picture; use one with an odd and an even number of corners."
+    ]
+
+
+def _left_out(views: Sequence[View]) -> list[str]:
+    lost = [f"{view.picture.name} ({view.reason})" for view in views if view.found is None]
+    if not lost:
+        return []
+    return [f"{len(lost)} of {len(views)} pictures are left out: {listed(lost, _MOST_TOLD)}."]

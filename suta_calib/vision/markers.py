@@ -1,0 +1,277 @@
+"""ArUco markers and AprilTags in pictures, alone or in the white squares of a chessboard."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, Final
+
+import numpy as np
+
+from suta_calib.arrays import FloatArray, IntArray
+from suta_calib.errors import BoardError
+from suta_calib.measurements.board import Charuco, Markers
+from suta_calib.vision.corner_model import FittedCorners, fit_corners
+from suta_calib.vision.finder import (
+    RADII,
+    Finder,
+    Found,
+    NotSeenError,
+    homography,
+    nothing_seen,
+    refined,
+    transformed,
+)
+from suta_calib.vision.opencv import marker_dictionaries, marker_dictionary, opencv
+from suta_calib.vision.pictures import Grey
+from suta_calib.words import listed
+
+# How far marker corners may be from where a plane board has them, in edges of a marker: a lens
+# bends a board more than a marker is misread.
+_PLANE: Final = 0.35
+# Share of the markers that must lie where the board has them.
+_LEAST_IN_PLACE: Final = 0.6
+# Markers around a corner from which its place is foretold, and how far off they may be, squares.
+_NEAREST: Final = 4
+_NEAR: Final = 1.0
+# Radius of the disc around a corner that no marker reaches, in what is white between them.
+_WHITE: Final = 1.3
+_MOST_WIDE: Final = 60
+# Radius of the disc around a marker's corner, in widths of its black rim.
+_RIM: Final = 0.9
+# Standard deviation of a corner that could not be refined, px.
+_ROUGH: Final = 0.5
+
+
+def marker_cells(board: Charuco, *, legacy: bool = False) -> IntArray:
+    """Column and row (n, 2) of the squares that hold the markers, in their order.
+
+    Args:
+        board: the board.
+        legacy: as OpenCV drew it before 4.6: where the number of rows is even, the first square is
+            white.
+    """
+    row, column = np.indices((board.rows, board.columns))
+    white = (row + column) % 2 == (0 if legacy and board.rows % 2 == 0 else 1)
+    return np.stack([column[white], row[white]], axis=1)
+
+
+def _seen_markers(grey: Grey, dictionary: str) -> tuple[FloatArray, IntArray]:
+    """Corners (n, 4, 2) and numbers (n,) of all markers of a dictionary."""
+    detector = opencv().aruco.ArucoDetector(marker_dictionary(dictionary))
+    found, numbers, _ = detector.detectMarkers(grey)
+    if numbers is None or not len(found):
+        return np.zeros((0, 4, 2)), np.zeros(0, dtype=np.intp)
+    corners = np.array(found, dtype=float).reshape(-1, 4, 2)
+    return corners, np.asarray(numbers, dtype=np.intp).ravel()
+
+
+def _none_seen(grey: Grey, dictionary: str, what: str) -> NotSeenError:
+    """Why there are no markers: a mirrored picture, another dictionary, or as ever."""
+    if len(_seen_markers(np.ascontiguousarray(grey[:, ::-1]), dictionary)[1]):
+        return NotSeenError(f"markers of {dictionary} that are mirrored")
+    others = {name: len(_seen_markers(grey, name)[1]) for name in marker_dictionaries()}
+    # Small dictionaries are parts of larger ones, so that the first of those that see most counts.
+    best = max(others, key=lambda name: others[name])
+    if others[best] > 1:
+        return NotSeenError(f"{others[best]} markers of {best} instead of {dictionary}")
+    return nothing_seen(grey, what)
+
+
+def _check_once(numbers: IntArray) -> None:
+    """Refuse a marker twice."""
+    unique, count = np.unique(numbers, return_counts=True)
+    if (count > 1).any():
+        raise NotSeenError(f"two boards: marker {unique[count > 1][0]} is there twice")
+
+
+@dataclass(frozen=True, eq=False)
+class MarkersFinder(Finder):
+    """Finds markers of known places.
+
+    Attributes:
+        board: to be found.
+
+    Raises:
+        BoardError: there is no such dictionary, or it does not have a marker of the board.
+    """
+
+    board: Markers
+
+    def __post_init__(self) -> None:
+        _check_numbers(self.board.dictionary, max(self.board.markers), "markers")
+
+    def find(self, grey: Grey) -> Found:
+        """The corners of all its markers that are seen.
+
+        Raises:
+            NotSeenError: none of them, or one twice.
+        """
+        corners, numbers = _seen_markers(grey, self.board.dictionary)
+        if not len(numbers):
+            raise _none_seen(grey, self.board.dictionary, "marker")
+        own = np.isin(numbers, list(self.board.markers))
+        if not own.any():
+            seen = listed([str(number) for number in np.unique(numbers)])
+            raise NotSeenError(f"other markers than the board's: {seen}")
+        _check_once(numbers[own])
+        order = np.argsort(numbers[own])
+        point = (4 * numbers[own][order, None] + np.arange(4)).ravel()
+        fitted = self._refined(grey, corners[own][order])
+        return Found(point, fitted.pixel, fitted.std, float(np.median(fitted.blur)))
+
+    def _refined(self, grey: Grey, corners: FloatArray) -> FittedCorners:
+        """Corners (m, 4, 2) of the markers' black squares, one after the other."""
+        forth, back = (np.roll(corners, by, axis=1) - corners for by in (-1, 1))
+        # Turning from u to v, as its corners do, the square is beyond either edge.
+        edges = np.stack([_angle(forth), _angle(-back)], axis=-1).reshape(-1, 2)
+        cells = int(marker_dictionary(self.board.dictionary).markerSize) + 2
+        # The rim is as wide as a cell; of the white around it there is as much.
+        rim = float(np.linalg.norm(forth, axis=2).min()) / cells
+        start = corners.reshape(-1, 2)
+        fitted = fit_corners(grey, start, int(np.clip(_RIM * rim, *RADII)), edges)
+        lost = np.linalg.norm(fitted.pixel - start, axis=1) > max(rim, 2.0)
+        if lost.any():
+            pixel = np.where(lost[:, None], start, fitted.pixel)
+            fitted = replace(fitted, pixel=pixel, std=np.where(lost, _ROUGH, fitted.std))
+        return fitted
+
+
+@dataclass(frozen=True, eq=False)
+class CharucoFinder(Finder):
+    """Finds a chessboard with markers, also a part of one.
+
+    Attributes:
+        board: to be found.
+
+    Raises:
+        BoardError: there is no such dictionary, or it has fewer markers than the board.
+    """
+
+    board: Charuco
+
+    def __post_init__(self) -> None:
+        _check_numbers(self.board.dictionary, len(marker_cells(self.board)) - 1, "squares")
+
+    @cached_property
+    def _layouts(self) -> list[FloatArray]:
+        """Corners (m, 4, 2) of the markers, in squares, in each way that OpenCV draws the board."""
+        cells = [marker_cells(self.board)]
+        if self.board.rows % 2 == 0:
+            cells.append(marker_cells(self.board, legacy=True))
+        return [self._corners(each) for each in cells]
+
+    def _corners(self, cells: IntArray) -> FloatArray:
+        half = 0.5 * self.board.marker / self.board.square
+        around = half * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+        return np.asarray((cells + 0.5)[:, None] + around)
+
+    def find(self, grey: Grey) -> Found:
+        """Its inner corners that are seen.
+
+        Raises:
+            NotSeenError: another board, two boards, or none.
+        """
+        corners, numbers = _seen_markers(grey, self.board.dictionary)
+        if not len(numbers):
+            raise _none_seen(grey, self.board.dictionary, "markers")
+        own = numbers < len(self._layouts[0])
+        if not own.any():
+            raise NotSeenError(
+                f"markers {listed([str(n) for n in np.unique(numbers)])}; such a board has "
+                f"0 to {len(self._layouts[0]) - 1}"
+            )
+        corners, numbers = corners[own], numbers[own]
+        _check_once(numbers)
+        size = float(np.median(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)))
+        placed = [_in_place(layout[numbers], corners, size) for layout in self._layouts]
+        layout, inside = max(zip(self._layouts, placed, strict=True), key=lambda one: one[1].sum())
+        if inside.mean() < _LEAST_IN_PLACE:
+            raise NotSeenError(self._misplaced(corners, numbers, size))
+        return self._between(grey, layout[numbers[inside]], corners[inside])
+
+    def _between(self, grey: Grey, marked: FloatArray, corners: FloatArray) -> Found:
+        """Corners of squares, foretold from the markers around them and refined.
+
+        Args:
+            grey: the picture.
+            marked: (m, 4, 2) the markers' corners on the board, squares.
+            corners: (m, 4, 2) in the picture, px.
+        """
+        middle, points, start, spacing = marked.mean(axis=1), [], [], []
+        for number, place in self.board.points.items():
+            place = place[:2] / self.board.square
+            away = np.linalg.norm(middle - place, axis=1)
+            near = np.argsort(away)[:_NEAREST]
+            near = near[away[near] < max(_NEAR, float(away.min()) + 0.1)]
+            if away.min() > _NEAR:
+                continue
+            H = _plane(marked[near].reshape(-1, 2), corners[near].reshape(-1, 2))
+            around = transformed(H, place + np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]))
+            points.append(number)
+            start.append(around[0])
+            spacing.append(np.linalg.norm(around[1:] - around[0], axis=1).min())
+        if not points:
+            raise NotSeenError("markers of the board, but no corner beside one")
+        white = _WHITE * (1.0 - self.board.marker / self.board.square) / 2.0
+        least = float(np.min(spacing))
+        saddles, seen = refined(grey, np.array(start), least, most=min(white, 0.45))
+        if not seen.any():
+            raise NotSeenError("markers of the board, but no corner of its squares")
+        return Found(
+            np.array(points)[seen],
+            saddles.pixel[seen],
+            saddles.std[seen],
+            float(np.median(saddles.blur[seen])),
+        )
+
+    def _misplaced(self, corners: FloatArray, numbers: IntArray, size: float) -> str:
+        """What board the markers are of, if it is only wider or narrower."""
+        for columns in range(3, _MOST_WIDE):
+            rows = 2 * (int(numbers.max()) + 1) // columns + 2
+            for parity in (rows, rows + 1):
+                board = Charuco(columns, parity, 1.0, 0.75, self.board.dictionary)
+                for legacy in (False, True):
+                    cells = marker_cells(board, legacy=legacy)
+                    if len(cells) <= numbers.max():
+                        continue
+                    there = self._corners(cells)[numbers]
+                    if _in_place(there, corners, size).mean() > _LEAST_IN_PLACE:
+                        return f"a board {columns} squares wide instead of {self.board.columns}"
+        return "markers of the board, but not in the places that they have on it"
+
+
+def _plane(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Homography (3, 3) from a (n, 2) to b (n, 2), by least squares."""
+    H = opencv().findHomography(a, b, 0)[0]
+    return np.eye(3) if H is None else np.asarray(H)
+
+
+def _angle(direction: FloatArray) -> FloatArray:
+    return np.arctan2(direction[..., 1], direction[..., 0])
+
+
+def _in_place(marked: FloatArray, corners: FloatArray, size: float) -> Any:
+    """(m,) which markers lie where a plane board has them."""
+    _, inliers = homography(marked.reshape(-1, 2), corners.reshape(-1, 2), _PLANE * size)
+    return inliers.reshape(-1, 4).all(axis=1)
+
+
+def _check_numbers(dictionary: str, largest: int, where: str) -> None:
+    """Refuse a board with markers that its dictionary does not have."""
+    count = len(marker_dictionary(dictionary).bytesList)
+    if largest >= count:
+        raise BoardError(
+            f"marker {largest} of {dictionary}, which has {count}",
+            f"numbers up to {count - 1}",
+            where=where,
+            hint="is it another dictionary?",
+        )
+
+
+def marker_bits(dictionary: str, number: int) -> FloatArray:
+    """A marker's cells (k, k) with its black border: 0 black, 1 white."""
+    known = marker_dictionary(dictionary)
+    cells = int(known.markerSize) + 2
+    drawn = opencv().aruco.generateImageMarker(known, number, cells)
+    return np.asarray(drawn, dtype=float) / 255.0

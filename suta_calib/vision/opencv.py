@@ -1,0 +1,69 @@
+"""OpenCV, loaded when it is needed, and what its versions have in common."""
+
+from __future__ import annotations
+
+import os
+from functools import cache
+from typing import Any, Final
+
+from suta_calib.errors import BoardError, MissingExtraError, did_you_mean
+from suta_calib.extras import load
+
+# No camera has as many; a compressed file of a few kilobytes may claim more, and fill the memory.
+MOST_PIXELS: Final = 2**28
+_PREFIX: Final = "DICT_"
+
+
+@cache
+def opencv() -> Any:
+    """The module ``cv2``.
+
+    Raises:
+        MissingExtraError: it is not installed, or cannot be loaded.
+    """
+    # Read by OpenCV when it is loaded.
+    os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(MOST_PIXELS))
+    try:
+        cv2 = load("cv2", "vision")
+    except ImportError as problem:
+        raise MissingExtraError(
+            f"the Python package 'cv2' is installed and cannot be loaded ({problem}); this needs "
+            "it; install the one without windows instead: pip install opencv-python-headless"
+        ) from None
+    if not hasattr(getattr(cv2, "aruco", None), "ArucoDetector"):
+        raise MissingExtraError(
+            f"found OpenCV {cv2.__version__}; expected 4.8 or later; install it with: "
+            "pip install -U 'suta_calib[vision]'"
+        )
+    return cv2
+
+
+def marker_dictionaries() -> list[str]:
+    """Names of all dictionaries of ArUco markers and AprilTags, small ones first."""
+    names = [name for name in dir(opencv().aruco) if name.startswith(_PREFIX)]
+    # AprilTag's are there in two spellings.
+    return sorted({name.replace("APRILTAG_36H", "APRILTAG_36h") for name in names}, key=_size)
+
+
+def _size(name: str) -> tuple[int, str]:
+    return len(marker_dictionary(name).bytesList), name
+
+
+@cache
+def marker_dictionary(name: str) -> Any:
+    """A dictionary of markers by OpenCV's name of it.
+
+    Raises:
+        BoardError: there is none of this name.
+    """
+    aruco = opencv().aruco
+    known = [each for each in dir(aruco) if each.startswith(_PREFIX)]
+    spelled = {each.lower(): each for each in known}.get(name.lower(), name)
+    if spelled not in known:
+        raise BoardError(
+            repr(name),
+            "OpenCV's name of a dictionary, such as DICT_5X5_1000 or DICT_APRILTAG_36h11",
+            where="dictionary",
+            hint=did_you_mean(name, known),
+        )
+    return aruco.getPredefinedDictionary(getattr(aruco, spelled))

@@ -1,0 +1,114 @@
+"""Files of pictures: which there are, and what is in them."""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from suta_calib.errors import InputError
+from suta_calib.vision.opencv import MOST_PIXELS, opencv
+
+Grey = NDArray[np.uint8]
+# Of a folder only these are taken; a file that is named is tried, whatever it is called.
+SUFFIXES: Final = frozenset(
+    {*(".png", ".jpg", ".jpeg", ".bmp", ".dib", ".tif", ".tiff", ".webp", ".jp2")}
+    | {*(".pbm", ".pgm", ".ppm", ".pnm", ".sr", ".ras")}
+)
+# Of a compressed file; the largest sensors' raw pictures have a few hundred megabytes.
+MOST_BYTES: Final = 2**30
+
+
+class UnusablePictureError(InputError):
+    """A picture that has to be left out; ``found`` says why."""
+
+
+@dataclass(frozen=True)
+class PictureFile:
+    """A picture's file.
+
+    Attributes:
+        name: in ``corners.csv`` and in tables.
+        path: of the file.
+    """
+
+    name: str
+    path: Path
+
+
+def find_pictures(paths: Iterable[str | Path]) -> list[PictureFile]:
+    """Pictures that are named, or in folders that are, in order; each file once.
+
+    A picture is called as its file. Where two have one name, as ``left/01.png`` and
+    ``right/01.png``, all are called by their paths below the folder that they share.
+
+    Raises:
+        InputError: there is no such file or folder, or no picture in a folder.
+    """
+    found: dict[Path, Path] = {}
+    for path in map(Path, paths):
+        for file in _pictures_in(path) if path.is_dir() else [path]:
+            if not file.is_file():
+                raise InputError("no such file", "a picture, or a folder of pictures", file=file)
+            found.setdefault(file.resolve(), file)
+    files = list(found.values())
+    if any(count > 1 for count in Counter(file.name for file in files).values()):
+        # Not resolved: a link's name is what its owner calls it.
+        absolute = [Path(os.path.abspath(file)) for file in files]  # noqa: PTH100
+        shared = Path(os.path.commonpath([file.parent for file in absolute]))
+        names = [file.relative_to(shared).as_posix() for file in absolute]
+    else:
+        names = [file.name for file in files]
+    return [PictureFile(name, file) for name, file in zip(names, files, strict=True)]
+
+
+def _pictures_in(folder: Path) -> list[Path]:
+    try:
+        inside = sorted(folder.iterdir())
+    except OSError as problem:
+        raise InputError(
+            f"an unreadable folder ({problem.strerror})", "a folder of pictures", file=folder
+        ) from None
+    files = [f for f in inside if f.suffix.lower() in SUFFIXES and not f.name.startswith(".")]
+    if not files:
+        below = [f.name for f in inside if f.is_dir()]
+        raise InputError(
+            f"a folder without pictures ({len(inside)} other files or folders)",
+            "files such as .png, .jpg or .tif",
+            file=folder,
+            hint=f"name a folder in it, such as {below[0]}" if below else "",
+        )
+    return files
+
+
+def read_picture(path: Path) -> Grey:
+    """A picture's greys (height, width), 8 bits, as the sensor has them: not turned by EXIF.
+
+    Raises:
+        UnusablePictureError: not readable, not a picture, cut off, or too large.
+    """
+    cv2 = opencv()
+    try:
+        if (size := path.stat().st_size) > MOST_BYTES:
+            raise UnusablePictureError(f"a file of {size:,} bytes", f"at most {MOST_BYTES:,}")
+        data = path.read_bytes()
+    except OSError as problem:
+        raise UnusablePictureError(f"an unreadable file ({problem.strerror})") from None
+    if not data:
+        raise UnusablePictureError("an empty file")
+    how = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION
+    try:
+        picture = cv2.imdecode(np.frombuffer(data, np.uint8), how)
+    except (cv2.error, MemoryError):
+        raise UnusablePictureError(
+            "a picture that cannot be unpacked", f"at most {MOST_PIXELS:,} pixels"
+        ) from None
+    if picture is None:
+        raise UnusablePictureError("not a picture, or one that is cut off")
+    return np.asarray(picture, dtype=np.uint8)
