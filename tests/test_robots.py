@@ -10,7 +10,6 @@ import pytest
 from simulated import ROBOTS, random_readings
 
 from suta_calib.errors import UrdfError
-from suta_calib.geometry.numbers import extent
 from suta_calib.job.calibration import CalibrationJob
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.chain import read_chain
@@ -49,7 +48,8 @@ TWO_ARMS = (
 )
 # Files with no joint, and with a robot that has no name.
 NO_ROBOTS = ("hector_description/robots/quadrotor_base.urdf", "ur_description/urdf/ur3.urdf")
-# Of the readings' tip positions about their middle, m: less is a tip on the axis it turns about.
+# Of the tip's positions about the straight line through them, m: a tip on the axis it turns about,
+# or one that only slides, tells nothing of the arm.
 MOVES = 1e-3
 
 
@@ -79,7 +79,8 @@ def chains(urdf: Path) -> list[str]:
 
 def moves(arm: ArmModel) -> bool:
     _, position = arm.forward(random_readings(arm, np.random.default_rng(0), 20))
-    return extent(position) > MOVES
+    across = np.linalg.svd(position - position.mean(axis=0), compute_uv=False)[1]
+    return bool(across > MOVES * math.sqrt(len(position)))
 
 
 def held_out(folder: Path, urdf: Path, base: str, tip: str) -> float:

@@ -68,7 +68,7 @@ def test_every_frame_is_told_where_it_is(name: str) -> None:
         if rotation is not None:
             assert pose.rotation is not None
             off = np.concatenate([off, vector_from_rotation(rotation.T @ pose.rotation)])
-        # Of the standard deviations, 3.5 on average would be missed by one of 2000 in one.
+        # Beyond 3.5 of them is one number in 2000.
         assert np.all(np.abs(off) < 3.5 * pose.std[: len(off)]), frame
 
 
