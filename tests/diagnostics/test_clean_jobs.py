@@ -80,8 +80,8 @@ def is_good(found: Assessment, kind: str) -> bool:
 def test_what_init_frees_is_good(kind: str, oriented: bool) -> None:
     arm = arm_named("suta")
     found = judged(arm, as_init_frees(arm), kind, oriented, seed=1)
-    if kind in ("fixed_point", "plane"):
-        # Neither knows any length, so that one length of the arm stays open: its scale.
+    if kind in ("fixed_point", "line", "plane"):
+        # None of them knows a length, so that one length of the arm stays open: its scale.
         (note,) = found.notes
         assert "do not tell joint_3.y" in note
         assert "tracked_point" in note
