@@ -6,12 +6,13 @@ where to start; what is minimised then are reprojection errors, of all cameras a
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final, Literal
 
 import numpy as np
+from scipy.optimize import nnls
 from scipy.stats import chi2
 
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
@@ -39,7 +40,8 @@ from suta_calib.pose_calibration.hand_eye import (
     calibrate_hand_eye,
 )
 from suta_calib.pose_calibration.inputs import error_context
-from suta_calib.pose_calibration.robust_fit import MANY_OUTLIERS, exchanged
+from suta_calib.pose_calibration.robust_fit import MANY_OUTLIERS, MANY_ROWS, exchanged
+from suta_calib.solver.information import Rows, scaled_inverse, whitened_rows
 from suta_calib.solver.losses import huber_threshold
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
@@ -61,12 +63,15 @@ Intrinsics = Literal["fixed", "free"]
 ROUNDS: Final = 8
 # Relative change of the scatter that is none.
 SETTLED: Final = 0.02
-# Where the hand was is wrong in six ways: of so many numbers a picture's error is one witness.
+# Where the hand was is wrong in six ways.
 WAYS: Final = 6
+# Numbers that the error of a picture is worth where it is judged by the others: its worst turns
+# decide, so that it scatters more than the mean of all ways would.
+WORST: Final = 2
 # Norm of two unit normal components that half of them exceed.
 _MIDDLE: Final = float(np.sqrt(chi2.median(2)))
-# Scatter below it is rounding, px.
-_FINEST: Final = 1e-6
+# No corner is found more finely, px: what is smaller is rounding.
+_FINEST: Final = 1e-3
 # Times what the camera alone leaves from where on it is the robot that leaves the rest.
 ROBOTS: Final = 2.0
 # Relative departure of a focal length that no calibration of the same pictures has.
@@ -196,9 +201,11 @@ class PictureCalibration:
     def contradicted(self) -> bool:
         """Whether the pictures contradict what is known of the intrinsics."""
         weights = self.solution.weights
-        return (
-            weights is not None and CAMERA in weights.priors and weights.priors[CAMERA].contradicted
-        )
+        if weights is None or CAMERA not in weights.priors:
+            return False
+        learned = weights.priors[CAMERA]
+        # That it is better than it says contradicts nothing.
+        return learned.contradicted and learned.value > 1.0
 
     @cached_property
     def assessment(self) -> Assessment:
@@ -487,8 +494,8 @@ def _like_the_others(rms: FloatArray, good: BoolArray) -> BoolArray:
     """Pictures whose errors chance explains, by the middle one of those that were believed."""
     if len(rms) < FEW_PAIRS:
         return good
-    expected = float(np.median(rms[good])) ** 2 / float(chi2.median(WAYS))
-    limit = float(chi2.isf(FALSE_ALARM / len(rms), WAYS))
+    expected = float(np.median(rms[good])) ** 2 / float(chi2.median(WORST))
+    limit = float(chi2.isf(FALSE_ALARM / len(rms), WORST))
     agreeing = rms**2 <= max(expected * limit, _FINEST**2)
     return agreeing if agreeing.sum() >= FEW_PAIRS else good
 
@@ -558,11 +565,72 @@ def _seen(
 
 
 def _covariance(solution: Solution) -> FloatArray:
-    """Of the solution, with pictures as witnesses; of few, wider: their scatter is uncertain."""
-    pictures = sum(len(term.poses) for term in solution.problem.terms)
-    freedom = WAYS * pictures - len(solution.free)
-    factor = freedom / (freedom - 2) if freedom > 2 else 3.0
-    return np.asarray(solution.covariance * factor)
+    """Of the solution, with pictures as witnesses.
+
+    The scatter of few says nothing of most directions: then the hand is taken to be off in every
+    picture by the displacements and turns that all of them show, and a corner by what is left:
+    A⁻¹ M A⁻¹ with M = Σ Jᵀ (s² + P D Pᵀ) J, P the derivative of a picture's errors by where the
+    hand is, and D its variance.
+    """
+    problem = solution.problem
+    if sum(len(term.poses) for term in problem.terms) >= MANY_ROWS:
+        return solution.covariance
+    rows = whitened_rows(problem, solution.x, solution.sigmas)
+    prior = np.diag(problem.prior_precision())
+    curvature, bread = prior + sum(r.jacobian.T @ r.jacobian for r in rows), np.zeros_like(prior)
+    free = np.ix_(solution.free, solution.free)
+    bread[free] = scaled_inverse(curvature[free])
+    meat = prior.copy()
+    parts = [part for r in rows for part in _by_hand(r)]
+    noise, variance = _variances(parts, len(solution.free))
+    for jacobian, by_pose, _ in parts:
+        along = by_pose.T @ jacobian
+        meat += noise * jacobian.T @ jacobian + along.T @ (variance[:, None] * along)
+    unsure = 0.0 if solution.weights is None else solution.weights.covariance
+    return np.asarray(bread @ meat @ bread + unsure)
+
+
+def _by_hand(rows: Rows) -> Iterator[tuple[FloatArray, FloatArray, FloatArray]]:
+    """Of every picture: whitened Jacobian, derivative by where the hand is (k, 6), and errors."""
+    line = rows.line
+    picture, size = line.view.block.samples[:, 0], line.residual.shape[1]
+    by_pose = line.by_pose / line.sigma[:, None, None]
+    residual = line.residual / line.sigma[:, None]
+    for k in np.unique(picture):
+        mine = np.flatnonzero(picture == k)
+        white = (size * mine[:, None] + np.arange(size)).ravel()
+        yield rows.jacobian[white], by_pose[mine].reshape(len(white), -1), residual[mine].ravel()
+
+
+def _variances(
+    parts: Sequence[tuple[FloatArray, FloatArray, FloatArray]], unknowns: int
+) -> tuple[float, FloatArray]:
+    """Of a corner, in units of its noise, and (6,) of the hand: displaced, m², and turned, rad²."""
+    left, freedom, pictures = 0.0, 0, 0
+    for _, by_pose, residual in parts:
+        if len(residual) > WAYS:
+            rest = residual - by_pose @ np.linalg.lstsq(by_pose, residual, rcond=None)[0]
+            left += float(rest @ rest)
+            freedom += len(residual) - WAYS
+            pictures += 1
+    noise = left / max(freedom, 1)
+    # Moments in pixels, where displacements and turns are nearly the same: ‖Pᵀ r‖² of either is
+    # expected to be the trace of PᵀP s² + Σ PᵀP D PᵀP.
+    matrix, moment = np.zeros((2, 2)), np.zeros(2)
+    for _, by_pose, residual in parts:
+        ways = by_pose[:, :3], by_pose[:, 3:]
+        for k, mine in enumerate(ways):
+            moment[k] += np.sum((mine.T @ residual) ** 2) - noise * np.sum(mine**2)
+            matrix[k] += [np.sum((mine.T @ other) ** 2) for other in ways]
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    found = scale * nnls(matrix * np.outer(scale, scale), scale * moment)[0]
+    # The unknowns have followed some of it.
+    numbers = WAYS * max(pictures, 1)
+    followed = numbers / max(numbers - unknowns, numbers / 4)
+    # Of few pictures it is itself uncertain: errors in units of it have Student's variance.
+    witnesses = max(WORST * pictures - unknowns / 2, 3.0)
+    followed *= witnesses / (witnesses - 2.0)
+    return noise, np.repeat(found * followed, 3)
 
 
 def _alone(term: CameraView, values: dict[str, float], good: BoolArray) -> float:

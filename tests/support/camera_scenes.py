@@ -82,7 +82,8 @@ def pictures(
         pixel: scatter of a corner, px.
         robot: scatter of a reported pose, m and rad.
         seed: of everything random.
-        eyes: ``T_hand_eye`` (or ``T_base_eye``) of every camera, the first of which sees it well.
+        eyes: ``T_hand_eye`` of every camera, the first of which sees the board well; beside the
+            robot one stands where the board would, and holds the board where it would be.
         board: that is seen.
         given: the camera as it is said to be.
     """
@@ -96,15 +97,15 @@ def pictures(
     seen = seen[0], ahead - seen[0] @ points.mean(axis=0)
     first = eyes[0]
     if setup == "eye-in-hand":
-        # T_base_hand = Z (X T_eye_board)⁻¹
+        # T_base_hand = Z (X T_eye_board)⁻¹.
         hand = after(Z, inverse_poses(after(first, seen)))
     else:
-        hand = after(after(first, seen), inverse_poses(Z))
+        hand = after(after(Z, seen), inverse_poses(X))
     names = np.array([f"{k:03d}.png" for k in range(count)])
     views = []
     for k, eye in enumerate(eyes):
-        moving = after(hand, eye) if setup == "eye-in-hand" else eye
-        there = Z if setup == "eye-in-hand" else after(hand, Z)
+        moving = after(hand, eye) if setup == "eye-in-hand" else Z
+        there = Z if setup == "eye-in-hand" else after(hand, X)
         R, p = after(inverse_poses(moving), there)
         pixels = projected(np.einsum("nij,kj->nki", R, points) + p[:, None], LENS)
         pixels = pixels + pixel * noise.standard_normal(pixels.shape)

@@ -1,0 +1,192 @@
+"""A camera that sees a board: what is particular to it, and every command over a job of it."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from cli_job import cli
+from simulated import arm_named, camera_scene, dh_parameters, perturbed
+
+from suta_calib.geometry.numbers import rotation_from_vector
+from suta_calib.geometry.pinhole import projected
+from suta_calib.job.calibration import CalibrationJob
+from suta_calib.measurements import Chessboard
+from suta_calib.solver.problem import Problem
+from suta_calib.solver.solve import solve
+from suta_calib.terms.camera_start import board_pose, closed_form_intrinsics
+
+SIMULATION = """\
+arm: {urdf: arm.urdf, tip: tip}
+seed: 3
+errors: [{select: ["joint_[2-5].offset"], std_deg: 0.5}, {select: [joint_4.z], std_mm: 1}]
+noise: {corner_px: 0.2}
+sets:
+  calibration: &set
+    kind: camera_view
+    board: board.yaml
+    camera: camera.yaml
+    samples: 16
+    camera_pose: {position_mm: [20, -30, 40], rotation_rpy_deg: [5, 10, 90]}
+    board_pose: {position_mm: [450, 100, -100], rotation_rpy_deg: [180, 0, 20]}
+  validation: *set
+"""
+ROW = (
+    "{{kind: camera_view, corners: corners/{0}.csv, board: board.yaml, camera: camera.yaml, "
+    "samples: '{0}/*.csv', huber_px: 1}}"
+)
+JOB = f"""\
+arm: {{urdf: arm.urdf, tip: tip}}
+parameters:
+  - {{select: ["joint_[2-5].offset"], bound_deg: 5}}
+  - {{select: [joint_4.z], bound_mm: 30}}
+observations: [{ROW.format("calibration")}]
+validation: [{ROW.format("validation")}]
+"""
+BOARD = "type: chessboard\ncorners: [4, 3]\nsquare_mm: 40\n"
+CAMERA = """\
+image_width: 1280
+image_height: 960
+camera_matrix: {rows: 3, cols: 3, data: [1000, 0, 639.5, 0, 1002, 479.5, 0, 0, 1]}
+distortion_model: plumb_bob
+distortion_coefficients: {rows: 1, cols: 5, data: [-0.1, 0.02, 0.0005, -0.0003, 0]}
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory, repository: Path) -> Path:
+    """A simulated job."""
+    path = tmp_path_factory.mktemp("pictures")
+    (path / "arm.urdf").write_bytes((repository / "urdf" / "suta.urdf").read_bytes())
+    for name, text in (
+        ("simulation.yaml", SIMULATION),
+        ("job.yaml", JOB),
+        ("board.yaml", BOARD),
+        ("camera.yaml", CAMERA),
+    ):
+        (path / name).write_text(text)
+    assert cli("simulate", path / "simulation.yaml", "--out", path) == 0
+    return path
+
+
+def answer(capsys: pytest.CaptureFixture[str], *arguments: object) -> dict[str, Any]:
+    capsys.readouterr()
+    assert cli(*arguments, "--json") == 0
+    found: dict[str, Any] = json.loads(capsys.readouterr().out)
+    return found
+
+
+def test_pictures_tell_the_arm(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    found = answer(capsys, "calibrate", folder / "job.yaml", "--out", folder / "results")
+    assert not found["unidentified"]
+    for data in ("calibration", "validation"):
+        metrics = found["metrics"][data]
+        assert metrics["after"]["rms_px"] < 0.4 < 2.0 < metrics["before"]["rms_px"]
+        assert 0.0 < metrics["after"]["rms_mm"] < 1.0
+    x = [found["parameters"][f"hand_eye.{key}"] for key in "xyz"]
+    for entry, true in zip(x, (0.02, -0.03, 0.04), strict=True):
+        assert abs(entry["value"] - true) < 5 * entry["std"]
+
+
+def test_the_camera_is_corrected_too(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (folder / "other.yaml").write_text(CAMERA.replace("1000,", "1015,").replace("1002,", "1017,"))
+    free = JOB.replace("camera.yaml", "other.yaml").replace("px: 1}", "px: 1, intrinsics: free}")
+    (folder / "free.yaml").write_text(free)
+    found = answer(capsys, "calibrate", folder / "free.yaml", "--out", folder / "free")
+    focal = found["parameters"]["camera.fx"]
+    assert (focal["unit"], focal["nominal"]) == ("px", 1015.0)
+    assert abs(focal["value"] - 1000.0) < 5 * focal["std"] < 15.0
+    assert found["parameters"]["camera.k1"]["unit"] == "1"
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("observe", "job.yaml"),
+        ("outliers", "job.yaml"),
+        ("budget", "job.yaml"),
+        ("tip-map", "job.yaml"),
+        ("plan", "job.yaml", "-n", 1),
+        ("study", "job.yaml", "--trials", 2, "--sizes", "8", "--jobs", 1),
+        ("study", "job.yaml", "--kind", "monte-carlo", "--trials", 2, "--jobs", 1),
+    ],
+    ids=lambda command: " ".join(map(str, command[:3:2])),
+)
+def test_every_command_takes_the_job(
+    folder: Path, command: tuple[Any, ...], capsys: pytest.CaptureFixture[str]
+) -> None:
+    name, job, *more = command
+    out = () if name == "observe" else ("--out", folder / name)
+    assert answer(capsys, name, folder / job, *more, *out)["verdict"]["usable"]
+
+
+def test_a_job_of_pictures_is_begun(folder: Path, tmp_path: Path) -> None:
+    new = ("init", folder / "arm.urdf", "--tip", "tip", "--kind", "camera_view", "--out", tmp_path)
+    assert cli(*new) == 0
+    job = (tmp_path / "calibration.yaml").read_text()
+    assert "corners: corners.csv, board: board.yaml, camera: camera.yaml" in job
+    assert "huber_px" in job
+    assert (tmp_path / "corners.csv").read_text() == "image,point,u,v\n"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        (", board: board.yaml", "", "board: found no such key"),
+        ("corners: corners/calibration.csv, ", "", "corners: found no such key"),
+        ("huber_px", "huber_mm", "a key that camera_view has no use for"),
+        (", camera: camera.yaml", ", intrinsics: fixed", "no camera for intrinsics: fixed"),
+        ("corners/calibration", "corners/validation", "the same names in both"),
+        ("huber_px: 1", "setup: eye", "one of eye-in-hand, eye-to-hand"),
+    ],
+)
+def test_a_row_that_cannot_be_used_is_refused(
+    folder: Path, old: str, new: str, said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (folder / "bad.yaml").write_text(JOB.replace(old, new, 1))
+    capsys.readouterr()
+    assert cli("observe", folder / "bad.yaml") == 2
+    assert said in capsys.readouterr().err
+
+
+def test_a_picture_is_one_witness(folder: Path) -> None:
+    (term,) = CalibrationJob.load(folder / "job.yaml").observations
+    assert len(np.unique(term.witnesses)) == 16
+    assert term.equations() == 2 * len(term.blocks[0])
+    assert len(term.take(range(8)).blocks[0]) < len(term.blocks[0])
+
+
+def test_two_cameras_share_a_board() -> None:
+    arm = arm_named("suta")
+    scene = camera_scene(arm, perturbed(dh_parameters(arm), seed=1), n=12)
+    first: Any = scene.exact()
+    problem = Problem([first, replace(first, label="second")], dh_parameters(arm))
+    solution = solve(problem)
+    assert {"hand_eye[second].x", "hand_eye.x", "target.x"} <= set(problem.names)
+    assert "target[second].x" not in problem.names
+    assert solution.values["hand_eye.x"] == pytest.approx(solution.values["hand_eye[second].x"])
+
+
+def test_closed_forms_are_exact() -> None:
+    random, points = np.random.default_rng(0), None
+    board = Chessboard(5, 4, 0.03)
+    points = np.array(list(board.points.values()))
+    lens, pictures = np.array([1000.0, 1010, 630, 350, 0, 0, 0, 0, 0]), []
+    for _ in range(6):
+        R = rotation_from_vector(random.uniform(-0.5, 0.5, 3))
+        p = np.array([*random.uniform(-0.1, 0.1, 2), 0.6])
+        pictures.append(projected(points @ R.T + p, lens))
+        for body in (points, points + random.normal(size=points.shape) * 0.02):
+            there = body @ R.T + p
+            found = board_pose(body, there[:, :2] / there[:, 2:])
+            assert found is not None
+            np.testing.assert_allclose(found[0], R, atol=1e-9)
+            np.testing.assert_allclose(found[1], p, atol=1e-9)
+    found_lens = closed_form_intrinsics([points] * 6, pictures)
+    np.testing.assert_allclose(found_lens, lens[:4], rtol=1e-6)
+    assert board_pose(points[:3], points[:3, :2]) is None
+    assert board_pose(points[:5], points[:5, :2]) is None
