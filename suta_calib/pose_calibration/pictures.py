@@ -383,8 +383,8 @@ def _cause(term: CameraView, view: View, seed: int) -> tuple[str, str]:
         larger = (hand, (seen[0], seen[1] * scale))
         if _agrees(*larger, term.setup, seed):
             return (
-                f"a hand that moves {scale:.{0 if scale > 5 else 2}f} times as far as the pictures show by the size of "
-                "the board",
+                f"a hand that moves {scale:.{0 if scale > 5 else 2}f} times as far as the pictures "
+                "show by the size of the board",
                 "columns a_x, a_y, a_z are in m (a_x_mm: mm), and lengths in board.yaml in mm",
             )
     width = 2.0 * term.camera.intrinsics[2]
