@@ -250,7 +250,7 @@ def _observation(row: YamlSection) -> ObservationSpec:
     _check_keys_of_kind(row, kind)
     clearance_m, clearance_rad = _seating(row, kind)
     fixed = row.flag("fixed")
-    levels = [f"sigma_{kind.unit}", *(["sigma_deg"] if kind.has_angles else [])]
+    levels = ("sigma_px",) if kind.unit == "px" else ("sigma_mm", "sigma_deg")
     if fixed and not any(level in row for level in levels):
         raise row.refuse(
             "fixed: true without a noise level", f"{' or '.join(levels)} beside it", at=("fixed",)

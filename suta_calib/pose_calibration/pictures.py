@@ -383,8 +383,8 @@ def _cause(term: CameraView, view: View, seed: int) -> tuple[str, str]:
         larger = (hand, (seen[0], seen[1] * scale))
         if _agrees(*larger, term.setup, seed):
             return (
-                f"a hand that moves {scale:.4g} times as far as the pictures show by the size of "
-                "the board",
+                f"a hand that moves {scale:.{0 if scale > 5 else 2}f} times as far as the pictures "
+                "show by the size of the board",
                 "columns a_x, a_y, a_z are in m (a_x_mm: mm), and lengths in board.yaml in mm",
             )
     width = 2.0 * term.camera.intrinsics[2]
@@ -510,7 +510,7 @@ def _seen(
 ) -> SeenCamera:
     """A camera of the answer."""
     values = solution.values
-    eye, board, owner = term.frames_named
+    eye, board, owner = term.owners
     names = [f"{frame}.{key}" for frame in (eye, board) for key in PLACEMENT]
     at = [solution.problem.names.index(name) for name in names]
     covariance = _covariance(solution)

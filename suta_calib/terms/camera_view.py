@@ -37,7 +37,7 @@ from suta_calib.measurements import (
     read_corners,
 )
 from suta_calib.measurements.csv_table import SutaCalibWarning
-from suta_calib.model.parameters import Parameter
+from suta_calib.model.parameters import PLACEMENT, Parameter
 from suta_calib.terms.block import LEARNT, Block, Noise, Pose, pose_of
 from suta_calib.terms.camera_start import PLANAR, board_pose, closed_form_intrinsics
 from suta_calib.terms.hand_eye_start import (
@@ -47,14 +47,15 @@ from suta_calib.terms.hand_eye_start import (
     loop_closures,
     quaternion_hand_eye,
 )
+from suta_calib.terms.outside import OutsideFrame
 from suta_calib.terms.poses import PoseSource
 from suta_calib.terms.term import (
+    FramedTerm,
     Gap,
     Medium,
     Observed,
     Resimulation,
     Setup,
-    Term,
     TrueFrame,
     pose_named,
     pose_parameters,
@@ -173,7 +174,7 @@ _RESIDUALS: Final = {
 
 
 @dataclass(frozen=True, eq=False)
-class CameraView(Term):
+class CameraView(FramedTerm):
     """``π((T_base_hand,i X)⁻¹ Z p_k) - u_ik`` for every corner k that is seen in picture i.
 
     π is the pinhole with distortion; X = ``T_hand_eye`` and Z = ``T_base_board`` are unknown. With
@@ -339,16 +340,32 @@ class CameraView(Term):
         return replace(self, pixel=float(np.median(told)) / focal) if len(told) else self
 
     @property
-    def frames_named(self) -> tuple[str, str, str]:
+    def owners(self) -> tuple[str, str, str]:
         """Owners of the camera's pose, of the board's, and of the intrinsics."""
         camera = "" if self.label == "default" else f"[{self.label}]"
         board = "" if self.target == "default" else f"[{self.target}]"
         return f"hand_eye{camera}", f"target{board}", f"camera{camera}"
 
+    @property
+    def frame_names(self) -> list[str]:
+        """Owners of the poses of camera and board."""
+        return list(self.owners[:2])
+
+    @property
+    def outside(self) -> tuple[OutsideFrame, ...]:
+        """Camera and board: one of them in the base, the other in the tip."""
+        carriers = ("tip", "base") if self.setup == EYE_IN_HAND else ("base", "tip")
+        return tuple(
+            OutsideFrame(owner, what, carrier, PLACEMENT)
+            for owner, what, carrier in zip(
+                self.frame_names, ("camera", "board"), carriers, strict=True
+            )
+        )
+
     @cached_property
     def own(self) -> tuple[Parameter, ...]:
         """Poses of camera and board, and the intrinsics where they are free."""
-        eye, board, camera = self.frames_named
+        eye, board, camera = self.owners
         poses = (*pose_parameters(eye), *pose_parameters(board))
         if not self.free:
             return poses
@@ -457,13 +474,13 @@ class CameraView(Term):
 
     def _camera_at(self, values: Mapping[str, float]) -> Camera:
         """The camera with the intrinsics that these values have, or with its own."""
-        owner, known = self.frames_named[2], self.camera.values
+        owner, known = self.owners[2], self.camera.values
         found = [values.get(f"{owner}.{key}", known[key]) for key in INTRINSICS]
         return replace(self.camera, intrinsics=np.array(found))
 
     def _in_eye(self, values: Mapping[str, float], poses: PoseSource) -> Poses:
         """``T_eye_board`` of every sample."""
-        eye, board, _ = self.frames_named
+        eye, board, _ = self.owners
         (R_eye, p_eye), (R_board, p_board) = pose_named(values, eye), pose_named(values, board)
         hand = poses.at(values)
         rotation, position = hand if self.setup == EYE_TO_HAND else inverse_poses(hand)

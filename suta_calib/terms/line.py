@@ -18,6 +18,7 @@ from suta_calib.measurements import SampleColumns, YamlSection
 from suta_calib.model.parameters import Parameter
 from suta_calib.terms.block import LEARNT, Block, Noise, Pose, grouped, norm
 from suta_calib.terms.given import GivenPose, Known
+from suta_calib.terms.outside import OutsideFrame, OutsidePose
 from suta_calib.terms.poses import PoseSource
 from suta_calib.terms.term import Observed, Setup, Term, check_turned, pose_parameters
 
@@ -43,6 +44,16 @@ def _offset(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
     first = ca.cross(along, poses[0].R @ data)
     first = first / norm(first)
     return ca.vertcat(ca.dot(first, off), ca.dot(ca.cross(along, first), off))
+
+
+class LineFrame(OutsideFrame):
+    """A frame on a line."""
+
+    def pose(self, values: Mapping[str, float]) -> OutsidePose:
+        """At (x, y) of the plane square to it, which turns the base's z by (rx, ry, 0)."""
+        x, y, rx, ry = (values[name] for name in self.names)
+        rotation = rotation_from_vector([rx, ry, 0.0])
+        return rotation, rotation[:, :2] @ [x, y]
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,6 +116,11 @@ class TouchedLine(Term):
         return tuple(
             p for name in self.places[0] for p in pose_parameters(f"line[{name}]") if p.key in _KEYS
         )
+
+    @property
+    def outside(self) -> tuple[OutsideFrame, ...]:
+        """Every line: the point of it nearest to the base's origin, z along it."""
+        return tuple(LineFrame(f"line[{name}]", "line", "base", _KEYS) for name in self.places[0])
 
     @cached_property
     def blocks(self) -> tuple[Block, ...]:

@@ -468,7 +468,7 @@ class Term(ABC):
 
     @property
     def outside(self) -> tuple[OutsideFrame, ...]:
-        """The poses and the points that the own unknowns are: of `frames`, and of `places`."""
+        """The poses and points that the own unknowns are: of `frames`, `places`, and marks."""
         owners: dict[str, set[str]] = {}
         for p in self.own:
             owners.setdefault(p.owner, set()).add(p.key)
@@ -476,6 +476,8 @@ class Term(ABC):
         for frame in self.frames:
             what, _, within = frame.key.partition("_in_")
             words[frame.own] = (what, within)
+        if self.mark:
+            words[self.mark] = (self.mark, "tip")
         return tuple(frames_of(owners, words))
 
     @property
@@ -548,36 +550,13 @@ SEEN_UNIT: Final = (
 
 
 @dataclass(frozen=True, eq=False)
-class SeenTerm(Term):
-    """What an instrument, or a camera, sees: positions and perhaps orientations.
-
-    The own unknowns are the poses of its `frames`.
-
-    Attributes:
-        noise: scatter and robustness of a position, m per axis.
-        angular_noise: the same for the orientation, rad per axis.
-        label: tells several instruments of one kind apart.
-    """
-
-    noise: Noise = LEARNT
-    angular_noise: Noise = LEARNT
-    label: str = "default"
-
-    @classmethod
-    def over(cls, poses: PoseSource, setup: Setup) -> Self:
-        """Build it from a row of a job file."""
-        return cls(poses, setup.noise, setup.angular_noise, setup.label)
+class FramedTerm(Term):
+    """What is seen from frames, or of frames, that stand somewhere unknown: its `frames`."""
 
     @property
+    @abstractmethod
     def frame_names(self) -> list[str]:
         """Owners of the unknowns of its frames."""
-        suffix = "" if self.label == "default" else f"[{self.label}]"
-        return [frame.own + suffix for frame in self.frames]
-
-    @cached_property
-    def own(self) -> tuple[Parameter, ...]:
-        """The poses of its frames."""
-        return tuple(p for frame in self.frame_names for p in pose_parameters(frame))
 
     def known(self, label: str, pose: GivenPose) -> dict[str, Known]:
         """The unknowns that a given pose tells of a frame or of a mark.
@@ -620,6 +599,39 @@ class SeenTerm(Term):
                     hint=did_you_mean(label, marks),
                 )
             self._check_in_mm(label, self.known(label, pose))
+
+
+@dataclass(frozen=True, eq=False)
+class SeenTerm(FramedTerm):
+    """What an instrument, or a camera, sees: positions and perhaps orientations.
+
+    The own unknowns are the poses of its `frames`.
+
+    Attributes:
+        noise: scatter and robustness of a position, m per axis.
+        angular_noise: the same for the orientation, rad per axis.
+        label: tells several instruments of one kind apart.
+    """
+
+    noise: Noise = LEARNT
+    angular_noise: Noise = LEARNT
+    label: str = "default"
+
+    @classmethod
+    def over(cls, poses: PoseSource, setup: Setup) -> Self:
+        """Build it from a row of a job file."""
+        return cls(poses, setup.noise, setup.angular_noise, setup.label)
+
+    @property
+    def frame_names(self) -> list[str]:
+        """Owners of the unknowns of its frames."""
+        suffix = "" if self.label == "default" else f"[{self.label}]"
+        return [frame.own + suffix for frame in self.frames]
+
+    @cached_property
+    def own(self) -> tuple[Parameter, ...]:
+        """The poses of its frames."""
+        return tuple(p for frame in self.frame_names for p in pose_parameters(frame))
 
 
 def check_unit(term: Term, what: str, size: float, moved: float, expected: str, hint: str) -> None:

@@ -112,7 +112,7 @@ def test_the_camera_is_corrected_too(folder: Path, capsys: pytest.CaptureFixture
         ("tip-map", "job.yaml"),
         ("plan", "job.yaml", "-n", 1),
         ("study", "job.yaml", "--trials", 2, "--sizes", "8", "--jobs", 1),
-        ("study", "job.yaml", "--kind", "monte-carlo", "--trials", 2, "--jobs", 1),
+        ("study", "job.yaml", "--kind", "monte-carlo", "--trials", 10, "--jobs", 1),
     ],
     ids=lambda command: " ".join(map(str, command[:3:2])),
 )
@@ -172,8 +172,7 @@ def test_two_cameras_share_a_board() -> None:
 
 
 def test_closed_forms_are_exact() -> None:
-    random, points = np.random.default_rng(0), None
-    board = Chessboard(5, 4, 0.03)
+    random, board = np.random.default_rng(0), Chessboard(5, 4, 0.03)
     points = np.array(list(board.points.values()))
     lens, pictures = np.array([1000.0, 1010, 630, 350, 0, 0, 0, 0, 0]), []
     for _ in range(6):
