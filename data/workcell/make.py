@@ -71,9 +71,7 @@ def main() -> None:
         ("held_out.csv", slice(PICTURES, None)),
     ):
         chosen = {"image": np.array(names[rows])}
-        write_samples(
-            FOLDER / file, Samples(arm.joints, np.round(readings[rows], 6), chosen)
-        )
+        write_samples(FOLDER / file, Samples(arm.joints, np.round(readings[rows], 6), chosen))
     write_poses(arm, readings, names)
     known = CAMERA.intrinsics + KNOWN * random.standard_normal(9)
     camera = Camera(CAMERA.width, CAMERA.height, np.round(known, 6), np.diag(KNOWN**2))
