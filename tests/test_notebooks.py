@@ -15,7 +15,7 @@ from simulated import ROBOT_FILES, ROBOTS
 
 NOTEBOOKS = sorted((Path(__file__).resolve().parent.parent / "notebooks").glob("*.ipynb"))
 # What each notebook needs beside itself, at the same place relative to it.
-NEEDED = ("data/suta", "data/accuracy", "data/artefact", "urdf")
+NEEDED = ("data/suta", "data/accuracy", "data/artefact", "data/workcell", "urdf")
 # Whose arm it needs from example-robot-data.
 OTHER_ARMS = {"02_other_arms": "panda", "07_where_to_measure_next": "ur5"}
 MOST_BYTES = 500_000
@@ -119,6 +119,7 @@ def test_notebooks_are_found():
         "05_from_encoders_to_poses",
         "06_how_far_to_trust_it",
         "07_where_to_measure_next",
+        "08_from_pictures",
     ]
 
 

@@ -72,12 +72,6 @@ class _Grid:
                 return False
         return True
 
-    @property
-    def size(self) -> str:
-        """As a board's file has it: columns x rows."""
-        rows, columns = self.seen.shape
-        return f"{columns}x{rows}"
-
 
 @dataclass(frozen=True, eq=False)
 class ChessboardFinder(Finder):
@@ -103,7 +97,12 @@ class ChessboardFinder(Finder):
         if grid is None:
             raise nothing_seen(grey, "chessboard")
         if sorted(grid.seen.shape) != sorted(size):
-            raise NotSeenError(f"{grid.size} inner corners instead of {size[0]}x{size[1]}")
+            # Which way the grid lies was not asked for.
+            longer, shorter = sorted(grid.seen.shape, reverse=True)
+            told = (longer, shorter) if size[0] >= size[1] else (shorter, longer)
+            raise NotSeenError(
+                f"{told[0]}x{told[1]} inner corners instead of {size[0]}x{size[1]}"
+            )
         # Squares' widths around the outer corners belong to the board as well.
         rest, scale = next(_copies(without(grey, grid.pixel.reshape(-1, 2), 1.6 * _widest(grid))))
         if _by_squares(grey, rest, scale, size):

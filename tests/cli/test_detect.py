@@ -52,7 +52,7 @@ def test_a_wrong_board_leaves_nothing_behind(
     board.write_text("{type: chessboard, corners: [9, 7], square_mm: 25}", encoding="utf-8")
     assert run(["detect", *some(workcell, 1), "--board", str(board), "--out", str(out)]) == 2
     said = capsys.readouterr().err
-    assert "6 inner corners instead of 9x7" in said
+    assert "9x6 inner corners instead of 9x7" in said
     assert not out.exists()
 
 

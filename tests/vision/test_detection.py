@@ -124,7 +124,7 @@ def test_another_cameras_file_does_not_fit(folder: Path):
 
 
 def test_no_board_anywhere_says_what_there_was(folder: Path):
-    with pytest.raises(InputError, match=r"5 inner corners instead of 7x4"):
+    with pytest.raises(InputError, match="6x5 inner corners instead of 7x4"):
         detect(find_pictures([folder / "good_0.png"]), Chessboard(7, 4, 0.03))
 
 
