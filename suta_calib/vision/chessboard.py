@@ -100,9 +100,7 @@ class ChessboardFinder(Finder):
             # Which way the grid lies was not asked for.
             longer, shorter = sorted(grid.seen.shape, reverse=True)
             told = (longer, shorter) if size[0] >= size[1] else (shorter, longer)
-            raise NotSeenError(
-                f"{told[0]}x{told[1]} inner corners instead of {size[0]}x{size[1]}"
-            )
+            raise NotSeenError(f"{told[0]}x{told[1]} inner corners instead of {size[0]}x{size[1]}")
         # Squares' widths around the outer corners belong to the board as well.
         rest, scale = next(_copies(without(grey, grid.pixel.reshape(-1, 2), 1.6 * _widest(grid))))
         if _by_squares(grey, rest, scale, size):
