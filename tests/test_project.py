@@ -52,7 +52,7 @@ def test_lower_bounds_are_what_the_lowest_environment_has(
     project: dict[str, Any], repository: Path
 ):
     lowest = pinned(repository / "constraints-lowest.txt")
-    for requirement in required(project, "parquet", "dask"):
+    for requirement in required(project, "parquet", "dask", "vision"):
         (bound,) = (s.version for s in requirement.specifier if s.operator == ">=")
         installed = lowest[canonical(requirement.name)]
         assert installed.release[: len(Version(bound).release)] == Version(bound).release
@@ -63,7 +63,7 @@ def test_constraints_satisfy_every_requirement(
     file: str, project: dict[str, Any], repository: Path
 ):
     versions = pinned(repository / file)
-    extras = ("parquet", "dask", "notebooks", "test")
+    extras = ("parquet", "dask", "vision", "notebooks", "test")
     refused = [
         str(r)
         for r in required(project, *extras)

@@ -29,6 +29,8 @@ NOT_RUN = {
     "suta-calib path-accuracy": "compares what was tracked; tests/tracking/test_path_accuracy.py",
     "suta-calib zero-offsets": "needs the emulator's truth; tests/cli/test_zero_offsets.py",
     "suta-calib calibrate calibration.yaml": "what measure wrote; tests/acquisition",
+    "suta-calib detect": "needs OpenCV; tests/cli/test_detect.py",
+    "suta-calib hand-eye data/workcell": "what detect wrote; tests of hand-eye --corners",
     "suta-calib outliers": "7 s; tests/cli/test_outliers.py",
     "suta-calib study": "20 s; tests/cli/test_study.py",
     "suta-calib extend": "13 s; tests/cli/test_nongeometric.py",

@@ -22,7 +22,7 @@ from suta_calib.measurements import (
 from suta_calib.vision import RenderOptions, detect, find_pictures, rendered
 
 FOLDER = Path(__file__).resolve().parent
-PICTURES, HELD_OUT = 22, 6
+PICTURES, HELD_OUT = 18, 10
 HOME = np.radians([0.0, 30.0, 80.0, 0.0, 70.0, 0.0])
 REACH = np.radians([22.0, 14.0, 14.0, 45.0, 30.0, 100.0])
 # The arm as it is; what is not here is as in arm.urdf.

@@ -33,6 +33,14 @@ _ROW_REACH: Final = 0.15
 # between a rim and what lies behind it there are things that are nearly corners.
 _LESS_CLEAR: Final = 0.1
 _MOST_ROWS: Final = 200
+# Other boards that lie about.
+_COMMON: Final = (
+    *((4, 3), (5, 4), (6, 4), (6, 5), (7, 5), (7, 6), (8, 5), (8, 6), (9, 6), (9, 7)),
+    *((10, 7), (11, 8), (13, 9)),
+)
+# A step from corner to corner, in steps before it: perspective makes them longer by some per cent.
+# OpenCV's search of corners by themselves leaves out rows to come to the size it is asked for.
+_LONGEST_STEP: Final = 1.5
 # Sizes that a board has in truth whose file is wrong: squares counted for corners, one too many.
 _MISCOUNTED: Final = ((-1, -1), (1, 1), (-1, 0), (0, -1), (1, 0), (0, 1), (-2, -2), (2, 2))
 
@@ -55,10 +63,14 @@ class _Grid:
         return min(float(np.linalg.norm(np.diff(self.pixel, axis=k), axis=2).min()) for k in (0, 1))
 
     @property
-    def size(self) -> str:
-        """As a board's file has it: columns x rows."""
-        rows, columns = self.seen.shape
-        return f"{columns}x{rows}"
+    def regular(self) -> bool:
+        """Whether no row or column is left out: steps change little from one to the next."""
+        for axis in (0, 1):
+            steps = np.linalg.norm(np.diff(self.pixel, axis=axis), axis=2)
+            longer = np.abs(np.diff(np.log(np.maximum(steps, 1e-3)), axis=axis))
+            if np.any(longer > np.log(_LONGEST_STEP)):
+                return False
+        return True
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +97,10 @@ class ChessboardFinder(Finder):
         if grid is None:
             raise nothing_seen(grey, "chessboard")
         if sorted(grid.seen.shape) != sorted(size):
-            raise NotSeenError(f"{grid.size} inner corners instead of {size[0]}x{size[1]}")
+            # Which way the grid lies was not asked for.
+            longer, shorter = sorted(grid.seen.shape, reverse=True)
+            told = (longer, shorter) if size[0] >= size[1] else (shorter, longer)
+            raise NotSeenError(f"{told[0]}x{told[1]} inner corners instead of {size[0]}x{size[1]}")
         # Squares' widths around the outer corners belong to the board as well.
         rest, scale = next(_copies(without(grey, grid.pixel.reshape(-1, 2), 1.6 * _widest(grid))))
         if _by_squares(grey, rest, scale, size):
@@ -98,12 +113,10 @@ class ChessboardFinder(Finder):
         grid = _by_sectors(grey, copy, scale, size)
         if grid is not None:
             return grid
-        for more in _MISCOUNTED:
-            near = (size[0] + more[0], size[1] + more[1])
-            if min(near) >= _SEED:
-                grid = _by_squares(grey, copy, scale, near)
-                if grid is not None:
-                    return grid
+        for other in _wrongly_counted(size):
+            grid = _by_squares(grey, copy, scale, other)
+            if grid is not None:
+                return grid
         return _by_sectors(grey, copy, scale, None)
 
     def _numbered(self, grey: Grey, grid: _Grid) -> Found:
@@ -151,6 +164,13 @@ def _dark(grey: Grey, pixel: FloatArray) -> bool:
     return bool(np.median(greys[alike]) < np.median(greys[~alike])) if (~alike).any() else False
 
 
+def _wrongly_counted(size: tuple[int, int]) -> Iterator[tuple[int, int]]:
+    """Sizes that a board may have whose file says another."""
+    near = ((size[0] + more[0], size[1] + more[1]) for more in _MISCOUNTED)
+    yield from (each for each in near if min(each) >= _SEED)
+    yield from _COMMON
+
+
 def _by_squares(grey: Grey, copy: Grey, scale: float, size: tuple[int, int]) -> _Grid | None:
     """By OpenCV's search from square to square: a few hundredths of a second."""
     cv2 = opencv()
@@ -183,7 +203,7 @@ def _whole(grey: Grey, corners: FloatArray, size: tuple[int, int], scale: float)
     # Pixels are counted by their centres, in the copy too.
     start = (corners.astype(float).reshape(-1, 2) + 0.5) * scale - 0.5
     rough = _Grid(start.reshape(rows, columns, 2), np.ones((rows, columns), dtype=np.bool_))
-    if rough.spacing < 2.0:
+    if rough.spacing < 2.0 or not rough.regular:
         return None
     saddles, seen = refined(grey, start, rough.spacing)
     if seen.mean() < _LEAST_SEEN:

@@ -187,6 +187,10 @@ class CharucoFinder(Finder):
         placed = [_in_place(layout[numbers], corners, size) for layout in self._layouts]
         layout, inside = max(zip(self._layouts, placed, strict=True), key=lambda one: one[1].sum())
         if inside.mean() < _LEAST_IN_PLACE:
+            # A few markers of a small dictionary are others' mirror images.
+            mirrored = _seen_markers(np.ascontiguousarray(grey[:, ::-1]), self.board.dictionary)[1]
+            if len(mirrored) > len(numbers):
+                raise NotSeenError(f"markers of {self.board.dictionary} that are mirrored")
             raise NotSeenError(self._misplaced(corners, numbers, size))
         return self._between(grey, layout[numbers[inside]], corners[inside])
 

@@ -1,0 +1,154 @@
+"""Many pictures: which are used, why the others are not, and the camera they make."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+cv2 = pytest.importorskip("cv2")
+
+from vision_scenes import CAMERA, CHESSBOARD, facing, taken, truth, write_picture  # noqa: E402
+
+from suta_calib.errors import InputError, SamplesError  # noqa: E402
+from suta_calib.measurements import Camera, Chessboard, corners_of, read_board  # noqa: E402
+from suta_calib.vision import calibrate_camera, detect, find_pictures, view_poses  # noqa: E402
+
+POINTS = np.arange(len(CHESSBOARD.points))
+
+
+def views(count: int, seed: int = 1) -> list[np.ndarray]:
+    """Poses of the board, tilted towards all sides, wholly in the picture."""
+    random, found = np.random.default_rng(seed), []
+    while len(found) < count:
+        T = facing(CHESSBOARD, tuple(random.uniform(-40, 40, 3)), random.uniform(0.3, 0.45))
+        T[:2, 3] += random.uniform(-0.05, 0.05, 2)
+        if CAMERA.inside(truth(CHESSBOARD, POINTS, T)).all():
+            found.append(T)
+    return found
+
+
+def seen(poses: list[np.ndarray], random: np.random.Generator, sigma: float = 0.1):
+    pixel = [truth(CHESSBOARD, POINTS, T) for T in poses]
+    names = np.repeat([f"{k}.png" for k in range(len(poses))], len(POINTS))
+    noisy = np.concatenate(pixel) + sigma * random.standard_normal((len(names), 2))
+    return corners_of(names, np.tile(POINTS, len(poses)), noisy)
+
+
+def test_the_covariance_of_a_camera_is_its_scatter():
+    poses, random = views(10), np.random.default_rng(3)
+    fits = [calibrate_camera(seen(poses, random), CHESSBOARD, 320, 240) for _ in range(40)]
+    errors = np.array([fit.camera.intrinsics - CAMERA.intrinsics for fit in fits])
+    covariance = np.mean([fit.camera.covariance for fit in fits], axis=0)
+    spread = errors.std(axis=0) / np.sqrt(np.diag(covariance))
+    assert np.all((spread > 0.7) & (spread < 1.35))
+    assert np.all(np.abs(errors.mean(axis=0)) < 3.5 * errors.std(axis=0) / np.sqrt(len(fits)))
+    assert fits[0].assessment.level == "good"
+    assert fits[0].rms == pytest.approx(0.1 * np.sqrt(2), rel=0.1)
+
+
+def test_a_picture_that_does_not_fit_the_others_is_named():
+    corners = seen(views(8), np.random.default_rng(4))
+    moved = np.where((corners.image == "3.png") & (corners.point == 7), 25.0, 0.0)
+    spoilt = replace(corners, pixel=corners.pixel + moved[:, None])
+    fit = calibrate_camera(spoilt, CHESSBOARD, 320, 240)
+    assert list(fit.astray) == ["3.png"]
+    assert fit.camera.intrinsics[0] == pytest.approx(310.0, abs=4 * fit.camera.stds[0])
+
+
+def test_boards_that_are_not_tilted_determine_no_camera():
+    flat = []
+    for k in range(6):
+        T = facing(CHESSBOARD, (0, 0, 10 * k), 0.36 + 0.01 * k)
+        flat.append(T)
+    try:
+        fit = calibrate_camera(seen(flat, np.random.default_rng(5)), CHESSBOARD, 320, 240)
+    except SamplesError:
+        return
+    assert fit.assessment.level != "good"
+    with pytest.raises(SamplesError, match="at least 3"):
+        calibrate_camera(seen(flat[:2], np.random.default_rng(5)), CHESSBOARD, 320, 240)
+
+
+def test_where_a_board_is_in_a_picture():
+    T = views(1)[0]
+    poses, residuals = view_poses(seen([T], np.random.default_rng(0), 0.0), CHESSBOARD, CAMERA)
+    assert np.allclose(poses["0.png"], T, atol=1e-6)
+    assert np.abs(residuals).max() < 1e-6
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Five pictures of the board, and what else lies about in such folders."""
+    folder = tmp_path_factory.mktemp("pictures")
+    for k, T in enumerate(views(5)):
+        write_picture(folder / f"good_{k}.png", taken(CHESSBOARD, T, seed=k))
+    (folder / "copy.png").write_bytes((folder / "good_0.png").read_bytes())
+    (folder / "cut.png").write_bytes((folder / "good_1.png").read_bytes()[:500])
+    (folder / "nothing.png").write_bytes(b"")
+    (folder / "words.jpg").write_text("no picture", encoding="utf-8")
+    write_picture(folder / "dark.png", np.zeros((240, 320), np.uint8))
+    write_picture(folder / "small.png", taken(CHESSBOARD)[20:220, 20:300])
+    (folder / "notes.txt").write_text("not tried", encoding="utf-8")
+    return folder
+
+
+def test_what_cannot_be_used_is_named_and_left_out(folder: Path):
+    done = []
+    found = detect(
+        find_pictures([folder]), CHESSBOARD, CAMERA, progress=lambda k, n: done.append((k, n))
+    )
+    lost = {view.picture.name: view.reason for view in found.views if view.found is None}
+    assert {name: lost[name].split(":")[0] for name in sorted(lost)} == {
+        "cut.png": "not a picture, or one that is cut off",
+        "dark.png": "an empty picture",
+        # Pictures are taken in the order of their names.
+        "good_0.png": "the same picture as copy.png",
+        "nothing.png": "an empty file",
+        "small.png": "280x200 px where the camera's file has 320x240",
+        "words.jpg": "not a picture, or one that is cut off",
+    }
+    assert found.detected == 5
+    assert found.rms < 0.08
+    assert found.assessment.level == "care"
+    assert done[-1] == (11, 11)
+
+
+def test_another_cameras_file_does_not_fit(folder: Path):
+    values = CAMERA.intrinsics * [1, 1, 1, 1, 0, 0, 0, 0, 0] + [200, 0, 0, 0, 2.0, 0, 0, 0, 0]
+    found = detect(find_pictures([folder]), CHESSBOARD, Camera(320, 240, values))
+    assert not found.assessment.usable
+    assert "does not fit the pictures" in found.assessment.notes[0]
+
+
+def test_no_board_anywhere_says_what_there_was(folder: Path):
+    with pytest.raises(InputError, match="6x5 inner corners instead of 7x4"):
+        detect(find_pictures([folder / "good_0.png"]), Chessboard(7, 4, 0.03))
+
+
+def test_names_of_pictures(tmp_path: Path):
+    for side in ("left", "right"):
+        (tmp_path / side).mkdir()
+        write_picture(tmp_path / side / "1.png", np.zeros((9, 9), np.uint8))
+    sides = [tmp_path / "left", tmp_path / "right"]
+    assert [each.name for each in find_pictures(sides)] == ["left/1.png", "right/1.png"]
+    assert [each.name for each in find_pictures(sides[:1])] == ["1.png"]
+    assert len(find_pictures([sides[0], sides[0] / "1.png"])) == 1
+    with pytest.raises(InputError, match=r"a folder without pictures .*such as left"):
+        find_pictures([tmp_path])
+    with pytest.raises(InputError, match="no such file"):
+        find_pictures([tmp_path / "none.png"])
+
+
+def test_pictures_with_known_truth(shared: Path):
+    scene = shared / "images" / "workcell_camera1"
+    pictures = find_pictures([scene / "images"])[::8]
+    from suta_calib.measurements import read_camera
+
+    camera = read_camera(scene / "camera.yaml")
+    found = detect(pictures, read_board(scene / "board.yaml"), camera)
+    assert found.detected == len(pictures)
+    assert found.rms < 0.05
+    assert found.assessment.level == "good"
