@@ -9,7 +9,7 @@ import click
 from suta_calib.atomic import check_outputs
 from suta_calib.cli._options import PATH, WRITTEN, Folder
 from suta_calib.cli._output import LateProgress, answer_command
-from suta_calib.errors import BoardError, OutputError
+from suta_calib.errors import BoardError, InputError, OutputError
 from suta_calib.report.document import Document
 
 
@@ -72,6 +72,9 @@ def detect(
             found = detected(found_files, sought, camera, progress=progress)
         except BoardError as problem:
             raise BoardError.of(problem, board, problem.line) from None
+    if camera_out is not None and found.fit is None:
+        said = next(iter(found.assessment.notes), "")
+        raise InputError("pictures that determine no camera", "some that do", hint=said)
     answer = detect_document(found, pictures=pictures)
     written: dict[str, str] = {}
     if file is not None and found.assessment.usable:

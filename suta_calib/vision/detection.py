@@ -155,7 +155,9 @@ def detect(
         try:
             fit = calibrate_camera(_corners(views), board, *_size(views), how.camera)
         except SamplesError as problem:
-            notes.append(f"No camera is calibrated: found {problem.found}.")
+            notes.append(
+                f"No camera is calibrated: found {problem.found}; expected {problem.expected}."
+            )
         else:
             camera = fit.camera
             views = [_fitting(view, fit.astray) for view in views]
@@ -257,11 +259,11 @@ def _none_found(views: Sequence[View]) -> InputError:
     count = len(views)
     (reason, times), *rest = Counter(view.reason for view in views).most_common()
     first = next(view.picture for view in views if view.reason == reason)
-    where = f"in {times} of {count} pictures" if count > 1 else "in it"
+    where = f", in {times} of {count} pictures" if count > 1 else ""
     also = f"; also: {listed([reason for reason, _ in rest], _MOST_TOLD)}" if rest else ""
     return SamplesError(
-        f"{reason}, {where}{also}",
-        "the board of its file",
+        f"{reason}{where}{also}",
+        "the board of its file, in a picture of the camera's size",
         file=first.path,
         hint="correct the board's file, or the pictures",
     )
