@@ -240,9 +240,11 @@ def _priors(solution: Solution, options: ContradictionOptions) -> Iterator[Contr
     worst, name = max(far)
     p = parameters[name]
     others = f" and {len(far) - 1} more" if len(far) > 1 else ""
+    stated = [pull for pull, n in far if not parameters[n].prior_assumed]
+    says = "is usual" if p.prior_assumed else "the priors say"
     yield Contradiction(
-        worst > options.pull,
-        f"{name}{others} ended {worst:.0f} standard deviations from what the priors say (by "
+        any(pull > options.pull for pull in stated),
+        f"{name}{others} ended {worst:.0f} standard deviations from what {says} (by "
         f"{text(values[name] - p.nominal, p.unit, with_unit=True)}, prior "
         f"{text(p.prior, p.unit, with_unit=True)}): the prior is wrong, or the data are.",
     )

@@ -72,6 +72,7 @@ class Parameter:
             standard deviation is judged against it.
         free: False for a parameter that is named but not estimated.
         prior_fixed: whether the data have no say in how wide the prior is.
+        prior_assumed: whether nobody stated the prior: it is as wide as is usual.
     """
 
     owner: str
@@ -84,6 +85,7 @@ class Parameter:
     plausible: float = math.nan
     free: bool = True
     prior_fixed: bool = False
+    prior_assumed: bool = False
 
     def __post_init__(self) -> None:
         if not self.lower <= self.nominal <= self.upper:

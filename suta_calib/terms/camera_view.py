@@ -382,6 +382,7 @@ class CameraView(FramedTerm):
                     value,
                     prior=max(std, _FINEST),
                     prior_fixed=self.prior is not None,
+                    prior_assumed=known is None,
                 )
                 for key, value, std in values
             ),

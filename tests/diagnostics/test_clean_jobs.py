@@ -70,7 +70,7 @@ def judged(
 
 def is_good(found: Assessment, kind: str) -> bool:
     """Good, and nothing said but what is true of a tip that only a camera's job knows."""
-    if kind != "hand_eye":
+    if kind not in ("hand_eye", "camera_view"):
         return (found.level, found.notes) == ("good", ())
     (note,) = found.notes
     return found.level == "good" and "The tip is as good as its drawing" in note

@@ -16,7 +16,7 @@ from suta_calib.geometry.numbers import (
     rotation_from_vector,
     vector_from_rotation,
 )
-from suta_calib.model.parameters import ParameterSet
+from suta_calib.model.parameters import PLACEMENT, ParameterSet
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.solver.solve import solve
@@ -37,6 +37,13 @@ WORDS = {
     "fixed_point[F1]": "point in base",
     "placement[P2]": "placement in base",
     "plane[S2]": "plane in base",
+    "line[S1]": "line in base",
+    "anchor[S1]": "anchor in base",
+    "target[T1]": "target in tip",
+}
+CAMERAS = {
+    "camera_view": {"hand_eye": "camera in tip", "target": "board in base"},
+    "camera_view beside": {"hand_eye": "camera in base", "target": "board in tip"},
 }
 
 
@@ -57,12 +64,15 @@ each_with_frames = pytest.mark.parametrize(
 @each_with_frames
 def test_every_frame_is_told_where_it_is(name: str) -> None:
     found = {pose.name: pose for pose in external_poses(solved(name))}
-    owners = {p.owner for p in solved(name).problem.parameters.values()}
+    # All but a radius, and what a camera's lens does.
+    owners = {p.owner for p in solved(name).problem.parameters.values() if p.key in PLACEMENT}
     assert set(found) == owners
-    for frame in found.keys() & WORDS.keys():
-        assert found[frame].words == WORDS[frame]
+    words = WORDS | CAMERAS.get(name, {})
+    for frame in found.keys() & words.keys():
+        assert found[frame].words == words[frame]
         assert (found[frame].held, found[frame].given) == ((), ())
-    for frame in found.keys() & TRUTH.keys():
+    # A camera looks at a board of its own.
+    for frame in found.keys() & TRUTH.keys() - CAMERAS.get(name, {}).keys():
         pose, (rotation, position) = found[frame], TRUTH[frame]
         off = pose.position - position
         if rotation is not None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,11 +12,13 @@ from certified_artefact import write_points
 from cli_job import write_simulated_job
 from pose_answers import XYZ
 from pose_scenes import PAIR, POSE, pair_numbers, pivot_numbers, point_numbers, write_csv
+from simulated import SUTA_URDF
 
 from suta_calib.measurements import Samples, write_samples
 from suta_calib.model.arm import ArmModel
 from suta_calib.stereotactic.cis_simulation import simulate_stereotactic
 
+WORKCELL = SUTA_URDF.parents[1] / "data" / "workcell"
 JOB, URDF, SAMPLES = "calibration.yaml", "arm.urdf", "calibration/a.csv"
 BOX = ("--region", "150,600,-300,300,0,400", "--grid", "5")
 DEVICE = """\
@@ -81,6 +84,9 @@ GIVEN = {
     "simulate": Given(("simulation.yaml",), ("simulation.yaml", URDF), "--out"),
     "pivot": Given(("pivot.csv",), ("pivot.csv",), "--out"),
     "hand-eye": Given(("pairs.csv",), ("pairs.csv",), "--out"),
+    "detect": Given(
+        ("view.jpg", "--board", "board.yaml"), ("board.yaml",), "--out", out_is_file=True
+    ),
     "register": Given(("a.csv", "b.csv"), ("a.csv", "b.csv"), "--out"),
     "stereotactic": Given(
         ("cis",), tuple(f"cis-{k}.txt" for k in ("calbody", "calreadings", "empivot")), "--out"
@@ -150,6 +156,8 @@ def write_scene(folder: Path, urdf: Path) -> Path:
     for name in ("recorded.csv", "reference.csv"):
         write_csv(folder / name, ("time", *XYZ), np.hstack([time, path]))
     write_points(folder / "points.csv")
+    for name, file in (("view.jpg", "pictures/00.jpg"), ("board.yaml", "board.yaml")):
+        shutil.copy(WORKCELL / file, folder / name)
     simulate_stereotactic("cis", seed=2, distortion=3e-3, em_noise=0.05e-3, grid=2).write(folder)
     return folder
 
