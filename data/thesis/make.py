@@ -1,7 +1,8 @@
 """Make the simulated files of this folder again: ``python data/thesis/make.py``, fixed seeds.
 
-The measurements of chapter 3 as `simulation.yaml` describes them, in ``simulated/``; appendix E's four tests of repeatability, appendix D's touches of a laser tracker, and the
-certificate in which S2 stands aside, as in appendix F.3.
+The measurements of chapter 3 as `simulation.yaml` describes them, in ``simulated/``; appendix E's
+four tests of repeatability, appendix D's touches of a laser tracker, and the certificate in which
+S2 stands aside, as in appendix F.3.
 """
 
 from __future__ import annotations
