@@ -25,11 +25,12 @@ INSTALLED_LOWEST := $(VENV_LOWEST)/.installed
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-all test-lowest lint format bench bench-device clean distclean
+.PHONY: help demo thesis test test-all test-lowest lint format bench bench-device clean distclean
 .DELETE_ON_ERROR:
 
 help:
 	@echo "make demo       calibrate the SUTA from the data in this repository"
+	@echo "make thesis     every table of the thesis beside ours, run and printed"
 	@echo "make test       lint, types and tests, notebooks and coverage included"
 	@echo "make test-all   the same with the large studies"
 	@echo "make test-lowest  the tests with the oldest versions allowed; Python 3.11 or 3.12"
@@ -42,6 +43,9 @@ help:
 
 demo: $(INSTALLED)
 	$(BIN)/suta-calib calibrate data/suta/calibration.yaml
+
+thesis: $(INSTALLED_DEV)
+	$(BIN)/python notebooks/print_page.py notebooks/09_the_thesis.ipynb
 
 test: lint
 	$(BIN)/python -m $(PYTEST) -m "not slow" --cov

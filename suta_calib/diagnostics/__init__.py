@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from suta_calib.diagnostics.observability import Prospect as Prospect
     from suta_calib.diagnostics.observability import observe as observe
     from suta_calib.diagnostics.repeats import LackOfFit as LackOfFit
+    from suta_calib.diagnostics.repeats import TouchRepeatability as TouchRepeatability
+    from suta_calib.diagnostics.repeats import touch_repeatability as touch_repeatability
     from suta_calib.diagnostics.score_tests import ScoreTest as ScoreTest
 
 __getattr__, __all__ = public(__name__)

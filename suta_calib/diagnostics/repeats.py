@@ -9,6 +9,7 @@ only within that model.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -164,3 +165,46 @@ def _repeat_scatter(block: Block, residual: FloatArray, touch: IntArray) -> floa
     freed = _about_mean(residual, group, count) / lost
     scatter = float(np.median(np.abs(freed[count[group] > 1]))) / NORMAL_MEDIAN
     return scatter if scatter > 0 else None
+
+
+@dataclass(frozen=True)
+class TouchRepeatability:
+    """How far the tip comes to lie from where repeats of the same touch have it on average.
+
+    No certificate enters and hardly the calibration: it is what a person, a seat and the readings
+    do. It is the floor under every error, and not what an arm is accurate to.
+
+    Attributes:
+        rms: root mean square distance in space from the mean of the repeats, m, with the n - 1 of
+            each touch.
+        std: standard deviation of ``rms``, for scatter that is the same along three axes, m.
+        touches: how many were repeats of another.
+        places: how many different touches they repeat.
+    """
+
+    rms: float
+    std: float
+    touches: int
+    places: int
+
+
+def touch_repeatability(term: Term, values: Mapping[str, float]) -> TouchRepeatability | None:
+    """Scatter of the tip among repeats of the same touch, or None without enough of them.
+
+    What was read again at one rest counts once. Gross errors count like all others.
+
+    Args:
+        term: whose samples these are.
+        values: of the arm's parameters, m and rad; nominal where not given.
+    """
+    once = np.unique(term.poses.rests, return_index=True)[1]
+    position = term.poses.at(values)[1][once]
+    _, place, count = np.unique(term.repeats()[once], return_inverse=True, return_counts=True)
+    if np.sum(count > 1) < ENOUGH_GROUPS:
+        return None
+    repeated = count > 1
+    inside = _about_mean(position, place, count)[repeated[place]]
+    spare = float(np.sum(count[repeated] - 1))
+    rms = float(np.sqrt(np.sum(inside**2) / spare))
+    std = rms / float(np.sqrt(2.0 * position.shape[1] * spare))
+    return TouchRepeatability(rms, std, int(np.sum(count[repeated])), int(np.sum(repeated)))

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from suta_calib.job.calibration import joint_ranges as joint_ranges
     from suta_calib.job.calibration import read_arm_samples as read_arm_samples
     from suta_calib.job.calibration import read_term as read_term
+    from suta_calib.job.dh_file import dh_text as dh_text
+    from suta_calib.job.dh_file import read_dh_table as read_dh_table
     from suta_calib.job.limits import DecisionRule as DecisionRule
     from suta_calib.job.limits import LengthLimit as LengthLimit
     from suta_calib.job.limits import Limits as Limits

@@ -17,6 +17,7 @@ from suta_calib.diagnostics.accuracy import Accuracy, TermAccuracy, assess
 from suta_calib.diagnostics.assessment import assess_calibration
 from suta_calib.diagnostics.contradictions import may_read_alike
 from suta_calib.diagnostics.explanation import Explanation, explain_solution
+from suta_calib.diagnostics.repeats import TouchRepeatability, touch_repeatability
 from suta_calib.errors import InputError, JobError, ParameterError, SamplesError
 from suta_calib.job.schema import JobSpec, ObservationSpec, read_job
 from suta_calib.measurements import (
@@ -155,6 +156,18 @@ class CalibrationResult:
             name: [(row.label, term) for row, term in zip(rows, terms, strict=True)]
             for name, (rows, terms) in sets.items()
         }
+
+    @property
+    def repeatability(self) -> dict[str, list[TouchRepeatability]]:
+        """How the tip scatters among repeats of the same touch, as ``labelled_terms`` has terms.
+
+        Terms without enough repeats are left out.
+        """
+        every = {
+            name: [touch_repeatability(each.term, self.solution.values) for _, each in terms]
+            for name, terms in self.labelled_terms.items()
+        }
+        return {name: [each for each in terms if each] for name, terms in every.items()}
 
     def _on_the_job(self) -> list[str]:
         """Samples left out by name, held-out ones at fitted rests, or in sockets wide unsaid."""

@@ -14,6 +14,9 @@ if TYPE_CHECKING:
     from suta_calib.model.chain import Chain as Chain
     from suta_calib.model.chain import ChainJoint as ChainJoint
     from suta_calib.model.chain import read_chain as read_chain
+    from suta_calib.model.dh import DhRow as DhRow
+    from suta_calib.model.dh import DhTable as DhTable
+    from suta_calib.model.dh import dh_table as dh_table
     from suta_calib.model.parameters import Parameter as Parameter
     from suta_calib.model.parameters import ParameterSet as ParameterSet
     from suta_calib.model.parameters import Selection as Selection

@@ -17,6 +17,7 @@ import numpy as np
 from suta_calib.diagnostics.accuracy import TermAccuracy
 from suta_calib.diagnostics.explanation import redundant_names
 from suta_calib.diagnostics.external_poses import external_poses
+from suta_calib.diagnostics.repeats import TouchRepeatability
 from suta_calib.job.calibration import CalibrationResult
 from suta_calib.report import calibration_plots as plots
 from suta_calib.report.document import Document, Figure, File, Folded, Part, Place, ShownOnly, Text
@@ -51,6 +52,14 @@ NOT_USABLE: Final = "not_usable.urdf"
 DISTRIBUTIONS: Final = ("suta_calib", "pin", "casadi", "numpy")
 
 
+REPEATABILITY: Final = Listing[tuple[str, TouchRepeatability]](
+    "Repeatability: the tip about the mean of repeats of the same touch",
+    Column("data", "data", lambda row: row[0]),
+    Column("rms", "RMS", lambda row: row[1].rms, "m"),
+    Column("std", "± std", lambda row: row[1].std, "m"),
+    Column("touches", "touches", lambda row: row[1].touches, form="d"),
+    Column("places", "of", lambda row: row[1].places, form="d"),
+)
 STARTS: Final = Listing[tuple[int, Minimum]](
     "How it was computed",
     Column("", "start", lambda row: row[0], form="d"),
@@ -153,6 +162,7 @@ def _errors(result: CalibrationResult) -> Iterator[Part]:
             place="page",
             look="soft",
         )
+        yield REPEATABILITY.of(_repeatability(result))
     # Held-out errors are what a user of the arm will see: they come first.
     for name in ("validation", "calibration"):
         for k, errors in enumerate(by_kind(sets[name])):
@@ -161,6 +171,10 @@ def _errors(result: CalibrationResult) -> Iterator[Part]:
                     partial(plots.error_histogram, errors, f"histogram-{name}-{k}"),
                     f"{name.capitalize()}: {errors.quantity}",
                 )
+
+
+def _repeatability(result: CalibrationResult) -> list[tuple[str, TouchRepeatability]]:
+    return [(name, each) for name, terms in result.repeatability.items() for each in terms]
 
 
 def _untold(result: CalibrationResult) -> Iterator[Part]:
@@ -301,6 +315,7 @@ def _data(result: CalibrationResult) -> Json:
             if row.exclude is not None
         ],
         "metrics": _metrics(result),
+        "repeatability": REPEATABILITY.records(_repeatability(result)),
         "timing_s": timing,
         **_matrices(solution),
         "noise": NOISE.records(noise_of(result)),

@@ -54,6 +54,12 @@ EXPLAINED: Final = (
     "flags of four make an outlier: every metric has a blind spot, and none convicts alone."
 )
 
+OWN_FIT: Final = (
+    "The two scales differ: what the job's model lacks is in every touch of its own fit, so shares "
+    "and leave-one-out are evened out there and biases hold the arm's errors as well. Thresholds "
+    "belong to the fit of the whole geometry."
+)
+
 
 def _key(metric: Metric) -> str:
     return key(metric, TOLD[metric][0])
@@ -119,7 +125,7 @@ def outliers_document(found: Outliers) -> Document:
             level, noun = term.levels[0], GROUPING_NOUN[term.levels[0].name]
             title = f"{term.kind}, by {noun}, in the job's own fit: every touch counts, no flags"
             own = Listing(title, Column[Group]("label", noun), *AS_CALIBRATED)
-            parts.append(ShownOnly(own.of(_shown(level)), "page"))
+            parts += [own.of(_shown(level)), Text(OWN_FIT)]
     parts += [ShownOnly(TOUCHES.of(term.touches), "page") for term in found.terms]
     parts += [ShownOnly(MOVES.of(term.moves), "page") for term in found.terms]
     parts += [Text(sentence, bullet=True) for sentence in advice(found)]

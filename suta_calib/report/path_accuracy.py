@@ -13,10 +13,10 @@ from matplotlib.axes import Axes
 from suta_calib.arrays import FloatArray
 from suta_calib.geometry.numbers import homogeneous
 from suta_calib.report.document import Document, Figure, Part, Text
-from suta_calib.report.listing import Column, Json, Listing
+from suta_calib.report.listing import Column, Json, Listing, shown_as
 from suta_calib.report.poses import LARGE, pose_record
 from suta_calib.report.svg import BLUE, GREY, ORANGE, picture, shown_array, svg_text
-from suta_calib.tracking.path_accuracy import PathAccuracy
+from suta_calib.tracking.path_accuracy import UPDATE_RATES, MotionQuarter, PathAccuracy
 from suta_calib.tracking.reversals import ChannelReversals
 from suta_calib.units import NOTHING, Unit, mm, ms, text, unit_name
 
@@ -47,6 +47,33 @@ ERRORS: Final = Listing[ErrorKind](
     Column("p95", "95 %", lambda each: np.percentile(each.sizes, 95), _unit),
     Column("max", "max", lambda each: each.sizes.max(), _unit),
     Column("count", None, lambda each: len(each.sizes)),
+)
+
+
+def _by_motion(title: str, key: str, unit: str) -> Listing[MotionQuarter]:
+    """Errors by speed or acceleration, in SI: that is what people state them in."""
+    return Listing(
+        title,
+        shown_as(f"from to, {unit}", lambda each: f"{each.low:.3f} to {each.high:.3f}"),
+        Column(f"{key}_low", None, lambda each: each.low),
+        Column(f"{key}_high", None, lambda each: each.high),
+        Column("rms_same_time", "at the same time", unit="m"),
+        Column("rms", "latency removed", unit="m"),
+        Column("std", "± std", unit="m"),
+    )
+
+
+SPEEDS: Final = _by_motion(
+    "Distance by speed, mm RMS, a quarter of the rows each", "speed_m_s", "m/s"
+)
+ACCELERATIONS: Final = _by_motion(
+    "Distance by acceleration, mm RMS, a quarter of the rows each", "acceleration_m_s2", "m/s²"
+)
+# Rate in Hz, and how far the motion gets ahead of the last pose.
+RATES: Final = Listing[tuple[float, float]](
+    "How far this motion gets ahead of the last pose, by update rate",
+    Column("rate_hz", "Hz", lambda row: row[0], form=".0f"),
+    Column("rms", "RMS, mm", lambda row: row[1], "m"),
 )
 
 
@@ -114,6 +141,7 @@ def path_accuracy_document(found: PathAccuracy) -> Document:
         Reversals(each, *found.hysteresis.get(each.channel.name, unknown))
         for each in found.reversals
     ]
+    rates = [(rate, found.staleness(rate)) for rate in UPDATE_RATES]
     late = "later" if alignment.latency >= 0 else "earlier"
     latency = (
         f"Latency {ms(alignment.latency):.3f} ± {ms(alignment.latency_std):.3f} ms: the "
@@ -123,6 +151,9 @@ def path_accuracy_document(found: PathAccuracy) -> Document:
     parts: list[Part] = [
         Text(latency),
         ERRORS.of(errors),
+        SPEEDS.of(found.by_speed),
+        ACCELERATIONS.of(found.by_acceleration),
+        RATES.of(rates),
         reversals.of(rows),
         Figure(partial(path_accuracy_plot, found)),
     ]
@@ -138,6 +169,9 @@ def path_accuracy_document(found: PathAccuracy) -> Document:
             "as_good_ms": [ms(latency) for latency in alignment.as_good],
         },
         "errors": {each.key: ERRORS.record(each) for each in errors},
+        "by_speed": SPEEDS.records(found.by_speed),
+        "by_acceleration": ACCELERATIONS.records(found.by_acceleration),
+        "by_update_rate": RATES.records(rates),
         "reversals": {"per": found.per, "channels": reversals.records(rows)},
         "registration": registration,
         "samples": {"compared": len(found.time), "recorded": len(found.recorded.time)},

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
 from typing import Final
 
@@ -18,11 +19,12 @@ from suta_calib.analysis.repeatability import (
     Repeatability,
     RepeatabilityTest,
     Stationary,
+    joints_rms,
 )
 from suta_calib.report.document import Document, Figure, Part, Text
 from suta_calib.report.listing import Column, Json, Listing, shown_as, written
 from suta_calib.report.repeatability_plots import stationary_plot, visits_plot
-from suta_calib.units import NOTHING, Unit, text, thousandths, unit_name
+from suta_calib.units import NOTHING, Unit, shown, text, thousandths, unit_name
 
 NAME: Final = "repeatability"
 # Encoders are finer than the decimals of a pose.
@@ -131,10 +133,32 @@ COMPARISONS: Final = Listing[tuple[str, str, Change]](
 )
 
 
+# One joint under two protocols: which protocols, the joint, its unit, how its scatter changes.
+JOINT_COMPARISONS: Final = Listing[tuple[str, str, Unit, Change]](
+    "Scatter of the joints by protocol",
+    Column("", "protocols", lambda row: row[0]),
+    Column("", "joint", lambda row: row[1]),
+    shown_as("std", lambda row: " → ".join(text(v, row[2]) for v in (row[3].first, row[3].second))),
+    Column("", "ratio", lambda row: row[3].factor, form=".2f"),
+    shown_as("interval", lambda row: f"{row[3].ratio.low:.2f} to {row[3].ratio.high:.2f}"),
+    shown_as("", lambda row: "proved" if row[3].proved else ""),
+)
+JOINT_CHANGE: Final = Listing[tuple[str, Unit, Change]](
+    "",
+    Column("joint", value=lambda row: row[0]),
+    Column("first", value=lambda row: row[2].first, unit=lambda row: row[1]),
+    Column("second", value=lambda row: row[2].second, unit=lambda row: row[1]),
+    Column("ratio", value=lambda row: row[2].factor),
+    Column("ratio_interval", value=lambda row: row[2].ratio.ends),
+    Column("proved", value=lambda row: row[2].proved),
+    named=True,
+)
 PUSHES: Final = Listing[JointPush](
     "Directions of the push",
     Column("joint", "joint"),
     Column("peak_to_peak", "means", unit=_unit),
+    shown_as("between", lambda each: "–".join(each.extremes)),
+    Column("between", None, lambda each: each.extremes),
     Column("play", "play", lambda each: each.backlash, _unit),
     Column("play_by_chance", "by chance", lambda each: each.by_chance, _unit),
     Column("tip", "tip, mm", unit="m"),
@@ -271,7 +295,8 @@ def _visits_parts(found: Repeatability) -> list[Part]:
         _positions(found.confidence).of(named.items()),
         joints.of(
             found.joints,
-            f"{joints.title}, {unit}; of the tip's orientation ±({turn}) deg about x, y, z",
+            f"{joints.title}, {unit}{_overall(found.joints)}; of the tip's orientation ±({turn}) "
+            "deg about x, y, z",
         ),
         COMPARISONS.of(
             (
@@ -281,12 +306,40 @@ def _visits_parts(found: Repeatability) -> list[Part]:
             ),
             f"{COMPARISONS.title}, {100 * found.confidence:g} % intervals",
         ),
+        JOINT_COMPARISONS.of(
+            [
+                (f"{each.first} → {each.second}", joint, joint_unit, change)
+                for each in found.comparisons
+                for joint, joint_unit, change in _by_joint(found, each)
+            ],
+            f"{JOINT_COMPARISONS.title}, {unit}; {_overall_by_protocol(found)}",
+        ),
     ]
     if (pushed := found.directions) is not None:
         shift = f"the tip shifts by {text(pushed.tip_shift, 'm', with_unit=True)}"
         title = f"{PUSHES.title}, {unit}: {shift} (p = {pushed.tip_p_value:.2g})"
         parts += [PUSHES.of(pushed.joints, title), Text(_PUSH, place="page")]
     return parts
+
+
+def _overall(joints: Sequence[JointScatter]) -> str:
+    """The root mean square over joints, where there are any that turn."""
+    overall = joints_rms(joints)
+    return "" if overall is None else f", RMS over joints {text(overall, 'rad')} deg"
+
+
+def _overall_by_protocol(found: Repeatability) -> str:
+    return ", ".join(
+        f"{name}{_overall(joints).replace(',', ':', 1)}"
+        for name, joints in found.protocol_joints.items()
+    )
+
+
+def _by_joint(
+    found: Repeatability, comparison: ProtocolComparison
+) -> list[tuple[str, Unit, Change]]:
+    """Each joint of the chain with its unit and how its scatter changes."""
+    return [(each.joint, each.unit, comparison.joints[each.joint]) for each in found.joints]
 
 
 def _rest_parts(found: Stationary) -> list[Part]:
@@ -297,6 +350,11 @@ def _rest_parts(found: Stationary) -> list[Part]:
         NOISE.of(found.joints, f"{NOISE.title}, {unit}{tip}"),
         Text(_REST, place="page"),
     ]
+
+
+def _rms_deg(joints: Sequence[JointScatter]) -> float | None:
+    overall = joints_rms(joints)
+    return None if overall is None else float(shown(overall, "rad"))
 
 
 def _visits_data(found: Repeatability) -> Json:
@@ -313,6 +371,19 @@ def _visits_data(found: Repeatability) -> Json:
         "position": positions.record(("", found.position)),
         "joints": joints.records(found.joints),
         "protocols": positions.records(found.protocols.items()),
-        "comparisons": COMPARED.records(found.comparisons),
+        "joints_rms_deg": _rms_deg(found.joints),
+        "protocol_joints": {
+            name: joints.records(each) for name, each in found.protocol_joints.items()
+        },
+        "protocol_joints_rms_deg": {
+            name: _rms_deg(each) for name, each in found.protocol_joints.items()
+        },
+        "comparisons": [
+            {
+                **COMPARED.record(each),
+                "joints": JOINT_CHANGE.records(_by_joint(found, each)),
+            }
+            for each in found.comparisons
+        ],
         "directions": directions,
     }

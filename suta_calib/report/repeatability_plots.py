@@ -17,21 +17,22 @@ from suta_calib.analysis.repeatability import (
 from suta_calib.analysis.repeatability.scatter import distances
 from suta_calib.report.svg import BLUE, GREY, ORANGE, WIDTH, picture, plain_log, svg_text
 from suta_calib.terms.block import grouped
-from suta_calib.units import mm, thousandths, unit_name
+from suta_calib.units import mm, text, thousandths, unit_name
 
 LARGE: Final = 1.3 * WIDTH
 _LOOKS: Final = tuple(zip((BLUE, ORANGE, "black") * 2, "osD^vP", strict=True))
 _LINES: Final = ("-", "--", ":", "-.")
 _COLOURS: Final = (BLUE, ORANGE, "black", GREY)
+_HATCHES: Final = ("", "////", "", "....")
 
 
 def visits_plot(found: Repeatability) -> str:
     """An SVG: the visits from two sides, and what the joints do."""
     name = "repeatability_visits"
     pushed = found.directions is not None
-    with picture(name, (LARGE, 6.2 if pushed else 3.4)) as figure:
+    with picture(name, (LARGE, 8.8 if pushed else 6.0)) as figure:
         top = ["xy", "xz", "order"]
-        layout: Any = [top, ["joints"] * 3] if pushed else [top]
+        layout: Any = [top, *[[row] * 3 for row in (["joints"] if pushed else []) + ["bars"]]]
         panels = figure.subplot_mosaic(layout)
         _cloud(panels["xy"], found, 0, 1)
         _cloud(panels["xz"], found, 0, 2)
@@ -45,6 +46,7 @@ def visits_plot(found: Repeatability) -> str:
         _in_order(panels["order"], found)
         if found.directions is not None:
             _pushes(panels["joints"], found.directions)
+        _joints(panels["bars"], found)
         return svg_text(figure, name, "Visits about their barycentre, in mm, and in their order")
 
 
@@ -90,6 +92,29 @@ def _in_order(axes: Axes, found: Repeatability) -> None:
     axes.set_xlabel("visit, in order")
     axes.set_ylabel("mm")
     axes.grid(axis="y")
+
+
+def _joints(axes: Axes, found: Repeatability) -> None:
+    """Each joint's scatter, of all visits or by protocol, as what it moves the tip by."""
+    named = found.protocol_joints or {"all visits": found.joints}
+    places, width = np.arange(len(found.joints)), 0.8 / len(named)
+    for k, (name, joints) in enumerate(named.items()):
+        at = places + (k - (len(named) - 1) / 2) * width
+        tips = mm(np.array([each.tip for each in joints]))
+        axes.bar(at, tips, 0.95 * width, color=_COLOURS[k % 4], hatch=_HATCHES[k % 4], label=name)
+        for x, tip, each in zip(at, tips, joints, strict=True):
+            axes.annotate(
+                text(each.std.value, each.unit), (x, tip), ha="center", va="bottom", fontsize=6
+            )
+    units = " or ".join(sorted({unit_name(each.unit) for each in found.joints}))
+    axes.margins(y=0.15)
+    axes.set_xticks(places, [each.joint for each in found.joints])
+    axes.set_title(
+        f"Scatter of each joint: bars what it alone moves the tip by, numbers in {units}"
+    )
+    axes.set_ylabel("at the tip, mm")
+    axes.grid(axis="y")
+    axes.legend(fontsize=8)
 
 
 def _pushes(axes: Axes, found: DirectionalForce) -> None:

@@ -35,6 +35,8 @@ _BLOCKS: Final = 100
 _NEIGHBOURS: Final = 4
 # s; half the interval over which a velocity is taken: below it, a measured reference is noise.
 _HALF_INTERVAL: Final = 5e-3
+# The same of an acceleration, s: 0.02 mm of noise then make some 0.05 m/s².
+_HALF_ACCELERATION: Final = 0.025
 # s; latencies that differ by less are the same.
 _SAME: Final = 1e-9
 # Eigenvalue of the scaled normal matrix below which two causes look alike.
@@ -115,6 +117,13 @@ class ReferencePath:
         after = np.minimum(time + _HALF_INTERVAL, self.end)
         before = np.maximum(time - _HALF_INTERVAL, self.begin)
         change = self.position(after) - self.position(before)
+        return np.asarray(change / (after - before)[:, None])
+
+    def acceleration(self, time: FloatArray) -> FloatArray:
+        """(n, 3) m/s², mean over a time in which the noise of a reference hardly counts."""
+        after = np.minimum(time + _HALF_ACCELERATION, self.end)
+        before = np.maximum(time - _HALF_ACCELERATION, self.begin)
+        change = self.velocity(after) - self.velocity(before)
         return np.asarray(change / (after - before)[:, None])
 
 

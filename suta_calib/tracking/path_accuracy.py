@@ -9,7 +9,7 @@ from typing import Final, Literal
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
-from suta_calib.arrays import FloatArray
+from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.assessment import Assessment
 from suta_calib.geometry.numbers import extent
 from suta_calib.model.arm import ArmModel
@@ -35,6 +35,34 @@ _FOLLOWS: Final = 0.5
 _MILLIMETRES: Final = 1e3
 # Of the fastest, below which a direction of motion means nothing.
 _SLOW: Final = 0.02
+
+# Rows by the quarters of how fast they are.
+_QUARTERS: Final = 4
+# Stretches of time a record is cut into, which are taken for independent of each other.
+_STRETCHES: Final = 12
+_LEAST_STRETCHES: Final = 3
+# Update rates of optical trackers, Hz, and of one that is read as the SUTA's encoders are.
+UPDATE_RATES: Final = (60.0, 120.0, 768.0)
+_AGES: Final = 8
+
+
+@dataclass(frozen=True)
+class MotionQuarter:
+    """A quarter of the rows, by how fast the reference moved or gained speed.
+
+    Attributes:
+        low, high: of its speeds, m/s, or accelerations, m/s².
+        rms: root mean square distance from the reference, latency taken out, m.
+        std: standard deviation of ``rms``, m, from stretches of time left out one by one
+            (jackknife); NaN where it is seen in fewer than three of them.
+        rms_same_time: the same distance at one and the same time, m.
+    """
+
+    low: float
+    high: float
+    rms: float
+    std: float
+    rms_same_time: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,6 +118,49 @@ class PathAccuracy:
         seen = self.alignment.rotation @ self.recorded.rotation[self.alignment.rows]
         turned = truth(self.time - self.alignment.latency).inv() * Rotation.from_matrix(seen)
         return np.asarray(turned.magnitude())
+
+    @cached_property
+    def by_speed(self) -> tuple[MotionQuarter, ...]:
+        """Errors by the speed of the reference, slowest quarter first."""
+        return self._quarters(self._path.velocity(self.time - self.alignment.latency))
+
+    @cached_property
+    def by_acceleration(self) -> tuple[MotionQuarter, ...]:
+        """Errors by the size of the reference's acceleration, smallest quarter first."""
+        return self._quarters(self._path.acceleration(self.time - self.alignment.latency))
+
+    def _quarters(self, vectors: FloatArray) -> tuple[MotionQuarter, ...]:
+        size = np.linalg.norm(vectors, axis=1)
+        order = np.argsort(size, kind="stable")
+        squares = np.sum(self.error**2, axis=1), np.sum(self.error_same_time**2, axis=1)
+        stretch = np.arange(len(size), dtype=np.intp) * _STRETCHES // max(len(size), 1)
+        return tuple(
+            MotionQuarter(
+                float(size[rows[0]]),
+                float(size[rows[-1]]),
+                float(np.sqrt(squares[0][rows].mean())),
+                _jackknife(squares[0][rows], stretch[rows]),
+                float(np.sqrt(squares[1][rows].mean())),
+            )
+            for rows in np.array_split(order, _QUARTERS)
+            if len(rows)
+        )
+
+    def staleness(self, rate: float) -> float:
+        """How far the reference has moved on, RMS in m, from the last pose of a slower tracker.
+
+        A pose that is shown until the next one comes is between nothing and one period old; at a
+        steady speed v that is ``v / (rate √3)``, whatever else the tracker errs by.
+
+        Args:
+            rate: of updates, Hz.
+        """
+        ages = (np.arange(_AGES) + 0.5) / (_AGES * rate)
+        time = self.time[self.time - ages[-1] >= self._path.begin]
+        time = time[time <= self._path.end]
+        here = self._path.position(time)
+        moved = [np.sum((here - self._path.position(time - age)) ** 2, axis=1) for age in ages]
+        return float(np.sqrt(np.mean(moved)))
 
     @property
     def _other_unit(self) -> str:
@@ -161,6 +232,16 @@ class PathAccuracy:
     def _error(self, latency: float) -> FloatArray:
         moved = self.alignment.act(self.recorded.position[self.alignment.rows])
         return np.asarray(moved - self._path.position(self.time - latency))
+
+
+def _jackknife(squares: FloatArray, stretch: IntArray) -> float:
+    """Standard deviation of the root mean of squares (n,), m, over the stretches they are from."""
+    names = np.unique(stretch)
+    n = len(names)
+    if n < _LEAST_STRETCHES:
+        return float("nan")
+    without = np.array([np.sqrt(squares[stretch != name].mean()) for name in names])
+    return float(np.sqrt((n - 1) / n * np.sum((without - without.mean()) ** 2)))
 
 
 def compare(

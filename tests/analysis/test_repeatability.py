@@ -15,6 +15,7 @@ from suta_calib.analysis.repeatability import (
     PositionScatter,
     Repeatability,
     compare_protocols,
+    joints_rms,
     repeatability,
     tip_levers,
 )
@@ -187,6 +188,22 @@ def test_protocols_are_taken_apart_and_compared() -> None:
     (comparison,) = found.comparisons
     assert comparison.rms.ratio.low < 0.4 < comparison.rms.ratio.high
     assert comparison.rms.difference.high < 0
+    overall = [joints_rms(found.protocol_joints[name]) for name in ("free", "guided")]
+    squares = [np.mean([j.std.value**2 for j in each]) for each in found.protocol_joints.values()]
+    assert overall == pytest.approx(np.sqrt(squares))
+
+
+def test_joints_are_compared_between_protocols() -> None:
+    loose = visits(30, 0.5e-3, 1)
+    middle = loose.q.mean(axis=0)
+    tight = middle + 0.4 * (loose.q - middle)[::-1]
+    labels = {"protocol": ["free"] * 30 + ["guided"] * 30}
+    found = run(Samples.from_arrays(loose.joints, np.vstack([loose.q, tight]), labels=labels))
+    (comparison,) = found.comparisons
+    assert list(comparison.joints) == list(loose.joints)
+    for change in comparison.joints.values():
+        assert change.factor == pytest.approx(0.4, rel=1e-6)
+        assert change.proved
 
 
 def test_few_visits_other_points_and_postures_and_drift_are_said() -> None:

@@ -65,6 +65,11 @@ def test_figures_of_visits_are_printed_as_json(visited: Path, arm, capsys: Captu
     assert found["directions"]["joints"]["joint_4"]["play_deg"] == pytest.approx(
         np.degrees(4e-3), rel=0.3
     )
+    assert "left" in found["directions"]["joints"]["joint_4"]["between"]
+    assert found["joints_rms_deg"] == pytest.approx(
+        np.sqrt(np.mean([each["std_deg"] ** 2 for each in found["joints"].values()]))
+    )
+    assert found["comparisons"][0]["joints"].keys() == found["joints"].keys()
     assert list(found["joints"]) == [f"joint_{k}" for k in range(1, 7)]
     assert "stationary" not in found
     assert not list(visited.parent.glob("*.json"))

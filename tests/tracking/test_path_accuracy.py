@@ -161,6 +161,42 @@ def test_path_error_is_what_is_across_the_motion():
     np.testing.assert_allclose(found.path_error, 5e-3, rtol=1e-6)
 
 
+def test_errors_that_grow_with_speed_are_told_by_speed():
+    # Along a circle that is run through faster and faster, an error across it in proportion.
+    time = np.arange(0, 6, 1 / RATE)
+    angle = 0.2 * time**2
+    circle = 0.1 * np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
+    speed = 0.1 * 0.4 * time
+    aside = circle + speed[:, None] * np.array([0.0, 0.0, 0.01])
+    found = compare(Trajectory(NOWHERE, time, aside), Trajectory(NOWHERE, time, circle))
+    for quarter in found.by_speed:
+        middle = np.linspace(quarter.low, quarter.high, 101)
+        assert quarter.rms == pytest.approx(0.01 * np.sqrt(np.mean(middle**2)), rel=0.02)
+    assert [q.low < q.high for q in found.by_acceleration] == [True] * 4
+    # Towards the middle of the circle, and along it.
+    fastest = math.hypot((0.04 * found.time[-1]) ** 2 / 0.1, 0.1 * 0.4)
+    assert found.by_acceleration[-1].high == pytest.approx(fastest, rel=0.05)
+
+
+def test_the_jackknife_tells_how_an_error_scatters():
+    time = np.arange(0, 8, 1 / RATE)
+    path = 0.1 * np.stack([np.sin(time), np.sin(1.7 * time), np.cos(0.6 * time)], axis=1)
+    told, seen = [], []
+    for seed in range(8):
+        found = compare(noisy(time, path, seed, 1e-3), Trajectory(NOWHERE, time, path))
+        told += [quarter.std for quarter in found.by_speed]
+        seen += [quarter.rms for quarter in found.by_speed]
+    assert 0.6 < np.std(seen) / np.sqrt(np.mean(np.square(told))) < 1.6
+
+
+@pytest.mark.parametrize("rate", [60.0, 120.0, 768.0])
+def test_a_pose_ages_until_the_next_one_comes(rate: float):
+    time = np.arange(0, 4, 1 / RATE)
+    line = np.stack([0.5 * time, 0 * time, 0 * time], axis=1)
+    found = compare(Trajectory(NOWHERE, time, line), Trajectory(NOWHERE, time, line))
+    assert found.staleness(rate) == pytest.approx(0.5 / rate / math.sqrt(3), rel=0.01)
+
+
 def test_a_latency_beyond_the_search_is_not_usable():
     found = compare(*motions(0.3, 0 * PLAY), largest_latency=0.1)
     assert not found.assessment.usable

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from suta_calib.analysis.repeatability.scatter import ProtocolComparison as ProtocolComparison
     from suta_calib.analysis.repeatability.scatter import ScatterEstimate as ScatterEstimate
     from suta_calib.analysis.repeatability.scatter import compare_protocols as compare_protocols
+    from suta_calib.analysis.repeatability.scatter import joints_rms as joints_rms
     from suta_calib.analysis.repeatability.visits import DIRECTION as DIRECTION
     from suta_calib.analysis.repeatability.visits import PROTOCOL as PROTOCOL
     from suta_calib.analysis.repeatability.visits import Repeatability as Repeatability

@@ -216,6 +216,12 @@ class JointPush:
     has_backlash: bool
     as_well: tuple[str, ...] = ()
 
+    @property
+    def extremes(self) -> tuple[str, str]:
+        """The two directions between whose means the reading changes most: low, then high."""
+        ranked = sorted(self.means, key=self.means.__getitem__)
+        return ranked[0], ranked[-1]
+
 
 @dataclass(frozen=True)
 class DirectionalForce:

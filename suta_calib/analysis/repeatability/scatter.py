@@ -9,7 +9,7 @@ doi:10.2307/3002019) gives the factor. It needs no random numbers and no normal 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Final
 
@@ -261,9 +261,9 @@ class Change:
     """One figure under two protocols.
 
     Attributes:
-        first, second: its values, m.
+        first, second: its values, m, or rad for a joint that turns.
         ratio: interval of second / first; one inside means that none was proved better.
-        difference: interval of second - first, m.
+        difference: interval of second - first, likewise.
     """
 
     first: float
@@ -290,20 +290,43 @@ class ProtocolComparison:
         first, second: their labels.
         rp: position repeatability, ISO 9283:1998, 7.2.2.
         rms: root mean square of the distances.
+        joints: standard deviation of each joint's readings, by its name.
     """
 
     first: str
     second: str
     rp: Change
     rms: Change
+    joints: Mapping[str, Change]
 
 
 def compare_protocols(
-    first: str, one: PositionScatter, second: str, two: PositionScatter, confidence: float
+    first: str,
+    one: PositionScatter,
+    second: str,
+    two: PositionScatter,
+    confidence: float,
+    joints: Iterable[tuple[JointScatter, JointScatter]] = (),
 ) -> ProtocolComparison:
-    """Compare two independent sets of visits."""
-    changes = [
-        Change(a.value, b.value, ratio(a, b, confidence), difference(a, b, confidence))
-        for a, b in ((one.rp, two.rp), (one.rms, two.rms))
-    ]
-    return ProtocolComparison(first, second, *changes)
+    """Compare two independent sets of visits, and each joint's scatter in the one and the other."""
+
+    def change(a: ScatterEstimate, b: ScatterEstimate) -> Change:
+        return Change(a.value, b.value, ratio(a, b, confidence), difference(a, b, confidence))
+
+    return ProtocolComparison(
+        first,
+        second,
+        change(one.rp, two.rp),
+        change(one.rms, two.rms),
+        {a.joint: change(a.std, b.std) for a, b in joints},
+    )
+
+
+def joints_rms(joints: Iterable[JointScatter]) -> float | None:
+    """Root mean square over the joints that turn of their standard deviations, rad; None for none.
+
+    One figure for a whole arm, as reports of measuring arms give it. It weighs a joint near the tip
+    like one at the base: what scatter does to the tip is in `JointScatter.tip`.
+    """
+    turning = [joint.std.value for joint in joints if joint.unit == "rad"]
+    return float(np.sqrt(np.mean(np.square(turning)))) if turning else None

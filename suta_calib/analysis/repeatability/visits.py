@@ -114,7 +114,8 @@ class Repeatability:
         position_of: (n, 3) of the tip at each visit, in the base, m.
         position, orientation: scatter of the tip over all visits.
         joints: scatter of every joint over all visits, in the order of the chain.
-        protocols: scatter of the visits of each protocol; empty where there is but one.
+        protocols, protocol_joints: scatter of the tip, and of every joint, at the visits of each
+            protocol; empty where there is but one.
         comparisons: of the first protocol with each of the others.
         directions: what the direction of the push does; None where there is but one.
         elsewhere: rows so far from the others that they may have visited another point.
@@ -130,6 +131,7 @@ class Repeatability:
     orientation: OrientationScatter
     joints: tuple[JointScatter, ...]
     protocols: Mapping[str, PositionScatter]
+    protocol_joints: Mapping[str, tuple[JointScatter, ...]]
     comparisons: tuple[ProtocolComparison, ...]
     directions: DirectionalForce | None
     elsewhere: tuple[int, ...]
@@ -268,12 +270,13 @@ def repeatability(
         named = list(zip(arm.joints, units, levers, strict=True))
         off = np.stack([deviations(q, unit)[1] for _, unit, q, _ in columns], axis=1)
         pushed = directional_force(named, off, position, direction, protocol, seed)
-    protocols = {}
+    protocols, by_joint = {}, {}
     within: FloatArray = position - position.mean(axis=0)
     if protocol is not None:
         for name in grouped(protocol)[0]:
             rows = protocol == name
             protocols[name] = PositionScatter.of(position[rows])
+            by_joint[name] = tuple(joint_scatter(n, u, q[rows], by) for n, u, q, by in columns)
             within[rows] -= within[rows].mean(axis=0)
     first, *others = protocols or [""]
     # Of the principal axis along which successive visits resemble each other most.
@@ -288,8 +291,16 @@ def repeatability(
         OrientationScatter.of(rotation),
         tuple(joint_scatter(*column) for column in columns),
         protocols,
+        by_joint,
         tuple(
-            compare_protocols(first, protocols[first], other, protocols[other], confidence)
+            compare_protocols(
+                first,
+                protocols[first],
+                other,
+                protocols[other],
+                confidence,
+                zip(by_joint[first], by_joint[other], strict=True),
+            )
             for other in others
         ),
         pushed,
