@@ -1,4 +1,4 @@
-# make demo   calibrate the SUTA from the data in this repository
+# make demo   calibrate the SUTA and a measured UR5 from the data in this repository
 # make test   everything a change must pass
 # make help   the rest
 #
@@ -29,7 +29,7 @@ unexport PYTHONDONTWRITEBYTECODE
 .DELETE_ON_ERROR:
 
 help:
-	@echo "make demo       calibrate the SUTA from the data in this repository"
+	@echo "make demo       calibrate the SUTA and a measured UR5 from the data in this repository"
 	@echo "make test       lint, types and tests, notebooks and coverage included"
 	@echo "make test-all   the same with the large studies"
 	@echo "make test-lowest  the tests with the oldest versions allowed; Python 3.11 or 3.12"
@@ -42,6 +42,8 @@ help:
 
 demo: $(INSTALLED)
 	$(BIN)/suta-calib calibrate data/suta/calibration.yaml
+	$(BIN)/suta-calib calibrate examples/ur5_laser_tracker/calibration.yaml
+	@$(BIN)/python examples/ur5_laser_tracker/held_out.py
 
 test: lint
 	$(BIN)/python -m $(PYTEST) -m "not slow" --cov
@@ -78,7 +80,7 @@ bench-device: $(INSTALLED_DEV)
 
 clean:
 	rm -rf build dist ./*.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis .coverage .coverage.*
-	rm -rf data/*/results data/*/results-*
+	rm -rf data/*/results data/*/results-* examples/*/results examples/*/results-*
 	find . -path "./.venv*" -prune -o -name __pycache__ -type d -exec rm -rf {} +
 
 distclean: clean
