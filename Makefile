@@ -1,4 +1,4 @@
-# make demo   calibrate the SUTA from the data in this repository
+# make demo   calibrate the SUTA and a measured UR5 from the data in this repository
 # make test   everything a change must pass
 # make help   the rest
 #
@@ -29,7 +29,7 @@ unexport PYTHONDONTWRITEBYTECODE
 .DELETE_ON_ERROR:
 
 help:
-	@echo "make demo       calibrate the SUTA from the data in this repository"
+	@echo "make demo       calibrate the SUTA and a measured UR5 from the data in this repository"
 	@echo "make thesis     every table of the thesis beside ours, run and printed"
 	@echo "make test       lint, types and tests, notebooks and coverage included"
 	@echo "make test-all   the same with the large studies"
@@ -43,6 +43,8 @@ help:
 
 demo: $(INSTALLED)
 	$(BIN)/suta-calib calibrate data/suta/calibration.yaml
+	$(BIN)/suta-calib calibrate examples/ur5_laser_tracker/calibration.yaml
+	@$(BIN)/python examples/ur5_laser_tracker/held_out.py
 
 thesis: $(INSTALLED_DEV)
 	$(BIN)/python notebooks/print_page.py notebooks/09_the_thesis.ipynb
@@ -82,7 +84,7 @@ bench-device: $(INSTALLED_DEV)
 
 clean:
 	rm -rf build dist ./*.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis .coverage .coverage.*
-	rm -rf data/*/results data/*/results-*
+	rm -rf data/*/results data/*/results-* examples/*/results examples/*/results-*
 	find . -path "./.venv*" -prune -o -name __pycache__ -type d -exec rm -rf {} +
 
 distclean: clean

@@ -1,14 +1,12 @@
-"""Published measurements: the calibrated arm must predict what was never fitted."""
+"""Published measurements kept beside the repository: the arm predicts what was never fitted."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from suta_calib.job.calibration import CalibrationJob, CalibrationResult
-from suta_calib.model.arm import ArmModel
 
 
 def run(shared: Path, name: str) -> CalibrationResult:
@@ -16,38 +14,6 @@ def run(shared: Path, name: str) -> CalibrationResult:
     if not folder.is_dir():
         pytest.skip(f"{name} is not among the measured data")
     return CalibrationJob.load(folder / "calibration.yaml").run()
-
-
-def test_panda_sockets(shared: Path, tmp_path: Path) -> None:
-    """A ball in one of two sockets: every posture puts it in the same place.
-
-    Seven placements that were not fitted, through the written URDF alone. Published for these data
-    (arXiv:2503.12584): 0.347 mm mean absolute deviation from each socket's mean, 7.79 mm before.
-    """
-    result = run(shared, "mukca_panda_2_clean")
-    assert result.solution.converged
-    job = result.job
-    job.arm.write_urdf(tmp_path / "calibrated.urdf", result.solution.values)
-    calibrated = ArmModel.from_urdf(tmp_path / "calibrated.urdf", job.arm.tip)
-    before, after = (mean_deviation(arm, job) for arm in (job.arm, calibrated))
-    assert before > 5e-3
-    assert after <= 0.335e-3
-
-
-def mean_deviation(arm: ArmModel, job: CalibrationJob) -> float:
-    """Mean distance of the tip from its mean over all postures in one socket, m."""
-    found = []
-    for term in job.validation:
-        samples = term.poses.samples
-        _, position = arm.forward(samples.q)
-        sockets = [f"{p}/{k}" for p, k in zip(*map(samples.labels.get, COLUMNS), strict=True)]
-        for socket in sorted(set(sockets)):
-            tips = position[np.array(sockets) == socket]
-            found.append(np.linalg.norm(tips - tips.mean(axis=0), axis=1))
-    return float(np.mean(np.concatenate(found)))
-
-
-COLUMNS = ("placement", "landmark")
 
 
 def test_tiago_on_another_day(shared: Path) -> None:

@@ -221,11 +221,21 @@ def test_simulation_needs_two_places() -> None:
 
 
 # ── of the course ────────────────────────────────────────────────────────────────────────────
+# Maroufi and Yousaf (2025), Tables 1, 2 and 4; then 3 and 5, where the course gives no answer.
 FIRST_REPORT = {  # mean |C_expected - C_output1|, |EM post - output1's|, optical likewise, mm
     "a": (0.0049, 0.0024, 0.0070),
     "b": (0.4709, 0.0041, 0.0060),
     "c": (0.3841, 0.0028, 0.0013),
     "d": (0.0115, 0.0027, 0.0055),
+    "e": (1.5668, 0.0100, 0.0041),
+    "f": (1.7237, 0.0190, 0.0010),
+    "g": (1.7661, 0.0122, 0.0055),
+}
+FIRST_REPORT_POSTS = {  # EM and optical post, mm
+    "h": ((181.05, 182.96, 199.87), (393.53, 400.35, 194.06)),
+    "i": ((201.39, 207.12, 196.52), (405.90, 407.60, 209.66)),
+    "j": ((207.74, 205.29, 188.11), (396.35, 402.93, 190.79)),
+    "k": ((198.40, 201.69, 205.08), (391.34, 397.05, 196.42)),
 }
 SECOND = {  # EM post to the true one, navigation to output2 on average, mm
     "a": (0.02, 0.01),
@@ -253,6 +263,14 @@ def test_first_assignment(shared: Path, letter: str) -> None:
     assert 1e3 * found.expected.mean() == pytest.approx(mean, abs=6e-5)
     assert 1e3 * found.em_post == pytest.approx(em, abs=6e-5)
     assert 1e3 * found.optical_post == pytest.approx(optical, abs=6e-5)
+
+
+@pytest.mark.parametrize("letter", FIRST_REPORT_POSTS)
+def test_first_assignment_without_answers(shared: Path, letter: str) -> None:
+    result = solve(StereotacticData.read(of_course(shared, f"pa1-unknown-{letter}")))
+    em, optical = FIRST_REPORT_POSTS[letter]
+    assert 1e3 * result.em_pivot.post == pytest.approx(em, abs=6e-3)
+    assert 1e3 * result.optical_pivot.post == pytest.approx(optical, abs=6e-3)
 
 
 @pytest.mark.parametrize("robust", [False, True])
