@@ -14,9 +14,9 @@ from functools import lru_cache
 from typing import Any, Final, Self
 
 import numpy as np
-from scipy.stats import chi2
 
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
+from suta_calib.distributions import chi2
 
 TRIES: Final = 300
 REFINED: Final = 8
