@@ -11,7 +11,8 @@ from pathlib import Path
 import pytest
 
 ROWS = (
-    {"errors", "arrays", "units", "assessment", "atomic", "extras", "lazy", "threads", "words"},
+    {"errors", "arrays", "units", "assessment", "atomic", "distributions", "extras", "lazy"}
+    | {"threads", "words"},
     {"geometry", "batched"},
     {"model", "measurements"},
     {"terms"},

@@ -16,7 +16,6 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy.stats import norm, t
 
 from suta_calib.arrays import FloatArray
 from suta_calib.certification.comparison import DrawingComparison
@@ -24,6 +23,7 @@ from suta_calib.certification.frame import Sources
 from suta_calib.certification.measuring import DIAGONALS, SLOPES, UNEVEN, WIDTH, MeasuredArtefact
 from suta_calib.certification.plane import MAD
 from suta_calib.certification.result import CertifiedLandmark, Fault
+from suta_calib.distributions import norm, t
 
 # Chance that a pillar is named of an artefact with nothing wrong.
 FALSE_ALARM: Final = 0.001

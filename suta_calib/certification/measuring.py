@@ -14,11 +14,11 @@ from typing import Any, Final
 
 import casadi as ca
 import numpy as np
-from scipy.stats import chi2, f
 
 from suta_calib.arrays import FloatArray
 from suta_calib.certification.plane import FINEST, Plane, Top, fit_plane, judge_tops, on_a_line
 from suta_calib.certification.points import Pillar, RawPoints
+from suta_calib.distributions import chi2, f
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.symbols import Symbol, symbolic_rotation
 from suta_calib.units import mm

@@ -14,9 +14,9 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from scipy.stats import chi2, f, norm, t
 
 from suta_calib.arrays import BoolArray, FloatArray
+from suta_calib.distributions import chi2, f, norm, t
 
 # Chance that any touch of a feature without a wrong one is called wrong.
 FALSE_ALARM: Final = 0.001

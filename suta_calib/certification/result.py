@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from scipy.stats import norm, t
 
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment
 from suta_calib.certification.comparison import DrawingComparison
 from suta_calib.certification.frame import Source
+from suta_calib.distributions import norm, t
 from suta_calib.geometry.numbers import rotation_from_rpy
 from suta_calib.measurements import Artefact, Landmark, write_text
 from suta_calib.measurements.artefact import artefact_text

@@ -10,12 +10,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, Final, Self
 
 import numpy as np
-from scipy.stats import chi2
 
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
+from suta_calib.distributions import chi2
 
 TRIES: Final = 300
 REFINED: Final = 8
@@ -85,13 +86,23 @@ def find_consensus(
 
 def minimal_samples(group: IntArray, size: int, seed: int) -> IntArray:
     """``size`` distinct rows of one group each, (TRIES, size), sorted; the same for a seed."""
+    group = np.ascontiguousarray(group, dtype=np.intp)
+    return _drawn(group.tobytes(), size, seed)
+
+
+# Every frame of a body, and every fit of one data set in another way, draws the same again.
+@lru_cache(maxsize=64)
+def _drawn(groups: bytes, size: int, seed: int) -> IntArray:
+    group = np.frombuffer(groups, dtype=np.intp)
     random = np.random.default_rng(seed)
     members = [np.flatnonzero(group == g) for g in np.unique(group)]
     members = [m for m in members if len(m) >= size]
     weight = np.array([len(m) for m in members]) / sum(len(m) for m in members)
     chosen = random.choice(len(members), TRIES, p=weight)
     drawn = [random.choice(members[g], size, replace=False) for g in chosen]
-    return np.sort(np.array(drawn, dtype=np.intp), axis=1)
+    samples = np.sort(np.array(drawn, dtype=np.intp), axis=1)
+    samples.flags.writeable = False
+    return samples
 
 
 def outlier_limit(count: int, kinds: int) -> float:

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy.stats import t
 
 from suta_calib.arrays import FloatArray
+from suta_calib.distributions import t
 from suta_calib.pose_calibration.robust_fit import RobustFit
 from suta_calib.solver.information import whitened_rows
 

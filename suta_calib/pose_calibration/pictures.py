@@ -13,10 +13,10 @@ from typing import Final, Literal
 
 import numpy as np
 from scipy.optimize import nnls
-from scipy.stats import chi2
 
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.assessment import Assessment, Level
+from suta_calib.distributions import chi2
 from suta_calib.errors import InputError, SamplesError
 from suta_calib.geometry.numbers import (
     homogeneous,

@@ -8,10 +8,10 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.stats import t
 
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.assessment import Assessment, Level
+from suta_calib.distributions import t
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import (
     extent,

@@ -12,10 +12,10 @@ from typing import Final
 
 import numpy as np
 from scipy.special import comb
-from scipy.stats import chi2, f
 
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.assessment import Level
+from suta_calib.distributions import chi2, f
 from suta_calib.geometry.numbers import rms_length
 from suta_calib.pose_calibration.consensus import DIMENSION, FALSE_ALARM, Consensus, outlier_limit
 from suta_calib.pose_calibration.correlation import common_covariance

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.axes import Axes
+from matplotlib.cbook import boxplot_stats
+from matplotlib.collections import PolyCollection
 from matplotlib.colors import BoundaryNorm
 from matplotlib.ticker import MaxNLocator
 
@@ -20,10 +21,8 @@ from suta_calib.solver.identifiability import WEAK
 from suta_calib.solver.solution import Estimate
 from suta_calib.units import Unit, shown, unit_name
 
-# A horizontal box plot: the argument is a new one in Matplotlib 3.10.
-LYING: Final[dict[str, Any]] = (
-    {"orientation": "horizontal"} if mpl.__version_info__ >= (3, 10) else {"vert": False}
-)
+# Half the height of a box, of which one stands every unit.
+_BOX: Final = 0.31
 MOST_GROUPS: Final = 30
 MOST_CORRELATED: Final = 30
 MOST_WRITTEN: Final = 14
@@ -53,8 +52,10 @@ def error_histogram(errors: KindErrors, name: str) -> str:
                 "facecolor": "none" if hatch else colour,
                 "edgecolor": colour,
                 "hatch": hatch,
+                "linewidth": 1.0,
             }
-            axes.hist(inside, bins=list(bins), label=label, zorder=2 + bool(hatch), **look)
+            count = np.histogram(inside, bins)[0]
+            axes.stairs(count, bins, fill=True, label=label, zorder=2 + bool(hatch), **look)
             rms, mean = (
                 f"{name} {label} {v:.3g} {unit}" for name, v in (("RMS", m.rms), ("mean", m.mean))
             )
@@ -94,23 +95,46 @@ def grouped_errors(groups: Mapping[str, FloatArray], grouping: str, name: str) -
     errors = [shown(e, "m") for _, e in ranked]
     with picture(name, (WIDTH, 1.0 + 0.21 * len(ranked))) as figure:
         axes = figure.subplots()
-        axes.boxplot(
-            errors,
-            **LYING,
-            widths=0.62,
-            patch_artist=True,
-            boxprops={"facecolor": "#cfe3f1", "edgecolor": BLUE},
-            medianprops={"color": "black", "linewidth": 1.6},
-            flierprops={"marker": "o", "markersize": 3, "markeredgecolor": GREY},
-        )
+        _boxes(axes, errors)
         labels = [_short(f"{n}  ({len(e)})") for n, e in ranked]
         axes.set_yticks(range(1, 1 + len(ranked)), labels=labels)
-        axes.invert_yaxis()
+        axes.set_ylim(len(ranked) + 0.5, 0.5)
         axes.set_xlim(left=0)
         axes.grid(axis="x")
         axes.set_xlabel("error after calibration, mm (in brackets: number of errors)")
         axes.set_ylabel(grouping)
         return svg_text(figure, name, f"Errors after calibration by {grouping}")
+
+
+def _boxes(axes: Axes, groups: Sequence[FloatArray]) -> None:
+    """Lying boxes as Tukey drew them, at 1, 2, …: `Axes.boxplot` with few artists for all.
+
+    Whiskers end at the last errors within one and a half boxes; what is beyond is a point.
+    """
+    found = boxplot_stats(groups)
+    at = np.arange(1.0, len(found) + 1)
+    low, q1, middle, q3, high = (
+        np.array([float(box[key]) for box in found])
+        for key in ("whislo", "q1", "med", "q3", "whishi")
+    )
+    corners = [(q1, -_BOX), (q3, -_BOX), (q3, _BOX), (q1, _BOX)]
+    boxes = np.stack([np.column_stack([x, at + y]) for x, y in corners], axis=1)
+    axes.add_collection(
+        PolyCollection([*boxes], facecolors="#cfe3f1", edgecolors=BLUE, linewidths=1)
+    )
+    for x, end in ((low, q1), (high, q3)):
+        axes.hlines(at, x, end, color="black", linewidth=1)
+        axes.vlines(x, at - _BOX / 2, at + _BOX / 2, color="black", linewidth=1)
+    axes.vlines(middle, at - _BOX, at + _BOX, color="black", linewidth=1.6)
+    beyond = [np.asarray(box["fliers"]) for box in found]
+    axes.plot(
+        np.concatenate(beyond),
+        np.repeat(at, [len(each) for each in beyond]),
+        "o",
+        markerfacecolor="none",
+        markersize=3,
+        markeredgecolor=GREY,
+    )
 
 
 def singular_values(values: FloatArray, weak: Sequence[str], name: str) -> str:
@@ -189,7 +213,7 @@ def correlation_map(names: Sequence[str], matrix: FloatArray, name: str) -> str:
                 "color": "white" if abs(value) > 0.5 else "black",
                 "fontsize": 6,
             }
-            axes.text(j, i, sign, ha="center", va="center", **look)
+            axes.text(j, i, sign, ha="center", va="center", in_layout=False, **look)
         bar = figure.colorbar(image, ax=axes, shrink=0.7, format="%.1f")
         bar.set_label("size of the correlation (dimensionless)")
         return svg_text(figure, name, "Correlations of the estimated parameters")

@@ -10,7 +10,6 @@ from typing import Any, Final
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Picture
-from scipy.stats import binned_statistic_2d
 
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import OutputError
@@ -239,7 +238,10 @@ def _map(figure: Picture, axes: Axes, result: StereotacticResult) -> None:
     low, high = np.quantile(points[:, 2], [1 / 3, 2 / 3])
     slab = (points[:, 2] >= low) & (points[:, 2] <= high)
     plane, vectors = points[slab, :2].T, errors[slab].T
-    x, y, *error = binned_statistic_2d(*plane, [*plane, *vectors], bins=CELLS).statistic
+    across, up = plane
+    number, *edges = np.histogram2d(across, up, bins=CELLS)
+    sums = [np.histogram2d(across, up, bins=edges, weights=v)[0] for v in (*plane, *vectors)]
+    x, y, *error = np.array(sums) / np.where(number, number, np.nan)
     sizes = np.linalg.norm(error, axis=0)
     arrows = axes.quiver(
         *(x, y, error[0], error[1], sizes), cmap="viridis_r", angles="xy", pivot="tail", width=0.006

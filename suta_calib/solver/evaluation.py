@@ -12,7 +12,7 @@ import numpy as np
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.batched import Batched
 from suta_calib.geometry.numbers import rotation_from_vector
-from suta_calib.solver.kernel import Kernel, RowPattern
+from suta_calib.solver.kernel import Kernel, RowPattern, dense
 from suta_calib.solver.losses import huber, huber_weight, kept_curvature
 from suta_calib.terms.block import Block
 from suta_calib.terms.poses import ArmPoses, PoseSource
@@ -172,13 +172,15 @@ class Evaluation:
                 gradient[a:] += own.T @ white
                 hessian[a:, :a] += cross
                 hessian[:a, a:] += cross.T
-                hessian[a:, a:] += (own.T @ own).toarray()
+                hessian[a:, a:] += dense(own.T @ own)
         return cost, gradient, hessian
 
     def columns(self, line: Linearised, by_pose: FloatArray, by_own: FloatArray) -> tuple[Any, Any]:
-        """Jacobian of a block's rows: dense by the arm's parameters, sparse by the own ones."""
-        arm = line.pattern.by_velocity(by_pose) @ self.table.velocity
-        return arm, line.pattern.by_own(by_own)
+        """Jacobian of a block's rows: dense by the arm's parameters, by own ones as they come."""
+        own = line.pattern.by_own(by_own)
+        if not self.arm_count:
+            return np.zeros((line.residual.size, 0)), own
+        return line.pattern.by_velocity(by_pose) @ self.table.velocity, own
 
     @staticmethod
     def _cost(line: Linearised) -> float:

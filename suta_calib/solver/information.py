@@ -21,6 +21,7 @@ import numpy as np
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.solver.evaluation import Linearised
+from suta_calib.solver.kernel import dense
 from suta_calib.solver.problem import Problem
 from suta_calib.terms.poses import ArmPoses, MeasuredPoses
 from suta_calib.units import Unit
@@ -65,7 +66,7 @@ def whitened_rows(problem: Problem, x: FloatArray, sigmas: Sequence[float]) -> l
         scale = 1.0 / line.sigma[:, None, None]
         arm, own = problem.evaluation.columns(line, scale * line.by_pose, scale * line.by_own)
         width = problem.evaluation.own_count
-        other = np.zeros((len(arm), width)) if own is None else own.toarray()
+        other = np.zeros((len(arm), width)) if own is None else dense(own)
         rows.append(Rows(line, np.hstack([arm, other]), np.ones(len(line.sigma))))
     return rows
 

@@ -19,6 +19,8 @@ from suta_calib.solver.symbolic import symbolic_cost
 from suta_calib.solver.weights import WeightOptions
 
 MAX_POLISH: Final = 10
+# Of the cost: what it could still fall by that its last digit would not show.
+ROUNDING: Final = float(np.finfo(float).eps)
 # Residuals up to which the cost is minimised as it is.
 FULL_SIZE: Final = 2000
 INTERRUPTED: Final = "NonIpopt_Exception_Thrown"
@@ -135,6 +137,8 @@ class RobustNlp:
         cost, gradient, hessian = self.cost_gradient_hessian(z)
         for _ in range(MAX_POLISH):
             step = -np.linalg.lstsq(hessian, gradient, rcond=1e-14)[0]
+            if -0.5 * float(gradient @ step) <= ROUNDING * cost:
+                break
             there = z + step
             if np.any(there <= self._lower) or np.any(there >= self._upper):
                 break

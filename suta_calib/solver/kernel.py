@@ -8,7 +8,7 @@ with each parameter (the forward kinematics). Only the first depends on the kind
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import Any
+from typing import Any, Final
 
 import casadi as ca
 import numpy as np
@@ -17,6 +17,10 @@ from scipy import sparse
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.batched import Batched
 from suta_calib.terms.block import Block, Pose, Residual
+
+# Multiplications of a normal matrix up to which an array beats a sparse matrix: these take a
+# millisecond, and so does what SciPy checks in a sparse product.
+DENSE: Final = 2_000_000
 
 
 class RowPattern:
@@ -36,7 +40,17 @@ class RowPattern:
     ) -> None:
         self.angular = pose_columns[:1].reshape(-1) % 6 >= 3
         self._poses = _sparse(pose_columns, block.size, velocity_rows)
-        self._own = _sparse(own_columns, block.size, own_count) if own_columns.shape[1] else None
+        self._own: Any = None
+        self._places: IntArray | None = None
+        rows, looked_at = len(block) * block.size, own_columns.shape[1]
+        # A row that looks at one parameter twice needs the sum that a sparse matrix makes.
+        once = bool(np.all(np.diff(np.sort(own_columns, axis=1), axis=1)))
+        if looked_at and once and rows * own_count**2 <= DENSE:
+            self._own = np.zeros((rows, own_count))
+            columns = np.repeat(own_columns, block.size, axis=0)
+            self._places = (np.arange(rows)[:, None] * own_count + columns).reshape(-1)
+        elif looked_at:
+            self._own = _sparse(own_columns, block.size, own_count)
 
     def by_velocity(self, by_pose: FloatArray) -> Any:
         """Derivatives (n, d, c) as a sparse matrix (n·d, 6·samples), reused by every call."""
@@ -44,10 +58,20 @@ class RowPattern:
         return self._poses
 
     def by_own(self, by_own: FloatArray) -> Any:
-        """Derivatives (n, d, m) as a sparse matrix (n·d, own), or None; reused likewise."""
-        if self._own is not None:
+        """Derivatives (n, d, m) as a matrix (n·d, own), or None; reused likewise.
+
+        An array where that is faster, and else a sparse matrix: `dense` makes both an array.
+        """
+        if self._places is not None:
+            self._own.reshape(-1)[self._places] = by_own.reshape(-1)
+        elif self._own is not None:
             self._own.data[:] = by_own.reshape(-1)
         return self._own
+
+
+def dense(matrix: Any) -> FloatArray:
+    """An array, of a sparse matrix or of an array."""
+    return matrix if isinstance(matrix, np.ndarray) else np.asarray(matrix.toarray())
 
 
 class Kernel:

@@ -13,9 +13,9 @@ from typing import Final
 
 import casadi as ca
 import numpy as np
-from scipy.special import chdtr, gammaincinv
 
 from suta_calib.arrays import FloatArray
+from suta_calib.distributions import chi2
 from suta_calib.geometry.symbols import Symbol
 
 # 95 % efficiency for Gaussian noise in one dimension (Huber); the same quantile in more.
@@ -24,9 +24,7 @@ HUBER_1D: Final = 1.345
 
 def huber_threshold(size: int) -> float:
     """Threshold on the norm of ``size`` unit normal components at the quantile of `HUBER_1D`."""
-    # Chi-square's, without the third of a second that scipy.stats takes to import.
-    quantile = chdtr(1, HUBER_1D**2)
-    return float(np.sqrt(2 * gammaincinv(size / 2, quantile)))
+    return float(np.sqrt(chi2.ppf(chi2.cdf(HUBER_1D**2, 1), size)))
 
 
 def symbolic_huber(squared: Symbol, threshold: Symbol) -> Symbol:

@@ -21,9 +21,9 @@ from typing import Final
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 from scipy.special import comb
-from scipy.stats import chi2
 
 from suta_calib.arrays import BoolArray, FloatArray
+from suta_calib.distributions import chi2
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import rms_length
 from suta_calib.pose_calibration.consensus import DIMENSION, outlier_limit

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from typing import Final, Self
 
 import numpy as np
-from scipy.stats import chi2
 
 from suta_calib.arrays import BoolArray, FloatArray
+from suta_calib.distributions import chi2
 from suta_calib.errors import SamplesError
 from suta_calib.pose_calibration.consensus import DIMENSION, outlier_limit
 from suta_calib.pose_calibration.registration import (

@@ -12,11 +12,11 @@ from collections.abc import Iterator, Sequence
 from typing import Final
 
 import numpy as np
-from scipy.stats import f as f_distribution
 
 from suta_calib.analysis.outliers.answer import Move, Thresholds
 from suta_calib.analysis.outliers.touches import RobustLinearFit
 from suta_calib.arrays import FloatArray, IntArray
+from suta_calib.distributions import f as f_distribution
 from suta_calib.solver.losses import huber_threshold
 from suta_calib.terms import Term
 

@@ -13,13 +13,13 @@ from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
-from scipy.stats import chi2
-from scipy.stats import f as f_distribution
 
 from suta_calib.analysis.outliers.answer import Displacement
 from suta_calib.analysis.outliers.groups import Grouping
 from suta_calib.analysis.outliers.reference import ReferenceFit
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
+from suta_calib.distributions import chi2
+from suta_calib.distributions import f as f_distribution
 from suta_calib.model.parameters import ParameterSet
 from suta_calib.solver.information import whitened_rows
 from suta_calib.solver.losses import huber_threshold

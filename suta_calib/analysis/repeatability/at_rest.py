@@ -15,12 +15,12 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from scipy.stats import chi2, t
 
 from suta_calib.analysis.repeatability.scatter import deviations, median_angle
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment
 from suta_calib.atomic import note_input
+from suta_calib.distributions import chi2, t
 from suta_calib.errors import SamplesError, did_you_mean
 from suta_calib.extras import load
 from suta_calib.measurements.csv_table import CsvTable, read_csv_table

@@ -15,9 +15,9 @@ from typing import Final
 
 import numpy as np
 from scipy.spatial.transform import Rotation
-from scipy.stats import t
 
 from suta_calib.arrays import FloatArray
+from suta_calib.distributions import t
 from suta_calib.units import Unit
 
 CONFIDENCE: Final = 0.95
