@@ -45,7 +45,7 @@ SHOWN: Final[dict[Unit, Shown]] = {
     "m/s": Shown("mm/h", "_mm_per_h", 3.6e6, 3),
     "rad/s": Shown("deg/h", "_deg_per_h", 3600.0 * 180.0 / math.pi, 4),
     "s": Shown("s", "_s", 1.0, 3),
-    "1": Shown("", "", 1.0, 3),
+    "1": Shown("", "", 1.0, 6),
     "%": Shown("%", "_pct", 100.0, 1),
 }
 

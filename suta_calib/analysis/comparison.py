@@ -89,7 +89,7 @@ def compare_arms(
         observations: the job's terms.
         validation: the terms to judge by, over the same arm.
         other: the arm to compare with, of the same moving joints.
-        beside_geometry: its eccentricities and compliances by name.
+        beside_geometry: its gains, eccentricities and compliances by name.
         uncertainty: what of it was estimated, by name, and the covariance, m and rad; None where
             that is not known.
 

@@ -111,14 +111,13 @@ def linear(
     """
     arm = Problem(terms).arm
     assert arm is not None
-    offsets = [f"{joint}.offset" for joint in arm.joints]
     # What is not estimated may still have a value: that of a job's fixed parameters is nominal.
-    own = [n for n in (*arm.parameters, *arm.nongeometric) if n in {*names, *offsets}]
+    own = [n for n in (*arm.parameters, *arm.nongeometric) if n in {*names, *arm.offsets}]
     problem = Problem(terms, ParameterSet(arm.offered[n] for n in own))
     x = np.array([values.get(p.name, p.nominal) for p in problem.parameters.values()])
     lines = problem.linearise(x, problem.assumed_sigmas())
     velocity = problem.evaluation.table.velocity
-    joints = [own.index(n) for n in offsets]
+    by_joint = velocity[:, [own.index(n) for n in arm.offsets]] @ arm.gearing
     chosen = [own.index(n) for n in names]
     rows = np.arange(len(velocity))
     samples = rows // 6
@@ -129,13 +128,13 @@ def linear(
         residuals.append(line.residual.copy())
         # If every sample's readings err independently.
         variance = np.zeros(motion.shape[0])
-        for joint, level in zip(joints, std, strict=True):
-            block = sparse.csr_array((velocity[:, joint], (rows, samples)))
+        for column, level in zip(by_joint.T, std, strict=True):
+            block = sparse.csr_array((column, (rows, samples)))
             variance += np.asarray((motion @ block).power(2).sum(axis=1)).reshape(-1) * level**2
         by_reading.append(variance.reshape(n, size).sum(axis=1))
         by_parameters.append((motion @ velocity[:, chosen]).reshape(n, size, len(chosen)))
     moved = velocity.reshape(-1, 6, len(own))[:, :3]
-    tip = np.einsum("nij,j->n", moved[:, :, joints] ** 2, std**2)
+    tip = np.einsum("nij,j->n", by_joint.reshape(-1, 6, len(std))[:, :3] ** 2, std**2)
     return Linear(residuals, by_reading, by_parameters, tip, moved[:, :, chosen])
 
 

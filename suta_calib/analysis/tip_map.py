@@ -6,10 +6,12 @@ the arm's calibration causes.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
+from scipy.spatial import KDTree
 
 from suta_calib.analysis.planning import Region, Situation
 from suta_calib.analysis.planning.candidates import DOWN
@@ -25,6 +27,9 @@ from suta_calib.units import Unit, mm, shown, text, unit_name
 # 3-D RMS that laboratories ask of a navigation system, m.
 THRESHOLDS: Final = (0.3e-3, 0.5e-3)
 _GRID: Final = 61
+FEWEST_FIDUCIALS: Final = 3
+# Places where an arm often was that are tried, where it does not reach the middle of them all.
+_PLACES: Final = 8
 # Points to register where there is no artefact: the corners of a box as large as one, m.
 _HALF: Final = 0.08
 # A direction that moves the registered tip by less than this part of what is estimated is nothing.
@@ -156,8 +161,10 @@ def tip_map_of_solution(solution: Solution, options: TipMapOptions) -> TipMap:
     if artefact is not None and len(artefact.landmarks) >= len("xyz"):
         certified = np.array([mark.position for mark in artefact.landmarks.values()])
         fiducials = certified - certified.mean(axis=0)
-    middle = situation.tips[1].mean(axis=0)
-    return _mapped(Knowledge.of(solution), region, middle, fiducials, options)
+    knowledge = Knowledge.of(solution)
+    walker = Walker(knowledge, region.axis, options.seed)
+    place = _registrable(walker, situation.tips[1], fiducials)
+    return _mapped(knowledge, region, place, fiducials, options)
 
 
 def tip_map_of_result(knowledge: Knowledge, options: TipMapOptions) -> TipMap:
@@ -175,6 +182,17 @@ def tip_map_of_result(knowledge: Knowledge, options: TipMapOptions) -> TipMap:
         raise JobError("a result, which knows no samples", "a box for the tip", where="region")
     region = Region(options.box[0], options.box[1], np.array(DOWN))
     return _mapped(knowledge, region, options.box.mean(axis=0), _corners(), options)
+
+
+def _registrable(walker: Walker, tips: FloatArray, fiducials: FloatArray) -> FloatArray:
+    """(3,) the middle of the tips (n, 3), or where most were, if the arm reaches no middle."""
+    middle = tips.mean(axis=0)
+    near = float(np.linalg.norm(fiducials, axis=1).max())
+    company = KDTree(tips).query_ball_point(tips, near, return_length=True)
+    for place in (middle, *tips[np.argsort(-company, kind="stable")[:_PLACES]]):
+        if np.isfinite(walker.reach(place + fiducials, near)).all(axis=1).sum() >= FEWEST_FIDUCIALS:
+            return np.asarray(place)
+    return np.asarray(middle)
 
 
 def _corners() -> FloatArray:
@@ -223,13 +241,15 @@ def tip_map(
         JobError: fewer than three registration points are within reach.
     """
     walker = Walker(knowledge, region.axis, seed)
-    touched = walker.reach(place + fiducials)
+    # What an arm that gets only to a line or a surface has for a corner of the box.
+    near = float(np.linalg.norm(fiducials, axis=1).max())
+    touched = walker.reach(place + fiducials, near)
     good = np.isfinite(touched).all(axis=1)
-    if good.sum() < 3:
+    if good.sum() < FEWEST_FIDUCIALS:
         raise JobError(
             f"{int(good.sum())} of {len(fiducials)} registration points within reach about "
             "({:.0f}, {:.0f}, {:.0f}) mm".format(*mm(place)),
-            "at least 3",
+            f"at least {FEWEST_FIDUCIALS}",
             where="register-at",
             hint="register where the arm reaches with its tool as in the samples",
         )
@@ -237,7 +257,7 @@ def tip_map(
     inside = knowledge.at(postures)
     covariance = knowledge.covariance
     centre = (region.lower + region.upper) / 2
-    posture = walker.reach(centre[None, :])[0]
+    posture = walker.reach(centre[None, :], near=math.inf)[0]
     return TipMap(
         knowledge=knowledge,
         region=region,

@@ -133,9 +133,19 @@ class Walker:
     axis: FloatArray
     seed: int
 
-    def reach(self, wanted: FloatArray) -> FloatArray:
-        """(n, joints) readings, NaN out of reach, outward from the postures that were visited."""
+    def reach(self, wanted: FloatArray, near: float = 0.0) -> FloatArray:
+        """Readings that bring the tip to places, outward from the postures that were visited.
+
+        Args:
+            wanted: (n, 3) places in the base, m.
+            near: what also counts as reached by an arm that cannot bring its tip to any place, but
+                only along a line or a surface, m.
+
+        Returns:
+            (n, joints), NaN out of reach.
+        """
         knowledge = self.knowledge
+        attainable = knowledge.kinematics.attainable["position"]
         _, known = knowledge.arm.forward(knowledge.visited, knowledge.values)
         readings = knowledge.visited
         rotation = np.tile(turning_z_to(self.axis), (len(wanted), 1, 1))
@@ -146,12 +156,14 @@ class Walker:
             if not len(rows):
                 continue
             start = readings[KDTree(known).query(wanted[rows])[1]]
-            targets = Targets(wanted[rows], rotation[rows], "axis")
+            matching = knowledge.kinematics.most("axis")
+            targets = Targets(wanted[rows], rotation[rows], matching)
             answer = knowledge.kinematics.solve(
                 targets, start, np.random.default_rng(self.seed), _STARTS
             )
-            good = rows[answer.reached]
-            found[good] = answer.q[answer.reached]
+            reached = answer.reached | ((answer.distance <= near) & (not attainable))
+            good = rows[reached]
+            found[good] = answer.q[reached]
             known = np.vstack([known, wanted[good]])
             readings = np.vstack([readings, found[good]])
         return found
@@ -170,7 +182,7 @@ def slices(walker: Walker, region: Region, reference: Sensitivity, grid: int) ->
     found = []
     for name, along, up, origin in planes:
         wanted = origin + wide[None, :, None] * along + wide[:, None, None] * up
-        q = walker.reach(wanted.reshape(-1, 3))
+        q = walker.reach(wanted.reshape(-1, 3), near=(wide[1] - wide[0]) / 2)
         good = np.isfinite(q).all(axis=1)
         registered, absolute = np.full((2, len(q)), np.nan)
         if good.any():

@@ -18,8 +18,8 @@ from suta_calib.report.document import Document
 @click.option(
     "--result",
     type=PATH,
-    help="The result.json beside it: corrects eccentric encoders and yielding joints too, and says "
-    "how unsure the arm is.",
+    help="The result.json beside it: corrects gains, eccentric encoders and yielding joints too, "
+    "and says how unsure the arm is.",
 )
 @anyway_option
 def validate(urdf: Path, job: Path, result: Path | None, anyway: bool) -> Document:

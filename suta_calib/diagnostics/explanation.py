@@ -262,13 +262,14 @@ def _own(problem: Problem, combination: Combination) -> Explanation:
 
 
 def _beside_geometry(case: _Case) -> Explanation | None:
-    """An eccentricity or a compliance that the visited readings do not show."""
+    """A gain, an eccentricity or a compliance that the visited readings do not show."""
     parameter = case.parameter
     if not case.motion.vanishes or parameter.geometric:
         return None
     if case.others:
         does = f"does the same as {case.others} at the readings visited"
-        joint = parameter.owner
+        assert case.problem.arm is not None
+        joint = case.problem.arm.read_from[parameter.owner]
         advice = (f"turn {joint} farther", lambda: case.rich.varied(joint))
         return case.explained(f"{case.fixed} {does}", advice)
     if parameter.key != COMPLIANCE:
@@ -367,13 +368,13 @@ def _hardly(case: _Case) -> Explanation:
     )
     assert case.problem.arm is not None
     # The moving joint whose excitation would tell: the last one at or before the parameter.
-    segments, joint = case.problem.arm.segments, ""
-    for segment in segments:
-        joint = joint if segment.motion == "fixed" else segment.owner
+    arm, joint = case.problem.arm, ""
+    for segment in arm.segments:
+        joint = joint if segment.motion == "fixed" else arm.read_from[segment.owner]
         if segment.owner == parameter.owner and joint:
             break
     else:
-        joint = case.problem.arm.joints[0]
+        joint = arm.joints[0]
     return case.says(
         f"hardly changes anything measured at the visited poses ({would})",
         (f"visit poses that differ more in {joint}", lambda: case.rich.varied(joint)),
@@ -407,4 +408,5 @@ def _axis(vector: FloatArray) -> str:
 
 def _amount(value: float, unit: Unit) -> str:
     number = f"{shown(value, unit):.3g}"
-    return f"{number} mm" if unit == "m" else f"{number}°{'/Nm' if unit == 'rad/Nm' else ''}"
+    written: dict[Unit, str] = {"m": " mm", "rad": "°", "rad/Nm": "°/Nm"}
+    return number + written.get(unit, "")

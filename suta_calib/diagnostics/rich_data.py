@@ -124,7 +124,9 @@ class RichData:
     def tells(self, kind: type[Term], oriented: bool) -> FloatArray:
         """Information (n, n) that data of one sort add, with whatever they leave unknown."""
         if (kind, oriented) not in self._told:
-            _, self._told[kind, oriented] = self._observed([Sort(kind, oriented)])
+            observed = self._observed([Sort(kind, oriented)])
+            nothing = np.zeros((len(self.unit),) * 2)
+            self._told[kind, oriented] = nothing if observed is None else observed[1]
         return self._told[kind, oriented]
 
     def varied(self, joint: str) -> FloatArray:
@@ -148,9 +150,10 @@ class RichData:
         Open is what even rich data tell so badly that it would be held.
         """
         sorts = [Sort.of(term) for term in self._problem.terms]
-        problem, information = self._observed(
-            [s for k, s in enumerate(sorts) if s not in sorts[:k]]
-        )
+        observed = self._observed([s for k, s in enumerate(sorts) if s not in sorts[:k]])
+        if observed is None:
+            return np.zeros((len(self.unit), 0)), np.zeros((len(self.unit),) * 2)
+        problem, information = observed
         prior = self._problem.prior_precision()[self._free] * self.unit**2
         values, vectors = np.linalg.eigh(information + np.diag(prior))
         null = vectors[:, values <= max(NULL * values[-1], WEAK**-2)]
@@ -189,14 +192,15 @@ class RichData:
         """Information (n, n) of the problem's own sorts."""
         return self._same[1]
 
-    def _observed(self, sorts: Sequence[Sort]) -> tuple[Problem, FloatArray]:
+    def _observed(self, sorts: Sequence[Sort]) -> tuple[Problem, FloatArray] | None:
+        """Rich data of these sorts; None where the arm, of few joints, can touch nothing of it."""
         values = dict(self._values)
         terms = []
         for k, sort in enumerate(sorts):
             term, own = self.observations(sort, f"rich {k}")
-            terms.append(term)
+            terms += [term] if len(term.poses) else []
             values |= own
-        return self._information(terms, values)
+        return self._information(terms, values) if terms else None
 
     def _information(
         self, terms: Sequence[Term], values: Mapping[str, float]

@@ -24,7 +24,14 @@ from scipy.special import fdtrc
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.errors import UrdfError
 from suta_calib.model.arm import ArmModel
-from suta_calib.model.parameters import COMPLIANCE, FAMILIES, OFFSET, Family, ParameterSet
+from suta_calib.model.parameters import (
+    COMPLIANCE,
+    ECCENTRICITY,
+    FAMILIES,
+    OFFSET,
+    Family,
+    ParameterSet,
+)
 from suta_calib.solver.covariance import summed_by_member, summed_by_pair
 from suta_calib.solver.identifiability import WEAK
 from suta_calib.solver.information import Rows, robust_jacobian, whitened_rows
@@ -79,9 +86,14 @@ class ScoreTest:
 
 
 def offered_names(arm: ArmModel) -> dict[tuple[str, Family], tuple[str, ...]]:
-    """Names by joint and family that this arm can be given; no compliance without masses."""
+    """Names by joint and family that this arm can be given; no compliance without masses.
+
+    A gain is not among them: readings that cover a part of a turn hardly tell it from an
+    eccentricity. It is estimated where a job asks for it.
+    """
     found: dict[tuple[str, Family], tuple[str, ...]] = {}
-    for joint in dict.fromkeys(p.owner for p in arm.nongeometric.values()):
+    turning = (p.owner for p in arm.nongeometric.values() if p.key in ECCENTRICITY)
+    for joint in dict.fromkeys(turning):
         for family, keys in FAMILIES.items():
             if family == COMPLIANCE:
                 try:

@@ -338,11 +338,10 @@ def _script_motion(
     plan: SetSpec,
 ) -> Motion:
     posture = script.posture if isinstance(script, SimulationSpec) else ()
-    units = {name: arm.parameters[f"{name}.offset"].unit for name in arm.joints}
     # Checked here too: below, a wrong joint would be blamed on the script's file.
     given = parse_posture(arm, options.posture)
     posture_of(arm, given)
-    posture += tuple(PostureRow(name, q, units[name]) for name, q in given.items())
+    posture += tuple(PostureRow(name, q, arm.units[name]) for name, q in given.items())
     return stops(
         arm,
         values,

@@ -174,8 +174,15 @@ class CalibrationResult:
 
 def joint_ranges(arm: ArmModel) -> tuple[JointRange, ...]:
     """What the columns of a samples file must hold for this arm."""
+    followers = {
+        joint.name: tuple(n for n, read in arm.read_from.items() if n != joint.name == read)
+        for joint in arm.chain.moving
+    }
     return tuple(
-        JointRange(j.name, "m" if j.type == "prismatic" else "rad", j.lower, j.upper)
+        JointRange(
+            *(j.name, "m" if j.type == "prismatic" else "rad", j.lower, j.upper),
+            followers[j.name],
+        )
         for j in arm.chain.moving
     )
 

@@ -127,7 +127,7 @@ def _job(
         tip=_quoted(arm.tip),
         base=start,
         joints=", ".join(arm.joints),
-        offsets="\n".join(f"      - {_quoted(f'{j}.offset')}" for j in arm.joints),
+        offsets="\n".join(f"      - {_quoted(name)}" for name in arm.offsets),
         rows=rows,
         held_out=held_out,
     )

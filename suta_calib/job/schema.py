@@ -19,8 +19,8 @@ from suta_calib.model.parameters import Selection
 from suta_calib.terms import GROUPINGS, KINDS, Term
 
 _BOUND_AND_PRIOR_KEYS: Final = (
-    *("bound_mm", "bound_deg", "bound_deg_per_nm"),
-    *("prior_mm", "prior_deg", "prior_deg_per_nm"),
+    *("bound_mm", "bound_deg", "bound_deg_per_nm", "bound"),
+    *("prior_mm", "prior_deg", "prior_deg_per_nm", "prior"),
 )
 _ANGLE_KEYS: Final = ("huber_deg", "sigma_deg")
 _OBSERVATION_KEYS: Final = (
@@ -225,6 +225,8 @@ def _selection(row: YamlSection) -> Selection:
         line=row.line,
         bound_rad_per_nm=_angle(row, "bound_deg_per_nm"),
         prior_rad_per_nm=_angle(row, "prior_deg_per_nm"),
+        bound_ratio=row.optional_number("bound", "positive"),
+        prior_ratio=row.optional_number("prior", "positive"),
     )
 
 

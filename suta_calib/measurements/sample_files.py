@@ -50,12 +50,14 @@ class JointRange:
         unit: ``rad``, or ``m`` for a prismatic joint.
         lower: lower limit in that unit, -inf where there is none.
         upper: upper limit in that unit, inf where there is none.
+        followers: joints of the chain without a column of their own, which follow this reading.
     """
 
     name: str
     unit: Literal["rad", "m"]
     lower: float
     upper: float
+    followers: tuple[str, ...] = ()
 
     def __str__(self) -> str:
         return f"[{self.lower:.4g}, {self.upper:.4g}] {self.unit}"
@@ -129,10 +131,14 @@ def _samples(table: CsvTable, joints: Sequence[JointRange], columns: SampleColum
     )
 
 
+def _expected(joint: JointRange) -> str:
+    mimics = f", which {', '.join(joint.followers)} mimics" if joint.followers else ""
+    return f"one column per joint of the chain, in {joint.unit}{mimics}"
+
+
 def _readings(table: CsvTable, joints: Sequence[JointRange]) -> FloatArray:
     """(n, joints), refused where they can only be degrees, millimetres or whole turns off."""
-    expected = "one column per joint of the chain, in "
-    q = np.array([table.numbers(joint.name, expected + joint.unit) for joint in joints])
+    q = np.array([table.numbers(joint.name, _expected(joint)) for joint in joints])
     for k, joint in enumerate(joints):
         for row in np.flatnonzero(_implausible(q[k], joint)):
             raise table.refuse(

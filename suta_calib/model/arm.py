@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import replace
 from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import cast
+from typing import Any, Final, cast
 
 import numpy as np
 import pinocchio as pin
@@ -18,12 +18,13 @@ from suta_calib.atomic import write_bytes_atomically
 from suta_calib.batched import Batched
 from suta_calib.errors import ParameterError, UrdfError
 from suta_calib.geometry.symbols import Symbol
-from suta_calib.model.chain import Chain, ChainJoint, read_chain
-from suta_calib.model.gravity import Load
+from suta_calib.model.chain import Chain, ChainJoint, Mimic, read_chain
+from suta_calib.model.gravity import Load, beyond
 from suta_calib.model.kinematics import Motion, Segment, forward_kinematics
 from suta_calib.model.parameters import (
     COMPLIANCE,
     ECCENTRICITY,
+    GAIN,
     OFFSET,
     PLAUSIBLE_ECCENTRICITY,
     POSITION,
@@ -34,22 +35,26 @@ from suta_calib.model.parameters import (
     select_parameters,
 )
 from suta_calib.model.urdf import folded_origin, urdf_bytes
+from suta_calib.units import Unit
+
+# Before a link's name, for as long as joints may be called the same.
+_LINK: Final = "link "
 
 
 class ArmModel:
-    """A serial chain base → tip with a parametric geometry.
+    """A chain base → tip through the tree of a URDF, with a parametric geometry.
 
     Build one with `from_urdf`; `at` gives the same arm at other values. Readings ``q`` are
     (n, joints) in the order of `joints`, rad for revolute joints and m for prismatic ones, as the
-    encoders report them.
+    encoders report them. A joint that mimics another has its own parameters and no reading.
 
     Attributes:
         chain: the joints as the URDF's text gives them, base → tip, fixed ones included.
         model: `pin.Model` with every joint off the chain locked at its neutral position.
         segments: the same chain as Pinocchio understood it.
         parameters: every placement and offset that could be unknown, all at nominal.
-        nongeometric: eccentricity and compliance of its revolute joints (`kinematics`), zero unless
-            the arm is held at other values.
+        nongeometric: gain of its joints, eccentricity and compliance of its revolute ones
+            (`kinematics`), zero unless the arm is held at other values.
     """
 
     def __init__(self, chain: Chain, model: pin.Model) -> None:
@@ -57,18 +62,26 @@ class ArmModel:
         self.model = model
         # A fixed joint that carries the tip is known by the tip's name, all others by their own.
         last = chain.joints[-1]
-        tip = {} if last.moving else {last.name: chain.tip}
-        self.segments = tuple(_segment(model, j, tip.get(j.name, j.name)) for j in chain.joints)
+        tip = {} if last.moving or last.climbed else {last.name: chain.tip}
+        columns = {joint.name: k for k, joint in enumerate(chain.moving)}
+        self.segments = tuple(
+            _segment(model, j, tip.get(j.name, j.name), columns) for j in chain.joints
+        )
         self.parameters = ParameterSet(p for s in self.segments for p in _geometric(s))
         self.nongeometric = ParameterSet(p for s in self.segments for p in _nongeometric(s))
 
     @classmethod
     def from_urdf(cls, path: str | Path, tip: str, base: str | None = None) -> ArmModel:
-        """Read the chain from ``base`` (default: the root link) to ``tip`` (any link or frame).
+        """Read the chain from ``base`` to ``tip``: any two links or frames of one tree.
+
+        Args:
+            path: of the URDF.
+            tip: name of a link, or of a joint, which stands for its child link.
+            base: the same; the root link by default.
 
         Raises:
             UrdfError: no such file, link or chain, or a chain with a joint that is not revolute,
-                continuous, prismatic or fixed.
+                continuous, prismatic or fixed (`chain.read_chain`).
         """
         chain = read_chain(path, tip, base)
         try:
@@ -79,12 +92,11 @@ class ArmModel:
                 "a URDF that Pinocchio can load",
                 file=path,
             ) from error
-        on_chain = {joint.name for joint in chain.moving}
-        locked = [i for i in range(1, model.njoints) if model.names[i] not in on_chain]
-        return cls(chain, pin.buildReducedModel(model, locked, pin.neutral(model)))
+        reduced, _ = reduced_model(model, {j.name for j in chain.joints if j.moving})
+        return cls(chain, reduced)
 
     def at(self, values: Mapping[str, float]) -> ArmModel:
-        """The same arm with these values as its nominal ones, eccentricity and compliance included.
+        """The same arm with these values as its nominal ones, those of no geometry included.
 
         ``arm.at(values).forward(q)`` is ``arm.forward(q, values)``, and their derivatives agree,
         but what is nominal costs nothing: with the whole geometry at other values that is six
@@ -107,8 +119,48 @@ class ArmModel:
 
     @property
     def joints(self) -> tuple[str, ...]:
-        """Names of the moving joints, base → tip: the columns of a samples file."""
+        """Names of the joints that have a reading, base → tip: the columns of a samples file."""
         return tuple(joint.name for joint in self.chain.moving)
+
+    @cached_property
+    def units(self) -> dict[str, Unit]:
+        """Of the reading of each of `joints`: rad, or m."""
+        return {j.name: "m" if j.type == "prismatic" else "rad" for j in self.chain.moving}
+
+    @cached_property
+    def movers(self) -> tuple[Segment, ...]:
+        """The segments that move, base → tip: those with a reading and those that follow one."""
+        return tuple(s for s in self.segments if s.motion != "fixed")
+
+    @cached_property
+    def read_from(self) -> dict[str, str]:
+        """Which of `joints` moves each of `movers`, by name: itself, or the one it mimics."""
+        return {s.owner: self.joints[s.column] for s in self.movers}
+
+    @cached_property
+    def offsets(self) -> tuple[str, ...]:
+        """Names of the offsets of `movers`: what moves the tip as their motion does."""
+        return tuple(name for s in self.movers for name in s.names(OFFSET))
+
+    @cached_property
+    def gearing(self) -> FloatArray:
+        """(movers, joints) how far each of `movers` goes per unit of each reading.
+
+        The tip's velocity per reading is its velocity per offset times this, which is the identity
+        for an arm without a mimic.
+        """
+        matrix = np.zeros((len(self.movers), len(self.joints)))
+        for row, segment in zip(matrix, self.movers, strict=True):
+            row[segment.column] = segment.multiplier
+        return matrix
+
+    def configuration(self, q: ArrayLike) -> FloatArray:
+        """Readings (joints,) as a configuration of `model`, continuous joints included."""
+        moved = self.gearing @ np.asarray(q, dtype=float) + [s.shift for s in self.movers]
+        tangent = np.zeros(self.model.nv)
+        for joint, amount in zip((j for j in self.chain.joints if j.moving), moved, strict=True):
+            tangent[self.model.joints[self.model.getJointId(joint.name)].idx_v] = amount
+        return np.asarray(pin.integrate(self.model, pin.neutral(self.model), tangent))
 
     @property
     def tip(self) -> str:
@@ -117,9 +169,14 @@ class ArmModel:
 
     @cached_property
     def geometric(self) -> frozenset[str]:
-        """Names the word ``geometric`` stands for: placements of moving joints and of the tip."""
-        last = self.segments[-1]
-        owners = {s.owner for s in self.segments if s.motion != "fixed" or s is last}
+        """Names the word ``geometric`` stands for: placements of moving joints and of the tip.
+
+        Where the chain climbs, the joint that carries the base is to its first moving joint what
+        the tip's is to its last.
+        """
+        first, last = self.segments[0], self.segments[-1]
+        ends = [s for s, its in ((first, first.climbed), (last, not last.climbed)) if its]
+        owners = {s.owner for s in (*self.movers, *ends)}
         return frozenset(
             p.name for p in self.parameters.values() if p.owner in owners and p.key != OFFSET
         )
@@ -132,8 +189,9 @@ class ArmModel:
     @cached_property
     def loads(self) -> tuple[Load, ...]:
         """The masses on the moving joints, base → tip, as the URDF has them."""
-        bodies = [self.model.inertias[self.model.getJointId(name)] for name in self.joints]
-        pairs = zip(self.joints, bodies, strict=True)
+        names = [joint.name for joint in self.chain.joints if joint.moving]
+        bodies = [self.model.inertias[self.model.getJointId(name)] for name in names]
+        pairs = zip(names, bodies, strict=True)
         return tuple(Load(name, float(body.mass), body.lever.copy()) for name, body in pairs)
 
     def select(self, *rows: Selection | str) -> ParameterSet:
@@ -150,11 +208,12 @@ class ArmModel:
 
     def _check_masses(self, names: Iterable[str]) -> None:
         """Refuse joints on which nothing hangs: their compliance would do nothing."""
+        movers, climbed = [s.owner for s in self.movers], [s.climbed for s in self.movers]
         for parameter in (self.offered[name] for name in names):
             if parameter.key != COMPLIANCE:
                 continue
-            beyond = self.loads[self.joints.index(parameter.owner) :]
-            if not any(load.mass > 0 for load in beyond):
+            hanging = self.loads[beyond(climbed, movers.index(parameter.owner))]
+            if not any(load.mass > 0 for load in hanging):
                 raise UrdfError(
                     f"no mass in any link beyond {parameter.owner}",
                     "<inertial> with <mass> in the links, which gravity's torque is computed from",
@@ -208,7 +267,7 @@ class ArmModel:
 
         Args:
             values: parameter values by name; those of other things than this arm are ignored, and
-                so are eccentricity and compliance: a URDF cannot hold them.
+                so are gain, eccentricity and compliance: a URDF cannot hold them.
         """
         return urdf_bytes(self.chain.path, self.origins(values))
 
@@ -231,16 +290,40 @@ class ArmModel:
         return found
 
 
+def reduced_model(
+    model: pin.Model, moving: Collection[str], shapes: Sequence[Any] = ()
+) -> tuple[pin.Model, list[Any]]:
+    """A model in which only some joints move and all others are locked at neutral.
+
+    Args:
+        model: of a whole robot.
+        moving: names of the joints that go on moving.
+        shapes: `pin.GeometryModel` of it, which are reduced with it.
+    """
+    # Pinocchio looks for frames by name, and refuses a joint that is called as a link is.
+    links = [frame for frame in model.frames if frame.type == pin.FrameType.BODY]
+    for link in links:
+        link.name = _LINK + link.name
+    locked = [i for i in range(1, model.njoints) if model.names[i] not in moving]
+    reduced, left = pin.buildReducedModel(model, list(shapes), locked, pin.neutral(model))
+    for link in (*links, *(f for f in reduced.frames if f.type == pin.FrameType.BODY)):
+        link.name = link.name.removeprefix(_LINK)
+    return reduced, list(left)
+
+
 @lru_cache(maxsize=16)
 def _kinematics(arm: ArmModel, names: tuple[str, ...]) -> Symbol:
     arm._check_masses(names)
     nominal = {p.name: p.nominal for p in arm.offered.values()}
-    base = arm.model.frames[arm.model.getFrameId(arm.chain.base, pin.FrameType.BODY)].placement
-    gravity = base.rotation.T @ arm.model.gravity.linear
+    # Nothing between the root and this link moves with the chain.
+    top = arm.model.frames[arm.model.getFrameId(arm.chain.top, pin.FrameType.BODY)].placement
+    gravity = top.rotation.T @ arm.model.gravity.linear
     return forward_kinematics(arm.segments, names, nominal, arm.loads, gravity)
 
 
-def _segment(model: pin.Model, joint: ChainJoint, owner: str) -> Segment:
+def _segment(
+    model: pin.Model, joint: ChainJoint, owner: str, columns: Mapping[str, int]
+) -> Segment:
     """A joint's own origin: its placement relative to its parent link, and its axis."""
     parent = model.frames[model.getFrameId(joint.parent, pin.FrameType.BODY)]
     axis = np.zeros(3)
@@ -255,7 +338,14 @@ def _segment(model: pin.Model, joint: ChainJoint, owner: str) -> Segment:
         placement = model.frames[model.getFrameId(joint.name, kinds)].placement
     origin = parent.placement.actInv(placement)
     motion = cast(Motion, "revolute" if joint.type == "continuous" else joint.type)
-    return Segment(owner, motion, origin.rotation, joint.xyz, axis)
+    followed = joint.mimic or Mimic(joint.name, 1.0, 0.0)
+    return Segment(
+        *(owner, motion, origin.rotation, joint.xyz, axis),
+        columns.get(followed.joint, 0),
+        followed.multiplier,
+        followed.offset,
+        joint.climbed,
+    )
 
 
 def _geometric(segment: Segment) -> Iterator[Parameter]:
@@ -268,6 +358,8 @@ def _geometric(segment: Segment) -> Iterator[Parameter]:
 
 
 def _nongeometric(segment: Segment) -> Iterator[Parameter]:
+    if segment.motion != "fixed":
+        yield Parameter(segment.owner, GAIN, "1")
     if segment.motion == "revolute":
         for key in ECCENTRICITY:
             yield Parameter(segment.owner, key, "rad", plausible=PLAUSIBLE_ECCENTRICITY)

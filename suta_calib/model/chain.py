@@ -1,8 +1,11 @@
-"""The serial chain from base to tip, as the user's URDF writes it, checked.
+"""The chain from base to tip, as the user's URDF writes it, checked.
 
 What a calibration needs of a URDF is little: the joints between two links, their origins, axes
 and limits. They are taken from the file's own text, so that a message can name its line and a
 calibrated value can go back to where the nominal one stood.
+
+Base and tip are any two links of one tree. The way between them climbs from the base to the link
+that is above both, against the direction of the joints, and descends from there to the tip.
 """
 
 from __future__ import annotations
@@ -37,6 +40,21 @@ _NUMBER: Final = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _SHORTEST_AXIS: Final = 1e-12
 
 
+@dataclass(frozen=True)
+class Mimic:
+    """What moves a joint that has no reading of its own: ``multiplier · reading + offset``.
+
+    Attributes:
+        joint: name of the joint whose reading it follows; one that follows nobody.
+        multiplier: rad or m per rad or m of that reading.
+        offset: where the joint is when that reading is zero, rad (m for prismatic).
+    """
+
+    joint: str
+    multiplier: float
+    offset: float
+
+
 @dataclass(frozen=True, eq=False)
 class ChainJoint:
     """One joint of the chain, moving or fixed.
@@ -53,6 +71,8 @@ class ChainJoint:
             for fixed.
         upper: highest reading, likewise.
         line: line of the ``<joint>`` in the file, from 1.
+        mimic: whose reading it follows; None for a joint with a reading of its own.
+        climbed: whether the chain passes it from its child link to its parent link.
     """
 
     name: str
@@ -65,10 +85,12 @@ class ChainJoint:
     lower: float
     upper: float
     line: int
+    mimic: Mimic | None = None
+    climbed: bool = False
 
     @property
     def moving(self) -> bool:
-        """Whether the joint has a reading."""
+        """Whether the joint moves, by a reading of its own or by another's."""
         return self.type in _MOVING_TYPES
 
 
@@ -82,7 +104,11 @@ class Chain:
         base: name of the link the chain starts at.
         tip: the tip as the user named it: a link, or a joint for the link it carries.
         tip_link: name of the link the chain ends at.
+        top: name of the link above both, where climbing ends: the base itself for most arms.
         joints: every joint from base to tip, fixed ones included.
+        moving: the joints that have a reading, in the order in which the chain first needs them:
+            those of `joints` that follow nobody, and those that others of `joints` follow, which
+            need not be on the chain.
     """
 
     path: Path
@@ -90,12 +116,9 @@ class Chain:
     base: str
     tip: str
     tip_link: str
+    top: str
     joints: tuple[ChainJoint, ...]
-
-    @property
-    def moving(self) -> tuple[ChainJoint, ...]:
-        """The joints that have a reading, from base to tip."""
-        return tuple(joint for joint in self.joints if joint.moving)
+    moving: tuple[ChainJoint, ...]
 
 
 def read_chain(path: str | Path, tip: str, base: str | None = None) -> Chain:
@@ -106,57 +129,61 @@ def read_chain(path: str | Path, tip: str, base: str | None = None) -> Chain:
     Args:
         path: of the URDF.
         tip: name of a link, or of a joint, which stands for its child link; both mean the link.
-        base: name of a link above the tip; the root link by default.
+        base: the same; the root link by default.
 
     Raises:
-        UrdfError: the file is no usable URDF (`urdf_tree.read_tree`), a name is unknown, the base
-            is not above the tip, no joint between them moves, or a joint between them is of a
-            type that has no single reading of its own or has unusable numbers.
+        UrdfError: the file is no usable URDF (`urdf_tree.read_tree`), a name is unknown, no joint
+            between base and tip moves, or a joint between them is of a type that has no single
+            reading, has unusable numbers, or follows a joint that is not there, has no reading,
+            or follows it.
     """
     tree = read_tree(path)
-    joint_named = None if tip in tree.links else tree.joints.get(tip)
-    tip_link = _known_link(tree, tip, "tip") if joint_named is None else joint_named.child
     base_link = tree.root if base is None else _known_link(tree, base, "base")
-    joints = tuple(_chain_joint(tree.path, j) for j in _joints_between(tree, base_link, tip_link))
+    tip_link = _known_link(tree, tip, "tip")
+    climbed, descended = _joints_between(tree, base_link, tip_link)
+    joints = (
+        *(_chain_joint(tree, joint, climbed=True) for joint in climbed),
+        *(_chain_joint(tree, joint) for joint in descended),
+    )
     if not any(joint.moving for joint in joints):
-        found = f"only fixed joints between {quoted(base_link)} and {quoted(tip)}"
+        found = f"only fixed joints between {quoted(base or base_link)} and {quoted(tip)}"
         raise UrdfError(found, "at least one joint that moves", file=tree.path, where="tip")
-    return Chain(tree.path, tree.robot, base_link, tip, tip_link, joints)
+    top = climbed[-1].parent if climbed else base_link
+    own = {joint.name: joint for joint in joints}
+    read = dict.fromkeys(j.mimic.joint if j.mimic else j.name for j in joints if j.moving)
+    moving = tuple(own.get(name) or _chain_joint(tree, tree.joints[name]) for name in read)
+    return Chain(tree.path, tree.robot, base_link, tip, tip_link, top, joints, moving)
 
 
 def _known_link(tree: UrdfTree, name: str, where: str) -> str:
     if name in tree.links:
         return name
-    expected = "a link" if where == "base" else "a link or a joint"
-    names = tree.links if where == "base" else (*tree.links, *tree.joints)
-    hint = suggestion(name, names, "links" if where == "base" else "links and joints")
-    raise UrdfError(quoted(name), f"{expected} of the file", file=tree.path, where=where, hint=hint)
+    if name in tree.joints:
+        return tree.joints[name].child
+    hint = suggestion(name, (*tree.links, *tree.joints), "links and joints")
+    expected = "a link or a joint of the file"
+    raise UrdfError(quoted(name), expected, file=tree.path, where=where, hint=hint)
 
 
-def _joints_between(tree: UrdfTree, base: str, tip: str) -> list[TreeJoint]:
-    """The joints from base to tip."""
+def _joints_between(tree: UrdfTree, base: str, tip: str) -> tuple[list[TreeJoint], list[TreeJoint]]:
+    """The joints from the base up to the link above both, and from there down to the tip."""
     if base == tip:
         found = f"{quoted(tip)} as both base and tip"
         raise UrdfError(found, "joints between them", file=tree.path, where="tip")
-    upwards = tree.path_to_root(tip)
-    parents = [joint.parent for joint in upwards]
-    if base not in parents:
-        found = f"{quoted(base)}, which is not above the tip {quoted(tip)}"
-        hint = f"above it are: {', '.join(map(quoted, parents[:8]))}" if parents else ""
-        hint = hint or f"{quoted(tip)} is the root link: choose another tip"
-        raise UrdfError(found, "a link above it", file=tree.path, where="base", hint=hint)
-    return upwards[parents.index(base) :: -1]
+    climbed, descended = tree.path_to_root(base), tree.path_to_root(tip)
+    while climbed and descended and climbed[-1] is descended[-1]:
+        climbed.pop()
+        descended.pop()
+    return climbed, descended[::-1]
 
 
-def _chain_joint(path: Path, joint: TreeJoint) -> ChainJoint:
+def _chain_joint(tree: UrdfTree, joint: TreeJoint, *, climbed: bool = False) -> ChainJoint:
+    path = tree.path
     where, element = f"joint {quoted(joint.name)}", joint.element
     kind = attribute(path, element, "type", where)
     if kind not in _SUPPORTED_TYPES:
         expected = f"{', '.join(_SUPPORTED_TYPES[:-1])} or fixed on the chain"
         raise refusal(path, element, f"the type {quoted(kind)}", expected, where)
-    for mimic in children(element, "mimic"):
-        found = f"<mimic> of joint {quoted(mimic.get('joint', ''))}"
-        raise refusal(path, mimic, found, "joints with a reading of their own on the chain", where)
     xyz, rpy = np.zeros(3), np.zeros(3)
     for origin in children(element, "origin")[:1]:
         place = f"{where}: <origin>"
@@ -169,8 +196,40 @@ def _chain_joint(path: Path, joint: TreeJoint) -> ChainJoint:
     axis = _axis(path, element, where) if moving else np.array([1.0, 0.0, 0.0])
     lower, upper = _limits(path, element, kind, where)
     return ChainJoint(
-        joint.name, kind, joint.parent, joint.child, xyz, rpy, axis, lower, upper, joint.line
+        *(joint.name, kind, joint.parent, joint.child, xyz, rpy, axis, lower, upper, joint.line),
+        _mimic(tree, joint) if moving else None,
+        climbed,
     )
+
+
+def _mimic(tree: UrdfTree, joint: TreeJoint) -> Mimic | None:
+    """What a joint follows: where that follows another itself, the one at the end."""
+    follower, multiplier, offset = joint, 1.0, 0.0
+    passed = [joint.name]
+    while found := children(follower.element, "mimic")[:1]:
+        mimic, place = found[0], f"joint {quoted(follower.name)}: <mimic>"
+        name = attribute(tree.path, mimic, "joint", place)
+        m, b = (
+            float(_numbers(tree.path, mimic, key, place, (default,))[0])
+            for key, default in (("multiplier", 1.0), ("offset", 0.0))
+        )
+        multiplier, offset = multiplier * m, multiplier * b + offset
+        if name not in tree.joints:
+            unknown = f"the joint {quoted(name)}, which no <joint> declares"
+            hint = suggestion(name, tree.joints, "joints")
+            raise refusal(tree.path, mimic, unknown, "a joint of the file", place, hint)
+        if name in passed:
+            loop = " follows ".join(map(quoted, [*passed[passed.index(name) :], name]))
+            expected = "a joint with a reading of its own at the end"
+            raise refusal(tree.path, mimic, f"a loop: {loop}", expected, place)
+        follower = tree.joints[name]
+        kind = attribute(tree.path, follower.element, "type", f"joint {quoted(name)}")
+        if kind not in _MOVING_TYPES:
+            expected = f"a {', '.join(_MOVING_TYPES[:-1])} or {_MOVING_TYPES[-1]} joint"
+            what = f"the joint {quoted(name)}, which is {kind}: it has no single reading"
+            raise refusal(tree.path, mimic, what, expected, place)
+        passed.append(name)
+    return Mimic(follower.name, multiplier, offset) if follower is not joint else None
 
 
 def _axis(path: Path, element: Element, where: str) -> FloatArray:

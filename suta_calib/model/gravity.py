@@ -2,12 +2,13 @@
 
 With the mass m_k and centre c_k of every body beyond joint j, whose axis a_j passes through p_j,
 
-    τ_j(q) = a_j · Σ_{k ≥ j} (c_k - p_j) × m_k g
+    τ_j(q) = a_j · Σ_{k beyond j} (c_k - p_j) × m_k g
 
 which is what gravity does to the joint: the negative of `pin.computeGeneralizedGravity`, the
-torque that would hold it. Gravity points along -z of the URDF's root link, as Pinocchio has it, so
-the root must stand as it does in the file. Offsets and other errors are left out: a per cent of a
-deflection is nothing.
+torque that would hold it. Beyond a joint is what hangs on its child link: towards the tip where the
+chain descends, towards the base where it climbs. Gravity points along -z of the URDF's root link,
+as Pinocchio has it, so the root must stand as it does in the file. Offsets and other errors are
+left out: a per cent of a deflection is nothing.
 """
 
 from __future__ import annotations
@@ -43,7 +44,8 @@ class MovingFrame:
     Attributes:
         joint: its name.
         axis, point: in the base frame; the point in m.
-        rotation, position: of the frame behind the joint's motion.
+        rotation, position: of the frame behind the joint's motion, which its child link has.
+        climbed: whether the chain passes it from child to parent.
     """
 
     joint: str
@@ -51,10 +53,21 @@ class MovingFrame:
     point: Symbol
     rotation: Symbol
     position: Symbol
+    climbed: bool
+
+
+def beyond(climbed: Sequence[bool], joint: int) -> slice:
+    """Which of a chain's moving joints, base → tip, hang on one of them, itself included.
+
+    Args:
+        climbed: of every moving joint, whether the chain passes it from child to parent.
+        joint: the number of the one in question, from 0.
+    """
+    return slice(0, joint + 1) if climbed[joint] else slice(joint, None)
 
 
 def gravity_torques(
-    frames: Sequence[MovingFrame], carried: Sequence[Load], gravity: FloatArray
+    frames: Sequence[MovingFrame], carried: Sequence[Load], gravity: Symbol
 ) -> dict[str, Symbol]:
     """Torque of gravity about each joint's axis, N·m (for a prismatic one it means nothing).
 
@@ -63,6 +76,7 @@ def gravity_torques(
         carried: their loads, in the same order.
         gravity: (3,) acceleration in the base frame, m/s².
     """
+    climbed = [frame.climbed for frame in frames]
     centres = [
         f.position + f.rotation @ ca.DM(load.centre)
         for f, load in zip(frames, carried, strict=True)
@@ -70,7 +84,8 @@ def gravity_torques(
     found = {}
     for k, frame in enumerate(frames):
         torque: Symbol = ca.SX(3, 1)
-        for centre, load in zip(centres[k:], carried[k:], strict=True):
-            torque += ca.cross(centre - frame.point, load.mass * ca.DM(gravity))
+        hanging = beyond(climbed, k)
+        for centre, load in zip(centres[hanging], carried[hanging], strict=True):
+            torque += ca.cross(centre - frame.point, load.mass * gravity)
         found[frame.joint] = ca.dot(frame.axis, torque)
     return found

@@ -4,14 +4,19 @@
 
     Trans(xyz) · R_nominal · exp([rx, ry, rz]) · motion(axis, q + offset)
 
-with the placements and axes of `pin.Model`. Two errors that are no geometry, and that a URDF has no
-place for, change how far a revolute joint turns for what its encoder reads:
+with the placements and axes of `pin.Model`, and over its inverse where the chain climbs from a
+joint's child link to its parent. A joint that mimics another has for its reading ``multiplier · q +
+offset`` of that one's. Three errors that are no geometry, and that a URDF has no place for, change
+how far a joint turns for what its encoder reads:
 
-    angle = q + offset + c1 cos q + s1 sin q + c2 cos 2q + s2 sin 2q + compliance · τ(q)
+    angle = (1 + gain) q + offset
+            + c1 cos q + s1 sin q + c2 cos 2q + s2 sin 2q + compliance · τ(q)
 
-with q the reading and τ the torque of gravity about the joint's axis (`gravity`). An encoder disc
-that sits off its axis, or a shaft that is bent, gives the first harmonic; a disc that is tilted or
-oval the second (Mooring, Roth, Driels, Fundamentals of Manipulator Calibration, 1991, chapter 2).
+with q the reading and τ the torque of gravity about the joint's axis (`gravity`); a prismatic joint
+has the gain only. A gear ratio, a counted turn or a scale that is not what it should be is a gain.
+An encoder disc that sits off its axis, or a shaft that is bent, gives the first harmonic; a disc
+that is tilted or oval the second (Mooring, Roth, Driels, Fundamentals of Manipulator Calibration,
+1991, chapter 2).
 
 The Jacobian is written as the geometric Jacobian of every parameter (an axis through a point)
 rather than left to differentiation: a column then costs a cross product, not another walk along
@@ -30,7 +35,7 @@ import numpy as np
 from suta_calib.arrays import FloatArray
 from suta_calib.geometry.symbols import Symbol, symbolic_rotation
 from suta_calib.model.gravity import Load, MovingFrame, gravity_torques
-from suta_calib.model.parameters import COMPLIANCE, OFFSET, PLACEMENT, POSITION, ROTATION
+from suta_calib.model.parameters import COMPLIANCE, GAIN, OFFSET, PLACEMENT, POSITION, ROTATION
 
 Motion = Literal["revolute", "prismatic", "fixed"]
 
@@ -45,6 +50,10 @@ class Segment:
         rotation: (3, 3) nominal rotation of its origin in the parent link.
         position: (3,) nominal position of its origin in the parent link, m.
         axis: (3,) unit axis in the joint's frame.
+        column: which of the samples' readings moves it, from 0; of no meaning for a fixed one.
+        multiplier, shift: the joint's own reading is ``multiplier · reading + shift``: 1 and 0
+            where it mimics none.
+        climbed: whether the chain passes it from child to parent.
     """
 
     owner: str
@@ -52,6 +61,10 @@ class Segment:
     rotation: FloatArray
     position: FloatArray
     axis: FloatArray
+    column: int = 0
+    multiplier: float = 1.0
+    shift: float = 0.0
+    climbed: bool = False
 
     @property
     def keys(self) -> tuple[str, ...]:
@@ -74,6 +87,8 @@ class _Walk:
         # Of gravity about each joint's axis, by the joint's name.
         self.torques: Mapping[str, Symbol] = {}
         self.frames: list[MovingFrame] = []
+        # Of the link above base and tip in the base: the frame in which climbing has ended.
+        self.top: Symbol = self.rotation
         # column index → (linear direction, None) or (axis, point it passes through)
         self.columns: dict[int, tuple[Symbol, Symbol | None]] = {}
 
@@ -89,15 +104,27 @@ class _Walk:
         if name in self.index:
             self.columns[self.index[name]] = (direction, point)
 
-    def through(self, segment: Segment, reading: Symbol | None) -> None:
-        names = segment.names(*POSITION)
+    def through(self, segment: Segment, q: Symbol) -> None:
+        if segment.climbed:
+            self._move(segment, q)
+            self._turn(segment)
+            self._shift(segment)
+            self.top = self.rotation
+        else:
+            self._shift(segment)
+            self._turn(segment)
+            self._move(segment, q)
+
+    def _shift(self, segment: Segment) -> None:
+        names, nominal = segment.names(*POSITION), ca.SX(_snapped(segment.rotation))
+        if segment.climbed:
+            self.rotation = self.rotation @ nominal.T
+        way = -1 if segment.climbed else 1
         for k, name in enumerate(names):
-            self.note(name, self.rotation[:, k])
-        self.position = self.position + self.rotation @ ca.vertcat(*map(self.value, names))
-        self.rotation = self.rotation @ ca.SX(_snapped(segment.rotation))
-        self._turn(segment)
-        if reading is not None:
-            self._move(segment, reading)
+            self.note(name, way * self.rotation[:, k])
+        self.position += way * self.rotation @ ca.vertcat(*map(self.value, names))
+        if not segment.climbed:
+            self.rotation = self.rotation @ nominal
 
     def _turn(self, segment: Segment) -> None:
         names = segment.names(*ROTATION)
@@ -107,43 +134,56 @@ class _Walk:
         turn = symbolic_rotation(symbol)
         derivative = ca.jacobian(ca.vec(turn), symbol)
         turn, derivative = (ca.substitute(e, symbol, value) for e in (turn, derivative))
+        if segment.climbed:
+            self.rotation = self.rotation @ turn.T
         for k, name in enumerate(names):
+            # The axis in the frame before the turn, in which the turn's two sides are alike.
             spin = ca.reshape(derivative[:, k], 3, 3) @ turn.T
             axis = ca.vertcat(spin[2, 1], spin[0, 2], spin[1, 0])
-            self.note(name, self.rotation @ axis, self.position)
-        self.rotation = self.rotation @ turn
+            way = -1 if segment.climbed else 1
+            self.note(name, way * self.rotation @ axis, self.position)
+        if not segment.climbed:
+            self.rotation = self.rotation @ turn
 
-    def _move(self, segment: Segment, reading: Symbol) -> None:
+    def _move(self, segment: Segment, q: Symbol) -> None:
+        if segment.motion == "fixed":
+            return
+        reading = segment.multiplier * q[segment.column] + segment.shift
+        axis, way = _snapped(segment.axis), -1 if segment.climbed else 1
+        # The axis is the same in the frames before and behind the motion.
+        along, point = self.rotation @ ca.SX(axis), self.position
+        before = self.rotation, self.position
         (offset,) = segment.names(OFFSET)
-        amount = reading + self.value(offset)
-        axis = _snapped(segment.axis)
-        direction, point = self.rotation @ ca.SX(axis), self.position
-        if segment.motion == "prismatic":
-            self.note(offset, direction)
-            self.position = self.position + direction * amount
-        else:
-            self.note(offset, direction, point)
-            for name, effect in self._beside_the_reading(segment, reading):
-                amount += self.value(name) * effect
-                self.note(name, direction * effect, point)
+        amount, effects = reading + self.value(offset), {offset: ca.SX(1)}
+        for name, effect in self._beside_the_reading(segment, reading):
+            amount += self.value(name) * effect
+            effects[name] = effect
+        turns = segment.motion == "revolute"
+        for name, effect in effects.items():
+            self.note(name, way * along * effect, point if turns else None)
+        if turns:
             # Rodrigues' formula; CasADi leaves out what is exactly zero.
             outer = ca.SX(_snapped(np.outer(axis, axis)))
-            across = ca.cos(amount) * (ca.SX.eye(3) - outer) + ca.sin(amount) * ca.skew(ca.SX(axis))
-            self.rotation = self.rotation @ (across + outer)
-        frame = MovingFrame(segment.owner, direction, point, self.rotation, self.position)
-        self.frames.append(frame)
+            spin = ca.sin(way * amount) * ca.skew(ca.SX(axis))
+            self.rotation @= ca.cos(amount) * (ca.SX.eye(3) - outer) + spin + outer
+        else:
+            self.position += way * along * amount
+        behind = before if segment.climbed else (self.rotation, self.position)
+        self.frames.append(MovingFrame(segment.owner, along, point, *behind, segment.climbed))
 
     def _beside_the_reading(
         self, segment: Segment, reading: Symbol
     ) -> Iterator[tuple[str, Symbol]]:
         """Names of errors that are no geometry, with the joint's turn per unit of each."""
-        turns = {
-            "ecc_c1": ca.cos(reading),
-            "ecc_s1": ca.sin(reading),
-            "ecc_c2": ca.cos(2 * reading),
-            "ecc_s2": ca.sin(2 * reading),
-            COMPLIANCE: self.torques.get(segment.owner),
-        }
+        turns = {GAIN: reading}
+        if segment.motion == "revolute":
+            turns |= {
+                "ecc_c1": ca.cos(reading),
+                "ecc_s1": ca.sin(reading),
+                "ecc_c2": ca.cos(2 * reading),
+                "ecc_s2": ca.sin(2 * reading),
+                COMPLIANCE: self.torques.get(segment.owner),
+            }
         for name, turn in zip(segment.names(*turns), turns.values(), strict=True):
             if self.matters(name):
                 yield name, turn
@@ -172,17 +212,18 @@ def forward_kinematics(
         segments: base to tip.
         names: the parameters that become inputs, in this order.
         nominal: what all others stay at, by name; zero where it is not given.
-        carried: loads of the moving joints, needed where a joint yields.
-        gravity: (3,) in the base frame, m/s², needed likewise.
+        carried: loads of the moving segments, needed where a joint yields.
+        gravity: (3,) in the frame of the link where the chain begins to descend, m/s², needed
+            likewise.
 
     Returns:
-        ``ca.Function(theta (n), q (joints)) -> (rotation (9, column by column), position (3),
+        ``ca.Function(theta (n), q (readings)) -> (rotation (9, column by column), position (3),
         jacobian (n, 6))``, all dense, in the base frame. A row of the Jacobian is the velocity of
         the tip's origin, then the angular velocity, for unit change of that parameter.
     """
     theta = ca.SX.sym("theta", len(names))
     moving = [s for s in segments if s.motion != "fixed"]
-    q = ca.SX.sym("q", len(moving))
+    q = ca.SX.sym("q", 1 + max((s.column for s in moving), default=-1))
     walk = _Walk(names, theta, nominal)
     if gravity is not None and any(walk.matters(n) for s in moving for n in s.names(COMPLIANCE)):
         # A per cent of a deflection is nothing: the torque is that of the arm as the URDF has it.
@@ -192,7 +233,7 @@ def forward_kinematics(
             for name, x in zip(s.names(*POSITION), s.position, strict=True)
         }
         still = _walked(segments, _Walk([], theta, drawn), q)
-        walk.torques = gravity_torques(still.frames, carried, gravity)
+        walk.torques = gravity_torques(still.frames, carried, still.top @ ca.DM(gravity))
     _walked(segments, walk, q)
     outputs = [ca.vec(walk.rotation), walk.position, walk.jacobian().T]
     return ca.Function(
@@ -206,9 +247,8 @@ def forward_kinematics(
 
 
 def _walked(segments: Sequence[Segment], walk: _Walk, q: Symbol) -> _Walk:
-    readings = iter(range(q.numel()))
     for segment in segments:
-        walk.through(segment, None if segment.motion == "fixed" else q[next(readings)])
+        walk.through(segment, q)
     return walk
 
 

@@ -27,6 +27,7 @@ ROTATION: Final = ("rx", "ry", "rz")
 PLACEMENT: Final = (*POSITION, *ROTATION)
 OFFSET: Final = "offset"
 COMPLIANCE: Final = "compliance"
+GAIN: Final = "gain"
 # An eccentric encoder disc gives the first harmonic, a tilted or oval one the second.
 Family = Literal["ecc_1", "ecc_2", "compliance"]
 FAMILIES: Final[dict[Family, tuple[str, ...]]] = {
@@ -36,16 +37,18 @@ FAMILIES: Final[dict[Family, tuple[str, ...]]] = {
 }
 ECCENTRICITY: Final = (*FAMILIES["ecc_1"], *FAMILIES["ecc_2"])
 # How these keys begin: globs reach them only where they say so.
-_NONGEOMETRIC: Final = ("ecc", COMPLIANCE)
+_NONGEOMETRIC: Final = ("ecc", COMPLIANCE, GAIN)
 # Lengths and angles of the size that moves the tip of a metre-long arm by a centimetre, and what
-# yields as much to the torque of a few kilograms.
-SCALE: Final[dict[Unit, float]] = {"m": 0.01, "rad": 0.01, "rad/Nm": 1e-3}
+# yields as much to the torque of a few kilograms; a share of a turn that does the same.
+SCALE: Final[dict[Unit, float]] = {"m": 0.01, "rad": 0.01, "rad/Nm": 1e-3, "1": 0.01}
 # How far a geometric parameter without a bound may plausibly be off: only used to judge whether
 # the data tell anything about it, never to limit it.
 PLAUSIBLE: Final[dict[Unit, float]] = {
     "m": 0.05,
     "rad": from_deg(10.0),
     "rad/Nm": from_deg(0.2),
+    # A turn that is read 18° too long: no gear, and hardly a potentiometer, is so wrong.
+    "1": 0.05,
 }
 # A degree of eccentricity would be seen with the naked eye.
 PLAUSIBLE_ECCENTRICITY: Final = from_deg(1.0)
@@ -58,7 +61,7 @@ class Parameter:
     Attributes:
         owner: what it belongs to, e.g. ``joint_4`` or ``placement[P1]``.
         key: which of the owner's numbers it is, e.g. ``z``, ``rx``, ``offset``, ``ecc_c1``.
-        unit: ``m``, ``rad`` or ``rad/Nm``.
+        unit: ``m``, ``rad``, ``rad/Nm``, or ``1`` for a gain.
         nominal: where it starts, and where it stays if nothing can be said of it.
         lower, upper: bounds of the value, infinite where there is none.
         prior: standard deviation of a Gaussian prior about nominal, or None.
@@ -99,7 +102,7 @@ class Parameter:
 
     @property
     def geometric(self) -> bool:
-        """Whether it is a placement or an offset, not an eccentricity or a compliance."""
+        """Whether it is a placement or an offset, which a URDF can hold."""
         return not self.key.startswith(_NONGEOMETRIC)
 
     @property
@@ -168,7 +171,9 @@ class Selection:
         select: names, globs, or the word ``geometric``.
         bound_m, bound_rad, bound_rad_per_nm: half-width of the bounds about nominal, for lengths,
             for angles and for compliances.
-        prior_m, prior_rad, prior_rad_per_nm: standard deviation of a Gaussian prior about nominal.
+        bound_ratio: the same for gains, 1.
+        prior_m, prior_rad, prior_rad_per_nm, prior_ratio: standard deviation of a Gaussian prior
+            about nominal.
         fixed: beside a prior, its size stays whatever the data say of it; alone, name the parameter
             in the result, but do not estimate it.
         line: line of the job file, for messages.
@@ -183,6 +188,8 @@ class Selection:
     line: int | None = None
     bound_rad_per_nm: float | None = None
     prior_rad_per_nm: float | None = None
+    bound_ratio: float | None = None
+    prior_ratio: float | None = None
 
     def sizes(self, unit: Unit) -> tuple[float | None, float | None]:
         """Bound and prior of what is measured in ``unit``."""
@@ -190,12 +197,13 @@ class Selection:
             "m": (self.bound_m, self.prior_m),
             "rad": (self.bound_rad, self.prior_rad),
             "rad/Nm": (self.bound_rad_per_nm, self.prior_rad_per_nm),
+            "1": (self.bound_ratio, self.prior_ratio),
         }[unit]
 
     def applied_to(self, parameter: Parameter) -> Parameter:
         """The parameter with this row's bounds and prior in place of its own."""
-        priors = (self.prior_m, self.prior_rad, self.prior_rad_per_nm)
-        if self.fixed and priors == (None, None, None):
+        priors = (self.prior_m, self.prior_rad, self.prior_rad_per_nm, self.prior_ratio)
+        if self.fixed and not any(prior is not None for prior in priors):
             return replace(parameter, free=False)
         return parameter.bounded(*self.sizes(parameter.unit), self.fixed)
 
@@ -253,8 +261,8 @@ def _matches(
         )
     raise ParameterError(
         f"'{pattern}', which matches no parameter of the arm",
-        "names like joint.offset, joint.x|y|z|rx|ry|rz, joint.ecc_c1|ecc_s1|ecc_c2|ecc_s2, "
-        "joint.compliance, globs of them, or 'geometric'",
+        "names like joint.offset, joint.x|y|z|rx|ry|rz, joint.gain, "
+        "joint.ecc_c1|ecc_s1|ecc_c2|ecc_s2, joint.compliance, globs of them, or 'geometric'",
         hint=_did_you_mean(pattern, available),
         **place,
     )
@@ -265,6 +273,7 @@ def _check_units(row: Selection, units: set[Unit]) -> None:
         "m": ("bound_mm or prior_mm", "lengths"),
         "rad": ("bound_deg or prior_deg", "angles"),
         "rad/Nm": ("bound_deg_per_nm or prior_deg_per_nm", "compliances"),
+        "1": ("bound or prior", "gains"),
     }
     for unit, (key, _) in keys.items():
         if unit not in units and any(v is not None for v in row.sizes(unit)):

@@ -104,7 +104,7 @@ def read_tree(path: str | Path) -> UrdfTree:
     if others:
         found = f"{1 + len(others)} links without a parent: {quoted(root)}, {quoted(others[0])}"
         found += ", …" if len(others) > 1 else ""
-        hint = "connect them by joints or remove what is not used"
+        hint = "connect them by joints or remove what is not used: base and tip are in one tree"
         raise refusal(path, links[others[0]], found, "one root link", hint=hint)
     return UrdfTree(path, robot.get("name"), tuple(links), joints, into, root)
 

@@ -16,6 +16,7 @@ import numpy as np
 
 from suta_calib.diagnostics.accuracy import TermAccuracy
 from suta_calib.diagnostics.explanation import redundant_names
+from suta_calib.diagnostics.external_poses import external_poses
 from suta_calib.job.calibration import CalibrationResult
 from suta_calib.report import calibration_plots as plots
 from suta_calib.report.document import Document, Figure, File, Folded, Part, Place, ShownOnly, Text
@@ -28,6 +29,7 @@ from suta_calib.report.errors import (
     groups,
     residual_rows,
 )
+from suta_calib.report.external_poses import EXTERNAL_POSES, NOTE
 from suta_calib.report.held_out import HELD_OUT, held_out_rows
 from suta_calib.report.listing import Column, Json, Listing, csv_text
 from suta_calib.report.noise import NOISE, PRIORS, noise_of, priors_of
@@ -71,6 +73,7 @@ def calibration_document(result: CalibrationResult, *, verbose: bool = False) ->
     parts = [
         *_errors(result),
         *(_parameters(result, verbose=verbose) if result.solution.converged else []),
+        *_external_poses(result),
         *_untold(result),
         *_remaining_errors(result),
         *_noise_and_correlations(result),
@@ -119,6 +122,13 @@ def _parameters(result: CalibrationResult, *, verbose: bool) -> Iterator[Part]:
             "Change from nominal, ± one standard deviation",
         )
     yield Folded(PARAMETERS.of(own, f"The observations' own unknowns ({len(own)})"))
+
+
+def _external_poses(result: CalibrationResult) -> Iterator[Part]:
+    """What many came for: where cameras, instruments and artefacts are."""
+    if poses := external_poses(result.solution):
+        yield EXTERNAL_POSES.of(poses)
+        yield Text(NOTE, place="page", look="soft")
 
 
 def _errors(result: CalibrationResult) -> Iterator[Part]:
@@ -279,6 +289,7 @@ def _data(result: CalibrationResult) -> Json:
         "status": "converged" if solution.converged else "not_converged",
         "job": result.job.spec.path.name,
         "parameters": PARAMETERS.records(outcomes(solution)),
+        "external_poses": EXTERNAL_POSES.records(external_poses(solution)),
         "unidentified": solution.unidentified,
         "redundant": redundant_names(result.explanations),
         "unobservable": unobservable(solution.identification),

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final, Literal
 
 import numpy as np
@@ -22,7 +23,7 @@ from suta_calib.simulation.noise import full_circle, wrapped
 
 # What of a target's orientation counts: all of it, the direction of the tip's z axis, or nothing.
 Matching = Literal["pose", "axis", "position"]
-_KEPT: Final = {
+_KEPT: Final[dict[Matching, FloatArray]] = {
     "pose": np.array([1.0, 1.0, 1.0]),
     "axis": np.array([1.0, 1.0, 0.0]),
     "position": np.zeros(3),
@@ -32,6 +33,10 @@ _LENGTH: Final = 0.25
 _TOLERANCE: Final = 1e-12
 _ITERATIONS: Final = 80
 _PRISMATIC_REACH: Final = 1.0
+# Postures at which an arm is asked in how many ways it can move, and the smallest singular value
+# of its Jacobian, over the largest, that is a way.
+_ASKED: Final = 8
+_A_WAY: Final = 1e-6
 # By this start the whole range of every joint is searched.
 _WIDEST_START: Final = 6
 
@@ -81,16 +86,20 @@ class InverseKinematics:
     Args:
         arm: the arm; its joint limits are kept, save those a full circle apart.
         values: parameter values by name, m or rad; nominal where not given.
+
+    Attributes:
+        arm, values: as given.
+        true: the same arm at these values.
     """
 
     def __init__(self, arm: ArmModel, values: Mapping[str, float]) -> None:
-        self.arm = arm
-        offsets = [f"{joint}.offset" for joint in arm.joints]
+        self.arm, self.true, self.values = arm, arm.at(values), dict(values)
+        offsets = arm.offsets
         others = [n for n in values if n in arm.offered and n not in offsets]
         self._function = arm.function([*offsets, *others])
         nominal = {n: arm.parameters[n].nominal for n in offsets}
         self._theta = np.array([(nominal | dict(values))[n] for n in (*offsets, *others)])
-        unlimited = full_circle(arm)
+        unlimited = full_circle(self.true)
         limits = np.array([(joint.lower, joint.upper) for joint in arm.chain.moving]).T
         self._lower, self._upper = np.where(unlimited, [[-np.inf], [np.inf]], limits)
 
@@ -99,6 +108,34 @@ class InverseKinematics:
         """(joints,) readings in the middle of every joint's range."""
         lower, upper = self._range()
         return np.asarray((lower + upper) / 2, dtype=float)
+
+    @cached_property
+    def attainable(self) -> Mapping[Matching, bool]:
+        """Which targets this arm can reach in general: not those that ask more than it can do.
+
+        Six joints or more reach poses, five a position and the direction of an axis, three or four
+        a position; if their axes are not arranged so that they do less.
+        """
+        q = self.random_readings(np.random.default_rng(0), _ASKED)
+        batch = Batched(self._function, _ASKED, shared=[0])
+        batch.inputs[0][:] = self._theta
+        found: dict[Matching, bool] = {}
+        for matching, kept in _KEPT.items():
+            here = Targets(np.zeros((_ASKED, 3)), np.tile(np.eye(3), (_ASKED, 1, 1)), matching)
+            _, jacobian = _residuals(batch, here, q, self.arm.gearing)
+            rows = jacobian[:, np.append([True] * 3, kept > 0)]
+            values = np.linalg.svd(rows, compute_uv=False)
+            ways = np.sum(values > _A_WAY * values[:, :1], axis=1).max()
+            found[matching] = bool(ways == rows.shape[1])
+        return found
+
+    def most(self, matching: Matching) -> Matching:
+        """What of a target the arm can match, at most what is asked: a position if nothing else."""
+        order = list(_KEPT)
+        for each in order[order.index(matching) :]:
+            if self.attainable[each]:
+                return each
+        return "position"
 
     def random_readings(self, rng: np.random.Generator, n: int) -> FloatArray:
         """(n, joints) readings, uniform over every joint's range."""
@@ -137,7 +174,7 @@ class InverseKinematics:
         reached = np.linalg.norm(error, axis=1) <= 1e3 * _TOLERANCE
         distance = np.linalg.norm(error[:, :3], axis=1) * _LENGTH
         return Postures(
-            wrapped(self.arm, q), reached, distance, np.linalg.norm(error[:, 3:], axis=1)
+            wrapped(self.true, q), reached, distance, np.linalg.norm(error[:, 3:], axis=1)
         )
 
     def _range(self) -> tuple[FloatArray, FloatArray]:
@@ -151,7 +188,7 @@ class InverseKinematics:
         """One damped Gauss–Newton search per row: final readings and residuals (n, 6)."""
         found, left = np.empty_like(q), np.empty((len(q), 6))
         rows, batch = np.arange(len(q)), self._batch(len(q))
-        error, jacobian = _residuals(batch, targets, q)
+        error, jacobian = _residuals(batch, targets, q, self.arm.gearing)
         cost = (error**2).sum(axis=1)
         damping = np.full(len(q), 1e-3)
         for _ in range(_ITERATIONS):
@@ -160,7 +197,7 @@ class InverseKinematics:
             floor = (damping * cost + 1e-12)[:, None, None] * np.eye(q.shape[1])
             step = np.linalg.solve(transposed @ jacobian + floor, transposed @ error[..., None])
             moved = np.clip(q + np.clip(step[..., 0], -1.0, 1.0), self._lower, self._upper)
-            new_error, new_jacobian = _residuals(batch, targets, moved)
+            new_error, new_jacobian = _residuals(batch, targets, moved, self.arm.gearing)
             new_cost = (new_error**2).sum(axis=1)
             better = new_cost < cost
             q = np.where(better[:, None], moved, q)
@@ -188,13 +225,15 @@ class InverseKinematics:
         return batch
 
 
-def _residuals(batch: Batched, targets: Targets, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _residuals(
+    batch: Batched, targets: Targets, q: FloatArray, gearing: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """(n, 6) residuals in the tip's frame, lengths in units of `_LENGTH`; (n, 6, joints) by q."""
     batch.inputs[1][:] = q
     flat, position, jacobian = batch()
     to_tip = flat.reshape(-1, 3, 3)  # Column by column: R of the tip in the base, transposed.
     kept = _KEPT[targets.matching][:, None]
-    columns = jacobian.reshape(len(q), 6, -1)[:, :, : q.shape[1]]
+    columns = jacobian.reshape(len(q), 6, -1)[:, :, : len(gearing)] @ gearing
     linear, angular = to_tip @ columns[:, :3] / _LENGTH, kept * (to_tip @ columns[:, 3:])
     away = to_tip @ (targets.position - position)[..., None] / _LENGTH
     relative = to_tip @ targets.rotation

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from suta_calib.arrays import FloatArray
 from suta_calib.geometry.numbers import rotation_from_vector, wrap
 from suta_calib.model.arm import ArmModel
+from suta_calib.model.parameters import GAIN
 from suta_calib.terms.synthetic import random_directions
 
 
@@ -107,10 +108,19 @@ def wrapped(arm: ArmModel, q: FloatArray) -> FloatArray:
 
 
 def full_circle(arm: ArmModel) -> NDArray[np.bool_]:
-    """Which joints, (joints,), are revolute with limits at least 2π apart, or none."""
-    return np.array(
+    """Which joints, (joints,), are where they were after a full turn of their reading.
+
+    They are revolute, with limits at least 2π apart or none, and neither a gain nor a joint that
+    follows them makes another angle than a full turn of it.
+    """
+    whole = np.array(
         [
             joint.type != "prismatic" and joint.upper - joint.lower >= 2 * np.pi - 1e-6
             for joint in arm.chain.moving
         ]
     )
+    for mover in arm.movers:
+        (gain,) = mover.names(GAIN)
+        turns = mover.motion == "revolute" and mover.multiplier.is_integer()
+        whole[mover.column] &= turns and not arm.nongeometric[gain].nominal
+    return whole

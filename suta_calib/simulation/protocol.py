@@ -80,6 +80,8 @@ class Visitor:
         assert sits.rotation is not None
         targets = Targets(sits.position, sits.rotation)
         oriented = np.array([mark.rotation is not None for mark in landmarks])
+        # How an arm of few joints sits matters only to a kind that looks at it.
+        oriented &= plan.term.has_angles or self.kinematics.attainable["pose"]
         first = np.tile(self.posture, (len(names), 1))
         once = Visits(label, {"landmark": names}, targets, oriented, first, pose.line)
         rng = stream(self.seed, plan.name, label, "postures")
@@ -113,7 +115,8 @@ class Visitor:
             radius = np.sqrt(1 - height**2)
             z = np.stack([radius * np.cos(around), radius * np.sin(around), height], axis=1)
             spread_out = turned @ rotation_from_vector(vector_turning_z_to(z))
-            wanted = Targets(position, spread_out, "axis")
+            # An arm of few joints comes as it can, not from the cone.
+            wanted = Targets(position, spread_out, self.kinematics.most("axis"))
             # About the posture, so that the turns about the tool axis differ too.
             other = self.kinematics.random_readings(rng, len(wanted))
             starts = self.posture + 0.25 * (other - self.posture)
@@ -130,7 +133,9 @@ class Visitor:
                 pose.line,
                 f"{len(q)} directions within reach of {plan.term.place} {label!r}",
                 f"{n} within {deg(plan.cone):.3g} deg of the axis",
-                f"move the {plan.term.place}, or ask for fewer directions or a wider cone",
+                self._remedy("position")
+                if not self.kinematics.attainable["position"]
+                else f"move the {plan.term.place}, or ask for fewer directions or a wider cone",
             )
         targets = Targets(touched[:n], np.tile(np.eye(3), (n, 1, 1)))
         # Whatever the direction, the place is touched: it alone has to be met again with noise.
@@ -170,10 +175,25 @@ class Visitor:
                     f"{visits.what(int(rows[k]))} out of the arm's reach "
                     f"(closest: {distance:.3g} mm and {angle:.3g} deg away)",
                     "a pose within reach and joint limits",
-                    "move it or turn it",
+                    self._remedy(matching),
                 )
             q[rows] = answer.q
         return q
+
+    def _remedy(self, matching: Matching) -> str:
+        """What to do about a target out of reach."""
+        attainable, joints = self.kinematics.attainable, len(self.kinematics.arm.joints)
+        if not attainable["position"]:
+            return (
+                f"an arm of {joints} joints, arranged like these, gets to few places: see it with "
+                "an instrument instead of touching something"
+            )
+        if not attainable[matching]:
+            return (
+                f"an arm of {joints} joints, arranged like these, takes no orientation that is "
+                "asked for: leave rotation_rpy_deg of the landmarks out"
+            )
+        return "move it or turn it"
 
     def _refused(
         self, plan: SetSpec, label: str, line: int | None, found: str, expected: str, hint: str

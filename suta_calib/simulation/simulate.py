@@ -111,7 +111,7 @@ def simulate(
 def true_values(arm: ArmModel, spec: SimulationSpec, seed: int) -> dict[str, float]:
     """True values of all the arm's placements and offsets, nominal where no row names them.
 
-    Eccentricity and compliance are among them only where a row gives them.
+    Gain, eccentricity and compliance are among them only where a row gives them.
 
     A parameter's random number depends on the seed and its name alone, so a change to one row
     leaves the others' parameters as they were.
@@ -122,7 +122,7 @@ def true_values(arm: ArmModel, spec: SimulationSpec, seed: int) -> dict[str, flo
         seed: of the drawn errors.
 
     Returns:
-        Values by name, m, rad or rad/(N·m), in the arm's order.
+        Values by name, m, rad, rad/(N·m) or 1, in the arm's order.
 
     Raises:
         JobError: a row selects nothing, or gives no size in the unit of one it selects.
@@ -165,7 +165,7 @@ def _posture(spec: SimulationSpec, kinematics: InverseKinematics) -> FloatArray:
         place: dict[str, Any] = {"file": spec.path, "line": row.line, "where": row.key}
         if row.joint not in arm.joints:
             raise JobError(f"no joint {row.joint!r}", f"one of {', '.join(arm.joints)}", **place)
-        unit = arm.parameters[f"{row.joint}.offset"].unit
+        unit = arm.units[row.joint]
         if row.unit != unit:
             raise JobError(f"a reading in {row.unit}", f"one in {unit} for this joint", **place)
         posture[arm.joints.index(row.joint)] = row.reading
@@ -198,7 +198,7 @@ def _touched(plan: SetSpec, visits: Visits, visitor: Visitor) -> SimulatedFile:
     again = stream(visitor.seed, plan.name, visits.name, "touches")
     q = visitor.reach(plan, visits, targets, visits.start, again)
     noise = stream(visitor.seed, plan.name, visits.name, "encoders")
-    readings = encoder_readings(noise, plan.noise, arm, q)
+    readings = encoder_readings(noise, plan.noise, visitor.kinematics.true, q)
     path = f"{plan.name}/{visits.name}.csv"
     samples = Samples.from_arrays(
         arm.joints, readings, labels=visits.labels, origin=_origins(path, n)
@@ -216,7 +216,7 @@ def _seen(
     """What an external instrument sees of the tip, or a camera on it, in random configurations."""
     arm, n, noise = kinematics.arm, plan.samples, plan.noise
     rng = stream(seed, plan.name, "configurations")
-    q = wrapped(arm, kinematics.random_readings(rng, n))
+    q = wrapped(kinematics.true, kinematics.random_readings(rng, n))
     ideal = _ideal(plan, arm, q, values)
     rng = stream(seed, plan.name, "instrument")
     gross = stream(seed, plan.name, label, "outliers")
@@ -226,7 +226,8 @@ def _seen(
     if ideal.rotation is not None:
         turned = ideal.rotation @ turned
     oriented = plan.orientation or plan.term.columns.orientation == "required"
-    readings = encoder_readings(stream(seed, plan.name, "encoders"), noise, arm, q)
+    encoders = stream(seed, plan.name, "encoders")
+    readings = encoder_readings(encoders, noise, kinematics.true, q)
     path = f"{plan.name}/{label}.csv"
     samples = Samples.from_arrays(
         arm.joints,

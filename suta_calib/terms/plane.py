@@ -17,6 +17,7 @@ from suta_calib.geometry.symbols import Symbol, symbolic_rotation
 from suta_calib.measurements import SampleColumns, YamlSection
 from suta_calib.model.parameters import Parameter
 from suta_calib.terms.block import LEARNT, Block, Noise, Pose, grouped
+from suta_calib.terms.outside import OutsideFrame, OutsidePose
 from suta_calib.terms.poses import PoseSource
 from suta_calib.terms.term import Observed, Setup, Term, pose_parameters
 
@@ -37,6 +38,16 @@ def _signed_distance(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol
     normal = symbolic_rotation(ca.vertcat(own[1], own[2], 0))[:, 2]
     side = -ca.sign(ca.dot(normal, poses[0].R[:, 2]))
     return ca.dot(normal, poses[0].p) - own[0] - side * data[0]
+
+
+class PlaneFrame(OutsideFrame):
+    """A frame on a plane."""
+
+    def pose(self, values: Mapping[str, float]) -> OutsidePose:
+        """At the distance z along the normal, which turns the base's z by (rx, ry, 0)."""
+        z, rx, ry = (values[name] for name in self.names)
+        rotation = rotation_from_vector([rx, ry, 0.0])
+        return rotation, z * rotation[:, 2]
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,6 +118,14 @@ class TouchedPlane(Term):
             for name in self.places[0]
             for p in pose_parameters(f"plane[{name}]")
             if p.name.endswith((".z", ".rx", ".ry"))
+        )
+
+    @property
+    def outside(self) -> tuple[OutsideFrame, ...]:
+        """Every plane: the point of it nearest to the base's origin, z along its normal."""
+        return tuple(
+            PlaneFrame(f"plane[{name}]", "plane", "base", ("z", "rx", "ry"))
+            for name in self.places[0]
         )
 
     @cached_property

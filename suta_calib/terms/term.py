@@ -30,6 +30,7 @@ from suta_calib.geometry.numbers import rotation_from_vector, vector_from_rotati
 from suta_calib.measurements import Artefact, SampleColumns, YamlSection
 from suta_calib.model.parameters import PLACEMENT, POSITION, ROTATION, Parameter
 from suta_calib.terms.block import LEARNT, Block, Noise, grouped
+from suta_calib.terms.outside import OutsideFrame, frames_of
 from suta_calib.terms.poses import PoseSource
 from suta_calib.terms.seating import Seating
 from suta_calib.units import mm
@@ -49,6 +50,8 @@ Gap = Literal["base", "tool", "place"]
 # Extents of what was seen or touched and of what the arm moved that differ by more are in different
 # units: no geometry is so wrong.
 OTHER_UNIT: Final = 20.0
+# A tip that moves by less, m, lies on the axes that were turned about, if anything moved.
+UNMOVED: Final = 1e-7
 
 
 @dataclass(frozen=True)
@@ -83,7 +86,7 @@ class TrueFrame:
 
     Attributes:
         own: the unknowns, ``own.x … own.rz``.
-        key: of the simulation's file.
+        key: of the simulation's file: what it is, ``_in_``, and in whose frame.
         required: whether a simulation must state it; the frames coincide by default.
     """
 
@@ -321,6 +324,18 @@ class Term(ABC):
         return displacement[:, samples[:, 0], : self.blocks[0].size]
 
     @property
+    def outside(self) -> tuple[OutsideFrame, ...]:
+        """The poses and the points that the own unknowns are: of `frames`, and of `places`."""
+        owners: dict[str, set[str]] = {}
+        for p in self.own:
+            owners.setdefault(p.owner, set()).add(p.key)
+        words = {self.place_unknown: (self.place, "base")} if self.place_unknown else {}
+        for frame in self.frames:
+            what, _, within = frame.key.partition("_in_")
+            words[frame.own] = (what, within)
+        return tuple(frames_of(owners, words))
+
+    @property
     def subject(self) -> str:
         """What the own unknowns are about; terms may share an unknown only if it is the same."""
         return self.kind
@@ -430,8 +445,14 @@ def check_unit(term: Term, what: str, size: float, moved: float, expected: str, 
         hint: which columns, or which key, say the unit.
 
     Raises:
-        SamplesError: one is more than `OTHER_UNIT` times the other.
+        SamplesError: one is more than `OTHER_UNIT` times the other, or the tip does not move.
     """
+    if moved < UNMOVED:
+        raise SamplesError(
+            f"a tip that the arm's readings move by {mm(moved):.2g} mm",
+            "readings that differ, and a tip off the axes of the joints that turn",
+            where=term.kind,
+        )
     if not moved / OTHER_UNIT <= size <= moved * OTHER_UNIT:
         raise SamplesError(
             f"{what} {mm(size):.4g} mm about their middle, where the arm's readings move the tip "

@@ -107,11 +107,10 @@ class ChannelReversals:
 def joint_channels(arm: ArmModel, recorded: Trajectory) -> list[Channel]:
     """The arm's joints, with the levers that the recorded tip gives them."""
     assert recorded.angles is not None
-    offsets = [f"{name}.offset" for name in arm.joints]
-    levers = _tip_velocities(arm, recorded, offsets)
+    levers = _tip_velocities(arm, recorded, arm.offsets) @ arm.gearing
     return [
-        Channel(name, arm.parameters[offset].unit, recorded.angles[:, k], levers[:, :, k])
-        for k, (name, offset) in enumerate(zip(arm.joints, offsets, strict=True))
+        Channel(name, arm.units[name], recorded.angles[:, k], levers[:, :, k])
+        for k, name in enumerate(arm.joints)
     ]
 
 
@@ -120,7 +119,7 @@ def placement_errors(arm: ArmModel, recorded: Trajectory) -> FloatArray:
     return _tip_velocities(arm, recorded, [n for n in arm.parameters if n in arm.geometric])
 
 
-def _tip_velocities(arm: ArmModel, recorded: Trajectory, names: list[str]) -> FloatArray:
+def _tip_velocities(arm: ArmModel, recorded: Trajectory, names: Sequence[str]) -> FloatArray:
     """(n, 3, k) of the recorded tip, which a tool may have carried beyond the arm's."""
     rows = len(recorded.time)
     batch = Batched(arm.function(names), rows, shared=[0])

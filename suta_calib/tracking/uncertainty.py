@@ -51,11 +51,12 @@ class CalibrationUncertainty:
         path: the ``result.json``.
         names: (n,) estimated parameters, in the covariance's order.
         covariance: (n, n), m and rad.
-        values: value of every parameter of the arm that the file names, eccentricities and
-            compliances among them: the calibrated URDF lacks these.
+        values: value of every parameter of the arm that the file names, gains, eccentricities
+            and compliances among them: the calibrated URDF lacks these.
         source: what the file offered.
         fixed: parameters the data could not tell: what is said holds relative to them.
-        beside_geometry: eccentricities and compliances that are not zero, which no URDF holds.
+        beside_geometry: gains, eccentricities and compliances that are not zero: no URDF holds
+            them.
     """
 
     path: Path

@@ -74,8 +74,8 @@ REPLACEMENTS = {
     "no type": ('"spin" type="continuous"', '"spin"', "joint 'spin': found no type", '"spin"'),
     "mimic": (
         '<origin rpy="0 0 1"/>',
-        '<mimic joint="turn"/>',
-        "joint 'spin': found <mimic> of joint 'turn'",
+        '<mimic joint="trun"/>',
+        "joint 'spin': <mimic>: found the joint 'trun', which no <joint> declares",
         "<mimic",
     ),
     "count": ("0 0.1 -2e-1", "0 0.1", "<origin>: found xyz='0 0.1'; expected 3 finite", "<origin"),
@@ -124,11 +124,7 @@ def test_xacro_must_be_run_first(urdf: Path, text: str) -> None:
     [
         ("tpi", None, "tip: found 'tpi'; expected a link or a joint of the file; did you mean"),
         ("zzzzz", None, "links and joints in the file: 'base', 'upper', 'slide'"),
-        ("tip", "bsae", "base: found 'bsae'; expected a link of the file; did you mean 'base'?"),
-        ("tip", "turn", "base: found 'turn'; expected a link of the file"),
-        ("tip", "hand", "'hand', which is not above the tip 'tip'"),
-        ("upper", "slide", "'slide', which is not above the tip 'upper'"),
-        ("base", "tip", "'base' is the root link: choose another tip"),
+        ("tip", "bsae", "base: found 'bsae'; expected a link or a joint of the file; did you mean"),
         ("tip", "tip", "'tip' as both base and tip"),
         ("base", None, "'base' as both base and tip"),
         ("tip", "wrist", "only fixed joints between 'wrist' and 'tip'"),
@@ -138,10 +134,6 @@ def test_tip_and_base_must_be_ends_of_a_chain(
     urdf: Path, tip: str, base: str | None, message: str
 ) -> None:
     assert message in str(refusal(urdf, ARM, tip, base))
-
-
-def test_a_mimic_as_tip_is_on_the_chain(urdf: Path) -> None:
-    assert "joint 'grip': found <mimic>" in str(refusal(urdf, ARM, "hand"))
 
 
 @pytest.mark.parametrize(

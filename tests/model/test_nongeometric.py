@@ -160,6 +160,39 @@ def test_what_shows_nothing_is_explained() -> None:
     assert told["joint_3.ecc_c1"].remedy == "turn joint_3 farther"
 
 
+def test_a_gain_scales_the_reading_and_is_told_from_the_rest() -> None:
+    """On a turning joint and on one that slides; a URDF does not hold it."""
+    arm = arm_named("tiago")
+    slides, turns = arm.joints[0], arm.joints[3]
+    truth = {f"{turns}.gain": 0.004, f"{turns}.offset": 0.01, f"{slides}.gain": -0.02}
+    q = random_readings(arm, np.random.default_rng(2), 40)
+    read = q * (1.0 + np.array([truth.get(f"{joint}.gain", 0.0) for joint in arm.joints]))
+    geometry = {f"{turns}.offset": 0.01}
+    for found, expected in zip(arm.forward(q, truth), arm.forward(read, geometry), strict=True):
+        np.testing.assert_allclose(found, expected, atol=1e-13)
+    unknown = arm.select("*.gain", "*.offset")
+    term = tracked_scene(arm, truth, 60).exact(Noise(1e-4))
+    solution = solve(Problem([term], unknown), SolverOptions(starts=1))
+    for name in (f"{turns}.gain", f"{slides}.gain"):
+        estimate = solution.estimates[name]
+        assert (estimate.unit, estimate.state) == ("1", "identified")
+        assert estimate.value == pytest.approx(truth[name], abs=1e-8)
+    assert arm.calibrated_urdf(truth) == arm.calibrated_urdf(geometry)
+
+
+def test_a_gain_that_nothing_shows_is_explained() -> None:
+    arm = arm_named("suta")
+    scene = tracked_scene(arm, {}, 60)
+    scene.q[:, 2] = 0.4
+    scene.position[:] = arm.forward(scene.q)[1]
+    problem = Problem([scene.exact(Noise(1e-4))], arm.select("joint_3.offset", "joint_3.gain"))
+    solution = solve(problem, SolverOptions(starts=1))
+    (told,) = explain(problem, solution.x, solution.identification)
+    assert told.fixed == "joint_3.gain"
+    assert "does the same as joint_3.offset" in told.sentence
+    assert told.remedy == "turn joint_3 farther"
+
+
 def test_bounds_and_priors_have_their_own_unit() -> None:
     arm = arm_named("suta")
     row = Selection(("joint_2.compliance",), bound_rad_per_nm=1e-3, prior_rad_per_nm=2e-4)
@@ -167,6 +200,10 @@ def test_bounds_and_priors_have_their_own_unit() -> None:
     assert (parameter.unit, parameter.upper, parameter.prior) == ("rad/Nm", 1e-3, 2e-4)
     ecc = arm.select(Selection(("joint_2.ecc_c1",), bound_rad=0.01))["joint_2.ecc_c1"]
     assert (ecc.unit, ecc.upper) == ("rad", 0.01)
+    gain = arm.select(Selection(("joint_2.gain",), bound_ratio=0.02))["joint_2.gain"]
+    assert (gain.unit, gain.upper) == ("1", 0.02)
+    with pytest.raises(ParameterError, match=r"bound or prior for .*all angles"):
+        arm.select(Selection(("*.offset",), bound_ratio=0.01))
     with pytest.raises(ParameterError, match=r"bound_deg or prior_deg for .*all compliances"):
         arm.select(Selection(("*.compliance",), bound_rad=0.01))
 
@@ -179,9 +216,11 @@ def test_a_job_gives_them_in_degrees(tmp_path: Path) -> None:
         "parameters:\n"
         "  - {select: ['*.ecc_*'], bound_deg: 1}\n"
         "  - {select: ['*.compliance'], bound_deg_per_nm: 0.1, prior_deg_per_nm: 0.02}\n"
+        "  - {select: ['*.gain'], bound: 0.1, prior: 0.02}\n"
         "observations:\n  - {kind: fixed_point, samples: a.csv}\n"
     )
-    ecc, compliance = read_job(tmp_path / "calibration.yaml").parameters
+    ecc, compliance, gain = read_job(tmp_path / "calibration.yaml").parameters
+    assert (gain.bound_ratio, gain.prior_ratio) == (0.1, 0.02)
     assert ecc.bound_rad == pytest.approx(math.radians(1))
     assert compliance.bound_rad_per_nm == pytest.approx(math.radians(0.1))
     assert compliance.prior_rad_per_nm == pytest.approx(math.radians(0.02))
@@ -223,6 +262,7 @@ errors:
   - {select: ["*.offset"], value_deg: 1}
   - {select: [joint_3.ecc_c1], value_deg: 0.2}
   - {select: ["joint_[24].compliance"], ROW}
+  - {select: [joint_5.gain], value: 0.01}
 sets:
   seen: {kind: tracked_point, samples: 12}
 """
@@ -238,6 +278,7 @@ def test_a_simulation_can_have_them_as_truth(tmp_path: Path, suta_urdf: Path) ->
     made = simulate(read_simulation(simulation(tmp_path, suta_urdf)))
     assert made.values["joint_3.ecc_c1"] == pytest.approx(math.radians(0.2))
     assert made.values["joint_4.compliance"] == pytest.approx(math.radians(0.03))
+    assert made.values["joint_5.gain"] == 0.01
     assert "joint_1.ecc_c1" not in made.values
     samples = made.files[0].samples
     position = made.arm.forward(samples.q, made.values)[1]
@@ -247,6 +288,7 @@ def test_a_simulation_can_have_them_as_truth(tmp_path: Path, suta_urdf: Path) ->
     write_simulation(made, tmp_path / "out")
     truth = (tmp_path / "out" / "truth.yaml").read_text()
     assert "joint_4.compliance: {value_deg_per_nm: 0.03, error_deg_per_nm: 0.03}" in truth
+    assert "joint_5.gain: {value: 0.01, error: 0.01}" in truth
 
 
 def test_a_simulation_says_which_size_is_missing(tmp_path: Path, suta_urdf: Path) -> None:

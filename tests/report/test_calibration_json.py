@@ -64,6 +64,27 @@ def test_json_values_are_the_solution_in_si(result: CalibrationResult) -> None:
     assert content["joint_6.z"]["prior"] == pytest.approx(1e-6)
 
 
+def test_json_has_the_poses_of_what_stands_outside_the_arm(result: CalibrationResult) -> None:
+    found = result_dict(result)["external_poses"]
+    parameters = result.solution.estimates
+    assert list(found) == ["base[rig]", f"fixed_point[{AWKWARD}]", "fixed_point[F2]"]
+    base, point = found["base[rig]"], found["fixed_point[F2]"]
+    assert (base["what"], base["within"]) == ("base", "instrument")
+    assert np.array(base["matrix"])[:3, 3].tolist() == [
+        parameters[f"base[rig].{key}"].value for key in "xyz"
+    ]
+    np.testing.assert_allclose(np.array(base["matrix"]) @ base["inverse"], np.eye(4), atol=1e-12)
+    assert base["position_mm"] == pytest.approx([300, -200, 100], abs=1)
+    assert base["position_std_mm"] == pytest.approx(
+        [1e3 * (parameters[f"base[rig].{key}"].std or np.nan) for key in "xyz"]
+    )
+    assert base["rpy_deg"] == pytest.approx([0, 0, 90], abs=0.5)
+    assert base["quaternion_xyzw"] == pytest.approx([0, 0, 0.5**0.5, 0.5**0.5], abs=0.01)
+    assert len(base["rotation_std_deg"]), len(base["quaternion_std"]) == (3, 4)
+    assert (point["matrix"], point["quaternion_xyzw"]) == (None, None)
+    assert point["rotation_std_deg"] == [None] * 3
+
+
 def test_json_states_follow_the_rules(result: CalibrationResult) -> None:
     content = result_dict(result)
     parameters = content["parameters"]

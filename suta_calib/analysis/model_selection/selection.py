@@ -234,7 +234,7 @@ class _Search:
     @property
     def arm(self) -> ArmModel:
         arm = Problem(self.terms, self.parameters).arm
-        if arm is None or not len(arm.nongeometric):
+        if arm is None or all(p.unit != "rad" for p in arm.nongeometric.values()):
             raise ParameterError("no arm with a revolute joint", "one", where="observations")
         return arm
 
@@ -318,13 +318,17 @@ def _with_geometry(name: str, geometry: bool) -> str:
 
 
 def _rows(arm: ArmModel | None, names: Sequence[str]) -> tuple[Selection, ...]:
-    """Rows that select these, within what is plausible: eccentricities, then compliances."""
+    """Rows that select these, within what is plausible: eccentricities, compliances, gains."""
     assert arm is not None
-    turning = tuple(n for n in names if arm.offered[n].unit == "rad")
-    yielding = tuple(n for n in names if arm.offered[n].unit != "rad")
-    rows: list[Selection] = []
-    if turning:
-        rows.append(Selection(turning, bound_rad=arm.offered[turning[0]].plausible))
-    if yielding:
-        rows.append(Selection(yielding, bound_rad_per_nm=arm.offered[yielding[0]].plausible))
+    rows = []
+    for unit in ("rad", "rad/Nm", "1"):
+        if own := tuple(n for n in names if arm.offered[n].unit == unit):
+            plausible = arm.offered[own[0]].plausible
+            row = Selection(
+                own,
+                bound_rad=plausible if unit == "rad" else None,
+                bound_rad_per_nm=plausible if unit == "rad/Nm" else None,
+                bound_ratio=plausible if unit == "1" else None,
+            )
+            rows.append(row)
     return tuple(rows)

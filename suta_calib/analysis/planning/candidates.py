@@ -238,7 +238,7 @@ def _posture(name: str, section: YamlSection, arm: ArmModel) -> Posture:
                 hint = did_you_mean(joint, arm.joints)
                 expected = ", ".join(arm.joints)
                 raise listed.refuse(f"no joint {joint!r}", expected, at=(joint,), hint=hint)
-            if arm.parameters[f"{joint}.offset"].unit != unit:
+            if arm.units[joint] != unit:
                 other = "posture_mm" if unit == "rad" else "posture_deg"
                 raise listed.refuse("a reading in the wrong unit", f"it under {other}", at=(joint,))
             readings[joint] = stored(listed.number(joint), unit)

@@ -26,7 +26,7 @@ from suta_calib.analysis.planning.situation import Situation
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import JobError
 from suta_calib.measurements import Artefact
-from suta_calib.model.arm import ArmModel
+from suta_calib.model.arm import ArmModel, reduced_model
 from suta_calib.simulation.inverse_kinematics import Matching, Targets
 from suta_calib.terms import KINDS, Term
 from suta_calib.terms.landmark import seated
@@ -129,6 +129,9 @@ class Reach:
         q = np.zeros((*position.shape[:2], len(self.situation.arm.joints)))
         ok = np.zeros(position.shape[:2], dtype=bool)
         oriented = np.array([mark.rotation is not None for mark in artefact.landmarks.values()])
+        touching = self.situation.touching
+        if touching is not None and not touching.has_angles:
+            oriented &= self.situation.kinematics.attainable["pose"]
         kinds: dict[Matching, NDArray[np.bool_]] = {"pose": oriented, "position": ~oriented}
         for matching, rows in kinds.items():
             if rows.any():
@@ -155,7 +158,9 @@ class Reach:
             square = (0.5 + k[:, None] * _ROBERTS) % 1.0
             position.append(kind.touches(turning_z_to(-p.axis), p.position, square, settings))
             rotation.append(directions(p.axis, p.cone, (k + 0.5) / n, (k * _GOLDEN) % 1.0))
-        targets = Targets(np.concatenate(position), np.concatenate(rotation), "axis")
+        # An arm of few joints comes as it can.
+        matching = self.situation.kinematics.most("axis")
+        targets = Targets(np.concatenate(position), np.concatenate(rotation), matching)
         answer, reached = self._solve(targets)
         found: dict[str, Candidate | Unreachable] = {}
         ends = np.cumsum(counts)
@@ -192,23 +197,19 @@ class Reach:
         return Unreachable(candidate.name, candidate.place.kind, reason)
 
 
-def configuration(arm: ArmModel, q: FloatArray) -> FloatArray:
-    """Readings (joints,) as a configuration of ``arm.model``, continuous joints included."""
-    return np.asarray(pin.integrate(arm.model, pin.neutral(arm.model), np.asarray(q, dtype=float)))
-
-
 def link_points(arm: ArmModel, q: FloatArray) -> FloatArray:
-    """Origins of the base, of every moving joint and of the tip, (joints + 2, 3), m in the base.
+    """Origins of the base, of all that moves in between and of the tip, (n + 2, 3), m in the base.
 
     Args:
         arm: the arm; its nominal geometry is drawn.
         q: (joints,) readings, rad (m for prismatic joints).
     """
     model, data = arm.model, arm.model.createData()
-    pin.framesForwardKinematics(model, data, configuration(arm, q))
-    base = data.oMf[model.getFrameId(arm.chain.joints[0].parent, pin.FrameType.BODY)]
+    pin.framesForwardKinematics(model, data, arm.configuration(q))
+    base = data.oMf[model.getFrameId(arm.chain.base, pin.FrameType.BODY)]
     _, tip = arm.forward(q)
-    joints = [base.actInv(placement).translation for placement in list(data.oMi)[1:]]
+    numbers = [model.getJointId(joint.name) for joint in arm.chain.joints if joint.moving]
+    joints = [base.actInv(data.oMi[number]).translation for number in numbers]
     return np.array([np.zeros(3), *joints, tip])
 
 
@@ -269,9 +270,8 @@ class Collisions:
     def _hits(self, q: FloatArray) -> Sequence[int]:
         """Numbers of the pairs that overlap."""
         data, shapes = self.arm.model.createData(), self.geometry.createData()
-        pin.computeCollisions(
-            self.arm.model, data, self.geometry, shapes, configuration(self.arm, q), False
-        )
+        at = self.arm.configuration(q)
+        pin.computeCollisions(self.arm.model, data, self.geometry, shapes, at, False)
         return [k for k, result in enumerate(shapes.collisionResults) if result.isCollision()]
 
 
@@ -283,7 +283,5 @@ def _shapes(arm: ArmModel, kind: Any) -> Any:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         geometry = pin.buildGeomFromUrdf(model, str(path), kind, folders)
-    kept = set(arm.model.names)
-    locked = [i for i in range(1, model.njoints) if model.names[i] not in kept]
-    _, reduced = pin.buildReducedModel(model, [geometry], locked, pin.neutral(model))
-    return reduced[0]
+    _, (shapes,) = reduced_model(model, set(arm.model.names), [geometry])
+    return shapes

@@ -22,7 +22,7 @@ from suta_calib.analysis.planning.candidates import (
 )
 from suta_calib.analysis.planning.situation import Situation
 from suta_calib.analysis.tip_uncertainty import Sensitivity, sensitivity
-from suta_calib.arrays import FloatArray
+from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.errors import JobError
 from suta_calib.geometry.numbers import rotation_from_vector
 from suta_calib.simulation.inverse_kinematics import InverseKinematics, Targets
@@ -33,6 +33,8 @@ _BESIDE: Final = 0.15
 _ABOVE: Final = 0.30
 _GRID: Final = 0.01
 POSTURES: Final = 240
+# Postures at random, of which those with the tip in the region are taken.
+_DRAWN: Final = 20000
 _STARTS: Final = 6
 _CONE: Final = from_deg(45.0)
 _FEWEST: Final = 20
@@ -100,6 +102,9 @@ class Region:
     ) -> FloatArray:
         """(n, joints) readings with the tip all over the region.
 
+        An arm of few joints has its tool there as it can. One that cannot bring its tip to any
+        place has it where it gets to, in postures drawn at random.
+
         Args:
             kinematics: of the arm as it is known.
             visited: (m, joints) readings from which the search starts.
@@ -109,26 +114,34 @@ class Region:
         Raises:
             JobError: the arm reaches next to nothing of the region.
         """
+        if not kinematics.attainable["position"]:
+            q = kinematics.random_readings(np.random.default_rng(seed), _DRAWN)
+            _, position = kinematics.arm.forward(q, kinematics.values)
+            return self._enough(q[self.inside(position)][:POSTURES])
         u = qmc.Halton(5, seed=np.random.default_rng(seed)).random(POSTURES)
         position = self.lower + u[:, :3] * (self.upper - self.lower)
         rotation = directions(self.axis, self.cone, u[:, 3], u[:, 4])
         found = kinematics.solve(
-            Targets(position, rotation, "axis"),
+            Targets(position, rotation, kinematics.most("axis")),
             visited[nearest(tips, position)],
             np.random.default_rng(seed),
             _STARTS,
         )
-        if found.reached.sum() < _FEWEST:
+        return self._enough(found.q[found.reached])
+
+    def _enough(self, q: FloatArray) -> FloatArray:
+        """These postures in the region, if they are enough to say anything of it."""
+        if len(q) < _FEWEST:
             raise JobError(
-                f"{int(found.reached.sum())} of {POSTURES} postures within reach in the region "
+                f"{len(q)} of {POSTURES} postures within reach in the region "
                 f"from {_corner_text(self.lower)} to {_corner_text(self.upper)} mm",
                 f"at least {_FEWEST}",
                 where="region",
                 hint="give a region the arm reaches with its tool as in the samples",
             )
-        return found.q[found.reached]
+        return q
 
-    def inside(self, position: FloatArray) -> FloatArray:
+    def inside(self, position: FloatArray) -> BoolArray:
         """(n,) whether points (n, 3) are in the box."""
         return np.asarray(((position >= self.lower) & (position <= self.upper)).all(axis=1))
 
@@ -255,7 +268,7 @@ def _postures(
     rng = np.random.default_rng(seed + 2)
     q = situation.kinematics.random_readings(rng, 50 * pool.poses)
     _, position = situation.arm.forward(q, situation.values)
-    inside = q[region.inside(position).astype(bool)]
+    inside = q[region.inside(position)]
     chosen = (inside if len(inside) >= pool.poses / _POSES_IN_REGION else q)[: pool.poses]
     turning = [joint.type != "prismatic" for joint in situation.arm.chain.moving]
     limits = np.array([(joint.lower, joint.upper) for joint in situation.arm.chain.moving])

@@ -259,7 +259,7 @@ def repeatability(
     """
     _check(samples)
     rotation, position = arm.forward(samples.q)
-    units: list[Unit] = ["m" if j.type == "prismatic" else "rad" for j in arm.chain.moving]
+    units = arm.units.values()
     levers = tip_levers(arm, samples.q).tolist()
     protocol, direction = _several(samples, PROTOCOL), _several(samples, DIRECTION)
     columns = list(zip(arm.joints, units, samples.q.T, levers, strict=True))
@@ -303,10 +303,9 @@ def repeatability(
 
 def tip_levers(arm: ArmModel, q: FloatArray) -> FloatArray:
     """How far each joint moves the tip, (joints,), m per rad (or m): mean over readings (n, j)."""
-    names = [f"{joint}.offset" for joint in arm.joints]
-    batch = Batched(arm.function(names), len(q), shared=[0])
+    batch = Batched(arm.function(arm.offsets), len(q), shared=[0])
     batch.inputs[1][:] = q
-    jacobian = batch()[2].reshape(len(q), 6, len(names))
+    jacobian = batch()[2].reshape(len(q), 6, -1) @ arm.gearing
     return np.asarray(np.linalg.norm(jacobian[:, :3], axis=1).mean(axis=0))
 
 

@@ -1,0 +1,259 @@
+"""Chains between any two links of a tree, and joints that follow others, against Pinocchio.
+
+Pinocchio sees the whole robot from its root; where the base is, and in which direction the chain
+passes a joint, takes no part in that.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import HealthCheck, given, reject, settings
+from hypothesis import strategies as st
+from simulated import random_readings
+from two_arms import ROBOT
+
+from suta_calib.errors import SamplesError, UrdfError
+from suta_calib.job.calibration import joint_ranges
+from suta_calib.measurements.sample_files import SampleColumns, read_samples
+from suta_calib.model.arm import ArmModel
+from suta_calib.model.chain import read_chain
+from suta_calib.model.parameters import COMPLIANCE, GAIN
+
+LINKS = 9
+TYPES = ("revolute", "continuous", "prismatic", "fixed")
+
+
+def tree(rng: np.random.Generator, mimics: bool) -> str:
+    """A robot of random links, joints and masses; some joints follow an earlier one."""
+    text, moving = ['<robot name="tree">'], list[str]()
+    for k in range(LINKS):
+        centre = " ".join(f"{x:.6g}" for x in rng.uniform(-0.2, 0.2, 3))
+        text.append(
+            f'<link name="l{k}"><inertial><origin xyz="{centre}"/><mass value="{1 + k}"/>'
+            '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+        )
+    for k in range(1, LINKS):
+        kind = TYPES[rng.choice(4, p=[0.4, 0.2, 0.2, 0.2])]
+        xyz, rpy, axis = (" ".join(f"{x:.6g}" for x in rng.uniform(-1, 1, 3)) for _ in range(3))
+        parent = rng.integers(max(0, k - 3), k)
+        mimic = ""
+        if mimics and moving and kind != "fixed" and rng.random() < 0.5:
+            mimic = f'<mimic joint="{rng.choice(moving)}" multiplier="-0.5" offset="0.2"/>'
+        text.append(
+            f'<joint name="j{k}" type="{kind}"><parent link="l{parent}"/><child link="l{k}"/>'
+            f'<origin xyz="{xyz}" rpy="{rpy}"/><axis xyz="{axis}"/>{mimic}'
+            '<limit lower="-1" upper="1" effort="1" velocity="1"/></joint>'
+        )
+        moving += [f"j{k}"] if kind != "fixed" else []
+    return "\n".join([*text, "</robot>"])
+
+
+class Reference:
+    """The whole robot as Pinocchio has it, every joint off the chain at zero."""
+
+    def __init__(self, text: str, arm: ArmModel) -> None:
+        self.model = pin.buildModelFromXML(text)
+        self.data = self.model.createData()
+        self.arm = arm
+        self.moving = [joint for joint in arm.chain.joints if joint.moving]
+
+    def _configured(self, q: np.ndarray, more: Mapping[str, float]) -> np.ndarray:
+        readings = dict(zip(self.arm.joints, q.tolist(), strict=True))
+        state = pin.neutral(self.model)
+        for chained in self.moving:
+            m = chained.mimic
+            own = (
+                readings[chained.name] if m is None else m.multiplier * readings[m.joint] + m.offset
+            )
+            own += more.get(chained.name, 0.0)
+            joint = self.model.joints[self.model.getJointId(chained.name)]
+            numbers = [own] if joint.nq == 1 else [math.cos(own), math.sin(own)]
+            state[joint.idx_q : joint.idx_q + joint.nq] = numbers
+        return state
+
+    def pose(self, q: np.ndarray, more: Mapping[str, float]) -> pin.SE3:
+        pin.framesForwardKinematics(self.model, self.data, self._configured(q, more))
+        ends = (self.arm.chain.base, self.arm.chain.tip_link)
+        base, tip = (self.data.oMf[self.model.getFrameId(n, pin.FrameType.BODY)] for n in ends)
+        return base.actInv(tip)
+
+    def torques(self, q: np.ndarray) -> dict[str, float]:
+        """What gravity does to each joint of the chain."""
+        found = pin.computeGeneralizedGravity(self.model, self.data, self._configured(q, {}))
+        numbers = {j.name: self.model.getJointId(j.name) for j in self.moving}
+        return {n: -found[self.model.joints[k].idx_v] for n, k in numbers.items()}
+
+
+@settings(max_examples=12, suppress_health_check=[HealthCheck.too_slow])
+@given(seed=st.integers(0, 10**6), mimics=st.booleans())
+def test_random_trees_are_pinocchios(scratch: Path, seed: int, mimics: bool) -> None:
+    rng = np.random.default_rng(seed)
+    base, tip = (f"l{k}" for k in rng.choice(LINKS, 2, replace=False))
+    path = scratch.with_suffix(".urdf")
+    path.write_text(tree(rng, mimics))
+    try:
+        arm = ArmModel.from_urdf(path, tip, base)
+    except UrdfError:
+        reject()  # only fixed joints between the two
+    values = {n: p.nominal + 0.1 * rng.standard_normal() for n, p in arm.parameters.items()}
+    beside = {n: 0.02 * rng.standard_normal() for n in arm.nongeometric}
+    q = random_readings(arm, rng, 3)
+    # The URDF written back holds the geometry; the errors that no URDF holds move the joints.
+    nominal, told = (Reference(x, arm) for x in (path.read_text(), arm.calibrated_urdf(values)))
+    for row, R, p in zip(q, *arm.forward(q, values | beside), strict=True):
+        expected = told.pose(row, _turns(arm, row, beside, nominal.torques(row)))
+        np.testing.assert_allclose(R, expected.rotation, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(p, expected.translation, rtol=0, atol=1e-12)
+    names = [*values, *beside]
+    theta, function = np.array([*values.values(), *beside.values()]), arm.function(names)
+    R, _, jacobian = (np.array(a) for a in function(theta, q[0]))
+    for column, step in zip(jacobian, 1e-6 * np.eye(len(names)), strict=True):
+        (Ra, pa, _), (Rb, pb, _) = (
+            map(np.array, function(theta + s * step, q[0])) for s in (-1, 1)
+        )
+        np.testing.assert_allclose(column[:3], (pb - pa).ravel() / 2e-6, atol=3e-8)
+        spin = ((Rb - Ra).reshape(3, 3) / 2e-6).T @ R.reshape(3, 3)
+        np.testing.assert_allclose(column[3:], [spin[2, 1], spin[0, 2], spin[1, 0]], atol=3e-8)
+
+
+def _turns(
+    arm: ArmModel, q: np.ndarray, beside: Mapping[str, float], torques: Mapping[str, float]
+) -> dict[str, float]:
+    """By joint, how far errors that are no geometry move it, by their definition."""
+    readings, found = dict(zip(arm.joints, q.tolist(), strict=True)), {}
+    for joint in arm.chain.joints:
+        if joint.moving:
+            m = joint.mimic
+            own = readings[joint.name] if m is None else m.multiplier * readings[m.joint] + m.offset
+            waves = {
+                GAIN: own,
+                "ecc_c1": math.cos(own),
+                "ecc_s1": math.sin(own),
+                "ecc_c2": math.cos(2 * own),
+                "ecc_s2": math.sin(2 * own),
+                COMPLIANCE: torques[joint.name],
+            }
+            of = {key: beside.get(f"{joint.name}.{key}", 0.0) for key in waves}
+            found[joint.name] = sum(of[key] * wave for key, wave in waves.items())
+    return found
+
+
+@pytest.fixture
+def robot(tmp_path: Path) -> Path:
+    path = tmp_path / "two_arms.urdf"
+    path.write_text(ROBOT)
+    return path
+
+
+def test_one_arms_tip_is_the_base_of_the_other(robot: Path) -> None:
+    arm = ArmModel.from_urdf(robot, "right", "left")
+    assert (arm.chain.top, arm.joints) == ("column", ("left_2", "left_1", "right_1"))
+    assert [joint.climbed for joint in arm.chain.joints] == [True] * 3 + [False] * 2
+    owners = list(dict.fromkeys(arm.parameters[n].owner for n in arm.parameters))
+    assert owners == ["left_flange", "left_2", "left_1", "right_1", "right"]
+    # Both flanges are ends of the chain: geometric names them.
+    assert {n.split(".")[0] for n in arm.geometric} == set(owners)
+    # Backwards the same transform, inverted.
+    back = ArmModel.from_urdf(robot, "left_flange", "right_flange")
+    assert back.joints == arm.joints[::-1]
+    q = np.array([0.3, -0.4, 0.5])
+    (R, p), (Rb, pb) = arm.forward(q), back.forward(q[::-1])
+    np.testing.assert_allclose(Rb, R.T, atol=1e-15)
+    np.testing.assert_allclose(pb, -R.T @ p, atol=1e-15)
+
+
+def test_a_chain_that_only_climbs(robot: Path) -> None:
+    arm = ArmModel.from_urdf(robot, "floor", "left")
+    assert (arm.chain.top, arm.joints) == ("floor", ("left_2", "left_1", "turn"))
+    assert {n.split(".")[0] for n in arm.geometric} == {"left_flange", "left_2", "left_1", "turn"}
+
+
+def test_the_values_of_both_branches_land_in_the_right_origins(robot: Path) -> None:
+    arm = ArmModel.from_urdf(robot, "right", "left")
+    values = {"left_2.x": 0.41, "left_flange.z": 0.02, "right.y": 0.01, "right_1.offset": 0.5}
+    written = arm.calibrated_urdf(values).decode()
+    pairs = zip(ROBOT.splitlines(), written.splitlines(), strict=True)
+    changed = [new.strip().partition("/>")[0] for old, new in pairs if old != new]
+    assert changed == [
+        '<origin xyz="0.41 0 0"',
+        '<origin xyz="0.3 0 0.02"',
+        '<origin xyz="0 -0.2 1" rpy="-0.0 0.5 0.0"',
+        '<origin xyz="0.3 0.01 0"',
+    ]
+
+
+def test_a_follower_has_its_masters_column(robot: Path) -> None:
+    """A mimic of a mimic follows the one at the end; the master need not be on the chain."""
+    arm = ArmModel.from_urdf(robot, "f3", "right")
+    assert arm.joints == ("finger_1",)
+    assert arm.units == {"finger_1": "m"}
+    assert [s.owner for s in arm.movers] == ["finger_2", "finger_3"]
+    assert set(arm.read_from.values()) == {"finger_1"}
+    np.testing.assert_allclose(arm.gearing, [[-4], [-2]])
+    R, _ = arm.forward([0.02])
+    turned = (-4 * 0.02 + 0.1) * 1.5
+    np.testing.assert_allclose(R[0], [math.cos(turned), -math.sin(turned), 0], atol=1e-15)
+    assert "finger_1.offset" not in arm.parameters
+    assert "finger_3.offset" in arm.parameters
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (
+            'mimic joint="finger_1"',
+            'mimic joint="finger_0"',
+            "joint 'finger_2': <mimic>: found the joint 'finger_0', which no <joint> declares; "
+            "expected a joint of the file; did you mean",
+        ),
+        (
+            'mimic joint="finger_1"',
+            'mimic joint="finger_3"',
+            "found a loop: 'finger_2' follows 'finger_3' follows 'finger_2'; expected a joint",
+        ),
+        (
+            'mimic joint="finger_1"',
+            'mimic joint="finger_2"',
+            "joint 'finger_2': <mimic>: found a loop: 'finger_2' follows 'finger_2'",
+        ),
+        (
+            'mimic joint="finger_1"',
+            'mimic joint="left_flange"',
+            "'left_flange', which is fixed: it has no single reading; expected a revolute, ",
+        ),
+        ('multiplier="-4"', 'multiplier="four"', "found multiplier='four'; expected a finite"),
+        ('mimic joint="finger_1"', "mimic", "joint 'finger_2': <mimic>: found no joint"),
+    ],
+)
+def test_mimics_that_follow_nobody_are_refused(
+    robot: Path, old: str, new: str, message: str
+) -> None:
+    robot.write_text(ROBOT.replace(old, new))
+    with pytest.raises(UrdfError) as caught:
+        read_chain(robot, "f3", "left")
+    assert message in str(caught.value)
+    assert caught.value.line is not None
+
+
+def test_a_link_may_be_called_as_a_joint_is(robot: Path) -> None:
+    arm = ArmModel.from_urdf(robot, "right", "left")
+    robot.write_text(ROBOT.replace('"l1"', '"left_1"').replace('"r1"', '"right_1"'))
+    same = ArmModel.from_urdf(robot, "right", "left")
+    assert same.joints == arm.joints
+    q = np.array([0.3, -0.4, 0.5])
+    for found, expected in zip(same.forward(q), arm.forward(q), strict=True):
+        np.testing.assert_array_equal(found, expected)
+
+
+def test_a_missing_column_says_who_follows_it(robot: Path, tmp_path: Path) -> None:
+    ranges = joint_ranges(ArmModel.from_urdf(robot, "f3", "left"))
+    (tmp_path / "samples.csv").write_text("left_2,left_1,right_1,finger_2\n0,0,0,0\n")
+    expected = "finger_1.*in m, which finger_2, finger_3 mimics"
+    with pytest.raises(SamplesError, match=expected):
+        read_samples([tmp_path / "samples.csv"], ranges, SampleColumns())
