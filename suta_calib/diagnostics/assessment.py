@@ -11,7 +11,7 @@ from suta_calib.diagnostics.changes import changes
 from suta_calib.diagnostics.contradictions import contradictions, dead_joints, gross_rows
 from suta_calib.diagnostics.explanation import Told, explain_solution
 from suta_calib.diagnostics.repeats import lack_of_fit
-from suta_calib.diagnostics.score_tests import effective_unknowns, score_tests
+from suta_calib.diagnostics.score_tests import LOOKS_LIKE, effective_unknowns, score_tests
 from suta_calib.solver.solution import Solution
 from suta_calib.units import stored, text, unit_name
 from suta_calib.words import listed
@@ -151,12 +151,12 @@ def _beside_geometry(solution: Solution) -> list[str]:
         )
     if changed := changes(solution):
         return [*notes, *(change.sentence for change in changed)]
-    if suspect := next((test for test in score_tests(solution) if test.suspicious), None):
-        yields = suspect.family == "compliance"
-        what = "a joint that yields" if yields else "an eccentric encoder"
+    suspects = [test for test in score_tests(solution) if test.suspicious]
+    if suspects:
+        suspect = max(suspects, key=lambda test: test.explains)
         notes.append(
-            f"The residuals of {suspect.joint} look like {what}: run suta-calib extend, which says "
-            "whether such a term predicts left-out data better."
+            f"The residuals of {suspect.joint} look like {LOOKS_LIKE[suspect.family]}: "
+            "run suta-calib extend, which says whether such a term predicts left-out data better."
         )
     return notes
 

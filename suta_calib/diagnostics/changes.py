@@ -172,6 +172,8 @@ def changes(solution: Solution, options: ChangeOptions = ChangeOptions()) -> tup
     lacking = {
         f"{joint} {family}": [n for n in names if n not in solution.problem.parameters]
         for (joint, family), names in offered_names(arm).items()
+        # A gain is the travel of an encoder, which is looked for as such.
+        if family != "gain"
     }
     problem, x = extended_problem(solution, [n for names in lacking.values() for n in names])
     index = {

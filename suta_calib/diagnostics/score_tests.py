@@ -1,4 +1,4 @@
-"""Do the residuals look like an eccentric encoder, or like a joint that yields to gravity?
+"""Do the residuals look like an eccentric encoder, a wrong gear ratio, or a joint that yields?
 
 A score (Lagrange multiplier) test of each joint and each family of non-geometric parameters, at
 the fit without them: nothing is fitted anew. With Z the columns of the family, X those of what else
@@ -13,9 +13,9 @@ the job frees, and once all of the geometry: a bent link must not be taken for a
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Final
 
 import numpy as np
@@ -24,14 +24,7 @@ from scipy.special import fdtrc
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.errors import UrdfError
 from suta_calib.model.arm import ArmModel
-from suta_calib.model.parameters import (
-    COMPLIANCE,
-    ECCENTRICITY,
-    FAMILIES,
-    OFFSET,
-    Family,
-    ParameterSet,
-)
+from suta_calib.model.parameters import COMPLIANCE, FAMILIES, OFFSET, Family, ParameterSet
 from suta_calib.solver.covariance import summed_by_member, summed_by_pair
 from suta_calib.solver.identifiability import WEAK
 from suta_calib.solver.information import Rows, robust_jacobian, whitened_rows
@@ -48,6 +41,13 @@ TELLING: Final = 0.25
 # Information, relative to the largest, that is rounding.
 ROUNDING: Final = 1e-12
 
+LOOKS_LIKE: Final[dict[Family, str]] = {
+    "ecc_1": "an eccentric encoder",
+    "ecc_2": "an eccentric encoder",
+    "compliance": "a joint that yields to gravity",
+    "gain": "a reading of the wrong scale",
+}
+
 
 @dataclass(frozen=True)
 class ScoreTest:
@@ -55,9 +55,9 @@ class ScoreTest:
 
     Attributes:
         joint: its name.
-        family: ``ecc_1``, ``ecc_2`` or ``compliance``.
+        family: ``ecc_1``, ``ecc_2``, ``compliance`` or ``gain``.
         names: its parameters that the data could tell, one or two.
-        estimate: what one step towards them would make of each, rad or rad/(N·m).
+        estimate: what one step towards them would make of each, rad, rad/(N·m) or 1.
         p_single: chance of residuals so suspicious if the job's unknowns are all there is to know.
         p: the same, allowing for the number of tests (Bonferroni).
         p_beside_geometry: that if any of the geometry may be off too.
@@ -65,6 +65,8 @@ class ScoreTest:
             more where touches are few and takes them to scatter alike.
         beats_geometry: whether it explains more, for its few parameters, than the geometry that the
             job does not free would (Schwarz 1978, doi:10.1214/aos/1176344136).
+        explains: how much that is, in units of what noise alone would explain: what looks alike by
+            chance (a gain and a harmonic over a part of a turn) differs in it.
     """
 
     joint: str
@@ -76,6 +78,7 @@ class ScoreTest:
     p_beside_geometry: float
     p_variance: float
     beats_geometry: bool
+    explains: float
 
     @property
     def suspicious(self) -> bool:
@@ -86,21 +89,19 @@ class ScoreTest:
 
 
 def offered_names(arm: ArmModel) -> dict[tuple[str, Family], tuple[str, ...]]:
-    """Names by joint and family that this arm can be given; no compliance without masses.
-
-    A gain is not among them: readings that cover a part of a turn hardly tell it from an
-    eccentricity. It is estimated where a job asks for it.
-    """
+    """Names by joint and family that this arm can be given; no compliance without masses."""
     found: dict[tuple[str, Family], tuple[str, ...]] = {}
-    turning = (p.owner for p in arm.nongeometric.values() if p.key in ECCENTRICITY)
-    for joint in dict.fromkeys(turning):
+    for joint in dict.fromkeys(p.owner for p in arm.nongeometric.values()):
         for family, keys in FAMILIES.items():
+            names = tuple(f"{joint}.{key}" for key in keys)
+            if not all(name in arm.nongeometric for name in names):
+                continue
             if family == COMPLIANCE:
                 try:
-                    arm.select(f"{joint}.{COMPLIANCE}")
+                    arm.select(*names)
                 except UrdfError:
                     continue
-            found[joint, family] = tuple(f"{joint}.{key}" for key in keys)
+            found[joint, family] = names
     return found
 
 
@@ -115,67 +116,151 @@ def score_tests(solution: Solution) -> tuple[ScoreTest, ...]:
     Returns:
         Nothing for a problem without an arm, or with too few touches to judge.
     """
-    problem = solution.problem
-    if problem.arm is None:
+    if solution.problem.arm is None:
         return ()
-    groups = {
-        key: tuple(n for n in names if n not in problem.parameters)
-        for key, names in offered_names(problem.arm).items()
-    }
-    order = {name: k for k, name in enumerate(n for names in groups.values() for n in names)}
-    extended, x = extended_problem(solution, list(order))
-    rows = whitened_rows(extended, x, solution.sigmas)
-    columns = np.array([extended.names.index(n) for n in order], dtype=np.intp)
-    known = order.keys() | problem.parameters.keys()
-    others = [k for k, n in enumerate(extended.names) if n not in known]
-    more = np.array(others, dtype=np.intp)
-    beside = scores_of(extended, rows, columns, np.zeros(0, dtype=np.intp))
-    alone = scores_of(extended, rows, columns, more)
-    geometry = _geometry_gain(extended, rows, more, columns, solution)
-    freedom = alone.touches - len(solution.free)
-    if freedom < 1:
-        return ()
-    kept = {
-        key: np.array([order[n] for n in told], dtype=np.intp)
-        for key, names in groups.items()
-        if (told := [n for n in names if alone.telling[order[n]]])
-    }
-    names, found = list(order), []
-    for (joint, family), index in kept.items():
-        p = alone.p_by_touch(index, freedom)
-        gain = alone.gain(index, solution) - len(index) * float(np.log(alone.touches))
-        found.append(
-            ScoreTest(
-                joint,
-                family,
-                tuple(names[i] for i in index),
-                tuple(float(v) for v in alone.step(index)),
-                p,
-                min(1.0, len(kept) * p),
-                min(1.0, len(kept) * beside.p_by_touch(index, freedom)),
-                min(1.0, len(kept) * alone.p_variance(index, solution)),
-                gain > geometry,
+    return Residuals.of(solution).tests()
+
+
+@dataclass(frozen=True, eq=False)
+class Residuals:
+    """Residuals of a fit, to be tested for what the fit left out.
+
+    Attributes:
+        problem: the fit's unknowns, the rest of the geometry, and every candidate.
+        rows: at the fit, with a column for each of these.
+        fitted: names of what the fit had for its unknowns.
+        free: how many of them it estimated.
+        level: mean of (noise / assumed noise)² over the blocks.
+    """
+
+    problem: Problem
+    rows: Sequence[Rows]
+    fitted: frozenset[str]
+    free: int
+    level: float
+
+    @classmethod
+    def of(cls, solution: Solution) -> Residuals:
+        """Those of a solution over an arm."""
+        arm, known = solution.problem.arm, solution.problem.parameters
+        assert arm is not None
+        candidates = [n for names in offered_names(arm).values() for n in names if n not in known]
+        problem, x = extended_problem(solution, candidates)
+        rows = whitened_rows(problem, x, solution.sigmas)
+        fitted, free = frozenset(known), len(solution.free)
+        return cls(problem, rows, fitted, free, noise_ratio(solution))
+
+    def tests(self) -> tuple[ScoreTest, ...]:
+        """Of every joint and family, most suspicious first; nothing with too few touches."""
+        if self._freedom < 1:
+            return ()
+        groups = self._groups
+        alone, beside = self._alone, self._beside_geometry
+        kept = {
+            key: np.array([self._order[n] for n in told], dtype=np.intp)
+            for key, names in groups.items()
+            if (told := [n for n in names if alone.telling[self._order[n]]])
+        }
+        names, found = list(self._order), []
+        for (joint, family), index in kept.items():
+            p = alone.p_by_touch(index, self._freedom)
+            gain = self._gain(alone, index) - len(index) * float(np.log(alone.touches))
+            p_variance = alone.p_variance(index, self._equations, self.free)
+            found.append(
+                ScoreTest(
+                    joint,
+                    family,
+                    tuple(names[i] for i in index),
+                    tuple(float(v) for v in alone.step(index)),
+                    p,
+                    min(1.0, len(kept) * p),
+                    min(1.0, len(kept) * beside.p_by_touch(index, self._freedom)),
+                    min(1.0, len(kept) * p_variance),
+                    gain > self._by_geometry,
+                    gain,
+                )
             )
+        return tuple(sorted(found, key=lambda test: test.p_single))
+
+    def chance(self, names: Iterable[str]) -> float:
+        """Chance of so suspicious residuals as for these candidates together, without cause."""
+        index = np.array([self._order[n] for n in names if n in self._order], dtype=np.intp)
+        return self._alone.p_by_touch(index, self._freedom) if self._freedom > 0 else 1.0
+
+    def told(self, names: Iterable[str]) -> tuple[str, ...]:
+        """Those of the candidates that the data could tell."""
+        return tuple(n for n in names if n in self._order and self._alone.telling[self._order[n]])
+
+    @cached_property
+    def _groups(self) -> dict[tuple[str, Family], tuple[str, ...]]:
+        assert self.problem.arm is not None
+        return {
+            key: tuple(n for n in names if n not in self.fitted)
+            for key, names in offered_names(self.problem.arm).items()
+        }
+
+    @cached_property
+    def _order(self) -> dict[str, int]:
+        """Number of each candidate among them all."""
+        return {
+            name: k for k, name in enumerate(n for names in self._groups.values() for n in names)
+        }
+
+    @cached_property
+    def _columns(self) -> IntArray:
+        return np.array([self.problem.names.index(n) for n in self._order], dtype=np.intp)
+
+    @cached_property
+    def _geometry(self) -> IntArray:
+        """Columns of the geometry that was not fitted."""
+        known = self._order.keys() | self.fitted
+        return np.array(
+            [k for k, n in enumerate(self.problem.names) if n not in known], dtype=np.intp
         )
-    return tuple(sorted(found, key=lambda test: test.p_single))
+
+    @cached_property
+    def _alone(self) -> Scores:
+        return scores_of(self.problem, self.rows, self._columns, self._geometry)
+
+    @cached_property
+    def _beside_geometry(self) -> Scores:
+        return scores_of(self.problem, self.rows, self._columns, np.zeros(0, dtype=np.intp))
+
+    @property
+    def _freedom(self) -> int:
+        return self._alone.touches - self.free
+
+    @property
+    def _equations(self) -> int:
+        return sum(t.equations() for t in self.problem.terms)
+
+    def _gain(self, scores: Scores, chosen: IntArray) -> float:
+        """How much one step lowers twice the cost, in units of what noise alone would.
+
+        Rows that share touches repeat each other: what they count is what their touches do.
+        """
+        rows = sum(len(b) * b.size for t in self.problem.terms for b in t.blocks)
+        lowered = float(scores.score[chosen] @ scores.step(chosen)) / self.level
+        return lowered * self._equations / rows
+
+    @cached_property
+    def _by_geometry(self) -> float:
+        """What the geometry that is not freed would explain, less Schwarz's penalty."""
+        more = self._geometry
+        if not len(more):
+            return 0.0
+        scores = scores_of(self.problem, self.rows, more, self._columns)
+        plausible = self.problem.parameters.array("plausible")[more]
+        values = np.linalg.eigvalsh(scores.curvature * np.outer(plausible, plausible))
+        estimated = int(np.sum(values > WEAK**-2))
+        gain = self._gain(scores, np.arange(len(more)))
+        return max(0.0, gain - estimated * float(np.log(scores.touches)))
 
 
-def _geometry_gain(
-    problem: Problem,
-    rows: Sequence[Rows],
-    more: IntArray,
-    candidates: IntArray,
-    solution: Solution,
-) -> float:
-    """What the geometry that is not freed would explain, less Schwarz's penalty; 0 for nothing."""
-    if not len(more):
-        return 0.0
-    scores = scores_of(problem, rows, more, candidates)
-    plausible = problem.parameters.array("plausible")[more]
-    values = np.linalg.eigvalsh(scores.curvature * np.outer(plausible, plausible))
-    estimated = int(np.sum(values > WEAK**-2))
-    gain = scores.gain(np.arange(len(more)), solution)
-    return max(0.0, gain - estimated * float(np.log(scores.touches)))
+def noise_ratio(solution: Solution) -> float:
+    """Mean over the blocks of (noise / assumed noise)²."""
+    pairs = zip(solution.noise, solution.sigmas, strict=True)
+    return float(np.mean([(noise / sigma) ** 2 for noise, sigma in pairs]))
 
 
 def extended_problem(
@@ -247,28 +332,14 @@ class Scores:
         curvature = self.curvature[np.ix_(chosen, chosen)]
         return _solved(curvature, self.score[chosen][:, None])[:, 0]
 
-    def p_variance(self, chosen: IntArray, solution: Solution) -> float:
+    def p_variance(self, chosen: IntArray, equations: int, free: int) -> float:
         """Chance of so much variance explained, by the F test of nested models."""
-        equations = sum(t.equations() for t in solution.problem.terms)
-        freedom = equations - len(solution.free) - len(chosen)
+        freedom = equations - free - len(chosen)
         lowered = float(self.score[chosen] @ self.step(chosen))
         if freedom < 1 or not 0 < lowered < self.squares:
             return 1.0
         ratio = lowered / (self.squares - lowered) * freedom / len(chosen)
         return float(fdtrc(len(chosen), freedom, ratio))
-
-    def gain(self, chosen: IntArray, solution: Solution) -> float:
-        """How much that step lowers twice the cost, in units of what noise alone would.
-
-        Rows that share touches repeat each other: what they count is what their touches do.
-        """
-        terms = solution.problem.terms
-        rows = sum(len(b) * b.size for t in terms for b in t.blocks)
-        level = np.mean(
-            [(n / s) ** 2 for n, s in zip(solution.noise, solution.sigmas, strict=True)]
-        )
-        lowered = float(self.score[chosen] @ self.step(chosen)) / float(level)
-        return lowered * sum(t.equations() for t in terms) / rows
 
 
 def scores_of(

@@ -29,11 +29,12 @@ OFFSET: Final = "offset"
 COMPLIANCE: Final = "compliance"
 GAIN: Final = "gain"
 # An eccentric encoder disc gives the first harmonic, a tilted or oval one the second.
-Family = Literal["ecc_1", "ecc_2", "compliance"]
+Family = Literal["ecc_1", "ecc_2", "compliance", "gain"]
 FAMILIES: Final[dict[Family, tuple[str, ...]]] = {
     "ecc_1": ("ecc_c1", "ecc_s1"),
     "ecc_2": ("ecc_c2", "ecc_s2"),
     "compliance": (COMPLIANCE,),
+    "gain": (GAIN,),
 }
 ECCENTRICITY: Final = (*FAMILIES["ecc_1"], *FAMILIES["ecc_2"])
 # How these keys begin: globs reach them only where they say so.

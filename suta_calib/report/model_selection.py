@@ -9,8 +9,9 @@ from typing import Final
 import numpy as np
 
 from suta_calib.analysis.model_selection import ModelCandidate, ModelSelection
-from suta_calib.diagnostics.score_tests import ScoreTest
-from suta_calib.model.parameters import Family, Selection
+from suta_calib.analysis.model_selection.selection import SHORT
+from suta_calib.diagnostics.score_tests import LOOKS_LIKE, ScoreTest
+from suta_calib.model.parameters import Selection
 from suta_calib.report.document import Document, Figure, Part, ShownOnly, Text
 from suta_calib.report.listing import Column, Json, Listing
 from suta_calib.report.svg import BLUE, ORANGE, WIDTH, picture, svg_text
@@ -19,11 +20,6 @@ from suta_calib.units import mm, shown, text, unit_name
 
 NAME: Final = "extend"
 TITLE: Final = "Errors beside geometry"
-LOOKS_LIKE: Final[dict[Family, str]] = {
-    "ecc_1": "an eccentric encoder (first harmonic)",
-    "ecc_2": "an eccentric encoder (second harmonic)",
-    "compliance": "a joint that yields to gravity",
-}
 CAPTION: Final = (
     "RMS in mm, each error counted up to the Huber threshold. Change: of the held-out variance "
     "against the job's model, with its standard error over the folds."
@@ -44,6 +40,11 @@ def _estimate_text(e: Estimate) -> str:
     return f"{text(e.value, e.unit)} ± {text(e.std, e.unit)} {unit_name(e.unit)}"
 
 
+def _looks_like(test: ScoreTest) -> str:
+    """``an eccentric encoder (first harmonic)``."""
+    return f"{LOOKS_LIKE[test.family]} ({SHORT[test.family]})"
+
+
 # SI in JSON, as in result.json.
 ADDED: Final = Listing[Estimate](
     "What it adds",
@@ -58,7 +59,7 @@ ADDED: Final = Listing[Estimate](
 TESTS: Final = Listing[ScoreTest](
     "What the residuals of the job's model look like: chance of it if there is nothing",
     Column("joint", "joint"),
-    Column("family", "looks like", cell=lambda test: LOOKS_LIKE[test.family]),
+    Column("family", "looks like", cell=_looks_like),
     Column("p", "chance", form=".2g"),
     Column("p_beside_geometry", "beside geometry", form=".2g"),
     Column("parameters", None, lambda test: test.names),
@@ -84,7 +85,7 @@ def model_selection_document(choice: ModelSelection) -> Document:
         parts.append(
             Text(f"On the validation data: RMS {job} mm with the job's model, {chosen} mm chosen.")
         )
-    estimates = choice.chosen.solution.estimates
+    estimates = choice.solution.estimates
     parts.append(ADDED.of(estimates[name] for name in choice.added))
     if choice.rows:
         parts.append(Text("Rows for the job's parameters:"))

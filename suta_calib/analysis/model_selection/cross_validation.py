@@ -16,16 +16,11 @@ from typing import Final
 
 import numpy as np
 
-from suta_calib.arrays import FloatArray, IntArray
-from suta_calib.diagnostics.accuracy import BlockErrors, TermAccuracy, assess
+from suta_calib.arrays import BoolArray, FloatArray, IntArray
+from suta_calib.diagnostics.accuracy import BlockErrors, TermAccuracy
 from suta_calib.errors import SamplesError
 from suta_calib.model.parameters import ParameterSet
-from suta_calib.solver.ipopt import SolverOptions
-from suta_calib.solver.problem import Problem
-from suta_calib.solver.solution import Solution
-from suta_calib.solver.solve import solve
 from suta_calib.terms import Term
-from suta_calib.threads import single_threaded
 
 MOST_FOLDS: Final = 10
 FEWEST_PLACEMENTS: Final = 3
@@ -37,11 +32,19 @@ MOST_FOLDS_MAY_DIFFER: Final = 0.2
 
 @dataclass(frozen=True, eq=False)
 class Fold:
-    """What is fitted, and what is held out, by the number of its term; a term may be missing."""
+    """What is fitted, and what is held out.
+
+    Attributes:
+        label: for people.
+        training: the terms without what is held out.
+        held_out: what is, by the number of its term; a term may be missing.
+        samples: (n,) which samples of each term are left out of the training.
+    """
 
     label: str
     training: tuple[Term, ...]
     held_out: Mapping[int, Term]
+    samples: tuple[BoolArray, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,13 +85,13 @@ class CrossValidation:
 
 @dataclass(frozen=True, eq=False)
 class ModelCandidate:
-    """One set of unknowns, fitted and cross-validated.
+    """One set of unknowns, cross-validated.
 
     Attributes:
         name: for people.
         geometry: whether all of the geometry is unknown, not only what the job frees.
         added: names of the parameters that are no geometry.
-        solution: fitted to all observations.
+        parameters: the arm's unknowns.
         fitted: RMS of the errors that were fitted, m, of the same kind as those held out.
         held_out: errors on what was left out.
     """
@@ -96,14 +99,9 @@ class ModelCandidate:
     name: str
     geometry: bool
     added: tuple[str, ...]
-    solution: Solution
+    parameters: ParameterSet
     fitted: float
     held_out: CrossValidation
-
-    @property
-    def parameters(self) -> ParameterSet:
-        """The arm's unknowns."""
-        return self.solution.problem.arm_parameters
 
     def gain_over(self, other: ModelCandidate) -> tuple[float, float]:
         """How much smaller the held-out loss is, and the standard error of that, paired by fold."""
@@ -141,7 +139,8 @@ def folds_of(terms: Sequence[Term], seed: int = 0) -> tuple[Fold, ...]:
                 if (numbers == k).any():
                     held_out[row] = term.take(numbers == k)
         if held_out:
-            found.append(Fold(label, training, held_out))
+            samples = tuple(n == k for n in number)
+            found.append(Fold(label, training, held_out, samples))
     if len(found) < 2:
         raise SamplesError(
             "too few touches to leave any out",
@@ -161,45 +160,6 @@ def _fold_numbers(
     touch = term.witnesses
     numbers = np.arange(int(touch.max()) + 1) % count
     return np.asarray(rng.permutation(numbers)[touch], dtype=np.intp)
-
-
-@single_threaded
-def cross_validate(
-    folds: Sequence[Fold],
-    parameters: ParameterSet,
-    noise: Sequence[float],
-    options: SolverOptions = SolverOptions(starts=1),
-) -> CrossValidation | None:
-    """Fit each fold's training part, and look at what it makes of the rest; None where one fails.
-
-    Errors are counted in the ``noise`` of each block of all terms, the same for every candidate.
-    """
-    errors = []
-    for fold in folds:
-        try:
-            solution = solve(Problem(fold.training, parameters), options)
-        except SamplesError:
-            return None
-        if not solution.converged:
-            return None
-        each = iter(noise)
-        levels = [[next(each) for _ in term.blocks] for term in fold.training]
-        squares, count, lengths = 0.0, 0, []
-        terms = assess(solution, list(fold.held_out.values())).validation
-        for k, term in zip(fold.held_out, terms, strict=True):
-            for found, block, level in zip(term.blocks, term.term.blocks, levels[k], strict=True):
-                limited = limited_errors(found, block.noise.huber)
-                squares += float(np.sum((limited / level) ** 2))
-                count += found.residual_after.size
-                if found is term.blocks[0] and term.term.kind == terms[0].term.kind:
-                    lengths.append(limited)
-        errors.append(FoldErrors(squares, count, np.concatenate(lengths)))
-    return CrossValidation(tuple(errors))
-
-
-def fitted_rms(solution: Solution) -> float:
-    """RMS of the errors that were fitted, as `CrossValidation.rms` has it of those held out, m."""
-    return limited_rms(assess(solution).calibration)
 
 
 def limited_rms(terms: Sequence[TermAccuracy]) -> float:

@@ -7,34 +7,39 @@ Breiman et al. 1984, section 3.4.3), by 2 % of the variance at least, and in fou
 best of many that are tried is lucky: unless the residuals alone prove it (`residual_tests`:
 suspicious, or p below 5 % for all tests together), it needs three standard errors.
 
-The search goes forward, one joint and family at a time, from the job's unknowns and from all of
-the geometry. A bent link can look like an eccentric encoder, so what is added to the job's unknowns
-must also outdo the geometry.
+The search goes forward, from the job's unknowns and from all of the geometry, for as long as
+anything outdoes what there is: one joint and family at a time, or a family of all joints at once,
+because many small errors that are each lost in the noise add up. Among what gains alike the
+smallest is taken, and at the end goes what predicts no worse without it. A bent link can look like
+an eccentric encoder, so what is added to the job's unknowns must also outdo the geometry.
+
+Each of the two starts is fitted and linearised once (`linearised`); what the search tries costs
+milliseconds. What it chooses is fitted anew, and cross-validated about its own fit.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 from suta_calib.analysis.model_selection.cross_validation import (
     Fold,
     ModelCandidate,
-    cross_validate,
-    fitted_rms,
     folds_of,
     limited_rms,
 )
+from suta_calib.analysis.model_selection.linearised import LinearFit, Linearised
 from suta_calib.assessment import Assessment
 from suta_calib.diagnostics.accuracy import assess
 from suta_calib.diagnostics.assessment import assess_calibration
-from suta_calib.diagnostics.score_tests import ScoreTest, offered_names, score_tests
+from suta_calib.diagnostics.score_tests import Residuals, ScoreTest, offered_names, score_tests
 from suta_calib.errors import ParameterError, SamplesError
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import PLAUSIBLE, Family, ParameterSet, Selection
 from suta_calib.solver.ipopt import SolverOptions
 from suta_calib.solver.problem import Problem
+from suta_calib.solver.solution import Solution
 from suta_calib.solver.solve import Progress, solve
 from suta_calib.terms import Term
 from suta_calib.threads import single_threaded
@@ -42,26 +47,29 @@ from suta_calib.units import text
 from suta_calib.words import listed
 
 # Joints and families tried at each step, most suspicious first, and what is suspicious at all.
-TRIED: Final = 3
+TRIED: Final = 6
 SUSPICIOUS: Final = 0.1
-MOST_STEPS: Final = 6
 # Chance, for all tests, below which the residuals prove a term; standard errors it needs otherwise.
 PROVEN: Final = 0.05
 UNPROVEN: Final = 3.0
 
+# What may be given to all joints at once.
 EVERY_JOINT: Final[dict[tuple[Family, ...], str]] = {
     ("ecc_1",): "first harmonic, all joints",
+    ("ecc_2",): "second harmonic, all joints",
     ("ecc_1", "ecc_2"): "both harmonics, all joints",
     ("compliance",): "compliance, all joints",
+    ("gain",): "gain, all joints",
     ("ecc_1", "ecc_2", "compliance"): "harmonics and compliance, all joints",
 }
 SHORT: Final[dict[Family, str]] = {
     "ecc_1": "first harmonic",
     "ecc_2": "second harmonic",
     "compliance": "compliance",
+    "gain": "gain",
 }
-# Models that a search usually fits: only to say how far it has come.
-EXPECTED: Final = 12
+# Models that a search usually tries: only to say how far it has come.
+EXPECTED: Final = 30
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +82,8 @@ class ModelSelection:
         folds: what was left out each time.
         tests: of the residuals of the job's own model.
         undecided: whether something beside geometry helps, but geometry helps as much.
-        calibration: whether the chosen model's calibration may be used.
+        solution: of the chosen model, fitted to all observations.
+        calibration: whether that may be used.
         validated: Huber-limited RMS on data that took no part in the choice, m, with the job's
             model and with the chosen one; None without such data.
     """
@@ -84,6 +93,7 @@ class ModelSelection:
     folds: tuple[str, ...]
     tests: tuple[ScoreTest, ...]
     undecided: bool
+    solution: Solution
     calibration: Assessment
     validated: tuple[float, float] | None = None
 
@@ -103,7 +113,7 @@ class ModelSelection:
         rows: list[Selection] = []
         if self.chosen.geometry and not self.job.geometry:
             rows += geometry_rows()
-        return (*rows, *_rows(self.chosen.solution.problem.arm, self.added))
+        return (*rows, *_rows(self.solution.problem.arm, self.added))
 
     @property
     def assessment(self) -> Assessment:
@@ -142,7 +152,7 @@ class ModelSelection:
                 "is geometry or an error beside it: tilt the artefact, use other heights, or touch "
                 "one point from many directions."
             )
-        estimates = self.chosen.solution.estimates
+        estimates = self.solution.estimates
         if bounded := [name for name in self.added if estimates[name].state == "at_bound"]:
             notes.append(f"{listed(bounded)} ended at a bound: larger than is plausible.")
         return notes
@@ -170,7 +180,7 @@ def choose_model(
         terms: the observations, validation data not among them.
         parameters: the arm's unknowns as the job has them.
         validation: held-out terms that take no part in the choice: it is judged on them.
-        families: also try every joint at once: both harmonics, compliance, everything.
+        families: also try every joint at once: harmonics, compliance, gain.
         seed: of the folds where there are no placements.
         progress: called with (models fitted, models at most).
 
@@ -178,31 +188,31 @@ def choose_model(
         ParameterError: no arm with a revolute joint.
         SamplesError: too few samples to leave any out, or a job that cannot be fitted without them.
     """
-    search = _Search(tuple(terms), parameters, folds_of(terms, seed), progress)
-    job = search.candidate("as the job has it", geometry=False, added=_added(parameters))
+    search = _Search(tuple(terms), parameters, folds_of(terms, seed), families, progress)
+    job = search.start("as the job has it", geometry=False)
     if job is None:
         raise SamplesError(
-            "observations that cannot be fitted once a placement is left out",
+            "observations that cannot be fitted",
             "enough placements for the job's unknowns",
             where="observations",
             hint="measure at more placements, or select fewer parameters",
         )
-    wide = search.candidate("all of the geometry", geometry=True, added=job.added)
+    wide = search.start("all of the geometry", geometry=True)
     ends = [search.grown(job, wide)]
     ends += [search.grown(wide)] if wide is not None else []
     chosen, undecided = _better_end(job, wide, ends)
-    if families:
-        chosen = search.whole_families(chosen, job if not chosen.geometry else wide or job)
+    chosen, solution = search.refitted(chosen, wide if chosen.geometry and wide else job)
     labels = tuple(fold.label for fold in search.folds)
-    accuracy = assess(chosen.solution, validation)
-    calibration = assess_calibration(chosen.solution, accuracy)
+    accuracy = assess(solution, validation)
+    calibration = assess_calibration(solution, accuracy)
+    started = search.solutions[job.name]
     validated = None
     if validation:
-        before = assess(job.solution, validation).validation
+        before = assess(started, validation).validation
         validated = limited_rms(before), limited_rms(accuracy.validation)
-    tests = score_tests(job.solution)
+    tests = score_tests(started)
     tried = tuple(search.tried)
-    return ModelSelection(tried, chosen, labels, tests, undecided, calibration, validated)
+    return ModelSelection(tried, chosen, labels, tests, undecided, solution, calibration, validated)
 
 
 def _better_end(
@@ -220,15 +230,31 @@ def _better_end(
     return (ends[1] if ends[1].outdoes(job) else job), True
 
 
+@dataclass(frozen=True)
+class _Step:
+    """What may be added to a model, and how much better it must be, in standard errors."""
+
+    name: str
+    names: tuple[str, ...]
+    errors: float
+
+
 @dataclass(eq=False)
 class _Search:
-    """Fits and cross-validates what it is asked to, once."""
+    """Tries what it is asked to, once.
+
+    Attributes:
+        solutions: of what was fitted as such, by the name of the model.
+    """
 
     terms: tuple[Term, ...]
     parameters: ParameterSet
     folds: tuple[Fold, ...]
+    families: bool
     progress: Progress | None
     tried: list[ModelCandidate] = field(default_factory=list)
+    solutions: dict[str, Solution] = field(default_factory=dict)
+    _linearised: dict[bool, Linearised] = field(default_factory=dict)
     _noise: tuple[float, ...] = ()
 
     @property
@@ -238,75 +264,140 @@ class _Search:
             raise ParameterError("no arm with a revolute joint", "one", where="observations")
         return arm
 
-    def candidate(
-        self, name: str, *, geometry: bool, added: Iterable[str]
-    ) -> ModelCandidate | None:
-        """A model; None where it cannot be fitted or has nothing new."""
-        added = tuple(added)
-        arm = self.arm
-        chosen = dict(arm.select(*geometry_rows())) if geometry else {}
-        rows = _rows(arm, added)
-        chosen |= dict(arm.select(*rows)) if rows else {}
-        chosen |= dict(self.parameters)
-        unknown = ParameterSet(chosen[n] for n in arm.offered if n in chosen)
-        new = len(added) - len(_added(self.parameters))
-        if geometry and len(unknown) == len(self.parameters) + new:
+    def start(self, name: str, *, geometry: bool) -> ModelCandidate | None:
+        """One of the two starts, fitted; None if it cannot be, or has no unknown more."""
+        unknown = self._unknown(geometry, ())
+        if geometry and len(unknown) == len(self.parameters):
             return None
-        try:
-            solution = solve(Problem(self.terms, unknown), SolverOptions(starts=1))
-        except SamplesError:
+        solution = self._fitted(unknown)
+        if solution is None:
             return None
         self._noise = self._noise or solution.noise
-        held_out = cross_validate(self.folds, unknown, self._noise) if solution.converged else None
-        if held_out is None:
-            return None
-        found = ModelCandidate(name, geometry, added, solution, fitted_rms(solution), held_out)
-        self.tried.append(found)
-        if self.progress is not None:
-            self.progress(len(self.tried), max(len(self.tried) + 1, EXPECTED))
-        return found
+        self.solutions[name] = solution
+        self._linearised[geometry] = Linearised(solution, self.folds, self._noise)
+        return self._told(name, geometry, self._linearised[geometry].fit())
 
     def grown(self, start: ModelCandidate, rival: ModelCandidate | None = None) -> ModelCandidate:
         """Forward from a start for as long as something outdoes what there is.
 
         A first step that a rival outdoes is the last: another start leads farther.
         """
-        current = start
-        for _ in range(MOST_STEPS):
-            if current is not start and rival is not None and rival.outdoes(current):
-                break
+        linear, current = self._linearised[start.geometry], start
+        while current is start or rival is None or not rival.outdoes(current):
+            more = [n for n in current.added if n not in start.added]
             better = []
-            tests = [t for t in score_tests(current.solution) if t.p_single < SUSPICIOUS]
-            for test in tests[:TRIED]:
-                name = f"{test.joint} {SHORT[test.family]}"
-                if current.added == _added(self.parameters):
-                    name = _with_geometry(name, current.geometry)
-                else:
-                    name = f"{current.name} + {name}"
-                names = dict.fromkeys((*current.added, *test.names))
-                found = self.candidate(name, geometry=current.geometry, added=names)
-                errors = 1.0 if test.suspicious or test.p < PROVEN else UNPROVEN
-                if found is not None and found.outdoes(current, errors):
+            for step in self._steps(linear.residuals(linear.fit(more))):
+                name = f"{current.name} + {step.name}" if more else step.name
+                if not more:
+                    name = _with_geometry(name, start.geometry)
+                found = self._told(name, start.geometry, linear.fit((*more, *step.names)))
+                if found.outdoes(current, step.errors):
                     better.append(found)
             if not better:
                 break
-            current = min(better, key=lambda c: c.held_out.loss)
-        return current
+            # The smallest of those that are as good as the best.
+            best = min(better, key=lambda c: c.held_out.loss)
+            alike = [c for c in better if c is best or not best.outdoes(c)]
+            current = min(alike, key=lambda c: (len(c.added), c.held_out.loss))
+        return self._pruned(current, start)
 
-    def whole_families(self, chosen: ModelCandidate, base: ModelCandidate) -> ModelCandidate:
-        """Every joint at once, for comparison; taken only if that outdoes all else."""
-        for families, name in EVERY_JOINT.items():
-            offered = offered_names(self.arm).items()
-            names = [n for (_, family), own in offered if family in families for n in own]
-            wanted = tuple(dict.fromkeys((*base.added, *names)))
-            if len(wanted) == len(base.added):
-                continue
-            found = self.candidate(
-                _with_geometry(name, base.geometry), geometry=base.geometry, added=wanted
+    def _pruned(self, end: ModelCandidate, start: ModelCandidate) -> ModelCandidate:
+        """The end of a search without what it predicts no worse without: a block brings idle parts.
+
+        The name stays that of the search's last step unless something goes.
+        """
+        linear, current = self._linearised[start.geometry], end
+        groups = [set(names) for names in offered_names(self.arm).values()]
+        while True:
+            more = [n for n in current.added if n not in start.added]
+            fewer = [[n for n in more if n not in group] for group in groups]
+            tried = [
+                self._candidate("", start.geometry, linear, linear.fit(names))
+                for names in fewer
+                if 0 < len(names) < len(more)
+            ]
+            best = min(tried, key=lambda c: c.held_out.loss, default=current)
+            if best.held_out.loss >= current.held_out.loss:
+                break
+            current = replace(best, name=f"{end.name}, pruned")
+        return current if current is end else self._noted(current)
+
+    def refitted(
+        self, chosen: ModelCandidate, start: ModelCandidate
+    ) -> tuple[ModelCandidate, Solution]:
+        """The model with its errors about its own fit; the start where it cannot be fitted.
+
+        What the fit cannot tell, or what ends at its bound, is no part of it.
+        """
+        names, solution = chosen.added, self.solutions.get(chosen.name)
+        while solution is None:
+            solution = self._fitted(self._unknown(chosen.geometry, names))
+            if solution is None:
+                return start, self.solutions[start.name]
+            estimates = solution.estimates
+            told = tuple(n for n in names if n in start.added or estimates[n].std is not None)
+            if told != names:
+                names, solution = told, None
+        if chosen.name not in self.solutions:
+            self.solutions[chosen.name] = solution
+            linear = Linearised(solution, self.folds, self._noise)
+            self.tried.remove(chosen)
+            chosen = self._noted(
+                self._candidate(chosen.name, chosen.geometry, linear, linear.fit())
             )
-            if found is not None and found.outdoes(chosen, UNPROVEN):
-                chosen = found
-        return chosen
+        return chosen, solution
+
+    def _steps(self, left: Residuals) -> Iterator[_Step]:
+        """What the residuals of a model make worth a try."""
+        tests = left.tests()
+        for test in [t for t in tests if t.p_single < SUSPICIOUS][:TRIED]:
+            proven = test.suspicious or test.p < PROVEN
+            name = f"{test.joint} {SHORT[test.family]}"
+            yield _Step(name, test.names, 1.0 if proven else UNPROVEN)
+        if not self.families:
+            return
+        offered = offered_names(self.arm)
+        for families, name in EVERY_JOINT.items():
+            names = left.told(n for (_, f), own in offered.items() if f in families for n in own)
+            joints = {n for test in tests for n in test.names} & set(names)
+            if len(joints) > 2:
+                p = (len(tests) + len(EVERY_JOINT)) * left.chance(names)
+                yield _Step(name, names, 1.0 if p < PROVEN else UNPROVEN)
+
+    def _told(self, name: str, geometry: bool, fit: LinearFit) -> ModelCandidate:
+        return self._noted(self._candidate(name, geometry, self._linearised[geometry], fit))
+
+    def _noted(self, candidate: ModelCandidate) -> ModelCandidate:
+        self.tried.append(candidate)
+        if self.progress is not None:
+            self.progress(len(self.tried), max(len(self.tried) + 1, EXPECTED))
+        return candidate
+
+    def _candidate(
+        self, name: str, geometry: bool, linear: Linearised, fit: LinearFit
+    ) -> ModelCandidate:
+        own = linear.solution.problem.arm_parameters
+        parameters = self._unknown(geometry, (*_added(own), *fit.added))
+        errors = linear.cross_validation(fit)
+        return ModelCandidate(
+            name, geometry, _added(parameters), parameters, linear.rms(fit), errors
+        )
+
+    def _unknown(self, geometry: bool, added: Iterable[str]) -> ParameterSet:
+        """The arm's unknowns: the job's, and what is added within what is plausible."""
+        arm, added = self.arm, tuple(added)
+        chosen = dict(arm.select(*geometry_rows())) if geometry else {}
+        rows = _rows(arm, added)
+        chosen |= dict(arm.select(*rows)) if rows else {}
+        chosen |= dict(self.parameters)
+        return ParameterSet(chosen[n] for n in arm.offered if n in chosen)
+
+    def _fitted(self, unknown: ParameterSet) -> Solution | None:
+        try:
+            solution = solve(Problem(self.terms, unknown), SolverOptions(starts=1))
+        except SamplesError:
+            return None
+        return solution if solution.converged else None
 
 
 def _added(parameters: ParameterSet) -> tuple[str, ...]:
