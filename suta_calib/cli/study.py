@@ -10,6 +10,7 @@ import click
 
 from suta_calib.cli._options import (
     POSITIVE,
+    FiniteRange,
     anyway_option,
     job_argument,
     out_option,
@@ -17,7 +18,7 @@ from suta_calib.cli._options import (
 )
 from suta_calib.cli._output import LateProgress, answer_command, results_folder
 from suta_calib.report.document import Document
-from suta_calib.units import stored
+from suta_calib.units import from_deg, from_mm, stored
 
 if TYPE_CHECKING:
     from suta_calib.analysis.study.trial import Kind
@@ -50,7 +51,7 @@ def _sizes(
 @job_argument
 @click.option(
     "--kind",
-    type=click.Choice(["size", "bootstrap", "monte-carlo"]),
+    type=click.Choice(["size", "bootstrap", "monte-carlo", "drift"]),
     default="size",
     help="What to study.",
 )
@@ -74,6 +75,13 @@ def _sizes(
     default=5.0,
     help="How far above the largest size's mean is still enough.",
 )
+@click.option(
+    "--walk-deg", type=FiniteRange(min=0), help="drift: of each angle after one day (1 std)."
+)
+@click.option(
+    "--walk-mm", type=FiniteRange(min=0), help="drift: of each length after one day (1 std)."
+)
+@click.option("--days", type=POSITIVE, default=90.0, help="drift: how long to look ahead.")
 @seed_option("Of all draws.")
 @click.option("--jobs", type=click.IntRange(1), help="Processes; default: one per core.")
 @click.option("--dask", metavar="ADDRESS", help="Run on this Dask cluster, as tcp://host:8786.")
@@ -87,6 +95,9 @@ def study(
     sizes: tuple[int, ...] | None,
     unit: str | None,
     tolerance_pct: float,
+    walk_deg: float | None,
+    walk_mm: float | None,
+    days: float,
     seed: int,
     jobs: int | None,
     dask: str | None,
@@ -97,12 +108,22 @@ def study(
 
     size: random subsets of the measurement sets, judged on held-out data, say how many are enough.
     bootstrap: sets drawn with replacement say how the estimates scatter. monte-carlo: data
-    simulated at the solution say whether predicted standard deviations are right.
+    simulated at the solution say whether predicted standard deviations are right. drift: estimated
+    parameters walk at --walk-deg and --walk-mm, growing with the root of time; when the held-out
+    error is --tolerance-pct above today's in one arm of twenty, calibrate again.
 
     Every trial has random numbers of its own, so that the answer is the same with any number of
     processes and on a cluster. Finished trials are kept in a .trials.csv beside the answer; without
     --resume it is begun anew. Exits with 1 where no trial gave a result.
     """
+    if kind == "drift":
+        if unit is not None or dask is not None or resume or sizes is not None:
+            raise click.UsageError(
+                "--kind drift draws no sets: it takes no --unit, --sizes, --dask or --resume"
+            )
+        return _drift(job, trials, tolerance_pct, walk_deg, walk_mm, days, seed, anyway)
+    if walk_deg is not None or walk_mm is not None:
+        raise click.UsageError("--walk-deg and --walk-mm are for --kind drift")
     if sizes is not None and kind != "size":
         raise click.UsageError(f"--sizes is for --kind size; {kind} takes as many as there are")
     from joblib import cpu_count
@@ -130,3 +151,36 @@ def study(
             click.echo(f"finished trials are in {log}: go on with --resume", err=True)
         raise
     return study_document(found)
+
+
+def _drift(
+    job: Path,
+    trials: int,
+    tolerance_pct: float,
+    walk_deg: float | None,
+    walk_mm: float | None,
+    days: float,
+    seed: int,
+    anyway: bool,
+) -> Document:
+    from suta_calib.analysis.study import DriftOptions, drift_study
+    from suta_calib.job.calibration import CalibrationJob
+    from suta_calib.report.drift import drift_document
+
+    if not walk_deg and not walk_mm:
+        raise click.UsageError(
+            "--kind drift needs --walk-deg or --walk-mm: how far parameters walk in a day"
+        )
+    options = DriftOptions(
+        from_deg(walk_deg or 0.0),
+        from_mm(walk_mm or 0.0),
+        days,
+        stored(tolerance_pct, "%"),
+        trials,
+        seed=seed,
+    )
+    loaded = CalibrationJob.load(job)
+    with LateProgress("walking") as progress:
+        solution = loaded.usable_solution(anyway=anyway)
+        found = drift_study(solution, loaded.validation, options, progress)
+    return drift_document(found)

@@ -7,6 +7,10 @@ from typing import TYPE_CHECKING
 from suta_calib.lazy import public
 
 if TYPE_CHECKING:
+    from suta_calib.analysis.study.drift import DriftOptions as DriftOptions
+    from suta_calib.analysis.study.drift import DriftPoint as DriftPoint
+    from suta_calib.analysis.study.drift import DriftStudy as DriftStudy
+    from suta_calib.analysis.study.drift import drift_study as drift_study
     from suta_calib.analysis.study.plan import Request as Request
     from suta_calib.analysis.study.plan import StudyPlan as StudyPlan
     from suta_calib.analysis.study.plan import plan_study as plan_study
