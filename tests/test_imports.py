@@ -89,6 +89,10 @@ def test_imports_are_seen_however_they_are_written() -> None:
         ("measurements.samples, measurements.sample_files", ("casadi", "scipy", "pinocchio")),
         ("measurements.artefact, measurements.yaml_file", ("casadi", "scipy", "pinocchio")),
         ("geometry.numbers, model.parameters", ("casadi", "scipy", "pinocchio")),
+        (
+            "job.calibration, pose_calibration.pivot, report.observability",
+            ("matplotlib", "scipy.stats", "scipy.optimize", "scipy.interpolate", "cv2"),
+        ),
         ("cli._app", ("casadi", "scipy", "pinocchio", "numpy", "matplotlib")),
     ],
 )

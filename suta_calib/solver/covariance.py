@@ -153,12 +153,16 @@ def summed_by_pair(score: FloatArray, members: IntArray) -> FloatArray:
 
 def _freed(by_touch: FloatArray, gain: FloatArray, members: IntArray) -> FloatArray:
     """Scores per touch multiplied by (I - YᵀY)^(-½), Y the touch's rows in units of the fit."""
-    freed = by_touch.copy()
-    for k in np.unique(members):
-        y = gain[(members == k).any(axis=1)].reshape(-1, gain.shape[2])
+    freed, touches = by_touch.copy(), np.unique(members)
+    rows = [np.flatnonzero((members == k).any(axis=1)) for k in touches]
+    # Touches of as many rows are decomposed together.
+    for size in {len(each) for each in rows}:
+        alike = [k for k, each in enumerate(rows) if len(each) == size]
+        y = gain[np.array([rows[k] for k in alike])].reshape(len(alike), -1, gain.shape[2])
         _, singular, directions = np.linalg.svd(y, full_matrices=False)
         extra = 1.0 / np.sqrt(np.clip(1.0 - singular**2, 0.1, 1.0)) - 1.0
-        freed[k] += directions.T @ (extra * (directions @ by_touch[k]))
+        told = directions @ by_touch[touches[alike], :, None]
+        freed[touches[alike]] += (np.swapaxes(directions, 1, 2) @ (extra[..., None] * told))[..., 0]
     return freed
 
 

@@ -53,7 +53,7 @@ def solve(
     checked = perf_counter()
     starts = start_points(problem, nominal, set(before.fixed.tolist()), options)
     minimum, attempts, identification, estimated = _fit(
-        problem, starts, before, sigmas, options, progress
+        problem, nominal, starts, before, sigmas, options, progress
     )
     weights = None
     # One block without priors is weighed against nothing.
@@ -63,7 +63,7 @@ def solve(
         weights = learn_weights(problem, minimum.x, sigmas, inside, options.weights)
         problem, sigmas = problem.with_priors_scaled(weights.prior_scale), list(weights.sigmas)
         minimum, _, identification, estimated = _fit(
-            problem, [minimum.x], identification, sigmas, options, None
+            problem, nominal, [minimum.x], identification, sigmas, options, None
         )
     # With hardly any redundancy the residuals vanish, and what was held seems to be determined.
     _check_redundant(problem, estimated)
@@ -127,6 +127,7 @@ def _check_redundant(problem: Problem, free: IntArray) -> None:
 
 def _fit(
     problem: Problem,
+    nominal: FloatArray,
     starts: Sequence[FloatArray],
     identification: Identification,
     sigmas: Sequence[float],
@@ -140,7 +141,6 @@ def _fit(
     """
     wanted = np.flatnonzero([p.free for p in problem.parameters.values()])
     fixed = set(identification.fixed.tolist())
-    nominal = problem.start()
     attempts: tuple[Minimum, ...] = ()
     levels = [math.inf] * len(sigmas)
     for revision in range(MAX_REVISIONS):
