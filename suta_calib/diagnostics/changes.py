@@ -25,7 +25,6 @@ from suta_calib.diagnostics.score_tests import (
     offered_names,
     scores_of,
 )
-from suta_calib.model.parameters import OFFSET
 from suta_calib.solver.information import Rows, scaled_inverse, whitened_rows
 from suta_calib.solver.losses import huber, huber_weight
 from suta_calib.solver.problem import Problem
@@ -262,10 +261,9 @@ def _suspects(fit: _Fit, term: int, times: IntArray, options: ChangeOptions) -> 
     moved = {"base": based, "tip": held}
     turn = np.array([options.turn])
     twist = np.repeat([options.shift, options.turn], 3)
-    velocity = {
-        joint: table.velocity[:, problem.names.index(f"{joint}.{OFFSET}")].reshape(-1, 6, 1)
-        for joint in arm.joints
-    }
+    of_movers = table.velocity[:, [problem.names.index(name) for name in arm.offsets]]
+    of_readings = (of_movers @ arm.gearing).reshape(-1, 6, len(arm.joints))
+    velocity = {joint: of_readings[:, :, [k]] for k, joint in enumerate(arm.joints)}
 
     def columns(motion: FloatArray, share: FloatArray) -> FloatArray:
         return np.asarray((motion * share[:, None, None]).reshape(-1, motion.shape[2]))

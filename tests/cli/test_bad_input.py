@@ -99,7 +99,7 @@ BAD: dict[str, tuple[Spoil, str]] = {
         replaced(
             URDF,
             r'(<joint name="joint_4"[^>]*>)',
-            r'\1<mimic joint="joint_2"/>',
+            r'\1<mimic joint="joint_9"/>',
         ),
         r"arm\.urdf:\d+: joint .joint_4.*mimic",
     ),
