@@ -21,11 +21,17 @@ INSTALLED_BENCH := $(VENV)/.installed-bench
 VENV_LOWEST := .venv-lowest
 INSTALLED_LOWEST := $(VENV_LOWEST)/.installed
 
+# What `make measured` compares with; further jobs for it.
+VENV_FIGAROH := .venv-figaroh
+INSTALLED_FIGAROH := $(VENV_FIGAROH)/.installed
+FOLDERS ?=
+
 # Every test process, and every command that a test starts, would compile the package again.
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help demo thesis test test-all test-lowest lint format bench bench-device clean distclean
+.PHONY: help demo thesis measured test test-all test-lowest lint format bench bench-device clean
+.PHONY: distclean
 .DELETE_ON_ERROR:
 
 help:
@@ -35,6 +41,7 @@ help:
 	@echo "make test-all   the same with the large studies"
 	@echo "make test-lowest  the tests with the oldest versions allowed; Python 3.11 or 3.12"
 	@echo "make bench      how long things take, and how well, beside others"
+	@echo "make measured   measured arms, ours beside others: docs/measured.md; FOLDERS=… adds your jobs"
 	@echo "make bench-device  the wire alone, at full length: 100 million bytes of noise, 60 s streams"
 	@echo "make lint       ruff and mypy only"
 	@echo "make format     let ruff format the code and mend what it can"
@@ -82,13 +89,17 @@ bench-device: export OPENBLAS_NUM_THREADS = 1
 bench-device: $(INSTALLED_DEV)
 	$(BIN)/python benchmarks/bench_device.py --megabytes 100 --seconds 60
 
+# With figaroh in an environment of its own, where it can be installed.
+measured: $(INSTALLED) $(INSTALLED_FIGAROH)
+	$(BIN)/python benchmarks/measured.py $(FOLDERS) --figaroh $(VENV_FIGAROH)/bin/python
+
 clean:
 	rm -rf build dist ./*.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis .coverage .coverage.*
 	rm -rf data/*/results data/*/results-* examples/*/results examples/*/results-*
 	find . -path "./.venv*" -prune -o -name __pycache__ -type d -exec rm -rf {} +
 
 distclean: clean
-	rm -rf $(VENV) $(VENV_LOWEST)
+	rm -rf $(VENV) $(VENV_LOWEST) $(VENV_FIGAROH)
 
 # ── The environment: installed again only when what it depends on has changed ──────────────────
 $(INSTALLED): pyproject.toml constraints.txt | $(BIN)/python
@@ -112,8 +123,12 @@ $(INSTALLED_LOWEST): pyproject.toml constraints-lowest.txt | $(VENV_LOWEST)/bin/
 	$(VENV_LOWEST)/bin/python $(PIP_INSTALL) -c constraints-lowest.txt -e ".[test,robots]"
 	@touch $@
 
+$(INSTALLED_FIGAROH): | $(VENV_FIGAROH)/bin/python
+	@if $(VENV_FIGAROH)/bin/python $(PIP_INSTALL) figaroh==1.0.2; then touch $@; else \
+		echo "make measured: figaroh cannot be installed; the page says so" >&2; fi
+
 # Debian's python3 comes without ensurepip, and says so only after leaving half a .venv behind.
-$(BIN)/python $(VENV_LOWEST)/bin/python:
+$(BIN)/python $(VENV_LOWEST)/bin/python $(VENV_FIGAROH)/bin/python:
 	@command -v "$(PYTHON)" >/dev/null || { \
 		echo "make: found no '$(PYTHON)'; Python 3.11 or later is needed: make $(MAKECMDGOALS) PYTHON=/path/to/python3" >&2; \
 		exit 2; }

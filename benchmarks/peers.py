@@ -6,12 +6,36 @@ gathered by index, Huber loss, bounds. The Jacobian is SciPy's own 2-point diffe
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from scipy.optimize import OptimizeResult, least_squares
+from scipy.spatial.transform import Rotation
 
 from suta_calib import ArmModel, ArmPoses, Problem
+
+
+def tip_positions(arm: ArmModel, q: np.ndarray, value: Mapping[str, float]) -> np.ndarray:
+    """Tip positions (n, 3), m, of the arm with these values, vectorised over the samples."""
+    rotation = np.broadcast_to(np.eye(3), (len(q), 3, 3))
+    position = np.zeros((len(q), 3))
+    column = 0
+    for s in arm.segments:
+        placed = [value.get(f"{s.owner}.{k}", s.position[i]) for i, k in enumerate("xyz")]
+        position = position + rotation @ np.array(placed)
+        rotation = rotation @ s.rotation
+        turn = [value.get(f"{s.owner}.{k}", 0.0) for k in ("rx", "ry", "rz")]
+        if any(turn):
+            rotation = rotation @ Rotation.from_rotvec(turn).as_matrix()
+        if s.motion == "fixed":
+            continue
+        reading = q[:, column] + value.get(f"{s.owner}.offset", 0.0)
+        if s.motion == "revolute":
+            rotation = rotation @ _about(s.axis, reading)
+        else:
+            position = position + rotation @ s.axis * reading[:, None]
+        column += 1
+    return position
 
 
 class NumpyDistances:
@@ -33,19 +57,7 @@ class NumpyDistances:
 
     def positions(self, x: np.ndarray) -> np.ndarray:
         """Tip positions of all samples (n, 3), vectorised over the samples."""
-        value = dict(zip(self.names, x, strict=True))
-        rotation = np.broadcast_to(np.eye(3), (len(self.q), 3, 3))
-        position = np.zeros((len(self.q), 3))
-        column = 0
-        for s in self.arm.segments:
-            offset = [value.get(f"{s.owner}.{k}", s.position[i]) for i, k in enumerate("xyz")]
-            position = position + rotation @ np.array(offset)
-            rotation = rotation @ s.rotation
-            if s.motion == "revolute":
-                angle = self.q[:, column] + value.get(f"{s.owner}.offset", 0.0)
-                rotation = rotation @ _about(s.axis, angle)
-                column += 1
-        return position
+        return tip_positions(self.arm, self.q, dict(zip(self.names, x, strict=True)))
 
     def residuals(self, x: np.ndarray) -> np.ndarray:
         """Distances minus certified lengths (pairs,)."""
