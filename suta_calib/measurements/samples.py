@@ -29,6 +29,8 @@ class Samples:
             kind of observation.
         rotation: (n, 3, 3) measured orientations, or None.
         origin: where each row came from, such as ``file.csv:12``.
+        direction: (n, n_joints) of each joint's last motion before it was read, 1 towards larger
+            readings, -1 towards smaller ones, 0 where nobody says; None where nobody ever says.
     """
 
     joints: tuple[str, ...]
@@ -37,6 +39,7 @@ class Samples:
     position: FloatArray | None = None
     rotation: FloatArray | None = None
     origin: tuple[str, ...] = ()
+    direction: FloatArray | None = None
 
     def __len__(self) -> int:
         return len(self.q)
@@ -51,6 +54,7 @@ class Samples:
         position: ArrayLike | None = None,
         rotation: ArrayLike | None = None,
         origin: Sequence[str] | None = None,
+        direction: ArrayLike | None = None,
     ) -> Samples:
         """Samples from copies of arrays, checked; arguments as the class's attributes.
 
@@ -61,6 +65,7 @@ class Samples:
             position: (n, 3).
             rotation: (n, 3, 3) orthonormal, right-handed.
             origin: (n,); ``row 0``, ``row 1``, … where not given.
+            direction: (n, n_joints) of -1, 0 and 1.
 
         Raises:
             SamplesError: a shape does not fit, or a value is not finite, empty or not a rotation.
@@ -80,6 +85,7 @@ class Samples:
             None if position is None else _finite("position", position, (n, 3)),
             None if rotation is None else _rotations(rotation, n),
             tuple(origin),
+            None if direction is None else _finite("direction", direction, (n, len(joints))),
         )
 
     def as_keys(self) -> list[bytes]:
@@ -100,7 +106,13 @@ class Samples:
                 orientations.
         """
         kinds = {
-            (part.joints, frozenset(part.labels), part.position is None, part.rotation is None)
+            (
+                part.joints,
+                frozenset(part.labels),
+                part.position is None,
+                part.rotation is None,
+                part.direction is None,
+            )
             for part in parts
         }
         if len(kinds) != 1:
@@ -113,6 +125,7 @@ class Samples:
             _joined([part.position for part in parts]),
             _joined([part.rotation for part in parts]),
             tuple(origin for part in parts for origin in part.origin),
+            _joined([part.direction for part in parts]),
         )
 
     def take(self, index: ArrayLike | slice) -> Samples:
@@ -125,6 +138,7 @@ class Samples:
             None if self.position is None else _frozen(self.position[rows]),
             None if self.rotation is None else _frozen(self.rotation[rows]),
             tuple(self.origin[row] for row in rows),
+            None if self.direction is None else _frozen(self.direction[rows]),
         )
 
 
