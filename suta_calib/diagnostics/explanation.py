@@ -19,7 +19,7 @@ import numpy as np
 from suta_calib.arrays import FloatArray
 from suta_calib.diagnostics.rich_data import LEVER, RichData
 from suta_calib.diagnostics.tip_motion import NOISE, TipMotion, placement_groups, tip_motion
-from suta_calib.model.parameters import COMPLIANCE, POSITION, Parameter
+from suta_calib.model.parameters import BACKLASH, COMPLIANCE, POSITION, Parameter
 from suta_calib.solver.identifiability import WEAK, Combination, Identification
 from suta_calib.solver.information import Information, predicted_information
 from suta_calib.solver.problem import Problem
@@ -262,10 +262,15 @@ def _own(problem: Problem, combination: Combination) -> Explanation:
 
 
 def _beside_geometry(case: _Case) -> Explanation | None:
-    """A gain, an eccentricity or a compliance that the visited readings do not show."""
+    """What is no geometry, and the visited readings do not show."""
     parameter = case.parameter
     if not case.motion.vanishes or parameter.geometric:
         return None
+    if parameter.key == BACKLASH:
+        does = "cannot be told: nothing says that the joint came from both sides"
+        remedy = f"come from both sides, and say so in the column {parameter.owner}.direction"
+        told: Told = "redundant" if case.redundant else "untold"
+        return Explanation(case.fixed, f"{case.fixed} {does}", remedy, told)
     if case.others:
         does = f"does the same as {case.others} at the readings visited"
         assert case.problem.arm is not None

@@ -46,6 +46,7 @@ LOOKS_LIKE: Final[dict[Family, str]] = {
     "ecc_2": "an eccentric encoder",
     "compliance": "a joint that yields to gravity",
     "gain": "a reading of the wrong scale",
+    "backlash": "play that the joint is on either side of",
 }
 
 
@@ -55,7 +56,7 @@ class ScoreTest:
 
     Attributes:
         joint: its name.
-        family: ``ecc_1``, ``ecc_2``, ``compliance`` or ``gain``.
+        family: ``ecc_1``, ``ecc_2``, ``compliance``, ``gain`` or ``backlash``.
         names: its parameters that the data could tell, one or two.
         estimate: what one step towards them would make of each, rad, rad/(N·m) or 1.
         p_single: chance of residuals so suspicious if the job's unknowns are all there is to know.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -95,7 +95,8 @@ def read_samples(
     Args:
         paths: the files, in the order their rows shall have.
         joints: the joints of the chain, base to tip; the order of the columns of ``q``.
-        columns: what else is needed; every other column is ignored.
+        columns: what else is needed; every other column is ignored, but ``JOINT.direction``, where
+            all files have it: from which side that joint came.
 
     Warns:
         SutaCalibWarning: quaternions that are more than 1 % away from unit length.
@@ -113,7 +114,8 @@ def read_samples(
     there += [name for name in columns.common_labels if _everywhere(tables, name)]
     lengths = [n for n in columns.common_lengths if _everywhere(tables, *length_columns(n))]
     columns = replace(columns, labels=(*columns.labels, *there), common_lengths=tuple(lengths))
-    parts = [_samples(table, joints, columns) for table in tables]
+    told = {j.name for j in joints if all(_direction(j.name) in t.columns for t in tables)}
+    parts = [_samples(table, joints, columns, told) for table in tables]
     for path, part in zip(paths, parts, strict=True):
         if (part.rotation is None) != (parts[0].rotation is None):
             with_, without = (path, paths[0]) if parts[0].rotation is None else (paths[0], path)
@@ -125,7 +127,9 @@ def read_samples(
     return Samples.concatenate(parts)
 
 
-def _samples(table: CsvTable, joints: Sequence[JointRange], columns: SampleColumns) -> Samples:
+def _samples(
+    table: CsvTable, joints: Sequence[JointRange], columns: SampleColumns, told: Collection[str]
+) -> Samples:
     oriented = columns.orientation == "required" or (
         columns.orientation == "optional" and has_rotations(table)
     )
@@ -138,7 +142,27 @@ def _samples(table: CsvTable, joints: Sequence[JointRange], columns: SampleColum
         position=positions(table) if columns.position else None,
         rotation=rotations(table) if oriented else None,
         origin=table.origin,
+        direction=_directions(table, joints, told) if told else None,
     )
+
+
+def _direction(joint: str) -> str:
+    """The column that says from which side a joint came, as its last motion went."""
+    return f"{joint}.direction"
+
+
+def _directions(table: CsvTable, joints: Sequence[JointRange], told: Collection[str]) -> FloatArray:
+    """(n, joints) of -1, 0 and 1; 0 for a joint of which nothing is said."""
+    found = np.zeros((len(table), len(joints)))
+    for k, joint in enumerate(joints):
+        if joint.name not in told:
+            continue
+        expected = "1 (it came from smaller readings), -1 (from larger ones) or 0 (not known)"
+        found[:, k] = table.numbers(_direction(joint.name), expected)
+        for row in np.flatnonzero(~np.isin(found[:, k], (-1.0, 0.0, 1.0))):
+            value = f"{found[row, k]:.6g}"
+            raise table.refuse(int(row), _direction(joint.name), value, expected)
+    return found
 
 
 def _expected(joint: JointRange) -> str:
@@ -232,7 +256,7 @@ def _check_names(joints: Sequence[JointRange], columns: SampleColumns) -> None:
 
 
 def write_samples(path: Path, samples: Samples) -> None:
-    """Write a samples CSV: joints, ``x,y,z`` in m, ``qx,qy,qz,qw``, lengths in m, the labels.
+    """Write a samples CSV: joints, ``x,y,z`` in m, ``qx,qy,qz,qw``, lengths, labels, directions.
 
     Numbers have as many digits as it takes to read the same number back.
 
@@ -248,6 +272,9 @@ def write_samples(path: Path, samples: Samples) -> None:
         columns += zip(rotation_columns(), quaternion.T, strict=True)
     columns += samples.lengths.items()
     columns += samples.labels.items()
+    if samples.direction is not None:
+        sides = samples.direction.astype(int)
+        columns += zip(map(_direction, samples.joints), sides.T, strict=True)
     names = [name for name, _ in columns]
     if len(set(names)) < len(names):
         raise SamplesError(f"columns {', '.join(names)}", "each name once", file=path)

@@ -32,6 +32,8 @@ class Samples:
             numbers; NaN for those that were not; or None.
         origin: where each row came from, such as ``file.csv:12``.
         lengths: measured lengths by name, each (n,), m, such as ``length``.
+        direction: (n, n_joints) of each joint's last motion before it was read, 1 towards larger
+            readings, -1 towards smaller ones, 0 where nobody says; None where nobody ever says.
     """
 
     joints: tuple[str, ...]
@@ -42,6 +44,7 @@ class Samples:
     origin: tuple[str, ...] = ()
     pixels: FloatArray | None = None
     lengths: Mapping[str, FloatArray] = field(default_factory=dict)
+    direction: FloatArray | None = None
 
     def __len__(self) -> int:
         return len(self.q)
@@ -57,6 +60,7 @@ class Samples:
         rotation: ArrayLike | None = None,
         origin: Sequence[str] | None = None,
         lengths: Mapping[str, ArrayLike] | None = None,
+        direction: ArrayLike | None = None,
     ) -> Samples:
         """Samples from copies of arrays, checked; arguments as the class's attributes.
 
@@ -68,6 +72,7 @@ class Samples:
             rotation: (n, 3, 3) orthonormal, right-handed.
             origin: (n,); ``row 0``, ``row 1``, … where not given.
             lengths: each (n,).
+            direction: (n, n_joints) of -1, 0 and 1.
 
         Raises:
             SamplesError: a shape does not fit, or a value is not finite, empty or not a rotation.
@@ -88,6 +93,9 @@ class Samples:
             None if rotation is None else _rotations(rotation, n),
             tuple(origin),
             lengths={name: _finite(name, v, (n,)) for name, v in (lengths or {}).items()},
+            direction=None
+            if direction is None
+            else _finite("direction", direction, (n, len(joints))),
         )
 
     def as_keys(self) -> list[bytes]:
@@ -113,7 +121,7 @@ class Samples:
         kinds = {
             (
                 *(part.joints, frozenset(part.labels), frozenset(part.lengths)),
-                *(part.position is None, part.rotation is None),
+                *(part.position is None, part.rotation is None, part.direction is None),
                 None if part.pixels is None else part.pixels.shape[1:],
             )
             for part in parts
@@ -130,6 +138,7 @@ class Samples:
             tuple(origin for part in parts for origin in part.origin),
             _joined([part.pixels for part in parts]),
             {n: _frozen(np.concatenate([p.lengths[n] for p in parts])) for n in first.lengths},
+            _joined([part.direction for part in parts]),
         )
 
     def take(self, index: ArrayLike | slice) -> Samples:
@@ -144,6 +153,7 @@ class Samples:
             tuple(self.origin[row] for row in rows),
             None if self.pixels is None else _frozen(self.pixels[rows]),
             {name: _frozen(values[rows]) for name, values in self.lengths.items()},
+            None if self.direction is None else _frozen(self.direction[rows]),
         )
 
 

@@ -22,6 +22,7 @@ from suta_calib.model.chain import Chain, ChainJoint, Mimic, read_chain
 from suta_calib.model.gravity import Load, beyond
 from suta_calib.model.kinematics import Motion, Segment, forward_kinematics
 from suta_calib.model.parameters import (
+    BACKLASH,
     COMPLIANCE,
     ECCENTRICITY,
     GAIN,
@@ -53,7 +54,7 @@ class ArmModel:
         model: `pin.Model` with every joint off the chain locked at its neutral position.
         segments: the same chain as Pinocchio understood it.
         parameters: every placement and offset that could be unknown, all at nominal.
-        nongeometric: gain of its joints, eccentricity and compliance of its revolute ones
+        nongeometric: gain of its joints; eccentricity, compliance and backlash of its revolute ones
             (`kinematics`), zero unless the arm is held at other values.
     """
 
@@ -222,20 +223,25 @@ class ArmModel:
                     hint="add the masses, or do not select this parameter",
                 )
 
-    def function(self, names: Sequence[str]) -> Symbol:
+    def function(self, names: Sequence[str], *, directed: bool = False) -> Symbol:
         """CasADi function of `kinematics.forward_kinematics`, built once for each set of names."""
         for name in names:
             _ = self.offered[name]
-        return _kinematics(self, tuple(names))
+        return _kinematics(self, tuple(names), directed)
 
     def forward(
-        self, q: ArrayLike, values: Mapping[str, float] | None = None
+        self,
+        q: ArrayLike,
+        values: Mapping[str, float] | None = None,
+        direction: FloatArray | None = None,
     ) -> tuple[FloatArray, FloatArray]:
         """Tip poses ``T_base_tip`` for readings and parameter values (nominal where not given).
 
         Args:
             q: (n, joints) or (joints,) readings.
             values: parameter values by name; names of other things than this arm are ignored.
+            direction: of each reading's last motion, -1, 0 or 1, shaped as q; only a backlash looks
+                at it, and takes the joint for the middle of its play where it is not given.
 
         Returns:
             Rotations (n, 3, 3) and positions (n, 3), m; without n for a single reading.
@@ -253,9 +259,12 @@ class ArmModel:
             raise ParameterError(
                 f"readings of {rows.shape[1]} joints", f"{len(self.joints)}: {self.joints}"
             )
-        batch = Batched(self.function(list(own)), len(rows), shared=[0])
+        directed = direction is not None
+        batch = Batched(self.function(list(own), directed=directed), len(rows), shared=[0])
         batch.inputs[0][:] = list(own.values())
         batch.inputs[1][:] = rows
+        if direction is not None:
+            batch.inputs[2][:] = direction
         flat, position, _ = batch()
         rotation = np.swapaxes(flat.reshape(-1, 3, 3), 1, 2).copy()
         if readings.ndim == 1:
@@ -312,13 +321,14 @@ def reduced_model(
 
 
 @lru_cache(maxsize=16)
-def _kinematics(arm: ArmModel, names: tuple[str, ...]) -> Symbol:
+def _kinematics(arm: ArmModel, names: tuple[str, ...], directed: bool) -> Symbol:
     arm._check_masses(names)
     nominal = {p.name: p.nominal for p in arm.offered.values()}
     # Nothing between the root and this link moves with the chain.
     top = arm.model.frames[arm.model.getFrameId(arm.chain.top, pin.FrameType.BODY)].placement
     gravity = top.rotation.T @ arm.model.gravity.linear
-    return forward_kinematics(arm.segments, names, nominal, arm.loads, gravity)
+    segments, loads = arm.segments, arm.loads
+    return forward_kinematics(segments, names, nominal, loads, gravity, directed=directed)
 
 
 def _segment(
@@ -364,3 +374,4 @@ def _nongeometric(segment: Segment) -> Iterator[Parameter]:
         for key in ECCENTRICITY:
             yield Parameter(segment.owner, key, "rad", plausible=PLAUSIBLE_ECCENTRICITY)
         yield Parameter(segment.owner, COMPLIANCE, "rad/Nm")
+        yield Parameter(segment.owner, BACKLASH, "rad", plausible=PLAUSIBLE_ECCENTRICITY)

@@ -6,17 +6,20 @@
 
 with the placements and axes of `pin.Model`, and over its inverse where the chain climbs from a
 joint's child link to its parent. A joint that mimics another has for its reading ``multiplier · q +
-offset`` of that one's. Three errors that are no geometry, and that a URDF has no place for, change
-how far a joint turns for what its encoder reads:
+offset`` of that one's. Errors that are no geometry, and that a URDF has no place for, change how
+far a joint turns for what its encoder reads:
 
     angle = (1 + gain) q + offset
-            + c1 cos q + s1 sin q + c2 cos 2q + s2 sin 2q + compliance · τ(q)
+            + c1 cos q + s1 sin q + c2 cos 2q + s2 sin 2q
+            + compliance · τ(q) - ½ backlash · d
 
-with q the reading and τ the torque of gravity about the joint's axis (`gravity`); a prismatic joint
-has the gain only. A gear ratio, a counted turn or a scale that is not what it should be is a gain.
-An encoder disc that sits off its axis, or a shaft that is bent, gives the first harmonic; a disc
-that is tilted or oval the second (Mooring, Roth, Driels, Fundamentals of Manipulator Calibration,
-1991, chapter 2).
+with q the reading, τ the torque of gravity about the joint's axis (`gravity`), and d the direction
+of its last motion: 1 towards larger readings, -1 towards smaller ones, 0 where nobody says. A
+prismatic joint has the gain only. A gear ratio, a counted turn or a scale that is not what it
+should be is a gain. An encoder disc that sits off its axis, or a shaft that is bent, gives the
+first harmonic; a disc that is tilted or oval the second (Mooring, Roth, Driels, Fundamentals of
+Manipulator Calibration, 1991, chapter 2). Play between an encoder on the motor and the link is
+backlash: the link lags by half of it, on the side that the joint came from.
 
 The Jacobian is written as the geometric Jacobian of every parameter (an axis through a point)
 rather than left to differentiation: a column then costs a cross product, not another walk along
@@ -25,6 +28,7 @@ the chain.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -35,7 +39,15 @@ import numpy as np
 from suta_calib.arrays import FloatArray
 from suta_calib.geometry.symbols import Symbol, symbolic_rotation
 from suta_calib.model.gravity import Load, MovingFrame, gravity_torques
-from suta_calib.model.parameters import COMPLIANCE, GAIN, OFFSET, PLACEMENT, POSITION, ROTATION
+from suta_calib.model.parameters import (
+    BACKLASH,
+    COMPLIANCE,
+    GAIN,
+    OFFSET,
+    PLACEMENT,
+    POSITION,
+    ROTATION,
+)
 
 Motion = Literal["revolute", "prismatic", "fixed"]
 
@@ -86,6 +98,8 @@ class _Walk:
         self.theta, self.nominal = theta, nominal
         # Of gravity about each joint's axis, by the joint's name.
         self.torques: Mapping[str, Symbol] = {}
+        # Of every reading's last motion; None where a joint is in the middle of its play.
+        self.direction: Symbol | None = None
         self.frames: list[MovingFrame] = []
         # Of the link above base and tip in the base: the frame in which climbing has ended.
         self.top: Symbol = self.rotation
@@ -184,6 +198,10 @@ class _Walk:
                 "ecc_s2": ca.sin(2 * reading),
                 COMPLIANCE: self.torques.get(segment.owner),
             }
+            turns[BACKLASH] = ca.SX(0)
+            if self.direction is not None:
+                way = math.copysign(0.5, segment.multiplier)
+                turns[BACKLASH] = -way * self.direction[segment.column]
         for name, turn in zip(segment.names(*turns), turns.values(), strict=True):
             if self.matters(name):
                 yield name, turn
@@ -205,6 +223,8 @@ def forward_kinematics(
     nominal: Mapping[str, float],
     carried: Sequence[Load] = (),
     gravity: FloatArray | None = None,
+    *,
+    directed: bool = False,
 ) -> Symbol:
     """The chain's kinematics as a CasADi function of the named parameters and one sample.
 
@@ -215,10 +235,12 @@ def forward_kinematics(
         carried: loads of the moving segments, needed where a joint yields.
         gravity: (3,) in the frame of the link where the chain begins to descend, m/s², needed
             likewise.
+        directed: whether it is said from which side the joints came.
 
     Returns:
         ``ca.Function(theta (n), q (readings)) -> (rotation (9, column by column), position (3),
-        jacobian (n, 6))``, all dense, in the base frame. A row of the Jacobian is the velocity of
+        jacobian (n, 6))``, all dense, in the base frame. With ``directed`` it has
+        a third input, ``direction (readings)``. A row of the Jacobian is the velocity of
         the tip's origin, then the angular velocity, for unit change of that parameter.
     """
     theta = ca.SX.sym("theta", len(names))
@@ -234,13 +256,16 @@ def forward_kinematics(
         }
         still = _walked(segments, _Walk([], theta, drawn), q)
         walk.torques = gravity_torques(still.frames, carried, still.top @ ca.DM(gravity))
+    inputs = {"theta": theta, "q": q}
+    if directed:
+        inputs["direction"] = walk.direction = ca.SX.sym("direction", q.numel())
     _walked(segments, walk, q)
     outputs = [ca.vec(walk.rotation), walk.position, walk.jacobian().T]
     return ca.Function(
         "forward_kinematics",
-        [theta, q],
+        list(inputs.values()),
         [ca.densify(o) for o in outputs],
-        ["theta", "q"],
+        list(inputs),
         ["rotation", "position", "jacobian"],
         {"cse": True},
     )

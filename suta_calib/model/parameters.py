@@ -28,17 +28,19 @@ PLACEMENT: Final = (*POSITION, *ROTATION)
 OFFSET: Final = "offset"
 COMPLIANCE: Final = "compliance"
 GAIN: Final = "gain"
+BACKLASH: Final = "backlash"
 # An eccentric encoder disc gives the first harmonic, a tilted or oval one the second.
-Family = Literal["ecc_1", "ecc_2", "compliance", "gain"]
+Family = Literal["ecc_1", "ecc_2", "compliance", "gain", "backlash"]
 FAMILIES: Final[dict[Family, tuple[str, ...]]] = {
     "ecc_1": ("ecc_c1", "ecc_s1"),
     "ecc_2": ("ecc_c2", "ecc_s2"),
     "compliance": (COMPLIANCE,),
     "gain": (GAIN,),
+    "backlash": (BACKLASH,),
 }
 ECCENTRICITY: Final = (*FAMILIES["ecc_1"], *FAMILIES["ecc_2"])
 # How these keys begin: globs reach them only where they say so.
-_NONGEOMETRIC: Final = ("ecc", COMPLIANCE, GAIN)
+_NONGEOMETRIC: Final = ("ecc", COMPLIANCE, GAIN, BACKLASH)
 # Lengths and angles of the size that moves the tip of a metre-long arm by a centimetre, and what
 # yields as much to the torque of a few kilograms; a pixel; a share of a turn, or what bends a
 # picture, by as much.
@@ -53,7 +55,7 @@ PLAUSIBLE: Final[dict[Unit, float]] = {
     # A turn that is read 18° too long: no gear, and hardly a potentiometer, is so wrong.
     "1": 0.05,
 }
-# A degree of eccentricity would be seen with the naked eye.
+# A degree of eccentricity, or of play, would be seen with the naked eye.
 PLAUSIBLE_ECCENTRICITY: Final = from_deg(1.0)
 
 
@@ -268,7 +270,8 @@ def _matches(
     raise ParameterError(
         f"'{pattern}', which matches no parameter of the arm",
         "names like joint.offset, joint.x|y|z|rx|ry|rz, joint.gain, "
-        "joint.ecc_c1|ecc_s1|ecc_c2|ecc_s2, joint.compliance, globs of them, or 'geometric'",
+        "joint.ecc_c1|ecc_s1|ecc_c2|ecc_s2, joint.compliance, joint.backlash, globs of them, or "
+        "'geometric'",
         hint=_did_you_mean(pattern, available),
         **place,
     )

@@ -41,8 +41,12 @@ class PoseTable:
             rows = slice(int(first), int(first) + size)
             batch = None
             if isinstance(source, ArmPoses):
-                batch = Batched(source.arm.function(names), size, shared=[0])
+                direction = source.samples.direction
+                function = source.arm.function(names, directed=direction is not None)
+                batch = Batched(function, size, shared=[0])
                 batch.inputs[1][:] = source.samples.q
+                if direction is not None:
+                    batch.inputs[2][:] = direction
             else:
                 rotation, self.position[rows] = source.at({})
                 self.rotation[rows] = np.swapaxes(rotation, 1, 2).reshape(size, 9)

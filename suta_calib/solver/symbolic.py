@@ -32,8 +32,11 @@ def _poses(problem: Problem, x: Symbol) -> tuple[Symbol, Symbol]:
     for term in problem.terms:
         source = term.poses
         if isinstance(source, ArmPoses):
-            mapped = source.arm.function(names).map(len(source))
-            pose = mapped(x[: problem.arm_count], ca.DM(source.samples.q.T))
+            told = source.samples.direction
+            mapped = source.arm.function(names, directed=told is not None).map(len(source))
+            inputs = [x[: problem.arm_count], ca.DM(source.samples.q.T)]
+            inputs += [] if told is None else [ca.DM(told.T)]
+            pose = mapped(*inputs)
             rotations.append(pose[0])
             positions.append(pose[1])
         else:

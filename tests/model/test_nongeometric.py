@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,17 +12,22 @@ import pinocchio as pin
 import pytest
 from simulated import ARMS, arm_named, dh_parameters, perturbed, random_readings, tracked_scene
 
+from suta_calib.analysis.model_selection import choose_model
 from suta_calib.diagnostics.explanation import explain
-from suta_calib.errors import JobError, ParameterError, UrdfError
+from suta_calib.errors import JobError, ParameterError, SamplesError, UrdfError
+from suta_calib.job.calibration import joint_ranges
 from suta_calib.job.schema import read_job
+from suta_calib.measurements import SampleColumns, read_samples, write_samples
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import ParameterSet, Selection
 from suta_calib.simulation import read_simulation, simulate, write_simulation
 from suta_calib.solver.ipopt import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solve import solve
-from suta_calib.terms import Noise
+from suta_calib.terms import Noise, TrackedPoint
 
+ARM = arm_named("suta")
+PLAY = {"joint_2.gain": 2e-3, "joint_3.backlash": 1.5e-3}
 ECC = ("ecc_c1", "ecc_s1", "ecc_c2", "ecc_s2")
 
 
@@ -191,6 +197,70 @@ def test_a_gain_that_nothing_shows_is_explained() -> None:
     assert told.fixed == "joint_3.gain"
     assert "does the same as joint_3.offset" in told.sentence
     assert told.remedy == "turn joint_3 farther"
+
+
+def both_sides(seed: int, directions: bool = True) -> TrackedPoint:
+    """A tip seen to 0.1 mm: the second joint's gain is off, and the third has play."""
+    scene = tracked_scene(ARM, {}, 60)
+    random = np.random.default_rng(seed)
+    direction = random.choice([-1.0, 1.0], scene.q.shape)
+    _, position = ARM.forward(scene.q, PLAY, direction)
+    seen = replace(
+        scene.exact().poses.samples,
+        position=position + random.normal(0, 1e-4, position.shape),
+        direction=direction if directions else None,
+    )
+    return scene.term(seen)
+
+
+def test_backlash_moves_the_joint_to_the_side_it_came_from() -> None:
+    q, direction = np.full((3, 6), 0.3), np.zeros((3, 6))
+    direction[:, 2] = [1, -1, 0]
+    found = ARM.forward(q, {"joint_3.backlash": 2e-3}, direction)[1]
+    q[:, 2] += [-1e-3, 1e-3, 0.0]
+    np.testing.assert_allclose(found, ARM.forward(q)[1], atol=1e-15)
+    # Without directions it is in the middle of its play.
+    middle = ARM.forward(q[2], {"joint_3.backlash": 2e-3})[1]
+    np.testing.assert_allclose(middle, ARM.forward(q[2])[1], atol=1e-15)
+
+
+def test_gain_and_backlash_err_as_they_say() -> None:
+    """Over twelve sets of noise, in units of the standard deviations (chi-squared, 24, 0.1 %)."""
+    unknown = ARM.select("joint_*.offset", *PLAY)
+    pulls = []
+    for seed in range(12):
+        problem = Problem([both_sides(seed)], unknown)
+        estimates = solve(problem, SolverOptions(starts=1)).estimates
+        pulls += [(estimates[n].value - v) / (estimates[n].std or 0.0) for n, v in PLAY.items()]
+    assert 7.4 < np.sum(np.square(pulls)) < 51.2
+
+
+def test_backlash_is_found_where_samples_say_from_which_side() -> None:
+    choice = choose_model([both_sides(0)], ARM.select("joint_*.offset"), families=False)
+    assert set(choice.added) == set(PLAY)
+
+
+def test_backlash_that_no_direction_shows_is_explained() -> None:
+    problem = Problem([both_sides(0, directions=False)], ARM.select("joint_3.backlash", "tip.z"))
+    solution = solve(problem, SolverOptions(starts=1))
+    assert solution.estimates["joint_3.backlash"].state == "unidentified"
+    told = {e.fixed: e for e in explain(problem, solution.x, solution.identification)}
+    assert "both sides" in told["joint_3.backlash"].sentence
+    assert "joint_3.direction" in told["joint_3.backlash"].remedy
+
+
+def test_directions_are_read_back_and_nothing_else_is_one(tmp_path: Path) -> None:
+    samples, file = both_sides(0).poses.samples, tmp_path / "a.csv"
+    write_samples(file, samples)
+    columns, ranges = SampleColumns(position=True), joint_ranges(ARM)
+    again = read_samples([file], ranges, columns)
+    assert again.direction is not None
+    np.testing.assert_array_equal(again.direction, samples.direction)
+    rows = file.read_text().splitlines()
+    rows[3] = rows[3].rpartition(",")[0] + ",2"
+    file.write_text("\n".join(rows))
+    with pytest.raises(SamplesError, match=r"a\.csv:4.*found 2; expected 1 .it came from"):
+        read_samples([file], ranges, columns)
 
 
 def test_bounds_and_priors_have_their_own_unit() -> None:

@@ -60,6 +60,7 @@ EVERY_JOINT: Final[dict[tuple[Family, ...], str]] = {
     ("ecc_1", "ecc_2"): "both harmonics, all joints",
     ("compliance",): "compliance, all joints",
     ("gain",): "gain, all joints",
+    ("backlash",): "backlash, all joints",
     ("ecc_1", "ecc_2", "compliance"): "harmonics and compliance, all joints",
 }
 SHORT: Final[dict[Family, str]] = {
@@ -67,6 +68,7 @@ SHORT: Final[dict[Family, str]] = {
     "ecc_2": "second harmonic",
     "compliance": "compliance",
     "gain": "gain",
+    "backlash": "backlash",
 }
 # Models that a search usually tries: only to say how far it has come.
 EXPECTED: Final = 30
