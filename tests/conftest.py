@@ -36,15 +36,14 @@ LONG = (
     "test_track",
     "test_motion",
 )
-# Modules that solve the same again and again, or run the commands that tests/cli runs: others cover
-# what they run, and watching it would take a third longer.
+# Modules that solve the same again and again: others cover what they run, and watching it would
+# take a third longer.
 COVERED_ELSEWHERE = {
     "test_spread",
     "test_hand_eye_accuracy",
     "test_covariance",
     "test_outliers_study",
     "test_model_selection",
-    "test_readme",
 }
 
 
