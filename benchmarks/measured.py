@@ -326,7 +326,7 @@ def main() -> None:
     version = figaroh_version(given.figaroh)
     given.out.parent.mkdir(parents=True, exist_ok=True)
     parts, sections = list[str](), dict[str, list[Row]]()
-    for path in jobs(given.folders):
+    for path in list(jobs(given.folders)):  # a folder without jobs is refused before anything runs
         if not CalibrationJob.load(path).validation:
             parts.append(f"## {path.parent.name}\n\nLeft out: the job has no validation.\n")
             continue
