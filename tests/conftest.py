@@ -36,24 +36,12 @@ LONG = (
     "test_track",
     "test_motion",
 )
-# Modules that solve the same again and again: others cover what they run, and watching it would
-# take a third longer.
-COVERED_ELSEWHERE = {
-    "test_spread",
-    "test_hand_eye_accuracy",
-    "test_covariance",
-    "test_outliers_study",
-    "test_model_selection",
-}
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """What takes longest runs first, so that no process works alone at the end."""
     rank = {name: k for k, name in enumerate(LONG)}
     items.sort(key=lambda item: rank.get(item.path.stem, len(LONG)))
-    for item in items:
-        if item.path.stem in COVERED_ELSEWHERE:
-            item.add_marker("no_cover")
 
 
 @pytest.fixture(scope="session")
