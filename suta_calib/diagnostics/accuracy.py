@@ -9,7 +9,7 @@ from functools import cached_property
 from typing import Final
 
 import numpy as np
-from scipy.special import chdtri, stdtrit
+from scipy.special import chdtri, fdtri, stdtrit
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.model.parameters import ParameterSet
@@ -142,15 +142,29 @@ class Gain:
     def better(self) -> bool:
         """Whether the calibrated arm is better by more than chance."""
         apart = self.before - self.after > ROUNDING
-        return apart and self.mean > self._limit * self.std
+        return apart and (self.mean > self._limit * self.std or self._far(self.before, self.after))
 
     @property
     def worse(self) -> bool:
         """Whether it is worse by more than chance, and than its estimates are unsure of."""
-        if self.after - self.before < ROUNDING or -self.mean < self._limit * self.std:
+        if self.after - self.before < ROUNDING:
+            return False
+        if -self.mean < self._limit * self.std and not self._far(self.after, self.before):
             return False
         explained = self.unsure + math.hypot(self._limit * self.std, self._unsure_at_most)
         return -self.mean > explained or self.after > MUCH_WORSE * self.before
+
+    def _far(self, larger: float, smaller: float) -> bool:
+        """Whether one error is so many times the other as chance does not make it.
+
+        Where most of a mean is one posture at which the worse arm is far off, the scatter is as
+        large as the mean and hides it. The variance ratio (F) does not know that scatter; that both
+        arms have the same noise in the same rows only brings the two closer.
+        """
+        freedom = self.witnesses - 1
+        if freedom < 1:
+            return False
+        return larger**2 > float(fdtri(freedom, freedom, 1.0 - CHANCE)) * smaller**2
 
     @property
     def _unsure_at_most(self) -> float:

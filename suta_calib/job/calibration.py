@@ -28,7 +28,7 @@ from suta_calib.measurements import (
     read_samples,
 )
 from suta_calib.model.arm import ArmModel
-from suta_calib.model.parameters import ParameterSet
+from suta_calib.model.parameters import Parameter, ParameterSet
 from suta_calib.solver.ipopt import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
@@ -72,6 +72,7 @@ class CalibrationJob:
         observations = [read_term(arm, row, spec.path, fitted=True) for row in spec.observations]
         _check_once(spec, observations)
         validation = tuple(read_term(arm, row, spec.path) for row in spec.validation)
+        _check_given_alike(spec, observations, validation)
         return cls(spec, arm, parameters, tuple(observations), validation)
 
     def problem(self) -> Problem:
@@ -239,6 +240,30 @@ def read_term(arm: ArmModel, row: ObservationSpec, job: Path, *, fitted: bool = 
     for note in term.notes:
         warnings.warn(f"{job}:{row.line}: {note}", SutaCalibWarning, stacklevel=3)
     return term
+
+
+def _told(terms: Sequence[Term]) -> dict[str, Parameter]:
+    """Own unknowns of which a given pose says something."""
+    return {p.name: p for term in terms if term.given for p in term.unknowns if p not in term.own}
+
+
+def _check_given_alike(
+    spec: JobSpec, observations: Sequence[Term], validation: Sequence[Term]
+) -> None:
+    """Refuse a pose of a held-out row that would go unheard: what is fitted keeps its place."""
+    fitted = {p.name for term in observations for p in term.own}
+    told = _told(observations)
+    for row, term in zip(spec.validation, validation, strict=True):
+        for name, parameter in _told([term]).items():
+            if name in fitted and told.get(name) != parameter:
+                raise JobError(
+                    f"a given pose that differs from that of the observations in {name}",
+                    "one pose for one place",
+                    file=spec.path,
+                    line=row.line,
+                    hint="give it in the row of the observations; or give what stands elsewhere "
+                    "another label",
+                )
 
 
 def _check_once(spec: JobSpec, terms: Sequence[Term]) -> None:

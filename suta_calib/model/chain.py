@@ -169,7 +169,9 @@ def _joints_between(tree: UrdfTree, base: str, tip: str) -> tuple[list[TreeJoint
     """The joints from the base up to the link above both, and from there down to the tip."""
     if base == tip:
         found = f"{quoted(tip)} as both base and tip"
-        raise UrdfError(found, "joints between them", file=tree.path, where="tip")
+        raise UrdfError(
+            found, "two links, with joints between them, of the file", file=tree.path, where="tip"
+        )
     climbed, descended = tree.path_to_root(base), tree.path_to_root(tip)
     while climbed and descended and climbed[-1] is descended[-1]:
         climbed.pop()

@@ -138,6 +138,20 @@ def test_a_single_witness_tells_nothing() -> None:
     assert not Gain(before=1e-3, after=1e-4, mean=1e-6, std=0.0, witnesses=1).better
 
 
+def test_one_row_that_is_far_off_does_not_hide_which_arm_is_better() -> None:
+    """15 lengths: 0.06 mm with one arm, 0.4 mm with the other, and 3.3 mm at one posture."""
+    small = np.full(15, 6e-5)
+    large = np.append(np.full(14, 4e-4), 3.3e-3)
+    for before, after in ((large, small), (small, large)):
+        difference = before**2 - after**2
+        rms = (float(np.sqrt(np.mean(each**2))) for each in (before, after))
+        std = float(difference.std(ddof=1) / np.sqrt(15))
+        gain = Gain(*rms, float(difference.mean()), std, witnesses=15)
+        assert abs(gain.mean) < 2 * gain.std
+        assert gain.better == (after is small)
+        assert gain.worse == (after is large)
+
+
 def test_how_often_chance_says_better_or_worse() -> None:
     """Two arms that are equally good: one in a hundred each way."""
     rng, found = np.random.default_rng(0), []

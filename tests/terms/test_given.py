@@ -187,6 +187,19 @@ def test_what_makes_no_sense_is_refused(
     assert f"{job}:" in error
 
 
+@pytest.mark.parametrize("fitted", ["", POSE + "}, "])
+def test_a_held_out_row_says_no_other_pose(
+    tmp_path: Path, suta_urdf: Path, fitted: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    job = write_simulated_job(tmp_path / "job", suta_urdf)
+    other = POSE.replace("-310", "-320") + "}, "
+    text = job.read_text().replace("samples: 'cal", f"{fitted}samples: 'cal")
+    job.write_text(text.replace("samples: 'val", f"{other}samples: 'val"))
+    assert cli("observe", job) == 2
+    message = "a given pose that differs from that of the observations in base.x"
+    assert message in capsys.readouterr().err
+
+
 def test_an_instruments_pose_is_that_in_the_base(tmp_path: Path, suta_urdf: Path) -> None:
     """The simulated instrument, said as it stands in the base rather than the other way round."""
     job = write_simulated_job(tmp_path / "job", suta_urdf)
