@@ -7,9 +7,10 @@ reprojection errors r by the unknowns and P by the hand's pose,
 
 so that the covariance of r_i is V_i = σ² W_i⁻¹ + P_i D P_iᵀ, and pictures are weighed as they
 deserve: near ones, where a displaced hand shows as many pixels, less than far ones. σ of each
-camera, τ_p and τ_r of the hand and the factor on what is known of the cameras are those of largest
-restricted likelihood (Patterson and Thompson 1971, doi:10.1093/biomet/58.3.545), and the covariance
-is averaged over what else they may be (Kass and Steffey 1989, doi:10.1080/01621459.1989.10478825).
+camera, τ_p and τ_r of the hand, and how much worse the cameras are known than is said, are those
+of largest restricted likelihood (Patterson and Thompson 1971, doi:10.1093/biomet/58.3.545), and the
+covariance is averaged over what else they may be (Kass and Steffey 1989,
+doi:10.1080/01621459.1989.10478825).
 
 Of a hand's scatter all sizes are taken to be equally likely beforehand (Gelman 2006,
 doi:10.1214/06-BA117A): that of a hand which is exactly where it says may be nothing.
@@ -21,19 +22,21 @@ have in common is added to the covariance, by `correlation`.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 from scipy.optimize import minimize
 
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
+from suta_calib.geometry.pinhole import CENTRE, DISTORTION, FOCAL
 from suta_calib.pose_calibration.correlation import common_covariance
 from suta_calib.solver.losses import huber_weight
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.solver.weights import CAMERA, Learned, WeightOptions, prior_groups
 from suta_calib.terms import CameraView
+from suta_calib.terms.camera_view import HELD
 
 # A hand's pose is wrong in three directions and three turns.
 DIRECTIONS: Final = 3
@@ -50,10 +53,12 @@ SETTLED: Final = 1e-3
 BEGIN: Final = (0.1, 1e-4, 1e-4)
 # Relative eigenvalue that is none.
 ROUNDING: Final = 1e-10
-# Logarithms: step of the second differences, and how far a level is searched from where it was.
+# Logarithms: step of the second differences, how far a level may move in one round, and what is no
+# move any more.
 STEP: Final = 0.1
-FARTHEST: Final = 12.0
-# Factor on what is known of a camera that makes it nothing.
+FARTHEST: Final = 3.0
+STILL: Final = 0.03
+# What comes to what is known of a camera, in units of it, that makes it nothing.
 WIDE: Final = 30.0
 # Largest standard deviation of a logarithm that a parabola about the best tells.
 VAGUE: Final = 1.5
@@ -67,13 +72,11 @@ class PictureNoise:
         corners: of one component of a corner, px, by camera.
         position: of a hand's pose against what was reported, m, of each direction.
         rotation: the same, rad, about each axis.
-        camera: factor on what is known of the cameras; None where nothing is learned of it.
     """
 
     corners: dict[str, float]
     position: Learned
     rotation: Learned
-    camera: Learned | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,18 +137,23 @@ class _Known:
     Attributes:
         precision: (p,) 1/prior², zero where nothing is.
         away: (p,) where they are against it.
-        scaled: (p,) whether it takes part in the common factor.
-        spread: of the factor's logarithm.
+        groups: (g, p) which of them may be worse known than is said, together.
+        spread: of the logarithm of what that adds, in units of the priors.
     """
 
     precision: FloatArray
     away: FloatArray
-    scaled: BoolArray
+    groups: BoolArray
     spread: float
 
-    def with_factor(self, factor: float) -> FloatArray:
-        """(p,) precision with wider priors."""
-        return self.precision * np.where(self.scaled, factor**-2.0, 1.0)
+    def widened(self, added: FloatArray) -> FloatArray:
+        """(p,) precision of priors to which independent errors come.
+
+        Args:
+            added: (g,) of each group, in units of the priors. A calibration that seems better than
+                it says may be so by chance: no prior becomes narrower.
+        """
+        return self.precision / (1.0 + added**2 @ self.groups)
 
 
 @dataclass(frozen=True, eq=False)
@@ -219,23 +227,22 @@ class _Rows:
 class _Likelihood:
     """-log of the restricted likelihood of the levels, with what is known of them.
 
-    The levels are the logarithms of σ of each camera, τ_p, τ_r, and of the priors' factor.
+    The levels are the logarithms of σ of each camera, of τ_p and τ_r, and of what comes to the
+    priors of each group.
     """
 
     def __init__(self, sums: _Sums, known: _Known) -> None:
         self.sums, self.known, self.cameras = sums, known, len(sums.count)
-        self.learns = bool((known.scaled & (known.precision > 0)).any())
 
     def __call__(self, eta: FloatArray) -> float:
         return self.at(eta).value
 
-    def at(self, eta: FloatArray, factor: float | None = None) -> _Point:
-        """At some levels, or at another factor on the priors."""
+    def at(self, eta: FloatArray) -> _Point:
+        """At some levels."""
         sums, known, c = self.sums, self.known, self.cameras
         inverse = np.exp(-2.0 * eta[:c])
         scale = np.repeat(np.exp(eta[c : c + 2]), DIRECTIONS)
-        log_factor = float(eta[c + 2]) if self.learns else 0.0
-        precision = known.with_factor(np.exp(log_factor) if factor is None else factor)
+        precision = known.widened(np.exp(eta[c + 2 :]))
         pp = scale[:, None] * np.einsum("c,cgij->gij", inverse, sums.pp) * scale
         pj = scale[:, None] * np.einsum("c,cgip->gip", inverse, sums.pj)
         pr = scale * np.einsum("c,cgi->gi", inverse, sums.pr)
@@ -253,10 +260,9 @@ class _Likelihood:
         energy -= float(np.sum(pr * solved[:, :, -1])) - float(slope @ step)
         whole = 2.0 * float(sums.count @ eta[:c]) + float(np.linalg.slogdet(inner)[1].sum())
         whole += float(np.linalg.slogdet(scaled)[1]) - 2.0 * float(np.log(unit).sum())
+        whole -= float(np.log(precision[known.groups.any(axis=0)]).sum())
         value = 0.5 * (energy + whole) - float(eta[c : c + 2].sum())
-        if self.learns:
-            members = np.count_nonzero(known.scaled & (known.precision > 0))
-            value += members * log_factor + 0.5 * (log_factor / known.spread) ** 2
+        value += 0.5 * float(np.sum((eta[c + 2 :] / known.spread) ** 2))
         poses = scale * (solved[:, :, -1] + solved[:, :, :-1] @ step)
         return _Point(value, step, covariance, poses, (pp, pj, pr))
 
@@ -282,10 +288,7 @@ class _Likelihood:
 
 
 def weigh_pictures(
-    solution: Solution,
-    hands: IntArray,
-    alike: Sequence[FloatArray] = (),
-    options: WeightOptions = WeightOptions()
+    solution: Solution, hands: IntArray, alike: Sequence[FloatArray] = ()
 ) -> Weighed:
     """The same unknowns with every picture weighed by how far the hand is off, and how certainly.
 
@@ -294,54 +297,67 @@ def weigh_pictures(
         hands: (samples,) pose of the hand of every sample of every term, from 0: cameras that took
             pictures at the same one share what is wrong with it.
         alike: spaces (poses of the hand, k) in which neighbours may err alike; 1 is far.
-        options: what is believed of a camera's calibration.
     """
     problem, free, x = solution.problem.as_given(), solution.free, solution.x.copy()
     nominal = problem.parameters.array("nominal")
     precision = problem.prior_precision()
-    scaled = np.array([group == CAMERA for group in prior_groups(problem)], dtype=np.bool_)
+    groups = _camera_groups(problem)[:, free]
+    groups = groups[groups.any(axis=1)]
     cameras = len(problem.terms)
-    eta = np.log([*([BEGIN[0]] * cameras), *BEGIN[1:]])
-    if scaled[free].any():
-        eta = np.append(eta, 0.0)
+    eta = np.log([*([BEGIN[0]] * cameras), *BEGIN[1:], *([1.0] * len(groups))])
     weights: list[FloatArray] | None = None
     for _ in range(ROUNDS):
         rows = _Rows(problem, x, free, hands)
         weights = weights or [np.ones(len(part[0])) for part in rows.parts]
-        known = _Known(precision[free], (x - nominal)[free], scaled[free], options.camera)
+        known = _Known(precision[free], (x - nominal)[free], groups, WeightOptions().camera)
         likelihood = _Likelihood(rows.sums(weights), known)
-        eta = likelihood.best(eta)
+        before, eta = eta, likelihood.best(eta)
         here = likelihood.at(eta)
         if _robust(problem):
             weights = rows.beliefs(here, np.exp(eta[:cameras]))
         x[free] += here.step
         std = np.sqrt(np.diag(here.covariance))
-        if np.all(np.abs(here.step) <= SETTLED * std):
+        settled = np.all(np.abs(here.step) <= SETTLED * std)
+        if settled and np.all(np.abs(eta - before) <= STILL):
             break
     uncertainty = likelihood.uncertainty(eta)
     log_std = np.sqrt(np.diag(uncertainty))
     covariance = here.covariance + _not_knowing(likelihood, eta, uncertainty, here)
     covariance = covariance + _in_common(here, alike)
-    alone = likelihood.at(eta, factor=WIDE)
-    learned = [
-        Learned(float(np.exp(level)), float(std), None)
-        for level, std in zip(eta[cameras:], log_std[cameras:], strict=True)
-    ]
+    wide = eta.copy()
+    wide[cameras + 2 :] = np.log(WIDE)
+    alone = likelihood.at(wide)
+    position, rotation = (
+        Learned(float(np.exp(eta[k])), float(log_std[k]), None) for k in (cameras, cameras + 1)
+    )
     noise = PictureNoise(
         {
             term.label: float(np.exp(level))
             for term, level in zip(problem.terms, eta[:cameras], strict=True)
             if isinstance(term, CameraView)
         },
-        learned[0],
-        learned[1],
-        replace(learned[2], given=1.0) if len(learned) > 2 else None,
+        position,
+        rotation,
     )
     whole = np.ix_(free, free)
     every, of_alone, told = np.zeros((len(x),) * 2), np.zeros((len(x),) * 2), x.copy()
     every[whole], of_alone[whole] = covariance, alone.covariance
     told[free] += alone.step - here.step
     return Weighed(problem.names, x, every, noise, free, told, of_alone)
+
+
+def _camera_groups(problem: Problem) -> BoolArray:
+    """(3, n) which unknowns are focal lengths, principal points and distortion that may be wrong.
+
+    Who writes down another principal point need not have got the distortion wrong, and what is no
+    part of a camera's model tells nothing of the rest.
+    """
+    widened = [
+        group == CAMERA and p.prior is not None and p.prior > HELD
+        for p, group in zip(problem.parameters.values(), prior_groups(problem), strict=True)
+    ]
+    keys = [p.key for p in problem.parameters.values()]
+    return np.array([np.isin(keys, kind) & widened for kind in (FOCAL, CENTRE, DISTORTION)])
 
 
 def _robust(problem: Problem) -> bool:
@@ -363,9 +379,7 @@ def _in_common(here: _Point, alike: Sequence[FloatArray]) -> FloatArray:
     jacobian = white @ by_unknowns
     residual = np.einsum("gij,gj->gi", white, errors) + jacobian @ here.step
     each = np.arange(len(residual), dtype=np.intp)
-    return common_covariance(
-        jacobian, residual, np.ones(WAYS), here.covariance, alike, each, each
-    )
+    return common_covariance(jacobian, residual, np.ones(WAYS), here.covariance, alike, each, each)
 
 
 def _not_knowing(

@@ -51,9 +51,8 @@ from suta_calib.solver.losses import huber_threshold
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.solver.solve import solve
-from suta_calib.solver.weights import CAMERA
 from suta_calib.terms import CameraView, MeasuredPoses, Noise
-from suta_calib.terms.camera_view import UNCALIBRATED, closed_form_camera, with_corners
+from suta_calib.terms.camera_view import CALIBRATED, UNCALIBRATED, closed_form_camera, with_corners
 from suta_calib.terms.hand_eye_start import (
     Poses,
     inverse_poses,
@@ -115,6 +114,7 @@ class SeenCamera:
         camera: intrinsics as they were found, with their covariance; without it where they were
             held.
         given: as they were given, or None.
+        told: as the pictures alone tell them, with covariance; None where they were held.
         images: (n,) names of its pictures.
         rows: (n,) their rows in the file of poses.
         inliers: (n,) which were fitted.
@@ -135,6 +135,7 @@ class SeenCamera:
     covariance: FloatArray
     camera: Camera
     given: Camera | None
+    told: Camera | None
     images: tuple[str, ...]
     rows: IntArray
     inliers: BoolArray
@@ -200,20 +201,10 @@ class PictureCalibration:
         rows = [seen.rows[~seen.inliers] for seen in self.cameras]
         return tuple(sorted({int(row) for row in np.concatenate(rows)}))
 
-    @property
-    def contradicted(self) -> bool:
-        """Whether the pictures contradict what is known of the intrinsics."""
-        weights = self.solution.weights
-        if weights is None or CAMERA not in weights.priors:
-            return False
-        learned = weights.priors[CAMERA]
-        # That it is better than it says contradicts nothing.
-        return learned.contradicted and learned.value > 1.0
-
     @cached_property
     def assessment(self) -> Assessment:
         """How far to trust every X."""
-        bad, care = list[str](), list[str]()
+        bad, care, known = list[str](), list[str](), list[str]()
         if not self.solution.converged:
             bad.append(f"The solver did not converge: {self.solution.sentence}.")
         for seen in self.cameras:
@@ -221,21 +212,53 @@ class PictureCalibration:
             more_bad, more_care = _judged(seen, self.setup)
             bad += [which + sentence for sentence in more_bad]
             care += [which + sentence for sentence in more_care]
-        if self.contradicted:
-            care.append(self._contradiction())
-        return Assessment.of(bad=bad, care=[*care, *self.notes])
+            said, level = _against_the_file(seen)
+            if said:
+                (care if level == "care" else known).append(which + said)
+        return Assessment.of(bad=bad, care=[*care, *self.notes], known=known)
 
-    def _contradiction(self) -> str:
-        changes, other = [], False
-        for seen in self.cameras:
-            if seen.given is None:
-                continue
-            for key in ("fx", "fy", "cx", "cy"):
-                before, after = seen.given.values[key], seen.camera.values[key]
-                changes.append(f"{key} {before:.1f} → {after:.1f}")
-                other |= key[0] == "f" and abs(after / before - 1.0) > OTHER_PICTURES
-        what = "is the file of pictures of another size?" if other else "X follows the pictures."
-        return f"The pictures contradict the camera's file ({', '.join(changes)} px): {what}"
+
+def _against_the_file(seen: SeenCamera) -> tuple[str, Level]:
+    """What the pictures say against the camera's file, and whether it calls for care.
+
+    Pictures that put the principal point elsewhere by more than chance are told; care is asked for
+    where what is known of the file's own errors does not explain it either.
+    """
+    told, given = seen.told, seen.given
+    if told is None or told.covariance is None or given is None:
+        return "", "good"
+    change = told.intrinsics - given.intrinsics
+    stated = np.zeros((len(INTRINSICS),) * 2) if given.covariance is None else given.covariance
+    prior = given.stds if given.stds is not None else CALIBRATED.stds(given)
+    expected = stated if given.covariance is not None else np.diag(prior**2)
+    for pair in (slice(0, 2), slice(2, 4)):
+        if _significant(change[pair], (told.covariance + expected)[pair, pair]):
+            return _contradiction(seen, given), "care"
+    if not _significant(change[2:4], (told.covariance + stated)[2:4, 2:4]):
+        return "", "good"
+    (u, v), (by_u, by_v) = told.intrinsics[2:4], np.sqrt(np.diag(told.covariance)[2:4])
+    return (
+        f"The pictures put the principal point at ({u:.2f} ± {by_u:.2f}, {v:.2f} ± {by_v:.2f}) px, "
+        f"the camera's file at ({given.intrinsics[2]:.2f}, {given.intrinsics[3]:.2f}) px: X "
+        "follows the pictures. Pixels are counted from 0 at the centre of the first one.",
+        "good",
+    )
+
+
+def _significant(change: FloatArray, covariance: FloatArray) -> bool:
+    """Whether chance does not explain a change."""
+    squared = float(change @ np.linalg.solve(covariance, change))
+    return squared > float(chi2.isf(FALSE_ALARM, len(change)))
+
+
+def _contradiction(seen: SeenCamera, given: Camera) -> str:
+    changes, other = [], False
+    for key in ("fx", "fy", "cx", "cy"):
+        before, after = given.values[key], seen.camera.values[key]
+        changes.append(f"{key} {before:.1f} → {after:.1f}")
+        other |= key[0] == "f" and abs(after / before - 1.0) > OTHER_PICTURES
+    what = "is the file of pictures of another size?" if other else "X follows the pictures."
+    return f"The pictures contradict the camera's file ({', '.join(changes)} px): {what}"
 
 
 def _judged(seen: SeenCamera, setup: Setup) -> tuple[list[str], list[str]]:
@@ -353,6 +376,7 @@ def _embedded(rotation: FloatArray, position: FloatArray) -> FloatArray:
     """Poses (n, 12) whose distances are those of places, in units of the extent, and turns, rad."""
     extent = max(rms_length(position - position.mean(axis=0)), 1e-9)
     return np.hstack([position / extent, rotation.reshape(-1, 9) / np.sqrt(2.0)])
+
 
 def _term(hand: HandPoses, view: View, setup: Setup, intrinsics: Intrinsics) -> CameraView:
     view.corners.check(view.board, view.camera)
@@ -549,11 +573,16 @@ def _seen(
         turn = np.array([values[f"{frame}.{key}"] for key in PLACEMENT[3:]])
         turned = slice(6 * k + 3, 6 * k + 6)
         jacobian[turned, turned] = tangent_of_vector(turn)
-    found = term.camera
+    found, told_alone = term.camera, None
     if term.free:
         of = [parameters.index(f"{owner}.{key}") for key in INTRINSICS]
         found = replace(
             found, intrinsics=weighed.x[of].copy(), covariance=covariance[np.ix_(of, of)]
+        )
+        told_alone = replace(
+            found,
+            intrinsics=weighed.told[of].copy(),
+            covariance=weighed.told_covariance[np.ix_(of, of)],
         )
     X, Z = pose_named(values, eye), pose_named(values, board)
     refined = replace(term, camera=found)
@@ -581,6 +610,7 @@ def _seen(
         covariance=jacobian @ covariance[np.ix_(at, at)] @ jacobian.T,
         camera=found,
         given=view.camera,
+        told=told_alone,
         images=images,
         rows=rows,
         inliers=good,
