@@ -117,9 +117,10 @@ def study(
     --resume it is begun anew. Exits with 1 where no trial gave a result.
     """
     if kind == "drift":
-        if unit is not None or dask is not None or resume or sizes is not None:
+        if resume or any(given is not None for given in (unit, dask, sizes, jobs)):
             raise click.UsageError(
-                "--kind drift draws no sets: it takes no --unit, --sizes, --dask or --resume"
+                "--kind drift draws no sets and runs in one process: it takes no --unit, --sizes, "
+                "--jobs, --dask or --resume"
             )
         return _drift(job, trials, tolerance_pct, walk_deg, walk_mm, days, seed, anyway)
     if walk_deg is not None or walk_mm is not None:

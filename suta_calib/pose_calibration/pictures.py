@@ -6,13 +6,12 @@ where to start; what is minimised then are reprojection errors, of all cameras a
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final, Literal
 
 import numpy as np
-from scipy.optimize import nnls
 
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.assessment import Assessment, Level
@@ -40,15 +39,20 @@ from suta_calib.pose_calibration.hand_eye import (
     calibrate_hand_eye,
 )
 from suta_calib.pose_calibration.inputs import error_context
-from suta_calib.pose_calibration.robust_fit import MANY_OUTLIERS, MANY_ROWS, exchanged
-from suta_calib.solver.information import Rows, scaled_inverse, whitened_rows
+from suta_calib.pose_calibration.picture_noise import (
+    FINEST,
+    WAYS,
+    PictureNoise,
+    Weighed,
+    weigh_pictures,
+)
+from suta_calib.pose_calibration.robust_fit import MANY_OUTLIERS, exchanged
 from suta_calib.solver.losses import huber_threshold
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.solver.solve import solve
-from suta_calib.solver.weights import CAMERA
 from suta_calib.terms import CameraView, MeasuredPoses, Noise
-from suta_calib.terms.camera_view import UNCALIBRATED, closed_form_camera, with_corners
+from suta_calib.terms.camera_view import CALIBRATED, UNCALIBRATED, closed_form_camera, with_corners
 from suta_calib.terms.hand_eye_start import (
     Poses,
     inverse_poses,
@@ -63,15 +67,11 @@ Intrinsics = Literal["fixed", "free"]
 ROUNDS: Final = 8
 # Relative change of the scatter that is none.
 SETTLED: Final = 0.02
-# Where the hand was is wrong in six ways.
-WAYS: Final = 6
 # Numbers that the error of a picture is worth where it is judged by the others: its worst turns
 # decide, so that it scatters more than the mean of all ways would.
 WORST: Final = 2
 # Norm of two unit normal components that half of them exceed.
 _MIDDLE: Final = float(np.sqrt(chi2.median(2)))
-# No corner is found more finely, px: what is smaller is rounding.
-_FINEST: Final = 1e-3
 # Times what the camera alone leaves from where on it is the robot that leaves the rest.
 ROBOTS: Final = 2.0
 # Relative departure of a focal length that no calibration of the same pictures has.
@@ -114,6 +114,7 @@ class SeenCamera:
         camera: intrinsics as they were found, with their covariance; without it where they were
             held.
         given: as they were given, or None.
+        told: as the pictures alone tell them, with covariance; None where they were held.
         images: (n,) names of its pictures.
         rows: (n,) their rows in the file of poses.
         inliers: (n,) which were fitted.
@@ -134,6 +135,7 @@ class SeenCamera:
     covariance: FloatArray
     camera: Camera
     given: Camera | None
+    told: Camera | None
     images: tuple[str, ...]
     rows: IntArray
     inliers: BoolArray
@@ -170,7 +172,8 @@ class PictureCalibration:
         setup: ``eye-in-hand`` or ``eye-to-hand``.
         model: ``AX=XB`` or ``AX=ZB``: whether Z is asked for.
         cameras: one or more.
-        solution: of the solver, over the fitted pictures.
+        solution: of the solver, over the fitted pictures as it weighs them: where `noise` began.
+        noise: what scatters; the pictures are weighed by it.
         notes: what the files give to think about, one sentence each.
     """
 
@@ -178,6 +181,7 @@ class PictureCalibration:
     model: Model
     cameras: tuple[SeenCamera, ...]
     solution: Solution
+    noise: PictureNoise
     notes: tuple[str, ...] = ()
 
     @property
@@ -197,20 +201,10 @@ class PictureCalibration:
         rows = [seen.rows[~seen.inliers] for seen in self.cameras]
         return tuple(sorted({int(row) for row in np.concatenate(rows)}))
 
-    @property
-    def contradicted(self) -> bool:
-        """Whether the pictures contradict what is known of the intrinsics."""
-        weights = self.solution.weights
-        if weights is None or CAMERA not in weights.priors:
-            return False
-        learned = weights.priors[CAMERA]
-        # That it is better than it says contradicts nothing.
-        return learned.contradicted and learned.value > 1.0
-
     @cached_property
     def assessment(self) -> Assessment:
         """How far to trust every X."""
-        bad, care = list[str](), list[str]()
+        bad, care, known = list[str](), list[str](), list[str]()
         if not self.solution.converged:
             bad.append(f"The solver did not converge: {self.solution.sentence}.")
         for seen in self.cameras:
@@ -218,21 +212,53 @@ class PictureCalibration:
             more_bad, more_care = _judged(seen, self.setup)
             bad += [which + sentence for sentence in more_bad]
             care += [which + sentence for sentence in more_care]
-        if self.contradicted:
-            care.append(self._contradiction())
-        return Assessment.of(bad=bad, care=[*care, *self.notes])
+            said, level = _against_the_file(seen)
+            if said:
+                (care if level == "care" else known).append(which + said)
+        return Assessment.of(bad=bad, care=[*care, *self.notes], known=known)
 
-    def _contradiction(self) -> str:
-        changes, other = [], False
-        for seen in self.cameras:
-            if seen.given is None:
-                continue
-            for key in ("fx", "fy", "cx", "cy"):
-                before, after = seen.given.values[key], seen.camera.values[key]
-                changes.append(f"{key} {before:.1f} → {after:.1f}")
-                other |= key[0] == "f" and abs(after / before - 1.0) > OTHER_PICTURES
-        what = "is the file of pictures of another size?" if other else "X follows the pictures."
-        return f"The pictures contradict the camera's file ({', '.join(changes)} px): {what}"
+
+def _against_the_file(seen: SeenCamera) -> tuple[str, Level]:
+    """What the pictures say against the camera's file, and whether it calls for care.
+
+    Pictures that put the principal point elsewhere by more than chance are told; care is asked for
+    where what is known of the file's own errors does not explain it either.
+    """
+    told, given = seen.told, seen.given
+    if told is None or told.covariance is None or given is None:
+        return "", "good"
+    change = told.intrinsics - given.intrinsics
+    stated = np.zeros((len(INTRINSICS),) * 2) if given.covariance is None else given.covariance
+    prior = given.stds if given.stds is not None else CALIBRATED.stds(given)
+    expected = stated if given.covariance is not None else np.diag(prior**2)
+    for pair in (slice(0, 2), slice(2, 4)):
+        if _significant(change[pair], (told.covariance + expected)[pair, pair]):
+            return _contradiction(seen, given), "care"
+    if not _significant(change[2:4], (told.covariance + stated)[2:4, 2:4]):
+        return "", "good"
+    (u, v), (by_u, by_v) = told.intrinsics[2:4], np.sqrt(np.diag(told.covariance)[2:4])
+    return (
+        f"The pictures put the principal point at ({u:.2f} ± {by_u:.2f}, {v:.2f} ± {by_v:.2f}) px, "
+        f"the camera's file at ({given.intrinsics[2]:.2f}, {given.intrinsics[3]:.2f}) px: X "
+        "follows the pictures. Pixels are counted from 0 at the centre of the first one.",
+        "good",
+    )
+
+
+def _significant(change: FloatArray, covariance: FloatArray) -> bool:
+    """Whether chance does not explain a change."""
+    squared = float(change @ np.linalg.solve(covariance, change))
+    return squared > float(chi2.isf(FALSE_ALARM, len(change)))
+
+
+def _contradiction(seen: SeenCamera, given: Camera) -> str:
+    changes, other = [], False
+    for key in ("fx", "fy", "cx", "cy"):
+        before, after = given.values[key], seen.camera.values[key]
+        changes.append(f"{key} {before:.1f} → {after:.1f}")
+        other |= key[0] == "f" and abs(after / before - 1.0) > OTHER_PICTURES
+    what = "is the file of pictures of another size?" if other else "X follows the pictures."
+    return f"The pictures contradict the camera's file ({', '.join(changes)} px): {what}"
 
 
 def _judged(seen: SeenCamera, setup: Setup) -> tuple[list[str], list[str]]:
@@ -315,13 +341,41 @@ def hand_eye_from_pictures(
             term.check_enough()
             believed.append(_agreeing(term, view, robust, seed))
     solution, believed = _settled(terms, believed, robust)
+    weighed = weigh_pictures(solution, *_hands(solution))
     cameras = tuple(
-        _seen(view, term, good, solution, hand, setup)
+        _seen(view, term, good, weighed, hand, setup)
         for view, term, good in zip(views, terms, believed, strict=True)
     )
     return PictureCalibration(
-        setup=setup, model=model, cameras=cameras, solution=solution, notes=hand.unit_notes
+        setup=setup,
+        model=model,
+        cameras=cameras,
+        solution=solution,
+        noise=weighed.noise,
+        notes=hand.unit_notes,
     )
+
+
+def _hands(solution: Solution) -> tuple[IntArray, list[FloatArray]]:
+    """Pose of the hand of every fitted picture, from 0, and where poses are near each other.
+
+    These are of the hand, and where one camera saw the board, of the board in it.
+    """
+    terms = [term for term in solution.problem.terms if isinstance(term, CameraView)]
+    rows = [int(row) for term in terms for row in term.poses.samples.origin]
+    _, first, hands = np.unique(rows, return_index=True, return_inverse=True)
+    every = [term.poses.at({}) for term in terms]
+    R, p = (np.concatenate(parts)[first] for parts in zip(*every, strict=True))
+    spaces = [_embedded(R, p)]
+    if len(terms) == 1:
+        spaces.append(_embedded(*terms[0].seen_poses))
+    return hands.reshape(-1), [space for space in spaces if np.isfinite(space).all()]
+
+
+def _embedded(rotation: FloatArray, position: FloatArray) -> FloatArray:
+    """Poses (n, 12) whose distances are those of places, in units of the extent, and turns, rad."""
+    extent = max(rms_length(position - position.mean(axis=0)), 1e-9)
+    return np.hstack([position / extent, rotation.reshape(-1, 9) / np.sqrt(2.0)])
 
 
 def _term(hand: HandPoses, view: View, setup: Setup, intrinsics: Intrinsics) -> CameraView:
@@ -479,7 +533,7 @@ def _scatter(term: CameraView, values: dict[str, float], good: BoolArray) -> flo
     """Of one component, px, by the middle one of the errors in the fitted pictures."""
     residual, picture = _residuals(term, values)
     middle = float(np.median(np.linalg.norm(residual[good[picture]], axis=1)))
-    return max(middle / _MIDDLE, _FINEST)
+    return max(middle / _MIDDLE, FINEST)
 
 
 def _by_picture(term: CameraView, values: dict[str, float]) -> FloatArray:
@@ -496,7 +550,7 @@ def _like_the_others(rms: FloatArray, good: BoolArray) -> BoolArray:
         return good
     expected = float(np.median(rms[good])) ** 2 / float(chi2.median(WORST))
     limit = float(chi2.isf(FALSE_ALARM / len(rms), WORST))
-    agreeing = rms**2 <= max(expected * limit, _FINEST**2)
+    agreeing = rms**2 <= max(expected * limit, FINEST**2)
     return agreeing if agreeing.sum() >= FEW_PAIRS else good
 
 
@@ -504,26 +558,31 @@ def _seen(
     view: View,
     term: CameraView,
     good: BoolArray,
-    solution: Solution,
+    weighed: Weighed,
     hand: HandPoses,
     setup: Setup,
 ) -> SeenCamera:
     """A camera of the answer."""
-    values = solution.values
+    values, parameters = weighed.values, list(weighed.values)
     eye, board, owner = term.owners
     names = [f"{frame}.{key}" for frame in (eye, board) for key in PLACEMENT]
-    at = [solution.problem.names.index(name) for name in names]
-    covariance = _covariance(solution)
+    at = [parameters.index(name) for name in names]
+    covariance = weighed.covariance
     jacobian = np.eye(12)
     for k, frame in enumerate((eye, board)):
         turn = np.array([values[f"{frame}.{key}"] for key in PLACEMENT[3:]])
         turned = slice(6 * k + 3, 6 * k + 6)
         jacobian[turned, turned] = tangent_of_vector(turn)
-    found = term.camera
+    found, told_alone = term.camera, None
     if term.free:
-        of = [solution.problem.names.index(f"{owner}.{key}") for key in INTRINSICS]
+        of = [parameters.index(f"{owner}.{key}") for key in INTRINSICS]
         found = replace(
-            found, intrinsics=solution.x[of].copy(), covariance=covariance[np.ix_(of, of)]
+            found, intrinsics=weighed.x[of].copy(), covariance=covariance[np.ix_(of, of)]
+        )
+        told_alone = replace(
+            found,
+            intrinsics=weighed.told[of].copy(),
+            covariance=weighed.told_covariance[np.ix_(of, of)],
         )
     X, Z = pose_named(values, eye), pose_named(values, board)
     refined = replace(term, camera=found)
@@ -551,6 +610,7 @@ def _seen(
         covariance=jacobian @ covariance[np.ix_(at, at)] @ jacobian.T,
         camera=found,
         given=view.camera,
+        told=told_alone,
         images=images,
         rows=rows,
         inliers=good,
@@ -562,75 +622,6 @@ def _seen(
         behind=bool(flat and len(facing) and np.median(facing) < 0),
         turned=_half_turned(term, values, good, images),
     )
-
-
-def _covariance(solution: Solution) -> FloatArray:
-    """Of the solution, with pictures as witnesses.
-
-    The scatter of few says nothing of most directions: then the hand is taken to be off in every
-    picture by the displacements and turns that all of them show, and a corner by what is left:
-    A⁻¹ M A⁻¹ with M = Σ Jᵀ (s² + P D Pᵀ) J, P the derivative of a picture's errors by where the
-    hand is, and D its variance.
-    """
-    problem = solution.problem
-    if sum(len(term.poses) for term in problem.terms) >= MANY_ROWS:
-        return solution.covariance
-    rows = whitened_rows(problem, solution.x, solution.sigmas)
-    prior = np.diag(problem.prior_precision())
-    curvature, bread = prior + sum(r.jacobian.T @ r.jacobian for r in rows), np.zeros_like(prior)
-    free = np.ix_(solution.free, solution.free)
-    bread[free] = scaled_inverse(curvature[free])
-    meat = prior.copy()
-    parts = [part for r in rows for part in _by_hand(r)]
-    noise, variance = _variances(parts, len(solution.free))
-    for jacobian, by_pose, _ in parts:
-        along = by_pose.T @ jacobian
-        meat += noise * jacobian.T @ jacobian + along.T @ (variance[:, None] * along)
-    unsure = 0.0 if solution.weights is None else solution.weights.covariance
-    return np.asarray(bread @ meat @ bread + unsure)
-
-
-def _by_hand(rows: Rows) -> Iterator[tuple[FloatArray, FloatArray, FloatArray]]:
-    """Of every picture: whitened Jacobian, derivative by where the hand is (k, 6), and errors."""
-    line = rows.line
-    picture, size = line.view.block.samples[:, 0], line.residual.shape[1]
-    by_pose = line.by_pose / line.sigma[:, None, None]
-    residual = line.residual / line.sigma[:, None]
-    for k in np.unique(picture):
-        mine = np.flatnonzero(picture == k)
-        white = (size * mine[:, None] + np.arange(size)).ravel()
-        yield rows.jacobian[white], by_pose[mine].reshape(len(white), -1), residual[mine].ravel()
-
-
-def _variances(
-    parts: Sequence[tuple[FloatArray, FloatArray, FloatArray]], unknowns: int
-) -> tuple[float, FloatArray]:
-    """Of a corner, in units of its noise, and (6,) of the hand: displaced, m², and turned, rad²."""
-    left, freedom, pictures = 0.0, 0, 0
-    for _, by_pose, residual in parts:
-        if len(residual) > WAYS:
-            rest = residual - by_pose @ np.linalg.lstsq(by_pose, residual, rcond=None)[0]
-            left += float(rest @ rest)
-            freedom += len(residual) - WAYS
-            pictures += 1
-    noise = left / max(freedom, 1)
-    # Moments in pixels, where displacements and turns are nearly the same: ‖Pᵀ r‖² of either is
-    # expected to be the trace of PᵀP s² + Σ PᵀP D PᵀP.
-    matrix, moment = np.zeros((2, 2)), np.zeros(2)
-    for _, by_pose, residual in parts:
-        ways = by_pose[:, :3], by_pose[:, 3:]
-        for k, mine in enumerate(ways):
-            moment[k] += np.sum((mine.T @ residual) ** 2) - noise * np.sum(mine**2)
-            matrix[k] += [np.sum((mine.T @ other) ** 2) for other in ways]
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))
-    found = scale * nnls(matrix * np.outer(scale, scale), scale * moment)[0]
-    # The unknowns have followed some of it.
-    numbers = WAYS * max(pictures, 1)
-    followed = numbers / max(numbers - unknowns, numbers / 4)
-    # Of few pictures it is itself uncertain: errors in units of it have Student's variance.
-    witnesses = max(WORST * pictures - unknowns / 2, 3.0)
-    followed *= witnesses / (witnesses - 2.0)
-    return noise, np.repeat(found * followed, 3)
 
 
 def _alone(term: CameraView, values: dict[str, float], good: BoolArray) -> float:

@@ -15,6 +15,7 @@ from suta_calib.geometry.pinhole import CENTRE, FOCAL, INTRINSICS
 from suta_calib.measurements.camera import camera_text
 from suta_calib.measurements.pose_files import HandPoses
 from suta_calib.model.parameters import PLACEMENT
+from suta_calib.pose_calibration.picture_noise import PictureNoise
 from suta_calib.pose_calibration.pictures import ROBOTS, PictureCalibration, SeenCamera
 from suta_calib.report.document import Document, Figure, File, Part, Text
 from suta_calib.report.hand_eye import FRAMES
@@ -30,7 +31,7 @@ from suta_calib.report.poses import (
     pose_table,
 )
 from suta_calib.report.svg import GREY, picture, svg_text
-from suta_calib.units import NOTHING, Unit, text
+from suta_calib.units import NOTHING, Unit, deg, mm, text
 from suta_calib.words import listed
 
 NAME: Final = "hand_eye"
@@ -116,6 +117,7 @@ def picture_document(found: PictureCalibration, data: HandPoses) -> Document:
             parts.append(File(name, partial(camera_text, seen.camera)))
         parts += _fit(seen)
     corners = [SeenCorner(c, k) for c in found.cameras for k in range(len(c.corners))]
+    parts.append(Text(_hand(found.noise)))
     parts += [
         File("residuals.csv", lambda: csv_text(CORNERS, corners, _DIGITS)),
         Figure(partial(picture_plot, found)),
@@ -124,6 +126,11 @@ def picture_document(found: PictureCalibration, data: HandPoses) -> Document:
     record: Json = {"setup": found.setup, "model": found.model, **_record(found, first)}
     if several:
         record["cameras"] = {seen.label: _record(found, seen) for seen in found.cameras}
+    record["hand_noise"] = {
+        "position_mm": mm(found.noise.position.value),
+        "rotation_deg": deg(found.noise.rotation.value),
+        "log_std": [found.noise.position.log_std, found.noise.rotation.log_std],
+    }
     counts = [len(seen.images) for seen in found.cameras]
     lost = [int((~seen.inliers).sum()) for seen in found.cameras]
     record |= {
@@ -163,6 +170,17 @@ def _intrinsics(seen: SeenCamera) -> list[Intrinsic]:
         )
         for k, (name, value) in enumerate(seen.camera.values.items())
     ]
+
+
+def _hand(noise: PictureNoise) -> str:
+    """How far the hand is off."""
+    low, high = noise.position.interval
+    from_turn, to_turn = noise.rotation.interval
+    return (
+        f"each pose of the hand is off by {mm(noise.position.value):.3f} mm "
+        f"({mm(low):.3f} to {mm(high):.3f}) and {deg(noise.rotation.value):.3f}° "
+        f"({deg(from_turn):.3f} to {deg(to_turn):.3f}) about each axis (one sigma)"
+    )
 
 
 def _fit(seen: SeenCamera) -> Iterator[Part]:

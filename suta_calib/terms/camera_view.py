@@ -76,7 +76,7 @@ _GRAZING: Final = 0.25
 _STRANGE: Final = 4.0
 _ROUNDS: Final = 3
 # What is known of a camera at least as badly as this, px or 1: a prior of zero width is none.
-_FINEST: Final = 1e-4
+HELD: Final = 1e-4
 # Names of images that an error quotes.
 _QUOTED: Final = 3
 
@@ -380,7 +380,7 @@ class CameraView(FramedTerm):
                     key,
                     "px" if key in (*FOCAL, *CENTRE) else "1",
                     value,
-                    prior=max(std, _FINEST),
+                    prior=max(std, HELD),
                     prior_fixed=self.prior is not None,
                     prior_assumed=known is None,
                 )
