@@ -82,7 +82,7 @@ def new_job(
         columns, header = KINDS[kind].columns, io.StringIO()
         oriented = rotation_columns() if columns.orientation == "required" else ()
         measured = (*"xyz", *oriented) if columns.position else ()
-        names = (*columns.labels, *measured, *arm.joints)
+        names = (*columns.labels, *measured, *columns.common_lengths, *arm.joints)
         csv.writer(header, lineterminator="\n").writerow(names)
         files += [Template(folder / e / "samples.csv", header.getvalue()) for e in ends if e]
     return tuple(files)
@@ -176,7 +176,7 @@ parameters:
     bound_deg: 15
   - {{select: geometric, bound_mm: 30, bound_deg: 5}}
 
-# What was measured: any number of rows, of any kinds, solved together. huber_mm: errors beyond it
+# What was measured: any number of rows, of any kinds, solved together. huber_*: errors beyond it
 # are believed less and less; leave it out for plain least squares.
 observations:
 {rows}
