@@ -31,6 +31,7 @@ from scipy.optimize import minimize
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.geometry.pinhole import CENTRE, DISTORTION, FOCAL
 from suta_calib.pose_calibration.correlation import common_covariance
+from suta_calib.solver.kernel import dense
 from suta_calib.solver.losses import huber_weight
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
@@ -187,7 +188,7 @@ class _Rows:
             assert isinstance(term, CameraView)
             _, own = problem.evaluation.columns(line, line.by_pose, line.by_own)
             hand = hands[line.view.block.samples[:, 0] + line.view.first_sample]
-            jacobian = own.toarray().reshape(*line.residual.shape, -1)[:, :, free]
+            jacobian = dense(own).reshape(*line.residual.shape, -1)[:, :, free]
             self.parts.append(
                 (
                     hand,
