@@ -36,7 +36,7 @@ from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.solver.solve import solve
 from suta_calib.terms import ArmPoses, Term
-from suta_calib.terms.term import SeenTerm
+from suta_calib.terms.seen import SeenTerm
 from suta_calib.units import from_deg, from_mm, mm
 
 Change = Callable[[Samples], Samples]

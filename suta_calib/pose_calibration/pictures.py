@@ -59,7 +59,7 @@ from suta_calib.terms.hand_eye_start import (
     loop_closures,
     quaternion_hand_eye,
 )
-from suta_calib.terms.term import pose_named
+from suta_calib.terms.outside import pose_named
 from suta_calib.units import deg, mm
 from suta_calib.words import listed
 

@@ -26,7 +26,7 @@ from suta_calib.simulation.noise import (
 from suta_calib.simulation.protocol import Visitor, Visits
 from suta_calib.simulation.schema import ErrorRow, PoseSpec, SetSpec, SimulationSpec
 from suta_calib.terms import ArmPoses, Observed, Setup
-from suta_calib.terms.term import pose_parameters, pose_values
+from suta_calib.terms.outside import pose_parameters, pose_values
 from suta_calib.units import key
 
 # Times that configurations are drawn until what is looked at is in sight in enough of them.

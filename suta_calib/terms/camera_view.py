@@ -47,20 +47,10 @@ from suta_calib.terms.hand_eye_start import (
     loop_closures,
     quaternion_hand_eye,
 )
-from suta_calib.terms.outside import OutsideFrame
+from suta_calib.terms.outside import OutsideFrame, pose_named, pose_parameters, pose_values
 from suta_calib.terms.poses import PoseSource
-from suta_calib.terms.term import (
-    FramedTerm,
-    Gap,
-    Medium,
-    Observed,
-    Resimulation,
-    Setup,
-    TrueFrame,
-    pose_named,
-    pose_parameters,
-    pose_values,
-)
+from suta_calib.terms.seen import FramedTerm
+from suta_calib.terms.term import Gap, Medium, Observed, Resimulation, Setup, TrueFrame
 from suta_calib.words import listed
 
 Where = Literal["eye-in-hand", "eye-to-hand"]

@@ -19,18 +19,11 @@ from suta_calib.geometry.symbols import Symbol, symbolic_chordal_log, symbolic_r
 from suta_calib.measurements import Artefact, SampleColumns
 from suta_calib.model.parameters import Parameter
 from suta_calib.terms.block import LEARNT, Block, Certified, Noise, Pose, flat, grouped, pose_of
+from suta_calib.terms.checks import check_unit
+from suta_calib.terms.outside import pose_named, pose_parameters, pose_values
 from suta_calib.terms.poses import ArmPoses, PoseSource
 from suta_calib.terms.seating import Seating, seat_axes, seated_at
-from suta_calib.terms.term import (
-    Observed,
-    Resimulation,
-    Setup,
-    Term,
-    check_unit,
-    pose_named,
-    pose_parameters,
-    pose_values,
-)
+from suta_calib.terms.term import Observed, Resimulation, Setup, Term
 
 ARTEFACT_COLUMNS: Final = SampleColumns(labels=("placement", "repeat", "landmark"))
 # What touches of an artefact are grouped by; a set is a placement gone through once.

@@ -1,18 +1,24 @@
 """What stands outside the arm and is found with it: cameras, instruments, artefacts, points.
 
-A term's own unknowns are numbers; most of them make up a pose or a point that somebody came for.
+A term's own unknowns are numbers; most of them make up a pose or a point that somebody came for:
+``x, y, z`` and a rotation vector ``rx, ry, rz``.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
 from suta_calib.arrays import FloatArray
-from suta_calib.geometry.numbers import rotation_from_vector
-from suta_calib.model.parameters import PLACEMENT, POSITION
+from suta_calib.geometry.numbers import rotation_from_vector, vector_from_rotation
+from suta_calib.model.parameters import PLACEMENT, POSITION, ROTATION, Parameter
+
+# An external frame can be anywhere: these only say when a pose counts as not determined at all.
+PLAUSIBLE_POSITION: Final = 0.5
+PLAUSIBLE_ROTATION: Final = 1.0
 
 # Rotation (3, 3), None for what has no orientation, and position (3,), m.
 OutsidePose = tuple[FloatArray | None, FloatArray]
@@ -41,9 +47,9 @@ class OutsideFrame:
 
     def pose(self, values: Mapping[str, float]) -> OutsidePose:
         """``T_within_what`` for values of the unknowns by name, SI."""
-        numbers = np.array([values[name] for name in self.names])
-        turned = self.keys == PLACEMENT
-        return rotation_from_vector(numbers[3:]) if turned else None, numbers[:3]
+        if self.keys == PLACEMENT:
+            return pose_named(values, self.owner)
+        return None, point_named(values, self.owner)
 
 
 def frames_of(
@@ -63,3 +69,30 @@ def frames_of(
                 found.append(OutsideFrame(owner, *named, whole))
                 break
     return found
+
+
+def pose_parameters(label: str) -> tuple[Parameter, ...]:
+    """The six unknowns of an external frame, ``label.x … label.rz``."""
+    turn = (Parameter(label, key, "rad", plausible=PLAUSIBLE_ROTATION) for key in ROTATION)
+    return (*point_parameters(label), *turn)
+
+
+def point_parameters(label: str) -> tuple[Parameter, ...]:
+    """The three unknowns of a point, ``label.x|y|z``."""
+    return tuple(Parameter(label, key, "m", plausible=PLAUSIBLE_POSITION) for key in POSITION)
+
+
+def pose_values(rotation: FloatArray, position: FloatArray) -> FloatArray:
+    """A pose as the six numbers of `pose_parameters`."""
+    return np.concatenate([position, vector_from_rotation(rotation)])
+
+
+def pose_named(values: Mapping[str, float], label: str) -> tuple[FloatArray, FloatArray]:
+    """Rotation (3, 3) and position (3,), m, of the unknowns ``label.x … label.rz``."""
+    six = np.array([values[f"{label}.{key}"] for key in PLACEMENT])
+    return rotation_from_vector(six[3:]), six[:3]
+
+
+def point_named(values: Mapping[str, float], label: str) -> FloatArray:
+    """Position (3,), m, of the unknowns ``label.x|y|z``."""
+    return np.array([values[f"{label}.{key}"] for key in POSITION])

@@ -18,7 +18,8 @@ from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import rotation_from_vector
 from suta_calib.terms.hand_eye_start import Poses
-from suta_calib.terms.term import Term, point_named, pose_named
+from suta_calib.terms.outside import point_named, pose_named
+from suta_calib.terms.term import Term
 
 # How a row is grossly wrong: its pose is anything; it is displaced, as where a tip slipped off its
 # point; it is another row's, as where two streams are out of step.

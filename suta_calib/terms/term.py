@@ -26,19 +26,14 @@ from scipy.sparse.csgraph import connected_components
 
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.errors import ArtefactError, SamplesError, did_you_mean
-from suta_calib.geometry.numbers import rotation_from_vector, vector_from_rotation
 from suta_calib.measurements import Artefact, SampleColumns, YamlSection
-from suta_calib.model.parameters import PLACEMENT, POSITION, ROTATION, Parameter
-from suta_calib.terms.block import LEARNT, Block, Noise, grouped
+from suta_calib.model.parameters import POSITION, Parameter
+from suta_calib.terms.block import Block, Noise, grouped
 from suta_calib.terms.given import GivenPose, Known
 from suta_calib.terms.outside import OutsideFrame, frames_of
 from suta_calib.terms.poses import PoseSource
 from suta_calib.terms.seating import Seating
 from suta_calib.units import mm
-
-# An external frame can be anywhere: these only say when a pose counts as not determined at all.
-PLAUSIBLE_POSITION: Final = 0.5
-PLAUSIBLE_ROTATION: Final = 1.0
 
 # What tells where the arm is: its tip touches something, an instrument sees the tip, or a camera
 # on the tip sees something.
@@ -48,13 +43,8 @@ Medium = Literal["touch", "instrument", "camera"]
 Gap = Literal["base", "tool", "place"]
 
 
-# Extents of what was seen or touched and of what the arm moved that differ by more are in different
-# units: no geometry is so wrong.
-OTHER_UNIT: Final = 20.0
 # Metres that stand where millimetres belong: how many times too near that is, nearly.
 _IN_METRES: Final = (700.0, 1400.0)
-# A tip that moves by less, m, lies on the axes that were turned about, if anything moved.
-UNMOVED: Final = 1e-7
 
 
 @dataclass(frozen=True)
@@ -541,166 +531,3 @@ class Term(ABC):
         Raises:
             SamplesError: too few samples, and how many are needed.
         """
-
-
-# What says the unit of what is seen.
-SEEN_UNIT: Final = (
-    "columns x, y, z are in m, and x_mm, y_mm, z_mm in mm: is it another unit, or another arm?"
-)
-
-
-@dataclass(frozen=True, eq=False)
-class FramedTerm(Term):
-    """What is seen from frames, or of frames, that stand somewhere unknown: its `frames`."""
-
-    @property
-    @abstractmethod
-    def frame_names(self) -> list[str]:
-        """Owners of the unknowns of its frames."""
-
-    def known(self, label: str, pose: GivenPose) -> dict[str, Known]:
-        """The unknowns that a given pose tells of a frame or of a mark.
-
-        Args:
-            label: key of a frame; or of a mark, whose pose in the tip is given; or empty, for the
-                pose of what sees in what carries it: an instrument's in the base, a camera's in the
-                tip.
-            pose: of it.
-        """
-        for frame, owner in zip(self.frames, self.frame_names, strict=True):
-            if label == frame.key:
-                return pose.of_pose(owner)
-        if not label:
-            seeing = pose.inverse if self.frames[0].seen_from else pose
-            return seeing.of_pose(self.frame_names[0])
-        marks = self.poses.samples.labels[self.mark] if self.marked else ()
-        return pose.of_pose(f"{self.mark}[{label}]") if label in marks else {}
-
-    def check_given(self) -> None:
-        """Refuse given poses of what is not there, or that leave open what they must say."""
-        marks = sorted(set(self.poses.samples.labels[self.mark].tolist())) if self.marked else []
-        for label, pose in self.given.items():
-            partly = pose.rotation is None or (
-                (pose.position_std is None) != (pose.rotation_std is None)
-            )
-            if not label and self.frames[0].seen_from and partly:
-                raise SamplesError(
-                    f"a pose of the {self.medium} that is known in part",
-                    "position_mm and rotation_rpy_deg, and both of prior_mm and prior_deg or none",
-                    where=f"{self.kind}: pose",
-                    hint=f"or give {self.frames[0].key}, each part of which may be left out",
-                )
-            if not set(self.known(label, pose)) & {p.name for p in self.own}:
-                noun = self.mark or "place"
-                raise SamplesError(
-                    f"a pose of {noun} '{label}'",
-                    f"one of {', '.join(marks)}" if marks else f"the pose of the {self.medium}",
-                    where=f"{self.kind}: pose",
-                    hint=did_you_mean(label, marks),
-                )
-            self._check_in_mm(label, self.known(label, pose))
-
-
-@dataclass(frozen=True, eq=False)
-class SeenTerm(FramedTerm):
-    """What an instrument, or a camera, sees: positions and perhaps orientations.
-
-    The own unknowns are the poses of its `frames`.
-
-    Attributes:
-        noise: scatter and robustness of a position, m per axis.
-        angular_noise: the same for the orientation, rad per axis.
-        label: tells several instruments of one kind apart.
-    """
-
-    noise: Noise = LEARNT
-    angular_noise: Noise = LEARNT
-    label: str = "default"
-
-    @classmethod
-    def over(cls, poses: PoseSource, setup: Setup) -> Self:
-        """Build it from a row of a job file."""
-        return cls(poses, setup.noise, setup.angular_noise, setup.label)
-
-    @property
-    def frame_names(self) -> list[str]:
-        """Owners of the unknowns of its frames."""
-        suffix = "" if self.label == "default" else f"[{self.label}]"
-        return [frame.own + suffix for frame in self.frames]
-
-    @cached_property
-    def own(self) -> tuple[Parameter, ...]:
-        """The poses of its frames."""
-        return tuple(p for frame in self.frame_names for p in pose_parameters(frame))
-
-
-def check_unit(term: Term, what: str, size: float, moved: float, expected: str, hint: str) -> None:
-    """Refuse lengths in another unit than the arm's, which no solver would make fit.
-
-    Args:
-        term: whose lengths they are.
-        what: was seen or touched, in the plural.
-        size: root mean square distance of these from their middle, m.
-        moved: the same of the tip by the arm's nominal geometry, m.
-        expected: what there should be.
-        hint: which columns, or which key, say the unit.
-
-    Raises:
-        SamplesError: one is more than `OTHER_UNIT` times the other, or the tip does not move.
-    """
-    if moved < UNMOVED:
-        raise SamplesError(
-            f"a tip that the arm's readings move by {mm(moved):.2g} mm",
-            "readings that differ, and a tip off the axes of the joints that turn",
-            where=term.kind,
-        )
-    if not moved / OTHER_UNIT <= size <= moved * OTHER_UNIT:
-        raise SamplesError(
-            f"{what} {mm(size):.4g} mm about their middle, where the arm's readings move the tip "
-            f"by {mm(moved):.4g} mm",
-            expected,
-            where=term.kind,
-            hint=hint,
-        )
-
-
-def check_turned(term: Term) -> None:
-    """Refuse given poses without an orientation, for kinds that it is everything of.
-
-    Raises:
-        SamplesError: names the first.
-    """
-    for label, pose in term.given.items():
-        if pose.rotation is None:
-            raise SamplesError(
-                f"a pose of {term.place} {label} without an orientation".replace("  ", " "),
-                "rotation_rpy_deg beside position_mm",
-                where=f"{term.kind}: pose",
-            )
-
-
-def pose_parameters(label: str) -> tuple[Parameter, ...]:
-    """The six unknowns of an external frame, ``label.x … label.rz``."""
-    turn = (Parameter(label, key, "rad", plausible=PLAUSIBLE_ROTATION) for key in ROTATION)
-    return (*point_parameters(label), *turn)
-
-
-def point_parameters(label: str) -> tuple[Parameter, ...]:
-    """The three unknowns of a point, ``label.x|y|z``."""
-    return tuple(Parameter(label, key, "m", plausible=PLAUSIBLE_POSITION) for key in POSITION)
-
-
-def pose_values(rotation: FloatArray, position: FloatArray) -> FloatArray:
-    """A pose as the six numbers of `pose_parameters`."""
-    return np.concatenate([position, vector_from_rotation(rotation)])
-
-
-def pose_named(values: Mapping[str, float], label: str) -> tuple[FloatArray, FloatArray]:
-    """Rotation (3, 3) and position (3,), m, of the unknowns ``label.x … label.rz``."""
-    six = np.array([values[f"{label}.{key}"] for key in PLACEMENT])
-    return rotation_from_vector(six[3:]), six[:3]
-
-
-def point_named(values: Mapping[str, float], label: str) -> FloatArray:
-    """Position (3,), m, of the unknowns ``label.x|y|z``."""
-    return np.array([values[f"{label}.{key}"] for key in POSITION])

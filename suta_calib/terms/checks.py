@@ -1,0 +1,60 @@
+"""What several kinds refuse in the same words."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from suta_calib.errors import SamplesError
+from suta_calib.terms.term import Term
+from suta_calib.units import mm
+
+# Extents of what was seen or touched and of what the arm moved that differ by more are in different
+# units: no geometry is so wrong.
+OTHER_UNIT: Final = 20.0
+# A tip that moves by less, m, lies on the axes that were turned about, if anything moved.
+UNMOVED: Final = 1e-7
+
+
+def check_unit(term: Term, what: str, size: float, moved: float, expected: str, hint: str) -> None:
+    """Refuse lengths in another unit than the arm's, which no solver would make fit.
+
+    Args:
+        term: whose lengths they are.
+        what: was seen or touched, in the plural.
+        size: root mean square distance of these from their middle, m.
+        moved: the same of the tip by the arm's nominal geometry, m.
+        expected: what there should be.
+        hint: which columns, or which key, say the unit.
+
+    Raises:
+        SamplesError: one is more than `OTHER_UNIT` times the other, or the tip does not move.
+    """
+    if moved < UNMOVED:
+        raise SamplesError(
+            f"a tip that the arm's readings move by {mm(moved):.2g} mm",
+            "readings that differ, and a tip off the axes of the joints that turn",
+            where=term.kind,
+        )
+    if not moved / OTHER_UNIT <= size <= moved * OTHER_UNIT:
+        raise SamplesError(
+            f"{what} {mm(size):.4g} mm about their middle, where the arm's readings move the tip "
+            f"by {mm(moved):.4g} mm",
+            expected,
+            where=term.kind,
+            hint=hint,
+        )
+
+
+def check_turned(term: Term) -> None:
+    """Refuse given poses without an orientation, for kinds that it is everything of.
+
+    Raises:
+        SamplesError: names the first.
+    """
+    for label, pose in term.given.items():
+        if pose.rotation is None:
+            raise SamplesError(
+                f"a pose of {term.place} {label} without an orientation".replace("  ", " "),
+                "rotation_rpy_deg beside position_mm",
+                where=f"{term.kind}: pose",
+            )

@@ -1,0 +1,107 @@
+"""What kinds have in common of which something is seen, by an instrument or a camera."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final, Self
+
+from suta_calib.errors import SamplesError, did_you_mean
+from suta_calib.model.parameters import Parameter
+from suta_calib.terms.block import LEARNT, Noise
+from suta_calib.terms.given import GivenPose, Known
+from suta_calib.terms.outside import pose_parameters
+from suta_calib.terms.poses import PoseSource
+from suta_calib.terms.term import Setup, Term
+
+# What says the unit of what is seen.
+SEEN_UNIT: Final = (
+    "columns x, y, z are in m, and x_mm, y_mm, z_mm in mm: is it another unit, or another arm?"
+)
+
+
+@dataclass(frozen=True, eq=False)
+class FramedTerm(Term):
+    """What is seen from frames, or of frames, that stand somewhere unknown: its `frames`."""
+
+    @property
+    @abstractmethod
+    def frame_names(self) -> list[str]:
+        """Owners of the unknowns of its frames."""
+
+    def known(self, label: str, pose: GivenPose) -> dict[str, Known]:
+        """The unknowns that a given pose tells of a frame or of a mark.
+
+        Args:
+            label: key of a frame; or of a mark, whose pose in the tip is given; or empty, for the
+                pose of what sees in what carries it: an instrument's in the base, a camera's in the
+                tip.
+            pose: of it.
+        """
+        for frame, owner in zip(self.frames, self.frame_names, strict=True):
+            if label == frame.key:
+                return pose.of_pose(owner)
+        if not label:
+            seeing = pose.inverse if self.frames[0].seen_from else pose
+            return seeing.of_pose(self.frame_names[0])
+        marks = self.poses.samples.labels[self.mark] if self.marked else ()
+        return pose.of_pose(f"{self.mark}[{label}]") if label in marks else {}
+
+    def check_given(self) -> None:
+        """Refuse given poses of what is not there, or that leave open what they must say."""
+        marks = sorted(set(self.poses.samples.labels[self.mark].tolist())) if self.marked else []
+        for label, pose in self.given.items():
+            partly = pose.rotation is None or (
+                (pose.position_std is None) != (pose.rotation_std is None)
+            )
+            if not label and self.frames[0].seen_from and partly:
+                raise SamplesError(
+                    f"a pose of the {self.medium} that is known in part",
+                    "position_mm and rotation_rpy_deg, and both of prior_mm and prior_deg or none",
+                    where=f"{self.kind}: pose",
+                    hint=f"or give {self.frames[0].key}, each part of which may be left out",
+                )
+            known = self.known(label, pose)
+            if not set(known) & {p.name for p in self.own}:
+                noun = self.mark or "place"
+                raise SamplesError(
+                    f"a pose of {noun} '{label}'",
+                    f"one of {', '.join(marks)}" if marks else f"the pose of the {self.medium}",
+                    where=f"{self.kind}: pose",
+                    hint=did_you_mean(label, marks),
+                )
+            self._check_in_mm(label, known)
+
+
+@dataclass(frozen=True, eq=False)
+class SeenTerm(FramedTerm):
+    """What an instrument, or a camera, sees: positions and perhaps orientations.
+
+    The own unknowns are the poses of its `frames`.
+
+    Attributes:
+        noise: scatter and robustness of a position, m per axis.
+        angular_noise: the same for the orientation, rad per axis.
+        label: tells several instruments of one kind apart.
+    """
+
+    noise: Noise = LEARNT
+    angular_noise: Noise = LEARNT
+    label: str = "default"
+
+    @classmethod
+    def over(cls, poses: PoseSource, setup: Setup) -> Self:
+        """Build it from a row of a job file."""
+        return cls(poses, setup.noise, setup.angular_noise, setup.label)
+
+    @property
+    def frame_names(self) -> list[str]:
+        """Owners of the unknowns of its frames."""
+        suffix = "" if self.label == "default" else f"[{self.label}]"
+        return [frame.own + suffix for frame in self.frames]
+
+    @cached_property
+    def own(self) -> tuple[Parameter, ...]:
+        """The poses of its frames."""
+        return tuple(p for frame in self.frame_names for p in pose_parameters(frame))
