@@ -16,6 +16,8 @@ from suta_calib.arrays import FloatArray
 from suta_calib.plotting.style import style
 from suta_calib.units import Unit, shown
 
+# Pixels on a page at most, per point of the figure: one as wide as `WIDTH` fills the text.
+_ENLARGED: Final = 1.8
 _SVG: Final = "{http://www.w3.org/2000/svg}"
 _METADATA: Final = {"Date": None, "Creator": None, "Format": None, "Type": None}
 
@@ -58,7 +60,7 @@ def svg_text(figure: Figure, name: str, description: str) -> str:
             del element.attrib["id"]
     width = root.attrib.pop("width").removesuffix("pt")
     del root.attrib["height"]
-    root.set("style", f"max-width:{float(width) * 4 / 3:.0f}px")
+    root.set("style", f"max-width:{float(width) * _ENLARGED:.0f}px")
     root.set("id", name)
     root.set("role", "img")
     root.set("aria-label", description)
