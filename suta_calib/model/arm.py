@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import replace
@@ -322,13 +323,21 @@ def reduced_model(
 
 @lru_cache(maxsize=16)
 def _kinematics(arm: ArmModel, names: tuple[str, ...], directed: bool) -> Symbol:
+    """`forward_kinematics` of this arm."""
     arm._check_masses(names)
     nominal = {p.name: p.nominal for p in arm.offered.values()}
     # Nothing between the root and this link moves with the chain.
     top = arm.model.frames[arm.model.getFrameId(arm.chain.top, pin.FrameType.BODY)].placement
     gravity = top.rotation.T @ arm.model.gravity.linear
-    segments, loads = arm.segments, arm.loads
-    return forward_kinematics(segments, names, nominal, loads, gravity, directed=directed)
+    chain = arm.segments, names, nominal, arm.loads, gravity
+    return _kinematics_of(pickle.dumps(chain), directed)
+
+
+# A URDF is read again by every job over it, and its kinematics would be composed again.
+@lru_cache(maxsize=64)
+def _kinematics_of(chain: bytes, directed: bool) -> Symbol:
+    """`forward_kinematics` of pickled arguments, which arms that are alike have alike."""
+    return forward_kinematics(*pickle.loads(chain), directed=directed)
 
 
 def _segment(
