@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from camera_scenes import BOARD, CAMERA, LENS, SECOND, Pictures, X, Z, pictures
-from cli_job import cli
-from pose_answers import Capture, answer
+from cli_job import Capture, answer, cli
 
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import vector_from_rotation
@@ -23,11 +22,8 @@ from suta_calib.measurements import (
     write_camera,
     write_corners,
 )
-from suta_calib.pose_calibration.pictures import (
-    PictureCalibration,
-    SeenCamera,
-    hand_eye_from_pictures,
-)
+from suta_calib.pose_calibration.picture_answer import PictureCalibration, SeenCamera
+from suta_calib.pose_calibration.pictures import hand_eye_from_pictures
 
 OPTIONS: dict[str, Any] = {"setup": "eye-in-hand", "model": "AX=ZB"}
 
