@@ -32,8 +32,10 @@ _STEPS: Final = 10
 _SETTLED: Final = 1e-6
 # How far the principal point may be from the middle of what was seen, in its extents.
 _OFF_CENTRE: Final = 1.5
-# What is known of a camera at least as badly as this, px or 1: a prior of zero width is none.
-HELD: Final = 1e-4
+# What is known of a camera at least as badly as this, px or 1: a prior of zero width is none. A
+# decentring of 1e-4 shows as no corner's error, but bends a picture as a principal point a pixel
+# off does, and would take its place.
+HELD: Final = 1e-6
 
 
 @dataclass(frozen=True)
