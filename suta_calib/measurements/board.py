@@ -72,6 +72,11 @@ class Board(ABC):
         return np.array([self.points[int(number)] for number in listed]).reshape(-1, 3)
 
     @property
+    def flat(self) -> bool:
+        """Whether all its points lie in one plane of the same z."""
+        return len({float(point[2]) for point in self.points.values()}) == 1
+
+    @property
     def numbering(self) -> str:
         """Which numbers its points have."""
         return f"a number from 0 to {max(self.points)}"

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from camera_scenes import BOARD, CAMERA, LENS, SECOND, Pictures, X, Z, pictures
-from cli_job import cli
-from pose_answers import Capture, answer
+from cli_job import Capture, answer, cli
 
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import vector_from_rotation
@@ -23,11 +22,8 @@ from suta_calib.measurements import (
     write_camera,
     write_corners,
 )
-from suta_calib.pose_calibration.pictures import (
-    PictureCalibration,
-    SeenCamera,
-    hand_eye_from_pictures,
-)
+from suta_calib.pose_calibration.picture_answer import PictureCalibration, SeenCamera
+from suta_calib.pose_calibration.pictures import hand_eye_from_pictures
 
 OPTIONS: dict[str, Any] = {"setup": "eye-in-hand", "model": "AX=ZB"}
 
@@ -132,6 +128,24 @@ def test_a_principal_point_a_pixel_off_is_named_and_costs_nothing() -> None:
     assert np.abs(errors(wrong.cameras[0])[:6] / std).max() < 4.0
 
 
+def test_a_rectified_camera_has_no_distortion_to_hide_a_principal_point_in() -> None:
+    """Coefficients that are zero in the file are no part of the camera: they stay out of the way.
+
+    With as little as 1e-4 of play they took up a third of the principal point's error.
+    """
+    straight = np.concatenate([LENS[:4], np.zeros(5)])
+    away = Camera(1280, 960, np.add(straight, [0.0, 0.0, 1.0, 1.0, 0, 0, 0, 0, 0]))
+    off = []
+    for seed in range(3):
+        scene = pictures(16, pixel=0.05, seed=seed, given=away, lens=straight)
+        (seen,) = solved(scene).cameras
+        assert np.abs(seen.camera.intrinsics[4:]).max() < 1e-6
+        off.append(seen.camera.intrinsics[2:4] - straight[2:4])
+        std = seen.std["X"]
+        assert np.abs(errors(seen)[:6] / std).max() < 4.0
+    assert np.sqrt(np.mean(np.square(off))) < 0.2
+
+
 WORKCELL = Path(__file__).parents[3] / "shared/data/images/workcell_camera1"
 
 
@@ -151,9 +165,10 @@ def test_rendered_pictures_of_a_workcell(shift: float, tmp_path: Path, capsys: C
     said = answer(capsys, "hand-eye", WORKCELL / "poses.csv", "--setup", "eye-to-hand", *options)
     truth = np.array(json.loads((WORKCELL / "truth.json").read_text())["T_base_camera"])
     T = np.array(said["X"])
-    # The pose method is 2.2 mm and 0.12° off.
-    assert np.linalg.norm(T[:3, 3] - truth[:3, 3]) < 1e-3
-    assert np.linalg.norm(vector_from_rotation(truth[:3, :3].T @ T[:3, :3])) < np.radians(0.06)
+    # The pose method is 2.2 mm and 0.12° off. A turn of 0.02° about the origin of the base, which
+    # poses and truth do not have in common, is in no picture.
+    assert np.linalg.norm(T[:3, 3] - truth[:3, 3]) < 0.9e-3
+    assert np.linalg.norm(vector_from_rotation(truth[:3, :3].T @ T[:3, :3])) < np.radians(0.025)
     assert said["counts"]["inliers"] == 40
 
 

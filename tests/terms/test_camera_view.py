@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from cli_job import cli
+from cli_job import answer, cli
 from simulated import arm_named, camera_scene, dh_parameters, perturbed
 
 from suta_calib.geometry.numbers import rotation_from_vector
@@ -71,13 +70,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory, repository: Path) -> Path:
         (path / name).write_text(text)
     assert cli("simulate", path / "simulation.yaml", "--out", path) == 0
     return path
-
-
-def answer(capsys: pytest.CaptureFixture[str], *arguments: object) -> dict[str, Any]:
-    capsys.readouterr()
-    assert cli(*arguments, "--json") == 0
-    found: dict[str, Any] = json.loads(capsys.readouterr().out)
-    return found
 
 
 def test_pictures_tell_the_arm(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
