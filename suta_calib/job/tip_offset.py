@@ -76,12 +76,14 @@ class TipOffset:
         if last.motion != "fixed":
             raise JobError(
                 f"a tip_offset_mm at {arm.tip}, the link that {last.owner} moves",
-                "a tip that a fixed joint holds",
+                "a tip that a fixed joint holds, whose <origin> is where calibrated.urdf keeps the "
+                "offset: a joint that moves keeps its axis there",
                 file=self.file,
                 line=self.line,
                 where="arm.tip_offset_mm",
                 hint=f"add to the URDF a link with a fixed joint on {arm.chain.tip_link}, and make "
-                "it the tip",
+                "it the tip; what an instrument sees there needs none: give its samples a column "
+                "'target'",
             )
         moved = last.position + last.rotation @ np.array(self.position)
         names = last.names(*POSITION)
