@@ -119,6 +119,32 @@ class ArmModel:
         arm._check_masses(n for n, p in arm.nongeometric.items() if p.nominal)
         return arm
 
+    def with_tip_moved(self, by: ArrayLike) -> ArmModel:
+        """The same arm with another tip on the same link, such as the end of a probe.
+
+        It moves the tip's own placement ``tip.x|y|z``, which a calibrated URDF holds.
+
+        Args:
+            by: (3,) along the axes of the tip, m.
+
+        Raises:
+            ParameterError: the tip is on a link that a joint moves, and so has no placement.
+        """
+        last = self.segments[-1]
+        if last.motion != "fixed":
+            raise ParameterError(
+                f"a tip_offset_mm at {self.tip}, the link that {last.owner} moves",
+                "a tip that a fixed joint holds, whose <origin> is where calibrated.urdf keeps the "
+                "offset: a joint that moves keeps its axis there",
+                where="arm.tip_offset_mm",
+                hint=f"add to the URDF a link with a fixed joint on {self.chain.tip_link}, and "
+                "make it the tip; what an instrument sees there needs none: give its samples a "
+                "column 'target'",
+            )
+        names = last.names(*POSITION)
+        moved = [self.parameters[n].nominal for n in names] + last.rotation @ np.asarray(by)
+        return self.at(dict(zip(names, moved.tolist(), strict=True)))
+
     @property
     def joints(self) -> tuple[str, ...]:
         """Names of the joints that have a reading, base → tip: the columns of a samples file."""

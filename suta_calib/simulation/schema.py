@@ -13,9 +13,10 @@ from typing import Any, Final, Literal, TypeVar
 import numpy as np
 
 from suta_calib.arrays import FloatArray
-from suta_calib.errors import JobError
+from suta_calib.errors import JobError, ParameterError
 from suta_calib.measurements import YamlSection, read_yaml
 from suta_calib.measurements.yaml_file import Sign
+from suta_calib.model.arm import ArmModel
 from suta_calib.simulation.noise import NoiseLevels, OutlierSpec
 from suta_calib.terms import KINDS, Term
 from suta_calib.units import Unit, from_deg, from_mm, key, stored
@@ -143,6 +144,8 @@ class SimulationSpec:
     Attributes:
         path: the file.
         urdf, tip, base: the nominal arm and the ends of its chain; base None for the root link.
+        tip_offset: (3,) where the tip is in the frame that the URDF has for it, m; None for its
+            origin.
         seed: of every random number.
         posture: where the first search for a posture starts; joints that are not named start at
             the middle of their range.
@@ -158,6 +161,20 @@ class SimulationSpec:
     posture: tuple[PostureRow, ...]
     errors: tuple[ErrorRow, ...]
     sets: tuple[SetSpec, ...]
+    tip_offset: FloatArray | None = None
+
+    def on(self, arm: ArmModel) -> ArmModel:
+        """The nominal arm with its tip at `tip_offset`.
+
+        Raises:
+            JobError: the tip is on a link that moves, and so has no placement of its own.
+        """
+        if self.tip_offset is None:
+            return arm
+        try:
+            return arm.with_tip_moved(self.tip_offset)
+        except ParameterError as problem:
+            raise JobError.of(problem, self.path, None) from None
 
 
 def read_simulation(path: Path) -> SimulationSpec:
@@ -171,7 +188,7 @@ def read_simulation(path: Path) -> SimulationSpec:
     known = ("arm", "seed", "posture_deg", "posture_mm", "errors", "noise", "sets")
     top.check_keys(known, required=("arm", "sets"))
     arm = top.section("arm")
-    arm.check_keys(("urdf", "tip", "base"), required=("urdf", "tip"))
+    arm.check_keys(("urdf", "tip", "base", "tip_offset_mm"), required=("urdf", "tip"))
     noise = _noise(top.section("noise")) if "noise" in top else NoiseLevels()
     return SimulationSpec(
         Path(path),
@@ -182,6 +199,7 @@ def read_simulation(path: Path) -> SimulationSpec:
         _posture(top),
         tuple(_error_row(row) for row in top.sections("errors")) if "errors" in top else (),
         tuple(_named(top, "sets", lambda name, section: _set(name, section, noise)).values()),
+        from_mm(np.array(arm.numbers("tip_offset_mm", 3))) if "tip_offset_mm" in arm else None,
     )
 
 
