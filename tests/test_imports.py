@@ -15,7 +15,7 @@ ROWS = (
     | {"threads", "words"},
     {"geometry", "batched"},
     {"model", "measurements"},
-    {"terms"},
+    {"terms", "robots"},
     {"solver"},
     {"simulation"},
     {"diagnostics"},
