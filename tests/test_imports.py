@@ -19,6 +19,7 @@ ROWS = (
     {"solver"},
     {"simulation"},
     {"diagnostics"},
+    {"view"},
     {"job"},
     {"pose_calibration"},
     {"stereotactic", "analysis", "certification", "vision"},

@@ -96,6 +96,6 @@ def eye_poses(term: Term, values: Mapping[str, float]) -> tuple[FloatArray, Floa
 def _mean_shift(found: FloatArray, ideal: FloatArray) -> FloatArray:
     """(n, 2) mean of found less ideal corners (n, points, 2), px; 0 for a picture without any."""
     off = found - ideal
-    seen = np.isfinite(off).all(axis=2)
-    total = np.where(seen[..., None], off, 0.0).sum(axis=1)
-    return np.asarray(total / np.maximum(seen.sum(axis=1), 1)[:, None])
+    seen = np.all(np.isfinite(off), axis=2, keepdims=True)
+    total = np.where(seen, off, 0.0).sum(axis=1)
+    return np.asarray(total / np.maximum(seen.sum(axis=1), 1))
