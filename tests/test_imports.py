@@ -12,8 +12,8 @@ import pytest
 
 ROWS = (
     {"errors", "arrays", "units", "assessment", "atomic", "distributions", "extras", "lazy"}
-    | {"threads", "words"},
-    {"geometry", "batched"},
+    | {"showing", "threads", "words"},
+    {"geometry", "batched", "plotting"},
     {"model", "measurements"},
     {"terms", "robots"},
     {"solver"},

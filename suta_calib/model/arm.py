@@ -35,14 +35,17 @@ from suta_calib.model.parameters import (
     Selection,
     select_parameters,
 )
+from suta_calib.model.skeleton import Skeleton
 from suta_calib.model.urdf import folded_origin, urdf_bytes
+from suta_calib.plotting.scene import Scene
+from suta_calib.showing import Shown
 from suta_calib.units import Unit
 
 # Before a link's name, for as long as joints may be called the same.
 _LINK: Final = "link "
 
 
-class ArmModel:
+class ArmModel(Shown):
     """A chain base → tip through the tree of a URDF, with a parametric geometry.
 
     Build one with `from_urdf`; `at` gives the same arm at other values. Readings ``q`` are
@@ -270,6 +273,42 @@ class ArmModel:
         if readings.ndim == 1:
             return rotation[0], position[0]
         return rotation, position
+
+    def skeleton(self, q: ArrayLike) -> Skeleton:
+        """Joints and tip for readings (joints,), rad or m, in the base: the nominal geometry."""
+        moving = tuple(joint.name for joint in self.chain.joints if joint.moving)
+        tip = self.forward(q)[1]
+        return Skeleton.of(self.model, self.chain.base, moving, self.configuration(q), tip)
+
+    def scene(self, q: ArrayLike | None = None) -> Scene:
+        """The arm in one posture, to be drawn.
+
+        Args:
+            q: (joints,) readings; zero by default.
+        """
+        readings = np.zeros(len(self.joints)) if q is None else q
+        return self.skeleton(readings).scene(self.chain.robot or "arm")
+
+    def plot(self, q: ArrayLike | None = None, ax: Any = None) -> Any:
+        """Draw links, joint axes and tip in three dimensions, mm.
+
+        Args:
+            q: (joints,) readings, rad (m for prismatic joints); zero by default.
+            ax: `Axes3D` to draw on; those of a new figure by default.
+
+        Returns:
+            The `Axes3D`.
+        """
+        from suta_calib.plotting import draw_scene
+
+        return draw_scene(self.scene(q), ax)
+
+    @property
+    def in_a_line(self) -> str:
+        """Its ends and how many joints it has."""
+        count, chain = len(self.joints), self.chain
+        joints = f"{count} joint{'s' * (count != 1)}"
+        return f"{chain.base} → {self.tip}, {joints} of {chain.path.name}"
 
     def calibrated_urdf(self, values: Mapping[str, float]) -> bytes:
         """The user's own URDF with these values in the origins of its joints, for raw readings.

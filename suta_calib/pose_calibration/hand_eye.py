@@ -29,6 +29,7 @@ from suta_calib.pose_calibration.inputs import checked_poses, error_context
 from suta_calib.pose_calibration.robot_noise import EYE, RobotNoise
 from suta_calib.pose_calibration.robust_fit import RobustAnswer, exchanged, robust_fit
 from suta_calib.pose_calibration.undetermined import axis_of_all_turns, refuse_undetermined
+from suta_calib.showing import Shown
 from suta_calib.terms.hand_eye_start import (
     Poses,
     close_the_loop,
@@ -36,7 +37,7 @@ from suta_calib.terms.hand_eye_start import (
     loop_closures,
     quaternion_hand_eye,
 )
-from suta_calib.units import deg, from_deg, mm
+from suta_calib.units import deg, from_deg, mm, text
 
 # Pairs that determine X, and pairs of a minimal sample: one more, against small turns.
 NEEDED: Final = 3
@@ -59,8 +60,8 @@ ENOUGH: Final = 12
 UNSURE_TURN: Final = from_deg(0.5)
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class HandEyeCalibration(RobustAnswer):
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class HandEyeCalibration(Shown, RobustAnswer):
     """Where the eye is, and where the target; `solution` is in units of `length`.
 
     The covariance (12, 12) is of X and Z: displacement (m, outer frame's axes) and small turn (rad,
@@ -87,6 +88,12 @@ class HandEyeCalibration(RobustAnswer):
     robot_noise_fraction: float
     trend: DistanceTrend
     length: float
+
+    @property
+    def in_a_line(self) -> str:
+        """The setup, and how well the pairs agree."""
+        count = int(self.inliers.sum())
+        return f"{self.setup}, RMS {text(self.rms, 'm')} mm over {count} pairs"
 
     @property
     def unknowns(self) -> tuple[Literal["X", "Z"], ...]:

@@ -19,6 +19,7 @@ from suta_calib.diagnostics.explanation import redundant_names
 from suta_calib.diagnostics.external_poses import external_poses
 from suta_calib.diagnostics.repeats import TouchRepeatability
 from suta_calib.job.calibration import CalibrationResult
+from suta_calib.plotting.errors import MOST_GROUPS
 from suta_calib.report import calibration_plots as plots
 from suta_calib.report.document import Document, Figure, File, Folded, Part, Place, ShownOnly, Text
 from suta_calib.report.errors import (
@@ -124,10 +125,9 @@ def _parameters(result: CalibrationResult, *, verbose: bool) -> Iterator[Part]:
         place="page",
         look="soft",
     )
-    estimated = [e for e in solution.arm_estimates.values() if e.std]
-    if estimated:
+    if changes := solution.changes:
         yield Figure(
-            lambda: plots.parameter_changes(estimated, "parameter-changes"),
+            lambda: plots.parameter_changes(changes, "parameter-changes"),
             "Change from nominal, ± one standard deviation",
         )
     yield Folded(PARAMETERS.of(own, f"The observations' own unknowns ({len(own)})"))
@@ -216,7 +216,7 @@ def _remaining_errors(result: CalibrationResult) -> Iterator[Part]:
         told = [label for label in GROUPINGS if len(of[label]) > 1]
         # Files are usually split by label: only without labels do they tell more.
         for label in told or ["file"] * (len(of["file"]) > 1):
-            rest = len(of[label]) - plots.MOST_GROUPS
+            rest = len(of[label]) - MOST_GROUPS
             title = f"{name}: by {label}" + (f" (without the {rest} best)" if rest > 0 else "")
             svg_name = f"errors-{name.lower()}-{label}"
             found.append(Figure(partial(plots.grouped_errors, of[label], label, svg_name), title))

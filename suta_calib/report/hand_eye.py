@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import partial
 from typing import Final
 
@@ -9,7 +10,7 @@ from suta_calib.measurements.pose_files import PosePairs
 from suta_calib.model.parameters import PLACEMENT
 from suta_calib.pose_calibration.hand_eye import HandEyeCalibration
 from suta_calib.report.document import Document, Figure, Part
-from suta_calib.report.listing import Column, Json, Listing
+from suta_calib.report.listing import Column, Json, Listing, Table
 from suta_calib.report.poses import (
     LARGE,
     covariance_record,
@@ -44,12 +45,10 @@ CALIBRATION: Final = Listing[HandEyeCalibration](
 def hand_eye_document(found: HandEyeCalibration, data: PosePairs) -> Document:
     """X, and Z where the model asks for it, with standard deviations; ``residuals.csv``."""
     names, frames = found.unknowns, FRAMES[found.setup]
-    parts: list[Part] = []
+    parts: list[Part] = [*frame_tables(found)]
     record: Json = {"setup": found.setup, "model": found.model}
     for name in names:
-        pose, (_, base, what) = getattr(found, name), frames[name].split("_")
-        title = f"{name} = {frames[name]}: the {what} in the {base}, {found.setup}"
-        parts.append(pose_table(title, pose, found.std[name], f"the {what}'s axes"))
+        pose = getattr(found, name)
         record |= {name: pose, **pose_record(pose, f"{name}_")}
     fit = (
         f"rms {text(found.rms, 'm', with_unit=True)} (3-D), "
@@ -72,6 +71,15 @@ def hand_eye_document(found: HandEyeCalibration, data: PosePairs) -> Document:
         "input": str(data.path),
     }
     return Document(NAME, "Hand-eye calibration", found.assessment, parts, record, "result")
+
+
+def frame_tables(found: HandEyeCalibration) -> Iterator[Table]:
+    """X, and Z where the model asks for it, each in words with its standard deviations."""
+    for name in found.unknowns:
+        frame = FRAMES[found.setup][name]
+        _, base, what = frame.split("_")
+        title = f"{name} = {frame}: the {what} in the {base}, {found.setup}"
+        yield pose_table(title, getattr(found, name), found.std[name], f"the {what}'s axes")
 
 
 def hand_eye_plot(found: HandEyeCalibration) -> str:

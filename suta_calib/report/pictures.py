@@ -15,6 +15,7 @@ from suta_calib.geometry.pinhole import CENTRE, FOCAL, INTRINSICS
 from suta_calib.measurements.camera import camera_text
 from suta_calib.measurements.pose_files import HandPoses
 from suta_calib.model.parameters import PLACEMENT
+from suta_calib.plotting.style import GREY
 from suta_calib.pose_calibration.picture_noise import PictureNoise
 from suta_calib.pose_calibration.pictures import ROBOTS, PictureCalibration, SeenCamera
 from suta_calib.report.document import Document, Figure, File, Part, Text
@@ -30,7 +31,7 @@ from suta_calib.report.poses import (
     pose_std_record,
     pose_table,
 )
-from suta_calib.report.svg import GREY, picture, svg_text
+from suta_calib.report.svg import picture, svg_text
 from suta_calib.units import NOTHING, Unit, deg, mm, text
 from suta_calib.words import listed
 

@@ -11,7 +11,7 @@ from suta_calib.arrays import FloatArray
 from suta_calib.measurements.pose_files import ToolPoses
 from suta_calib.pose_calibration.pivot import PivotCalibration
 from suta_calib.report.document import Document, Figure, File, Part, Text
-from suta_calib.report.listing import Column, Json, Listing, json_text, plain, written
+from suta_calib.report.listing import Column, Json, Listing, Table, json_text, plain, written
 from suta_calib.report.poses import (
     LARGE,
     axes_with_std,
@@ -49,12 +49,7 @@ PLACES: Final = Listing[tuple[str, FloatArray, FloatArray]](
 
 def pivot_document(found: PivotCalibration, data: ToolPoses) -> Document:
     """Tip, posts, fit; with ``residuals.csv``, and ``tip.json`` where the tip may be used."""
-    posts = [
-        ("post" if data.point is None else f"post {name}", post, found.post_std(name))
-        for name, post in list(found.posts.items())[:MOST_POSTS]
-    ]
-    title = PLACES.title if len(found.posts) == 1 else PLACES.title.replace("post", "posts")
-    parts: list[Part] = [PLACES.of([("tip", found.tip, found.tip_std), *posts], title)]
+    parts: list[Part] = [places_table(found, labelled=data.point is not None)]
     if (more := len(found.posts) - MOST_POSTS) > 0:
         parts.append(Text(f"and {more} more posts: --json has them"))
     touched = {} if data.point is None else {"point": data.point.tolist()}
@@ -80,6 +75,21 @@ def pivot_document(found: PivotCalibration, data: ToolPoses) -> Document:
         "input": str(data.path),
     }
     return Document(NAME, "Pivot calibration", found.assessment, parts, record, "result")
+
+
+def places_table(found: PivotCalibration, *, labelled: bool) -> Table:
+    """Tip and posts, ± std, mm.
+
+    Args:
+        found: the answer.
+        labelled: whether the posts have names of their own.
+    """
+    posts = [
+        (f"post {name}" if labelled else "post", post, found.post_std(name))
+        for name, post in list(found.posts.items())[:MOST_POSTS]
+    ]
+    title = PLACES.title if len(found.posts) == 1 else PLACES.title.replace("post", "posts")
+    return PLACES.of([("tip", found.tip, found.tip_std), *posts], title)
 
 
 def pivot_plot(found: PivotCalibration, data: ToolPoses) -> str:

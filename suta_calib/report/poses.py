@@ -18,10 +18,11 @@ from matplotlib.ticker import MaxNLocator
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.geometry.numbers import quaternion_from_rotation, rpy_from_rotation
 from suta_calib.model.parameters import PLACEMENT
+from suta_calib.plotting.style import BLUE, GREY, ORANGE, WIDTH, plain_log
 from suta_calib.pose_calibration.robust_fit import RobustAnswer
 from suta_calib.report.document import File, Text
 from suta_calib.report.listing import Column, Json, Listing, Row, Table, csv_text, plain, shown_as
-from suta_calib.report.svg import BLUE, GREY, ORANGE, WIDTH, plain_log, shown_array
+from suta_calib.report.svg import shown_array
 from suta_calib.units import Unit, deg, from_deg, key, shown, text, unit_name
 from suta_calib.words import listed
 

@@ -12,9 +12,10 @@ from matplotlib.axes import Axes
 from suta_calib.arrays import FloatArray
 from suta_calib.measurements.pose_files import Points
 from suta_calib.model.parameters import PLACEMENT
+from suta_calib.plotting.factor import round_down
 from suta_calib.pose_calibration.registration import Registration
 from suta_calib.report.document import Document, Figure, Part, Text
-from suta_calib.report.listing import Column, Json, Listing, components, written
+from suta_calib.report.listing import Column, Json, Listing, Table, components, written
 from suta_calib.report.poses import (
     INLIER,
     LARGE,
@@ -29,7 +30,7 @@ from suta_calib.report.poses import (
     pose_table,
     residuals_file,
 )
-from suta_calib.report.svg import picture, round_down, svg_text
+from suta_calib.report.svg import picture, svg_text
 from suta_calib.units import mm, text
 
 NAME: Final = "register"
@@ -96,7 +97,7 @@ def register_document(
     )
     lines = {"line_a": a.lines, "line_b": b.lines}
     parts: list[Part] = [
-        pose_table("T_b_a: frame a in frame b", found.matrix, found.origin_std, "b's axes"),
+        transform_table(found),
         *fit_texts(fit, "point", found, a.lines),
         residuals_file(found.inliers, lines, found.residuals),
         Figure(partial(register_plot, found, b)),
@@ -121,6 +122,12 @@ def register_document(
     if targets is not None:
         data["targets"] = TARGETS.records(at)
     return Document(NAME, "Registration", found.assessment, parts, data, "result")
+
+
+def transform_table(found: Registration) -> Table:
+    """``T_b_a`` in words with its standard deviations."""
+    title = "T_b_a: frame a in frame b"
+    return pose_table(title, found.matrix, found.origin_std, "b's axes")
 
 
 def register_plot(found: Registration, b: Points) -> str:

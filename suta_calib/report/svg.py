@@ -3,59 +3,21 @@
 from __future__ import annotations
 
 import io
-import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any, Final, cast
 
-import matplotlib as mpl
 import numpy as np
 from lxml import etree
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, NullFormatter
 
 from suta_calib.arrays import FloatArray
+from suta_calib.plotting.style import style
 from suta_calib.units import Unit, shown
 
-# Okabe, Ito (2008), https://jfly.uni-koeln.de/color/: told apart by colour-blind people, and these
-# three also by their grey.
-BLUE: Final = "#0072B2"
-ORANGE: Final = "#E69F00"
-GREY: Final = "#999999"
-WIDTH: Final = 7.2  # of a plot on the page, inch
-STYLE: Final[dict[str, Any]] = {
-    "svg.fonttype": "none",
-    "text.parse_math": False,
-    "font.size": 9.0,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.titlesize": 10.0,
-    "axes.titleweight": "bold",
-    "axes.titlelocation": "left",
-    "axes.axisbelow": True,
-    "grid.color": "#dddddd",
-    "hatch.linewidth": 0.6,
-    "legend.frameon": False,
-}
 _SVG: Final = "{http://www.w3.org/2000/svg}"
 _METADATA: Final = {"Date": None, "Creator": None, "Format": None, "Type": None}
-
-
-@contextmanager
-def style(name: str) -> Iterator[None]:
-    """The look all plots share, whatever the user's own Matplotlib settings are.
-
-    Args:
-        name: of the plot, unique on the page: keeps the ids in its SVG its own.
-    """
-    with mpl.rc_context(), warnings.catch_warnings():
-        mpl.rcdefaults()
-        settings: Any = STYLE | {"svg.hashsalt": name}
-        mpl.rcParams.update(settings)
-        # The browser has glyphs that Matplotlib's font may lack.
-        warnings.filterwarnings("ignore", message="Glyph .* missing from font")
-        yield
 
 
 @contextmanager
@@ -106,16 +68,3 @@ def svg_text(figure: Figure, name: str, description: str) -> str:
 def shown_array(values: FloatArray, unit: Unit) -> FloatArray:
     """SI values in mm or degrees."""
     return np.asarray(values * shown(1.0, unit))
-
-
-def round_down(value: float) -> float:
-    """1, 2 or 5 times a power of ten: how many times arrows and ellipses are enlarged."""
-    decade = 10.0 ** np.floor(np.log10(value))
-    return float(decade * max(step for step in (1, 2, 5) if step * decade <= value * (1 + 1e-9)))
-
-
-def plain_log(axis: Any, set_scale: Any) -> None:
-    """A log axis with plain numbers at its decades: mathematical markup is off."""
-    set_scale("log")
-    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    axis.set_minor_formatter(NullFormatter())

@@ -9,12 +9,14 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from suta_calib.arrays import FloatArray, IntArray
+from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.assessment import Assessment
-from suta_calib.diagnostics.error_vectors import ErrorVectors, error_vectors
+from suta_calib.diagnostics.displacements import tip_displacements
 from suta_calib.diagnostics.tip_uncertainty import sensitivity
+from suta_calib.distributions import chi2
 from suta_calib.geometry.numbers import register_points
 from suta_calib.model.arm import ArmModel
+from suta_calib.plotting.factor import round_down
 from suta_calib.terms import Term
 from suta_calib.terms.outside import OutsideFrame
 from suta_calib.units import mm
@@ -33,7 +35,6 @@ from suta_calib.view.scene import (
     Scene,
     Stroke,
     Thing,
-    round_factor,
 )
 
 if TYPE_CHECKING:
@@ -54,6 +55,8 @@ _WIDE: Final = 0.03
 _ELLIPSOIDS: Final = 30
 # Where nothing is known of a camera's lens, rad, and width over height of its picture.
 _LENS: Final = (0.8, 4.0 / 3.0)
+# Chance that the error of a sample with nothing wrong is called outlying.
+_CHANCE: Final = 1e-4
 # A group of touches that extends less than this in a direction does not extend in it, m.
 _FLAT: Final = 1e-6
 
@@ -98,6 +101,54 @@ class Calibrated:
         return at.position, at.jacobian @ self.covariance @ np.swapaxes(at.jacobian, 1, 2)
 
 
+@dataclass(frozen=True, eq=False)
+class TipErrors:
+    """How far off the tip is in the samples of one term.
+
+    Attributes:
+        group: ``calibration`` or ``validation``.
+        term: whose samples they are.
+        values: at which it is looked at.
+        at: (n, 3) where the tip should have been, m.
+        vector: (n, 3) from there to where the calibrated arm has it, m.
+    """
+
+    group: str
+    term: Term
+    values: Mapping[str, float]
+    at: FloatArray
+    vector: FloatArray
+
+    @property
+    def norm(self) -> FloatArray:
+        """(n,) m."""
+        return np.asarray(np.linalg.norm(self.vector, axis=1))
+
+    @property
+    def outlying(self) -> BoolArray:
+        """(n,) which errors are larger than chance makes them, by the median of all."""
+        size = self.term.blocks[0].size
+        limit = math.sqrt(chi2.isf(_CHANCE, size) / chi2.median(size))
+        return np.asarray(self.norm > limit * np.median(self.norm))
+
+    @property
+    def names(self) -> Iterator[str]:
+        """Of every sample: its group, its labels, where it was read, and how far off it is."""
+        samples = self.term.poses.samples
+        for k, origin in enumerate(samples.origin):
+            labels = " ".join(str(column[k]) for column in samples.labels.values())
+            said = (self.group, labels, origin, f"{mm(self.norm[k]):.3f} mm")
+            yield ", ".join(filter(None, said))
+
+    @property
+    def arrows(self) -> Arrows:
+        """Blue or green, red where they are outlying."""
+        colours = np.tile(np.array(COLOURS[self.group]), (len(self.at), 1))
+        colours[self.outlying] = OUTLYING
+        name = f"errors/{self.group} {self.term.kind.replace('_', ' ')}"
+        return Arrows(name, self.at, self.vector, colours)
+
+
 def calibration_page(calibrated: Calibrated) -> bytes:
     """A calibration as one HTML file, which needs no network: it plays sample after sample.
 
@@ -138,7 +189,7 @@ def calibration_scene(calibrated: Calibrated, meshes: tuple[LinkMesh, ...] = ())
         DrawnArm("nominal", arm, {}, meshes),
     )
     errors = [
-        (name, term, values, error_vectors(term, values))
+        TipErrors(name, term, values, *tip_displacements(term, values))
         for name, terms in calibrated.terms.items()
         for term, values in terms
     ]
@@ -147,14 +198,14 @@ def calibration_scene(calibrated: Calibrated, meshes: tuple[LinkMesh, ...] = ())
     reach = max(float(np.linalg.norm(np.ptp(each, axis=0))) for each in (links, rows.at))
     size = _AXES * reach
     things = list[Thing]()
-    for name, term, values, found in errors:
-        things += _stands(term, values, size, labelled=not things)
-        things.append(_arrows(f"errors/{_told(name, term)}", name, found))
+    for found in errors:
+        things += _stands(found.term, found.values, size, labelled=not things)
+        things.append(found.arrows)
     chosen = np.unique(np.linspace(0, len(rows) - 1, min(len(rows), _ELLIPSOIDS)).astype(int))
     ellipsoids = Ellipsoids.of("uncertainty", *calibrated.tip(rows.q[chosen]), UNSURE)
     if ellipsoids.std.max() > 0:
         things.append(ellipsoids)
-    large = float(np.quantile(np.concatenate([found.norm for *_, found in errors]), 0.9))
+    large = float(np.quantile(np.concatenate([found.norm for found in errors]), 0.9))
     usual = float(np.median(ellipsoids.std.max(axis=1)))
     return Scene(
         calibrated.title,
@@ -170,11 +221,7 @@ def calibration_scene(calibrated: Calibrated, meshes: tuple[LinkMesh, ...] = ())
 
 
 def _factor(wanted: float, length: float) -> float:
-    return round_factor(wanted / length) if length > 0 else 1.0
-
-
-def _told(name: str, term: Term) -> str:
-    return f"{name} {term.kind.replace('_', ' ')}"
+    return round_down(wanted / length) if length > 0 else 1.0
 
 
 def _once(things: list[Thing]) -> tuple[Thing, ...]:
@@ -185,27 +232,13 @@ def _once(things: list[Thing]) -> tuple[Thing, ...]:
     return tuple(found.values())
 
 
-def _rows(errors: list[tuple[str, Term, Mapping[str, float], ErrorVectors]]) -> Rows:
-    names: list[str] = []
-    for name, term, _, found in errors:
-        samples = term.poses.samples
-        columns = [samples.labels[column] for column in samples.labels]
-        for k, origin in enumerate(samples.origin):
-            labels = " ".join(str(column[k]) for column in columns)
-            said = filter(None, (name, labels, origin, f"{mm(found.norm[k]):.3f} mm"))
-            names.append(", ".join(said))
+def _rows(errors: list[TipErrors]) -> Rows:
     return Rows(
-        tuple(names),
-        np.vstack([term.poses.samples.q for _, term, *_ in errors]),
-        np.vstack([found.at for *_, found in errors]),
-        np.concatenate([found.outlying for *_, found in errors]),
+        tuple(name for found in errors for name in found.names),
+        np.vstack([found.term.poses.samples.q for found in errors]),
+        np.vstack([found.at for found in errors]),
+        np.concatenate([found.outlying for found in errors]),
     )
-
-
-def _arrows(name: str, group: str, found: ErrorVectors) -> Arrows:
-    colours = np.tile(np.array(COLOURS[group]), (len(found.at), 1))
-    colours[found.outlying] = OUTLYING
-    return Arrows(name, found.at, found.vector, colours)
 
 
 # ── what stands outside the arm ─────────────────────────────────────────────────────────────

@@ -11,7 +11,7 @@ from typing import Final
 
 import numpy as np
 
-from suta_calib.arrays import FloatArray, IntArray
+from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.assessment import Assessment
 from suta_calib.view.drawn_arm import DrawnArm
 
@@ -173,7 +173,7 @@ class Rows:
     names: tuple[str, ...]
     q: FloatArray
     at: FloatArray
-    outlying: FloatArray
+    outlying: BoolArray
 
     def __len__(self) -> int:
         return len(self.names)
@@ -200,7 +200,7 @@ class Scene:
     q: FloatArray
     things: tuple[Thing, ...] = ()
     rows: Rows = field(
-        default_factory=lambda: Rows((), np.zeros((0, 0)), np.zeros((0, 3)), np.zeros(0))
+        default_factory=lambda: Rows((), np.zeros((0, 0)), np.zeros((0, 3)), np.zeros(0, np.bool_))
     )
     magnification: float = 1.0
     inflation: float = 1.0
@@ -214,11 +214,3 @@ class Scene:
         points = [links, *(t.position for t in self.things if isinstance(t, Points))]
         every = np.vstack([*points, self.rows.at])
         return np.array([every.min(axis=0), every.max(axis=0)])
-
-
-def round_factor(wanted: float) -> float:
-    """The nearest of … 1, 2, 5, 10, 20 … below a positive number; 1 below what is none."""
-    if not (np.isfinite(wanted) and wanted > 0):
-        return 1.0
-    decade = 10.0 ** np.floor(np.log10(wanted))
-    return float(max(step for step in (1.0, 2.0, 5.0) if step * decade <= wanted) * decade)

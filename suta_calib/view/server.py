@@ -139,7 +139,7 @@ class Viewer:
     def _draw_rows(self) -> None:
         api, rows = self.server.scene, self.scene.rows
         size = 0.003 * float(np.linalg.norm(np.ptp(self.scene.extent, axis=0)))
-        colours = np.where(rows.outlying[:, None] > 0, OUTLYING, _WELL)
+        colours = np.where(rows.outlying[:, None], OUTLYING, _WELL)
         marks = spheres(api, "/samples", rows.at, np.full(3, size), colours)
         marks.on_click(lambda event: self.choose(event.instance_index or 0))
         self._chosen = api.add_label("/name of the sample", rows.names[0], position=rows.at[0])

@@ -183,11 +183,10 @@ def test_console_shows_what_can_be_determined(result: CalibrationResult) -> None
 
 def test_plots_are_svg_with_units(result: CalibrationResult) -> None:
     errors = by_kind(result.accuracy.validation)[0]
-    estimated = [e for e in result.solution.estimates.values() if e.std]
     found = [
         plots.error_histogram(errors, "h"),
         plots.grouped_errors(groups(result.accuracy.calibration, "point"), "point", "g"),
-        plots.parameter_changes(estimated, "c"),
+        plots.parameter_changes(result.solution.changes, "c"),
         plots.singular_values(np.array([1e3, 1.0, 0.0]), ["a.z − b.z"], "s"),
         plots.correlation_map(["a", AWKWARD], np.array([[1.0, -0.9], [-0.9, 1.0]]), "m"),
     ]
