@@ -53,6 +53,7 @@ class Viewer:
 
     Attributes:
         shown: number of the sample that the arms are at.
+        joints: sliders of the panel, one for each joint that has a reading, degrees or mm.
         inflation: how many times as wide as they are uncertainties are drawn.
 
     Raises:
@@ -76,6 +77,7 @@ class Viewer:
             self._handles[thing.name] = draw(thing, api, f"{above}/{thing.name}", scene)
         self._chosen: Any = None
         self._tip: Any = None
+        self.joints: list[Any] = []
         if len(scene.rows):
             self._draw_rows()
         self.move(scene.q)
@@ -193,17 +195,17 @@ class Viewer:
 
     def _add_joints(self) -> None:
         arm = self._arms[0].drawn.arm
-        self._sliders = [
+        self.joints = [
             _joint_slider(self.server.gui, joint, reading)
             for joint, reading in zip(arm.chain.moving, self.scene.q, strict=True)
         ]
-        for slider in self._sliders:
+        for slider in self.joints:
             slider.on_update(lambda _: self.move(self._readings()))
 
     def _readings(self) -> FloatArray:
         """(joints,) that the sliders say, rad or m."""
         units = self._arms[0].drawn.arm.units.values()
-        values = [float(slider.value) for slider in self._sliders]
+        values = [float(slider.value) for slider in self.joints]
         shown = zip(units, values, strict=True)
         return np.array([from_mm(v) if unit == "m" else from_deg(v) for unit, v in shown])
 
