@@ -75,11 +75,11 @@ def view(
         context.exit(calibrated.assessment.exit_code)
     from suta_calib.view.calibration import view_calibration
 
-    with ended_by_sigterm(), view_calibration(calibrated, port, host) as viewer:
+    serving = view_calibration(calibrated, port, host)
+    with suppress(KeyboardInterrupt), ended_by_sigterm(), serving as viewer:
         where = f"Look at {viewer.url}; Ctrl-C ends it"
         _say(calibrated, {**told, "url": viewer.url}, where, as_json=as_json)
-        with suppress(KeyboardInterrupt):
-            _serve(viewer, calibrated, spec, seconds)
+        _serve(viewer, calibrated, spec, seconds)
     context.exit(calibrated.assessment.exit_code)
 
 
