@@ -59,6 +59,7 @@ class Given:
         reads: the scene's files that it reads, all of them before it computes.
         out: the option that says where it writes, and whether that is a file; empty for none.
         needs_device: whether it cannot end well without a device.
+        welcome: what is malformed to others and not to it, such as another encoding.
     """
 
     arguments: tuple[str, ...]
@@ -66,6 +67,7 @@ class Given:
     out: str = ""
     out_is_file: bool = False
     needs_device: bool = False
+    welcome: tuple[str, ...] = ()
 
 
 _OF_JOB = (JOB, URDF, SAMPLES, "validation/a.csv")
@@ -122,6 +124,9 @@ GIVEN = {
         out_is_file=True,
     ),
     "repeatability": Given(("visits.csv", "--urdf", *_OF_ARM), (URDF, "visits.csv"), "--out"),
+    "import": Given(
+        ("foreign.tsv",), ("foreign.tsv",), "--out", out_is_file=True, welcome=("UTF-16",)
+    ),
     "iso10360": Given(("iso.yaml",), ("iso.yaml", URDF, "visits.csv"), "--out"),
 }
 
@@ -148,6 +153,8 @@ def write_scene(folder: Path, urdf: Path) -> Path:
     labels = {"placement": ["P1"] * 3, "repeat": ["1"] * 3, "landmark": list("ABC")}
     write_samples(folder / "touched.csv", Samples.from_arrays(arm.joints, q[:3], labels=labels))
     write_csv(folder / "pivot.csv", POSE, pivot_numbers(["left"] * 40))
+    poses = pivot_numbers(["left"] * 40)
+    np.savetxt(folder / "foreign.tsv", poses, delimiter="\t", header="\t".join(POSE), comments="")
     write_csv(folder / "pairs.csv", PAIR, pair_numbers(20, "eye-in-hand"))
     for name, numbers in zip(("a.csv", "b.csv"), point_numbers(12), strict=True):
         write_csv(folder / name, XYZ, numbers)
