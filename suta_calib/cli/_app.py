@@ -51,6 +51,7 @@ COMMANDS: Final = {
     "repeatability": "How well an arm comes back; its encoders.",
     "iso10360": "Acceptance test of a measuring arm, ISO 10360-12.",
     "import": "Other programs' recordings, tables, robots: as samples or poses.",
+    "export": "A result as other programs read it.",
 }
 
 # Earlier names of commands, which scripts still use.

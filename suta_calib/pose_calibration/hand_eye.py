@@ -45,6 +45,11 @@ SAMPLE: Final = 4
 CANDIDATES: Final = 25
 Setup = Literal["eye-in-hand", "eye-to-hand"]
 Model = Literal["AX=XB", "AX=ZB"]
+# What X and Z are, by where the eye is.
+FRAMES: Final[dict[Setup, dict[str, str]]] = {
+    "eye-in-hand": {"X": "T_hand_eye", "Z": "T_base_target"},
+    "eye-to-hand": {"X": "T_base_eye", "Z": "T_hand_target"},
+}
 LEAST_POSES: Final = 3
 # No hand and no eye is believed to turn more exactly than this when turns are weighed against
 # displacements: what is smaller repeats well, but is an error of the instruments all the same.

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from suta_calib.assessment import Assessment
 from suta_calib.exchange.description import Described
 from suta_calib.exchange.imported import Imported, ImportedRows
+from suta_calib.exchange.writer import Exported
 from suta_calib.report.document import Document, Part, Text
 from suta_calib.report.listing import Column, Listing
 
@@ -77,6 +78,26 @@ def imported_document(found: Imported, written: Path | None = None) -> Document:
         parts.append(Text(f"Written to {written}."))
     title = f"{found.source.name} as {found.form}"
     return Document("import", title, found.assessment, parts, data, written="files")
+
+
+def exported_document(found: Exported, written: Sequence[Path]) -> Document:
+    """What went out, and what the format could not hold.
+
+    Args:
+        found: the result in its format.
+        written: the file, and beside it what the format cannot hold.
+    """
+    parts = [Text(f"Written to {written[0]}.")]
+    if written[1:]:
+        parts.append(Text(f"What {found.form} cannot hold is in {written[1]}."))
+    data: dict[str, Any] = {
+        "result": str(found.result.path),
+        "format": found.form,
+        "files": [str(path) for path in written],
+        "left_out": found.left_out,
+    }
+    title = f"{found.result.path.name} as {found.form}"
+    return Document("export", title, found.assessment, parts, data, written="files")
 
 
 def formats_document(formats: Mapping[str, Described], title: str) -> Document:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass
+from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
@@ -14,8 +15,11 @@ from pose_answers import XYZ
 from pose_scenes import PAIR, POSE, pair_numbers, pivot_numbers, point_numbers, write_csv
 from simulated import SUTA_URDF
 
+from suta_calib.job import CalibrationJob
 from suta_calib.measurements import Samples, write_samples
 from suta_calib.model.arm import ArmModel
+from suta_calib.report import calibration_document
+from suta_calib.report.files import write_document
 from suta_calib.stereotactic.cis_simulation import simulate_stereotactic
 
 WORKCELL = SUTA_URDF.parents[1] / "data" / "workcell"
@@ -127,6 +131,12 @@ GIVEN = {
     "import": Given(
         ("foreign.tsv",), ("foreign.tsv",), "--out", out_is_file=True, welcome=("UTF-16",)
     ),
+    "export": Given(
+        ("calibrated/result.json", "--format", "mjcf"),
+        ("calibrated/result.json",),
+        "--out",
+        out_is_file=True,
+    ),
     "iso10360": Given(("iso.yaml",), ("iso.yaml", URDF, "visits.csv"), "--out"),
 }
 
@@ -165,6 +175,10 @@ def write_scene(folder: Path, urdf: Path) -> Path:
     write_points(folder / "points.csv")
     for name, file in (("view.jpg", "pictures/00.jpg"), ("board.yaml", "board.yaml")):
         shutil.copy(WORKCELL / file, folder / name)
+    result = CalibrationJob.load(folder / JOB).run()
+    job = folder / JOB
+    inputs = {str(job): sha256(job.read_bytes()).hexdigest()}
+    write_document(calibration_document(result), folder / "calibrated", inputs)
     simulate_stereotactic("cis", seed=2, distortion=3e-3, em_noise=0.05e-3, grid=2).write(folder)
     return folder
 
