@@ -53,7 +53,7 @@ def read_bounded(path: Path) -> bytes:
             data = file.read(_HEAD)
             # Of /dev/zero and the like the beginning is enough.
             if data.strip(b"\0"):
-                data += file.read(MOST_BYTES + 1 - len(data))
+                data += file.read(max(0, MOST_BYTES + 1 - len(data)))
     except FileNotFoundError:
         raise ForeignFileError("no such file", "a file that exists", file=path) from None
     except (OSError, ValueError) as problem:

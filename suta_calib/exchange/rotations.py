@@ -47,25 +47,29 @@ def rotations_from(form: str, numbers: FloatArray, path: Path, lines: Sequence[i
     """
     found = np.full((len(numbers), 3, 3), np.nan)
     known = np.asarray(np.isfinite(numbers).all(axis=1))
+    if numbers.shape[1] != NUMBERS[form]:
+        said = f"{numbers.shape[1]} columns of a rotation"
+        raise ForeignFileError(said, f"{NUMBERS[form]}, as {form} has", file=path)
+    if not known.any():
+        return found
     values = numbers[known]
     if form in ("xyzw", "wxyz"):
         quaternion = values if form == "xyzw" else np.roll(values, -1, axis=1)
         with np.errstate(over="ignore"):
             off = np.abs(np.linalg.norm(quaternion, axis=1) - 1.0)
         _refuse(off, known, path, lines, "four numbers that are no quaternion", "length 1")
-        found[known] = rotation_from_quaternion(quaternion) if len(quaternion) else quaternion
+        found[known] = rotation_from_quaternion(quaternion)
     elif form in ("rows", "columns"):
         matrix = values.reshape(-1, 3, 3)
         found[known] = _rotation(
             matrix if form == "rows" else matrix.swapaxes(1, 2), known, path, lines
         )
     elif form == "vector":
-        found[known] = rotation_from_vector(values) if len(values) else np.empty((0, 3, 3))
+        found[known] = rotation_from_vector(values)
     else:
         from scipy.spatial.transform import Rotation
 
-        if len(values):
-            found[known] = Rotation.from_euler(form, values).as_matrix()
+        found[known] = Rotation.from_euler(form, values).as_matrix()
     return found
 
 

@@ -63,8 +63,7 @@ class TableReader(Reader):
 
     name: ClassVar[str] = TABLE
     summary: ClassVar[str] = (
-        "any delimited text or .xlsx: joints, positions, 7 numbers, 12 or 16 of a matrix, "
-        "stacked 4x4 blocks, Euler angles, rotation vectors"
+        "any text table or .xlsx: joints, points, poses as 7, 12, 16 numbers, 4x4 blocks, angles"
     )
     example: ClassVar[str] = "poses.txt --format table --unit mm --rotation wxyz --out poses.csv"
     options: ClassVar[tuple[Option, ...]] = (
