@@ -25,6 +25,7 @@ ROWS = (
     {"stereotactic", "analysis", "certification", "vision"},
     {"device"},
     {"emulation", "acquisition", "tracking"},
+    {"exchange"},
     {"report"},
     {"cli", "__init__", "__main__"},
 )

@@ -159,17 +159,18 @@ def camera_text(camera: Camera) -> str:
     rows = [
         f"image_width: {camera.width}",
         f"image_height: {camera.height}",
-        f"camera_matrix: {_numbers(camera.matrix)}",
+        f"camera_matrix: {matrix_text(camera.matrix)}",
         f"distortion_model: {PLUMB_BOB}",
-        f"distortion_coefficients: {_numbers(camera.intrinsics[None, 4:])}",
+        f"distortion_coefficients: {matrix_text(camera.intrinsics[None, 4:])}",
     ]
     if camera.covariance is not None:
         rows.append(f"# of {' '.join(INTRINSICS)}")
-        rows.append(f"covariance: {_numbers(camera.covariance)}")
+        rows.append(f"covariance: {matrix_text(camera.covariance)}")
     return "\n".join(rows) + "\n"
 
 
-def _numbers(matrix: FloatArray) -> str:
+def matrix_text(matrix: FloatArray) -> str:
+    """A matrix as ROS and OpenCV have it, with the shortest digits that read back the same."""
     rows, columns = matrix.shape
     # Shortest text that reads back as the same number; YAML 1.1 takes an exponent with a dot only.
     data = ", ".join(_number(value) for value in matrix.ravel().tolist())

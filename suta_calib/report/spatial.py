@@ -85,7 +85,8 @@ def projected(
     a, e = math.radians(azimuth), math.radians(elevation)
     right = np.array([-math.sin(a), math.cos(a), 0.0])
     up = np.array([-math.sin(e) * math.cos(a), -math.sin(e) * math.sin(a), math.cos(e)])
-    return scale * points @ np.column_stack([right, -up])
+    shown: FloatArray = scale * points @ np.column_stack([right, -up])
+    return shown
 
 
 def _fitting(points: FloatArray) -> float:
