@@ -130,13 +130,14 @@ JOB_KEYS: Final = Keys(
     Key(
         "parameters",
         "rows",
-        "What is unknown, required as well; later rows win.",
+        "What is unknown: one row at least, later rows win.",
         inside=SELECTION_KEYS,
     ),
     Key(
         "observations",
         "rows",
-        "What was measured, required as well: any number of rows, of any kinds, solved together.",
+        "What was measured: any number of rows, of any kinds, solved together.",
+        required=True,
         inside=OBSERVATION_KEYS,
     ),
     Key(
