@@ -1,0 +1,77 @@
+"""The documentation site (`make docs`), made from this repository alone: nothing is fetched."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+sys.path.insert(0, str(Path(__file__).parent / "_ext"))
+
+import generated
+
+import suta_calib
+
+if TYPE_CHECKING:
+    from sphinx.application import Sphinx
+
+project = "suta_calib"
+version = release = suta_calib.__version__
+author = "suta_calib maintainers"
+project_copyright = author
+
+extensions = [
+    "myst_nb",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.napoleon",
+    "mathml",
+]
+exclude_patterns = ["_build", "_ext"]
+html_theme = "furo"
+html_title = "suta_calib"
+html_static_path = ["_static"]
+html_css_files = ["narrow_screens.css"]
+html_show_sourcelink = False
+
+myst_enable_extensions = ["dollarmath", "colon_fence", "deflist"]
+myst_heading_anchors = 3
+# Notebooks are shown as they are stored: tests execute them.
+nb_execution_mode = "off"
+
+autodoc_member_order = "bysource"
+autodoc_typehints_format = "short"
+autodoc_preserve_defaults = True
+napoleon_google_docstring = True
+napoleon_numpy_docstring = False
+napoleon_use_ivar = True
+napoleon_attr_annotations = False
+# `Name` in a docstring is a name of the package where there is one.
+default_role = "py:obj"
+
+
+# What a reader calls these, who does not want to know how NumPy spells them.
+SHORT_TYPES = {
+    "ndarray[tuple[Any, ...], dtype[float64]]": "FloatArray",
+    "ndarray[tuple[Any, ...], dtype[int64]]": "IntArray",
+    "ndarray[tuple[Any, ...], dtype[bool]]": "BoolArray",
+    "ndarray[tuple[Any, ...], dtype[str_]]": "StrArray",
+    "Literal['m', 'rad', 'rad/Nm', 'm/s', 'rad/s', 's', 'px', '1', '%']": "Unit",
+}
+
+
+def short_types(*event: Any) -> tuple[str | None, str | None]:
+    """A signature with the package's own names of array types."""
+
+    def short(text: str | None) -> str | None:
+        for long, name in SHORT_TYPES.items():
+            text = text and text.replace(long, name)
+        return text
+
+    *_, signature, returned = event
+    return short(signature), short(returned)
+
+
+def setup(app: Sphinx) -> None:
+    """Write the pages that the package tells of itself before any page is read."""
+    app.connect("builder-inited", lambda _: generated.write(generated.DOCS / "generated"))
+    app.connect("autodoc-process-signature", short_types)
