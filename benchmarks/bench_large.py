@@ -22,8 +22,7 @@ from tables import number_table
 
 from suta_calib import ArmModel, FixedPoint, HandEye
 from suta_calib.arrays import FloatArray
-from suta_calib.geometry import rotation_from_vector
-from suta_calib.geometry.numbers import quaternion_from_rotation
+from suta_calib.geometry import quaternion_from_rotation, rotation_from_vector
 from suta_calib.terms import PoseNoise
 from suta_calib.units import from_deg, from_mm, mm
 
