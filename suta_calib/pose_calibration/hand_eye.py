@@ -251,8 +251,11 @@ def _start(A: Poses, B: Poses, seed: int | None) -> Consensus:
     def propose(rows: IntArray) -> Poses:
         return quaternion_hand_eye((A[0][rows], A[1][rows]), (B[0][rows], B[1][rows]))
 
+    def residuals(X: Poses, rows: IntArray) -> FloatArray:
+        return _norms((A[0][rows], A[1][rows]), (B[0][rows], B[1][rows]), X)
+
     samples = minimal_samples(np.zeros(n, dtype=np.intp), SAMPLE, seed)
-    return find_consensus(n, samples, propose, lambda X: _norms(A, B, X), NEEDED)
+    return find_consensus(n, samples, propose, residuals, NEEDED)
 
 
 def _norms(A: Poses, B: Poses, X: Poses) -> FloatArray:
@@ -261,7 +264,8 @@ def _norms(A: Poses, B: Poses, X: Poses) -> FloatArray:
     middle = np.median(p, axis=-2, keepdims=True)
     # Of some of the rotations the one that is nearest to all: a median.
     some = R[:, :: 1 + R.shape[1] // CANDIDATES]
-    cosine = (np.einsum("mkij,mnij->mkn", some, R) - 1.0) / 2.0
+    trace = some.reshape(len(R), -1, 9) @ np.swapaxes(R.reshape(len(R), -1, 9), 1, 2)
+    cosine = (trace - 1.0) / 2.0
     angle = np.arccos(np.clip(cosine, -1.0, 1.0))
     best = np.argmin(np.median(angle, axis=2), axis=1)
     turned = angle[np.arange(len(R)), best]

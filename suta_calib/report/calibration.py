@@ -43,7 +43,7 @@ from suta_calib.report.errors import (
 )
 from suta_calib.report.external_poses import EXTERNAL_POSES, NOTE
 from suta_calib.report.held_out import HELD_OUT, held_out_rows
-from suta_calib.report.listing import Column, Json, Listing, csv_text
+from suta_calib.report.listing import Column, Json, Listing, csv_of_groups
 from suta_calib.report.noise import NOISE, PRIORS, noise_of, priors_of
 from suta_calib.report.observability import (
     EXPLANATIONS,
@@ -341,7 +341,9 @@ def _files(result: CalibrationResult) -> list[File]:
             CALIBRATED if result.assessment.usable else NOT_USABLE,
             lambda: result.job.arm.calibrated_urdf(solution.values),
         ),
-        File("residuals.csv", lambda: csv_text(RESIDUALS, residual_rows(result.labelled_terms))),
+        File(
+            "residuals.csv", lambda: csv_of_groups(RESIDUALS, residual_rows(result.labelled_terms))
+        ),
     ]
 
 

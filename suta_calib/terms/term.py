@@ -524,6 +524,10 @@ class Term(ABC):
 
     def equations(self) -> int:
         """How many independent numbers the samples give at most: a rest counts once."""
+        return self._by_rests
+
+    @cached_property
+    def _by_rests(self) -> int:
         return sum(
             len(np.unique(self.readings(block), axis=0)) * block.size for block in self.blocks
         )
