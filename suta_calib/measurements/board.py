@@ -115,6 +115,11 @@ class Board(ABC):
         return f"a number from 0 to {max(self.points)}"
 
     @property
+    def exchanged(self) -> Board | None:
+        """A board with columns for rows and as many points; None where there is no other."""
+        return None
+
+    @property
     def symmetric(self) -> bool:
         """Whether it looks the same after half a turn, so that no picture tells which way."""
         return False
@@ -153,6 +158,12 @@ class Chessboard(Board):
         }
 
     @property
+    def exchanged(self) -> Board | None:
+        """Columns for rows."""
+        other = replace(self, columns=self.rows, rows=self.columns)
+        return other if self.rows != self.columns else None
+
+    @property
     def symmetric(self) -> bool:
         """Half a turn brings black onto black where both numbers are even, or both odd."""
         return (self.columns + self.rows) % 2 == 0
@@ -187,6 +198,12 @@ class Charuco(Board):
     def scaled(self, factor: float) -> Self:
         """Larger squares and markers."""
         return replace(self, square=factor * self.square, marker=factor * self.marker)
+
+    @property
+    def exchanged(self) -> Board | None:
+        """Columns for rows."""
+        other = replace(self, columns=self.rows, rows=self.columns)
+        return other if self.rows != self.columns else None
 
     def row(self) -> dict[str, Any]:
         """Type, squares, both edges and dictionary."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
@@ -73,6 +73,15 @@ class Camera:
         """(3, 3), as OpenCV has it."""
         fx, fy, cx, cy = self.intrinsics[:4]
         return np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+
+    def resized(self, factor: float) -> Camera:
+        """The camera of the same pictures, so many times as large; how well it is known is not."""
+        width, height = (round(factor * size) for size in (self.width, self.height))
+        intrinsics = self.intrinsics.copy()
+        intrinsics[:2] *= factor
+        # Pixels are counted from the centre of the first one.
+        intrinsics[2:4] = factor * (intrinsics[2:4] + 0.5) - 0.5
+        return replace(self, width=width, height=height, intrinsics=intrinsics, covariance=None)
 
     def inside(self, pixels: FloatArray) -> BoolArray:
         """(n,) whether pixels (n, 2) are in the picture; the first one's centre is 0, 0."""

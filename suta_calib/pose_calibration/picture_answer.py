@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
@@ -19,6 +20,7 @@ from suta_calib.pose_calibration.eye_poses import ENOUGH, EyePoses, Model, Unkno
 from suta_calib.pose_calibration.picture_noise import PictureNoise
 from suta_calib.pose_calibration.robust_fit import MANY_OUTLIERS
 from suta_calib.solver.solution import Solution
+from suta_calib.terms.board_pictures import MIRRORED, QUOTED, TURNED
 from suta_calib.terms.camera_start import CALIBRATED
 from suta_calib.terms.hand_eye_start import EYE_IN_HAND, EyeSetup
 from suta_calib.words import listed
@@ -27,8 +29,6 @@ from suta_calib.words import listed
 ROBOTS: Final = 2.0
 # Relative departure of a focal length that no calibration of the same pictures has.
 OTHER_PICTURES: Final = 0.1
-# Pictures that a sentence names.
-QUOTED: Final = 5
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -53,7 +53,8 @@ class SeenCamera(EyePoses):
         corners: (m, 7) of every corner: picture, point, u, v, and error in u, in v (px), and
             whether its picture was fitted.
         behind: whether the board is seen from behind, which its numbering alone decides.
-        turned: pictures that fit with the board turned by half a turn.
+        turned: pictures that were left out and agree with the others once the ``board`` or the
+            ``picture`` is turned by half a turn.
     """
 
     label: str
@@ -73,7 +74,7 @@ class SeenCamera(EyePoses):
     turns: FloatArray
     corners: FloatArray
     behind: bool
-    turned: tuple[str, ...]
+    turned: Mapping[str, tuple[str, ...]]
 
     @property
     def rms(self) -> float:
@@ -199,16 +200,13 @@ def _judged(seen: SeenCamera) -> tuple[list[str], list[str]]:
             f"{seen.unsure}: add pictures, turned by 30° or more about different axes, near and "
             "far."
         )
-    if seen.turned:
-        care.append(
-            f"In {listed(list(seen.turned), QUOTED)} the board is turned by half a turn: its "
-            "corners are numbered from the other end. They are left out."
-        )
+    care += [
+        f"In {listed(list(names), QUOTED)} {TURNED[what]} They are left out."
+        for what, names in seen.turned.items()
+        if names
+    ]
     if seen.behind:
-        care.append(
-            "The board is seen from behind: its corners are numbered mirrored (columns and rows "
-            "exchanged, or y upwards). X does not depend on it; Z does."
-        )
+        care.append(f"{MIRRORED} X does not depend on it; Z does.")
     if seen.inverted != "good":
         where = "beside the robot" if seen.setup == EYE_IN_HAND else "on the hand"
         (bad if seen.inverted == "bad" else care).append(

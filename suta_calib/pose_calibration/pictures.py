@@ -283,8 +283,8 @@ def _seen(
             good[sample],
         ]
     )
-    rotation, position = refined.seen_poses
-    facing = np.einsum("ni,ni->n", rotation[:, :, 2], position)[good & told]
+    images = term.poses.samples.labels["image"]
+    upside_down = refined.pictures.upside_down((A[0][rows], A[1][rows]))
     return SeenCamera(
         label=view.label,
         setup=term.setup,
@@ -294,7 +294,7 @@ def _seen(
         camera=found,
         given=view.camera,
         told=told_alone,
-        images=tuple(term.poses.samples.labels["image"].tolist()),
+        images=tuple(images.tolist()),
         rows=rows,
         inliers=good,
         picture_rms=errors.rms,
@@ -302,29 +302,6 @@ def _seen(
         slides=p - Z[1],
         turns=turns,
         corners=corners,
-        behind=bool(term.board.flat and len(facing) and np.median(facing) < 0),
-        turned=_half_turned(term, values, errors.rms, good),
+        behind=refined.pictures.behind,
+        turned={what: tuple(images[those & ~good].tolist()) for what, those in upside_down.items()},
     )
-
-
-def _half_turned(
-    term: CameraView, values: dict[str, float], straight: FloatArray, good: BoolArray
-) -> tuple[str, ...]:
-    """Pictures that were left out, and fit as well as the others with the board turned about.
-
-    Args:
-        term: of all pictures.
-        values: of the unknowns.
-        straight: (n,) RMS of each as it is, px.
-        good: (n,) which were fitted.
-    """
-    if good.all() or not term.board.flat:
-        return ()
-    # A grid that is turned by half a turn numbers its points from the other end.
-    turned = term.points[::-1]
-    if not np.allclose(turned + term.points, term.points[0] + term.points[-1]):
-        return ()
-    samples = replace(term.poses.samples, pixels=np.ascontiguousarray(term.pixels[:, ::-1]))
-    other = picture_errors(term.over_poses(term.poses.with_samples(samples)), values).rms
-    fits: BoolArray = _like_the_others(np.where(good, straight, other), good) & ~good
-    return tuple(term.poses.samples.labels["image"][fits].tolist())

@@ -11,6 +11,7 @@ from typing import Any, ClassVar, Final, Literal, Self
 import numpy as np
 
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
+from suta_calib.assessment import Level
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.pinhole import (
     CENTRE,
@@ -18,7 +19,6 @@ from suta_calib.geometry.pinhole import (
     FOCAL,
     INTRINSICS,
     projected,
-    undistorted,
 )
 from suta_calib.measurements import (
     Board,
@@ -33,12 +33,12 @@ from suta_calib.measurements import (
 from suta_calib.measurements.keys import Key
 from suta_calib.model.parameters import PLACEMENT, Parameter
 from suta_calib.terms.block import LEARNT, Block, Noise
+from suta_calib.terms.board_pictures import MIRRORED, QUOTED, TURNED, BoardPictures
 from suta_calib.terms.camera_start import (
     CALIBRATED,
     HELD,
     PLANAR,
     UNCALIBRATED,
-    board_pose,
     closed_form_camera,
 )
 from suta_calib.terms.hand_eye_start import (
@@ -56,7 +56,8 @@ from suta_calib.terms.poses import PoseSource
 from suta_calib.terms.reprojection import NEAREST, REPROJECTION
 from suta_calib.terms.seen import FramedTerm
 from suta_calib.terms.seen_corners import with_corners
-from suta_calib.terms.term import Gap, Medium, Observed, Resimulation, Setup, TrueFrame
+from suta_calib.terms.term import Gap, Medium, Observed, Resimulation, Setup, Term, TrueFrame
+from suta_calib.words import listed
 
 # Cosine of the steepest angle at which a board is still found.
 _GRAZING: Final = 0.25
@@ -316,9 +317,19 @@ class CameraView(FramedTerm):
         return seen
 
     @cached_property
+    def pictures(self) -> BoardPictures:
+        """What the corners tell without the poses of any hand."""
+        return BoardPictures(self.board, self.camera, self.pixels)
+
+    @property
     def points(self) -> FloatArray:
         """(points, 3) of the board, m."""
-        return np.array(list(self.board.points.values()))
+        return self.pictures.points
+
+    @property
+    def seen_poses(self) -> Poses:
+        """``T_eye_board`` of every picture, by its own corners; NaN where they do not tell it."""
+        return self.pictures.poses
 
     @cached_property
     def found(self) -> tuple[IntArray, IntArray]:
@@ -425,23 +436,9 @@ class CameraView(FramedTerm):
         points[..., 2] = np.maximum(points[..., 2], NEAREST)
         return projected(points, self._camera_at(values).intrinsics)
 
-    @cached_property
-    def seen_poses(self) -> Poses:
-        """``T_eye_board`` of every picture, by its own corners; NaN where they do not tell it."""
-        n = len(self.poses)
-        rotation, position = np.full((n, 3, 3), np.nan), np.full((n, 3), np.nan)
-        straight = undistorted(self.pixels, self.camera.intrinsics)
-        for row, seen in enumerate(straight):
-            there = np.isfinite(seen).all(axis=1)
-            if there.sum() >= PLANAR:
-                found = board_pose(self.points[there], seen[there])
-                if found is not None:
-                    rotation[row], position[row] = found
-        return rotation, position
-
     def start(self, rotation: FloatArray, position: FloatArray) -> FloatArray:
         """Poses of the board by every picture, and the closed form of those that agree."""
-        told = np.isfinite(self.seen_poses[1][:, 0])
+        told = self.pictures.told
         hand = (rotation, position)
         if self.setup == EYE_TO_HAND:
             hand = inverse_poses(hand)
@@ -464,14 +461,59 @@ class CameraView(FramedTerm):
         return replace(self, poses=self.poses.with_samples(samples), board=middle)
 
     def check_enough(self) -> None:
-        """Three pictures at least of which each tells where the board is, at different places."""
-        told = int(np.isfinite(self.seen_poses[1][:, 0]).sum())
+        """Three pictures at least of which each tells where the board is, of this very board."""
+        told = int(self.pictures.told.sum())
         if told < FEWEST:
             raise SamplesError(
                 f"{told} pictures that tell where the board is",
                 f"at least {FEWEST}, each with {PLANAR} corners or more that are not on a line",
                 where=self.kind,
             )
+        self.pictures.check()
+
+    def check_beside(self, other: Term) -> None:
+        """Views with one label are of one camera, and those with one target of one board."""
+        if not isinstance(other, CameraView):
+            return
+        for (key, whose, name), said in other._said.items():
+            if self._said.get((key, whose, name), said) != said:
+                raise SamplesError(
+                    f"another {key} than in a row before, of the same {whose} {name!r}",
+                    "one camera as it is, and one board",
+                    where=f"{self.kind}.{key}",
+                    hint=f"say the same in both rows; or give another one another {whose}",
+                )
+
+    @property
+    def _said(self) -> Mapping[tuple[str, str, str], object]:
+        """What it says of its camera and its board, by key, kind of label and label."""
+        of_camera: dict[str, object] = {
+            "setup": self.setup,
+            "intrinsics": "free" if self.free else "fixed",
+        }
+        # What is found from a row's own corners differs from row to row.
+        if self.prior is None:
+            of_camera["camera"] = self.camera.values
+        return {
+            **{(key, "label", self.label): value for key, value in of_camera.items()},
+            ("board", "target", self.target): self.board.row(),
+        }
+
+    @property
+    def doubts(self) -> Mapping[str, Level]:
+        """Corners that are numbered mirrored, or from the other end in some pictures."""
+        hand = self.poses.at({})
+        found: dict[str, Level] = {}
+        if self.pictures.behind:
+            found[f"{MIRRORED} The camera's pose does not depend on it; the board's does."] = "care"
+        turned = self.pictures.upside_down(
+            inverse_poses(hand) if self.setup == EYE_TO_HAND else hand
+        )
+        for what, rows in turned.items():
+            if rows.any():
+                names = listed(np.array(self._names)[rows].tolist(), QUOTED)
+                found[f"In {names} {TURNED[what]} Leave them out (exclude)."] = "bad"
+        return found
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,6 +17,7 @@ from suta_calib.geometry.numbers import vector_from_rotation
 from suta_calib.measurements import (
     Camera,
     Charuco,
+    Chessboard,
     corners_of,
     read_camera,
     write_camera,
@@ -25,6 +26,7 @@ from suta_calib.measurements import (
 from suta_calib.pose_calibration.picture_answer import PictureCalibration, SeenCamera
 from suta_calib.pose_calibration.pictures import hand_eye_from_pictures
 
+EXCHANGED = Chessboard(BOARD.rows, BOARD.columns, BOARD.square)
 OPTIONS: dict[str, Any] = {"setup": "eye-in-hand", "model": "AX=ZB"}
 
 
@@ -198,10 +200,23 @@ def test_boards_turned_by_half_a_turn_and_wrong_poses_are_left_out() -> None:
     found = solved(scene)
     (seen,) = found.cameras
     assert seen.strange == ["003.png", "007.png", "011.png"]
-    assert seen.turned == ("003.png", "011.png")
+    assert seen.turned == {"board": ("003.png", "011.png"), "picture": ()}
     assert found.outliers == (3, 7, 11)
     assert np.linalg.norm(errors(seen)[:3]) < 1e-3
     assert "In 003.png, 011.png the board is turned by half a turn" in found.assessment.notes[0]
+
+
+def test_pictures_of_a_camera_that_was_upside_down_are_left_out_and_named() -> None:
+    scene = pictures(20, pixel=0.1)
+    corners = scene.views[0].corners
+    turned = np.isin(corners.image, ["004.png", "012.png"])
+    upside_down = [1279.0, 959.0] - corners.pixel
+    pixel = np.where(turned[:, None], upside_down, corners.pixel)
+    found = solved(other(scene, replace(corners, pixel=pixel)))
+    (seen,) = found.cameras
+    assert seen.turned == {"board": (), "picture": ("004.png", "012.png")}
+    assert "In 004.png, 012.png the picture is turned by half a turn" in found.assessment.notes[0]
+    assert np.linalg.norm(errors(seen)[:3]) < 1e-3
 
 
 def test_a_board_that_is_numbered_mirrored_is_named() -> None:
@@ -226,13 +241,16 @@ def test_one_corner_far_off_costs_no_more_than_its_picture() -> None:
 def test_pictures_that_agree_with_no_x_say_why() -> None:
     scene = pictures(pixel=0.1)
     corners = scene.views[0].corners
-    half = replace(corners, pixel=corners.pixel / 2)
+    wide = replace(corners, pixel=corners.pixel * 0.5 + [500.0, 0.0])
+    half = replace(corners, pixel=(corners.pixel + 0.5) / 2 - 0.5)
     mirrored = replace(corners, pixel=[1279.0, 0.0] + corners.pixel * [-1.0, 1.0])
     rotation, position = scene.hand.pose
     far = replace(scene, hand=replace(scene.hand, pose=(rotation, 1e3 * position)))
     small = other(scene, corners, board=BOARD.scaled(0.1))
     for wrong, said in (
-        (other(scene, half), "focal length of some (49|50)"),
+        (other(scene, wide), "focal length of some (49|50)"),
+        (other(scene, half), "corners of pictures of some 640 x 480 px"),
+        (other(scene, corners, board=EXCHANGED), "if its columns and rows are exchanged"),
         (other(scene, mirrored), "if left and right are exchanged"),
         (far, "moves 100"),
         (small, "moves 10 times"),

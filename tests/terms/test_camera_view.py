@@ -95,6 +95,18 @@ def test_the_camera_is_corrected_too(folder: Path, capsys: pytest.CaptureFixture
     assert found["parameters"]["camera.k1"]["unit"] == "1"
 
 
+def test_a_corrected_camera_is_told_without_being_asked_for(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (folder / "told.yaml").write_text(JOB.replace("px: 1}", "px: 1, intrinsics: free}"))
+    told = ("calibrate", folder / "told.yaml", "--out", folder / "told")
+    capsys.readouterr()
+    assert cli(*told) == 0
+    said = capsys.readouterr().out
+    assert "camera.fx" in said
+    assert "hand_eye.x" not in said
+
+
 @pytest.mark.parametrize(
     "command",
     [
@@ -134,6 +146,7 @@ def test_a_job_of_pictures_is_begun(folder: Path, tmp_path: Path) -> None:
         (", camera: camera.yaml", ", intrinsics: fixed", "no camera for intrinsics: fixed"),
         ("corners/calibration", "corners/validation", "the same names in both"),
         ("huber_px: 1", "setup: eye", "one of eye-in-hand, eye-to-hand"),
+        ("px: 1}", "px: 1, intrinsics: free}", "another intrinsics than in a row before"),
     ],
 )
 def test_a_row_that_cannot_be_used_is_refused(
