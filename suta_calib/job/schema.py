@@ -21,8 +21,8 @@ from suta_calib.terms import GROUPINGS, KINDS, GivenPose, Term
 from suta_calib.terms.given import POSE_KEYS
 
 _BOUND_AND_PRIOR_KEYS: Final = (
-    *("bound_mm", "bound_deg", "bound_deg_per_nm", "bound"),
-    *("prior_mm", "prior_deg", "prior_deg_per_nm", "prior"),
+    *("bound_mm", "bound_deg", "bound_deg_per_nm", "bound_ppm_per_k", "bound"),
+    *("prior_mm", "prior_deg", "prior_deg_per_nm", "prior_ppm_per_k", "prior"),
 )
 _ANGLE_KEYS: Final = ("huber_deg", "sigma_deg")
 _LENGTH_KEYS: Final = ("huber_mm", "sigma_mm")
@@ -241,6 +241,8 @@ def _selection(row: YamlSection) -> Selection:
         prior_rad_per_nm=_angle(row, "prior_deg_per_nm"),
         bound_ratio=row.optional_number("bound", "positive"),
         prior_ratio=row.optional_number("prior", "positive"),
+        bound_per_k=row.optional_number("bound_ppm_per_k", "positive", unit="1/K"),
+        prior_per_k=row.optional_number("prior_ppm_per_k", "positive", unit="1/K"),
     )
 
 

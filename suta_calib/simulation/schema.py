@@ -26,7 +26,7 @@ _NOISE_KEYS: Final = (
     *("instrument_mm", "instrument_deg", "corner_px", "artefact"),
 )
 # Of what an arm's parameters may be.
-_UNITS: Final[tuple[Unit, ...]] = ("m", "rad", "rad/Nm", "1")
+_UNITS: Final[tuple[Unit, ...]] = ("m", "rad", "rad/Nm", "1/K", "1")
 _ERROR_KEYS: Final = tuple(key(name, unit) for name in ("value", "std") for unit in _UNITS)
 # A name becomes a file's or a folder's, on any system.
 _PORTABLE_NAME: Final = re.compile(r"\w[\w.-]*")
