@@ -21,12 +21,14 @@ from suta_calib.errors import ParameterError, UrdfError
 from suta_calib.geometry.symbols import Symbol
 from suta_calib.model.chain import Chain, ChainJoint, Mimic, read_chain
 from suta_calib.model.gravity import Load, beyond
-from suta_calib.model.kinematics import Motion, Segment, forward_kinematics
+from suta_calib.model.kinematics import Motion, Segment, Told, forward_kinematics
 from suta_calib.model.parameters import (
     BACKLASH,
     COMPLIANCE,
     ECCENTRICITY,
+    EXPANSION,
     GAIN,
+    LINKS,
     OFFSET,
     PLAUSIBLE_ECCENTRICITY,
     POSITION,
@@ -58,8 +60,9 @@ class ArmModel(Shown):
         model: `pin.Model` with every joint off the chain locked at its neutral position.
         segments: the same chain as Pinocchio understood it.
         parameters: every placement and offset that could be unknown, all at nominal.
-        nongeometric: gain of its joints; eccentricity, compliance and backlash of its revolute ones
-            (`kinematics`), zero unless the arm is held at other values.
+        nongeometric: gain of its joints; eccentricity, compliance and backlash of its revolute
+            ones; expansion of its links, together and each by itself (`kinematics`): zero unless
+            the arm is held at other values.
     """
 
     def __init__(self, chain: Chain, model: pin.Model) -> None:
@@ -73,7 +76,8 @@ class ArmModel(Shown):
             _segment(model, j, tip.get(j.name, j.name), columns) for j in chain.joints
         )
         self.parameters = ParameterSet(p for s in self.segments for p in _geometric(s))
-        self.nongeometric = ParameterSet(p for s in self.segments for p in _nongeometric(s))
+        beside = [p for s in self.segments for p in _nongeometric(s)]
+        self.nongeometric = ParameterSet([*beside, Parameter(LINKS, EXPANSION, "1/K")])
 
     @classmethod
     def from_urdf(cls, path: str | Path, tip: str, base: str | None = None) -> ArmModel:
@@ -253,25 +257,26 @@ class ArmModel(Shown):
                     hint="add the masses, or do not select this parameter",
                 )
 
-    def function(self, names: Sequence[str], *, directed: bool = False) -> Symbol:
+    def function(self, names: Sequence[str], told: Iterable[Told] = ()) -> Symbol:
         """CasADi function of `kinematics.forward_kinematics`, built once for each set of names."""
         for name in names:
             _ = self.offered[name]
-        return _kinematics(self, tuple(names), directed)
+        return _kinematics(self, tuple(names), tuple(told))
 
     def forward(
         self,
         q: ArrayLike,
         values: Mapping[str, float] | None = None,
-        direction: FloatArray | None = None,
+        told: Mapping[Told, FloatArray] | None = None,
     ) -> tuple[FloatArray, FloatArray]:
         """Tip poses ``T_base_tip`` for readings and parameter values (nominal where not given).
 
         Args:
             q: (n, joints) or (joints,) readings.
             values: parameter values by name; names of other things than this arm are ignored.
-            direction: of each reading's last motion, -1, 0 or 1, shaped as q; only a backlash looks
-                at it, and takes the joint for the middle of its play where it is not given.
+            told: what else is known, as `Samples.told`: the ``direction`` (n, joints) of each
+                reading's last motion, -1, 0 or 1, without which a joint with backlash is in the
+                middle of its play; the ``warmth`` (n, 1), K, without which nothing has grown.
 
         Returns:
             Rotations (n, 3, 3) and positions (n, 3), m; without n for a single reading.
@@ -289,12 +294,11 @@ class ArmModel(Shown):
             raise ParameterError(
                 f"readings of {rows.shape[1]} joints", f"{len(self.joints)}: {self.joints}"
             )
-        directed = direction is not None
-        batch = Batched(self.function(list(own), directed=directed), len(rows), shared=[0])
-        batch.inputs[0][:] = list(own.values())
-        batch.inputs[1][:] = rows
-        if direction is not None:
-            batch.inputs[2][:] = direction
+        beside_readings = told or {}
+        batch = Batched(self.function(list(own), beside_readings), len(rows), shared=[0])
+        inputs = (np.array([*own.values()]), rows, *beside_readings.values())
+        for place, numbers in zip(batch.inputs, inputs, strict=True):
+            place[:] = numbers
         flat, position, _ = batch()
         rotation = np.swapaxes(flat.reshape(-1, 3, 3), 1, 2).copy()
         if readings.ndim == 1:
@@ -342,7 +346,7 @@ class ArmModel(Shown):
 
         Args:
             values: parameter values by name; those of other things than this arm are ignored, and
-                so are gain, eccentricity and compliance: a URDF cannot hold them.
+                so is what is no geometry: a URDF cannot hold it.
         """
         return urdf_bytes(self.chain.path, self.origins(values))
 
@@ -387,22 +391,22 @@ def reduced_model(
 
 
 @lru_cache(maxsize=16)
-def _kinematics(arm: ArmModel, names: tuple[str, ...], directed: bool) -> Symbol:
+def _kinematics(arm: ArmModel, names: tuple[str, ...], told: tuple[Told, ...]) -> Symbol:
     """`forward_kinematics` of this arm."""
     arm._check_masses(names)
     nominal = {p.name: p.nominal for p in arm.offered.values()}
     # Nothing between the root and this link moves with the chain.
     top = arm.model.frames[arm.model.getFrameId(arm.chain.top, pin.FrameType.BODY)].placement
     gravity = top.rotation.T @ arm.model.gravity.linear
-    chain = arm.segments, names, nominal, arm.loads, gravity
-    return _kinematics_of(pickle.dumps(chain), directed)
+    chain = arm.segments, names, nominal, arm.loads, gravity, told
+    return _kinematics_of(pickle.dumps(chain))
 
 
 # A URDF is read again by every job over it, and its kinematics would be composed again.
 @lru_cache(maxsize=64)
-def _kinematics_of(chain: bytes, directed: bool) -> Symbol:
+def _kinematics_of(chain: bytes) -> Symbol:
     """`forward_kinematics` of pickled arguments, which arms that are alike have alike."""
-    return forward_kinematics(*pickle.loads(chain), directed=directed)
+    return forward_kinematics(*pickle.loads(chain))
 
 
 def _segment(
@@ -442,6 +446,8 @@ def _geometric(segment: Segment) -> Iterator[Parameter]:
 
 
 def _nongeometric(segment: Segment) -> Iterator[Parameter]:
+    if segment.position.any():
+        yield Parameter(segment.owner, EXPANSION, "1/K")
     if segment.motion != "fixed":
         yield Parameter(segment.owner, GAIN, "1")
     if segment.motion == "revolute":

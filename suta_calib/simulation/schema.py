@@ -20,6 +20,7 @@ from suta_calib.measurements.yaml_file import Sign
 from suta_calib.model.arm import ArmModel
 from suta_calib.simulation.keys import (
     ARM_KEYS,
+    ARM_UNITS,
     ERROR_KEYS,
     NOISE_KEYS,
     OUTLIER_KEYS,
@@ -32,8 +33,6 @@ from suta_calib.simulation.noise import NoiseLevels, OutlierSpec
 from suta_calib.terms import KINDS, Term
 from suta_calib.units import Unit, from_deg, from_mm, key, stored
 
-# Of what an arm's parameters may be.
-_UNITS: Final[tuple[Unit, ...]] = ("m", "rad", "rad/Nm", "1")
 # A name becomes a file's or a folder's, on any system.
 _PORTABLE_NAME: Final = re.compile(r"\w[\w.-]*")
 
@@ -246,7 +245,7 @@ def _error_row(row: YamlSection) -> ErrorRow:
 def _by_unit(row: YamlSection, name: Literal["value", "std"]) -> dict[str, float]:
     """``value_mm``, ``value_deg``, … as {"m": …, "rad": …}; a std must not be negative."""
     sign: Sign = "non-negative" if name == "std" else "any"
-    found = {unit: row.optional_number(key(name, unit), sign, unit=unit) for unit in _UNITS}
+    found = {unit: row.optional_number(key(name, unit), sign, unit=unit) for unit in ARM_UNITS}
     return {unit: number for unit, number in found.items() if number is not None}
 
 

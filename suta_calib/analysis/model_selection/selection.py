@@ -69,6 +69,7 @@ SHORT: Final[dict[Family, str]] = {
     "compliance": "compliance",
     "gain": "gain",
     "backlash": "backlash",
+    "expansion": "expansion",
 }
 # Models that a search usually tries: only to say how far it has come.
 EXPECTED: Final = 30
@@ -419,16 +420,17 @@ def _with_geometry(name: str, geometry: bool) -> str:
 
 
 def _rows(arm: ArmModel | None, names: Sequence[str]) -> tuple[Selection, ...]:
-    """Rows that select these, within what is plausible: eccentricities, compliances, gains."""
+    """Rows that select these, within what is plausible: one for each unit."""
     assert arm is not None
     rows = []
-    for unit in ("rad", "rad/Nm", "1"):
+    for unit in ("rad", "rad/Nm", "1/K", "1"):
         if own := tuple(n for n in names if arm.offered[n].unit == unit):
             plausible = arm.offered[own[0]].plausible
             row = Selection(
                 own,
                 bound_rad=plausible if unit == "rad" else None,
                 bound_rad_per_nm=plausible if unit == "rad/Nm" else None,
+                bound_per_k=plausible if unit == "1/K" else None,
                 bound_ratio=plausible if unit == "1" else None,
             )
             rows.append(row)
