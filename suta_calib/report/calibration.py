@@ -7,20 +7,20 @@ null, so that nobody uses them by accident.
 from __future__ import annotations
 
 import platform
-from collections.abc import Iterator, Mapping, Sequence
-from functools import partial
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from importlib.metadata import PackageNotFoundError, version
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from suta_calib.arrays import FloatArray
 from suta_calib.diagnostics.accuracy import TermAccuracy
 from suta_calib.diagnostics.explanation import redundant_names
 from suta_calib.diagnostics.external_poses import external_poses
 from suta_calib.diagnostics.repeats import TouchRepeatability
 from suta_calib.job.calibration import CalibrationResult
-from suta_calib.plotting.errors import MOST_GROUPS
-from suta_calib.report import calibration_plots as plots
+from suta_calib.lazy import later
+from suta_calib.plotting.limits import MOST_CORRELATED, MOST_GROUPS
 from suta_calib.report.document import (
     Document,
     Figure,
@@ -35,6 +35,7 @@ from suta_calib.report.document import (
 from suta_calib.report.errors import (
     GROUPINGS,
     RESIDUALS,
+    KindErrors,
     accuracy_json,
     by_kind,
     errors_table,
@@ -56,6 +57,12 @@ from suta_calib.solver.ipopt import Minimum
 from suta_calib.solver.solution import Solution
 from suta_calib.terms import Term
 from suta_calib.words import combination
+
+if TYPE_CHECKING:
+    from suta_calib.report import calibration_plots as plots
+else:
+    # Without a report there is nothing to draw.
+    plots = later("suta_calib.report.calibration_plots")
 
 NAME: Final = "result"
 CALIBRATED: Final = "calibrated.urdf"
@@ -232,9 +239,17 @@ def _errors(result: CalibrationResult) -> Iterator[Part]:
         for k, errors in enumerate(by_kind(sets[name])):
             if len(errors.before):
                 yield Figure(
-                    partial(plots.error_histogram, errors, f"histogram-{name}-{k}"),
+                    _histogram(errors, f"histogram-{name}-{k}"),
                     f"{name.capitalize()}: {errors.quantity}",
                 )
+
+
+def _histogram(errors: KindErrors, name: str) -> Callable[[], str]:
+    return lambda: plots.error_histogram(errors, name)
+
+
+def _boxes(groups: Mapping[str, FloatArray], label: str, name: str) -> Callable[[], str]:
+    return lambda: plots.grouped_errors(groups, label, name)
 
 
 def _repeatability(result: CalibrationResult) -> list[tuple[str, TouchRepeatability]]:
@@ -283,7 +298,7 @@ def _remaining_errors(result: CalibrationResult) -> Iterator[Part]:
             rest = len(of[label]) - MOST_GROUPS
             title = f"{name}: by {label}" + (f" (without the {rest} best)" if rest > 0 else "")
             svg_name = f"errors-{name.lower()}-{label}"
-            found.append(Figure(partial(plots.grouped_errors, of[label], label, svg_name), title))
+            found.append(Figure(_boxes(of[label], label, svg_name), title))
     if found:
         yield Text("Where the remaining errors are", place="page", look="heading")
         yield from found
@@ -310,7 +325,7 @@ def _noise_and_correlations(result: CalibrationResult) -> Iterator[Part]:
     if len(names) < 2:
         return
     yield Text("Correlations", place="page", look="heading")
-    if (less := len(names) - plots.MOST_CORRELATED) > 0:
+    if (less := len(names) - MOST_CORRELATED) > 0:
         said = f"{less} parameters that are less correlated are left out; result.json has all."
         yield Text(said, place="page", look="soft")
     yield Figure(lambda: plots.correlation_map(names, matrix, "correlations"))

@@ -17,8 +17,9 @@ from suta_calib.report.listing import Json, Table, plain
 
 Place = Literal["everywhere", "console", "page"]
 # NAME.json and a section of report.html; result.json and a report.html that begins anew with it;
-# the same, but its pictures are on that page only; or neither, but the files it names.
-Written = Literal["report", "result", "opening", "files"]
+# the same, but its pictures are on that page only; NAME.json alone; or neither, but the files it
+# names.
+Written = Literal["report", "result", "opening", "record", "files"]
 Look = Literal["plain", "heading", "remedy", "soft", "verbatim"]
 
 

@@ -49,7 +49,7 @@ def write_document(
         **run,
     }
     record = {"result": "result.json", "files": ""}.get(answer.written, f"{answer.name}.json")
-    if answer.written != "files":
+    if answer.written not in ("record", "files"):
         job = Path(next(iter(inputs), "")).name
         report, page = _report(answer, folder, job)
         made_from = (f" from {Path(n).name} (SHA-256 {h[:12]})" for n, h in inputs.items())
@@ -75,7 +75,9 @@ def write_document(
         raise OutputError(
             f"{folder}: cannot be used as the output folder: {error.strerror}; choose another one"
         ) from error
-    stale = _written_before(folder / record) - {*names, REPORT} if record else ()
+    # A page that others have their sections on stays, unless it would tell of the run before.
+    kept = {*names, *([] if answer.written == "record" else [REPORT])}
+    stale = _written_before(folder / record) - kept if record else ()
     exchange_files(folder, contents, stale)
     return complete
 
@@ -116,7 +118,7 @@ def _contents(answer: Document) -> dict[str, bytes]:
     for part in answer.parts:
         if isinstance(part, File):
             found[part.name] = part.as_bytes()
-        elif isinstance(part, Figure) and answer.written != "opening":
+        elif isinstance(part, Figure) and answer.written in ("report", "result"):
             number = f"_{figures.index(part) + 1}" if len(figures) > 1 else ""
             found[f"{answer.name}{number}.svg"] = part.svg.encode()
     return found

@@ -21,11 +21,9 @@ from suta_calib.pose_calibration.picture_answer import ROBOTS, PictureCalibratio
 from suta_calib.pose_calibration.picture_noise import PictureNoise
 from suta_calib.report.document import Document, Figure, File, Part, Text
 from suta_calib.report.listing import Column, Json, Listing, csv_text, plain
+from suta_calib.report.pose_plots import INLIER, LARGE, OUTLIER
 from suta_calib.report.poses import (
-    INLIER,
-    LARGE,
     MOST_OUTLIERS,
-    OUTLIER,
     covariance_record,
     pose_record,
     pose_std_record,

@@ -85,8 +85,7 @@ def projected(
     a, e = math.radians(azimuth), math.radians(elevation)
     right = np.array([-math.sin(a), math.cos(a), 0.0])
     up = np.array([-math.sin(e) * math.cos(a), -math.sin(e) * math.sin(a), math.cos(e)])
-    shown: FloatArray = scale * points @ np.column_stack([right, -up])
-    return shown
+    return np.asarray(scale * points @ np.column_stack([right, -up]))
 
 
 def _fitting(points: FloatArray) -> float:
