@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import errno
+import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -77,6 +79,8 @@ class Viewer:
             self._handles[thing.name] = draw(thing, api, f"{above}/{thing.name}", scene)
         self._chosen: Any = None
         self._tip: Any = None
+        # Sliders, clicks and the play button each come from a thread of their own.
+        self._moving = threading.RLock()
         self.joints: list[Any] = []
         if len(scene.rows):
             self._draw_rows()
@@ -104,14 +108,15 @@ class Viewer:
 
     def move(self, q: FloatArray) -> None:
         """Show the arms at readings (joints,), rad or m."""
-        with self.server.atomic():
+        with self._moving, self.server.atomic():
             for arm in self._arms:
                 arm.move(q)
 
     def show_row(self, row: int) -> None:
         """Show the arms at a sample, and its name."""
-        rows, self.shown = self.scene.rows, row
-        with self.server.atomic():
+        rows = self.scene.rows
+        with self._moving, self.server.atomic():
+            self.shown = row
             self.move(rows.q[row])
             self._chosen.position = rows.at[row]
             self._chosen.text = rows.names[row]
@@ -302,12 +307,16 @@ def _silent() -> Iterator[None]:
 
 def _server(port: int, host: str) -> viser.ViserServer:
     library = load("viser", "view")
+    # Viser would go on to the next ports, and wait for ever for a host that is none.
+    try:
+        socket.create_server((host, port)).close()
+    except OSError as error:
+        taken = error.errno == errno.EADDRINUSE
+        found = "another program that listens there" if taken else error.strerror or str(error)
+        raise OutputError(
+            f"{host}:{port}: found {found}; expected a free port of this computer; "
+            "choose another with --port, or --host"
+        ) from None
     with _silent():
         server: viser.ViserServer = library.ViserServer(host=host, port=port, verbose=False)
-        if port in (0, server.get_port()):
-            return server
-        server.stop()
-    raise OutputError(
-        f"{host}:{port}: found another program that listens there; expected a free port; "
-        "choose another with --port"
-    )
+    return server
