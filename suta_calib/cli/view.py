@@ -16,7 +16,7 @@ from suta_calib.cli._output import LateProgress, console, ended_by_sigterm, prin
 
 if TYPE_CHECKING:
     from suta_calib.device import DeviceSpec
-    from suta_calib.view.calibration import Calibrated
+    from suta_calib.view.calibrated import Calibrated
     from suta_calib.view.server import Viewer
 
 

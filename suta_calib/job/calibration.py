@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -40,7 +40,8 @@ from suta_calib.solver.solve import Progress, solve
 from suta_calib.terms import KINDS, ArmPoses, Noise, Seating, Setup, Term
 from suta_calib.terms.poses import together
 from suta_calib.units import shown, unit_name
-from suta_calib.view.calibration import Calibrated, view_calibration
+from suta_calib.view.calibrated import Calibrated
+from suta_calib.view.calibration import view_calibration
 
 if TYPE_CHECKING:
     from suta_calib.view.server import Viewer
@@ -114,21 +115,6 @@ class CalibrationJob(Shown):
         solution = solve(problem, self.options(), progress)
         solution = replace(solution, timing={"build": build} | solution.timing)
         return CalibrationResult(self, solution, assess(solution, self.validation))
-
-    def terms_at(
-        self, values: Mapping[str, float], held_out: Mapping[str, float]
-    ) -> dict[str, tuple[tuple[Term, Mapping[str, float]], ...]]:
-        """The terms of ``calibration`` and ``validation``, each with the values that belong to it.
-
-        Args:
-            values: of all parameters that were fitted, m or rad.
-            held_out: of the unknowns that are the held-out terms' alone.
-        """
-        both = {**values, **held_out}
-        return {
-            "calibration": tuple((term, values) for term in self.observations),
-            "validation": tuple((term, both) for term in self.validation),
-        }
 
     def usable_solution(
         self, progress: Progress | None = None, *, anyway: bool = False
@@ -267,18 +253,7 @@ class CalibrationResult(Shown):
     @property
     def calibrated(self) -> Calibrated:
         """What there is to see of it."""
-        (names, covariance), accuracy = self.solution.arm_covariance, self.accuracy
-        sets = {"calibration": accuracy.calibration, "validation": accuracy.validation}
-        rms = {
-            name: (Accuracy.overall(terms, "before").rms, Accuracy.overall(terms, "after").rms)
-            for name, terms in sets.items()
-            if terms
-        }
-        path, values = str(self.job.spec.path), self.solution.values
-        terms = self.job.terms_at(values, accuracy.held_out_values)
-        return Calibrated(
-            path, self.job.arm, values, names, covariance, terms, rms, self.assessment
-        )
+        return Calibrated.of(self.solution, self.accuracy, str(self.job.spec.path), self.assessment)
 
     def view(self, port: int = 0, host: str = "127.0.0.1") -> Viewer:
         """Show it in 3-D, in the browser; in a notebook below the cell.

@@ -13,7 +13,7 @@ from suta_calib.errors import InputError
 from suta_calib.job.calibration import CalibrationJob
 from suta_calib.tracking.uncertainty import numbers, read_json_object, read_uncertainty
 from suta_calib.units import from_mm
-from suta_calib.view.calibration import Calibrated
+from suta_calib.view.calibrated import Calibrated, term_sets
 
 
 def read_calibrated(path: Path, *, anyway: bool = False) -> Calibrated:
@@ -51,7 +51,7 @@ def read_calibrated(path: Path, *, anyway: bool = False) -> Calibrated:
         values,
         known.names,
         known.covariance,
-        job.terms_at(values, held_out),
+        term_sets(job.observations, job.validation, values, held_out),
         _rms(data, file),
         read_assessment(data),
     )

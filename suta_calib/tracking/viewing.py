@@ -13,7 +13,8 @@ from suta_calib.device.description import DeviceSpec
 from suta_calib.device.reading import Reading
 from suta_calib.tracking.tracker import matched_joints
 from suta_calib.units import mm
-from suta_calib.view.calibration import UNSURE, Calibrated
+from suta_calib.view.calibrated import Calibrated
+from suta_calib.view.calibration import UNSURE
 from suta_calib.view.scene import Ellipsoids
 from suta_calib.view.server import Viewer
 

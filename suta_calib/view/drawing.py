@@ -96,14 +96,14 @@ class ShownArm:
 def camera_view(scene: Scene) -> tuple[FloatArray, FloatArray]:
     """Where to look from, and at, (3,) each, m: from above, ahead and aside, all of it in sight."""
     low, high = scene.extent
-    away = 0.55 * float(np.linalg.norm(high - low)) * np.array([1.0, -1.1, 0.8])
+    away = 0.47 * float(np.linalg.norm(high - low)) * np.array([1.0, -1.1, 0.8])
     return (low + high) / 2 + away, (low + high) / 2
 
 
 def draw_floor(api: viser.SceneApi, scene: Scene) -> None:
     """A grid of decimetres below everything."""
     low, high = scene.extent
-    middle, size = (low + high) / 2, 2.0 * float(np.ptp(scene.extent, axis=0).max())
+    middle, size = (low + high) / 2, 1.4 * float(np.ptp(scene.extent, axis=0).max())
     api.add_grid(
         "/floor",
         width=size,
@@ -111,8 +111,8 @@ def draw_floor(api: viser.SceneApi, scene: Scene) -> None:
         position=np.array([middle[0], middle[1], low[2] - 0.01 * size]),
         cell_size=0.1,
         section_size=0.5,
-        cell_color=(225, 225, 225),
-        section_color=(190, 190, 190),
+        cell_color=(238, 238, 238),
+        section_color=(215, 215, 215),
         plane="xy",
     )
 
@@ -247,6 +247,7 @@ def spheres(
         batched_colors=np.asarray(colour, dtype=np.uint8),
         opacity=opacity,
         lod="off",
+        cast_shadow=False,
     )
 
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import contextlib
-import io
+import errno
+import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -11,6 +12,7 @@ from html import escape
 from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
+import rich
 
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import OutputError
@@ -77,6 +79,8 @@ class Viewer:
             self._handles[thing.name] = draw(thing, api, f"{above}/{thing.name}", scene)
         self._chosen: Any = None
         self._tip: Any = None
+        # Sliders, clicks and the play button each come from a thread of their own.
+        self._moving = threading.RLock()
         self.joints: list[Any] = []
         if len(scene.rows):
             self._draw_rows()
@@ -99,19 +103,20 @@ class Viewer:
 
     def close(self) -> None:
         """Let go of the port."""
-        with contextlib.redirect_stdout(io.StringIO()):  # It announces its end there.
+        with _silent():
             self.server.stop()
 
     def move(self, q: FloatArray) -> None:
         """Show the arms at readings (joints,), rad or m."""
-        with self.server.atomic():
+        with self._moving, self.server.atomic():
             for arm in self._arms:
                 arm.move(q)
 
     def show_row(self, row: int) -> None:
         """Show the arms at a sample, and its name."""
-        rows, self.shown = self.scene.rows, row
-        with self.server.atomic():
+        rows = self.scene.rows
+        with self._moving, self.server.atomic():
+            self.shown = row
             self.move(rows.q[row])
             self._chosen.position = rows.at[row]
             self._chosen.text = rows.names[row]
@@ -250,20 +255,20 @@ def page(scene: Scene) -> bytes:
         html: str = viewer.frozen().as_html()
     factors = ", ".join(f"{what} × {factor:g}" for what, factor in _factors(scene))
     style = "position:fixed;right:0;top:0;max-width:24em;z-index:10;font-family:sans-serif"
-    overlay = f'<div style="{style};padding:1em">{headline(scene)}{factors}</div>'
+    overlay = f'<div style="{style};padding:1em 0">{headline(scene, factors)}</div>'
     html = html.replace("<title>", f"<title>{escape(scene.title)} · ", 1)
     return html.replace("</body>", f"{overlay}</body>", 1).encode()
 
 
-def headline(scene: Scene) -> str:
-    """What is shown, and whether it may be used, as HTML."""
+def headline(scene: Scene, more: str = "") -> str:
+    """What is shown, whether it may be used, and what more there is to say, as HTML."""
     lines = [f"<b>{escape(scene.title)}</b>"]
     if (verdict := scene.assessment) is not None:
         colour = _LEVELS[verdict.level]
         lines.append(f'<b style="color:{colour}">{escape(verdict.word)}</b>: ')
         lines[-1] += escape(verdict.sentence)
         lines += [f"• {escape(note)}" for note in verdict.notes[:3]]
-    lines.append(escape(scene.summary))
+    lines += [escape(scene.summary), escape(more)]
     return '<div style="padding:0 1em;font-size:85%">' + "<br>".join(filter(None, lines)) + "</div>"
 
 
@@ -289,14 +294,29 @@ def _joint_slider(gui: viser.GuiApi, joint: ChainJoint, reading: float) -> Any:
     return gui.add_slider(f"{joint.name}, {name}", values[0], values[1], 0.01, values[2])
 
 
+@contextlib.contextmanager
+def _silent() -> Iterator[None]:
+    """Within it rich says nothing, by which viser announces that it begins and ends."""
+    console = rich.get_console()
+    before, console.quiet = console.quiet, True
+    try:
+        yield
+    finally:
+        console.quiet = before
+
+
 def _server(port: int, host: str) -> viser.ViserServer:
     library = load("viser", "view")
-    with contextlib.redirect_stdout(io.StringIO()):  # It announces itself there.
+    # Viser would go on to the next ports, and wait for ever for a host that is none.
+    try:
+        socket.create_server((host, port)).close()
+    except OSError as error:
+        taken = error.errno == errno.EADDRINUSE
+        found = "another program that listens there" if taken else error.strerror or str(error)
+        raise OutputError(
+            f"{host}:{port}: found {found}; expected a free port of this computer; "
+            "choose another with --port, or --host"
+        ) from None
+    with _silent():
         server: viser.ViserServer = library.ViserServer(host=host, port=port, verbose=False)
-        if port in (0, server.get_port()):
-            return server
-        server.stop()
-    raise OutputError(
-        f"{host}:{port}: found another program that listens there; expected a free port; "
-        "choose another with --port"
-    )
+    return server

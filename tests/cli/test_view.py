@@ -109,6 +109,17 @@ def test_a_port_that_is_taken_is_named(job: Path, capsys: pytest.CaptureFixture[
     assert "choose another with --port" in captured.err
 
 
+@pytest.mark.parametrize("host", ["no.such.host.invalid", "203.0.113.7"])
+def test_a_host_that_is_not_this_computer_is_refused(
+    job: Path, host: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli("view", job, "--host", host, "--port", "0", "--seconds", "0.1") == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert f"{host}:0: found " in captured.err
+    assert "--host" in captured.err
+
+
 def unusable(folder: Path) -> Path:
     """A job whose held-out data are of an arm that is off the other way."""
     path = write_simulated_job(folder, SUTA_URDF)

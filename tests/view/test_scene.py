@@ -16,7 +16,8 @@ from suta_calib.measurements import Samples, write_samples
 from suta_calib.measurements.samples import joined
 from suta_calib.model.arm import ArmModel
 from suta_calib.terms import Term
-from suta_calib.view.calibration import Calibrated, TipErrors, calibration_scene
+from suta_calib.view.calibrated import Calibrated
+from suta_calib.view.calibration import TipErrors, calibration_scene
 from suta_calib.view.drawn_arm import DrawnArm
 from suta_calib.view.meshes import found_file, link_meshes
 from suta_calib.view.scene import Arrows, Ellipsoids, Frustum, Patch, Points, Stroke
