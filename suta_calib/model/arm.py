@@ -36,6 +36,7 @@ from suta_calib.model.parameters import (
     select_parameters,
 )
 from suta_calib.model.urdf import folded_origin, urdf_bytes
+from suta_calib.model.xacro_file import plain_urdf
 from suta_calib.units import Unit
 
 # Before a link's name, for as long as joints may be called the same.
@@ -76,7 +77,7 @@ class ArmModel:
         """Read the chain from ``base`` to ``tip``: any two links or frames of one tree.
 
         Args:
-            path: of the URDF.
+            path: of the URDF, or of a ``.xacro`` file that makes one.
             tip: name of a link, or of a joint, which stands for its child link.
             base: the same; the root link by default.
 
@@ -86,7 +87,8 @@ class ArmModel:
         """
         chain = read_chain(path, tip, base)
         try:
-            model = pin.buildModelFromUrdf(str(path))
+            with plain_urdf(Path(path)) as file:
+                model = pin.buildModelFromUrdf(str(file))
         except (ValueError, RuntimeError) as error:
             raise UrdfError(
                 f"a model Pinocchio refuses ({str(error).strip().splitlines()[0]})",
