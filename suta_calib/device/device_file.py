@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 _DEFAULT_BAUDRATE: Final = 921600
 _KEYS: Final = ("port", "baudrate", "format", "unit", "counts_per_turn", "joints")
+_OF_JOINT: Final = ("name", "sign", "zero", "ratio", "counts_per_turn")
 # Longer than the name of any port; a message has to show it.
 _LONGEST_PORT: Final = 1000
 _URL: Final = re.compile(r"[a-z][a-z0-9+.-]*://", re.IGNORECASE)
@@ -69,7 +70,7 @@ def read_device(path: Path) -> DeviceSpec:
         format=form.name,
         unit=unit,
         counts_per_turn=counts,
-        joints=_joints(top, form),
+        joints=_joints(top, form, unit),
     )
 
 
@@ -105,17 +106,28 @@ def _beside(path: Path, port: str) -> str:
     return port
 
 
-def _joints(top: YamlSection, form: Format) -> tuple[JointSpec, ...]:
+def _joints(top: YamlSection, form: Format, unit: str) -> tuple[JointSpec, ...]:
     sections = top.sections("joints")
     if form.most_joints is not None and len(sections) > form.most_joints:
         raise top.refuse(f"{len(sections)} joints", f"at most {form.most_joints}", at=("joints",))
     joints: list[JointSpec] = []
     for section in sections:
-        section.check_keys(("name", "sign"), required=("name",))
+        section.check_keys(_OF_JOINT, required=("name",))
         name, sign = section.text("name"), section.integer("sign", 1, -1)
         if sign not in (-1, 1):
             raise section.refuse(str(sign), "1 or -1", at=("sign",))
         if name in (joint.name for joint in joints):
             raise section.refuse(f"{name!r} a second time", "each joint once", at=("name",))
-        joints.append(JointSpec(name, sign))
+        for key in ("ratio", "counts_per_turn"):
+            if key in section and not form.geared:
+                expected = f"no such key: the words of {form.name} are one turn of the joint"
+                raise section.refuse("a value", expected, at=(key,))
+        zero = section.number("zero") if "zero" in section else 0.0
+        if unit == "counts" and zero != round(zero):
+            raise section.refuse(f"{zero:g}", "a whole number of counts", at=("zero",))
+        ratio = section.number("ratio") if "ratio" in section else 1.0
+        if ratio == 0.0:
+            raise section.refuse("0", "turns of the encoder per turn of the joint", at=("ratio",))
+        own = section.integer("counts_per_turn", 0, 2) if "counts_per_turn" in section else None
+        joints.append(JointSpec(name, sign, zero, ratio, own))
     return tuple(joints)
