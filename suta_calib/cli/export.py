@@ -11,7 +11,7 @@ from suta_calib.atomic import check_outputs
 from suta_calib.cli._formats import format_options, with_file
 from suta_calib.cli._options import PATH, WRITTEN, anyway_option
 from suta_calib.cli._output import answer_command
-from suta_calib.exchange.writer import writers
+from suta_calib.exchange.writer import export_formats
 from suta_calib.report.document import Document
 
 
@@ -24,7 +24,7 @@ from suta_calib.report.document import Document
 @click.option("--tip", help="With --urdf: link or frame of the tip.")
 @click.option("--base", help="With --urdf: link the chain starts at; default: the root.")
 @anyway_option
-@format_options(writers().values())
+@format_options(export_formats().values())
 def export(
     result: Path | None,
     form: str | None,
@@ -47,7 +47,7 @@ def export(
     from suta_calib.report.exchange import exported_document, formats_document
 
     if listed:
-        return formats_document(writers(), "What can be written")
+        return formats_document(export_formats(), "What can be written")
     if result is None or form is None:
         missing = "RESULT" if result is None else "--format"
         raise click.UsageError(f"found no {missing}; expected RESULT --format NAME, or --list")

@@ -11,7 +11,7 @@ from suta_calib.atomic import check_outputs
 from suta_calib.cli._formats import format_options, with_file
 from suta_calib.cli._options import PATH, WRITTEN
 from suta_calib.cli._output import answer_command
-from suta_calib.exchange.reader import readers
+from suta_calib.exchange.reader import import_formats
 from suta_calib.report.document import Document
 
 
@@ -21,7 +21,7 @@ from suta_calib.report.document import Document
 @click.option("--out", "file", type=WRITTEN, metavar="FILE.csv", help="What to write.")
 @click.option("--list", "listed", is_flag=True, help="Name the formats and what they read.")
 @click.option("--mapping", type=PATH, metavar="FILE.yaml", help="Options of the format, in a file.")
-@format_options(readers().values())
+@format_options(import_formats().values())
 def import_(
     source: Path | None,
     form: str | None,
@@ -41,7 +41,7 @@ def import_(
     from suta_calib.report.exchange import formats_document, imported_document
 
     if listed:
-        return formats_document(readers(), "What can be read")
+        return formats_document(import_formats(), "What can be read")
     if source is None:
         raise click.UsageError("found no SOURCE; expected a file, or --list for the formats")
     if file is not None:

@@ -46,7 +46,7 @@ class Reader(Described, ABC):
         """
 
 
-def readers() -> dict[str, Reader]:
+def import_formats() -> dict[str, Reader]:
     """Every format that can be read, by name."""
     return formats_of("suta_calib.exchange.readers", Reader)
 
@@ -67,7 +67,7 @@ def read_foreign(path: str | Path, form: str | None = None, **options: Any) -> I
         InputError: an option that the format does not take, or a value that cannot be used.
     """
     path = Path(path)
-    reader = named(readers(), form) if form is not None else recognised(path)
+    reader = named(import_formats(), form) if form is not None else recognised(path)
     return reader.read(path, Given(reader.options, options, reader.name))
 
 
@@ -78,7 +78,7 @@ def recognised(path: Path) -> Reader:
         ForeignFileError: there is no such file, or several formats recognise it.
     """
     head = _head(path)
-    known = readers()
+    known = import_formats()
     found = [
         reader
         for reader in known.values()

@@ -104,7 +104,7 @@ class Exported:
         return [path, beside] if self.left_out else [path]
 
 
-def writers() -> dict[str, Writer]:
+def export_formats() -> dict[str, Writer]:
     """Every format that can be written, by name."""
     return formats_of("suta_calib.exchange.writers", Writer)
 
@@ -124,7 +124,7 @@ def write_foreign(result: Result, form: str, **options: Any) -> Exported:
         InputError: no such format or option, or a result that holds nothing of this format.
         MissingExtraError: the format needs a package that is not installed.
     """
-    writer = named(writers(), form)
+    writer = named(export_formats(), form)
     content = writer.content(result, Given(writer.options, options, writer.name))
     left_out: dict[str, Any] = {}
     lost: list[str] = []

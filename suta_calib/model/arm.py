@@ -40,6 +40,7 @@ from suta_calib.model.parameters import (
 )
 from suta_calib.model.skeleton import Skeleton
 from suta_calib.model.urdf import folded_origin, urdf_bytes
+from suta_calib.model.xacro_file import plain_urdf
 from suta_calib.plotting.scene import Scene
 from suta_calib.showing import Shown
 from suta_calib.units import Unit
@@ -84,7 +85,7 @@ class ArmModel(Shown):
         """Read the chain from ``base`` to ``tip``: any two links or frames of one tree.
 
         Args:
-            path: of the URDF.
+            path: of the URDF, or of a ``.xacro`` file that makes one.
             tip: name of a link, or of a joint, which stands for its child link.
             base: the same; the root link by default.
 
@@ -94,7 +95,8 @@ class ArmModel(Shown):
         """
         chain = read_chain(path, tip, base)
         try:
-            model = pin.buildModelFromUrdf(str(path))
+            with plain_urdf(Path(path)) as file:
+                model = pin.buildModelFromUrdf(str(file))
         except (ValueError, RuntimeError) as error:
             raise UrdfError(
                 f"a model Pinocchio refuses ({str(error).strip().splitlines()[0]})",

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from cli_job import cli, write_simulated_job
 
-from suta_calib.exchange import writers
+from suta_calib.exchange import export_formats
 from suta_calib.model.arm import ArmModel
 
 Capture = pytest.CaptureFixture[str]
@@ -61,7 +61,7 @@ def test_values_of_no_geometry_are_said(job: Path, capsys: Capture) -> None:
 def test_every_format_is_listed_with_an_example(capsys: Capture) -> None:
     assert cli("export", "--list", "--json") == 0
     told = {each["name"]: each for each in json.loads(capsys.readouterr().out)["formats"]}
-    assert set(told) == set(writers())
+    assert set(told) == set(export_formats())
     assert all(f"--format {name}" in each["example"] for name, each in told.items())
 
 

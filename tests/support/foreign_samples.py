@@ -5,12 +5,14 @@ Written after the formats' public descriptions; no instrument made them. Frame 3
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from foreign import poses, transforms
+from ros_recordings import write_recording
 from scipy.spatial.transform import Rotation
 
 from suta_calib.arrays import FloatArray
@@ -160,4 +162,41 @@ def table(folder: Path) -> Sample:
     return Sample(path, {})
 
 
-SAMPLES: dict[str, Callable[[Path], Sample]] = {"table": table, **BODIES}
+def rosbag(folder: Path) -> Sample:
+    return Sample(write_recording(folder / "run"), {})
+
+
+MOTORS = {
+    name: {
+        "id": k,
+        "drive_mode": int(k == 2),
+        "homing_offset": 100 * k - 250,
+        "range_min": 700 + k,
+        "range_max": 3300,
+    }
+    for k, name in enumerate(("shoulder_pan", "shoulder_lift", "elbow_flex"), 1)
+}
+
+
+def lerobot_calibration(folder: Path) -> Sample:
+    path = folder / "so101.json"
+    path.write_text(json.dumps(MOTORS, indent=4))
+    return Sample(path, {})
+
+
+def dh(folder: Path) -> Sample:
+    path = folder / "arm_dh.csv"
+    path.write_text(
+        "joint,type,theta_deg,d_mm,a_mm,alpha_deg\n"
+        "joint_1,revolute,10,100,20,90\njoint_2,revolute,-5,0,300,0\njoint_3,prismatic,0,50,0,0\n"
+    )
+    return Sample(path, {})
+
+
+SAMPLES: dict[str, Callable[[Path], Sample]] = {
+    "table": table,
+    **BODIES,
+    "rosbag": rosbag,
+    "lerobot-calibration": lerobot_calibration,
+    "dh": dh,
+}

@@ -1,1 +1,1 @@
-"""Formats that can be read: one module each, found by looking (`exchange.reader.readers`)."""
+"""Formats that can be read: one module each, which `exchange.reader` finds by looking."""

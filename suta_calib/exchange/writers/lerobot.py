@@ -2,30 +2,20 @@
 
 from __future__ import annotations
 
-import json
 import math
-from typing import Any, ClassVar, Final
+from typing import ClassVar, Final
 
 from suta_calib.errors import InputError
+from suta_calib.exchange.lerobot_motors import COUNTS, MOTORS, counts_of, read_motors
 from suta_calib.exchange.option import Given, Option
 from suta_calib.exchange.result import CalibratedArm, Result, json_bytes
 from suta_calib.exchange.writer import Writer
 from suta_calib.exchange.writers.joint_offsets import lost_beside_offsets
-from suta_calib.measurements.files import read_text
 from suta_calib.model.parameters import OFFSET
 
 CALIBRATION: Final = Option(
     "calibration", "The calibration JSON that is to be corrected.", "FILE.json", file=True
 )
-MOTORS: Final = Option(
-    "motors",
-    "Joints of the motors that are called otherwise.",
-    "shoulder_pan=joint_1,…",
-    several=True,
-)
-COUNTS: Final = Option("counts_per_turn", "Ticks of one turn of an encoder.", "N")
-# Of the servos that LeRobot's arms have.
-_FEETECH: Final = "4096"
 
 
 class LerobotWriter(Writer):
@@ -52,16 +42,8 @@ class LerobotWriter(Writer):
         if path is None:
             found = "no calibration to correct"
             raise given.refuse(CALIBRATION, found, "LeRobot's JSON of this arm")
-        try:
-            data = json.loads(read_text(path))
-        except json.JSONDecodeError as problem:
-            said = f"text that is not JSON ({problem.msg})"
-            raise InputError(said, "a JSON object", file=path, line=problem.lineno) from None
-        text = given.text(COUNTS, _FEETECH)
-        if not (text.isascii() and text.isdigit() and int(text) > 1):
-            raise given.refuse(COUNTS, repr(text), "a whole number, such as 4096")
+        motors, counts = read_motors(path), counts_of(given)
         names = given.pairs(MOTORS)
-        motors = _motors(data, path)
         joints = {names.get(motor, motor): motor for motor in motors}
         if missing := [joint for joint in arm.model.joints if joint not in joints]:
             raise InputError(
@@ -73,22 +55,10 @@ class LerobotWriter(Writer):
         for joint in arm.model.joints:
             if arm.model.units[joint] != "rad":
                 raise InputError(f"{joint}, which slides", "joints that turn", file=path)
-            ticks = arm.values.get(f"{joint}.{OFFSET}", 0.0) * int(text) / math.tau
+            ticks = arm.values.get(f"{joint}.{OFFSET}", 0.0) * counts / math.tau
             motors[joints[joint]]["homing_offset"] -= round(ticks)
-        return json_bytes(data)
+        return json_bytes(motors)
 
     def lost(self, arm: CalibratedArm) -> list[str]:
         """Everything that differs from nominal but the offsets of joints that are read."""
         return lost_beside_offsets(arm)
-
-
-def _motors(data: Any, path: Any) -> dict[str, dict[str, Any]]:
-    """The motors of a calibration, each with a whole number for its homing offset."""
-    if not isinstance(data, dict) or not data:
-        raise InputError(f"a JSON {type(data).__name__}", "motors by name", file=path)
-    for name, motor in data.items():
-        offset = motor.get("homing_offset") if isinstance(motor, dict) else None
-        if not isinstance(offset, int) or isinstance(offset, bool):
-            found = f"{offset!r}" if isinstance(motor, dict) else repr(motor)[:40]
-            raise InputError(found, "a whole number", file=path, where=f"{name}.homing_offset")
-    return data
