@@ -379,8 +379,8 @@ def result_page() -> Iterator[str]:
     yield "# result.json\n\n"
     yield (
         "What `suta-calib calibrate` writes, and prints with `--json`: here as "
-        f"`{RESULT_JOB.relative_to(ROOT)}` gives it, one row of each list. Values that are "
-        "parameters are in SI and say their `unit`; others say it in their key. Beside it stand "
+        f"`{RESULT_JOB.relative_to(ROOT)}` gives it, with the first rows of each list. Values that "
+        "are parameters are in SI and say their `unit`; others say it in their key. Beside it are "
         "`calibrated.urdf`, `residuals.csv` (one row per residual) and `report.html`. `run` is "
         "added when the files are written: the SHA-256 of each input, and of each file that "
         "belongs to the run.\n\n"
@@ -388,8 +388,7 @@ def result_page() -> Iterator[str]:
     if lacking := answer.keys() ^ RESULT_KEYS.keys():
         raise LookupError(f"{', '.join(sorted(lacking))} of result.json: say them in RESULT_KEYS")
     for key, about in RESULT_KEYS.items():
-        told = json.dumps(shortened(answer[key]), indent=1, ensure_ascii=False)
-        yield f"## {key}\n\n{about}\n\n```json\n{told}\n```\n\n"
+        yield f"## {key}\n\n{about}\n\n```json\n{json_example(answer[key])}\n```\n\n"
 
 
 RESULT_KEYS = {
@@ -419,10 +418,15 @@ RESULT_KEYS = {
 }
 
 
+# Numbers in a row of an example, and rows, that are shown: a 4x4 matrix is.
+SHOWN_NUMBERS = 4
+
+
 def shortened(value: Any) -> Any:
-    """JSON with the first entry of each list, and of each mapping by name."""
+    """JSON with the first rows of each list, and the first of each mapping by name."""
     if isinstance(value, list):
-        return [shortened(value[0])] if value else []
+        rows = any(isinstance(each, dict) for each in value)
+        return [shortened(each) for each in value[: 1 if rows else SHOWN_NUMBERS]]
     if isinstance(value, float):
         return float(f"{value:.4g}")
     if not isinstance(value, dict):
@@ -431,6 +435,12 @@ def shortened(value: Any) -> Any:
     alike = len(rows) > 2 and all(row.keys() & rows[0].keys() for row in rows)
     kept = list(value.items())[:1] if alike else value.items()
     return {name: shortened(each) for name, each in kept}
+
+
+def json_example(value: Any) -> str:
+    """Indented JSON with lists of numbers or names on a line each."""
+    text = json.dumps(shortened(value), indent=1, ensure_ascii=False)
+    return re.sub(r"\[[^\[\]{}]*\]", lambda found: re.sub(r"\s+", " ", found[0]), text)
 
 
 # ── commands and names ───────────────────────────────────────────────────────────────────────
