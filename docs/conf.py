@@ -47,6 +47,8 @@ napoleon_use_ivar = True
 napoleon_attr_annotations = False
 # `Name` in a docstring is a name of the package where there is one.
 default_role = "py:obj"
+# Of an attribute that several classes have, any one is not meant.
+suppress_warnings = ["ref.python"]
 
 
 # What a reader calls these, who does not want to know how NumPy spells them.
@@ -73,5 +75,6 @@ def short_types(*event: Any) -> tuple[str | None, str | None]:
 
 def setup(app: Sphinx) -> None:
     """Write the pages that the package tells of itself before any page is read."""
+    generated.import_names()
     app.connect("builder-inited", lambda _: generated.write(generated.DOCS / "generated"))
     app.connect("autodoc-process-signature", short_types)

@@ -12,6 +12,7 @@ from types import ModuleType
 import pytest
 from shown_blocks import PAGES
 
+import suta_calib
 from suta_calib import ArmModel
 from suta_calib.analysis.planning import read_candidates
 from suta_calib.cli._app import COMMANDS
@@ -101,6 +102,14 @@ def test_every_kind_and_command_has_its_place(pages: dict[str, str]) -> None:
         assert f"[`{kind}`]" in pages["csv.md"]
     for command in COMMANDS:
         assert f"\n## {command}\n\n```text\nUsage: suta-calib {command}" in pages["commands.md"]
+
+
+def test_every_public_name_is_described(generated: ModuleType, pages: dict[str, str]) -> None:
+    described = {name for names in generated.documented().values() for name in names}
+    assert set(suta_calib.__all__) <= described
+    for module, names in generated.documented().items():
+        assert names, module
+        assert f":members: {', '.join(names)}\n" in pages[f"api/{module}.md"]
 
 
 def test_every_kind_is_compared(repository: Path) -> None:
