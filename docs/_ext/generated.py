@@ -535,7 +535,7 @@ def api_pages() -> Iterator[tuple[str, str]]:
     """One page of documented names for every public module."""
     for module, names in documented().items():
         directive = f".. automodule:: {module}\n   :members: {', '.join(names)}\n"
-        yield module, f"# {module}\n\n```{{eval-rst}}\n{directive}   :show-inheritance:\n```\n"
+        yield module, f"# {module}\n\n```{{eval-rst}}\n{directive}```\n"
 
 
 # ── Markdown ─────────────────────────────────────────────────────────────────────────────────
