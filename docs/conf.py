@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -47,25 +48,27 @@ napoleon_use_ivar = True
 napoleon_attr_annotations = False
 # `Name` in a docstring is a name of the package where there is one.
 default_role = "py:obj"
+# Of an attribute that several classes have, any one is not meant.
+suppress_warnings = ["ref.python"]
 
 
 # What a reader calls these, who does not want to know how NumPy spells them.
-SHORT_TYPES = {
-    "ndarray[tuple[Any, ...], dtype[float64]]": "FloatArray",
-    "ndarray[tuple[Any, ...], dtype[int64]]": "IntArray",
-    "ndarray[tuple[Any, ...], dtype[bool]]": "BoolArray",
-    "ndarray[tuple[Any, ...], dtype[str_]]": "StrArray",
-    "Literal['m', 'rad', 'rad/Nm', 'm/s', 'rad/s', 's', 'px', '1', '%']": "Unit",
-}
+ARRAYS = {"float64": "FloatArray", "int64": "IntArray", "bool": "BoolArray", "str_": "StrArray"}
+ARRAY = re.compile(
+    r"~?(?:numpy\.)?ndarray\[tuple\[~?(?:typing\.)?Any, \.\.\.\], "
+    r"~?(?:numpy\.)?dtype\[~?(?:numpy\.)?(\w+)\]\]"
+)
+UNIT = "Literal['m', 'rad', 'rad/Nm', 'm/s', 'rad/s', 's', 'px', '1', '%']"
 
 
 def short_types(*event: Any) -> tuple[str | None, str | None]:
     """A signature with the package's own names of array types."""
 
     def short(text: str | None) -> str | None:
-        for long, name in SHORT_TYPES.items():
-            text = text and text.replace(long, name)
-        return text
+        if text is None:
+            return None
+        named = ARRAY.sub(lambda found: ARRAYS.get(found[1], found[0]), text)
+        return re.sub(rf"~?(?:typing\.)?{re.escape(UNIT)}", "Unit", named)
 
     *_, signature, returned = event
     return short(signature), short(returned)
@@ -73,5 +76,6 @@ def short_types(*event: Any) -> tuple[str | None, str | None]:
 
 def setup(app: Sphinx) -> None:
     """Write the pages that the package tells of itself before any page is read."""
+    generated.import_names()
     app.connect("builder-inited", lambda _: generated.write(generated.DOCS / "generated"))
     app.connect("autodoc-process-signature", short_types)

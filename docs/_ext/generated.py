@@ -272,7 +272,7 @@ def observations_page() -> Iterator[str]:
     )
     for name, kind in KINDS.items():
         yield f"({anchor(name)})=\n## {name}\n\n{sentence(kind.about)}\n\n"
-        yield f"{first_paragraph(kind)}\n\n"
+        yield f"{first_paragraph(kind)} More: {{py:class}}`~suta_calib.terms.{kind.__name__}`.\n\n"
         rows = list(column_rows(kind))
         yield table(("column", ""), rows)
         if kind.needs_artefact:
@@ -379,8 +379,8 @@ def result_page() -> Iterator[str]:
     yield "# result.json\n\n"
     yield (
         "What `suta-calib calibrate` writes, and prints with `--json`: here as "
-        f"`{RESULT_JOB.relative_to(ROOT)}` gives it, one row of each list. Values that are "
-        "parameters are in SI and say their `unit`; others say it in their key. Beside it stand "
+        f"`{RESULT_JOB.relative_to(ROOT)}` gives it, with the first rows of each list. Values that "
+        "are parameters are in SI and say their `unit`; others say it in their key. Beside it are "
         "`calibrated.urdf`, `residuals.csv` (one row per residual) and `report.html`. `run` is "
         "added when the files are written: the SHA-256 of each input, and of each file that "
         "belongs to the run.\n\n"
@@ -388,8 +388,7 @@ def result_page() -> Iterator[str]:
     if lacking := answer.keys() ^ RESULT_KEYS.keys():
         raise LookupError(f"{', '.join(sorted(lacking))} of result.json: say them in RESULT_KEYS")
     for key, about in RESULT_KEYS.items():
-        told = json.dumps(shortened(answer[key]), indent=1, ensure_ascii=False)
-        yield f"## {key}\n\n{about}\n\n```json\n{told}\n```\n\n"
+        yield f"## {key}\n\n{about}\n\n```json\n{json_example(answer[key])}\n```\n\n"
 
 
 RESULT_KEYS = {
@@ -419,10 +418,15 @@ RESULT_KEYS = {
 }
 
 
+# Numbers in a row of an example, and rows, that are shown: a 4x4 matrix is.
+SHOWN_NUMBERS = 4
+
+
 def shortened(value: Any) -> Any:
-    """JSON with the first entry of each list, and of each mapping by name."""
+    """JSON with the first rows of each list, and the first of each mapping by name."""
     if isinstance(value, list):
-        return [shortened(value[0])] if value else []
+        rows = any(isinstance(each, dict) for each in value)
+        return [shortened(each) for each in value[: 1 if rows else SHOWN_NUMBERS]]
     if isinstance(value, float):
         return float(f"{value:.4g}")
     if not isinstance(value, dict):
@@ -431,6 +435,12 @@ def shortened(value: Any) -> Any:
     alike = len(rows) > 2 and all(row.keys() & rows[0].keys() for row in rows)
     kept = list(value.items())[:1] if alike else value.items()
     return {name: shortened(each) for name, each in kept}
+
+
+def json_example(value: Any) -> str:
+    """Indented JSON with lists of numbers or names on a line each."""
+    text = json.dumps(shortened(value), indent=1, ensure_ascii=False)
+    return re.sub(r"\[[^\[\]{}]*\]", lambda found: re.sub(r"\s+", " ", found[0]), text)
 
 
 # ── commands and names ───────────────────────────────────────────────────────────────────────
@@ -456,35 +466,76 @@ def commands_page() -> Iterator[str]:
         yield f"## {name}\n\n```text\n{command.get_help(context)}\n```\n\n"
 
 
+# Modules below the root that users meet; the others are small tools.
+MODULES = ("suta_calib.assessment", "suta_calib.errors", "suta_calib.units")
+
+
 def public_packages() -> list[str]:
     """Packages with public names, as `import` has them; the command line is no library."""
     names = [
         module.name
-        for module in pkgutil.iter_modules(suta_calib.__path__, "suta_calib.")
+        for parent in ("suta_calib", "suta_calib.analysis")
+        for module in pkgutil.iter_modules(import_module(parent).__path__, f"{parent}.")
         if module.ispkg and module.name != "suta_calib.cli"
     ]
-    return [name for name in names if getattr(import_module(name), "__all__", ())]
+    return sorted(name for name in names if getattr(import_module(name), "__all__", ()))
+
+
+def documented() -> dict[str, list[str]]:
+    """Public names by the module that their page describes, each once: where it is at home."""
+    packages = public_packages()
+    offered = {each: [*import_module(each).__all__] for each in ("suta_calib", *packages)}
+
+    def home(module: str, name: str) -> str:
+        defined = getattr(getattr(import_module(module), name), "__module__", None)
+        if defined is None:  # a constant
+            return next((each for each in packages if name in offered[each]), module)
+        at_home = [
+            each
+            for each in (*packages, *MODULES)
+            if f"{defined}.".startswith(f"{each}.") and name in offered.get(each, (name,))
+        ]
+        return max(at_home, key=len, default=module)
+
+    found = {
+        module: [name for name in names if home(module, name) == module]
+        for module, names in offered.items()
+    }
+    for module in MODULES:
+        names = vars(import_module(module)).items()
+        own = [name for name, each in names if getattr(each, "__module__", "") == module]
+        found[module] = [name for name in own if not name.startswith("_")]
+    return {module: names for module, names in found.items() if names}
+
+
+def import_names() -> None:
+    """Put every public name into its package: autodoc does not ask for those that come late."""
+    for module, names in documented().items():
+        found = import_module(module)
+        for name in names:
+            setattr(found, name, getattr(found, name))
 
 
 def api_index() -> Iterator[str]:
-    """Names that the root exports, by the package where they are described."""
+    """Every public name, by the package where it is described."""
     yield "# Python\n\nEverything documented here is public. Inside, all quantities are SI.\n\n"
     yield f"```python\n{first_code(suta_calib)}```\n\n"
-    rows = []
-    for package in public_packages():
-        found = import_module(package)
-        names = ", ".join(f"`{name}`" for name in found.__all__)
-        rows.append((f"[{package}](api/{package}.md)", names))
-    yield table(("package", "names"), rows)
-    listed = "\n".join(f"api/{package}" for package in public_packages())
+    rows = (
+        (f"[{module}](api/{module}.md)", ", ".join(f"`{name}`" for name in names))
+        for module, names in documented().items()
+    )
+    yield table(("module", "names"), rows)
+    at_root = ", ".join(f"`{name}`" for name in suta_calib.__all__)
+    yield f"From `suta_calib` itself can be imported: {at_root}.\n\n"
+    listed = "\n".join(f"api/{module}" for module in documented())
     yield f"```{{toctree}}\n:hidden:\n\n{listed}\n```\n"
 
 
 def api_pages() -> Iterator[tuple[str, str]]:
-    """One page of documented names for every public package."""
-    for package in public_packages():
-        directive = f".. automodule:: {package}\n   :members:\n   :show-inheritance:\n"
-        yield package, f"# {package}\n\n```{{eval-rst}}\n{directive}```\n"
+    """One page of documented names for every public module."""
+    for module, names in documented().items():
+        directive = f".. automodule:: {module}\n   :members: {', '.join(names)}\n"
+        yield module, f"# {module}\n\n```{{eval-rst}}\n{directive}```\n"
 
 
 # ── Markdown ─────────────────────────────────────────────────────────────────────────────────

@@ -141,8 +141,9 @@ class DecisionRule:
     """How a value, its uncertainty and its limit become a decision; ISO 14253-1.
 
     Attributes:
-        kind: ``guarded``: conformity is proved where |value| ≤ limit - g, non-conformity where
-            |value| > limit + g, and between them nothing is; ``simple``: pass up to the limit.
+        kind: ``guarded``: conformity is proved where ``|value| ≤ limit - g``, non-conformity
+            where ``|value| > limit + g``, and between them nothing is; ``simple``: pass up to the
+            limit.
         factor: g in standard uncertainties. ISO 14253-1:2017 takes 1.65 for a limit on one side
             and 95 %; 2 is its former rule, g = U (k = 2), and on the safe side.
     """
