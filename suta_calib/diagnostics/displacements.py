@@ -19,6 +19,8 @@ from suta_calib.terms.term import Term
 
 # For differences of residuals, m: far above rounding, far below anything that is not linear.
 _STEP: Final = 1e-5
+# Relative curvature below which a direction of the tip is not seen at all.
+_OPEN: Final = 1e-9
 
 
 def tip_displacements(term: Term, values: Mapping[str, float]) -> tuple[FloatArray, FloatArray]:
@@ -48,7 +50,11 @@ def tip_displacements(term: Term, values: Mapping[str, float]) -> tuple[FloatArr
 
     slopes = [(residual(d) - residual(-d)) / (2 * _STEP) for d in _STEP * np.eye(3)]
     by_place = np.stack(slopes, axis=-1)
-    off = np.einsum("nkd,nd->nk", np.linalg.pinv(by_place), residual(np.zeros(3)))
-    displacement = np.zeros_like(position)
-    displacement[block.samples[:, 0]] = off
+    # Normal equations of all rows of a sample: of a board, every corner that was seen.
+    curvature, gradient = np.zeros((len(position), 3, 3)), np.zeros((len(position), 3))
+    rows = block.samples[:, 0]
+    np.add.at(curvature, rows, np.einsum("nki,nkj->nij", by_place, by_place))
+    np.add.at(gradient, rows, np.einsum("nki,nk->ni", by_place, residual(np.zeros(3))))
+    weak = np.linalg.pinv(curvature, rcond=_OPEN, hermitian=True)
+    displacement = np.einsum("nij,nj->ni", weak, gradient)
     return position - displacement, displacement

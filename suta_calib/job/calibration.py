@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from time import perf_counter
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -40,6 +40,11 @@ from suta_calib.solver.solve import Progress, solve
 from suta_calib.terms import KINDS, ArmPoses, Noise, Seating, Setup, Term
 from suta_calib.terms.poses import together
 from suta_calib.units import shown, unit_name
+from suta_calib.view.calibrated import Calibrated
+from suta_calib.view.calibration import view_calibration
+
+if TYPE_CHECKING:
+    from suta_calib.view.server import Viewer
 
 DataSet = Literal["calibration", "validation"]
 
@@ -80,6 +85,7 @@ class CalibrationJob(Shown):
         _check_once(spec, observations)
         validation = tuple(read_term(arm, row, spec.path) for row in spec.validation)
         _check_given_alike(spec, observations, validation)
+        _check_shared(spec, (*observations, *validation))
         return cls(spec, arm, parameters, tuple(observations), validation)
 
     @property
@@ -244,6 +250,24 @@ class CalibrationResult(Shown):
         }
         return {name: [each for each in terms if each] for name, terms in every.items()}
 
+    @property
+    def calibrated(self) -> Calibrated:
+        """What there is to see of it."""
+        return Calibrated.of(self.solution, self.accuracy, str(self.job.spec.path), self.assessment)
+
+    def view(self, port: int = 0, host: str = "127.0.0.1") -> Viewer:
+        """Show it in 3-D, in the browser; in a notebook below the cell.
+
+        Args:
+            port: to listen on; 0 for any that is free.
+            host: who may look: this computer only; ``0.0.0.0`` lets anybody on the network.
+
+        Raises:
+            MissingExtraError: the extra ``view`` is not installed.
+            OutputError: the port cannot be had.
+        """
+        return view_calibration(self.calibrated, port, host)
+
     def _on_the_job(self) -> list[str]:
         """Samples left out by name, held-out ones at fitted rests, or in sockets wide unsaid."""
         spec = self.job.spec
@@ -338,6 +362,17 @@ def _check_given_alike(
                     hint="give it in the row of the observations; or give what stands elsewhere "
                     "another label",
                 )
+
+
+def _check_shared(spec: JobSpec, terms: Sequence[Term]) -> None:
+    """Refuse rows that share a camera or a board, and say two things of it."""
+    rows = (*spec.observations, *spec.validation)
+    for k, (row, term) in enumerate(zip(rows, terms, strict=True)):
+        for before in terms[:k]:
+            try:
+                term.check_beside(before)
+            except SamplesError as error:
+                raise _placed(error, spec.path, row.line) from None
 
 
 def _check_once(spec: JobSpec, terms: Sequence[Term]) -> None:

@@ -44,7 +44,7 @@ from suta_calib.report.errors import (
 )
 from suta_calib.report.external_poses import EXTERNAL_POSES, NOTE
 from suta_calib.report.held_out import HELD_OUT, held_out_rows
-from suta_calib.report.listing import Column, Json, Listing, csv_text
+from suta_calib.report.listing import Column, Json, Listing, csv_of_groups
 from suta_calib.report.noise import NOISE, PRIORS, noise_of, priors_of
 from suta_calib.report.observability import (
     EXPLANATIONS,
@@ -52,7 +52,7 @@ from suta_calib.report.observability import (
     explained,
     unobservable,
 )
-from suta_calib.report.parameters import PARAMETERS, left_out, outcomes
+from suta_calib.report.parameters import MANY, PARAMETERS, left_out, outcomes
 from suta_calib.solver.ipopt import Minimum
 from suta_calib.solver.solution import Solution
 from suta_calib.terms import Term
@@ -172,7 +172,15 @@ def _parameters(result: CalibrationResult, *, verbose: bool) -> Iterator[Part]:
     worth_showing = every if verbose else [row for row in arm if row.worth_showing(len(arm))]
     yield ShownOnly(PARAMETERS.of(worth_showing), "console")
     if not verbose:
-        yield from left_out(len(arm) - len(worth_showing), [row.estimate for row in own])
+        # What is no pose, such as a camera's intrinsics or a radius, is told nowhere else.
+        posed = {name for each in external_poses(solution) for name in each.frame.names}
+        alone = [row for row in own if row.estimate.name not in posed]
+        shown = alone if len(alone) <= MANY else []
+        if shown:
+            title = "The observations' own unknowns that are no poses"
+            yield ShownOnly(PARAMETERS.of(shown, title), "console")
+        hidden = [row.estimate for row in own if row not in shown]
+        yield from left_out(len(arm) - len(worth_showing), hidden)
     held = [row for row in arm if row.change is None]
     yield ShownOnly(PARAMETERS.of([row for row in arm if row.change is not None]), "page")
     for state in dict.fromkeys(row.state_shown for row in held):
@@ -356,7 +364,9 @@ def _files(result: CalibrationResult) -> list[File]:
             CALIBRATED if result.assessment.usable else NOT_USABLE,
             lambda: result.job.arm.calibrated_urdf(solution.values),
         ),
-        File("residuals.csv", lambda: csv_text(RESIDUALS, residual_rows(result.labelled_terms))),
+        File(
+            "residuals.csv", lambda: csv_of_groups(RESIDUALS, residual_rows(result.labelled_terms))
+        ),
     ]
 
 

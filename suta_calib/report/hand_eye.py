@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Final
 from suta_calib.lazy import later
 from suta_calib.measurements.pose_files import PosePairs
 from suta_calib.model.parameters import PLACEMENT
+from suta_calib.pose_calibration.eye_poses import FRAMES
 from suta_calib.pose_calibration.hand_eye import HandEyeCalibration
 from suta_calib.report.document import Document, Figure, Part
 from suta_calib.report.listing import Column, Json, Listing, Table
@@ -29,11 +30,6 @@ else:
     plots = later("suta_calib.report.pose_plots")
 
 NAME: Final = "hand_eye"
-# What X and Z are, by where the eye is.
-FRAMES: Final = {
-    "eye-in-hand": {"X": "T_hand_eye", "Z": "T_base_target"},
-    "eye-to-hand": {"X": "T_base_eye", "Z": "T_hand_target"},
-}
 CALIBRATION: Final = Listing[HandEyeCalibration](
     "",
     Column("rms", unit="m"),

@@ -167,6 +167,12 @@ class Solution(Shown):
         return {name: self.estimates[name] for name in self.problem.names[: self.problem.arm_count]}
 
     @property
+    def arm_covariance(self) -> tuple[tuple[str, ...], FloatArray]:
+        """Names (p,) of the arm's parameters that were estimated, and their covariance (p, p)."""
+        rows = self.free[self.free < self.problem.arm_count]
+        return tuple(self.problem.names[k] for k in rows), self.covariance[np.ix_(rows, rows)]
+
+    @property
     def in_a_line(self) -> str:
         """`sentence`."""
         return self.sentence

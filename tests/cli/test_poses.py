@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cli_job import cli
-from pose_answers import Capture, answer, within
+from cli_job import Capture, answer, cli
+from pose_answers import within
 from pose_scenes import (
     B_A,
     NOISE,
