@@ -9,6 +9,8 @@ import numpy as np
 from suta_calib.arrays import FloatArray
 from suta_calib.diagnostics.displacements import tip_displacements
 from suta_calib.model.arm import ArmModel
+from suta_calib.model.parameters import PLACEMENT, POSITION
+from suta_calib.plotting.limits import MOST_LABELLED
 from suta_calib.plotting.scene import (
     Arrows,
     Part,
@@ -48,15 +50,34 @@ def calibration_scene(
     parts: list[Part] = [Points(word, "touched", errors[1][0])]
     parts.append(Arrows("error before", "before", *errors[0], factor))
     parts.append(Arrows("error after", "after", *errors[1], factor))
-    frames = {frame.owner: frame for term in terms for frame in term.outside}
-    standing: dict[str, dict[str, FloatArray]] = {}
-    for owner, frame in frames.items():
-        if frame.within == "base" and set(frame.names) <= after.keys():
-            label = owner.partition("[")[2].rstrip("]")
-            standing.setdefault(frame.what, {})[label] = frame.pose(after)[1]
-    for what, places in standing.items():
-        parts.append(Points(what, "place", np.array(list(places.values())), tuple(places)))
+    for what, places in _places(terms, after).items():
+        labels = tuple(places) if len(places) <= MOST_LABELLED else ()
+        parts.append(Points(what, "place", np.array(list(places.values())), labels))
     return scene + Scene(tuple(parts))
+
+
+def _places(terms: Sequence[Term], values: Mapping[str, float]) -> dict[str, dict[str, FloatArray]]:
+    """Positions (3,) of what stands in the base, by what it is and by its label, m.
+
+    Where not all of a position is known, as of a plane, it is amid what was touched there.
+    """
+    found: dict[str, dict[str, FloatArray]] = {}
+    for term in terms:
+        known = set()
+        for frame in term.outside:
+            whole = frame.keys in (PLACEMENT, POSITION) and set(frame.names) <= values.keys()
+            if frame.within == "base" and whole:
+                label = frame.owner.partition("[")[2].rstrip("]")
+                found.setdefault(frame.what, {})[label] = frame.pose(values)[1]
+                known.add(label)
+        if term.medium == "touch" and term.place:
+            names, which = term.places
+            target = term.observed(values, term.poses).position
+            middles = {n: np.median(target[which == k], axis=0) for k, n in enumerate(names)}
+            rest = {name: middle for name, middle in middles.items() if name not in known}
+            if rest:
+                found.setdefault(term.place, {}).update(rest)
+    return found
 
 
 def _errors(terms: Sequence[Term], values: Mapping[str, float]) -> tuple[FloatArray, FloatArray]:

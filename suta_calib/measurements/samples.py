@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import SamplesError
+from suta_calib.plotting.limits import MOST_LABELLED
 from suta_calib.plotting.scene import Points, Posable, Scene, drawn_rows
 from suta_calib.showing import Shown
 from suta_calib.units import REFERENCE_TEMPERATURE
@@ -18,8 +19,6 @@ from suta_calib.units import REFERENCE_TEMPERATURE
 Array = TypeVar("Array", bound=NDArray[Any])
 
 _ORTHONORMAL_TOLERANCE = 1e-6
-# Labels are written into a picture where there are no more.
-_FEW_LABELS = 12
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -137,7 +136,7 @@ class Samples(Shown):
         parts = [Points("tip in the samples", "touched", position)]
         for column, values in self.labels.items():
             names, which = np.unique(values[rows], return_inverse=True)
-            if len(names) <= _FEW_LABELS:
+            if len(names) <= MOST_LABELLED:
                 middles = [np.median(position[which == k], axis=0) for k in range(len(names))]
                 labels = tuple(str(name) for name in names)
                 parts.append(Points(column, "place", np.array(middles), labels))

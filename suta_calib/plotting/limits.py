@@ -6,6 +6,8 @@ from typing import Final
 
 # Of many samples so many are drawn, evenly spread over their order.
 MOST_DRAWN: Final = 1500
+# Places whose labels stand beside them; of more none does.
+MOST_LABELLED: Final = 12
 # Groups with a box each, worst first.
 MOST_GROUPS: Final = 30
 # Parameters of a map of correlations, most correlated first, and of one with numbers in it.
