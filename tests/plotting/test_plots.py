@@ -184,6 +184,8 @@ def test_objects_are_short_on_a_console_and_tables_in_a_notebook(
     assert result.headline in repr(result)
     assert "joint_4.z" in solution._repr_html_()
     assert result.assessment.word in result._repr_html_()
+    assert result.headline in result._repr_html_()
+    assert observability._repr_html_().count(observability.sentence[1:]) == 1
     assert all(name in observability._repr_html_() for name in job.parameters)
     assert all(f"<td>{joint}</td>" in job.arm._repr_html_() for joint in job.arm.joints)
 
