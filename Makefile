@@ -20,6 +20,7 @@ INSTALL := $(BIN)/python $(PIP_INSTALL) -c constraints.txt
 INSTALLED := $(VENV)/.installed
 INSTALLED_DEV := $(VENV)/.installed-dev
 INSTALLED_BENCH := $(VENV)/.installed-bench
+INSTALLED_DOCS := $(VENV)/.installed-docs
 # The oldest versions of everything that pyproject.toml allows.
 VENV_LOWEST := .venv-lowest
 INSTALLED_LOWEST := $(VENV_LOWEST)/.installed
@@ -34,7 +35,7 @@ unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
 .PHONY: help demo thesis measured test coverage test-all test-lowest lint format bench bench-device clean
-.PHONY: distclean
+.PHONY: distclean docs
 .DELETE_ON_ERROR:
 
 help:
@@ -47,6 +48,7 @@ help:
 	@echo "make bench      how long things take, and how well, beside others"
 	@echo "make measured   measured arms, ours beside others: docs/measured.md; FOLDERS=… adds your jobs"
 	@echo "make bench-device  the wire alone, at full length: 100 million bytes of noise, 60 s streams"
+	@echo "make docs       the documentation site: docs/_build/index.html"
 	@echo "make lint       ruff and mypy only"
 	@echo "make format     let ruff format the code and mend what it can"
 	@echo "make clean      remove caches and results"
@@ -73,6 +75,11 @@ test-all: lint
 
 test-lowest: $(INSTALLED_LOWEST)
 	$(VENV_LOWEST)/bin/python -m $(PYTEST) -m "not slow and not notebook"
+
+# From this repository alone; a warning is an error.
+docs: $(INSTALLED_DOCS)
+	$(BIN)/python -m sphinx -W --keep-going -q -b html docs docs/_build
+	@echo "Written: docs/_build/index.html"
 
 lint: $(INSTALLED_DEV)
 	$(BIN)/ruff check .
@@ -102,7 +109,7 @@ measured: $(INSTALLED) $(INSTALLED_FIGAROH)
 	$(BIN)/python benchmarks/measured.py $(FOLDERS) --figaroh $(VENV_FIGAROH)/bin/python
 
 clean:
-	rm -rf build dist ./*.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis .coverage .coverage.*
+	rm -rf build dist docs/_build docs/generated ./*.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis .coverage .coverage.*
 	rm -rf data/*/results data/*/results-* examples/*/results examples/*/results-*
 	find . -path "./.venv*" -prune -o -name __pycache__ -type d -exec rm -rf {} +
 
@@ -125,6 +132,11 @@ $(INSTALLED_BENCH): pyproject.toml constraints.txt | $(INSTALLED_DEV)
 	@echo "Installing what the benchmarks compare with."
 	@if $(INSTALL) -e ".[bench]"; then touch $@; else \
 		echo "make bench: the peers cannot be installed; ours runs alone" >&2; fi
+
+$(INSTALLED_DOCS): pyproject.toml constraints.txt | $(INSTALLED)
+	@echo "Installing what the documentation is made with."
+	$(INSTALL) -e ".[docs]"
+	@touch $@
 
 $(INSTALLED_LOWEST): pyproject.toml constraints-lowest.txt | $(VENV_LOWEST)/bin/python
 	@echo "Installing suta_calib and the oldest versions it allows into $(VENV_LOWEST)."

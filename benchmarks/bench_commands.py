@@ -32,7 +32,9 @@ def write_scenes(folder: Path) -> None:
         return [rotation_from_vector(rng.normal(size=3) * 0.4) for _ in range(count)]
 
     tip, post = np.array([0.01, 0.02, 0.15]), np.array([0.3, 0.1, 1.2])
-    rows = [pose_cells(R, post - R @ tip + noise * rng.normal(size=3)) for R in random_rotations(200)]
+    rows = [
+        pose_cells(R, post - R @ tip + noise * rng.normal(size=3)) for R in random_rotations(200)
+    ]
     (folder / "pivot.csv").write_text("\n".join(["x,y,z,qx,qy,qz,qw", *rows]) + "\n")
 
     hand_eye, at = rotation_from_vector(np.array([0.1, 0.2, 1.5])), np.array([0.05, 0.0, 0.1])
