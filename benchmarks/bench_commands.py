@@ -9,7 +9,7 @@ from __future__ import annotations
 import tempfile
 
 import numpy as np
-from limits import IMPORTS, processor_time, record
+from limits import IMPORTS, NEEDED_IMPORTS, processor_time, record
 
 JOB = "data/suta/calibration.yaml"
 POSES = "data/poses"
@@ -35,17 +35,20 @@ WITHOUT_REPORT = (*BESIDE_IMPORTS["calibrate"], "--no-report")
 def main() -> None:
     """Time every command, in turns, and record the ratios and the seconds."""
     commands = {**BESIDE_IMPORTS, **IN_SECONDS, "no report": WITHOUT_REPORT}
-    bare: list[float] = []
+    bare, needed = list[float](), list[float]()
     taken: dict[str, list[float]] = {name: [] for name in commands}
     with tempfile.TemporaryDirectory() as folder:
         for _ in range(ROUNDS):
             bare.append(processor_time(["-c", IMPORTS]))
+            needed.append(processor_time(["-c", NEEDED_IMPORTS]))
             for name, arguments in commands.items():
                 told = [each.format(out=folder) for each in arguments]
                 taken[name].append(processor_time(["-m", "suta_calib", *told]))
     print(f"bare imports: {', '.join(f'{each:.2f}' for each in sorted(bare))} s")
+    floor = f"SciPy's rotations and sparse matrices alone {np.median(np.divide(needed, bare)):.1f}"
     for name in BESIDE_IMPORTS:
-        record(name, np.divide(taken[name], bare), f"{np.median(taken[name]):.2f} s")
+        peer = f"{np.median(taken[name]):.2f} s; {floor}"
+        record(name, np.divide(taken[name], bare), peer)
     for name in IN_SECONDS:
         record(name, taken[name])
     record("report", np.subtract(taken["calibrate"], taken["no report"]))

@@ -27,6 +27,8 @@ FIGURES: Final = RESULTS / "limits.json"
 PAGE: Final = RESULTS / "limits.md"
 
 IMPORTS: Final = "import pinocchio, casadi, scipy"
+# SciPy loads its parts when they are asked for, and every command needs these two.
+NEEDED_IMPORTS: Final = f"{IMPORTS}; import scipy.sparse, scipy.spatial.transform"
 
 
 @dataclass(frozen=True)
