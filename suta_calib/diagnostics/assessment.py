@@ -38,6 +38,8 @@ def assess_calibration(solution: Solution, accuracy: Accuracy) -> Assessment:
         notes = _cause(solution) or [each.sentence for each in gross_rows(solution)]
         return Assessment("bad", solution.sentence, tuple(notes))
     found = contradictions(solution, accuracy)
+    terms = [*solution.problem.terms, *(each.term for each in accuracy.validation)]
+    doubts = {said: level for term in terms for said, level in term.doubts.items()}
     worse = "The calibrated arm is worse than the nominal one on the validation data."
     fitted_only = "There are no validation data: the errors shown are those of the fitted data."
     return Assessment.of(
@@ -46,9 +48,11 @@ def assess_calibration(solution: Solution, accuracy: Accuracy) -> Assessment:
             *(_cause(solution) if found else []),
             *([worse] if accuracy.worse else []),
             *(each.sentence for each in found if each.bad),
+            *(said for said, level in doubts.items() if level == "bad"),
         ],
         care=[
             *(each.sentence for each in found if not each.bad),
+            *(said for said, level in doubts.items() if level == "care"),
             *([] if accuracy.validation else [fitted_only]),
             *_on_gain(accuracy),
             *_on_parameters(solution),

@@ -239,16 +239,16 @@ def _plain_columns(text: str) -> dict[str, tuple[str, ...]] | None:
 
 
 def _numbers(cells: Sequence[str]) -> FloatArray:
-    """`_number` of every cell, (n,)."""
+    """`number_in` of every cell, (n,)."""
     together = "".join(cells)
     if together.isascii() and "_" not in together:
         # All of them at once, unless one of them is no number.
         with suppress(ValueError):
             return np.array([*map(float, cells)])
-    return np.array([_number(cell) for cell in cells])
+    return np.array([number_in(cell) for cell in cells])
 
 
-def _number(cell: str) -> float:
+def number_in(cell: str) -> float:
     """The number in a cell, NaN where there is none: no ``1_000``, no digits of other scripts."""
     try:
         return float(cell if cell.isascii() and "_" not in cell else "nan")

@@ -24,10 +24,11 @@ from suta_calib.pose_calibration.robust_fit import (
     robust_fit,
 )
 from suta_calib.pose_calibration.undetermined import refuse_undetermined
+from suta_calib.showing import Shown
 from suta_calib.terms.block import Noise, grouped
 from suta_calib.terms.fixed_point import FixedPoint, stacked_pivot
 from suta_calib.terms.poses import MeasuredPoses
-from suta_calib.units import deg, from_deg, mm
+from suta_calib.units import deg, from_deg, mm, text
 
 LEAST_POSES: Final = 3
 # Rows of a minimal sample: one more than needed, so that small turns do not decide by chance.
@@ -42,8 +43,8 @@ NO_POINT: Final = 0.1
 HARDLY_TURNED: Final = from_deg(2.0)
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class PivotCalibration(RobustAnswer):
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class PivotCalibration(Shown, RobustAnswer):
     """The tip of a tool, and the points it rested on; `solution` is in units of `length`.
 
     The covariance (3 + 3k, 3 + 3k), m², is of the tip and then of the posts in order; residuals are
@@ -63,6 +64,12 @@ class PivotCalibration(RobustAnswer):
     sigma: float
     turn: float
     length: float
+
+    @property
+    def in_a_line(self) -> str:
+        """The tip, and how well the poses agree."""
+        at = ", ".join(text(v, "m") for v in self.tip)
+        return f"tip ({at}) mm, RMS {text(self.rms, 'm')} mm over {int(self.inliers.sum())} poses"
 
     @property
     def post(self) -> FloatArray:

@@ -32,6 +32,7 @@ from suta_calib.pose_calibration.consensus import (
 )
 from suta_calib.pose_calibration.inputs import checked_points, error_context
 from suta_calib.pose_calibration.robust_fit import ROUNDING, RobustAnswer, RobustFit, robust_fit
+from suta_calib.showing import Shown
 from suta_calib.terms.block import Noise
 from suta_calib.terms.poses import MeasuredPoses
 from suta_calib.terms.tracked_point import TrackedPoint
@@ -62,8 +63,8 @@ NOTICEABLE: Final = 0.3
 UNKNOWNS: Final = 7
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Registration(RobustAnswer):
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class Registration(Shown, RobustAnswer):
     """``T_b_a``, which takes points in frame a (the source) to frame b (the target).
 
     The covariance (6, 6) is of a small displacement (m) and turn (rad) of the moved points about
@@ -93,6 +94,11 @@ class Registration(RobustAnswer):
     scale_std: float
     scale_rms: float
     extent: float
+
+    @property
+    def in_a_line(self) -> str:
+        """How well the points agree."""
+        return f"RMS {text(self.rms, 'm')} mm over {int(self.inliers.sum())} points"
 
     @property
     def matrix(self) -> FloatArray:

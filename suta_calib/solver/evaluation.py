@@ -50,12 +50,11 @@ class PoseTable:
             rows = slice(int(first), int(first) + size)
             batch = None
             if isinstance(source, ArmPoses):
-                direction = source.samples.direction
-                function = source.arm.function(names, directed=direction is not None)
-                batch = Batched(function, size, shared=[0])
-                batch.inputs[1][:] = source.samples.q
-                if direction is not None:
-                    batch.inputs[2][:] = direction
+                told = source.samples.told
+                batch = Batched(source.arm.function(names, told), size, shared=[0])
+                known = (source.samples.q, *told.values())
+                for place, values in zip(batch.inputs[1:], known, strict=True):
+                    place[:] = values
             else:
                 rotation, self.position[rows] = source.at({})
                 self.rotation[rows] = np.swapaxes(rotation, 1, 2).reshape(size, 9)

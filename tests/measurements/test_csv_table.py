@@ -87,7 +87,7 @@ def test_numbers_are_those_of_one_cell_after_another_to_the_last_bit() -> None:
     random = np.random.default_rng(0)
     values = random.normal(size=500) * 10.0 ** random.integers(-300, 300, 500)
     cells = [*map(repr, values.tolist()), "inf", "-0", "1.", ".5", "1E5"]
-    each = np.array([csv_table._number(cell) for cell in cells])
+    each = np.array([csv_table.number_in(cell) for cell in cells])
     assert csv_table._numbers(cells).tobytes() == each.tobytes()
     # Python takes these for numbers, or takes them for none: neither is one here.
     for odd in ("1_000", "\N{ARABIC-INDIC DIGIT ONE}", "", "one"):
