@@ -1,4 +1,4 @@
-"""Causes are sought in part of many rows, and found there; the rest of the work is in proportion."""
+"""Causes are sought in part of many rows, and found there; all else is in proportion to them."""
 
 from __future__ import annotations
 
