@@ -66,8 +66,8 @@ def hand_eye(
 
     POSES.csv has the columns a_x,a_y,a_z,a_qx,a_qy,a_qz,a_qw: T_base_hand, and the same with b_:
     T_eye_target; m (a_x_mm, …: mm). X is T_hand_eye, and Z T_base_target; for eye-to-hand X is
-    T_base_eye, and Z T_hand_target. With --out writes result.json, residuals.csv and hand_eye.svg.
-    Exits with 1 where X must not be used.
+    T_base_eye, and Z T_hand_target. With --out writes result.json, residuals.csv, hand_eye.svg and
+    report.html. Exits with 1 where X must not be used.
 
     With --corners and --board the eye's pictures take the place of the b_ columns: POSES.csv then
     names the picture taken at each pose (image), and reprojection errors are minimised, which is

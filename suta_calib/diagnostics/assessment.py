@@ -12,6 +12,7 @@ from suta_calib.diagnostics.contradictions import contradictions, dead_joints, g
 from suta_calib.diagnostics.explanation import Told, explain_solution
 from suta_calib.diagnostics.repeats import lack_of_fit
 from suta_calib.diagnostics.score_tests import LOOKS_LIKE, effective_unknowns, score_tests
+from suta_calib.diagnostics.thinned import thinned
 from suta_calib.solver.solution import Solution
 from suta_calib.units import stored, text, unit_name
 from suta_calib.words import listed
@@ -64,7 +65,7 @@ def assess_calibration(solution: Solution, accuracy: Accuracy) -> Assessment:
                 for fit in lack_of_fit(solution)
                 if fit.ratio > LACKING
             ),
-            *_beside_geometry(solution),
+            *_beside_geometry(thinned(solution)),
             *_on_priors(solution),
         ],
         known=_as_drawn(solution),

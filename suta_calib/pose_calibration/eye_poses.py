@@ -10,11 +10,16 @@ from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Level
 from suta_calib.geometry.numbers import rpy_from_rotation
 from suta_calib.pose_calibration.robust_fit import exchanged
-from suta_calib.terms.hand_eye_start import EYE_IN_HAND, EyeSetup
+from suta_calib.terms.hand_eye_start import EYE_IN_HAND, EYE_TO_HAND, EyeSetup
 from suta_calib.units import deg, from_deg, mm
 
 Model = Literal["AX=XB", "AX=ZB"]
 Unknown = Literal["X", "Z"]
+# What X and Z are, by where the eye is.
+FRAMES: Final[dict[EyeSetup, dict[Unknown, str]]] = {
+    EYE_IN_HAND: {"X": "T_hand_eye", "Z": "T_base_target"},
+    EYE_TO_HAND: {"X": "T_base_eye", "Z": "T_hand_target"},
+}
 # Pairs or pictures below which a standard deviation is hardly more than a guess.
 ENOUGH: Final = 12
 # Standard deviations of X, m and rad, beyond which more poses are asked for.

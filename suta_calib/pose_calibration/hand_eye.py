@@ -29,6 +29,7 @@ from suta_calib.pose_calibration.inputs import checked_poses, error_context
 from suta_calib.pose_calibration.robot_noise import EYE, RobotNoise
 from suta_calib.pose_calibration.robust_fit import RobustAnswer, robust_fit
 from suta_calib.pose_calibration.undetermined import axis_of_all_turns, refuse_undetermined
+from suta_calib.showing import Shown
 from suta_calib.terms.hand_eye_start import (
     EYE_IN_HAND,
     EYE_TO_HAND,
@@ -39,7 +40,7 @@ from suta_calib.terms.hand_eye_start import (
     loop_closures,
     quaternion_hand_eye,
 )
-from suta_calib.units import from_deg
+from suta_calib.units import from_deg, text
 
 # Pairs that determine X, and pairs of a minimal sample: one more, against small turns.
 NEEDED: Final = 3
@@ -56,8 +57,8 @@ FEW_PAIRS: Final = 8
 FINEST_POSITION: Final = 5e-4
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class HandEyeCalibration(EyePoses, RobustAnswer):
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class HandEyeCalibration(Shown, EyePoses, RobustAnswer):
     """Where the eye is, and where the target; `solution` is in units of `length`.
 
     Residuals are ``A_i X B_i - Z`` in Z's outer frame.
@@ -81,6 +82,12 @@ class HandEyeCalibration(EyePoses, RobustAnswer):
     robot_noise_fraction: float
     trend: DistanceTrend
     length: float
+
+    @property
+    def in_a_line(self) -> str:
+        """The setup, and how well the pairs agree."""
+        count = int(self.inliers.sum())
+        return f"{self.setup}, RMS {text(self.rms, 'm')} mm over {count} pairs"
 
     @property
     def unknowns(self) -> tuple[Unknown, ...]:
@@ -244,8 +251,11 @@ def _start(A: Poses, B: Poses, seed: int | None) -> Consensus:
     def propose(rows: IntArray) -> Poses:
         return quaternion_hand_eye((A[0][rows], A[1][rows]), (B[0][rows], B[1][rows]))
 
+    def residuals(X: Poses, rows: IntArray) -> FloatArray:
+        return _norms((A[0][rows], A[1][rows]), (B[0][rows], B[1][rows]), X)
+
     samples = minimal_samples(np.zeros(n, dtype=np.intp), SAMPLE, seed)
-    return find_consensus(n, samples, propose, lambda X: _norms(A, B, X), NEEDED)
+    return find_consensus(n, samples, propose, residuals, NEEDED)
 
 
 def _norms(A: Poses, B: Poses, X: Poses) -> FloatArray:
@@ -254,7 +264,8 @@ def _norms(A: Poses, B: Poses, X: Poses) -> FloatArray:
     middle = np.median(p, axis=-2, keepdims=True)
     # Of some of the rotations the one that is nearest to all: a median.
     some = R[:, :: 1 + R.shape[1] // CANDIDATES]
-    cosine = (np.einsum("mkij,mnij->mkn", some, R) - 1.0) / 2.0
+    trace = some.reshape(len(R), -1, 9) @ np.swapaxes(R.reshape(len(R), -1, 9), 1, 2)
+    cosine = (trace - 1.0) / 2.0
     angle = np.arccos(np.clip(cosine, -1.0, 1.0))
     best = np.argmin(np.median(angle, axis=2), axis=1)
     turned = angle[np.arange(len(R)), best]

@@ -29,7 +29,7 @@ import numpy as np
 from scipy.special import gammaincc
 
 from suta_calib.arrays import FloatArray, IntArray
-from suta_calib.model.parameters import COMPLIANCE, GAIN, OFFSET
+from suta_calib.model.parameters import COMPLIANCE, EXPANSION, GAIN, OFFSET
 from suta_calib.solver.information import Rows, whitened_rows
 from suta_calib.solver.level_uncertainty import covariance_of_levels
 from suta_calib.solver.problem import Problem
@@ -139,7 +139,7 @@ def prior_groups(problem: Problem) -> list[str | None]:
         elif problem.arm is not None and p.owner == problem.arm.tip:
             groups.append("tip")
         elif not p.geometric:
-            kinds = {GAIN: "gains", COMPLIANCE: "compliances"}
+            kinds = {GAIN: "gains", COMPLIANCE: "compliances", EXPANSION: "expansions"}
             groups.append(kinds.get(p.key, "eccentricities"))
         elif p.key == OFFSET:
             groups.append("offsets")

@@ -30,6 +30,7 @@ from suta_calib.measurements import (
     read_camera,
     read_corners,
 )
+from suta_calib.measurements.keys import Key
 from suta_calib.model.parameters import PLACEMENT, Parameter
 from suta_calib.terms.block import LEARNT, Block, Noise
 from suta_calib.terms.board_pictures import MIRRORED, QUOTED, TURNED, BoardPictures
@@ -100,14 +101,25 @@ class CameraView(FramedTerm):
         "eye-to-hand): where its corners are in the pictures, as suta-calib detect finds them; "
         "intrinsics: free corrects the camera too"
     )
-    columns: ClassVar[SampleColumns] = SampleColumns(labels=("image",))
+    columns: ClassVar[SampleColumns] = SampleColumns(
+        labels=("image",), about={"image": "The picture that was taken there."}
+    )
     medium: ClassVar[Medium] = "camera"
     has_angles: ClassVar[bool] = False
-    keys: ClassVar[tuple[str, ...]] = (
-        *("corners", "board", "camera", "setup", "intrinsics", "target"),
-        *("sigma_px", "huber_px"),
+    keys: ClassVar[tuple[Key, ...]] = (
+        Key("corners", "file", "Where the corners are in the pictures: corners.csv.", True),
+        Key("board", "file", "The board.yaml.", True),
+        Key("camera", "file", "The camera.yaml; without it the camera is estimated from nothing."),
+        Key("setup", "text", "eye-in-hand (the default), or eye-to-hand: the board on the tip."),
+        Key(
+            "intrinsics",
+            "text",
+            "fixed (the default beside a camera), or free: the camera is estimated too.",
+        ),
+        Key("target", "text", "Tells several boards apart."),
+        Key("sigma_px", "px", "Standard deviation of a corner's coordinate."),
+        Key("huber_px", "px", "Corners farther off are believed less."),
     )
-    required: ClassVar[tuple[str, ...]] = ("corners", "board")
     measured_keys: ClassVar[tuple[str, ...]] = (
         *("corners", "intrinsics", "target", "sigma_px", "huber_px"),
     )
@@ -123,8 +135,18 @@ class CameraView(FramedTerm):
     }
     groupings: ClassVar[Mapping[str, tuple[str, ...]]] = {"image": ("image",)}
     frames: ClassVar[tuple[TrueFrame, ...]] = (
-        TrueFrame("hand_eye", "camera_pose", required=True),
-        TrueFrame("target", "board_pose", required=True),
+        TrueFrame(
+            "hand_eye",
+            "camera_pose",
+            "the camera's pose: on the tip, or in the base for eye-to-hand",
+            required=True,
+        ),
+        TrueFrame(
+            "target",
+            "board_pose",
+            "the board's pose: in the base, or on the tip for eye-to-hand",
+            required=True,
+        ),
     )
     chance: ClassVar[float] = 0.02
     leaves_open: ClassVar[Mapping[Gap, tuple[str, str]]] = {

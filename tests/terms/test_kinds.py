@@ -29,9 +29,11 @@ BY_NAME = {
 COLUMNS = {column for kind in KINDS.values() for column in kind.columns.labels}
 # Kinds that are called like any word of a sentence: there only a literal of its own names one.
 WORDS = {"range"}
-# What else is called like a kind: a command's module, its pictures, a key of a summary.
+# What else is called like a kind: a command's module, its pictures, a key of a summary, an
+# attribute of MJCF.
 OTHERS = {
     "cli/_app.py": {"suta_calib.cli.hand_eye"},
+    "exchange/writers/mjcf.py": {"range"},
     "report/hand_eye.py": {"hand_eye"},
     "report/study.py": {"range"},
     "report/pictures.py": {"hand_eye"},
