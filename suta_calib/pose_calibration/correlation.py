@@ -5,8 +5,9 @@ and a tracker alike a moment later. Least squares takes every row for a witness 
 is too small. How much the errors of neighbours have in common, and how near they must be for it, is
 asked of the residuals: a part w of their variance with a correlation that falls with the distance
 in some space. Its restricted likelihood (Patterson and Thompson 1971, doi:10.1093/biomet/58.3.545)
-allows for what the fit took up. Few rows tell little of it, so the covariance is the mean over all
-that might be, each weighed by its likelihood.
+allows for what the fit took up. Places and turns are asked apart, because a hand may turn wrongly
+in a smooth way where its places only scatter. Few rows tell little of it, so the covariance is the
+mean over all that might be, each weighed by its likelihood.
 """
 
 from __future__ import annotations
@@ -22,7 +23,8 @@ from suta_calib.pose_calibration.serial_correlation import correlation_length
 
 # Part of the variance that neighbours may share.
 PARTS: Final = (0.3, 0.6, 0.9, 0.98)
-# How far apart rows are that share about half of it, in the space in which 1 is far.
+# How far apart rows are that share about half of it, in the space in which 1 is far. What reaches
+# farther than the rows is mostly in X, and shows only by the part that is not.
 REACHES: Final = (0.1, 0.3, 0.9, 2.7)
 # The same in rows, one after the other.
 LAGS: Final = (1.5, 5.0, 15.0, 50.0)
