@@ -25,6 +25,7 @@ ROWS = (
     {"stereotactic", "analysis", "certification", "vision"},
     {"device"},
     {"emulation", "acquisition", "tracking"},
+    {"exchange"},
     {"report"},
     {"cli", "__init__", "__main__"},
 )
@@ -91,7 +92,8 @@ def test_imports_are_seen_however_they_are_written() -> None:
         ("measurements.artefact, measurements.yaml_file", ("casadi", "scipy", "pinocchio")),
         ("geometry.numbers, model.parameters", ("casadi", "scipy", "pinocchio")),
         (
-            "job.calibration, pose_calibration.pivot, report.observability",
+            "job.calibration, pose_calibration.pivot, report.observability, report.calibration, "
+            "report.pivot, report.hand_eye, report.registration",
             ("matplotlib", "scipy.stats", "scipy.optimize", "scipy.interpolate", "cv2"),
         ),
         ("cli._app", ("casadi", "scipy", "pinocchio", "numpy", "matplotlib")),

@@ -85,6 +85,7 @@ class CalibrationJob(Shown):
         _check_once(spec, observations)
         validation = tuple(read_term(arm, row, spec.path) for row in spec.validation)
         _check_given_alike(spec, observations, validation)
+        _check_shared(spec, (*observations, *validation))
         return cls(spec, arm, parameters, tuple(observations), validation)
 
     @property
@@ -361,6 +362,17 @@ def _check_given_alike(
                     hint="give it in the row of the observations; or give what stands elsewhere "
                     "another label",
                 )
+
+
+def _check_shared(spec: JobSpec, terms: Sequence[Term]) -> None:
+    """Refuse rows that share a camera or a board, and say two things of it."""
+    rows = (*spec.observations, *spec.validation)
+    for k, (row, term) in enumerate(zip(rows, terms, strict=True)):
+        for before in terms[:k]:
+            try:
+                term.check_beside(before)
+            except SamplesError as error:
+                raise _placed(error, spec.path, row.line) from None
 
 
 def _check_once(spec: JobSpec, terms: Sequence[Term]) -> None:

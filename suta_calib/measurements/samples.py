@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,6 +13,7 @@ from suta_calib.arrays import FloatArray
 from suta_calib.errors import SamplesError
 from suta_calib.plotting.scene import Points, Posable, Scene, drawn_rows
 from suta_calib.showing import Shown
+from suta_calib.units import REFERENCE_TEMPERATURE
 
 Array = TypeVar("Array", bound=NDArray[Any])
 
@@ -38,6 +39,7 @@ class Samples(Shown):
         lengths: measured lengths by name, each (n,), m, such as ``length``.
         direction: (n, n_joints) of each joint's last motion before it was read, 1 towards larger
             readings, -1 towards smaller ones, 0 where nobody says; None where nobody ever says.
+        temperature: (n,) of the arm, °C; None where nobody says.
     """
 
     joints: tuple[str, ...]
@@ -49,9 +51,20 @@ class Samples(Shown):
     pixels: FloatArray | None = None
     lengths: Mapping[str, FloatArray] = field(default_factory=dict)
     direction: FloatArray | None = None
+    temperature: FloatArray | None = None
 
     def __len__(self) -> int:
         return len(self.q)
+
+    @property
+    def told(self) -> dict[Literal["direction", "warmth"], FloatArray]:
+        """What is said of the arm beside its readings: `direction`, and K above 20 °C, (n, 1)."""
+        found: dict[Literal["direction", "warmth"], FloatArray] = {}
+        if self.direction is not None:
+            found["direction"] = self.direction
+        if self.temperature is not None:
+            found["warmth"] = self.temperature[:, None] - REFERENCE_TEMPERATURE
+        return found
 
     @classmethod
     def from_arrays(
@@ -65,6 +78,7 @@ class Samples(Shown):
         origin: Sequence[str] | None = None,
         lengths: Mapping[str, ArrayLike] | None = None,
         direction: ArrayLike | None = None,
+        temperature: ArrayLike | None = None,
     ) -> Samples:
         """Samples from copies of arrays, checked; arguments as the class's attributes.
 
@@ -77,6 +91,7 @@ class Samples(Shown):
             origin: (n,); ``row 0``, ``row 1``, … where not given.
             lengths: each (n,).
             direction: (n, n_joints) of -1, 0 and 1.
+            temperature: (n,).
 
         Raises:
             SamplesError: a shape does not fit, or a value is not finite, empty or not a rotation.
@@ -100,6 +115,7 @@ class Samples(Shown):
             direction=None
             if direction is None
             else _finite("direction", direction, (n, len(joints))),
+            temperature=None if temperature is None else _finite("temperature", temperature, (n,)),
         )
 
     def scene(self, arm: Posable) -> Scene:
@@ -177,7 +193,8 @@ class Samples(Shown):
         kinds = {
             (
                 *(part.joints, frozenset(part.labels), frozenset(part.lengths)),
-                *(part.position is None, part.rotation is None, part.direction is None),
+                *(part.position is None, part.rotation is None),
+                *(part.direction is None, part.temperature is None),
                 None if part.pixels is None else part.pixels.shape[1:],
             )
             for part in parts
@@ -195,6 +212,7 @@ class Samples(Shown):
             _joined([part.pixels for part in parts]),
             {n: _frozen(np.concatenate([p.lengths[n] for p in parts])) for n in first.lengths},
             _joined([part.direction for part in parts]),
+            _joined([part.temperature for part in parts]),
         )
 
     def take(self, index: ArrayLike | slice) -> Samples:
@@ -210,6 +228,7 @@ class Samples(Shown):
             None if self.pixels is None else _frozen(self.pixels[rows]),
             {name: _frozen(values[rows]) for name, values in self.lengths.items()},
             None if self.direction is None else _frozen(self.direction[rows]),
+            None if self.temperature is None else _frozen(self.temperature[rows]),
         )
 
 

@@ -11,12 +11,12 @@ from matplotlib.cbook import boxplot_stats
 from matplotlib.collections import PolyCollection
 
 from suta_calib.arrays import FloatArray
+from suta_calib.plotting.limits import MOST_GROUPS
 from suta_calib.plotting.style import BLUE, GREY, ORANGE, plain_log, shortened
 from suta_calib.units import Unit, shown, unit_name
 
 # Half the height of a box, of which one stands every unit.
 _BOX: Final = 0.31
-MOST_GROUPS: Final = 30
 # Two histograms whose medians differ by more than this are both visible only on a log axis.
 FAR_APART: Final = 4.0
 

@@ -12,7 +12,7 @@ from suta_calib.plotting.change import Change
 from suta_calib.plotting.style import BLUE, GREY, ORANGE, plain_log, shortened
 from suta_calib.units import Unit, shown, unit_name
 
-_MOST_LETTERS: Final = 26
+MOST_LETTERS: Final = 26
 
 
 def draw_changes(figure: Any, changes: Sequence[Change]) -> list[Axes]:
@@ -95,6 +95,6 @@ def draw_prospects(
 
 def _named_rows(axes: Axes, names: Sequence[str]) -> None:
     """Rows from the top, a name each."""
-    axes.set_yticks(range(len(names)), [shortened(n, _MOST_LETTERS) for n in names], fontsize=7)
+    axes.set_yticks(range(len(names)), [shortened(n, MOST_LETTERS) for n in names], fontsize=7)
     axes.set_ylim(len(names) - 0.4, -0.6)
     axes.grid(axis="x")

@@ -14,12 +14,12 @@ from numpy.typing import ArrayLike
 
 from suta_calib.arrays import FloatArray
 from suta_calib.plotting.factor import round_down
+from suta_calib.plotting.limits import MOST_DRAWN
 
 # What a part stands for: the arm's links, the axes of its joints, its tip, what was touched or
-# seen, a frame or a point that stands outside, an error before and after a calibration.
-Look = Literal["links", "axes", "tip", "touched", "place", "before", "after"]
-# Of many samples so many are drawn, evenly spread over their order.
-MOST_DRAWN: Final = 1500
+# seen, a frame or a point that stands outside, an error before and after a calibration; the floor,
+# and the axes of the base.
+Look = Literal["links", "axes", "tip", "touched", "place", "before", "after", "grid", "frame"]
 # The longest arrow, as a part of the scene's size.
 _LONGEST: Final = 0.15
 

@@ -20,6 +20,8 @@ _LOOKS: Final[dict[Look, dict[str, Any]]] = {
     "place": {"color": "black", "marker": "+", "markersize": 7},
     "before": {"color": ORANGE, "linewidth": 0.8},
     "after": {"color": BLUE, "linewidth": 0.9},
+    "grid": {"color": GREY, "linewidth": 0.5},
+    "frame": {"color": "black", "linewidth": 1.0},
 }
 
 

@@ -234,7 +234,7 @@ def _turns(R: FloatArray) -> FloatArray:
 
 def _norms(R: FloatArray, p: FloatArray, index: IntArray, tips: FloatArray) -> FloatArray:
     """Distance of every touch from the middle of its post's touches, (m, n, 1)."""
-    touched = p + np.einsum("nij,mj->mni", R, tips)
+    touched = p + np.moveaxis(R @ tips.T, -1, 0)
     norms = np.zeros(touched.shape[:2])
     for k in np.unique(index):
         rows = index == k
@@ -250,10 +250,14 @@ def _start(R: FloatArray, p: FloatArray, index: IntArray, seed: int | None) -> C
         return Consensus.of_all(len(p), float(np.sqrt(np.mean(norms**2) / 3.0)))
 
     def propose(rows: IntArray) -> FloatArray:
-        weight = np.zeros((len(rows), len(p)))
-        np.put_along_axis(weight, rows, 1.0, axis=1)
-        return stacked_pivot(R, p, index, weight)
+        used, place = np.unique(rows, return_inverse=True)
+        weight = np.zeros((len(rows), len(used)))
+        np.put_along_axis(weight, place.reshape(rows.shape), 1.0, axis=1)
+        return stacked_pivot(R[used], p[used], index[used], weight)
+
+    def residuals(tips: FloatArray, rows: IntArray) -> FloatArray:
+        return _norms(R[rows], p[rows], index[rows], tips)
 
     samples = minimal_samples(index, SAMPLE, seed)
     posts = int(index.max()) + 1
-    return find_consensus(len(p), samples, propose, lambda t: _norms(R, p, index, t), 2 + posts)
+    return find_consensus(len(p), samples, propose, residuals, 2 + posts)

@@ -279,9 +279,9 @@ def _start(a: FloatArray, b: FloatArray, seed: int | None) -> Consensus:
 def agreeing_points(a: FloatArray, b: FloatArray, seed: int, needed: int) -> Consensus:
     """The points (n, 3) that most agree on how ``a`` lies on ``b``; ``needed`` determine it."""
 
-    def residuals(model: tuple[FloatArray, FloatArray]) -> FloatArray:
+    def residuals(model: tuple[FloatArray, FloatArray], rows: IntArray) -> FloatArray:
         R, p = model
-        error = np.einsum("mij,nj->mni", R, a) + p[:, None, :] - b
+        error = a[rows] @ np.swapaxes(R, 1, 2) + p[:, None, :] - b[rows]
         return np.asarray(np.linalg.norm(error, axis=2)[..., None])
 
     samples = minimal_samples(np.zeros(len(a), dtype=np.intp), LEAST_POINTS, seed)

@@ -13,15 +13,16 @@ from matplotlib.ticker import MaxNLocator
 
 from suta_calib.arrays import FloatArray
 from suta_calib.plotting.change import Change
-from suta_calib.plotting.errors import MOST_GROUPS, draw_groups, draw_histogram
-from suta_calib.plotting.parameters import draw_changes
+from suta_calib.plotting.errors import draw_groups, draw_histogram
+from suta_calib.plotting.limits import MOST_CORRELATED, MOST_GROUPS, MOST_WRITTEN
+from suta_calib.plotting.parameters import MOST_LETTERS, draw_changes
 from suta_calib.plotting.style import BLUE, ORANGE, ROW_HEIGHT, WIDTH, plain_log, shortened
 from suta_calib.report.errors import KindErrors
-from suta_calib.report.svg import picture, svg_text
+from suta_calib.report.svg import Margins, picture, svg_text, width_of
 from suta_calib.solver.identifiability import WEAK
 
-MOST_CORRELATED: Final = 30
-MOST_WRITTEN: Final = 14
+# Height of the smallest map of correlations, inch: its scale has to be read.
+_LEAST_BAR: Final = 2.4
 
 
 def error_histogram(errors: KindErrors, name: str) -> str:
@@ -31,7 +32,7 @@ def error_histogram(errors: KindErrors, name: str) -> str:
         errors: of one kind and quantity, at least one.
         name: id of the plot on its page.
     """
-    with picture(name, (WIDTH, 3.0)) as figure:
+    with picture(name, (WIDTH, 3.0), Margins(top=0.6)) as figure:
         draw_histogram(figure.subplots(), errors.before, errors.after, errors.unit, errors.name)
         return svg_text(figure, name, f"Histogram of the {errors.name} errors before and after")
 
@@ -44,7 +45,9 @@ def grouped_errors(groups: Mapping[str, FloatArray], grouping: str, name: str) -
         grouping: what the groups are, e.g. ``landmark``.
         name: id of the plot on its page.
     """
-    with picture(name, (WIDTH, 1.0 + 0.21 * min(len(groups), MOST_GROUPS))) as figure:
+    labels = [f"{shortened(each)}  (9999)" for each in groups]
+    size = WIDTH, 0.6 + 0.21 * min(len(groups), MOST_GROUPS)
+    with picture(name, size, Margins(left=0.35 + width_of(labels, 9))) as figure:
         draw_groups(figure.subplots(), groups, grouping)
         return svg_text(figure, name, f"Errors after calibration by {grouping}")
 
@@ -60,7 +63,7 @@ def singular_values(values: FloatArray, weak: Sequence[str], name: str) -> str:
     floor = max(float(values.max(initial=0.0)), 1.0) * 1e-9
     height, threshold = np.maximum(values, floor), 1.0 / WEAK
     estimated = height >= threshold
-    with picture(name, (WIDTH, 2.8)) as figure:
+    with picture(name, (WIDTH, 2.8), Margins(bottom=0.68 if weak else 0.48, top=0.28)) as figure:
         axes = figure.subplots()
         k = np.arange(1, len(values) + 1)
         bottom = floor / 2
@@ -87,7 +90,7 @@ def singular_values(values: FloatArray, weak: Sequence[str], name: str) -> str:
         axes.legend(ncols=2, fontsize=8, loc="lower left", bbox_to_anchor=(0, 1))
         if weak:
             note = "held: " + ", ".join(weak[:4]) + (" …" if len(weak) > 4 else "")
-            figure.supxlabel(shortened(note, 110), fontsize=8, x=0.01, ha="left")
+            figure.text(0.01, 0.02, shortened(note, 110), fontsize=8)
         return svg_text(figure, name, "Singular values of the information on the arm's parameters")
 
 
@@ -102,8 +105,10 @@ def correlation_map(names: Sequence[str], matrix: FloatArray, name: str) -> str:
     strongest = np.abs(matrix - np.eye(len(matrix))).max(axis=1, initial=0.0)
     keep = np.sort(np.argsort(-strongest, kind="stable")[:MOST_CORRELATED])
     shown_names, part = [names[k] for k in keep], matrix[np.ix_(keep, keep)]
-    side = 1.9 + 0.24 * len(keep)
-    with picture(name, (side + 0.9, side)) as figure:
+    side, beside = 0.24 * len(keep), width_of(shown_names, 7) + 0.15
+    margins = Margins(beside, 0.95, beside, 0.1)
+    size = beside + max(side, _LEAST_BAR) + 0.95, beside + max(side, _LEAST_BAR) + 0.1
+    with picture(name, size, margins) as figure:
         axes = figure.subplots()
         # Cells and ten shades instead of an image: sharp at every size, and no embedded bitmap.
         image = axes.pcolormesh(
@@ -126,7 +131,8 @@ def correlation_map(names: Sequence[str], matrix: FloatArray, name: str) -> str:
                 "fontsize": 6,
             }
             axes.text(j, i, sign, ha="center", va="center", in_layout=False, **look)
-        bar = figure.colorbar(image, ax=axes, shrink=0.7, format="%.1f")
+        scale = figure.add_axes((1 - 0.8 / size[0], margins.bottom / size[1], 0.14 / size[0], 0.7))
+        bar = figure.colorbar(image, cax=scale, format="%.1f")
         bar.set_label("size of the correlation (dimensionless)")
         return svg_text(figure, name, "Correlations of the estimated parameters")
 
@@ -138,7 +144,10 @@ def parameter_changes(changes: Sequence[Change], name: str) -> str:
         changes: at least one.
         name: id of the plot on its page.
     """
-    rows = max(Counter(each.unit for each in changes).values())
-    with picture(name, (WIDTH, 1.0 + ROW_HEIGHT * rows)) as figure:
+    panels = Counter(each.unit for each in changes)
+    names = width_of((shortened(each.name, MOST_LETTERS) for each in changes), 7) + 0.15
+    size = WIDTH, 0.8 + ROW_HEIGHT * max(panels.values())
+    margins = Margins(left=names, top=0.28, between=names + 0.15)
+    with picture(name, size, margins, len(panels)) as figure:
         draw_changes(figure, changes)
         return svg_text(figure, name, "Changes of the parameters from nominal")

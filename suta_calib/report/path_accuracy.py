@@ -15,7 +15,8 @@ from suta_calib.geometry.numbers import homogeneous
 from suta_calib.plotting.style import BLUE, GREY, ORANGE
 from suta_calib.report.document import Document, Figure, Part, Text
 from suta_calib.report.listing import Column, Json, Listing, shown_as
-from suta_calib.report.poses import LARGE, pose_record
+from suta_calib.report.pose_plots import LARGE
+from suta_calib.report.poses import pose_record
 from suta_calib.report.svg import picture, shown_array, svg_text
 from suta_calib.tracking.path_accuracy import UPDATE_RATES, MotionQuarter, PathAccuracy
 from suta_calib.tracking.reversals import ChannelReversals

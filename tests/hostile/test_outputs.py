@@ -149,7 +149,7 @@ def test_an_interrupt_while_it_reads(
 ) -> None:
     for read in range(len(GIVEN[command].reads)):
         note = Stopping(atomic.note_input, read, KeyboardInterrupt)
-        for module in ("measurements.files", "model.urdf_tree"):
+        for module in ("measurements.files", "model.urdf_tree", "exchange.cells"):
             monkeypatch.setattr(f"suta_calib.{module}.note_input", note)
         assert cli(*command_line(command, scene, tmp_path / "out")) == 130
         assert capsys.readouterr().err.splitlines()[-1].startswith("suta-calib: interrupted")

@@ -27,6 +27,7 @@ from suta_calib.arrays import FloatArray
 from suta_calib.errors import JobError
 from suta_calib.measurements import Artefact
 from suta_calib.model.arm import ArmModel, reduced_model
+from suta_calib.model.xacro_file import plain_urdf
 from suta_calib.simulation.inverse_kinematics import Matching, Targets
 from suta_calib.terms import KINDS, Term
 from suta_calib.terms.landmark import seated
@@ -270,10 +271,10 @@ class Collisions:
 def _shapes(arm: ArmModel, kind: Any) -> Any:
     """Geometry of the reduced model; meshes are looked for beside the URDF and above it."""
     path = arm.chain.path
-    model = pin.buildModelFromUrdf(str(path))
     folders = [str(folder) for folder in path.resolve().parents]
-    with warnings.catch_warnings():
+    with warnings.catch_warnings(), plain_urdf(path) as file:
         warnings.simplefilter("ignore")
-        geometry = pin.buildGeomFromUrdf(model, str(path), kind, folders)
+        model = pin.buildModelFromUrdf(str(file))
+        geometry = pin.buildGeomFromUrdf(model, str(file), kind, folders)
     _, (shapes,) = reduced_model(model, set(arm.model.names), [geometry])
     return shapes
