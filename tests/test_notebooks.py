@@ -238,6 +238,16 @@ def test_stored_outputs_can_be_shown(path: Path):
 
 
 @every_notebook
+def test_the_set_up_is_short_and_what_is_shown_was_meant_to_be(path: Path):
+    """What is needed later is imported where it is first used."""
+    notebook = nbformat.read(path, as_version=4)
+    first = next(cell.source for cell in notebook.cells if cell.cell_type == "code")
+    assert len([line for line in first.splitlines() if line]) <= 6
+    stored = (output.get("data", {}).get("text/plain", "") for output in outputs(notebook))
+    assert not [text for text in stored if text.startswith(("array(", "(array(", "[array("))]
+
+
+@every_notebook
 def test_cells_were_stored_in_the_order_they_ran(path: Path):
     cells = [c for c in nbformat.read(path, as_version=4).cells if c.cell_type == "code"]
     assert [cell.execution_count for cell in cells] == list(range(1, len(cells) + 1))
