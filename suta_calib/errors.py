@@ -87,6 +87,10 @@ class CameraError(InputError):
     """A camera's file is missing, malformed or of a camera that there is no model of here."""
 
 
+class ForeignFileError(InputError):
+    """A file of another program is not of the format it is read as, or says too little."""
+
+
 class JobError(InputError):
     """A key of the job file is missing, unknown or has an unusable value."""
 

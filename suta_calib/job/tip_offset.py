@@ -4,12 +4,20 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
 from suta_calib.errors import JobError, ParameterError
 from suta_calib.measurements import YamlSection
+from suta_calib.measurements.keys import Key, Keys
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import POSITION, Selection
 from suta_calib.units import from_mm
+
+TIP_OFFSET_KEYS: Final = Keys(
+    Key("position_mm", "x, y, z in mm", "About where the tip is.", required=True),
+    Key("bound_mm", "mm", "How far from there it may be, at most."),
+    Key("prior_mm", "mm", "How far from there it is likely to be: standard deviation."),
+)
 
 
 @dataclass(frozen=True)
@@ -45,7 +53,7 @@ class TipOffset:
             x, y, z = (from_mm(number) for number in arm.numbers(key, 3))
             return cls((x, y, z), file=arm.document.path, line=arm.line)
         section = arm.section(key)
-        section.check_keys(("position_mm", "bound_mm", "prior_mm"), required=("position_mm",))
+        TIP_OFFSET_KEYS.check(section)
         x, y, z = section.position().tolist()
         bound, prior = (
             section.optional_number(name, "positive", unit="m") for name in ("bound_mm", "prior_mm")

@@ -5,8 +5,8 @@ from __future__ import annotations
 import csv
 import io
 import math
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -80,6 +80,7 @@ class SampleColumns:
             that all the files have, or none of them.
         position: whether ``x, y, z`` (m), or ``x_mm, y_mm, z_mm``, are required.
         orientation: whether ``qx, qy, qz, qw`` are read.
+        about: what each of them holds, by its name, or by ``x, y, z`` and ``qx, qy, qz, qw``.
     """
 
     labels: tuple[str, ...] = ()
@@ -88,6 +89,7 @@ class SampleColumns:
     optional_labels: tuple[str, ...] = ()
     common_labels: tuple[str, ...] = ()
     common_lengths: tuple[str, ...] = ()
+    about: Mapping[str, str] = field(default_factory=dict)
 
 
 def read_samples(

@@ -11,15 +11,19 @@ from numpy.typing import ArrayLike, NDArray
 
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import SamplesError
+from suta_calib.plotting.scene import Points, Posable, Scene, drawn_rows
+from suta_calib.showing import Shown
 from suta_calib.units import REFERENCE_TEMPERATURE
 
 Array = TypeVar("Array", bound=NDArray[Any])
 
 _ORTHONORMAL_TOLERANCE = 1e-6
+# Labels are written into a picture where there are no more.
+_FEW_LABELS = 12
 
 
-@dataclass(frozen=True, eq=False)
-class Samples:
+@dataclass(frozen=True, eq=False, repr=False)
+class Samples(Shown):
     """Joint readings with their labels and, for some kinds, measured poses. Immutable.
 
     Attributes:
@@ -113,6 +117,58 @@ class Samples:
             else _finite("direction", direction, (n, len(joints))),
             temperature=None if temperature is None else _finite("temperature", temperature, (n,)),
         )
+
+    def scene(self, arm: Posable) -> Scene:
+        """Where an arm's tip was, by the first label column, and the arm in the first sample.
+
+        Args:
+            arm: its joints are those of the samples, in any order.
+
+        Raises:
+            SamplesError: the samples are of another arm.
+        """
+        if set(arm.joints) != set(self.joints):
+            raise SamplesError(
+                f"samples of {', '.join(self.joints)}", f"samples of {', '.join(arm.joints)}"
+            )
+        rows = drawn_rows(len(self))
+        q = self.q[:, [self.joints.index(name) for name in arm.joints]]
+        position = arm.forward(q[rows])[1]
+        parts = [Points("tip in the samples", "touched", position)]
+        for column, values in self.labels.items():
+            names, which = np.unique(values[rows], return_inverse=True)
+            if len(names) <= _FEW_LABELS:
+                middles = [np.median(position[which == k], axis=0) for k in range(len(names))]
+                labels = tuple(str(name) for name in names)
+                parts.append(Points(column, "place", np.array(middles), labels))
+                break
+        return arm.scene(q[0]) + Scene(tuple(parts))
+
+    def plot(self, arm: Posable, ax: Any = None) -> Any:
+        """Draw where an arm's tip was in three dimensions, mm, and the arm in the first sample.
+
+        Args:
+            arm: an `ArmModel` with the joints of these samples.
+            ax: `Axes3D` to draw on; those of a new figure by default.
+
+        Returns:
+            The `Axes3D`.
+
+        Raises:
+            SamplesError: the samples are of another arm.
+        """
+        from suta_calib.plotting import draw_scene
+
+        return draw_scene(self.scene(arm), ax)
+
+    @property
+    def in_a_line(self) -> str:
+        """How many, of what."""
+        also = [
+            name for name in ("position", "rotation", "pixels") if getattr(self, name) is not None
+        ]
+        told = ", ".join((*self.labels, *self.lengths, *also))
+        return f"{len(self)} of {len(self.joints)} joints" + (f" with {told}" if told else "")
 
     def as_keys(self) -> list[bytes]:
         """Readings and what was seen with them, row by row, as something to compare."""

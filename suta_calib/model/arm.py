@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import replace
@@ -37,14 +38,18 @@ from suta_calib.model.parameters import (
     Selection,
     select_parameters,
 )
+from suta_calib.model.skeleton import Skeleton
 from suta_calib.model.urdf import folded_origin, urdf_bytes
+from suta_calib.model.xacro_file import plain_urdf
+from suta_calib.plotting.scene import Scene
+from suta_calib.showing import Shown
 from suta_calib.units import Unit
 
 # Before a link's name, for as long as joints may be called the same.
 _LINK: Final = "link "
 
 
-class ArmModel:
+class ArmModel(Shown):
     """A chain base → tip through the tree of a URDF, with a parametric geometry.
 
     Build one with `from_urdf`; `at` gives the same arm at other values. Readings ``q`` are
@@ -80,7 +85,7 @@ class ArmModel:
         """Read the chain from ``base`` to ``tip``: any two links or frames of one tree.
 
         Args:
-            path: of the URDF.
+            path: of the URDF, or of a ``.xacro`` file that makes one.
             tip: name of a link, or of a joint, which stands for its child link.
             base: the same; the root link by default.
 
@@ -90,7 +95,8 @@ class ArmModel:
         """
         chain = read_chain(path, tip, base)
         try:
-            model = pin.buildModelFromUrdf(str(path))
+            with plain_urdf(Path(path)) as file:
+                model = pin.buildModelFromUrdf(str(file))
         except (ValueError, RuntimeError) as error:
             raise UrdfError(
                 f"a model Pinocchio refuses ({str(error).strip().splitlines()[0]})",
@@ -301,6 +307,42 @@ class ArmModel:
             return rotation[0], position[0]
         return rotation, position
 
+    def skeleton(self, q: ArrayLike) -> Skeleton:
+        """Joints and tip for readings (joints,), rad or m, in the base: the nominal geometry."""
+        moving = tuple(joint.name for joint in self.chain.joints if joint.moving)
+        tip = self.forward(q)[1]
+        return Skeleton.of(self.model, self.chain.base, moving, self.configuration(q), tip)
+
+    def scene(self, q: ArrayLike | None = None) -> Scene:
+        """The arm in one posture, to be drawn.
+
+        Args:
+            q: (joints,) readings; zero by default.
+        """
+        readings = np.zeros(len(self.joints)) if q is None else q
+        return self.skeleton(readings).scene(self.chain.robot or "arm")
+
+    def plot(self, q: ArrayLike | None = None, ax: Any = None) -> Any:
+        """Draw links, joint axes and tip in three dimensions, mm.
+
+        Args:
+            q: (joints,) readings, rad (m for prismatic joints); zero by default.
+            ax: `Axes3D` to draw on; those of a new figure by default.
+
+        Returns:
+            The `Axes3D`.
+        """
+        from suta_calib.plotting import draw_scene
+
+        return draw_scene(self.scene(q), ax)
+
+    @property
+    def in_a_line(self) -> str:
+        """Its ends and how many joints it has."""
+        count, chain = len(self.joints), self.chain
+        joints = f"{count} joint{'s' * (count != 1)}"
+        return f"{chain.base} → {self.tip}, {joints} of {chain.path.name}"
+
     def calibrated_urdf(self, values: Mapping[str, float]) -> bytes:
         """The user's own URDF with these values in the origins of its joints, for raw readings.
 
@@ -352,13 +394,21 @@ def reduced_model(
 
 @lru_cache(maxsize=16)
 def _kinematics(arm: ArmModel, names: tuple[str, ...], told: tuple[Told, ...]) -> Symbol:
+    """`forward_kinematics` of this arm."""
     arm._check_masses(names)
     nominal = {p.name: p.nominal for p in arm.offered.values()}
     # Nothing between the root and this link moves with the chain.
     top = arm.model.frames[arm.model.getFrameId(arm.chain.top, pin.FrameType.BODY)].placement
     gravity = top.rotation.T @ arm.model.gravity.linear
-    segments, loads = arm.segments, arm.loads
-    return forward_kinematics(segments, names, nominal, loads, gravity, told)
+    chain = arm.segments, names, nominal, arm.loads, gravity, told
+    return _kinematics_of(pickle.dumps(chain))
+
+
+# A URDF is read again by every job over it, and its kinematics would be composed again.
+@lru_cache(maxsize=64)
+def _kinematics_of(chain: bytes) -> Symbol:
+    """`forward_kinematics` of pickled arguments, which arms that are alike have alike."""
+    return forward_kinematics(*pickle.loads(chain))
 
 
 def _segment(

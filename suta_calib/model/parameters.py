@@ -18,7 +18,9 @@ import numpy as np
 
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import ParameterError
+from suta_calib.showing import Shown
 from suta_calib.units import Unit, from_deg
+from suta_calib.words import listed
 
 GEOMETRIC: Final = "geometric"
 # Keys of a placement, in the order of its numbers; of a joint that moves; of what is no geometry.
@@ -147,7 +149,7 @@ class Parameter:
         )
 
 
-class ParameterSet(Mapping[str, Parameter]):
+class ParameterSet(Shown, Mapping[str, Parameter]):
     """Parameters in a fixed order, looked up by name."""
 
     def __init__(self, parameters: Iterable[Parameter] = ()) -> None:
@@ -169,6 +171,11 @@ class ParameterSet(Mapping[str, Parameter]):
 
     def __len__(self) -> int:
         return len(self._by_name)
+
+    @property
+    def in_a_line(self) -> str:
+        """How many, and the first few names."""
+        return f"{len(self)}: {listed(self.names)}" if self._by_name else "none"
 
     @property
     def names(self) -> tuple[str, ...]:

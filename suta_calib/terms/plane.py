@@ -15,6 +15,7 @@ from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import rotation_from_vector, vector_turning_z_to
 from suta_calib.geometry.symbols import Symbol, symbolic_rotation
 from suta_calib.measurements import SampleColumns, YamlSection
+from suta_calib.measurements.keys import Key
 from suta_calib.model.parameters import Parameter
 from suta_calib.terms.block import LEARNT, Block, Noise, Pose, grouped
 from suta_calib.terms.checks import check_turned
@@ -78,13 +79,19 @@ class TouchedPlane(Term):
         "an unknown plane, touched anywhere and from several directions; with a ball at the tip, "
         "say probe_radius_mm: the centre of the ball is the tip"
     )
-    columns: ClassVar[SampleColumns] = SampleColumns(labels=("plane",))
+    columns: ClassVar[SampleColumns] = SampleColumns(
+        labels=("plane",), about={"plane": "Which plane was touched."}
+    )
     has_angles: ClassVar[bool] = False
-    keys: ClassVar[tuple[str, ...]] = ("probe_radius_mm",)
+    keys: ClassVar[tuple[Key, ...]] = (
+        Key("probe_radius_mm", "mm", "Radius of the ball at the tip; 0, a point, without it."),
+    )
     place: ClassVar[str] = "plane"
     place_unknown: ClassVar[str] = "plane"
     groupings: ClassVar[Mapping[str, tuple[str, ...]]] = {"plane": ("plane",), "row": ()}
-    simulation_keys: ClassVar[tuple[str, ...]] = ("size_mm",)
+    simulation_keys: ClassVar[tuple[Key, ...]] = (
+        Key("size_mm", "mm", "Edge of the square that is touched."),
+    )
 
     noise: Noise = LEARNT
     radius: float = 0.0

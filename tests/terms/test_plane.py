@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import csv
-import json
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from cli_job import cli
+from cli_job import answer, cli
 from measuring_bench import Bench
 from simulated import Spread, arm_named, dh_parameters, perturbed, plane_scene
 
@@ -69,13 +67,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory, repository: Path) -> Path:
     (path / "job.yaml").write_text(JOB)
     assert cli("simulate", path / "simulation.yaml", "--out", path) == 0
     return path
-
-
-def answer(capsys: pytest.CaptureFixture[str], *arguments: object) -> dict[str, Any]:
-    capsys.readouterr()
-    assert cli(*arguments, "--json") == 0
-    found: dict[str, Any] = json.loads(capsys.readouterr().out)
-    return found
 
 
 def test_planes_tell_the_arm(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
