@@ -84,7 +84,7 @@ def made(name: str, folder: Path) -> tuple[Sample, Path, bytes]:
     sample = SAMPLES[name](folder)
     path = sample.path
     if path.is_dir():
-        path = max((each for each in path.iterdir()), key=lambda each: each.stat().st_size)
+        path = max(path.rglob("*.*"), key=lambda each: each.stat().st_size)
     return sample, path, path.read_bytes()
 
 

@@ -12,7 +12,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from foreign import poses, transforms
-from ros_recordings import write_recording
+from ros_recordings import JOINTS as RECORDED
+from ros_recordings import motion, write_recording
 from scipy.spatial.transform import Rotation
 
 from suta_calib.arrays import FloatArray
@@ -184,6 +185,43 @@ def lerobot_calibration(folder: Path) -> Sample:
     return Sample(path, {})
 
 
+def leica_gsi(folder: Path) -> Sample:
+    """GSI-16, coordinates to a hundredth of a millimetre."""
+    lines = []
+    for k in range(8):
+        words = [f"*11{k + 1:04d}+{f'P{k}':0>16}"]
+        for index, value in zip((81, 82, 83), P[k], strict=True):
+            words.append(f"{index}..08{'-' if value < 0 else '+'}{abs(round(value * 1e5)):016d}")
+        lines.append(" ".join(words) + " ")
+    path = folder / "points.gsi"
+    path.write_text("\n".join(lines) + "\n")
+    return Sample(path, {})
+
+
+def lerobot_dataset(folder: Path) -> Sample:
+    """Two episodes of the motion that the recordings of ROS have."""
+    import pyarrow as arrow
+    from pyarrow import parquet
+
+    time, q = motion()
+    path = folder / "dataset"
+    (path / "meta").mkdir(parents=True, exist_ok=True)
+    (path / "data/chunk-000").mkdir(parents=True, exist_ok=True)
+    names = [f"{name}.pos" for name in RECORDED]
+    state = {"dtype": "float32", "shape": [2], "names": names}
+    info = {"codebase_version": "v3.0", "fps": 50, "features": {"observation.state": state}}
+    (path / "meta/info.json").write_text(json.dumps(info))
+    for episode in range(2):
+        columns = {
+            "observation.state": np.rad2deg(q).tolist(),
+            "timestamp": time,
+            "episode_index": np.full(len(time), episode),
+        }
+        file = path / f"data/chunk-000/file-{episode:03d}.parquet"
+        parquet.write_table(arrow.table(columns), file)
+    return Sample(path, {"state_unit": "deg"})
+
+
 def dh(folder: Path) -> Sample:
     path = folder / "arm_dh.csv"
     path.write_text(
@@ -261,6 +299,8 @@ SAMPLES: dict[str, Callable[[Path], Sample]] = {
     **BODIES,
     "rosbag": rosbag,
     "lerobot-calibration": lerobot_calibration,
+    "leica-gsi": leica_gsi,
+    "lerobot-dataset": lerobot_dataset,
     "dh": dh,
     **PROGRAMS,
     "mjcf": mjcf,
