@@ -309,6 +309,8 @@ def jobs(folders: Sequence[Path]) -> Iterator[Path]:
                 "a folder of jobs"
             )
         for path in found:
+            if (path.parent / "simulation.yaml").is_file():
+                continue  # nobody measured it
             name = SAME.get(path.parent.name, path.parent.name)
             if name not in seen:
                 seen.add(name)

@@ -47,7 +47,7 @@ class InputError(SutaCalibError):
         super().__init__(self._sentence())
 
     @classmethod
-    def of(cls, problem: InputError, file: Path, line: int | None, where: str = "") -> Self:
+    def of(cls, problem: InputError, file: Path | None, line: int | None, where: str = "") -> Self:
         """The same with a place in a file, for what was found without knowing of files."""
         return cls(
             problem.found,

@@ -28,7 +28,7 @@ LONG = (
     "test_hand_eye_accuracy",
     "test_spread",
     "test_nongeometric",
-    "test_readme",
+    "test_shown_blocks",
     "test_model_selection",
     "test_study",
     "test_end_to_end",

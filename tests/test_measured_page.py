@@ -42,6 +42,7 @@ def test_folders(measured: ModuleType, tmp_path: Path) -> None:
     names = [path.parent.name for path in measured.jobs([])]
     assert {"panda_sockets", "ur5_laser_tracker"} <= set(names)
     assert len(names) == len(set(names))
+    assert "two_arms" not in names, "simulated"
     with pytest.raises(SystemExit, match=r"found no calibration\.yaml"):
         list(measured.jobs([tmp_path]))
     assert measured.figaroh_version(str(tmp_path / "no_python")) is None

@@ -12,6 +12,7 @@ from pathlib import Path
 from types import ModuleType
 
 import pytest
+from shown_blocks import BLOCKS
 
 import suta_calib
 
@@ -86,11 +87,10 @@ def test_an_unknown_name_is_refused() -> None:
         _ = suta_calib.Calibration  # type: ignore[attr-defined]
 
 
-def test_the_readme_uses_public_names_only(repository: Path) -> None:
-    text = (repository / "README.md").read_text(encoding="utf-8")
-    blocks = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
+def test_pages_use_public_names_only() -> None:
+    blocks = [block for block in BLOCKS if block.language == "python"]
     assert blocks
-    assert not [line for block in blocks for line in inner(block)]
+    assert not [f"{block.page}: {line}" for block in blocks for line in inner(block.text)]
 
 
 def test_inner_paths_are_seen() -> None:

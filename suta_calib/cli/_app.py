@@ -30,6 +30,7 @@ COMMANDS: Final = {
     "study": "How many sets are enough, and how far answers scatter.",
     "extend": "Eccentric encoders, joints that yield: worth having?",
     "budget": "What the errors come from: encoders, seating, artefact.",
+    "view": "The arm in 3-D: what was touched, errors, uncertainty.",
     "validate": "A job's validation data through any URDF.",
     "outliers": "What in a job's data does not agree with the rest.",
     "init": "Start a job for a URDF: commented files to fill in.",

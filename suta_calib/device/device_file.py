@@ -13,14 +13,44 @@ from suta_calib.device.description import (
     JointSpec,
 )
 from suta_calib.errors import DeviceFileError
+from suta_calib.measurements.keys import Key, Keys
 
 if TYPE_CHECKING:
     from suta_calib.device.formats import Format
     from suta_calib.measurements import YamlSection
 
 _DEFAULT_BAUDRATE: Final = 921600
-_KEYS: Final = ("port", "baudrate", "format", "unit", "counts_per_turn", "joints")
-_OF_JOINT: Final = ("name", "sign", "zero", "ratio", "counts_per_turn")
+JOINT_KEYS: Final = Keys(
+    Key("name", "text", "The joint's name in the URDF.", required=True),
+    Key("sign", "1 or -1", "Whether readings grow as the URDF's angle does; 1 without it."),
+    Key("zero", "number, in unit", "Reading at the URDF's zero; 0 without it."),
+    Key("ratio", "number", "Turns of the encoder per turn of the joint (a gear); 1 without it."),
+    Key("counts_per_turn", "whole number", "Of this joint's encoder, where it differs."),
+)
+DEVICE_KEYS: Final = Keys(
+    Key(
+        "port",
+        "text",
+        "Any pyserial URL: /dev/ttyACM0, COM3, socket://host:port, loop://; a relative name is "
+        "looked for beside the file first.",
+        required=True,
+    ),
+    Key("baudrate", "whole number", f"Bits per second; {_DEFAULT_BAUDRATE} without it."),
+    Key(
+        "format",
+        "text",
+        "What the device sends: frames (binary, with checksums; the default) or lines (a line of "
+        "numbers per sample).",
+    ),
+    Key("unit", "text", "Of the numbers in lines: counts, rad or deg; frames are in counts."),
+    Key(
+        "counts_per_turn",
+        "whole number",
+        f"Counts of one turn of a joint; {FRAME_COUNTS_PER_TURN} for frames without it, and "
+        "required for lines in counts.",
+    ),
+    Key("joints", "rows", "In the order the device sends them.", required=True, inside=JOINT_KEYS),
+)
 # Longer than the name of any port; a message has to show it.
 _LONGEST_PORT: Final = 1000
 _URL: Final = re.compile(r"[a-z][a-z0-9+.-]*://", re.IGNORECASE)
@@ -43,7 +73,7 @@ def read_device(path: Path) -> DeviceSpec:
     from suta_calib.measurements.yaml_file import shown
 
     top = YamlSection(read_yaml(path, DeviceFileError), DeviceFileError)
-    top.check_keys(_KEYS, required=("port", "joints"))
+    DEVICE_KEYS.check(top)
     form = FORMATS[top.choice("format", tuple(FORMATS), default="frames")]
     unit = top.choice("unit", UNITS, default=form.units[0])
     if form.counts_per_turn is None and unit == "counts" and "counts_per_turn" not in top:
@@ -112,7 +142,7 @@ def _joints(top: YamlSection, form: Format, unit: str) -> tuple[JointSpec, ...]:
         raise top.refuse(f"{len(sections)} joints", f"at most {form.most_joints}", at=("joints",))
     joints: list[JointSpec] = []
     for section in sections:
-        section.check_keys(_OF_JOINT, required=("name",))
+        JOINT_KEYS.check(section)
         name, sign = section.text("name"), section.integer("sign", 1, -1)
         if sign not in (-1, 1):
             raise section.refuse(str(sign), "1 or -1", at=("sign",))

@@ -22,7 +22,7 @@ from suta_calib.job.schema import JobSpec, read_job
 from suta_calib.measurements.camera import Camera
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.chain import ChainJoint
-from suta_calib.pose_calibration.hand_eye import FRAMES
+from suta_calib.pose_calibration.eye_poses import FRAMES
 from suta_calib.tracking.uncertainty import (
     CalibrationUncertainty,
     numbers,
@@ -232,8 +232,8 @@ def _external(data: Mapping[str, Any], arm: CalibratedArm, path: Path) -> Iterat
 
 def _closed(data: Mapping[str, Any], path: Path) -> Iterator[Transform]:
     """The poses of hand-eye, pivot and register."""
-    frames = next((each for setup, each in FRAMES.items() if setup == data.get("setup")), {})
-    for key, name in {**frames, "T_b_a": "T_b_a"}.items():
+    setups = [each for setup, each in FRAMES.items() if setup == data.get("setup")]
+    for key, name in [*(row for each in setups for row in each.items()), ("T_b_a", "T_b_a")]:
         if key not in data:
             continue
         _, parent, child = name.split("_")

@@ -25,6 +25,7 @@ from typing import Any, Final, TypeVar
 
 from suta_calib.errors import InputError, JobError, UrdfError
 from suta_calib.job.calibration import CalibrationJob, joint_ranges, read_term
+from suta_calib.job.keys import ARM_KEYS
 from suta_calib.job.limits import (
     JUDGED_KEYS,
     DecisionRule,
@@ -36,13 +37,58 @@ from suta_calib.job.limits import (
 )
 from suta_calib.job.schema import ObservationSpec, read_arm
 from suta_calib.measurements import SampleColumns, Samples, YamlSection, read_samples, read_yaml
+from suta_calib.measurements.keys import Key, Keys
 from suta_calib.model.arm import ArmModel
 from suta_calib.terms import KINDS, ArmPoses, Term
 from suta_calib.units import from_mm
 
+_SAMPLES: Final = Key("samples", "files", "The samples CSV files: globs.", required=True)
 _AnyTerm = TypeVar("_AnyTerm", bound=Term)
-_MEASURED: Final = ("lengths", "articulation", "probing", "repeatability")
-_KEYS: Final = ("arm", "job", *_MEASURED, *JUDGED_KEYS)
+LENGTHS_KEYS: Final = Keys(
+    Key("artefact", "file", "The calibrated artefact.yaml.", required=True),
+    _SAMPLES,
+    Key("bidirectional", "true or false", "Whether lengths were probed from both sides."),
+)
+ARTICULATION_KEYS: Final = Keys(
+    _SAMPLES,
+    Key("probed", "text", "seat (the default), or sphere: the touches' centre counts."),
+)
+PROBING_KEYS: Final = Keys(
+    _SAMPLES,
+    Key("diameter_mm", "mm", "Calibrated diameter of the sphere.", required=True),
+    Key("sigma_mm", "mm", "Its standard uncertainty; 0 without it."),
+    Key("stylus_diameter_mm", "mm", "Diameter of the stylus' ball; 0 without it."),
+)
+VISITS_KEYS: Final = Keys(_SAMPLES)
+_TESTS: Final = (
+    Key(
+        "lengths",
+        "mapping",
+        "Lengths of a calibrated artefact: columns placement, repeat, landmark.",
+        inside=LENGTHS_KEYS,
+    ),
+    Key(
+        "articulation",
+        "mapping",
+        "Points touched from several articulations: column point, and articulation where each has "
+        "several touches.",
+        inside=ARTICULATION_KEYS,
+    ),
+    Key("probing", "mapping", "Touches of calibrated spheres: column sphere.", inside=PROBING_KEYS),
+    Key("repeatability", "mapping", "Repeated visits: column point.", inside=VISITS_KEYS),
+)
+ACCEPTANCE_KEYS: Final = Keys(
+    Key("arm", "mapping", "The arm that is tested, such as a calibrated one.", inside=ARM_KEYS),
+    Key(
+        "job",
+        "file",
+        "A calibration.yaml: arm and measurements are those of its held-out data, in place of the "
+        "keys arm and those of the tests.",
+    ),
+    *_TESTS,
+    *JUDGED_KEYS,
+)
+_MEASURED: Final = tuple(key.name for key in _TESTS)
 # Keys that tell a calibration.yaml from an acceptance test.
 _CALIBRATION: Final = ("observations", "parameters")
 _NOMINAL: Final = (
@@ -125,7 +171,7 @@ class AcceptanceJob:
         top = YamlSection(read_yaml(path, JobError), JobError)
         if any(key in top for key in _CALIBRATION):
             return _of_calibration(path, urdf)
-        top.check_keys(_KEYS)
+        ACCEPTANCE_KEYS.check(top)
         job = replace(_tested(top, urdf), path=path)
         limits, uncertainty, rule = read_limits(top), read_uncertainty(top), read_rule(top)
         return replace(job, limits=limits, uncertainty=uncertainty, rule=rule)
@@ -171,7 +217,7 @@ def _tested(top: YamlSection, urdf: Path | None) -> AcceptanceJob:
 
 
 def _lengths(arm: ArmModel, section: YamlSection) -> dict[str, Any]:
-    section.check_keys(("artefact", "samples", "bidirectional"), required=("artefact", "samples"))
+    LENGTHS_KEYS.check(section)
     patterns, files = section.texts("samples"), section.files("samples")
     artefact = section.existing_file("artefact")
     row = ObservationSpec(_LENGTHS.kind, patterns, files, artefact, line=section.line)
@@ -180,7 +226,7 @@ def _lengths(arm: ArmModel, section: YamlSection) -> dict[str, Any]:
 
 
 def _articulation(arm: ArmModel, section: YamlSection) -> dict[str, Any]:
-    section.check_keys(("samples", "probed"), required=("samples",))
+    ARTICULATION_KEYS.check(section)
     sphere = section.choice("probed", ("seat", "sphere"), "seat") == "sphere"
     samples = _samples(arm, section, "point", "articulation")
     if sphere and "articulation" not in samples.labels:
@@ -193,8 +239,7 @@ def _articulation(arm: ArmModel, section: YamlSection) -> dict[str, Any]:
 
 
 def _probing(arm: ArmModel, section: YamlSection) -> dict[str, Any]:
-    keys = ("samples", "diameter_mm", "sigma_mm", "stylus_diameter_mm")
-    section.check_keys(keys, required=("samples", "diameter_mm"))
+    PROBING_KEYS.check(section)
     diameter = from_mm(section.number("diameter_mm", "positive"))
     stylus = section.optional_number("stylus_diameter_mm", "non-negative", unit="m") or 0.0
     std = section.optional_number("sigma_mm", "non-negative", unit="m") or 0.0
@@ -202,7 +247,7 @@ def _probing(arm: ArmModel, section: YamlSection) -> dict[str, Any]:
 
 
 def _visits(arm: ArmModel, section: YamlSection) -> dict[str, Any]:
-    section.check_keys(("samples",), required=("samples",))
+    VISITS_KEYS.check(section)
     return {"repeatability": _samples(arm, section, "point")}
 
 

@@ -12,6 +12,7 @@ from typing import Final, Literal, cast
 import numpy as np
 
 from suta_calib.arrays import FloatArray
+from suta_calib.measurements.keys import Key, Keys
 from suta_calib.measurements.yaml_file import YamlSection
 from suta_calib.units import from_um
 
@@ -19,7 +20,6 @@ Decision = Literal["pass", "undecided", "fail", "no limit"]
 Rule = Literal["guarded", "simple"]
 # Expanded uncertainties are given, as usual, for twice the standard uncertainty.
 EXPANDED: Final = 2.0
-JUDGED_KEYS: Final = ("mpe", "uncertainty", "decision_rule", "coverage_factor")
 # What is limited, and the section of the job that tests it.
 _TESTED_BY: Final = {
     "length": "lengths",
@@ -28,7 +28,43 @@ _TESTED_BY: Final = {
     "form": "probing",
     "repeatability": "repeatability",
 }
-_PLACES: Final = ("location", "size", "form", "repeatability")
+LENGTH_LIMIT_KEYS: Final = Keys(
+    Key("a_um", "µm", "A of A + L/K."),
+    Key("k", "number", "K of A + L/K, with L in mm, as ISO 10360 writes it."),
+    Key("max_um", "µm", "B: at most that, however long."),
+)
+_OF_PLACES: Final = (
+    ("location", "the location of one point from several articulations"),
+    ("size", "the size of a probed sphere"),
+    ("form", "the form of a probed sphere"),
+    ("repeatability", "repeated visits of one point"),
+)
+LIMIT_KEYS: Final = Keys(
+    Key("length", "mapping", "Of a length: A + L/K, at most B.", inside=LENGTH_LIMIT_KEYS),
+    *(Key(f"{name}_mm", "mm", f"Of {what}.") for name, what in _OF_PLACES),
+)
+UNCERTAINTY_KEYS: Final = Keys(
+    Key("length_mm", "mm", "Of a length."),
+    *(Key(f"{name}_mm", "mm", f"Of {what}.") for name, what in _OF_PLACES),
+    Key("length_um_per_m", "µm/m", "Of a length, beside length_mm, by its length."),
+)
+JUDGED_KEYS: Final = Keys(
+    Key("mpe", "mapping", "Maximum permissible errors; without it no limits.", inside=LIMIT_KEYS),
+    Key(
+        "uncertainty",
+        "mapping",
+        "Expanded uncertainties (k = 2) of the test itself; zero without it.",
+        inside=UNCERTAINTY_KEYS,
+    ),
+    Key(
+        "decision_rule",
+        "text",
+        "guarded (the default: an error that is within its uncertainty of a limit is undecided) "
+        "or simple.",
+    ),
+    Key("coverage_factor", "number", "Of the guard band; 2 without it."),
+)
+_PLACES: Final = tuple(name for name, _ in _OF_PLACES)
 _WORST: Final[tuple[Decision, ...]] = ("fail", "undecided", "pass", "no limit")
 
 
@@ -105,8 +141,9 @@ class DecisionRule:
     """How a value, its uncertainty and its limit become a decision; ISO 14253-1.
 
     Attributes:
-        kind: ``guarded``: conformity is proved where |value| ≤ limit - g, non-conformity where
-            |value| > limit + g, and between them nothing is; ``simple``: pass up to the limit.
+        kind: ``guarded``: conformity is proved where ``|value| ≤ limit - g``, non-conformity
+            where ``|value| > limit + g``, and between them nothing is; ``simple``: pass up to the
+            limit.
         factor: g in standard uncertainties. ISO 14253-1:2017 takes 1.65 for a limit on one side
             and 95 %; 2 is its former rule, g = U (k = 2), and on the safe side.
     """
@@ -146,7 +183,7 @@ def read_limits(top: YamlSection) -> Limits:
     if "mpe" not in top:
         return Limits()
     section = top.section("mpe")
-    section.check_keys(("length", *(f"{name}_mm" for name in _PLACES)))
+    LIMIT_KEYS.check(section)
     for name, tested in _TESTED_BY.items():
         key = name if name == "length" else f"{name}_mm"
         if key in section and "job" not in top and tested not in top:
@@ -160,7 +197,7 @@ def read_limits(top: YamlSection) -> Limits:
 
 def _length(section: YamlSection) -> LengthLimit:
     """``{a_um: A, k: K, max_um: B}``: A + L/K, at most B, as ISO 10360 writes it: L in mm."""
-    section.check_keys(("a_um", "k", "max_um"))
+    LENGTH_LIMIT_KEYS.check(section)
     if "k" in section and "a_um" not in section:
         raise section.refuse("k without a_um", "both: A + L/K", at=("k",))
     if "a_um" not in section and "max_um" not in section:
@@ -177,7 +214,7 @@ def read_uncertainty(top: YamlSection) -> StatedUncertainty:
         return StatedUncertainty()
     section = top.section("uncertainty")
     names = ("length", *_PLACES)
-    section.check_keys((*(f"{name}_mm" for name in names), "length_um_per_m"))
+    UNCERTAINTY_KEYS.check(section)
     lengths = {
         name: section.optional_number(f"{name}_mm", "non-negative", unit="m") or 0.0
         for name in names

@@ -12,6 +12,18 @@ from pathlib import Path
 from typing import Any, Final, Literal, cast
 
 from suta_calib.errors import JobError, UrdfError
+from suta_calib.job.keys import (
+    ARM_KEYS,
+    BOUND_AND_PRIOR_KEYS,
+    ENCODER_KEYS,
+    FRAME_KEYS,
+    JOB_KEYS,
+    OBSERVATION_KEYS,
+    OWN_KEYS,
+    SEATING_KEYS,
+    SELECTION_KEYS,
+    SOLVER_KEYS,
+)
 from suta_calib.job.tip_offset import TipOffset
 from suta_calib.measurements.exclusion import Exclusion, read_exclusion
 from suta_calib.measurements.yaml_file import YamlSection, read_yaml
@@ -20,18 +32,8 @@ from suta_calib.model.parameters import Selection
 from suta_calib.terms import GROUPINGS, KINDS, GivenPose, Term
 from suta_calib.terms.given import POSE_KEYS
 
-_BOUND_AND_PRIOR_KEYS: Final = (
-    *("bound_mm", "bound_deg", "bound_deg_per_nm", "bound"),
-    *("prior_mm", "prior_deg", "prior_deg_per_nm", "prior"),
-)
 _ANGLE_KEYS: Final = ("huber_deg", "sigma_deg")
 _LENGTH_KEYS: Final = ("huber_mm", "sigma_mm")
-_OBSERVATION_KEYS: Final = (
-    *("kind", "artefact", "samples", "label", "exclude"),
-    *("huber_mm", "huber_deg", "sigma_mm", "sigma_deg", "fixed", "seating", "pose"),
-    *dict.fromkeys(frame.key for kind in KINDS.values() for frame in kind.frames),
-    *dict.fromkeys(key for kind in KINDS.values() for key in kind.keys),
-)
 
 Hessian = Literal["gauss-newton", "exact"]
 
@@ -182,10 +184,7 @@ def read_job(path: Path) -> JobSpec:
     """
     path = Path(path)
     top = YamlSection(read_yaml(path, JobError), JobError)
-    top.check_keys(
-        ("arm", "parameters", "observations", "validation", "solver", "encoders"),
-        required=("arm",),
-    )
+    JOB_KEYS.check(top)
     arm = read_arm(top)
     if "parameters" not in top:
         raise top.refuse(
@@ -212,7 +211,7 @@ def read_job(path: Path) -> JobSpec:
 def read_arm(top: YamlSection, urdf: Path | None = None) -> ArmSpec:
     """The key ``arm`` of a job, ``urdf`` in place of the file that it names."""
     arm = top.section("arm")
-    arm.check_keys(("urdf", "tip", "base", "tip_offset_mm"), required=("urdf", "tip"))
+    ARM_KEYS.check(arm)
     base = arm.text("base") if "base" in arm else None
     offset = TipOffset.read(arm)
     if urdf is not None:
@@ -222,10 +221,11 @@ def read_arm(top: YamlSection, urdf: Path | None = None) -> ArmSpec:
 
 
 def _selection(row: YamlSection) -> Selection:
-    row.check_keys(("select", *_BOUND_AND_PRIOR_KEYS, "fixed"), required=("select",))
+    SELECTION_KEYS.check(row)
     fixed = row.flag("fixed")
-    priors = [key for key in _BOUND_AND_PRIOR_KEYS if key.startswith("prior") and key in row]
-    for key in _BOUND_AND_PRIOR_KEYS:
+    sizes = BOUND_AND_PRIOR_KEYS.names
+    priors = [key for key in sizes if key.startswith("prior") and key in row]
+    for key in sizes:
         # A prior that is fixed is one whose size the data do not change.
         if fixed and not priors and key in row:
             raise row.refuse(f"{key} beside fixed: true", "one or the other", at=(key,))
@@ -241,11 +241,13 @@ def _selection(row: YamlSection) -> Selection:
         prior_rad_per_nm=_angle(row, "prior_deg_per_nm"),
         bound_ratio=row.optional_number("bound", "positive"),
         prior_ratio=row.optional_number("prior", "positive"),
+        bound_per_k=row.optional_number("bound_ppm_per_k", "positive", unit="1/K"),
+        prior_per_k=row.optional_number("prior_ppm_per_k", "positive", unit="1/K"),
     )
 
 
 def _observation(row: YamlSection) -> ObservationSpec:
-    row.check_keys(_OBSERVATION_KEYS, required=("kind", "samples"))
+    OBSERVATION_KEYS.check(row)
     kind = KINDS[row.choice("kind", KINDS)]
     _check_keys_of_kind(row, kind)
     clearance_m, clearance_rad = _seating(row, kind)
@@ -284,7 +286,7 @@ def _given(row: YamlSection, kind: type[Term]) -> dict[str, GivenPose]:
     if keys:
         raise row.refuse(f"pose beside {keys[0]}", "one or the other", at=("pose",))
     poses = row.section("pose")
-    if any(key in poses for key in POSE_KEYS):
+    if any(key in poses for key in POSE_KEYS.names):
         return given | {"": GivenPose.read(poses)}
     return given | {str(label): GivenPose.read(poses.section(label)) for label in poses.data}
 
@@ -293,7 +295,7 @@ def _seating(row: YamlSection, kind: type[Term]) -> tuple[float, float]:
     if "seating" not in row:
         return 0.0, 0.0
     section = row.section("seating")
-    section.check_keys(("clearance_mm", "rotation_deg"))
+    SEATING_KEYS.check(section)
     if "rotation_deg" in section and not kind.has_angles:
         hint = "remove it: distances do not see how far the tip is turned"
         raise section.refuse(
@@ -306,16 +308,15 @@ def _check_keys_of_kind(row: YamlSection, kind: type[Term]) -> None:
     if kind.needs_artefact and "artefact" not in row:
         needed = f"the artefact's file: {kind.kind} needs it"
         raise row.refuse("no such key", needed, at=("artefact",))
-    for key in kind.required:
+    for key in kind.required_keys():
         if key not in row:
             raise row.refuse("no such key", f"a file: {kind.kind} needs it", at=(key,))
-    senseless = {key for other in KINDS.values() for key in other.keys} - {*kind.keys}
+    senseless = {*OWN_KEYS.names} - {key.name for key in kind.keys}
     senseless |= set() if kind.needs_artefact else {"artefact", "seating"}
     senseless |= set() if kind.has_angles else {*_ANGLE_KEYS}
-    frames = {frame.key for other in KINDS.values() for frame in other.frames}
-    senseless |= frames - {frame.key for frame in kind.frames}
+    senseless |= {*FRAME_KEYS.names} - {frame.key for frame in kind.frames}
     senseless |= set() if kind.unit == "mm" else {*_LENGTH_KEYS}
-    for key in _OBSERVATION_KEYS:
+    for key in OBSERVATION_KEYS.names:
         if key in row and key in senseless:
             raise row.refuse(
                 f"a key that {kind.kind} has no use for",
@@ -325,7 +326,7 @@ def _check_keys_of_kind(row: YamlSection, kind: type[Term]) -> None:
 
 
 def _solver(section: YamlSection) -> SolverSpec:
-    section.check_keys(("starts", "seed", "hessian", "max_iterations"))
+    SOLVER_KEYS.check(section)
     return SolverSpec(
         starts=section.integer("starts", SolverSpec.starts, minimum=1),
         seed=section.integer("seed", SolverSpec.seed, minimum=0),
@@ -335,7 +336,7 @@ def _solver(section: YamlSection) -> SolverSpec:
 
 
 def _encoders(section: YamlSection) -> EncoderSpec:
-    section.check_keys(("bits", "noise_deg", "noise_mm"))
+    ENCODER_KEYS.check(section)
     return EncoderSpec(
         section.bits("bits", minimum=1) if "bits" in section else None,
         section.optional_number("noise_deg", "non-negative", unit="rad") or 0.0,

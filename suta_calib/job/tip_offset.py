@@ -4,14 +4,20 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
-import numpy as np
-
-from suta_calib.errors import JobError
+from suta_calib.errors import JobError, ParameterError
 from suta_calib.measurements import YamlSection
+from suta_calib.measurements.keys import Key, Keys
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import POSITION, Selection
 from suta_calib.units import from_mm
+
+TIP_OFFSET_KEYS: Final = Keys(
+    Key("position_mm", "x, y, z in mm", "About where the tip is.", required=True),
+    Key("bound_mm", "mm", "How far from there it may be, at most."),
+    Key("prior_mm", "mm", "How far from there it is likely to be: standard deviation."),
+)
 
 
 @dataclass(frozen=True)
@@ -47,7 +53,7 @@ class TipOffset:
             x, y, z = (from_mm(number) for number in arm.numbers(key, 3))
             return cls((x, y, z), file=arm.document.path, line=arm.line)
         section = arm.section(key)
-        section.check_keys(("position_mm", "bound_mm", "prior_mm"), required=("position_mm",))
+        TIP_OFFSET_KEYS.check(section)
         x, y, z = section.position().tolist()
         bound, prior = (
             section.optional_number(name, "positive", unit="m") for name in ("bound_mm", "prior_mm")
@@ -72,17 +78,7 @@ class TipOffset:
         Raises:
             JobError: the tip is on a link that moves, and so has no placement of its own.
         """
-        last = arm.segments[-1]
-        if last.motion != "fixed":
-            raise JobError(
-                f"a tip_offset_mm at {arm.tip}, the link that {last.owner} moves",
-                "a tip that a fixed joint holds",
-                file=self.file,
-                line=self.line,
-                where="arm.tip_offset_mm",
-                hint=f"add to the URDF a link with a fixed joint on {arm.chain.tip_link}, and make "
-                "it the tip",
-            )
-        moved = last.position + last.rotation @ np.array(self.position)
-        names = last.names(*POSITION)
-        return arm.at(dict(zip(names, moved.tolist(), strict=True)))
+        try:
+            return arm.with_tip_moved(self.position)
+        except ParameterError as problem:
+            raise JobError.of(problem, self.file, self.line) from None

@@ -6,6 +6,7 @@ import io
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,9 +18,35 @@ from suta_calib.arrays import FloatArray
 from suta_calib.errors import ArtefactError, did_you_mean
 from suta_calib.geometry.numbers import rpy_from_rotation
 from suta_calib.measurements.files import write_text
+from suta_calib.measurements.keys import Key, Keys
 from suta_calib.measurements.yaml_file import YamlSection, read_yaml
 from suta_calib.units import deg, mm
 
+LANDMARK_KEYS: Final = Keys(
+    Key(
+        "position_mm",
+        "x, y, z in mm",
+        "Where the tip's origin is when it is seated there, in the artefact's frame.",
+        required=True,
+    ),
+    Key(
+        "rotation_rpy_deg",
+        "roll, pitch, yaw in deg",
+        "The tip frame's orientation in the artefact when seated, as in a URDF; without it kinds "
+        "that could use it look at positions alone.",
+    ),
+    Key("sigma_mm", "mm", "Standard deviation of each coordinate; 0 without it."),
+)
+ARTEFACT_KEYS: Final = Keys(
+    Key("name", "text", "What it is called; the file's name without it."),
+    Key(
+        "landmarks",
+        "by name",
+        "The places that the tip can be brought to, named as in the samples' column landmark.",
+        required=True,
+        inside=LANDMARK_KEYS,
+    ),
+)
 # A distance of zero has no gradient, and no artefact is made or certified this fine (m).
 _COINCIDENT = 1e-6
 # Span of an artefact, m, below which its file must be in metres.
@@ -103,7 +130,7 @@ def read_artefact(path: Path) -> Artefact:
             they must be in metres.
     """
     top = YamlSection(read_yaml(path, ArtefactError), ArtefactError)
-    top.check_keys(("name", "landmarks"), required=("landmarks",))
+    ARTEFACT_KEYS.check(top)
     name = top.text("name", default=path.stem)
     listed = top.section("landmarks")
     landmarks = {key.strip(): _landmark(key.strip(), listed.section(key)) for key in listed.data}
@@ -127,7 +154,7 @@ def read_artefact(path: Path) -> Artefact:
 def _landmark(name: str, section: YamlSection) -> Landmark:
     if "position" in section:
         raise section.refuse("a position without a unit", "position_mm", at=("position",))
-    section.check_keys(("position_mm", "rotation_rpy_deg", "sigma_mm"), required=("position_mm",))
+    LANDMARK_KEYS.check(section)
     rotation, position = section.rotation(), section.position()
     for array in (rotation, position):
         if array is not None:

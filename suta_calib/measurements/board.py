@@ -23,6 +23,7 @@ from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.errors import BoardError
 from suta_calib.geometry.numbers import rpy_from_rotation
 from suta_calib.measurements.files import write_text
+from suta_calib.measurements.keys import POSITION, ROTATION, Key, Keys
 from suta_calib.measurements.yaml_file import YamlSection, read_yaml
 from suta_calib.units import deg, mm
 
@@ -31,6 +32,38 @@ _SMALLEST: Final = 2e-3
 _LARGEST: Final = 30.0
 # Most points of a board; no printed one comes near.
 _MOST_POINTS: Final = 100_000
+_TYPE: Final = Key("type", "text", "Which sort of board it is.", required=True)
+_SQUARE: Final = Key("square_mm", "mm", "Edge of a square.", required=True)
+_DICTIONARY: Final = Key(
+    "dictionary",
+    "text",
+    "OpenCV's name of the markers' dictionary, such as DICT_5X5_1000 or DICT_APRILTAG_36h11.",
+    required=True,
+)
+CHESSBOARD_KEYS: Final = Keys(
+    _TYPE, Key("corners", "columns, rows", "Numbers of inner corners.", required=True), _SQUARE
+)
+CHARUCO_KEYS: Final = Keys(
+    _TYPE,
+    Key("squares", "columns, rows", "Numbers of squares.", required=True),
+    _SQUARE,
+    Key("marker_mm", "mm", "Edge of a marker, smaller than a square's.", required=True),
+    _DICTIONARY,
+)
+MARKER_KEYS: Final = Keys(
+    POSITION, ROTATION, Key("size_mm", "mm", "Edge of the black square.", required=True)
+)
+MARKERS_KEYS: Final = Keys(
+    _TYPE,
+    _DICTIONARY,
+    Key(
+        "markers",
+        "by number",
+        "The markers by their number in the dictionary, each where its middle is on the board.",
+        required=True,
+        inside=MARKER_KEYS,
+    ),
+)
 # Corners of one marker, in the order of their numbers: top left, top right, bottom right, bottom
 # left, in halves of its size.
 _MARKER_CORNERS: Final = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) / 2
@@ -72,9 +105,19 @@ class Board(ABC):
         return np.array([self.points[int(number)] for number in listed]).reshape(-1, 3)
 
     @property
+    def flat(self) -> bool:
+        """Whether all its points lie in one plane of the same z."""
+        return len({float(point[2]) for point in self.points.values()}) == 1
+
+    @property
     def numbering(self) -> str:
         """Which numbers its points have."""
         return f"a number from 0 to {max(self.points)}"
+
+    @property
+    def exchanged(self) -> Board | None:
+        """A board with columns for rows and as many points; None where there is no other."""
+        return None
 
     @property
     def symmetric(self) -> bool:
@@ -115,6 +158,12 @@ class Chessboard(Board):
         }
 
     @property
+    def exchanged(self) -> Board | None:
+        """Columns for rows."""
+        other = replace(self, columns=self.rows, rows=self.columns)
+        return other if self.rows != self.columns else None
+
+    @property
     def symmetric(self) -> bool:
         """Half a turn brings black onto black where both numbers are even, or both odd."""
         return (self.columns + self.rows) % 2 == 0
@@ -149,6 +198,12 @@ class Charuco(Board):
     def scaled(self, factor: float) -> Self:
         """Larger squares and markers."""
         return replace(self, square=factor * self.square, marker=factor * self.marker)
+
+    @property
+    def exchanged(self) -> Board | None:
+        """Columns for rows."""
+        other = replace(self, columns=self.rows, rows=self.columns)
+        return other if self.rows != self.columns else None
 
     def row(self) -> dict[str, Any]:
         """Type, squares, both edges and dictionary."""
@@ -262,14 +317,12 @@ def read_board(path: str | Path) -> Board:
 
 
 def _read_chessboard(top: YamlSection) -> Board:
-    keys = ("type", "corners", "square_mm")
-    top.check_keys(keys, required=keys)
+    CHESSBOARD_KEYS.check(top)
     return Chessboard(*_counts(top, "corners", 2), _length(top, "square_mm"))
 
 
 def _read_charuco(top: YamlSection) -> Board:
-    keys = ("type", "squares", "square_mm", "marker_mm", "dictionary")
-    top.check_keys(keys, required=keys)
+    CHARUCO_KEYS.check(top)
     square, marker = _length(top, "square_mm"), _length(top, "marker_mm")
     if marker >= square:
         raise top.refuse(
@@ -281,8 +334,7 @@ def _read_charuco(top: YamlSection) -> Board:
 
 
 def _read_markers(top: YamlSection) -> Board:
-    keys = ("type", "dictionary", "markers")
-    top.check_keys(keys, required=keys)
+    MARKERS_KEYS.check(top)
     listed = top.section("markers")
     return Markers(top.text("dictionary"), dict(_marker(listed, key) for key in listed.data))
 
@@ -292,9 +344,7 @@ def _marker(listed: YamlSection, key: str) -> tuple[int, Marker]:
         expected = "the marker's number in its dictionary, from 0"
         raise listed.refuse(repr(key), expected, at=(key,))
     section = listed.section(key)
-    section.check_keys(
-        ("position_mm", "rotation_rpy_deg", "size_mm"), required=("position_mm", "size_mm")
-    )
+    MARKER_KEYS.check(section)
     rotation = section.rotation()
     return int(key), Marker(
         section.position(),

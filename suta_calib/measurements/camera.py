@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
@@ -13,11 +13,29 @@ from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.errors import CameraError
 from suta_calib.geometry.pinhole import DISTORTION, INTRINSICS
 from suta_calib.measurements.files import write_text
+from suta_calib.measurements.keys import Key, Keys
 from suta_calib.measurements.yaml_file import YamlSection, read_yaml, shown
 
 # The one distortion model here, as ROS calls it.
 PLUMB_BOB: Final = "plumb_bob"
-_KEYS: Final = ("image_width", "image_height", "camera_matrix", "distortion_coefficients")
+# Others are ignored: whoever wrote the file has some of their own.
+CAMERA_KEYS: Final = Keys(
+    Key("image_width", "px", "Width of the pictures.", required=True),
+    Key("image_height", "px", "Their height.", required=True),
+    Key(
+        "camera_matrix",
+        "mapping",
+        "data: fx 0 cx 0 fy cy 0 0 1 in px, row by row; the first pixel's centre is 0, 0.",
+        required=True,
+    ),
+    Key("distortion_coefficients", "mapping", "data: k1 k2 p1 p2 k3.", required=True),
+    Key("distortion_model", "text", f"{PLUMB_BOB}, the only one here and the default."),
+    Key(
+        "covariance",
+        "mapping",
+        "data: 81 numbers, row by row, of fx fy cx cy k1 k2 p1 p2 k3: how well they are known.",
+    ),
+)
 # Focal lengths in picture widths that some lens has; others are in mm, or another picture's.
 _FOCAL: Final = (0.1, 1000.0)
 # A negative variance of this share of the largest is rounding.
@@ -56,6 +74,15 @@ class Camera:
         fx, fy, cx, cy = self.intrinsics[:4]
         return np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
 
+    def resized(self, factor: float) -> Camera:
+        """The camera of the same pictures, so many times as large; how well it is known is not."""
+        width, height = (round(factor * size) for size in (self.width, self.height))
+        intrinsics = self.intrinsics.copy()
+        intrinsics[:2] *= factor
+        # Pixels are counted from the centre of the first one.
+        intrinsics[2:4] = factor * (intrinsics[2:4] + 0.5) - 0.5
+        return replace(self, width=width, height=height, intrinsics=intrinsics, covariance=None)
+
     def inside(self, pixels: FloatArray) -> BoolArray:
         """(n,) whether pixels (n, 2) are in the picture; the first one's centre is 0, 0."""
         size = np.array([self.width, self.height])
@@ -73,7 +100,7 @@ def read_camera(path: str | Path) -> Camera:
             model, or numbers that no camera has.
     """
     top = YamlSection(read_yaml(Path(path), CameraError), CameraError)
-    for key in _KEYS:
+    for key in CAMERA_KEYS.required:
         if key not in top:
             hint = "a camera.yaml as camera_calibration of ROS, or `detect --camera-out`, writes it"
             raise top.refuse("no such key", "a value: this key is required", at=(key,), hint=hint)
@@ -85,7 +112,7 @@ def read_camera(path: str | Path) -> Camera:
             at=("distortion_model",),
             hint="calibrate the camera with that model",
         )
-    width, height = (top.integer(key, 0, minimum=2) for key in _KEYS[:2])
+    width, height = (top.integer(key, 0, minimum=2) for key in CAMERA_KEYS.names[:2])
     intrinsics = np.array([*_matrix(top, width, height), *_coefficients(top)])
     return Camera(width, height, intrinsics, _covariance(top))
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from suta_calib.errors import SamplesError, did_you_mean
+from suta_calib.measurements.keys import Key, Keys
 from suta_calib.measurements.samples import Samples, joined
 from suta_calib.measurements.yaml_file import YamlSection
 
@@ -65,6 +66,20 @@ class Exclusion:
         return samples.take(~out)
 
 
+def exclusion_keys(groupings: Mapping[str, tuple[str, ...]]) -> Keys:
+    """The keys of an exclusion: its levels, by the label columns that tell groups apart."""
+    return Keys(
+        *(
+            Key(
+                f"{noun}s",
+                "names",
+                f"By {'/'.join(columns)}." if columns else "By file and line, as file.csv:12.",
+            )
+            for noun, columns in groupings.items()
+        )
+    )
+
+
 def read_exclusion(section: YamlSection, groupings: Mapping[str, tuple[str, ...]]) -> Exclusion:
     """The mapping under a job row's key ``exclude``.
 
@@ -76,7 +91,7 @@ def read_exclusion(section: YamlSection, groupings: Mapping[str, tuple[str, ...]
         InputError: an unknown key, or names that are no text; names the line and the key.
     """
     columns = {f"{noun}s": labels for noun, labels in groupings.items()}
-    section.check_keys(tuple(columns))
+    exclusion_keys(groupings).check(section)
     return Exclusion(tuple((level, section.texts(level)) for level in section.data), columns)
 
 

@@ -13,20 +13,26 @@ from typing import Any, Final, Literal, TypeVar
 import numpy as np
 
 from suta_calib.arrays import FloatArray
-from suta_calib.errors import JobError
+from suta_calib.errors import JobError, ParameterError
 from suta_calib.measurements import YamlSection, read_yaml
+from suta_calib.measurements.keys import POSE
 from suta_calib.measurements.yaml_file import Sign
+from suta_calib.model.arm import ArmModel
+from suta_calib.simulation.keys import (
+    ARM_KEYS,
+    ARM_UNITS,
+    ERROR_KEYS,
+    NOISE_KEYS,
+    OUTLIER_KEYS,
+    POINT_KEYS,
+    SEAT_KEYS,
+    SIMULATION_KEYS,
+    set_keys,
+)
 from suta_calib.simulation.noise import NoiseLevels, OutlierSpec
 from suta_calib.terms import KINDS, Term
 from suta_calib.units import Unit, from_deg, from_mm, key, stored
 
-_NOISE_KEYS: Final = (
-    *("seating_mm", "seating_deg", "encoder_deg", "encoder_mm", "encoder_bits"),
-    *("instrument_mm", "instrument_deg", "corner_px", "artefact"),
-)
-# Of what an arm's parameters may be.
-_UNITS: Final[tuple[Unit, ...]] = ("m", "rad", "rad/Nm", "1")
-_ERROR_KEYS: Final = tuple(key(name, unit) for name in ("value", "std") for unit in _UNITS)
 # A name becomes a file's or a folder's, on any system.
 _PORTABLE_NAME: Final = re.compile(r"\w[\w.-]*")
 
@@ -143,6 +149,8 @@ class SimulationSpec:
     Attributes:
         path: the file.
         urdf, tip, base: the nominal arm and the ends of its chain; base None for the root link.
+        tip_offset: (3,) where the tip is in the frame that the URDF has for it, m; None for its
+            origin.
         seed: of every random number.
         posture: where the first search for a posture starts; joints that are not named start at
             the middle of their range.
@@ -158,6 +166,20 @@ class SimulationSpec:
     posture: tuple[PostureRow, ...]
     errors: tuple[ErrorRow, ...]
     sets: tuple[SetSpec, ...]
+    tip_offset: FloatArray | None = None
+
+    def on(self, arm: ArmModel) -> ArmModel:
+        """The nominal arm with its tip at `tip_offset`.
+
+        Raises:
+            JobError: the tip is on a link that moves, and so has no placement of its own.
+        """
+        if self.tip_offset is None:
+            return arm
+        try:
+            return arm.with_tip_moved(self.tip_offset)
+        except ParameterError as problem:
+            raise JobError.of(problem, self.path, None) from None
 
 
 def read_simulation(path: Path) -> SimulationSpec:
@@ -168,10 +190,9 @@ def read_simulation(path: Path) -> SimulationSpec:
             line and the key.
     """
     top = YamlSection(read_yaml(Path(path), JobError), JobError)
-    known = ("arm", "seed", "posture_deg", "posture_mm", "errors", "noise", "sets")
-    top.check_keys(known, required=("arm", "sets"))
+    SIMULATION_KEYS.check(top)
     arm = top.section("arm")
-    arm.check_keys(("urdf", "tip", "base"), required=("urdf", "tip"))
+    ARM_KEYS.check(arm)
     noise = _noise(top.section("noise")) if "noise" in top else NoiseLevels()
     return SimulationSpec(
         Path(path),
@@ -182,6 +203,7 @@ def read_simulation(path: Path) -> SimulationSpec:
         _posture(top),
         tuple(_error_row(row) for row in top.sections("errors")) if "errors" in top else (),
         tuple(_named(top, "sets", lambda name, section: _set(name, section, noise)).values()),
+        from_mm(np.array(arm.numbers("tip_offset_mm", 3))) if "tip_offset_mm" in arm else None,
     )
 
 
@@ -209,25 +231,26 @@ def _posture(top: YamlSection) -> tuple[PostureRow, ...]:
 
 
 def _error_row(row: YamlSection) -> ErrorRow:
-    row.check_keys(("select", *_ERROR_KEYS), required=("select",))
+    ERROR_KEYS.check(row)
     value = _by_unit(row, "value")
     std = _by_unit(row, "std")
     if both := value.keys() & std.keys():
         raise row.refuse(f"a value and a std in {'/'.join(sorted(both))}", "one of them")
     if not value and not std:
-        raise row.refuse("no size of the error", f"at least one of {', '.join(_ERROR_KEYS)}")
+        sizes = ", ".join(ERROR_KEYS.names[1:])
+        raise row.refuse("no size of the error", f"at least one of {sizes}")
     return ErrorRow(row.texts("select"), value, std, row.line)
 
 
 def _by_unit(row: YamlSection, name: Literal["value", "std"]) -> dict[str, float]:
     """``value_mm``, ``value_deg``, … as {"m": …, "rad": …}; a std must not be negative."""
     sign: Sign = "non-negative" if name == "std" else "any"
-    found = {unit: row.optional_number(key(name, unit), sign, unit=unit) for unit in _UNITS}
+    found = {unit: row.optional_number(key(name, unit), sign, unit=unit) for unit in ARM_UNITS}
     return {unit: number for unit, number in found.items() if number is not None}
 
 
 def _noise(section: YamlSection) -> NoiseLevels:
-    section.check_keys(_NOISE_KEYS)
+    NOISE_KEYS.check(section)
 
     def level(name: str, unit: Unit) -> float:
         return section.optional_number(name, "non-negative", unit=unit) or 0.0
@@ -246,7 +269,7 @@ def _noise(section: YamlSection) -> NoiseLevels:
 
 
 def _outliers(section: YamlSection) -> OutlierSpec:
-    section.check_keys(("fraction", "size_mm"), required=("fraction", "size_mm"))
+    OUTLIER_KEYS.check(section)
     fraction = section.number("fraction", "non-negative")
     if fraction > 1:
         raise section.refuse(f"{fraction:g}", "a share from 0 to 1", at=("fraction",))
@@ -258,7 +281,7 @@ def _outliers(section: YamlSection) -> OutlierSpec:
 
 def _set(name: str, section: YamlSection, noise: NoiseLevels) -> SetSpec:
     kind = KINDS[section.choice("kind", KINDS)]
-    _check_keys(section, kind)
+    set_keys(kind).check(section)
     touches_artefact = kind.medium == "touch" and kind.needs_artefact
     frames = [frame.key for frame in kind.frames if frame.key in section]
     places: dict[str, PoseSpec] = {}
@@ -276,7 +299,7 @@ def _set(name: str, section: YamlSection, noise: NoiseLevels) -> SetSpec:
         raise section.refuse(f"{cone:g}", "at most 180 degrees", at=("cone_deg",))
     seating = section.section("seating") if "seating" in section else None
     if seating is not None:
-        seating.check_keys(("x_mm", "y_mm", "rz_deg"))
+        SEAT_KEYS.check(seating)
     return SetSpec(
         name,
         kind.kind,
@@ -304,26 +327,7 @@ def _set(name: str, section: YamlSection, noise: NoiseLevels) -> SetSpec:
     )
 
 
-def _check_keys(section: YamlSection, kind: type[Term]) -> None:
-    """Refuse keys that the kind has no use for, and the absence of those it needs."""
-    places = f"{kind.place}s"
-    known: tuple[str, ...]
-    if kind.medium != "touch":
-        required = ("samples", *(frame.key for frame in kind.frames if frame.required))
-        known = ("samples", *(frame.key for frame in kind.frames))
-        known += ("orientation",) if kind.columns.orientation == "optional" else ()
-        known += (f"{kind.mark}s",) if kind.mark else ()
-    elif kind.needs_artefact:
-        required, known = ("artefact", places), ("artefact", places, "repeats", "seating")
-    else:
-        required, known = (places,), (places, "directions", "axis", "cone_deg")
-    own = [key for key in kind.keys if key not in kind.measured_keys]
-    own += kind.simulation_keys
-    section.check_keys(("kind", "noise", "outliers", *known, *own), required=required)
-
-
 def _pose(section: YamlSection, *, turns: bool = True) -> PoseSpec:
-    turn = ("rotation_rpy_deg",) if turns else ()
-    section.check_keys(("position_mm", *turn), required=("position_mm",))
+    (POSE if turns else POINT_KEYS).check(section)
     rotation, position = section.rotation(), section.position()
     return PoseSpec(np.eye(3) if rotation is None else rotation, position, section.line)

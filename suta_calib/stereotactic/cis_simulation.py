@@ -113,7 +113,7 @@ def simulate_stereotactic(
         distortion: largest displacement of an EM reading in the working volume, per axis, about, m.
         em_noise: standard deviation of an EM reading per coordinate, m.
         jiggle: how far the optical tracker moves between frames, standard deviation per axis, m.
-        grid: the calibration object is put at ``grid``³ places.
+        grid: the calibration object is put at ``grid`` x ``grid`` x ``grid`` places.
 
     Raises:
         ValueError: ``grid`` is below 2.

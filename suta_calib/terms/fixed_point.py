@@ -58,7 +58,9 @@ class FixedPoint(Term):
     about: ClassVar[str] = (
         "one unknown point, touched from many directions: finds the tool's length"
     )
-    columns: ClassVar[SampleColumns] = SampleColumns(labels=("point",))
+    columns: ClassVar[SampleColumns] = SampleColumns(
+        labels=("point",), about={"point": "Which point was touched."}
+    )
     has_angles: ClassVar[bool] = False
     place: ClassVar[str] = "point"
     place_unknown: ClassVar[str] = "fixed_point"

@@ -15,9 +15,29 @@ from suta_calib.geometry.numbers import (
     vector_turning_z_to,
 )
 from suta_calib.measurements import YamlSection
+from suta_calib.measurements.keys import POSITION as WHERE
+from suta_calib.measurements.keys import Key, Keys
 from suta_calib.model.parameters import POSITION, ROTATION
 
-POSE_KEYS: Final = ("position_mm", "rotation_rpy_deg", "prior_mm", "prior_deg")
+POSE_KEYS: Final = Keys(
+    WHERE,
+    Key(
+        "rotation_rpy_deg",
+        "roll, pitch, yaw in deg",
+        "How it is turned, as in a URDF; without it the orientation stays unknown.",
+    ),
+    Key(
+        "prior_mm",
+        "mm",
+        "Standard deviation of each coordinate; without it the position is taken as exact.",
+    ),
+    Key(
+        "prior_deg",
+        "deg",
+        "Standard deviation of the turn about any axis; without it the orientation is taken as "
+        "exact.",
+    ),
+)
 
 
 @dataclass(frozen=True)
@@ -56,7 +76,7 @@ class GivenPose:
         Raises:
             InputError: a key that is unknown, missing or unusable; names the line and the key.
         """
-        section.check_keys(POSE_KEYS, required=("position_mm",))
+        POSE_KEYS.check(section)
         rotation = section.rotation()
         if rotation is None and "prior_deg" in section:
             raise section.refuse(

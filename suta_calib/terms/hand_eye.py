@@ -88,11 +88,18 @@ class HandEye(SeenTerm):
 
     kind: ClassVar[str] = "hand_eye"
     about: ClassVar[str] = "a camera on the tip saw a target: its pose in the camera, m"
-    columns: ClassVar[SampleColumns] = SampleColumns(position=True, orientation="required")
+    columns: ClassVar[SampleColumns] = SampleColumns(
+        position=True,
+        orientation="required",
+        about={
+            "x, y, z": "Where the camera saw the target.",
+            "qx, qy, qz, qw": "How the target was turned in the camera.",
+        },
+    )
     medium: ClassVar[Medium] = "camera"
     frames: ClassVar[tuple[TrueFrame, ...]] = (
-        TrueFrame("hand_eye", "eye_in_tip", required=True),
-        TrueFrame("target", "target_in_base", required=True),
+        TrueFrame("hand_eye", "eye_in_tip", "where the camera sits on the tip", required=True),
+        TrueFrame("target", "target_in_base", "where the target stands in the base", required=True),
     )
     leaves_open: ClassVar[Mapping[Gap, tuple[str, str]]] = {
         "tool": (

@@ -25,7 +25,14 @@ from suta_calib.terms.poses import ArmPoses, PoseSource
 from suta_calib.terms.seating import Seating, seat_axes, seated_at
 from suta_calib.terms.term import Observed, Resimulation, Setup, Term
 
-ARTEFACT_COLUMNS: Final = SampleColumns(labels=("placement", "repeat", "landmark"))
+ARTEFACT_COLUMNS: Final = SampleColumns(
+    labels=("placement", "repeat", "landmark"),
+    about={
+        "placement": "Where the artefact stood: one label for each place.",
+        "repeat": "Which time the artefact was gone through there.",
+        "landmark": "Which landmark of the artefact was touched.",
+    },
+)
 # What touches of an artefact are grouped by; a set is a placement gone through once.
 ARTEFACT_GROUPINGS: Final = {
     "landmark": ("landmark",),

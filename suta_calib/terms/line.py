@@ -15,6 +15,7 @@ from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import rotation_from_vector, vector_turning_z_to
 from suta_calib.geometry.symbols import Symbol, symbolic_rotation
 from suta_calib.measurements import SampleColumns, YamlSection
+from suta_calib.measurements.keys import Key
 from suta_calib.model.parameters import Parameter
 from suta_calib.terms.block import LEARNT, Block, Noise, Pose, grouped, norm
 from suta_calib.terms.checks import check_turned
@@ -80,12 +81,16 @@ class TouchedLine(Term):
         "an unknown straight line (an edge, a taut wire), touched anywhere along it and from "
         "several directions"
     )
-    columns: ClassVar[SampleColumns] = SampleColumns(labels=("line",))
+    columns: ClassVar[SampleColumns] = SampleColumns(
+        labels=("line",), about={"line": "Which line was touched."}
+    )
     has_angles: ClassVar[bool] = False
     place: ClassVar[str] = "line"
     place_unknown: ClassVar[str] = "line"
     groupings: ClassVar[Mapping[str, tuple[str, ...]]] = {"line": ("line",), "row": ()}
-    simulation_keys: ClassVar[tuple[str, ...]] = ("size_mm",)
+    simulation_keys: ClassVar[tuple[Key, ...]] = (
+        Key("size_mm", "mm", "How much of the line is touched."),
+    )
 
     noise: Noise = LEARNT
 

@@ -15,6 +15,7 @@ from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import rotation_from_vector, vector_turning_z_to
 from suta_calib.geometry.symbols import Symbol, symbolic_rotation
 from suta_calib.measurements import SampleColumns, YamlSection
+from suta_calib.measurements.keys import Key
 from suta_calib.model.parameters import Parameter
 from suta_calib.terms.block import LEARNT, Block, Noise, Pose, grouped
 from suta_calib.terms.checks import check_turned
@@ -78,13 +79,19 @@ class TouchedPlane(Term):
         "an unknown plane, touched anywhere and from several directions; with a ball at the tip, "
         "say probe_radius_mm: the centre of the ball is the tip"
     )
-    columns: ClassVar[SampleColumns] = SampleColumns(labels=("plane",))
+    columns: ClassVar[SampleColumns] = SampleColumns(
+        labels=("plane",), about={"plane": "Which plane was touched."}
+    )
     has_angles: ClassVar[bool] = False
-    keys: ClassVar[tuple[str, ...]] = ("probe_radius_mm",)
+    keys: ClassVar[tuple[Key, ...]] = (
+        Key("probe_radius_mm", "mm", "Radius of the ball at the tip; 0, a point, without it."),
+    )
     place: ClassVar[str] = "plane"
     place_unknown: ClassVar[str] = "plane"
     groupings: ClassVar[Mapping[str, tuple[str, ...]]] = {"plane": ("plane",), "row": ()}
-    simulation_keys: ClassVar[tuple[str, ...]] = ("size_mm",)
+    simulation_keys: ClassVar[tuple[Key, ...]] = (
+        Key("size_mm", "mm", "Edge of the square that is touched."),
+    )
 
     noise: Noise = LEARNT
     radius: float = 0.0
@@ -127,9 +134,9 @@ class TouchedPlane(Term):
     @property
     def outside(self) -> tuple[OutsideFrame, ...]:
         """Every plane: the point of it nearest to the base's origin, z along its normal."""
+        given = ("probe_radius_mm",) if self._nothing_checks_the_ball else ()
         return tuple(
-            PlaneFrame(f"plane[{name}]", "plane", "base", ("z", "rx", "ry"))
-            for name in self.places[0]
+            PlaneFrame(f"plane[{name}]", "plane", "base", _KEYS, given) for name in self.places[0]
         )
 
     @cached_property
@@ -146,6 +153,21 @@ class TouchedPlane(Term):
     def settings(self) -> Mapping[str, Any]:
         """The ball's radius."""
         return {"radius": self.radius}
+
+    @property
+    def _nothing_checks_the_ball(self) -> bool:
+        """Whether planes that stand anywhere are each touched on one side.
+
+        A ball of another size than is said then moves these, and nothing else.
+        """
+        if not self.radius or self.given:
+            return False
+        rotation, position = self.poses.at({})
+        for rows, centred in self._by_plane(position):
+            normal = np.linalg.svd(centred)[2][2]
+            if np.ptp(np.sign(self._side(normal, rotation[rows]))):
+                return False
+        return True
 
     def observed(self, values: Mapping[str, float], poses: PoseSource) -> Observed:
         """The tips as they are, shifted along the normal to where the ball touches."""

@@ -14,6 +14,7 @@ from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import extent
 from suta_calib.geometry.symbols import Symbol
 from suta_calib.measurements import SampleColumns, YamlSection
+from suta_calib.measurements.keys import Key
 from suta_calib.model.parameters import Parameter
 from suta_calib.terms.block import LEARNT, Block, Noise, Pose, grouped, norm
 from suta_calib.terms.checks import OTHER_UNIT
@@ -57,14 +58,27 @@ class MeasuredRange(Term):
         "column length in m, or length_mm; without it all distances from one anchor are one "
         "unknown radius"
     )
-    columns: ClassVar[SampleColumns] = SampleColumns(labels=("anchor",), common_lengths=("length",))
+    columns: ClassVar[SampleColumns] = SampleColumns(
+        labels=("anchor",),
+        common_lengths=("length",),
+        about={
+            "anchor": "From which point the distance was measured.",
+            "length": "The distance; without the column all from one anchor are one unknown.",
+        },
+    )
     has_angles: ClassVar[bool] = False
     place: ClassVar[str] = "anchor"
     place_unknown: ClassVar[str] = "anchor"
     place_more: ClassVar[tuple[str, ...]] = ("radius",)
     place_turns: ClassVar[bool] = False
     groupings: ClassVar[Mapping[str, tuple[str, ...]]] = {"anchor": ("anchor",), "row": ()}
-    simulation_keys: ClassVar[tuple[str, ...]] = ("length_mm",)
+    simulation_keys: ClassVar[tuple[Key, ...]] = (
+        Key(
+            "length_mm",
+            "mm, or from, to in mm",
+            "The lengths that are measured; or the one that nobody measured.",
+        ),
+    )
 
     noise: Noise = LEARNT
 

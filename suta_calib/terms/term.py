@@ -25,8 +25,10 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
+from suta_calib.assessment import Level
 from suta_calib.errors import ArtefactError, SamplesError, did_you_mean
 from suta_calib.measurements import Artefact, SampleColumns, YamlSection
+from suta_calib.measurements.keys import Key
 from suta_calib.model.parameters import POSITION, Parameter
 from suta_calib.terms.block import Block, Noise, grouped
 from suta_calib.terms.given import GivenPose, Known
@@ -80,6 +82,7 @@ class TrueFrame:
     Attributes:
         own: the unknowns, ``own.x … own.rz``.
         key: of the simulation's file: what it is, ``_in_``, and in whose frame.
+        about: what it is, in words.
         required: whether a simulation must state it; the frames coincide by default.
         seen_from: whether it is the pose of what stands still in what sees it, not of what sees in
             what carries it.
@@ -87,6 +90,7 @@ class TrueFrame:
 
     own: str
     key: str
+    about: str
     required: bool
     seen_from: bool = False
 
@@ -156,8 +160,8 @@ class Term(ABC):
         medium: what tells where the arm is.
         needs_artefact: whether an artefact is touched.
         has_angles: whether it looks at orientations, so that their noise means something.
-        keys: what else a row of a job may say, read by `read_settings`.
-        required: those of them that it must say.
+        keys: what else a row of a job may say, read by `read_settings`; `required_keys` of them it
+            must say.
         unit: of the noise of its lengths in a job: ``mm``, or ``px`` where they are in pictures.
         place: label column of what stands somewhere unknown and is touched; empty where nothing is.
         place_unknown: name of the unknowns of one such place, before its label in brackets.
@@ -188,8 +192,7 @@ class Term(ABC):
     medium: ClassVar[Medium] = "touch"
     needs_artefact: ClassVar[bool] = False
     has_angles: ClassVar[bool] = True
-    keys: ClassVar[tuple[str, ...]] = ()
-    required: ClassVar[tuple[str, ...]] = ()
+    keys: ClassVar[tuple[Key, ...]] = ()
     unit: ClassVar[Literal["mm", "px"]] = "mm"
     place: ClassVar[str] = ""
     place_unknown: ClassVar[str] = ""
@@ -198,7 +201,7 @@ class Term(ABC):
     mark: ClassVar[str] = ""
     groupings: ClassVar[Mapping[str, tuple[str, ...]]] = {"row": ()}
     noise_factor: ClassVar[float] = 1.0
-    simulation_keys: ClassVar[tuple[str, ...]] = ()
+    simulation_keys: ClassVar[tuple[Key, ...]] = ()
     measured_keys: ClassVar[tuple[str, ...]] = ()
     frames: ClassVar[tuple[TrueFrame, ...]] = ()
     chance: ClassVar[float] = 1.0
@@ -315,6 +318,11 @@ class Term(ABC):
     @abstractmethod
     def over(cls, poses: PoseSource, setup: Setup) -> Term:
         """Build the term from what a row of a job file can say, taking what this kind needs."""
+
+    @classmethod
+    def required_keys(cls) -> tuple[str, ...]:
+        """Names of those of its own `keys` that a row of a job must say."""
+        return tuple(key.name for key in cls.keys if key.required)
 
     @classmethod
     def read_settings(cls, row: YamlSection) -> dict[str, Any]:
@@ -515,8 +523,27 @@ class Term(ABC):
         """What must be known of how the samples are used, one sentence each."""
         return ()
 
+    def check_beside(self, other: Term) -> None:  # noqa: B027 (most terms share nothing more)
+        """Refuse another term of the job that shares unknowns with this one and says otherwise.
+
+        Raises:
+            SamplesError: what the two disagree about.
+        """
+
+    @property
+    def doubts(self) -> Mapping[str, Level]:
+        """What the samples have wrong with them by themselves, and what an answer is worth for it.
+
+        Sentences; ``care`` or ``bad``.
+        """
+        return {}
+
     def equations(self) -> int:
         """How many independent numbers the samples give at most: a rest counts once."""
+        return self._by_rests
+
+    @cached_property
+    def _by_rests(self) -> int:
         return sum(
             len(np.unique(self.readings(block), axis=0)) * block.size for block in self.blocks
         )

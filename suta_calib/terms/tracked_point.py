@@ -81,13 +81,26 @@ class TrackedPoint(SeenTerm):
         "reflector of that name, which sits anywhere on the tip's link and is found as well"
     )
     columns: ClassVar[SampleColumns] = SampleColumns(
-        position=True, orientation="optional", common_labels=("target",)
+        position=True,
+        orientation="optional",
+        common_labels=("target",),
+        about={
+            "x, y, z": "Where the instrument saw it.",
+            "qx, qy, qz, qw": "How it was turned.",
+            "target": "Which reflector was seen; without the column, the tip itself.",
+        },
     )
     medium: ClassVar[Medium] = "instrument"
     mark: ClassVar[str] = "target"
     groupings: ClassVar[Mapping[str, tuple[str, ...]]] = {"target": ("target",), "row": ()}
     frames: ClassVar[tuple[TrueFrame, ...]] = (
-        TrueFrame("base", "base_in_instrument", required=False, seen_from=True),
+        TrueFrame(
+            "base",
+            "base_in_instrument",
+            "where the base stands in the instrument's frame",
+            required=False,
+            seen_from=True,
+        ),
     )
     leaves_open: ClassVar[Mapping[Gap, tuple[str, str]]] = {
         "base": (

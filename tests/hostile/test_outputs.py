@@ -29,7 +29,7 @@ Capture = pytest.CaptureFixture[str]
 # Their answers are as any other's here, and take seconds.
 LONG = ("extend", "outliers", "plan")
 WRITING = [name for name, given in GIVEN.items() if given.out and not given.needs_device]
-ANSWERS = [name for name in WRITING if name not in ("init", "simulate", "emulate", *LONG)]
+ANSWERS = [name for name in WRITING if name not in ("init", "simulate", "emulate", "view", *LONG)]
 STOPS: dict[str, Callable[[], BaseException]] = {
     "full disk": lambda: OSError(28, "No space left on device"),
     "Ctrl-C": KeyboardInterrupt,
@@ -120,7 +120,9 @@ def test_a_simulation_does_not_overwrite_itself(
 
 
 @pytest.mark.parametrize("stop", STOPS)
-@pytest.mark.parametrize("command", ["init", "simulate", "certify", "zero-offsets", "emulate"])
+@pytest.mark.parametrize(
+    "command", ["init", "simulate", "certify", "zero-offsets", "emulate", "view"]
+)
 def test_files_that_are_no_answer_are_whole_too(
     command: str, stop: str, scene: Path, tmp_path: Path, capsys: Capture
 ) -> None:

@@ -84,6 +84,7 @@ GIVEN = {
     ),
     "extend": Given((JOB, "--quick"), _OF_JOB, "--out"),
     "budget": Given((JOB, "--anyway"), _OF_JOB, "--out"),
+    "view": Given((JOB, "--port", "0", "--seconds", "0.2"), _OF_JOB, "--html", out_is_file=True),
     "validate": Given((URDF, JOB), _OF_JOB),
     "outliers": Given((JOB,), _OF_JOB, "--out"),
     "init": Given(_OF_ARM, (URDF,), "--out"),

@@ -19,15 +19,41 @@ from suta_calib.arrays import FloatArray
 from suta_calib.errors import JobError, did_you_mean
 from suta_calib.geometry.numbers import rotation_from_rpy, rotation_from_vector
 from suta_calib.measurements import YamlSection, read_yaml
+from suta_calib.measurements.keys import POSE, POSITION, Key, Keys
 from suta_calib.model.arm import ArmModel
 from suta_calib.units import Unit, deg, from_deg, from_mm, key, stored
 
 # Angle between the artefact's z axis and the vertical below which it stands flat, rad.
 FLAT: Final = from_deg(1.0)
 # Of ``candidates.yaml``.
-KEYS: Final = ("repeats", "placements", "grids", "points", "poses")
-_GRID_KEYS: Final = ("x_mm", "y_mm", "z_mm", "yaw_deg", "tilt_deg", "towards_deg")
-_POINT_KEYS: Final = ("position_mm", "directions", "axis", "cone_deg")
+GRID_KEYS: Final = Keys(
+    *(Key(f"{axis}_mm", "mm, or a list", f"Along {axis}.", required=True) for axis in "xyz"),
+    Key("yaw_deg", "deg, or a list", "Turned about the vertical; 0 without it."),
+    Key("tilt_deg", "deg, or a list", "Leaned away from the vertical; 0 without it."),
+    Key("towards_deg", "deg, or a list", "Direction in the base it leans to; 0 without it."),
+)
+POINT_KEYS: Final = Keys(
+    POSITION,
+    Key("directions", "whole number", "From how many directions it is touched."),
+    Key("axis", "x, y, z", "Middle of the tip's z axes, in the base; downwards without it."),
+    Key("cone_deg", "deg", "Largest angle between a tip's z axis and the axis; 60 without it."),
+)
+POSTURE_KEYS: Final = Keys(
+    Key("posture_deg", "by joint, deg", "Readings of the revolute joints."),
+    Key("posture_mm", "by joint, mm", "Readings of the prismatic joints."),
+)
+KEYS: Final = Keys(
+    Key("repeats", "whole number", "How often every placement would be gone through."),
+    Key("placements", "by name", "Where the artefact could be put down.", inside=POSE),
+    Key(
+        "grids",
+        "by name",
+        "Placements of the artefact: every combination of the values.",
+        inside=GRID_KEYS,
+    ),
+    Key("points", "by name", "Points that could be touched.", inside=POINT_KEYS),
+    Key("poses", "by name", "Postures in which something could be seen.", inside=POSTURE_KEYS),
+)
 _MOST: Final = 5000
 DEFAULT_CONE: Final = from_deg(60.0)
 DOWN: Final = (0.0, 0.0, -1.0)
@@ -161,7 +187,7 @@ def read_candidates(path: str | Path, arm: ArmModel, directions: int = 20) -> Ca
             line and the key.
     """
     top = YamlSection(read_yaml(Path(path), JobError), JobError)
-    top.check_keys(KEYS)
+    KEYS.check(top)
     found: list[Place] = []
     readers: dict[str, Callable[[str, YamlSection], Sequence[Place]]] = {
         "placements": lambda name, section: [_placement(name, section)],
@@ -175,7 +201,7 @@ def read_candidates(path: str | Path, arm: ArmModel, directions: int = 20) -> Ca
             for name in listed.data:
                 found += reader(str(name), listed.section(name))
     if not found:
-        raise top.refuse("no candidate", f"at least one of {', '.join(KEYS[1:])}")
+        raise top.refuse("no candidate", f"at least one of {', '.join(KEYS.names[1:])}")
     if len(found) > _MOST:
         raise top.refuse(f"{len(found)} candidates", f"at most {_MOST}", hint="use coarser grids")
     for name, count in Counter(place.name for place in found).items():
@@ -205,7 +231,7 @@ def _position(section: YamlSection) -> FloatArray:
 
 def _placement(name: str, section: YamlSection) -> Placement:
     position = _position(section)
-    section.check_keys(("position_mm", "rotation_rpy_deg"))
+    POSE.check(section)
     turned = "rotation_rpy_deg" in section
     rpy = np.array(section.numbers("rotation_rpy_deg", 3)) if turned else np.zeros(3)
     return Placement(name, position, rotation_from_rpy(from_deg(rpy)), section.line)
@@ -213,7 +239,7 @@ def _placement(name: str, section: YamlSection) -> Placement:
 
 def _point(name: str, section: YamlSection, directions: int) -> Point:
     position = _position(section)
-    section.check_keys(_POINT_KEYS)
+    POINT_KEYS.check(section)
     axis = np.array(section.numbers("axis", 3) if "axis" in section else DOWN)
     if not np.linalg.norm(axis) > 0:
         raise section.refuse("a vector without direction", "a direction", at=("axis",))
@@ -226,7 +252,7 @@ def _point(name: str, section: YamlSection, directions: int) -> Point:
 
 
 def _posture(name: str, section: YamlSection, arm: ArmModel) -> Posture:
-    section.check_keys(("posture_deg", "posture_mm"))
+    POSTURE_KEYS.check(section)
     readings: dict[str, float] = {}
     units: tuple[Unit, ...] = ("rad", "m")
     for unit in units:
@@ -248,8 +274,8 @@ def _posture(name: str, section: YamlSection, arm: ArmModel) -> Posture:
 
 
 def _grid(name: str, section: YamlSection) -> list[Place]:
-    section.check_keys(_GRID_KEYS, required=_GRID_KEYS[:3])
-    axes = [_values(section, key, None if key in _GRID_KEYS[:3] else 0.0) for key in _GRID_KEYS]
+    GRID_KEYS.check(section)
+    axes = [_values(section, each.name, None if each.required else 0.0) for each in GRID_KEYS]
     count = math.prod(len(values) for values in axes)
     if count > _MOST:
         raise section.refuse(f"{count} placements", f"at most {_MOST}", hint="use a coarser grid")

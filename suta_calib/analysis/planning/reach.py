@@ -202,19 +202,8 @@ class Reach:
 
 
 def link_points(arm: ArmModel, q: FloatArray) -> FloatArray:
-    """Origins of the base, of all that moves in between and of the tip, (n + 2, 3), m in the base.
-
-    Args:
-        arm: the arm; its nominal geometry is drawn.
-        q: (joints,) readings, rad (m for prismatic joints).
-    """
-    model, data = arm.model, arm.model.createData()
-    pin.framesForwardKinematics(model, data, arm.configuration(q))
-    base = data.oMf[model.getFrameId(arm.chain.base, pin.FrameType.BODY)]
-    _, tip = arm.forward(q)
-    numbers = [model.getJointId(joint.name) for joint in arm.chain.joints if joint.moving]
-    joints = [base.actInv(data.oMi[number]).translation for number in numbers]
-    return np.array([np.zeros(3), *joints, tip])
+    """`Skeleton.points` of an arm for readings (joints,), rad (m for prismatic joints)."""
+    return arm.skeleton(q).points
 
 
 @dataclass(frozen=True, eq=False)

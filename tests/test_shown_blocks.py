@@ -1,4 +1,4 @@
-"""What the README shows runs as it stands there: its Python, its commands that need no device."""
+"""What the README and the site's pages show runs as it stands there, where it needs no device."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ import shlex
 import shutil
 from contextlib import redirect_stdout
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import click
 import numpy as np
 import pytest
+from shown_blocks import BLOCKS, SHELL, Block, words
 
 from suta_calib import ArmModel
 from suta_calib.cli import run
-from suta_calib.cli._app import ALIASES, COMMANDS, app
+from suta_calib.cli._app import app
 
-README = (Path(__file__).resolve().parent.parent / "README.md").read_text(encoding="utf-8")
 # What is not run here, by the beginning of the line, and why; the options are looked up even so.
 DEVICE = "needs a device or an emulator for as long as it says; tests/cli and notebook 05 run it"
 NOT_RUN = {
@@ -36,42 +36,16 @@ NOT_RUN = {
     "suta-calib extend": "13 s; tests/cli/test_nongeometric.py",
     "suta-calib plan": "8 s; tests/cli/test_plan.py",
     "suta-calib tip-map": "8 s; tests/tracking/test_tip_uncertainty.py",
+    "suta-calib calibrate examples": "tests/test_examples.py, tests/test_simulated_examples.py",
+    "suta-calib observe examples": "what calibrate asks first; the same",
 }
-
-
-class Block(NamedTuple):
-    """A fenced block of the README."""
-
-    language: str
-    text: str
-
-    @property
-    def lines(self) -> list[str]:
-        """Without continuations and indentation."""
-        joined = re.sub(r" *\\\n *", " ", self.text)
-        return [line.strip() for line in joined.splitlines()]
-
-    @property
-    def commands(self) -> list[str]:
-        """The lines that call `suta-calib`."""
-        return [line for line in self.lines if line.startswith("suta-calib ")]
-
-
-BLOCKS = [Block(*found) for found in re.findall(r"^```(\w*)\n(.*?)^```$", README, re.M | re.S)]
-SHELL = [block for block in BLOCKS if block.language in ("", "sh") and block.commands]
-COMMAND_LINES = [line for block in SHELL for line in block.commands]
-
-
-def words(line: str) -> list[str]:
-    """A command line without the program's name, comments and shell syntax."""
-    found = shlex.split(line, comments=True)[1:]
-    return [word for word in found if word not in ("&", "&&")]
+COMMAND_LINES = list(dict.fromkeys(line for block in SHELL for line in block.commands))
 
 
 @pytest.fixture
 def folder(repository: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A copy of what the README's commands read; the working directory."""
-    for name in ("data", "urdf"):
+    """A copy of what the commands read; the working directory."""
+    for name in ("data", "urdf", "examples/pivot_tool"):
         ignored = shutil.ignore_patterns("results")
         shutil.copytree(repository / name, tmp_path / name, ignore=ignored)
     arm = (tmp_path / "urdf/suta.urdf").read_text(encoding="utf-8").replace('"tip"', '"tool0"')
@@ -90,19 +64,23 @@ def own_arrays() -> dict[str, Any]:
     return {"q": q, "seen_by_tracker": seen + 5e-5 * random.standard_normal(seen.shape)}
 
 
-def test_python_runs_and_prints_what_its_comments_say(folder: Path) -> None:
+PYTHON = sorted({block.page for block in BLOCKS if block.language == "python"})
+
+
+@pytest.mark.parametrize("page", PYTHON)
+def test_python_runs_and_prints_what_its_comments_say(page: str, folder: Path) -> None:
     names: dict[str, Any] = own_arrays()
     printed = io.StringIO()
-    python = [block.text for block in BLOCKS if block.language == "python"]
+    python = [block.text for block in BLOCKS if block.page == page and block.language == "python"]
     for text in python:
         with redirect_stdout(printed):
-            exec(compile(text, "README.md", "exec"), names)
+            exec(compile(text, page, "exec"), names)
     said = re.findall(r"^print\(.*\)  # (.*)$", "\n".join(python), re.M)
     assert said
     for line, claim in zip(printed.getvalue().splitlines(), said, strict=True):
         assert line.startswith(claim.removesuffix("…").strip())
     assert (folder / "calibrated.urdf").is_file()
-    assert names["solution"].converged
+    assert names.get("solution", names["result"].solution).converged
 
 
 def prepared(line: str) -> None:
@@ -118,12 +96,20 @@ def prepared(line: str) -> None:
         shutil.copy("data/suta/artefact.yaml", "my_job/artefact.yaml")
 
 
-@pytest.mark.parametrize("block", SHELL, ids=lambda block: words(block.commands[0])[0])
+def runs(line: str) -> bool:
+    """Whether a line is tried here."""
+    return line.startswith("suta-calib ") and not line.startswith(tuple(NOT_RUN))
+
+
+TRIED = [block for block in SHELL if any(map(runs, block.commands))]
+
+
+@pytest.mark.parametrize("block", TRIED, ids=lambda block: f"{block.page} {block.commands[0]}")
 def test_commands_run(block: Block, folder: Path) -> None:
     for line in block.lines:
         if not line.startswith("suta-calib "):
             prepared(line)
-        elif not line.startswith(tuple(NOT_RUN)):
+        elif runs(line):
             assert run(words(line)) == 0, line
 
 
@@ -137,12 +123,13 @@ def test_options_exist(line: str) -> None:
     assert given <= known
 
 
+@pytest.mark.parametrize("line", COMMAND_LINES)
+def test_files_it_names_are_there(line: str, repository: Path) -> None:
+    kept = re.compile(r"(data|examples|urdf)/\S+")
+    for word in words(line):
+        if kept.fullmatch(word) and "/simulated" not in word:
+            assert (repository / word).exists(), word
+
+
 def test_every_line_left_out_is_there() -> None:
     assert [start for start in NOT_RUN if not any(c.startswith(start) for c in COMMAND_LINES)] == []
-
-
-def test_every_command_is_named() -> None:
-    (section,) = re.findall(r"^## Commands\n(.*?)^##", README, re.M | re.S)
-    named = set(re.findall(r"`([a-z]+[a-z0-9-]*)`", section))
-    assert named == set(COMMANDS)
-    assert not named & set(ALIASES)

@@ -1,0 +1,81 @@
+"""The documentation site (`make docs`), made from this repository alone: nothing is fetched."""
+
+from __future__ import annotations
+
+import re
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+sys.path.insert(0, str(Path(__file__).parent / "_ext"))
+
+import generated
+
+import suta_calib
+
+if TYPE_CHECKING:
+    from sphinx.application import Sphinx
+
+project = "suta_calib"
+version = release = suta_calib.__version__
+author = "suta_calib maintainers"
+project_copyright = author
+
+extensions = [
+    "myst_nb",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.napoleon",
+    "mathml",
+]
+exclude_patterns = ["_build", "_ext"]
+html_theme = "furo"
+html_title = "suta_calib"
+html_static_path = ["_static"]
+html_css_files = ["narrow_screens.css"]
+html_show_sourcelink = False
+
+myst_enable_extensions = ["dollarmath", "colon_fence", "deflist"]
+myst_heading_anchors = 3
+# Notebooks are shown as they are stored: tests execute them.
+nb_execution_mode = "off"
+
+autodoc_member_order = "bysource"
+autodoc_typehints_format = "short"
+autodoc_preserve_defaults = True
+napoleon_google_docstring = True
+napoleon_numpy_docstring = False
+napoleon_use_ivar = True
+napoleon_attr_annotations = False
+# `Name` in a docstring is a name of the package where there is one.
+default_role = "py:obj"
+# Of an attribute that several classes have, any one is not meant.
+suppress_warnings = ["ref.python"]
+
+
+# What a reader calls these, who does not want to know how NumPy spells them.
+ARRAYS = {"float64": "FloatArray", "int64": "IntArray", "bool": "BoolArray", "str_": "StrArray"}
+ARRAY = re.compile(
+    r"~?(?:numpy\.)?ndarray\[tuple\[~?(?:typing\.)?Any, \.\.\.\], "
+    r"~?(?:numpy\.)?dtype\[~?(?:numpy\.)?(\w+)\]\]"
+)
+UNIT = "Literal['m', 'rad', 'rad/Nm', 'm/s', 'rad/s', 's', 'px', '1', '%']"
+
+
+def short_types(*event: Any) -> tuple[str | None, str | None]:
+    """A signature with the package's own names of array types."""
+
+    def short(text: str | None) -> str | None:
+        if text is None:
+            return None
+        named = ARRAY.sub(lambda found: ARRAYS.get(found[1], found[0]), text)
+        return re.sub(rf"~?(?:typing\.)?{re.escape(UNIT)}", "Unit", named)
+
+    *_, signature, returned = event
+    return short(signature), short(returned)
+
+
+def setup(app: Sphinx) -> None:
+    """Write the pages that the package tells of itself before any page is read."""
+    generated.import_names()
+    app.connect("builder-inited", lambda _: generated.write(generated.DOCS / "generated"))
+    app.connect("autodoc-process-signature", short_types)

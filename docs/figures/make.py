@@ -1,0 +1,69 @@
+"""The picture of the README and of the site's first page: `python docs/figures/make.py`.
+
+Calibrates the measured UR5 of `examples/ur5_laser_tracker`, and draws how far it is from where its
+model says on poses that were not fitted.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+
+mpl.use("Agg")
+
+from matplotlib import pyplot as plt
+
+from suta_calib import CalibrationJob
+from suta_calib.geometry import register_points, rotation_from_vector
+from suta_calib.units import mm
+
+FOLDER = Path(__file__).resolve().parent
+JOB = FOLDER.parents[1] / "examples" / "ur5_laser_tracker" / "calibration.yaml"
+# Arrows are that many times as long as the errors they show.
+MAGNIFIED = 100
+BEFORE, AFTER = "#d1661f", "#1f5fa8"
+
+
+def main() -> None:
+    """Draw it."""
+    job = CalibrationJob.load(JOB)
+    result = job.run()
+    _, grid = (term.poses.samples for term in job.validation)
+    seen = grid.position
+    assert seen is not None
+    # As delivered, with the instrument where it fits best.
+    _, position = job.arm.forward(grid.q)
+    turned, moved = register_points(position, seen)
+    nominal = position @ turned.T + moved - seen
+    values = result.solution.values
+    _, position = job.arm.forward(grid.q, values)
+    x, y, z, *turn = (values[f"base.{k}"] for k in ("x", "y", "z", "rx", "ry", "rz"))
+    calibrated = position @ rotation_from_vector(turn).T + np.array([x, y, z]) - seen
+
+    figure, (above, share) = plt.subplots(1, 2, figsize=(10, 4.2), layout="constrained")
+    for error, colour in ((nominal, BEFORE), (calibrated, AFTER)):
+        arrows = {"angles": "xy", "scale_units": "xy", "scale": 1 / MAGNIFIED, "width": 0.003}
+        above.quiver(*seen.T[:2], *error.T[:2], color=colour, **arrows)
+    above.margins(0.12)
+    above.set(aspect="equal", xlabel="x, m", ylabel="y, m")
+    above.set_title(f"Errors from above, {MAGNIFIED} times as long")
+    for error, colour, label, side in (
+        (calibrated, AFTER, "calibrated", "right"),
+        (nominal, BEFORE, "as delivered,\nbase fitted", "left"),
+    ):
+        sizes = np.sort(mm(np.linalg.norm(error, axis=1)))
+        rms = float(np.sqrt(np.mean(sizes**2)))
+        share.plot(sizes, 100 * np.arange(1, len(sizes) + 1) / len(sizes), color=colour)
+        beside = float(np.median(sizes)) * (0.75 if side == "right" else 1.6)
+        share.text(beside, 50, f"{label}\n{rms:.2f} mm RMS", color=colour, ha=side, va="center")
+    share.set(xscale="log", xlim=(0.01, 12), xlabel="error, mm", ylabel="share of poses, %")
+    share.xaxis.set_major_formatter("{x:g}")
+    share.set_title(f"{len(seen)} poses of a measured UR5, never fitted")
+    share.grid(alpha=0.3)
+    figure.savefig(FOLDER / "ur5.png", dpi=110)
+
+
+if __name__ == "__main__":
+    main()

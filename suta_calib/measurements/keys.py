@@ -1,0 +1,74 @@
+"""The keys of a file, each said once: what a reader checks is what the reference shows."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+if TYPE_CHECKING:
+    from suta_calib.measurements.yaml_file import YamlSection
+
+
+@dataclass(frozen=True)
+class Key:
+    """One key of a mapping.
+
+    Attributes:
+        name: as it stands in the file.
+        takes: what its value is, such as ``file``, ``mm`` or ``rows``.
+        about: what it says, and what holds without it.
+        required: whether it must be there.
+        inside: of the mapping, or of every row or named mapping, that is its value.
+    """
+
+    name: str
+    takes: str
+    about: str
+    required: bool = False
+    inside: Keys | None = None
+
+
+class Keys:
+    """The keys that one mapping of a file may have.
+
+    Args:
+        keys: each name once, in the order in which they are shown.
+    """
+
+    def __init__(self, *keys: Key) -> None:
+        self._keys: Final = keys
+
+    def __iter__(self) -> Iterator[Key]:
+        return iter(self._keys)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Their names."""
+        return tuple(key.name for key in self)
+
+    @property
+    def required(self) -> tuple[str, ...]:
+        """Names of those that must be there."""
+        return tuple(key.name for key in self if key.required)
+
+    def check(self, section: YamlSection) -> None:
+        """Refuse any other key in a mapping, and the absence of those that must be there.
+
+        Raises:
+            InputError: names the line and the key.
+        """
+        section.check_keys(self.names, self.required)
+
+
+# What several files say in the same way.
+URDF: Final = Key("urdf", "file", "The arm's URDF.", required=True)
+TIP: Final = Key("tip", "text", "Link or frame whose pose matters.", required=True)
+BASE: Final = Key("base", "text", "Link the chain starts from; the URDF's root link without it.")
+POSITION: Final = Key("position_mm", "x, y, z in mm", "Where its origin is.", required=True)
+ROTATION: Final = Key(
+    "rotation_rpy_deg",
+    "roll, pitch, yaw in deg",
+    "How it is turned, as in a URDF; not at all without it.",
+)
+POSE: Final = Keys(POSITION, ROTATION)

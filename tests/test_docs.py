@@ -1,0 +1,184 @@
+"""The site: what it says of files, kinds, commands and messages is what the package has."""
+
+from __future__ import annotations
+
+import ast
+import importlib
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+from shown_blocks import PAGES
+
+import suta_calib
+from suta_calib import ArmModel
+from suta_calib.analysis.planning import read_candidates
+from suta_calib.cli._app import COMMANDS
+from suta_calib.device import read_device
+from suta_calib.measurements.keys import Key, Keys
+from suta_calib.terms import KINDS
+
+PACKAGE = Path(__file__).resolve().parent.parent / "suta_calib"
+MODULES = [
+    ".".join(file.relative_to(PACKAGE.parent).with_suffix("").parts)
+    for file in sorted(PACKAGE.rglob("*.py"))
+]
+# A screen of text.
+README_LINES = 50
+
+
+@pytest.fixture(scope="module")
+def generated(repository: Path) -> Iterator[ModuleType]:
+    """What makes the pages."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(str(repository / "docs" / "_ext"))
+        yield importlib.import_module("generated")
+
+
+@pytest.fixture(scope="module")
+def pages(generated: ModuleType) -> dict[str, str]:
+    found: dict[str, str] = generated.pages()
+    return found
+
+
+def calls_of(method: str, file: Path) -> int:
+    """How often a file calls a method of this name."""
+    tree = ast.parse(file.read_text(encoding="utf-8"))
+    calls = (node.func for node in ast.walk(tree) if isinstance(node, ast.Call))
+    return sum(isinstance(called, ast.Attribute) and called.attr == method for called in calls)
+
+
+def test_whoever_checks_keys_says_what_they_hold() -> None:
+    """Readers ask `Keys.check`, so that no key is known that the reference does not show."""
+    callers = [file for file in PACKAGE.rglob("*.py") if calls_of("check_keys", file)]
+    assert [file.name for file in callers] == ["keys.py"]
+
+
+def below(keys: Keys) -> Iterator[Key]:
+    for key in keys:
+        yield key
+        if key.inside is not None:
+            yield from below(key.inside)
+
+
+def test_every_key_that_is_declared_is_shown(generated: ModuleType, pages: dict[str, str]) -> None:
+    declared = {
+        (module, key)
+        for module in MODULES
+        if not module.endswith("__main__")
+        for keys in vars(importlib.import_module(module)).values()
+        if isinstance(keys, Keys)
+        for key in below(keys)
+    }
+    assert len(declared) > 100
+    lacking = [
+        f"{module}: {key.name}"
+        for module, key in declared
+        if generated.cell(key.about) not in pages["files.md"]
+    ]
+    assert lacking == []
+
+
+def test_every_key_says_something(generated: ModuleType) -> None:
+    for file in generated.FILES:
+        for keys in file.keys.values():
+            assert len(set(keys.names)) == len(keys.names)
+            for key in below(keys):
+                assert key.takes, key.name
+                assert re.match(r"[A-Z0-9].*\.$|[a-z_0-9: ,(/)-]+.*\.$", key.about), key.name
+
+
+def test_every_column_of_a_sample_is_described(generated: ModuleType) -> None:
+    for kind in KINDS.values():
+        for column, about in generated.column_rows(kind):
+            assert about.strip().removesuffix("May be left out."), f"{kind.kind}: {column}"
+
+
+def test_every_kind_and_command_has_its_place(pages: dict[str, str]) -> None:
+    for kind in KINDS:
+        assert f"\n## {kind}\n" in pages["observations.md"]
+        assert f"[`{kind}`]" in pages["csv.md"]
+    for command in COMMANDS:
+        assert f"\n## {command}\n\n```text\nUsage: suta-calib {command}" in pages["commands.md"]
+
+
+def test_every_public_name_is_described(generated: ModuleType, pages: dict[str, str]) -> None:
+    described = {name for names in generated.documented().values() for name in names}
+    assert set(suta_calib.__all__) <= described
+    for module, names in generated.documented().items():
+        assert names, module
+        assert f":members: {', '.join(names)}\n" in pages[f"api/{module}.md"]
+
+
+def test_every_kind_is_compared(repository: Path) -> None:
+    guides = repository / "docs" / "guides"
+    for page in ("which_observation.md", "which_observation_table.md"):
+        rows = re.findall(r"^\| `(\w+)` \|", (guides / page).read_text(encoding="utf-8"), re.M)
+        assert rows == list(KINDS)
+
+
+def test_examples_that_are_no_files_are_read(
+    generated: ModuleType, tmp_path: Path, repository: Path
+) -> None:
+    for name, text in (
+        ("device.yaml", generated.DEVICE_EXAMPLE),
+        ("candidates.yaml", generated.CANDIDATES_EXAMPLE),
+    ):
+        (tmp_path / name).write_text(text, encoding="utf-8")
+    assert read_device(tmp_path / "device.yaml").names == ("joint_1", "joint_2")
+    arm = ArmModel.from_urdf(repository / "urdf" / "suta.urdf", "tip")
+    assert len(read_candidates(tmp_path / "candidates.yaml", arm).places) == 9
+
+
+def links(text: str) -> Iterator[str]:
+    """Relative links and pictures of a page."""
+    shown = re.sub(r"^```.*?^```", "", text, flags=re.M | re.S)
+    for to in re.findall(r"\]\(([^)\s]+)\)", shown):
+        if not re.match(r"[a-z]+:|#", to):
+            yield to.partition("#")[0]
+
+
+@pytest.mark.parametrize(
+    "page", [*PAGES, PACKAGE.parent / "docs" / "index.md"], ids=lambda page: page.name
+)
+def test_links_lead_somewhere(page: Path, repository: Path, pages: dict[str, str]) -> None:
+    made = {repository / "docs" / "generated" / name for name in pages}
+    made |= {
+        repository / "docs" / "generated" / "notebooks" / notebook.name
+        for notebook in (repository / "notebooks").glob("*.ipynb")
+    }
+    text = page.read_text(encoding="utf-8")
+    there = {to: (page.parent / to).resolve() for to in links(text)}
+    assert [to for to, path in there.items() if path not in made and not path.exists()] == []
+
+
+def test_generated_pages_link_to_pages(repository: Path, pages: dict[str, str]) -> None:
+    folder = repository / "docs" / "generated"
+    made = {folder / name for name in pages}
+    made |= {folder / "notebooks" / n.name for n in (repository / "notebooks").glob("*.ipynb")}
+    for name, text in pages.items():
+        for to in links(text):
+            path = ((folder / name).parent / to).resolve()
+            assert path in made or (path.exists() and "docs" in path.parts), f"{name}: {to}"
+
+
+def test_messages_that_are_explained_are_the_packages_own(repository: Path) -> None:
+    source = "".join(file.read_text(encoding="utf-8") for file in sorted(PACKAGE.rglob("*.py")))
+    # A sentence is written over several lines.
+    source = re.sub(r'"\s*\n\s*f?"', "", source)
+    text = (repository / "docs" / "guides" / "messages.md").read_text(encoding="utf-8")
+    said = re.findall(r"^\| \*([^|]+)\* \|", text, re.M)
+    assert len(said) > 10
+    for sentence in said:
+        parts = re.split(r"\s*(?:…|\(…\)|\b[NM]\b|\bjoint_\d\b)\s*", sentence)
+        known = [part.strip(" .:;()") for part in parts if len(part) > 8]
+        assert known, sentence
+        assert [part for part in known if part not in source] == []
+
+
+def test_the_readme_is_a_screen(repository: Path) -> None:
+    lines = (repository / "README.md").read_text(encoding="utf-8").splitlines()
+    assert len(lines) <= README_LINES
+    assert sum(line.startswith("![") for line in lines) == 1
