@@ -305,3 +305,6 @@ SAMPLES: dict[str, Callable[[Path], Sample]] = {
     **PROGRAMS,
     "mjcf": mjcf,
 }
+# Those whose samples are folders.
+FOLDERS = ("rosbag", "lerobot-dataset")
+FILES = [name for name in SAMPLES if name not in FOLDERS]
