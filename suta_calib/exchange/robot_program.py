@@ -13,7 +13,7 @@ import numpy as np
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import ForeignFileError
 from suta_calib.exchange.cells import read_foreign_text
-from suta_calib.exchange.imported import ImportedRows, pose_columns
+from suta_calib.exchange.imported import ImportedRows, checked_places, pose_columns
 from suta_calib.exchange.option import Given, Option
 from suta_calib.exchange.reader import Reader
 from suta_calib.measurements.csv_table import number_in
@@ -79,6 +79,7 @@ class ProgramReader(Reader):
         beside = {"line": np.array(lines)}
         if what == "poses":
             rotation, position = self.poses(numbers, path, lines)
+            position = checked_places(path, lines, position)
             columns = {**pose_columns(position, rotation), **beside}
             return ImportedRows(source=path, form=self.name, columns=columns)
         names = given.texts(NAMES) or tuple(f"joint_{k + 1}" for k in range(numbers.shape[1]))

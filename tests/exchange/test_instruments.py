@@ -142,3 +142,10 @@ def test_leica_directions_and_distances(tmp_path: Path) -> None:
     path.write_text("110001+0000000A 81..01+00001000 82..01+00001000 83..01+00001000\n")
     with pytest.raises(InputError, match=r":1: word 81: found the unit '1'; expected one of 0, 6"):
         imported(path)
+
+
+def test_a_place_beyond_any_is_refused_with_its_line(tmp_path: Path) -> None:
+    path = tmp_path / "points.csv"
+    path.write_text("x,y,z\n1,2,3\n1,1e300,3\n")
+    with pytest.raises(InputError, match=r":3: found a position 1e\+300 m away"):
+        imported(path)

@@ -12,7 +12,12 @@ import numpy as np
 
 from suta_calib.errors import ForeignFileError
 from suta_calib.exchange.cells import read_foreign_text
-from suta_calib.exchange.imported import ImportedRows, distance_note, pose_columns
+from suta_calib.exchange.imported import (
+    ImportedRows,
+    checked_places,
+    distance_note,
+    pose_columns,
+)
 from suta_calib.exchange.option import Given
 from suta_calib.exchange.reader import Reader
 from suta_calib.measurements.files import lines_of
@@ -61,7 +66,8 @@ class LeicaGsiReader(Reader):
         """``point`` and ``x, y, z`` in m: east, north, up. Lines without a place are left out."""
         del given
         text = read_foreign_text(path)
-        labels, places, left_out = list[str](), list[list[float]](), 0
+        labels, places = list[str](), list[list[float]]()
+        lines, left_out = list[int](), 0
         for number, line in enumerate(lines_of(text), 1):
             content = line.strip().removeprefix("*")
             if not content:
@@ -76,7 +82,8 @@ class LeicaGsiReader(Reader):
                 continue
             labels.append(words[_POINT][2].lstrip("0") or "0")
             places.append(place)
-        position = np.array(places).reshape(-1, 3)
+            lines.append(number)
+        position = checked_places(path, lines, np.array(places).reshape(-1, 3))
         note = distance_note(position, "lengths as the words' units say")
         return ImportedRows(
             source=path,

@@ -16,7 +16,12 @@ from suta_calib.errors import ForeignFileError, did_you_mean
 from suta_calib.exchange.bodies import BODY_OPTIONS, Body, Recording
 from suta_calib.exchange.cells import is_missing, numbers_of
 from suta_calib.exchange.delimited import DELIMITED_OPTIONS, Sheet, read_sheet
-from suta_calib.exchange.imported import ImportedRows, distance_note, pose_columns
+from suta_calib.exchange.imported import (
+    ImportedRows,
+    checked_places,
+    distance_note,
+    pose_columns,
+)
 from suta_calib.exchange.joint_readings import READING_OPTIONS, Readings
 from suta_calib.exchange.option import Given, Option
 from suta_calib.exchange.reader import TABLE, Reader
@@ -165,8 +170,9 @@ class _Columns:
                 line=self._sheet.lines[0],
             )
         scale = {"m": 1.0, "mm": from_mm(1.0), "cm": from_mm(10.0)}.get(unit, 1.0)
+        position = checked_places(path, self._sheet.lines, scale * position)
         if not pose.form:
-            return Body(scale * position)
+            return Body(position)
         numbers = numbers_of(path, rows, pose.rotation)
         angles = NUMBERS[pose.form] == 3
         if angles and (self._angle or pose.angle) == "deg":
@@ -178,7 +184,7 @@ class _Columns:
                     raise self._degrees("angles of an orientation", most)
                 numbers = from_deg(numbers)
                 self._seen.append(f"Angles up to {most:.4g} were taken for degrees.")
-        return Body(scale * position, rotations_from(pose.form, numbers, path, self._sheet.lines))
+        return Body(position, rotations_from(pose.form, numbers, path, self._sheet.lines))
 
     def _question(self, position: FloatArray, pose: PoseColumns) -> None:
         """Lengths of an odd size: refused where nobody said their unit, noted where one did."""
