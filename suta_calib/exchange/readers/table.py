@@ -53,7 +53,9 @@ UNIT: Final = Option(
 JOINTS: Final = Option(
     "joints", "Which columns are joint readings; globs.", "joint_*,…", several=True
 )
-_JOINTS: Final = ("joint*", "axis*", "q[0-9]", "q[0-9][0-9]", "j[0-9]", "j[0-9][0-9]")
+_JOINTS: Final = ("*joint*", "*axis*", "q[0-9]", "q[0-9][0-9]", "j[0-9]", "j[0-9][0-9]")
+# Behind the name of a joint: which way it came, which is no reading.
+_DIRECTION: Final = ".direction"
 # Poses of hand-eye files, which stand side by side.
 _PAIR: Final = ("a_", "b_")
 # More than any joint turns that is read in rad, twice round and a little.
@@ -117,12 +119,14 @@ class _Columns:
         self._angle = next((unit for unit in units if unit not in _LENGTHS), "")
         self._notes: list[str] = []
         self._seen = list(sheet.seen)
+        self._angles_used = False
 
     def imported(self) -> ImportedRows:
         """The rows, in SI."""
         beside, whole = self._beside()
         if not self._poses and not beside:
             raise self._nothing()
+        self._check_units()
         bodies = {pose.prefix or "pose": self._body(pose) for pose in self._poses}
         for body in bodies.values():
             whole &= body.seen
@@ -206,13 +210,14 @@ class _Columns:
         taken = {k for pose in self._poses for k in (*pose.position, *pose.rotation)}
         found: dict[str, NDArray[Any]] = {}
         readings = Readings.of(self._given, self._angle or "rad")
-        patterns = self._given.texts(JOINTS) or (*_JOINTS, *readings.names)
+        joints = self._joints((*self._given.texts(JOINTS), *readings.names))
         for k, name in enumerate(self._names):
             # Of a table without names only what is asked for has one.
             if k in taken or not name or (name.isdigit() and name == sheet.names[k]):
                 continue
             bare, unit = plain_name(name)
-            if any(fnmatchcase(each, pattern) for pattern in patterns for each in (name, bare)):
+            if k in joints:
+                self._angles_used |= unit not in _LENGTHS
                 numbers = numbers_of(sheet.path, sheet.rows, [k])[:, 0]
                 whole &= np.isfinite(numbers)
                 of = replace(readings, unit=self._angle or unit or "rad")
@@ -223,6 +228,37 @@ class _Columns:
             is_number = all(v == v or is_missing(c) for v, c in zip(values, cells, strict=True))
             found[name] = values if is_number and np.isfinite(values).all() else np.array(cells)
         return found, whole
+
+    def _joints(self, said: Sequence[str]) -> set[int]:
+        """Columns that are joint readings: as was said, or by what joints are usually called.
+
+        A column that was given a name of its own, which is no label, is one too.
+        """
+        renamed = set(self._given.pairs(COLUMNS).values()) - _labels()
+        found = set()
+        for k, name in enumerate(self._names):
+            bare = plain_name(name)[0]
+            patterns = said if JOINTS in self._given else (*_JOINTS, *said)
+            meant = any(fnmatchcase(each, p) for p in patterns for each in (name, bare))
+            if (meant or name in renamed) and not name.endswith(_DIRECTION):
+                found.add(k)
+        return found
+
+    def _check_units(self) -> None:
+        """Refuse a unit of what is not there: its numbers would stay as they are."""
+        turned = any(NUMBERS.get(pose.form) == 3 for pose in self._poses)
+        for unit, used, what, where in (
+            (self._angle, self._angles_used or turned, "joint readings", JOINTS),
+            (self._length, bool(self._poses), "a position", COLUMNS),
+        ):
+            if unit and not used:
+                raise ForeignFileError(
+                    f"{UNIT.switch} {unit}, and no columns of {what}",
+                    "columns that are in this unit",
+                    file=self._sheet.path,
+                    line=self._sheet.lines[0],
+                    hint=f"say which they are with {where.switch} {where.metavar}",
+                )
 
     def _joint(self, readings: Readings, joint: str, numbers: FloatArray, unit: str) -> FloatArray:
         if unit in _LENGTHS:  # a joint that slides
@@ -264,6 +300,17 @@ class _Columns:
             hint="say what they are with --columns NAME=joint_1,…, with x, y, z, qx, qy, qz, qw "
             "for a pose",
         )
+
+
+def _labels() -> set[str]:
+    """Columns of samples that any kind of observation takes for labels, and time."""
+    from suta_calib.terms import KINDS
+
+    found = {"time", "image"}
+    for kind in KINDS.values():
+        columns = kind.columns
+        found |= {*columns.labels, *columns.optional_labels, *columns.common_labels}
+    return found
 
 
 def _renamed(sheet: Sheet, given: Given) -> list[str]:
