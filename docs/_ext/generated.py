@@ -25,6 +25,7 @@ from suta_calib.analysis.planning.candidates import KEYS as CANDIDATE_KEYS
 from suta_calib.certification import read_raw_points
 from suta_calib.cli._app import COMMANDS, PROGRAM, app
 from suta_calib.device.device_file import DEVICE_KEYS
+from suta_calib.exchange import export_formats, import_formats
 from suta_calib.job import CalibrationJob
 from suta_calib.job.acceptance import ACCEPTANCE_KEYS
 from suta_calib.job.keys import JOB_KEYS
@@ -144,6 +145,7 @@ def pages() -> dict[str, str]:
         "csv.md": "".join(csv_page()),
         "result.md": "".join(result_page()),
         "files.md": "".join(files_page()),
+        "formats.md": "".join(formats_page()),
         "observations.md": "".join(observations_page()),
         "commands.md": "".join(commands_page()),
         "api.md": "".join(api_index()),
@@ -442,6 +444,34 @@ def json_example(value: Any) -> str:
     """Indented JSON with lists of numbers or names on a line each."""
     text = json.dumps(shortened(value), indent=1, ensure_ascii=False)
     return re.sub(r"\[[^\[\]{}]*\]", lambda found: re.sub(r"\s+", " ", found[0]), text)
+
+
+def formats_page() -> Iterator[str]:
+    """Files of other programs, in and out, as each format describes itself."""
+    yield "# Other programs' files\n\n"
+    yield (
+        "`suta-calib import SOURCE` makes a samples or poses CSV (or a URDF, or a device.yaml) of "
+        "another program's file, `suta-calib export RESULT --format NAME` a file for another "
+        "program of a result. Both recognise or take a format by its name, and `--list` shows "
+        "these tables. In Python: `suta_calib.exchange.read_foreign` and `write_foreign`.\n\n"
+    )
+    for title, command, formats in (
+        ("In", "import", import_formats()),
+        ("Out", "export", export_formats()),
+    ):
+        yield f"## {title}\n\n"
+        rows = (
+            (f"[{each.name}](#{command}-{each.name})", each.summary) for each in formats.values()
+        )
+        yield table(("format", "what it is"), rows)
+        for each in formats.values():
+            yield f"### {command}: {each.name}\n\n{sentence(each.summary)}\n\n"
+            yield f"```text\nsuta-calib {command} {each.example}\n```\n\n"
+            if each.extra:
+                yield f"Needs `pip install 'suta_calib[{each.extra}]'`.\n\n"
+            if each.options:
+                options = ((f"`{o.switch}`", o.help) for o in each.options)
+                yield table(("option", ""), options)
 
 
 # ── commands and names ───────────────────────────────────────────────────────────────────────
