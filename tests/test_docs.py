@@ -21,9 +21,11 @@ from suta_calib.measurements.keys import Key, Keys
 from suta_calib.terms import KINDS
 
 PACKAGE = Path(__file__).resolve().parent.parent / "suta_calib"
+# Where keys are declared.
 MODULES = [
     ".".join(file.relative_to(PACKAGE.parent).with_suffix("").parts)
     for file in sorted(PACKAGE.rglob("*.py"))
+    if " = Keys(" in file.read_text(encoding="utf-8")
 ]
 # A screen of text.
 README_LINES = 50
@@ -67,7 +69,6 @@ def test_every_key_that_is_declared_is_shown(generated: ModuleType, pages: dict[
     declared = {
         (module, key)
         for module in MODULES
-        if not module.endswith("__main__")
         for keys in vars(importlib.import_module(module)).values()
         if isinstance(keys, Keys)
         for key in below(keys)
@@ -117,6 +118,16 @@ def test_every_kind_is_compared(repository: Path) -> None:
     for page in ("which_observation.md", "which_observation_table.md"):
         rows = re.findall(r"^\| `(\w+)` \|", (guides / page).read_text(encoding="utf-8"), re.M)
         assert rows == list(KINDS)
+
+
+@pytest.mark.parametrize("kind", ["fixed_point", "tracked_point"])
+def test_what_a_kind_tells_is_computed(
+    kind: str, repository: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.syspath_prepend(str(repository / "docs" / "figures"))
+    table = repository / "docs" / "guides" / "which_observation_table.md"
+    row: str = importlib.import_module("which_observation").row(kind)
+    assert row in table.read_text(encoding="utf-8")
 
 
 def test_examples_that_are_no_files_are_read(

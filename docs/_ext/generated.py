@@ -140,7 +140,7 @@ def pages() -> dict[str, str]:
         "design.md": shown_file("ARCHITECTURE.md"),
         "changelog.md": shown_file("CHANGELOG.md"),
         "contributing.md": shown_file("CONTRIBUTING.md"),
-        "examples.md": shown_file("examples/README.md"),
+        "examples.md": shown_file("examples/README.md") + examples_listed(),
         "csv.md": "".join(csv_page()),
         "result.md": "".join(result_page()),
         "files.md": "".join(files_page()),
@@ -148,6 +148,7 @@ def pages() -> dict[str, str]:
         "commands.md": "".join(commands_page()),
         "api.md": "".join(api_index()),
     }
+    found |= {f"examples/{name}.md": shown_file(f"examples/{name}/README.md") for name in EXAMPLES}
     return found | {f"api/{name}.md": text for name, text in api_pages()}
 
 
@@ -172,7 +173,15 @@ PAGES = {
     "examples": "generated/examples.md",
     "examples/README.md": "generated/examples.md",
 }
+EXAMPLES = sorted(path.parent.name for path in ROOT.glob("examples/*/README.md"))
+PAGES |= {f"examples/{name}": f"generated/examples/{name}.md" for name in EXAMPLES}
 _LINK = re.compile(r"(?<!!)\[([^\]\n]*)\]\((?!https?:|#|mailto:)([^)\s#]+)(#[^)\s]*)?\)")
+
+
+def examples_listed() -> str:
+    """The examples' pages below their table."""
+    listed = "\n".join(f"examples/{name}" for name in EXAMPLES)
+    return f"\n```{{toctree}}\n:hidden:\n\n{listed}\n```\n"
 
 
 def relinked(text: str, source: Path, target: Path) -> str:
@@ -210,9 +219,11 @@ def shown_notebook(path: Path) -> str:
 
 
 def shown_file(name: str) -> str:
-    """A Markdown file of the repository as a page of ``docs/generated``."""
+    """A Markdown file of the repository as a page: an example's among those of examples."""
     text = (ROOT / name).read_text(encoding="utf-8")
-    return relinked(text, Path(name).parent, Path("docs/generated"))
+    folder = Path(name).parent
+    below = "examples" if folder.name in EXAMPLES else ""
+    return relinked(text, folder, Path("docs/generated", below))
 
 
 # ── files ────────────────────────────────────────────────────────────────────────────────────
