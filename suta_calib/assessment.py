@@ -83,6 +83,18 @@ class Assessment:
         }
 
 
+def read_assessment(answer: Mapping[str, Any]) -> Assessment:
+    """What an answer that was read back from JSON says of itself; care where it says nothing."""
+    verdict = answer.get("verdict")
+    said = verdict if isinstance(verdict, Mapping) else {}
+    level, notes = said.get("level"), said.get("notes")
+    return Assessment(
+        level if level in WORD else "care",
+        str(said.get("sentence", "it does not say whether it may be used")),
+        tuple(map(str, notes)) if isinstance(notes, list) else (),
+    )
+
+
 def refuse_unusable(
     answer: Mapping[str, Any] | Assessment, file: Path, *, anyway: bool = False
 ) -> None:

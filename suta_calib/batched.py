@@ -8,11 +8,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
 from suta_calib.arrays import FloatArray
+
+# Rows that one mapped function takes. A mapped function lists the place of every number of all its
+# rows, which for a million rows takes more memory than the numbers; many rows are so many at a
+# time.
+CHUNK: Final = 8192
 
 
 class Batched:
@@ -31,24 +36,32 @@ class Batched:
     """
 
     def __init__(self, function: Any, n: int, shared: Sequence[int] = ()) -> None:
-        self._buffer, self._trigger = _mapped(function, n, tuple(shared)).buffer()
-        self.inputs: list[FloatArray] = []
-        for i in range(function.n_in()):
-            size = function.nnz_in(i)
-            array = np.zeros(size) if i in shared else np.zeros((n, size))
-            self.inputs.append(array)
-            if array.size:
-                self._buffer.set_arg(i, memoryview(array.reshape(-1).data))
-        self.outputs: list[FloatArray] = []
-        for i in range(function.n_out()):
-            array = np.zeros((n, function.nnz_out(i)))
-            self.outputs.append(array)
-            if array.size:
-                self._buffer.set_res(i, memoryview(array.reshape(-1).data))
+        self.inputs: list[FloatArray] = [
+            np.zeros(function.nnz_in(i) if i in shared else (n, function.nnz_in(i)))
+            for i in range(function.n_in())
+        ]
+        self.outputs: list[FloatArray] = [
+            np.zeros((n, function.nnz_out(i))) for i in range(function.n_out())
+        ]
+        self._parts = []
+        for first in range(0, n, CHUNK):
+            rows = slice(first, min(first + CHUNK, n))
+            mapped = _mapped(function, rows.stop - first, tuple(shared))
+            buffer, trigger = mapped.buffer()
+            for i, array in enumerate(self.inputs):
+                part = array if i in shared else array[rows]
+                if array.size:
+                    buffer.set_arg(i, memoryview(part.reshape(-1).data))
+            for i, array in enumerate(self.outputs):
+                if array.size:
+                    buffer.set_res(i, memoryview(array[rows].reshape(-1).data))
+            # The trigger does not keep its buffer alive.
+            self._parts.append((buffer, trigger))
 
     def __call__(self) -> list[FloatArray]:
         """Evaluate at what `inputs` hold now; the answer is `outputs`."""
-        self._trigger()
+        for _, trigger in self._parts:
+            trigger()
         return self.outputs
 
 

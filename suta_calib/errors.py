@@ -47,7 +47,7 @@ class InputError(SutaCalibError):
         super().__init__(self._sentence())
 
     @classmethod
-    def of(cls, problem: InputError, file: Path, line: int | None, where: str = "") -> Self:
+    def of(cls, problem: InputError, file: Path | None, line: int | None, where: str = "") -> Self:
         """The same with a place in a file, for what was found without knowing of files."""
         return cls(
             problem.found,
@@ -85,6 +85,10 @@ class BoardError(InputError):
 
 class CameraError(InputError):
     """A camera's file is missing, malformed or of a camera that there is no model of here."""
+
+
+class ForeignFileError(InputError):
+    """A file of another program is not of the format it is read as, or says too little."""
 
 
 class JobError(InputError):

@@ -24,10 +24,15 @@ def load(module: str, extra: str) -> Any:
     try:
         return import_module(module)
     except ModuleNotFoundError as error:
-        missing = error.name or module
-        if missing.partition(".")[0] != module.partition(".")[0]:
+        name = error.name or module
+        if name.partition(".")[0] != module.partition(".")[0]:
             raise  # installed, but broken: that is not for the user to mend with an extra
-        raise MissingExtraError(
-            f"the Python package {missing!r} is not installed; this needs it; "
-            f"install it with: pip install 'suta_calib[{extra}]'"
-        ) from None
+        raise missing(name, extra) from None
+
+
+def missing(package: str, extra: str) -> MissingExtraError:
+    """The error that a package is not installed, which the extra ``extra`` brings."""
+    return MissingExtraError(
+        f"the Python package {package!r} is not installed; this needs it; "
+        f"install it with: pip install 'suta_calib[{extra}]'"
+    )

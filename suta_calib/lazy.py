@@ -5,8 +5,9 @@ from __future__ import annotations
 import ast
 import sys
 from collections.abc import Callable
-from importlib import import_module
+from importlib import import_module, util
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 Attribute = Callable[[str], Any]
@@ -46,3 +47,21 @@ def public(package: str) -> tuple[Attribute, list[str]]:
         return getattr(import_module(home[name]), name)
 
     return attribute, sorted(home)
+
+
+def later(module: str) -> ModuleType:
+    """A module that is imported when something of it is first used.
+
+    Args:
+        module: its full name.
+    """
+    if module in sys.modules:
+        return sys.modules[module]
+    spec = util.find_spec(module)
+    assert spec is not None
+    assert spec.loader is not None
+    spec.loader = util.LazyLoader(spec.loader)
+    found = util.module_from_spec(spec)
+    sys.modules[module] = found
+    spec.loader.exec_module(found)
+    return found

@@ -12,13 +12,15 @@ from typing import Final, Literal, TypeVar
 
 from suta_calib.arrays import FloatArray
 
-# rad/Nm is the unit of a joint's compliance, a turn per torque; rad/s that of a drift; % that of a
-# share, a number from 0 to 1 that a reader sees in per cent.
-Unit = Literal["m", "rad", "rad/Nm", "m/s", "rad/s", "s", "px", "1", "%"]
+# rad/Nm is the unit of a joint's compliance, a turn per torque; 1/K that of a thermal expansion;
+# rad/s that of a drift; % that of a share, a number from 0 to 1 that a reader sees in per cent.
+Unit = Literal["m", "rad", "rad/Nm", "1/K", "m/s", "rad/s", "s", "px", "1", "%"]
 Quantity = TypeVar("Quantity", float, FloatArray)
 NOTHING: Final = "–"
 # m; beyond it is no place, and the sums of squares of places must stay numbers.
 FARTHEST: Final = 1e6
+# Of drawings, °C (ISO 1:2022).
+REFERENCE_TEMPERATURE: Final = 20.0
 
 
 @dataclass(frozen=True)
@@ -42,6 +44,7 @@ SHOWN: Final[dict[Unit, Shown]] = {
     "m": Shown("mm", "_mm", 1e3, 3),
     "rad": Shown("deg", "_deg", 180.0 / math.pi, 4),
     "rad/Nm": Shown("deg/Nm", "_deg_per_nm", 180.0 / math.pi, 5),
+    "1/K": Shown("ppm/K", "_ppm_per_k", 1e6, 2),
     "m/s": Shown("mm/h", "_mm_per_h", 3.6e6, 3),
     "rad/s": Shown("deg/h", "_deg_per_h", 3600.0 * 180.0 / math.pi, 4),
     "s": Shown("s", "_s", 1.0, 3),

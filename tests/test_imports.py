@@ -12,18 +12,20 @@ import pytest
 
 ROWS = (
     {"errors", "arrays", "units", "assessment", "atomic", "distributions", "extras", "lazy"}
-    | {"threads", "words"},
-    {"geometry", "batched"},
+    | {"showing", "threads", "words"},
+    {"geometry", "batched", "plotting"},
     {"model", "measurements"},
-    {"terms"},
+    {"terms", "robots"},
     {"solver"},
     {"simulation"},
     {"diagnostics"},
+    {"view"},
     {"job"},
     {"pose_calibration"},
     {"stereotactic", "analysis", "certification", "vision"},
     {"device"},
     {"emulation", "acquisition", "tracking"},
+    {"exchange"},
     {"report"},
     {"cli", "__init__", "__main__"},
 )
@@ -90,7 +92,8 @@ def test_imports_are_seen_however_they_are_written() -> None:
         ("measurements.artefact, measurements.yaml_file", ("casadi", "scipy", "pinocchio")),
         ("geometry.numbers, model.parameters", ("casadi", "scipy", "pinocchio")),
         (
-            "job.calibration, pose_calibration.pivot, report.observability",
+            "job.calibration, pose_calibration.pivot, report.observability, report.calibration, "
+            "report.pivot, report.hand_eye, report.registration",
             ("matplotlib", "scipy.stats", "scipy.optimize", "scipy.interpolate", "cv2"),
         ),
         ("cli._app", ("casadi", "scipy", "pinocchio", "numpy", "matplotlib")),

@@ -27,6 +27,7 @@ from suta_calib.solver.identifiability import Combination, identify
 from suta_calib.solver.information import Information
 from suta_calib.solver.problem import DEFAULT_SIGMA
 from suta_calib.units import deg, from_deg, mm
+from suta_calib.words import listed
 
 # Starts of the inverse kinematics, and how many of what they find are tried on all poses.
 _STARTS: Final = 240
@@ -199,10 +200,20 @@ def find_zero_offsets(
         The branches that fit, of which `ZeroOffsets.chosen` is the one that was asked for.
 
     Raises:
-        InputError: no positions, or no such branch.
+        InputError: no positions, no such branch, or a joint that moves the chain and is not on it.
     """
     if samples.position is None:
         raise InputError("no positions of the tip", "x, y, z for each row, or --pose")
+    if elsewhere := [j for j in arm.joints if f"{j}.offset" not in arm.parameters]:
+        followers = [name for name, read in arm.read_from.items() if read in elsewhere]
+        raise InputError(
+            f"{listed(elsewhere)}, which {listed(followers)} follows by <mimic>, off the chain to "
+            f"{arm.tip}",
+            "a chain that has every joint with an encoder on it",
+            where="--tip",
+            hint=f"an offset of {listed(elsewhere)} is not in this chain: find it with a tip "
+            f"that {listed(elsewhere)} carries",
+        )
     fit = _OffsetFit(arm, samples)
     every: IntArray = np.arange(len(arm.joints), dtype=np.intp)
     starts = _starts(arm, samples, np.random.default_rng(options.seed))

@@ -17,8 +17,9 @@ if TYPE_CHECKING:
     from suta_calib.analysis.tip_map import TipMapOptions as TipMapOptions
     from suta_calib.analysis.tip_map import tip_map_of_result as tip_map_of_result
     from suta_calib.analysis.tip_map import tip_map_of_solution as tip_map_of_solution
+    from suta_calib.analysis.tip_map_plot import draw_tip_map as draw_tip_map
     from suta_calib.analysis.tip_sections import Knowledge as Knowledge
     from suta_calib.analysis.tip_sections import Walker as Walker
-    from suta_calib.analysis.tip_uncertainty import Sensitivity as Sensitivity
+    from suta_calib.diagnostics.tip_uncertainty import Sensitivity as Sensitivity
 
 __getattr__, __all__ = public(__name__)

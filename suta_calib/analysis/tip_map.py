@@ -8,18 +8,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from scipy.spatial import KDTree
 
 from suta_calib.analysis.planning import Region, Situation
 from suta_calib.analysis.planning.candidates import DOWN
-from suta_calib.analysis.planning.reach import link_points
 from suta_calib.analysis.tip_sections import Knowledge, Slice, Walker, slices
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment
 from suta_calib.errors import JobError
+from suta_calib.showing import Shown
 from suta_calib.solver.solution import Solution
 from suta_calib.threads import single_threaded
 from suta_calib.units import Unit, mm, shown, text, unit_name
@@ -90,8 +90,8 @@ class OpenDirection:
     unit: Unit
 
 
-@dataclass(frozen=True, eq=False)
-class TipMap:
+@dataclass(frozen=True, eq=False, repr=False)
+class TipMap(Shown):
     """The answer.
 
     Attributes:
@@ -117,6 +117,28 @@ class TipMap:
     open_directions: tuple[OpenDirection, ...]
     axis: FloatArray
     tolerance: float | None = None
+
+    @property
+    def in_a_line(self) -> str:
+        """How sure the tip is."""
+        return self.assessment.sentence
+
+    def plot(self, figure: Any = None, *, absolute: bool = False) -> Any:
+        """Draw the map over the arm, from the side and from above, mm.
+
+        Args:
+            figure: an empty `Figure` or `SubFigure`; a new one by default.
+            absolute: the uncertainty in the base frame instead of that after registration.
+
+        Returns:
+            The figure.
+        """
+        from suta_calib.analysis import draw_tip_map
+        from suta_calib.plotting import figure_or_new
+
+        figure = figure_or_new(figure, (9.7, 5.4))
+        draw_tip_map(figure, self, absolute=absolute)
+        return figure
 
     @property
     def assessment(self) -> Assessment:
@@ -266,7 +288,7 @@ def tip_map(
         registered=Figures.of(inside.std(covariance, inside.registered(reference))),
         absolute=Figures.of(inside.std(covariance)),
         sections=slices(walker, region, reference, grid),
-        drawn=link_points(knowledge.arm, posture if np.isfinite(posture).all() else postures[0]),
+        drawn=knowledge.arm.skeleton(posture if np.isfinite(posture).all() else postures[0]).points,
         open_directions=_open(knowledge, postures, reference.q),
         axis=region.axis,
     )

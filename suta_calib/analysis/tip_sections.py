@@ -12,8 +12,8 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from suta_calib.analysis.planning.region import Region, turning_z_to
-from suta_calib.analysis.tip_uncertainty import Sensitivity, sensitivity
 from suta_calib.arrays import FloatArray
+from suta_calib.diagnostics.tip_uncertainty import Sensitivity, sensitivity
 from suta_calib.model.arm import ArmModel
 from suta_calib.simulation.inverse_kinematics import InverseKinematics, Targets
 from suta_calib.solver.solution import Solution
@@ -53,12 +53,12 @@ class Knowledge:
         """What a solution says of the arm, with the readings of its samples."""
         problem = solution.problem
         assert problem.arm is not None
-        rows, parameters = solution.free[solution.free < problem.arm_count], problem.arm_parameters
+        parameters, (names, covariance) = problem.arm_parameters, solution.arm_covariance
         return cls(
             arm=problem.arm,
             values=solution.values,
-            names=tuple(problem.names[k] for k in rows),
-            covariance=solution.covariance[np.ix_(rows, rows)],
+            names=names,
+            covariance=covariance,
             fixed=tuple(n for n in solution.unidentified if n in parameters),
             visited=np.vstack([term.poses.samples.q for term in problem.terms]),
             open_directions=tuple(

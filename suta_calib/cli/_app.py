@@ -12,6 +12,7 @@ import os
 import sys
 import warnings
 from collections.abc import Sequence
+from keyword import iskeyword
 from pathlib import Path
 from typing import Any, Final
 
@@ -29,6 +30,7 @@ COMMANDS: Final = {
     "study": "How many sets are enough, and how far answers scatter.",
     "extend": "Eccentric encoders, joints that yield: worth having?",
     "budget": "What the errors come from: encoders, seating, artefact.",
+    "view": "The arm in 3-D: what was touched, errors, uncertainty.",
     "validate": "A job's validation data through any URDF.",
     "outliers": "What in a job's data does not agree with the rest.",
     "init": "Start a job for a URDF: commented files to fill in.",
@@ -49,6 +51,8 @@ COMMANDS: Final = {
     "zero-offsets": "Encoder offsets from known poses of the tip.",
     "repeatability": "How well an arm comes back; its encoders.",
     "iso10360": "Acceptance test of a measuring arm, ISO 10360-12.",
+    "import": "Other programs' recordings, tables, robots: as samples or poses.",
+    "export": "A result as other programs read it.",
 }
 
 # Earlier names of commands, which scripts still use.
@@ -67,7 +71,7 @@ class LazyGroup(click.Group):
         cmd_name = ALIASES.get(cmd_name, cmd_name)
         if cmd_name not in COMMANDS:
             return None
-        name = cmd_name.replace("-", "_")
+        name = cmd_name.replace("-", "_") + "_" * iskeyword(cmd_name)
         command = getattr(importlib.import_module(f"suta_calib.cli.{name}"), name)
         assert isinstance(command, click.Command)
         return command

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
+
+import click
 
 from suta_calib.cli._options import job_argument, out_option, verbose_option
 from suta_calib.cli._output import LateProgress, answer_command
@@ -13,7 +16,10 @@ from suta_calib.report.document import Document
 @job_argument
 @out_option
 @verbose_option
-def calibrate(job: Path, verbose: bool) -> Document:
+@click.option(
+    "--no-report", is_flag=True, help="Write no report.html, which takes a while to draw."
+)
+def calibrate(job: Path, verbose: bool, no_report: bool) -> Document:
     """Calibrate the arm of JOB (a calibration.yaml) from its measurements.
 
     Writes calibrated.urdf, result.json, residuals.csv and report.html. Exits with 1 where the
@@ -28,4 +34,5 @@ def calibrate(job: Path, verbose: bool) -> Document:
         result = loaded.run(progress)
         # To name what is wrong with data, they are read in many other ways.
         progress.about("judging")
-        return calibration_document(result, verbose=verbose)
+        answer = calibration_document(result, verbose=verbose)
+    return replace(answer, written="record") if no_report else answer

@@ -13,8 +13,9 @@ from suta_calib.report.document import Document
 
 if TYPE_CHECKING:
     from suta_calib.measurements import Camera
-    from suta_calib.pose_calibration.hand_eye import Model, Setup
+    from suta_calib.pose_calibration.eye_poses import Model
     from suta_calib.pose_calibration.pictures import Intrinsics, View
+    from suta_calib.terms.hand_eye_start import EyeSetup
 
 
 @answer_command
@@ -52,7 +53,7 @@ if TYPE_CHECKING:
 @pose_options
 def hand_eye(
     poses: Path,
-    setup: Setup,
+    setup: EyeSetup,
     model: Model,
     corners: tuple[Path, ...],
     board: tuple[Path, ...],
@@ -65,8 +66,8 @@ def hand_eye(
 
     POSES.csv has the columns a_x,a_y,a_z,a_qx,a_qy,a_qz,a_qw: T_base_hand, and the same with b_:
     T_eye_target; m (a_x_mm, …: mm). X is T_hand_eye, and Z T_base_target; for eye-to-hand X is
-    T_base_eye, and Z T_hand_target. With --out writes result.json, residuals.csv and hand_eye.svg.
-    Exits with 1 where X must not be used.
+    T_base_eye, and Z T_hand_target. With --out writes result.json, residuals.csv, hand_eye.svg and
+    report.html. Exits with 1 where X must not be used.
 
     With --corners and --board the eye's pictures take the place of the b_ columns: POSES.csv then
     names the picture taken at each pose (image), and reprojection errors are minimised, which is
@@ -75,7 +76,24 @@ def hand_eye(
     """
     _check(corners, board, camera, intrinsics)
     if corners:
-        return _from_pictures(poses, setup, model, corners, board, camera, intrinsics, plain, seed)
+        from suta_calib.measurements.pose_files import read_hand_poses
+        from suta_calib.pose_calibration.pictures import hand_eye_from_pictures
+        from suta_calib.report.pictures import picture_document
+
+        hand, views = read_hand_poses(poses), _views(corners, board, camera)
+        with LateProgress("calibrating"):
+            pictured = hand_eye_from_pictures(
+                hand,
+                views,
+                setup=setup,
+                model=model,
+                intrinsics=intrinsics,
+                robust=not plain,
+                seed=seed,
+            )
+        return picture_document(pictured, hand).with_data(
+            robust=not plain, seed=seed, intrinsics=intrinsics
+        )
     from suta_calib.measurements.pose_files import read_pose_pairs
     from suta_calib.pose_calibration import hand_eye_from_pairs
     from suta_calib.report.hand_eye import hand_eye_document
@@ -104,37 +122,6 @@ def _check(
         )
     if intrinsics == "fixed" and not camera:
         raise click.UsageError("--intrinsics fixed needs --camera: the file to believe")
-
-
-def _from_pictures(
-    poses: Path,
-    setup: Setup,
-    model: Model,
-    corners: tuple[Path, ...],
-    board: tuple[Path, ...],
-    camera: tuple[Path, ...],
-    intrinsics: Intrinsics,
-    plain: bool,
-    seed: int,
-) -> Document:
-    from suta_calib.measurements.pose_files import read_hand_poses
-    from suta_calib.pose_calibration.pictures import hand_eye_from_pictures
-    from suta_calib.report.pictures import picture_document
-
-    data, views = read_hand_poses(poses), _views(corners, board, camera)
-    with LateProgress("calibrating"):
-        found = hand_eye_from_pictures(
-            data,
-            views,
-            setup=setup,
-            model=model,
-            intrinsics=intrinsics,
-            robust=not plain,
-            seed=seed,
-        )
-    return picture_document(found, data).with_data(
-        robust=not plain, seed=seed, intrinsics=intrinsics
-    )
 
 
 def _views(

@@ -20,8 +20,8 @@ def pivot(poses: Path, plain: bool, seed: int) -> Document:
     POSES.csv has the columns x,y,z,qx,qy,qz,qw: the pose T_tracker_tool, m (x_mm,y_mm,z_mm: mm).
     With a column point there are several posts, told apart by its labels: --json has them all as
     posts_mm, and as post_mm that of the first row. With --out writes result.json, residuals.csv,
-    pivot.svg and tip.json. Exits with 1 where the tip must not be used; then tip.json is not
-    written.
+    pivot.svg, report.html and tip.json. Exits with 1 where the tip must not be used; then tip.json
+    is not written.
     """
     from suta_calib.measurements.pose_files import read_tool_poses
     from suta_calib.pose_calibration import pivot_from_poses

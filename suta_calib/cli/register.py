@@ -31,7 +31,8 @@ def register(
     """Find T_b_a, which takes the points of A.csv onto those of B.csv.
 
     The files have the columns x,y,z, m (x_mm,y_mm,z_mm: mm), and their rows correspond. With --out
-    writes result.json, residuals.csv and register.svg. Exits with 1 where T_b_a must not be used.
+    writes result.json, residuals.csv, register.svg and report.html. Exits with 1 where T_b_a must
+    not be used.
     """
     from suta_calib.measurements.pose_files import read_corresponding_points, read_points
     from suta_calib.pose_calibration import registration_from_points

@@ -21,10 +21,17 @@ class JointSpec:
     Attributes:
         name: the joint's name in the URDF.
         sign: +1, or -1 where the encoder counts against the joint's axis.
+        zero: what the device sends where the joint's angle is 0, in its unit.
+        ratio: turns of the encoder per turn of the joint. What it sends is taken for a count of
+            more than one turn: one turn of an encoder before a gear does not tell the joint's.
+        counts_per_turn: of this encoder; None for the device's.
     """
 
     name: str
     sign: int
+    zero: float = 0.0
+    ratio: float = 1.0
+    counts_per_turn: int | None = None
 
 
 @dataclass(frozen=True)

@@ -23,6 +23,9 @@ _DEFAULT_BAUDRATE: Final = 921600
 JOINT_KEYS: Final = Keys(
     Key("name", "text", "The joint's name in the URDF.", required=True),
     Key("sign", "1 or -1", "Whether readings grow as the URDF's angle does; 1 without it."),
+    Key("zero", "number, in unit", "Reading at the URDF's zero; 0 without it."),
+    Key("ratio", "number", "Turns of the encoder per turn of the joint (a gear); 1 without it."),
+    Key("counts_per_turn", "whole number", "Of this joint's encoder, where it differs."),
 )
 DEVICE_KEYS: Final = Keys(
     Key(
@@ -97,7 +100,7 @@ def read_device(path: Path) -> DeviceSpec:
         format=form.name,
         unit=unit,
         counts_per_turn=counts,
-        joints=_joints(top, form),
+        joints=_joints(top, form, unit),
     )
 
 
@@ -133,7 +136,7 @@ def _beside(path: Path, port: str) -> str:
     return port
 
 
-def _joints(top: YamlSection, form: Format) -> tuple[JointSpec, ...]:
+def _joints(top: YamlSection, form: Format, unit: str) -> tuple[JointSpec, ...]:
     sections = top.sections("joints")
     if form.most_joints is not None and len(sections) > form.most_joints:
         raise top.refuse(f"{len(sections)} joints", f"at most {form.most_joints}", at=("joints",))
@@ -145,5 +148,16 @@ def _joints(top: YamlSection, form: Format) -> tuple[JointSpec, ...]:
             raise section.refuse(str(sign), "1 or -1", at=("sign",))
         if name in (joint.name for joint in joints):
             raise section.refuse(f"{name!r} a second time", "each joint once", at=("name",))
-        joints.append(JointSpec(name, sign))
+        for key in ("ratio", "counts_per_turn"):
+            if key in section and not form.geared:
+                expected = f"no such key: the words of {form.name} are one turn of the joint"
+                raise section.refuse("a value", expected, at=(key,))
+        zero = section.number("zero") if "zero" in section else 0.0
+        if unit == "counts" and zero != round(zero):
+            raise section.refuse(f"{zero:g}", "a whole number of counts", at=("zero",))
+        ratio = section.number("ratio") if "ratio" in section else 1.0
+        if ratio == 0.0:
+            raise section.refuse("0", "turns of the encoder per turn of the joint", at=("ratio",))
+        own = section.integer("counts_per_turn", 0, 2) if "counts_per_turn" in section else None
+        joints.append(JointSpec(name, sign, zero, ratio, own))
     return tuple(joints)

@@ -188,6 +188,8 @@ class Accuracy:
     Attributes:
         calibration, validation: one for each term.
         held_out_values: of the held-out terms' parameters, with the calibrated arm, m or rad.
+        nominal_values: of the fitted terms' parameters, with the nominal arm, m or rad.
+        held_out_nominal: the same of the held-out terms.
         gain: on the held-out terms of the first one's kind; None where nothing is held out.
     """
 
@@ -195,6 +197,8 @@ class Accuracy:
     validation: tuple[TermAccuracy, ...]
     held_out_values: Mapping[str, float] = field(default_factory=dict)
     gain: Gain | None = None
+    nominal_values: Mapping[str, float] = field(default_factory=dict)
+    held_out_nominal: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def worse(self) -> bool:
@@ -224,18 +228,19 @@ def assess(solution: Solution, validation: Sequence[Term] = ()) -> Accuracy:
     problem = solution.problem
     arm = problem.arm_parameters
     nominal = {p.name: p.nominal for p in arm.values()}
-    before = fit_own(problem.terms, arm, nominal)
+    before = fitted_before = fit_own(problem.terms, arm, nominal)
     after = solution.values
     found = (block_residuals(problem.terms, arm, values) for values in (before, after))
     calibration = term_accuracies(problem.terms, *found)
     if not validation:
-        return Accuracy(calibration, ())
+        return Accuracy(calibration, (), nominal_values=before)
     before, after = (fit_own(validation, arm, values) for values in (before, after))
     found = (block_residuals(validation, arm, values) for values in (before, after))
     terms = term_accuracies(validation, *found)
     judged = [each.term for each in _of_first_kind(terms)]
     unsure = added_by_estimates(judged, arm, after, problem.names, solution.covariance)
-    return Accuracy(calibration, terms, after, gain_of(terms, *unsure))
+    gain = gain_of(terms, *unsure)
+    return Accuracy(calibration, terms, after, gain, fitted_before, before)
 
 
 def gain_of(

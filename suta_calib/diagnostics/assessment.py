@@ -12,6 +12,7 @@ from suta_calib.diagnostics.contradictions import contradictions, dead_joints, g
 from suta_calib.diagnostics.explanation import Told, explain_solution
 from suta_calib.diagnostics.repeats import lack_of_fit
 from suta_calib.diagnostics.score_tests import LOOKS_LIKE, effective_unknowns, score_tests
+from suta_calib.diagnostics.thinned import thinned
 from suta_calib.solver.solution import Solution
 from suta_calib.units import stored, text, unit_name
 from suta_calib.words import listed
@@ -37,6 +38,8 @@ def assess_calibration(solution: Solution, accuracy: Accuracy) -> Assessment:
         notes = _cause(solution) or [each.sentence for each in gross_rows(solution)]
         return Assessment("bad", solution.sentence, tuple(notes))
     found = contradictions(solution, accuracy)
+    terms = [*solution.problem.terms, *(each.term for each in accuracy.validation)]
+    doubts = {said: level for term in terms for said, level in term.doubts.items()}
     worse = "The calibrated arm is worse than the nominal one on the validation data."
     fitted_only = "There are no validation data: the errors shown are those of the fitted data."
     return Assessment.of(
@@ -45,9 +48,11 @@ def assess_calibration(solution: Solution, accuracy: Accuracy) -> Assessment:
             *(_cause(solution) if found else []),
             *([worse] if accuracy.worse else []),
             *(each.sentence for each in found if each.bad),
+            *(said for said, level in doubts.items() if level == "bad"),
         ],
         care=[
             *(each.sentence for each in found if not each.bad),
+            *(said for said, level in doubts.items() if level == "care"),
             *([] if accuracy.validation else [fitted_only]),
             *_on_gain(accuracy),
             *_on_parameters(solution),
@@ -60,7 +65,7 @@ def assess_calibration(solution: Solution, accuracy: Accuracy) -> Assessment:
                 for fit in lack_of_fit(solution)
                 if fit.ratio > LACKING
             ),
-            *_beside_geometry(solution),
+            *_beside_geometry(thinned(solution)),
             *_on_priors(solution),
         ],
         known=_as_drawn(solution),

@@ -25,6 +25,7 @@ from suta_calib.diagnostics.score_tests import (
     offered_names,
     scores_of,
 )
+from suta_calib.geometry.numbers import skew
 from suta_calib.solver.information import Rows, scaled_inverse, whitened_rows
 from suta_calib.solver.losses import huber, huber_weight
 from suta_calib.solver.problem import Problem
@@ -291,8 +292,7 @@ def _rigid(position: FloatArray) -> FloatArray:
     """(n, 6, 6) velocities of tips at points (n, 3) for a unit of every part of a twist."""
     found = np.zeros((len(position), 6, 6))
     found[:, :3, :3] = found[:, 3:, 3:] = np.eye(3)
-    for axis in range(3):
-        found[:, :3, 3 + axis] = np.cross(np.eye(3)[axis], position)
+    found[:, :3, 3:] = -skew(position)
     return found
 
 

@@ -19,7 +19,7 @@ import numpy as np
 from suta_calib.arrays import FloatArray
 from suta_calib.diagnostics.rich_data import LEVER, RichData
 from suta_calib.diagnostics.tip_motion import NOISE, TipMotion, placement_groups, tip_motion
-from suta_calib.model.parameters import BACKLASH, COMPLIANCE, POSITION, Parameter
+from suta_calib.model.parameters import BACKLASH, COMPLIANCE, EXPANSION, POSITION, Parameter
 from suta_calib.solver.identifiability import WEAK, Combination, Identification
 from suta_calib.solver.information import Information, predicted_information
 from suta_calib.solver.problem import Problem
@@ -266,11 +266,20 @@ def _beside_geometry(case: _Case) -> Explanation | None:
     parameter = case.parameter
     if not case.motion.vanishes or parameter.geometric:
         return None
-    if parameter.key == BACKLASH:
-        does = "cannot be told: nothing says that the joint came from both sides"
-        remedy = f"come from both sides, and say so in the column {parameter.owner}.direction"
+    columns = {
+        BACKLASH: (
+            "nothing says that the joint came from both sides",
+            f"come from both sides, and say so in the column {parameter.owner}.direction",
+        ),
+        EXPANSION: (
+            "nothing says that the arm was warm at some samples and cold at others",
+            "measure while it is warm and while it is cold, and say so in the column temperature",
+        ),
+    }
+    if parameter.key in columns:
+        why, remedy = columns[parameter.key]
         told: Told = "redundant" if case.redundant else "untold"
-        return Explanation(case.fixed, f"{case.fixed} {does}", remedy, told)
+        return Explanation(case.fixed, f"{case.fixed} cannot be told: {why}", remedy, told)
     if case.others:
         does = f"does the same as {case.others} at the readings visited"
         assert case.problem.arm is not None
@@ -415,5 +424,5 @@ def _axis(vector: FloatArray) -> str:
 
 def _amount(value: float, unit: Unit) -> str:
     number = f"{shown(value, unit):.3g}"
-    written: dict[Unit, str] = {"m": " mm", "rad": "°", "rad/Nm": "°/Nm"}
+    written: dict[Unit, str] = {"m": " mm", "rad": "°", "rad/Nm": "°/Nm", "1/K": " ppm/K"}
     return number + written.get(unit, "")

@@ -40,7 +40,8 @@ class ExternalPose:
             turn about the frame's own axes, rad; NaN for what the data cannot tell.
         quaternion_std: (4,) of the quaternion's components x, y, z, w, likewise.
         held: unknowns of the pose that the data could not tell.
-        given: parameters of the arm, held by convention, relative to which the pose is meant.
+        given: parameters of the arm, held by convention, and keys of the job that nothing measured
+            checks: the pose is meant relative to them.
     """
 
     frame: OutsideFrame
@@ -126,6 +127,7 @@ def _external_pose(solution: Solution, frame: OutsideFrame) -> ExternalPose:
         lost = (np.abs(by_unknown @ open_ways.T) > _DEPENDS).any(axis=1)
         return np.where(lost, np.nan, spread)
 
+    relative = (name for e in estimates for name in e.given if name not in values)
     return ExternalPose(
         frame,
         rotation,
@@ -133,7 +135,7 @@ def _external_pose(solution: Solution, frame: OutsideFrame) -> ExternalPose:
         std(moved) if turned else np.concatenate([std(moved[:3]), np.full(3, np.nan)]),
         std(turns @ moved[3:]) if turned else np.full(4, np.nan),
         held,
-        tuple(dict.fromkeys(name for e in estimates for name in e.given if name not in values)),
+        tuple(dict.fromkeys((*frame.given, *relative))),
     )
 
 

@@ -7,14 +7,16 @@ needed, measured values are not believed yet.
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.assessment import Assessment
 from suta_calib.diagnostics.explanation import Explanation, explain, redundant_names
+from suta_calib.showing import Shown
 from suta_calib.solver.covariance import predicted_covariance
-from suta_calib.solver.identifiability import Identification, schur_complement
+from suta_calib.solver.identifiability import WEAK, Identification, schur_complement
 from suta_calib.solver.information import Information, predicted_information
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import INFORMED, State
@@ -93,8 +95,8 @@ class Prospect:
     redundant: bool = False
 
 
-@dataclass(frozen=True, eq=False)
-class Observability:
+@dataclass(frozen=True, eq=False, repr=False)
+class Observability(Shown):
     """What the data of a problem can tell.
 
     Attributes:
@@ -151,6 +153,30 @@ class Observability:
         redundant = f"; {conventions} redundant" if conventions else ""
         seen = f"{self.samples} samples ({self.equations} equations)"
         return f"{determined} from {seen}{prior}{redundant}"
+
+    @property
+    def in_a_line(self) -> str:
+        """`sentence`."""
+        return self.sentence
+
+    def plot(self, ax: Any = None) -> Any:
+        """Draw how well each parameter of the arm will be known, beside how far off it may be.
+
+        Args:
+            ax: `Axes` to draw on; those of a new figure by default.
+
+        Returns:
+            The `Axes`: a bar for each parameter, on a log axis without unit.
+        """
+        from suta_calib.plotting import ROW_HEIGHT, axes_or_new, draw_prospects
+
+        asked = [p for p in self.prospects.values() if p.state != "fixed"]
+        arm = set(self.problem.names[: self.problem.arm_count])
+        told = [p for p in asked if p.name in arm] or asked
+        axes = axes_or_new(ax, (6.5, 1.2 + ROW_HEIGHT * len(told)))
+        shares = [None if p.std is None else p.std / p.plausible for p in told]
+        draw_prospects(axes, [p.name for p in told], shares, WEAK)
+        return axes
 
     @property
     def assessment(self) -> Assessment:

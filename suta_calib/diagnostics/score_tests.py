@@ -47,6 +47,7 @@ LOOKS_LIKE: Final[dict[Family, str]] = {
     "compliance": "a joint that yields to gravity",
     "gain": "a reading of the wrong scale",
     "backlash": "play that the joint is on either side of",
+    "expansion": "lengths that grow with warmth",
 }
 
 
@@ -55,8 +56,8 @@ class ScoreTest:
     """One joint and one family of parameters.
 
     Attributes:
-        joint: its name.
-        family: ``ecc_1``, ``ecc_2``, ``compliance``, ``gain`` or ``backlash``.
+        joint: its name, or what all links have in common.
+        family: one of `FAMILIES`.
         names: its parameters that the data could tell, one or two.
         estimate: what one step towards them would make of each, rad, rad/(N·m) or 1.
         p_single: chance of residuals so suspicious if the job's unknowns are all there is to know.

@@ -49,7 +49,7 @@ def read_truth(path: Path, arm: ArmModel, seed: int | None = None) -> dict[str, 
     top = YamlSection(read_yaml(path, JobError), JobError)
     if "sets" in top:
         spec = read_simulation(path)
-        return true_values(arm, spec, spec.seed if seed is None else seed)
+        return true_values(spec.on(arm), spec, spec.seed if seed is None else seed)
     if "parameters" not in top or isinstance(top.data["parameters"], list):
         raise top.refuse(
             "neither a truth.yaml nor a simulation.yaml",

@@ -10,6 +10,7 @@ from suta_calib.measurements.exclusion import exclusion_keys
 from suta_calib.measurements.keys import BASE, TIP, URDF, Key, Keys
 from suta_calib.terms import GROUPINGS, KINDS
 from suta_calib.terms.given import POSE_KEYS
+from suta_calib.units import SHOWN, Unit, key
 
 ARM_KEYS: Final = Keys(
     URDF,
@@ -26,18 +27,18 @@ ARM_KEYS: Final = Keys(
 
 _BOUND: Final = "How far from nominal {} may be, at most"
 _PRIOR: Final = "How far from nominal {} is likely to be: standard deviation of a Gaussian prior"
-_SIZES: Final = (
-    ("mm", "a length"),
-    ("deg", "an angle"),
-    ("deg_per_nm", "a joint's compliance"),
-    ("", "a ratio, such as a gain,"),
-)
+_SIZES: Final[dict[Unit, str]] = {
+    "m": "a length",
+    "rad": "an angle",
+    "rad/Nm": "a joint's compliance",
+    "1/K": "a length's expansion",
+    "1": "a ratio, such as a gain,",
+}
 BOUND_AND_PRIOR_KEYS: Final = Keys(
     *(
-        Key(f"{name}_{unit}".rstrip("_"), unit.replace("_per_nm", "/Nm") or "number", about + ".")
+        Key(key(name, unit), SHOWN[unit].unit or "number", sentence.format(of) + ".")
         for name, sentence in (("bound", _BOUND), ("prior", _PRIOR))
-        for unit, of in _SIZES
-        for about in [sentence.format(of)]
+        for unit, of in _SIZES.items()
     )
 )
 SELECTION_KEYS: Final = Keys(

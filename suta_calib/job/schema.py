@@ -241,6 +241,8 @@ def _selection(row: YamlSection) -> Selection:
         prior_rad_per_nm=_angle(row, "prior_deg_per_nm"),
         bound_ratio=row.optional_number("bound", "positive"),
         prior_ratio=row.optional_number("prior", "positive"),
+        bound_per_k=row.optional_number("bound_ppm_per_k", "positive", unit="1/K"),
+        prior_per_k=row.optional_number("prior_ppm_per_k", "positive", unit="1/K"),
     )
 
 

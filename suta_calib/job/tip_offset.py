@@ -6,9 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-import numpy as np
-
-from suta_calib.errors import JobError
+from suta_calib.errors import JobError, ParameterError
 from suta_calib.measurements import YamlSection
 from suta_calib.measurements.keys import Key, Keys
 from suta_calib.model.arm import ArmModel
@@ -80,17 +78,7 @@ class TipOffset:
         Raises:
             JobError: the tip is on a link that moves, and so has no placement of its own.
         """
-        last = arm.segments[-1]
-        if last.motion != "fixed":
-            raise JobError(
-                f"a tip_offset_mm at {arm.tip}, the link that {last.owner} moves",
-                "a tip that a fixed joint holds",
-                file=self.file,
-                line=self.line,
-                where="arm.tip_offset_mm",
-                hint=f"add to the URDF a link with a fixed joint on {arm.chain.tip_link}, and make "
-                "it the tip",
-            )
-        moved = last.position + last.rotation @ np.array(self.position)
-        names = last.names(*POSITION)
-        return arm.at(dict(zip(names, moved.tolist(), strict=True)))
+        try:
+            return arm.with_tip_moved(self.position)
+        except ParameterError as problem:
+            raise JobError.of(problem, self.file, self.line) from None

@@ -105,9 +105,19 @@ class Board(ABC):
         return np.array([self.points[int(number)] for number in listed]).reshape(-1, 3)
 
     @property
+    def flat(self) -> bool:
+        """Whether all its points lie in one plane of the same z."""
+        return len({float(point[2]) for point in self.points.values()}) == 1
+
+    @property
     def numbering(self) -> str:
         """Which numbers its points have."""
         return f"a number from 0 to {max(self.points)}"
+
+    @property
+    def exchanged(self) -> Board | None:
+        """A board with columns for rows and as many points; None where there is no other."""
+        return None
 
     @property
     def symmetric(self) -> bool:
@@ -148,6 +158,12 @@ class Chessboard(Board):
         }
 
     @property
+    def exchanged(self) -> Board | None:
+        """Columns for rows."""
+        other = replace(self, columns=self.rows, rows=self.columns)
+        return other if self.rows != self.columns else None
+
+    @property
     def symmetric(self) -> bool:
         """Half a turn brings black onto black where both numbers are even, or both odd."""
         return (self.columns + self.rows) % 2 == 0
@@ -182,6 +198,12 @@ class Charuco(Board):
     def scaled(self, factor: float) -> Self:
         """Larger squares and markers."""
         return replace(self, square=factor * self.square, marker=factor * self.marker)
+
+    @property
+    def exchanged(self) -> Board | None:
+        """Columns for rows."""
+        other = replace(self, columns=self.rows, rows=self.columns)
+        return other if self.rows != self.columns else None
 
     def row(self) -> dict[str, Any]:
         """Type, squares, both edges and dictionary."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
@@ -73,6 +73,15 @@ class Camera:
         """(3, 3), as OpenCV has it."""
         fx, fy, cx, cy = self.intrinsics[:4]
         return np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+
+    def resized(self, factor: float) -> Camera:
+        """The camera of the same pictures, so many times as large; how well it is known is not."""
+        width, height = (round(factor * size) for size in (self.width, self.height))
+        intrinsics = self.intrinsics.copy()
+        intrinsics[:2] *= factor
+        # Pixels are counted from the centre of the first one.
+        intrinsics[2:4] = factor * (intrinsics[2:4] + 0.5) - 0.5
+        return replace(self, width=width, height=height, intrinsics=intrinsics, covariance=None)
 
     def inside(self, pixels: FloatArray) -> BoolArray:
         """(n,) whether pixels (n, 2) are in the picture; the first one's centre is 0, 0."""
@@ -177,17 +186,18 @@ def camera_text(camera: Camera) -> str:
     rows = [
         f"image_width: {camera.width}",
         f"image_height: {camera.height}",
-        f"camera_matrix: {_numbers(camera.matrix)}",
+        f"camera_matrix: {matrix_text(camera.matrix)}",
         f"distortion_model: {PLUMB_BOB}",
-        f"distortion_coefficients: {_numbers(camera.intrinsics[None, 4:])}",
+        f"distortion_coefficients: {matrix_text(camera.intrinsics[None, 4:])}",
     ]
     if camera.covariance is not None:
         rows.append(f"# of {' '.join(INTRINSICS)}")
-        rows.append(f"covariance: {_numbers(camera.covariance)}")
+        rows.append(f"covariance: {matrix_text(camera.covariance)}")
     return "\n".join(rows) + "\n"
 
 
-def _numbers(matrix: FloatArray) -> str:
+def matrix_text(matrix: FloatArray) -> str:
+    """A matrix as ROS and OpenCV have it, with the shortest digits that read back the same."""
     rows, columns = matrix.shape
     # Shortest text that reads back as the same number; YAML 1.1 takes an exponent with a dot only.
     data = ", ".join(_number(value) for value in matrix.ravel().tolist())

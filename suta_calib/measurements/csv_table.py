@@ -80,7 +80,7 @@ class CsvTable:
             SamplesError: no such column, or a cell that is not a finite number.
         """
         cells = self.cells(name, expected)
-        values = np.array([_number(cell) for cell in cells])
+        values = np.array([number_in(cell) for cell in cells])
         for row in np.flatnonzero(~np.isfinite(values)):
             raise self.refuse(int(row), name, repr(cells[row]), "a finite number")
         return values
@@ -203,7 +203,7 @@ def _check_last(path: Path, text: str, rows: Sequence[tuple[int, list[str]]]) ->
         )
 
 
-def _number(cell: str) -> float:
+def number_in(cell: str) -> float:
     """The number in a cell, NaN where there is none: no ``1_000``, no digits of other scripts."""
     try:
         return float(cell if cell.isascii() and "_" not in cell else "nan")

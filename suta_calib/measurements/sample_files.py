@@ -41,6 +41,9 @@ _MOST_TURNS = 2
 _PLAINLY_MOVED = 0.2
 _PRISMATIC_WIDTHS = 10.0
 _PRISMATIC_MARGIN = 0.5
+# The arm's, and what no arm has, °C.
+TEMPERATURE = "temperature"
+_TEMPERATURES = (-60.0, 150.0)
 
 
 @dataclass(frozen=True)
@@ -98,7 +101,8 @@ def read_samples(
         paths: the files, in the order their rows shall have.
         joints: the joints of the chain, base to tip; the order of the columns of ``q``.
         columns: what else is needed; every other column is ignored, but ``JOINT.direction``, where
-            all files have it: from which side that joint came.
+            all files have it: from which side that joint came; and ``temperature``, °C, which all
+            files have or none.
 
     Warns:
         SutaCalibWarning: quaternions that are more than 1 % away from unit length.
@@ -117,7 +121,8 @@ def read_samples(
     lengths = [n for n in columns.common_lengths if _everywhere(tables, *length_columns(n))]
     columns = replace(columns, labels=(*columns.labels, *there), common_lengths=tuple(lengths))
     told = {j.name for j in joints if all(_direction(j.name) in t.columns for t in tables)}
-    parts = [_samples(table, joints, columns, told) for table in tables]
+    warm = TEMPERATURE not in {j.name for j in joints} and _everywhere(tables, TEMPERATURE)
+    parts = [_samples(table, joints, columns, told, warm) for table in tables]
     for path, part in zip(paths, parts, strict=True):
         if (part.rotation is None) != (parts[0].rotation is None):
             with_, without = (path, paths[0]) if parts[0].rotation is None else (paths[0], path)
@@ -130,7 +135,11 @@ def read_samples(
 
 
 def _samples(
-    table: CsvTable, joints: Sequence[JointRange], columns: SampleColumns, told: Collection[str]
+    table: CsvTable,
+    joints: Sequence[JointRange],
+    columns: SampleColumns,
+    told: Collection[str],
+    warm: bool,
 ) -> Samples:
     oriented = columns.orientation == "required" or (
         columns.orientation == "optional" and has_rotations(table)
@@ -145,7 +154,19 @@ def _samples(
         rotation=rotations(table) if oriented else None,
         origin=table.origin,
         direction=_directions(table, joints, told) if told else None,
+        temperature=_temperatures(table) if warm else None,
     )
+
+
+def _temperatures(table: CsvTable) -> FloatArray:
+    """(n,) °C, refused where no arm could be so cold or so hot."""
+    low, high = _TEMPERATURES
+    expected = f"°C, from {low:g} to {high:g}"
+    found = table.numbers(TEMPERATURE, expected)
+    for row in np.flatnonzero((found < low) | (found > high)):
+        hint = "looks like kelvin: subtract 273.15" if found[row] > high else ""
+        raise table.refuse(int(row), TEMPERATURE, f"{found[row]:.6g}", expected, hint)
+    return found
 
 
 def _direction(joint: str) -> str:
@@ -258,7 +279,7 @@ def _check_names(joints: Sequence[JointRange], columns: SampleColumns) -> None:
 
 
 def write_samples(path: Path, samples: Samples) -> None:
-    """Write a samples CSV: joints, ``x,y,z`` in m, ``qx,qy,qz,qw``, lengths, labels, directions.
+    """Write a samples CSV: joints, ``x,y,z`` in m, ``qx,qy,qz,qw``, lengths, labels, what is told.
 
     Numbers have as many digits as it takes to read the same number back.
 
@@ -277,6 +298,8 @@ def write_samples(path: Path, samples: Samples) -> None:
     if samples.direction is not None:
         sides = samples.direction.astype(int)
         columns += zip(map(_direction, samples.joints), sides.T, strict=True)
+    if samples.temperature is not None:
+        columns.append((TEMPERATURE, samples.temperature))
     names = [name for name, _ in columns]
     if len(set(names)) < len(names):
         raise SamplesError(f"columns {', '.join(names)}", "each name once", file=path)

@@ -4,21 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import SamplesError
+from suta_calib.plotting.scene import Points, Posable, Scene, drawn_rows
+from suta_calib.showing import Shown
+from suta_calib.units import REFERENCE_TEMPERATURE
 
 Array = TypeVar("Array", bound=NDArray[Any])
 
 _ORTHONORMAL_TOLERANCE = 1e-6
+# Labels are written into a picture where there are no more.
+_FEW_LABELS = 12
 
 
-@dataclass(frozen=True, eq=False)
-class Samples:
+@dataclass(frozen=True, eq=False, repr=False)
+class Samples(Shown):
     """Joint readings with their labels and, for some kinds, measured poses. Immutable.
 
     Attributes:
@@ -34,6 +39,7 @@ class Samples:
         lengths: measured lengths by name, each (n,), m, such as ``length``.
         direction: (n, n_joints) of each joint's last motion before it was read, 1 towards larger
             readings, -1 towards smaller ones, 0 where nobody says; None where nobody ever says.
+        temperature: (n,) of the arm, °C; None where nobody says.
     """
 
     joints: tuple[str, ...]
@@ -45,9 +51,20 @@ class Samples:
     pixels: FloatArray | None = None
     lengths: Mapping[str, FloatArray] = field(default_factory=dict)
     direction: FloatArray | None = None
+    temperature: FloatArray | None = None
 
     def __len__(self) -> int:
         return len(self.q)
+
+    @property
+    def told(self) -> dict[Literal["direction", "warmth"], FloatArray]:
+        """What is said of the arm beside its readings: `direction`, and K above 20 °C, (n, 1)."""
+        found: dict[Literal["direction", "warmth"], FloatArray] = {}
+        if self.direction is not None:
+            found["direction"] = self.direction
+        if self.temperature is not None:
+            found["warmth"] = self.temperature[:, None] - REFERENCE_TEMPERATURE
+        return found
 
     @classmethod
     def from_arrays(
@@ -61,6 +78,7 @@ class Samples:
         origin: Sequence[str] | None = None,
         lengths: Mapping[str, ArrayLike] | None = None,
         direction: ArrayLike | None = None,
+        temperature: ArrayLike | None = None,
     ) -> Samples:
         """Samples from copies of arrays, checked; arguments as the class's attributes.
 
@@ -73,6 +91,7 @@ class Samples:
             origin: (n,); ``row 0``, ``row 1``, … where not given.
             lengths: each (n,).
             direction: (n, n_joints) of -1, 0 and 1.
+            temperature: (n,).
 
         Raises:
             SamplesError: a shape does not fit, or a value is not finite, empty or not a rotation.
@@ -96,7 +115,60 @@ class Samples:
             direction=None
             if direction is None
             else _finite("direction", direction, (n, len(joints))),
+            temperature=None if temperature is None else _finite("temperature", temperature, (n,)),
         )
+
+    def scene(self, arm: Posable) -> Scene:
+        """Where an arm's tip was, by the first label column, and the arm in the first sample.
+
+        Args:
+            arm: its joints are those of the samples, in any order.
+
+        Raises:
+            SamplesError: the samples are of another arm.
+        """
+        if set(arm.joints) != set(self.joints):
+            raise SamplesError(
+                f"samples of {', '.join(self.joints)}", f"samples of {', '.join(arm.joints)}"
+            )
+        rows = drawn_rows(len(self))
+        q = self.q[:, [self.joints.index(name) for name in arm.joints]]
+        position = arm.forward(q[rows])[1]
+        parts = [Points("tip in the samples", "touched", position)]
+        for column, values in self.labels.items():
+            names, which = np.unique(values[rows], return_inverse=True)
+            if len(names) <= _FEW_LABELS:
+                middles = [np.median(position[which == k], axis=0) for k in range(len(names))]
+                labels = tuple(str(name) for name in names)
+                parts.append(Points(column, "place", np.array(middles), labels))
+                break
+        return arm.scene(q[0]) + Scene(tuple(parts))
+
+    def plot(self, arm: Posable, ax: Any = None) -> Any:
+        """Draw where an arm's tip was in three dimensions, mm, and the arm in the first sample.
+
+        Args:
+            arm: an `ArmModel` with the joints of these samples.
+            ax: `Axes3D` to draw on; those of a new figure by default.
+
+        Returns:
+            The `Axes3D`.
+
+        Raises:
+            SamplesError: the samples are of another arm.
+        """
+        from suta_calib.plotting import draw_scene
+
+        return draw_scene(self.scene(arm), ax)
+
+    @property
+    def in_a_line(self) -> str:
+        """How many, of what."""
+        also = [
+            name for name in ("position", "rotation", "pixels") if getattr(self, name) is not None
+        ]
+        told = ", ".join((*self.labels, *self.lengths, *also))
+        return f"{len(self)} of {len(self.joints)} joints" + (f" with {told}" if told else "")
 
     def as_keys(self) -> list[bytes]:
         """Readings and what was seen with them, row by row, as something to compare."""
@@ -121,7 +193,8 @@ class Samples:
         kinds = {
             (
                 *(part.joints, frozenset(part.labels), frozenset(part.lengths)),
-                *(part.position is None, part.rotation is None, part.direction is None),
+                *(part.position is None, part.rotation is None),
+                *(part.direction is None, part.temperature is None),
                 None if part.pixels is None else part.pixels.shape[1:],
             )
             for part in parts
@@ -139,6 +212,7 @@ class Samples:
             _joined([part.pixels for part in parts]),
             {n: _frozen(np.concatenate([p.lengths[n] for p in parts])) for n in first.lengths},
             _joined([part.direction for part in parts]),
+            _joined([part.temperature for part in parts]),
         )
 
     def take(self, index: ArrayLike | slice) -> Samples:
@@ -154,6 +228,7 @@ class Samples:
             None if self.pixels is None else _frozen(self.pixels[rows]),
             {name: _frozen(values[rows]) for name, values in self.lengths.items()},
             None if self.direction is None else _frozen(self.direction[rows]),
+            None if self.temperature is None else _frozen(self.temperature[rows]),
         )
 
 

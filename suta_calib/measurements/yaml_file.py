@@ -79,7 +79,9 @@ def read_yaml(path: Path, error: type[InputError] = InputError) -> YamlDocument:
         yaml = YAML(typ="rt", pure=True)
         yaml.composer.warn_double_anchors = False
         # OpenCV writes its own first line, with a colon, which no YAML reader takes.
-        node: Node | None = yaml.compose(f"#{text}" if text.startswith("%YAML:") else text)
+        node: Node | None = yaml.compose(
+            f"#{text}" if text.startswith(("%YAML:", "%YAML 1.0")) else text
+        )
         if node is None:
             raise error("an empty file", "a mapping of keys to values", file=path)
         lines: dict[KeyPath, int] = {}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import replace
@@ -20,12 +21,14 @@ from suta_calib.errors import ParameterError, UrdfError
 from suta_calib.geometry.symbols import Symbol
 from suta_calib.model.chain import Chain, ChainJoint, Mimic, read_chain
 from suta_calib.model.gravity import Load, beyond
-from suta_calib.model.kinematics import Motion, Segment, forward_kinematics
+from suta_calib.model.kinematics import Motion, Segment, Told, forward_kinematics
 from suta_calib.model.parameters import (
     BACKLASH,
     COMPLIANCE,
     ECCENTRICITY,
+    EXPANSION,
     GAIN,
+    LINKS,
     OFFSET,
     PLAUSIBLE_ECCENTRICITY,
     POSITION,
@@ -35,14 +38,18 @@ from suta_calib.model.parameters import (
     Selection,
     select_parameters,
 )
+from suta_calib.model.skeleton import Skeleton
 from suta_calib.model.urdf import folded_origin, urdf_bytes
+from suta_calib.model.xacro_file import plain_urdf
+from suta_calib.plotting.scene import Scene
+from suta_calib.showing import Shown
 from suta_calib.units import Unit
 
 # Before a link's name, for as long as joints may be called the same.
 _LINK: Final = "link "
 
 
-class ArmModel:
+class ArmModel(Shown):
     """A chain base → tip through the tree of a URDF, with a parametric geometry.
 
     Build one with `from_urdf`; `at` gives the same arm at other values. Readings ``q`` are
@@ -54,8 +61,9 @@ class ArmModel:
         model: `pin.Model` with every joint off the chain locked at its neutral position.
         segments: the same chain as Pinocchio understood it.
         parameters: every placement and offset that could be unknown, all at nominal.
-        nongeometric: gain of its joints; eccentricity, compliance and backlash of its revolute ones
-            (`kinematics`), zero unless the arm is held at other values.
+        nongeometric: gain of its joints; eccentricity, compliance and backlash of its revolute
+            ones; expansion of its links, together and each by itself (`kinematics`): zero unless
+            the arm is held at other values.
     """
 
     def __init__(self, chain: Chain, model: pin.Model) -> None:
@@ -69,14 +77,15 @@ class ArmModel:
             _segment(model, j, tip.get(j.name, j.name), columns) for j in chain.joints
         )
         self.parameters = ParameterSet(p for s in self.segments for p in _geometric(s))
-        self.nongeometric = ParameterSet(p for s in self.segments for p in _nongeometric(s))
+        beside = [p for s in self.segments for p in _nongeometric(s)]
+        self.nongeometric = ParameterSet([*beside, Parameter(LINKS, EXPANSION, "1/K")])
 
     @classmethod
     def from_urdf(cls, path: str | Path, tip: str, base: str | None = None) -> ArmModel:
         """Read the chain from ``base`` to ``tip``: any two links or frames of one tree.
 
         Args:
-            path: of the URDF.
+            path: of the URDF, or of a ``.xacro`` file that makes one.
             tip: name of a link, or of a joint, which stands for its child link.
             base: the same; the root link by default.
 
@@ -86,7 +95,8 @@ class ArmModel:
         """
         chain = read_chain(path, tip, base)
         try:
-            model = pin.buildModelFromUrdf(str(path))
+            with plain_urdf(Path(path)) as file:
+                model = pin.buildModelFromUrdf(str(file))
         except (ValueError, RuntimeError) as error:
             raise UrdfError(
                 f"a model Pinocchio refuses ({str(error).strip().splitlines()[0]})",
@@ -117,6 +127,32 @@ class ArmModel:
         arm.__dict__.pop("offered", None)
         arm._check_masses(n for n, p in arm.nongeometric.items() if p.nominal)
         return arm
+
+    def with_tip_moved(self, by: ArrayLike) -> ArmModel:
+        """The same arm with another tip on the same link, such as the end of a probe.
+
+        It moves the tip's own placement ``tip.x|y|z``, which a calibrated URDF holds.
+
+        Args:
+            by: (3,) along the axes of the tip, m.
+
+        Raises:
+            ParameterError: the tip is on a link that a joint moves, and so has no placement.
+        """
+        last = self.segments[-1]
+        if last.motion != "fixed":
+            raise ParameterError(
+                f"a tip_offset_mm at {self.tip}, the link that {last.owner} moves",
+                "a tip that a fixed joint holds, whose <origin> is where calibrated.urdf keeps the "
+                "offset: a joint that moves keeps its axis there",
+                where="arm.tip_offset_mm",
+                hint=f"add to the URDF a link with a fixed joint on {self.chain.tip_link}, and "
+                "make it the tip; what an instrument sees there needs none: give its samples a "
+                "column 'target'",
+            )
+        names = last.names(*POSITION)
+        moved = [self.parameters[n].nominal for n in names] + last.rotation @ np.asarray(by)
+        return self.at(dict(zip(names, moved.tolist(), strict=True)))
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -223,25 +259,26 @@ class ArmModel:
                     hint="add the masses, or do not select this parameter",
                 )
 
-    def function(self, names: Sequence[str], *, directed: bool = False) -> Symbol:
+    def function(self, names: Sequence[str], told: Iterable[Told] = ()) -> Symbol:
         """CasADi function of `kinematics.forward_kinematics`, built once for each set of names."""
         for name in names:
             _ = self.offered[name]
-        return _kinematics(self, tuple(names), directed)
+        return _kinematics(self, tuple(names), tuple(told))
 
     def forward(
         self,
         q: ArrayLike,
         values: Mapping[str, float] | None = None,
-        direction: FloatArray | None = None,
+        told: Mapping[Told, FloatArray] | None = None,
     ) -> tuple[FloatArray, FloatArray]:
         """Tip poses ``T_base_tip`` for readings and parameter values (nominal where not given).
 
         Args:
             q: (n, joints) or (joints,) readings.
             values: parameter values by name; names of other things than this arm are ignored.
-            direction: of each reading's last motion, -1, 0 or 1, shaped as q; only a backlash looks
-                at it, and takes the joint for the middle of its play where it is not given.
+            told: what else is known, as `Samples.told`: the ``direction`` (n, joints) of each
+                reading's last motion, -1, 0 or 1, without which a joint with backlash is in the
+                middle of its play; the ``warmth`` (n, 1), K, without which nothing has grown.
 
         Returns:
             Rotations (n, 3, 3) and positions (n, 3), m; without n for a single reading.
@@ -259,24 +296,59 @@ class ArmModel:
             raise ParameterError(
                 f"readings of {rows.shape[1]} joints", f"{len(self.joints)}: {self.joints}"
             )
-        directed = direction is not None
-        batch = Batched(self.function(list(own), directed=directed), len(rows), shared=[0])
-        batch.inputs[0][:] = list(own.values())
-        batch.inputs[1][:] = rows
-        if direction is not None:
-            batch.inputs[2][:] = direction
+        beside_readings = told or {}
+        batch = Batched(self.function(list(own), beside_readings), len(rows), shared=[0])
+        inputs = (np.array([*own.values()]), rows, *beside_readings.values())
+        for place, numbers in zip(batch.inputs, inputs, strict=True):
+            place[:] = numbers
         flat, position, _ = batch()
         rotation = np.swapaxes(flat.reshape(-1, 3, 3), 1, 2).copy()
         if readings.ndim == 1:
             return rotation[0], position[0]
         return rotation, position
 
+    def skeleton(self, q: ArrayLike) -> Skeleton:
+        """Joints and tip for readings (joints,), rad or m, in the base: the nominal geometry."""
+        moving = tuple(joint.name for joint in self.chain.joints if joint.moving)
+        tip = self.forward(q)[1]
+        return Skeleton.of(self.model, self.chain.base, moving, self.configuration(q), tip)
+
+    def scene(self, q: ArrayLike | None = None) -> Scene:
+        """The arm in one posture, to be drawn.
+
+        Args:
+            q: (joints,) readings; zero by default.
+        """
+        readings = np.zeros(len(self.joints)) if q is None else q
+        return self.skeleton(readings).scene(self.chain.robot or "arm")
+
+    def plot(self, q: ArrayLike | None = None, ax: Any = None) -> Any:
+        """Draw links, joint axes and tip in three dimensions, mm.
+
+        Args:
+            q: (joints,) readings, rad (m for prismatic joints); zero by default.
+            ax: `Axes3D` to draw on; those of a new figure by default.
+
+        Returns:
+            The `Axes3D`.
+        """
+        from suta_calib.plotting import draw_scene
+
+        return draw_scene(self.scene(q), ax)
+
+    @property
+    def in_a_line(self) -> str:
+        """Its ends and how many joints it has."""
+        count, chain = len(self.joints), self.chain
+        joints = f"{count} joint{'s' * (count != 1)}"
+        return f"{chain.base} → {self.tip}, {joints} of {chain.path.name}"
+
     def calibrated_urdf(self, values: Mapping[str, float]) -> bytes:
         """The user's own URDF with these values in the origins of its joints, for raw readings.
 
         Args:
             values: parameter values by name; those of other things than this arm are ignored, and
-                so are gain, eccentricity and compliance: a URDF cannot hold them.
+                so is what is no geometry: a URDF cannot hold it.
         """
         return urdf_bytes(self.chain.path, self.origins(values))
 
@@ -321,14 +393,22 @@ def reduced_model(
 
 
 @lru_cache(maxsize=16)
-def _kinematics(arm: ArmModel, names: tuple[str, ...], directed: bool) -> Symbol:
+def _kinematics(arm: ArmModel, names: tuple[str, ...], told: tuple[Told, ...]) -> Symbol:
+    """`forward_kinematics` of this arm."""
     arm._check_masses(names)
     nominal = {p.name: p.nominal for p in arm.offered.values()}
     # Nothing between the root and this link moves with the chain.
     top = arm.model.frames[arm.model.getFrameId(arm.chain.top, pin.FrameType.BODY)].placement
     gravity = top.rotation.T @ arm.model.gravity.linear
-    segments, loads = arm.segments, arm.loads
-    return forward_kinematics(segments, names, nominal, loads, gravity, directed=directed)
+    chain = arm.segments, names, nominal, arm.loads, gravity, told
+    return _kinematics_of(pickle.dumps(chain))
+
+
+# A URDF is read again by every job over it, and its kinematics would be composed again.
+@lru_cache(maxsize=64)
+def _kinematics_of(chain: bytes) -> Symbol:
+    """`forward_kinematics` of pickled arguments, which arms that are alike have alike."""
+    return forward_kinematics(*pickle.loads(chain))
 
 
 def _segment(
@@ -368,6 +448,8 @@ def _geometric(segment: Segment) -> Iterator[Parameter]:
 
 
 def _nongeometric(segment: Segment) -> Iterator[Parameter]:
+    if segment.position.any():
+        yield Parameter(segment.owner, EXPANSION, "1/K")
     if segment.motion != "fixed":
         yield Parameter(segment.owner, GAIN, "1")
     if segment.motion == "revolute":

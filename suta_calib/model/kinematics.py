@@ -15,7 +15,9 @@ far a joint turns for what its encoder reads:
 
 with q the reading, τ the torque of gravity about the joint's axis (`gravity`), and d the direction
 of its last motion: 1 towards larger readings, -1 towards smaller ones, 0 where nobody says. A
-prismatic joint has the gain only. A gear ratio, a counted turn or a scale that is not what it
+prismatic joint has the gain only. Lengths grow with warmth t, how far the arm is above the
+temperature of its drawing: for xyz stands xyz (1 + (links.expansion + joint.expansion) t), all
+links alike or each by itself. A gear ratio, a counted turn or a scale that is not what it
 should be is a gain. An encoder disc that sits off its axis, or a shaft that is bent, gives the
 first harmonic; a disc that is tilted or oval the second (Mooring, Roth, Driels, Fundamentals of
 Manipulator Calibration, 1991, chapter 2). Play between an encoder on the motor and the link is
@@ -42,7 +44,9 @@ from suta_calib.model.gravity import Load, MovingFrame, gravity_torques
 from suta_calib.model.parameters import (
     BACKLASH,
     COMPLIANCE,
+    EXPANSION,
     GAIN,
+    LINKS,
     OFFSET,
     PLACEMENT,
     POSITION,
@@ -50,6 +54,8 @@ from suta_calib.model.parameters import (
 )
 
 Motion = Literal["revolute", "prismatic", "fixed"]
+# From which side joints came, and how warm the arm was.
+Told = Literal["direction", "warmth"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,8 +104,10 @@ class _Walk:
         self.theta, self.nominal = theta, nominal
         # Of gravity about each joint's axis, by the joint's name.
         self.torques: Mapping[str, Symbol] = {}
-        # Of every reading's last motion; None where a joint is in the middle of its play.
+        # What is said of a sample beside its readings: a joint of which nothing is said is in the
+        # middle of its play, and an arm at the temperature of its drawing.
         self.direction: Symbol | None = None
+        self.warmth: Symbol | None = None
         self.frames: list[MovingFrame] = []
         # Of the link above base and tip in the base: the frame in which climbing has ended.
         self.top: Symbol = self.rotation
@@ -118,6 +126,12 @@ class _Walk:
         if name in self.index:
             self.columns[self.index[name]] = (direction, point)
 
+    def note_more(self, name: str, direction: Symbol) -> None:
+        """A shift of the tip by what shifts other links too."""
+        if name in self.index:
+            so_far, _ = self.columns.get(self.index[name], (ca.SX(3, 1), None))
+            self.columns[self.index[name]] = (so_far + direction, None)
+
     def through(self, segment: Segment, q: Symbol) -> None:
         if segment.climbed:
             self._move(segment, q)
@@ -134,9 +148,17 @@ class _Walk:
         if segment.climbed:
             self.rotation = self.rotation @ nominal.T
         way = -1 if segment.climbed else 1
+        stretch: Symbol = ca.SX(1)
+        along = way * self.rotation @ ca.vertcat(*map(self.value, names))
+        warmth = ca.SX(0) if self.warmth is None else self.warmth
+        # A joint that is called as all links are has no expansion of its own.
+        for expansion in dict.fromkeys(f"{owner}.{EXPANSION}" for owner in (LINKS, segment.owner)):
+            if self.matters(expansion):
+                stretch += self.value(expansion) * warmth
+                self.note_more(expansion, along * warmth)
         for k, name in enumerate(names):
-            self.note(name, way * self.rotation[:, k])
-        self.position += way * self.rotation @ ca.vertcat(*map(self.value, names))
+            self.note(name, way * self.rotation[:, k] * stretch)
+        self.position += along * stretch
         if not segment.climbed:
             self.rotation = self.rotation @ nominal
 
@@ -223,8 +245,7 @@ def forward_kinematics(
     nominal: Mapping[str, float],
     carried: Sequence[Load] = (),
     gravity: FloatArray | None = None,
-    *,
-    directed: bool = False,
+    told: Sequence[Told] = (),
 ) -> Symbol:
     """The chain's kinematics as a CasADi function of the named parameters and one sample.
 
@@ -235,12 +256,12 @@ def forward_kinematics(
         carried: loads of the moving segments, needed where a joint yields.
         gravity: (3,) in the frame of the link where the chain begins to descend, m/s², needed
             likewise.
-        directed: whether it is said from which side the joints came.
+        told: what is said of a sample beside its readings.
 
     Returns:
         ``ca.Function(theta (n), q (readings)) -> (rotation (9, column by column), position (3),
-        jacobian (n, 6))``, all dense, in the base frame. With ``directed`` it has
-        a third input, ``direction (readings)``. A row of the Jacobian is the velocity of
+        jacobian (n, 6))``, all dense, in the base frame. What is told are further inputs, in that
+        order: ``direction (readings)``, ``warmth (1)``, K. A row of the Jacobian is the velocity of
         the tip's origin, then the angular velocity, for unit change of that parameter.
     """
     theta = ca.SX.sym("theta", len(names))
@@ -257,8 +278,9 @@ def forward_kinematics(
         still = _walked(segments, _Walk([], theta, drawn), q)
         walk.torques = gravity_torques(still.frames, carried, still.top @ ca.DM(gravity))
     inputs = {"theta": theta, "q": q}
-    if directed:
-        inputs["direction"] = walk.direction = ca.SX.sym("direction", q.numel())
+    for name in told:
+        inputs[name] = ca.SX.sym(name, q.numel() if name == "direction" else 1)
+    walk.direction, walk.warmth = inputs.get("direction"), inputs.get("warmth")
     _walked(segments, walk, q)
     outputs = [ca.vec(walk.rotation), walk.position, walk.jacobian().T]
     return ca.Function(

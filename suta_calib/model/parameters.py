@@ -18,7 +18,9 @@ import numpy as np
 
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import ParameterError
+from suta_calib.showing import Shown
 from suta_calib.units import Unit, from_deg
+from suta_calib.words import listed
 
 GEOMETRIC: Final = "geometric"
 # Keys of a placement, in the order of its numbers; of a joint that moves; of what is no geometry.
@@ -29,28 +31,41 @@ OFFSET: Final = "offset"
 COMPLIANCE: Final = "compliance"
 GAIN: Final = "gain"
 BACKLASH: Final = "backlash"
+EXPANSION: Final = "expansion"
+# Owner of what all links of an arm have in common.
+LINKS: Final = "links"
 # An eccentric encoder disc gives the first harmonic, a tilted or oval one the second.
-Family = Literal["ecc_1", "ecc_2", "compliance", "gain", "backlash"]
+Family = Literal["ecc_1", "ecc_2", "compliance", "gain", "backlash", "expansion"]
 FAMILIES: Final[dict[Family, tuple[str, ...]]] = {
     "ecc_1": ("ecc_c1", "ecc_s1"),
     "ecc_2": ("ecc_c2", "ecc_s2"),
     "compliance": (COMPLIANCE,),
     "gain": (GAIN,),
     "backlash": (BACKLASH,),
+    "expansion": (EXPANSION,),
 }
 ECCENTRICITY: Final = (*FAMILIES["ecc_1"], *FAMILIES["ecc_2"])
 # How these keys begin: globs reach them only where they say so.
-_NONGEOMETRIC: Final = ("ecc", COMPLIANCE, GAIN, BACKLASH)
+_NONGEOMETRIC: Final = ("ecc", COMPLIANCE, GAIN, BACKLASH, EXPANSION)
 # Lengths and angles of the size that moves the tip of a metre-long arm by a centimetre, and what
-# yields as much to the torque of a few kilograms; a pixel; a share of a turn, or what bends a
-# picture, by as much.
-SCALE: Final[dict[Unit, float]] = {"m": 0.01, "rad": 0.01, "rad/Nm": 1e-3, "px": 1.0, "1": 0.01}
+# yields as much to the torque of a few kilograms, or grows as much in ten degrees; a pixel; a share
+# of a turn, or what bends a picture, by as much.
+SCALE: Final[dict[Unit, float]] = {
+    "m": 0.01,
+    "rad": 0.01,
+    "rad/Nm": 1e-3,
+    "1/K": 1e-3,
+    "px": 1.0,
+    "1": 0.01,
+}
 # How far a geometric parameter without a bound may plausibly be off: only used to judge whether
 # the data tell anything about it, never to limit it.
 PLAUSIBLE: Final[dict[Unit, float]] = {
     "m": 0.05,
     "rad": from_deg(10.0),
     "rad/Nm": from_deg(0.2),
+    # Plastics; steel has 12e-6, aluminium 23e-6.
+    "1/K": 1e-4,
     "px": 20.0,
     # A turn that is read 18° too long: no gear, and hardly a potentiometer, is so wrong.
     "1": 0.05,
@@ -67,7 +82,7 @@ class Parameter:
         owner: what it belongs to, e.g. ``joint_4`` or ``placement[P1]``.
         key: which of the owner's numbers it is, e.g. ``z``, ``rx``, ``offset``, ``ecc_c1``; empty
             for its only one.
-        unit: ``m``, ``rad``, ``rad/Nm``, ``1`` for a gain; of a camera ``px`` and ``1``.
+        unit: ``m``, ``rad``, ``rad/Nm``, ``1/K``, ``1`` for a gain; of a camera ``px`` and ``1``.
         nominal: where it starts, and where it stays if nothing can be said of it.
         lower, upper: bounds of the value, infinite where there is none.
         prior: standard deviation of a Gaussian prior about nominal, or None.
@@ -134,7 +149,7 @@ class Parameter:
         )
 
 
-class ParameterSet(Mapping[str, Parameter]):
+class ParameterSet(Shown, Mapping[str, Parameter]):
     """Parameters in a fixed order, looked up by name."""
 
     def __init__(self, parameters: Iterable[Parameter] = ()) -> None:
@@ -158,6 +173,11 @@ class ParameterSet(Mapping[str, Parameter]):
         return len(self._by_name)
 
     @property
+    def in_a_line(self) -> str:
+        """How many, and the first few names."""
+        return f"{len(self)}: {listed(self.names)}" if self._by_name else "none"
+
+    @property
     def names(self) -> tuple[str, ...]:
         """All names, in order."""
         return tuple(self._by_name)
@@ -179,9 +199,9 @@ class Selection:
         select: names, globs, or the word ``geometric``.
         bound_m, bound_rad, bound_rad_per_nm: half-width of the bounds about nominal, for lengths,
             for angles and for compliances.
-        bound_ratio: the same for gains, 1.
-        prior_m, prior_rad, prior_rad_per_nm, prior_ratio: standard deviation of a Gaussian prior
-            about nominal.
+        bound_per_k, bound_ratio: the same for expansions, 1/K, and gains, 1.
+        prior_m, prior_rad, prior_rad_per_nm, prior_per_k, prior_ratio: standard deviation of a
+            Gaussian prior about nominal.
         fixed: beside a prior, its size stays whatever the data say of it; alone, name the parameter
             in the result, but do not estimate it.
         line: line of the job file, for messages.
@@ -198,6 +218,8 @@ class Selection:
     prior_rad_per_nm: float | None = None
     bound_ratio: float | None = None
     prior_ratio: float | None = None
+    bound_per_k: float | None = None
+    prior_per_k: float | None = None
 
     def sizes(self, unit: Unit) -> tuple[float | None, float | None]:
         """Bound and prior of what is measured in ``unit``."""
@@ -205,12 +227,16 @@ class Selection:
             "m": (self.bound_m, self.prior_m),
             "rad": (self.bound_rad, self.prior_rad),
             "rad/Nm": (self.bound_rad_per_nm, self.prior_rad_per_nm),
+            "1/K": (self.bound_per_k, self.prior_per_k),
             "1": (self.bound_ratio, self.prior_ratio),
         }[unit]
 
     def applied_to(self, parameter: Parameter) -> Parameter:
         """The parameter with this row's bounds and prior in place of its own."""
-        priors = (self.prior_m, self.prior_rad, self.prior_rad_per_nm, self.prior_ratio)
+        priors = (
+            *(self.prior_m, self.prior_rad, self.prior_rad_per_nm),
+            *(self.prior_per_k, self.prior_ratio),
+        )
         if self.fixed and not any(prior is not None for prior in priors):
             return replace(parameter, free=False)
         return parameter.bounded(*self.sizes(parameter.unit), self.fixed)
@@ -270,8 +296,8 @@ def _matches(
     raise ParameterError(
         f"'{pattern}', which matches no parameter of the arm",
         "names like joint.offset, joint.x|y|z|rx|ry|rz, joint.gain, "
-        "joint.ecc_c1|ecc_s1|ecc_c2|ecc_s2, joint.compliance, joint.backlash, globs of them, or "
-        "'geometric'",
+        "joint.ecc_c1|ecc_s1|ecc_c2|ecc_s2, joint.compliance, joint.backlash, joint.expansion, "
+        "globs of them, links.expansion, or 'geometric'",
         hint=_did_you_mean(pattern, available),
         **place,
     )
@@ -282,6 +308,7 @@ def _check_units(row: Selection, units: set[Unit]) -> None:
         "m": ("bound_mm or prior_mm", "lengths"),
         "rad": ("bound_deg or prior_deg", "angles"),
         "rad/Nm": ("bound_deg_per_nm or prior_deg_per_nm", "compliances"),
+        "1/K": ("bound_ppm_per_k or prior_ppm_per_k", "expansions"),
         "1": ("bound or prior", "gains"),
     }
     for unit, (key, _) in keys.items():

@@ -17,11 +17,12 @@ from lxml import etree
 
 from suta_calib.atomic import note_input
 from suta_calib.errors import UrdfError
+from suta_calib.model.xacro_file import expanded, is_xacro
 
 # lxml ships without type information.
 Element = Any
 
-_XACRO_HINT: Final = "run xacro first: xacro FILE.xacro > FILE.urdf"
+_XACRO_HINT: Final = "run xacro first, or name the file .xacro: then it is run here"
 _LONGEST_QUOTE: Final = 60
 
 
@@ -74,7 +75,7 @@ class UrdfTree:
 
 
 def read_tree(path: str | Path) -> UrdfTree:
-    """Read a URDF (not a xacro file) and check that its joints and links make one tree.
+    """Read a URDF, or what xacro makes of one, and check that its joints and links make one tree.
 
     Raises:
         UrdfError: the file cannot be read or is not XML, its root is not ``<robot>``, xacro was
@@ -171,12 +172,16 @@ def read_robot(path: Path) -> Element:
 
 
 def read_urdf_bytes(path: str | Path) -> bytes:
-    """The bytes of a URDF file, in an encoding that contains ASCII.
+    """The bytes of a URDF file, in an encoding that contains ASCII; xacro is run on ``.xacro``.
 
     Raises:
-        UrdfError: the file is missing, unreadable, a directory, empty, or UTF-16 or UTF-32.
+        UrdfError: the file is missing, unreadable, a directory, empty, or UTF-16 or UTF-32; or
+            xacro refuses it.
+        MissingExtraError: a ``.xacro`` file, without the package that expands it.
     """
     path = Path(path)
+    if is_xacro(path):
+        return expanded(path)
     try:
         note_input(path)
         data = path.read_bytes()

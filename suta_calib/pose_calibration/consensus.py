@@ -23,6 +23,8 @@ REFINED: Final = 8
 CONCENTRATIONS: Final = 20
 # Residuals of models that are held at once: 300 models of 100,000 rows would take gigabytes.
 AT_ONCE: Final = 1_000_000
+# Rows that tell models apart as well as more do; so many Rousseeuw and Van Driessen take of more.
+MOST_ROWS: Final = 1_500
 # Probability that a set without outliers loses a row.
 FALSE_ALARM: Final = 0.01
 # A residual is three components, each normal.
@@ -46,42 +48,61 @@ def find_consensus(
     count: int,
     samples: IntArray,
     propose: Callable[[IntArray], Any],
-    residuals: Callable[[Any], FloatArray],
+    residuals: Callable[[Any, IntArray], FloatArray],
     needed: int,
 ) -> Consensus:
     """The rows that agree, from minimal samples.
+
+    Of many rows a random part of `MOST_ROWS`, the same for every seed, tells the models apart; the
+    best model then judges them all.
 
     Args:
         count: of the rows.
         samples: (m, k) rows of each minimal sample, from `minimal_samples`.
         propose: closed-form models of rows (m, k), with a leading dimension m.
-        residuals: norms (m, n, kinds) of all n rows' residuals under m models.
+        residuals: norms (m, r, kinds) of the residuals of rows (r,) under m models.
         needed: rows that determine a solution.
     """
+    rows = _some(count)
     # As many rows as a solution must fit for the highest breakdown.
-    half = min(count, (count + needed + 1) // 2)
-    few = max(1, AT_ONCE // count)
+    half = min(len(rows), (len(rows) + needed + 1) // 2)
+    few = max(1, AT_ONCE // len(rows))
     parts = [samples[k : k + few] for k in range(0, len(samples), few)]
-    scores = [_score(residuals(propose(part)), half) for part in parts]
+    scores = [_score(residuals(propose(part), rows), half) for part in parts]
     best = np.argsort(np.concatenate(scores), kind="stable")[:REFINED]
-    norms = residuals(propose(samples[best]))
+    basis = [*samples[best]]
+    norms = residuals(propose(samples[best]), rows)
     kinds = norms.shape[-1]
     for _ in range(CONCENTRATIONS):
         scale = _scale(norms, half)
         distance = np.sum((norms / scale[:, None, :]) ** 2, axis=-1)
-        closest = np.sort(np.argsort(distance, axis=-1, kind="stable")[:, :half], axis=-1)
-        again = residuals(propose(closest))
+        order = np.argsort(distance, axis=-1, kind="stable")[:, :half]
+        closest = rows[np.sort(order, axis=-1)]
+        again = residuals(propose(closest), rows)
         better = _score(again, half) < _score(norms, half)
         if not better.any():
             break
         norms = np.where(better[:, None, None], again, norms)
-    found = norms[np.argmin(_score(norms, half))]
+        basis = [c if b else kept for c, b, kept in zip(closest, better, basis, strict=True)]
+    winner = int(np.argmin(_score(norms, half)))
     # The scatter that the better half shows; a minimal fit to few rows is too close to them
     # (Rousseeuw and Leroy 1987, p. 202).
-    sigmas = _scale(found[None], half)[0] / np.sqrt(chi2.ppf(half / (count + 1), DIMENSION))
-    sigmas *= 1.0 + 5.0 / max(count - half, 1)
+    sigmas = _scale(norms[[winner]], half)[0]
+    sigmas /= np.sqrt(chi2.ppf(half / (len(rows) + 1), DIMENSION))
+    sigmas *= 1.0 + 5.0 / max(len(rows) - half, 1)
+    found = norms[winner]
+    if len(rows) < count:
+        found = residuals(propose(basis[winner][None]), np.arange(count, dtype=np.intp))[0]
     inliers = np.sum((found / sigmas) ** 2, axis=-1) <= outlier_limit(count, kinds)
     return Consensus(inliers, sigmas)
+
+
+def _some(count: int) -> IntArray:
+    """All rows of few, (r,); of more a random part, drawn with a seed of its own, in order."""
+    if count <= MOST_ROWS:
+        return np.arange(count, dtype=np.intp)
+    drawn = np.random.default_rng(0).choice(count, MOST_ROWS, replace=False)
+    return np.sort(drawn).astype(np.intp)
 
 
 def minimal_samples(group: IntArray, size: int, seed: int) -> IntArray:

@@ -97,6 +97,16 @@ def common_covariance(
     return bread @ _positive(expected - white, white) @ bread
 
 
+def embedded(rotation: FloatArray, position: FloatArray) -> FloatArray:
+    """Poses as points (n, 12) of a space, whose distances are those of places and turns, rad.
+
+    Args:
+        rotation: (n, 3, 3).
+        position: (n, 3) in units of the extent, so that 1 is far.
+    """
+    return np.hstack([position, rotation.reshape(-1, 9) / np.sqrt(2.0)])
+
+
 def _kernels(
     spaces: Sequence[FloatArray], series: FloatArray | None, count: int
 ) -> Iterator[tuple[float, FloatArray]]:

@@ -4,73 +4,68 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Final, Literal, get_args
+from typing import Final, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from suta_calib.arrays import FloatArray, IntArray
-from suta_calib.assessment import Assessment, Level
+from suta_calib.assessment import Assessment
 from suta_calib.errors import ParameterError, SamplesError
 from suta_calib.geometry.numbers import (
     extent,
     homogeneous,
     rms_length,
     rotation_from_vector,
-    rpy_from_rotation,
     tangent_of_vector,
     vector_from_rotation,
 )
 from suta_calib.measurements.pose_files import PosePairs
 from suta_calib.pose_calibration.consensus import Consensus, find_consensus, minimal_samples
 from suta_calib.pose_calibration.distance_trend import DistanceTrend, distance_trend
+from suta_calib.pose_calibration.eye_poses import ENOUGH, EyePoses, Model, Unknown, unknowns_of
 from suta_calib.pose_calibration.hand_eye_causes import refuse_misread, refuse_strangers
 from suta_calib.pose_calibration.inputs import checked_poses, error_context
 from suta_calib.pose_calibration.robot_noise import EYE, RobotNoise
-from suta_calib.pose_calibration.robust_fit import RobustAnswer, exchanged, robust_fit
+from suta_calib.pose_calibration.robust_fit import RobustAnswer, robust_fit
 from suta_calib.pose_calibration.undetermined import axis_of_all_turns, refuse_undetermined
+from suta_calib.showing import Shown
 from suta_calib.terms.hand_eye_start import (
+    EYE_IN_HAND,
+    EYE_TO_HAND,
+    EyeSetup,
     Poses,
     close_the_loop,
     inverse_poses,
     loop_closures,
     quaternion_hand_eye,
 )
-from suta_calib.units import deg, from_deg, mm
+from suta_calib.units import from_deg, text
 
 # Pairs that determine X, and pairs of a minimal sample: one more, against small turns.
 NEEDED: Final = 3
 SAMPLE: Final = 4
 # Loops that may be the middle one: some of them are good ones, however many are outliers.
 CANDIDATES: Final = 25
-Setup = Literal["eye-in-hand", "eye-to-hand"]
-Model = Literal["AX=XB", "AX=ZB"]
 LEAST_POSES: Final = 3
 # No hand and no eye is believed to turn more exactly than this when turns are weighed against
 # displacements: what is smaller repeats well, but is an error of the instruments all the same.
 FINEST_TURN: Final = from_deg(0.1)
-UNSURE: Final = 2e-3
 # Pairs below which positions can be fitted so well that they would seem exact; then this, in units
 # of the extent, is the least that they are taken to scatter, and no pair can be judged by others.
 FEW_PAIRS: Final = 8
 FINEST_POSITION: Final = 5e-4
-# Pairs below which a standard deviation is hardly more than a guess.
-ENOUGH: Final = 12
-UNSURE_TURN: Final = from_deg(0.5)
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class HandEyeCalibration(RobustAnswer):
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class HandEyeCalibration(Shown, EyePoses, RobustAnswer):
     """Where the eye is, and where the target; `solution` is in units of `length`.
 
-    The covariance (12, 12) is of X and Z: displacement (m, outer frame's axes) and small turn (rad,
-    axes of the eye and of the target) of each; residuals are ``A_i X B_i - Z`` in Z's outer frame.
+    Residuals are ``A_i X B_i - Z`` in Z's outer frame.
 
     Attributes:
-        setup: ``eye-in-hand`` or ``eye-to-hand``.
+        setup, X, Z: as in `EyePoses`.
         model: ``AX=XB`` or ``AX=ZB``.
-        X: (4, 4), ``T_hand_eye``, or ``T_base_eye`` for eye-to-hand; m.
-        Z: (4, 4), ``T_base_target``, or ``T_hand_target`` for eye-to-hand; m.
         rotation_residuals: (n, 3), the turn between ``A_i X B_i`` and Z, rad.
         axes: (n - 1, 3) rotation vectors of the hand's consecutive motions, rad.
         robot_noise_fraction: part of the rotational noise that seems to be the hand's, 0 to 1.
@@ -78,7 +73,7 @@ class HandEyeCalibration(RobustAnswer):
         length: m per unit of `solution`.
     """
 
-    setup: Setup
+    setup: EyeSetup
     model: Model
     X: FloatArray
     Z: FloatArray
@@ -89,15 +84,15 @@ class HandEyeCalibration(RobustAnswer):
     length: float
 
     @property
-    def unknowns(self) -> tuple[Literal["X", "Z"], ...]:
-        """Which of X and Z the model asks for."""
-        return ("X", "Z") if self.model == "AX=ZB" else ("X",)
+    def in_a_line(self) -> str:
+        """The setup, and how well the pairs agree."""
+        count = int(self.inliers.sum())
+        return f"{self.setup}, RMS {text(self.rms, 'm')} mm over {count} pairs"
 
     @property
-    def std(self) -> dict[str, FloatArray]:
-        """Standard deviations (6,) of X and of Z: displacement, m, and turn, rad."""
-        std = np.sqrt(np.diag(self.covariance))
-        return {"X": std[:6], "Z": std[6:]}
+    def unknowns(self) -> tuple[Unknown, ...]:
+        """Which of X and Z the model asks for."""
+        return unknowns_of(self.model)
 
     @property
     def rms_angle(self) -> float:
@@ -113,12 +108,8 @@ class HandEyeCalibration(RobustAnswer):
                 f"Only {int(self.inliers.sum())} pairs: the standard deviations are guesses "
                 "themselves, and a wrong pair may not show; take a dozen or more."
             )
-        displaced, turned = np.linalg.norm(self.std["X"].reshape(2, 3), axis=1).tolist()
-        if displaced > UNSURE or turned > UNSURE_TURN:
-            caution.append(
-                f"X is known to ± {mm(displaced):.1f} mm and ± {deg(turned):.2f}° only "
-                "(one sigma): add poses, turned by 30° or more about different axes."
-            )
+        if self.unsure:
+            caution.append(f"{self.unsure}: add poses, turned by 30° or more about different axes.")
         if self.trend.significant:
             caution.append(
                 f"What the eye sees seems {abs(self.trend.share):.2%} ± {self.trend.std:.2%} of "
@@ -129,32 +120,20 @@ class HandEyeCalibration(RobustAnswer):
             )
         bad = self.objections("pairs", self.inliers, self.length)
         if self.inverted != "good":
-            lengths = [mm(float(np.linalg.norm(T[:3, 3]))) for T in (self.X, self.Z)]
-            place, turn = mm(self.Z[:3, 3]), deg(rpy_from_rotation(self.Z[:3, :3]))
             (bad if self.inverted == "bad" else caution).append(
-                f"X is {lengths[0]:.0f} mm long and Z {lengths[1]:.0f} mm: what is on the hand "
-                "lies farther off than what stands. Are both poses inverted? Then X is what is "
-                f"called Z here: position ({', '.join(f'{v:.1f}' for v in place)}) mm, roll pitch "
-                f"yaw ({', '.join(f'{v:.2f}' for v in turn)})°."
+                f"{self.lengths_told} Are both poses inverted? Then X is what is called Z here: "
+                f"{self.Z_told}."
             )
         # A hand may move by millimetres, a target be seen from them: not both.
         (bad if len(self.notes) > 1 else caution).extend(self.notes)
         return Assessment.of(bad=bad, care=[*caution, *self.kept("pairs")])
-
-    @property
-    def inverted(self) -> Level:
-        """Whether both poses seem to be inverted, which exchanges X and Z: ``good`` if not."""
-        places = [self.X[:3, 3], self.Z[:3, 3]]
-        held, standing = places if self.setup == "eye-in-hand" else places[::-1]
-        std = np.concatenate([self.std["X"][:3], self.std["Z"][:3]])
-        return exchanged(held, standing, float(np.linalg.norm(std)))
 
 
 def calibrate_hand_eye(
     hand: tuple[ArrayLike, ArrayLike],
     seen: tuple[ArrayLike, ArrayLike],
     *,
-    setup: Setup = "eye-in-hand",
+    setup: EyeSetup = EYE_IN_HAND,
     model: Model = "AX=XB",
     robust: bool = True,
     seed: int = 0,
@@ -180,10 +159,10 @@ def calibrate_hand_eye(
             axes; names the undetermined directions.
     """
     A, B = checked_poses(*hand, "hand"), checked_poses(*seen, "seen")
-    if setup not in get_args(Setup) or model not in get_args(Model):
+    if setup not in get_args(EyeSetup) or model not in get_args(Model):
         raise ParameterError(
             f"setup {setup!r} and model {model!r}",
-            f"one of {', '.join(get_args(Setup))} and one of {', '.join(get_args(Model))}",
+            f"one of {', '.join(get_args(EyeSetup))} and one of {', '.join(get_args(Model))}",
         )
     if len(A[1]) != len(B[1]):
         raise SamplesError(
@@ -193,7 +172,7 @@ def calibrate_hand_eye(
         raise SamplesError(
             f"{len(A[1])} pairs of poses", f"at least {LEAST_POSES}, turned about different axes"
         )
-    if setup == "eye-to-hand":
+    if setup == EYE_TO_HAND:
         A = inverse_poses(A)
     # How large all this is: lengths are solved in units of it, so that none counts.
     length = extent(A[1]) + rms_length(B[1]) or 1.0
@@ -202,7 +181,7 @@ def calibrate_hand_eye(
     few = len(A[1]) < FEW_PAIRS
     start_from = partial(_start, seed=seed if robust and not few else None)
     start = start_from(scaled, target)
-    other = next(name for name in get_args(Setup) if name != setup)
+    other = next(name for name in get_args(EyeSetup) if name != setup)
     refuse_misread(start, scaled, target, length, other, start_from)
     noise = RobotNoise(scaled, target, FINEST_TURN)
     floors = (FINEST_POSITION if few else 0.0, FINEST_TURN)
@@ -246,7 +225,7 @@ def calibrate_hand_eye(
 def hand_eye_from_pairs(
     pairs: PosePairs,
     *,
-    setup: Setup = "eye-in-hand",
+    setup: EyeSetup = EYE_IN_HAND,
     model: Model = "AX=XB",
     robust: bool = True,
     seed: int = 0,
@@ -272,8 +251,11 @@ def _start(A: Poses, B: Poses, seed: int | None) -> Consensus:
     def propose(rows: IntArray) -> Poses:
         return quaternion_hand_eye((A[0][rows], A[1][rows]), (B[0][rows], B[1][rows]))
 
+    def residuals(X: Poses, rows: IntArray) -> FloatArray:
+        return _norms((A[0][rows], A[1][rows]), (B[0][rows], B[1][rows]), X)
+
     samples = minimal_samples(np.zeros(n, dtype=np.intp), SAMPLE, seed)
-    return find_consensus(n, samples, propose, lambda X: _norms(A, B, X), NEEDED)
+    return find_consensus(n, samples, propose, residuals, NEEDED)
 
 
 def _norms(A: Poses, B: Poses, X: Poses) -> FloatArray:
@@ -282,7 +264,8 @@ def _norms(A: Poses, B: Poses, X: Poses) -> FloatArray:
     middle = np.median(p, axis=-2, keepdims=True)
     # Of some of the rotations the one that is nearest to all: a median.
     some = R[:, :: 1 + R.shape[1] // CANDIDATES]
-    cosine = (np.einsum("mkij,mnij->mkn", some, R) - 1.0) / 2.0
+    trace = some.reshape(len(R), -1, 9) @ np.swapaxes(R.reshape(len(R), -1, 9), 1, 2)
+    cosine = (trace - 1.0) / 2.0
     angle = np.arccos(np.clip(cosine, -1.0, 1.0))
     best = np.argmin(np.median(angle, axis=2), axis=1)
     turned = angle[np.arange(len(R)), best]

@@ -32,12 +32,13 @@ from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.geometry.pinhole import CENTRE, DISTORTION, FOCAL
 from suta_calib.pose_calibration.correlation import common_covariance
 from suta_calib.solver.kernel import dense
+from suta_calib.solver.level_uncertainty import covariance_of_levels
 from suta_calib.solver.losses import huber_weight
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.solver.weights import CAMERA, Learned, WeightOptions, prior_groups
 from suta_calib.terms import CameraView
-from suta_calib.terms.camera_view import HELD
+from suta_calib.terms.camera_start import HELD
 
 # A hand's pose is wrong in three directions and three turns.
 DIRECTIONS: Final = 3
@@ -323,7 +324,7 @@ def weigh_pictures(
             break
     uncertainty = likelihood.uncertainty(eta)
     log_std = np.sqrt(np.diag(uncertainty))
-    covariance = here.covariance + _not_knowing(likelihood, eta, uncertainty, here)
+    covariance = here.covariance + covariance_of_levels(likelihood.at, eta, uncertainty)
     covariance = covariance + _in_common(here, alike)
     wide = eta.copy()
     wide[cameras + 2 :] = np.log(WIDE)
@@ -381,17 +382,3 @@ def _in_common(here: _Point, alike: Sequence[FloatArray]) -> FloatArray:
     residual = np.einsum("gij,gj->gi", white, errors) + jacobian @ here.step
     each = np.arange(len(residual), dtype=np.intp)
     return common_covariance(jacobian, residual, np.ones(WAYS), here.covariance, alike, each, each)
-
-
-def _not_knowing(
-    likelihood: _Likelihood, best: FloatArray, uncertainty: FloatArray, here: _Point
-) -> FloatArray:
-    """What the scatter of the levels adds: the mean over points with their mean and covariance."""
-    values, vectors = np.linalg.eigh(uncertainty * len(best))
-    added = np.zeros_like(here.covariance)
-    for offset in (vectors * np.sqrt(np.maximum(values, 0.0))).T:
-        for there in (likelihood.at(best + offset), likelihood.at(best - offset)):
-            moved = there.step - here.step
-            added += there.covariance - here.covariance + np.outer(moved, moved)
-    values, vectors = np.linalg.eigh(added / (2 * len(best)))
-    return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)

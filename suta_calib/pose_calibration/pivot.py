@@ -24,10 +24,11 @@ from suta_calib.pose_calibration.robust_fit import (
     robust_fit,
 )
 from suta_calib.pose_calibration.undetermined import refuse_undetermined
+from suta_calib.showing import Shown
 from suta_calib.terms.block import Noise, grouped
 from suta_calib.terms.fixed_point import FixedPoint, stacked_pivot
 from suta_calib.terms.poses import MeasuredPoses
-from suta_calib.units import deg, from_deg, mm
+from suta_calib.units import deg, from_deg, mm, text
 
 LEAST_POSES: Final = 3
 # Rows of a minimal sample: one more than needed, so that small turns do not decide by chance.
@@ -42,8 +43,8 @@ NO_POINT: Final = 0.1
 HARDLY_TURNED: Final = from_deg(2.0)
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class PivotCalibration(RobustAnswer):
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class PivotCalibration(Shown, RobustAnswer):
     """The tip of a tool, and the points it rested on; `solution` is in units of `length`.
 
     The covariance (3 + 3k, 3 + 3k), m², is of the tip and then of the posts in order; residuals are
@@ -63,6 +64,12 @@ class PivotCalibration(RobustAnswer):
     sigma: float
     turn: float
     length: float
+
+    @property
+    def in_a_line(self) -> str:
+        """The tip, and how well the poses agree."""
+        at = ", ".join(text(v, "m") for v in self.tip)
+        return f"tip ({at}) mm, RMS {text(self.rms, 'm')} mm over {int(self.inliers.sum())} poses"
 
     @property
     def post(self) -> FloatArray:
@@ -227,7 +234,7 @@ def _turns(R: FloatArray) -> FloatArray:
 
 def _norms(R: FloatArray, p: FloatArray, index: IntArray, tips: FloatArray) -> FloatArray:
     """Distance of every touch from the middle of its post's touches, (m, n, 1)."""
-    touched = p + np.einsum("nij,mj->mni", R, tips)
+    touched = p + np.moveaxis(R @ tips.T, -1, 0)
     norms = np.zeros(touched.shape[:2])
     for k in np.unique(index):
         rows = index == k
@@ -243,10 +250,14 @@ def _start(R: FloatArray, p: FloatArray, index: IntArray, seed: int | None) -> C
         return Consensus.of_all(len(p), float(np.sqrt(np.mean(norms**2) / 3.0)))
 
     def propose(rows: IntArray) -> FloatArray:
-        weight = np.zeros((len(rows), len(p)))
-        np.put_along_axis(weight, rows, 1.0, axis=1)
-        return stacked_pivot(R, p, index, weight)
+        used, place = np.unique(rows, return_inverse=True)
+        weight = np.zeros((len(rows), len(used)))
+        np.put_along_axis(weight, place.reshape(rows.shape), 1.0, axis=1)
+        return stacked_pivot(R[used], p[used], index[used], weight)
+
+    def residuals(tips: FloatArray, rows: IntArray) -> FloatArray:
+        return _norms(R[rows], p[rows], index[rows], tips)
 
     samples = minimal_samples(index, SAMPLE, seed)
     posts = int(index.max()) + 1
-    return find_consensus(len(p), samples, propose, lambda t: _norms(R, p, index, t), 2 + posts)
+    return find_consensus(len(p), samples, propose, residuals, 2 + posts)

@@ -32,6 +32,7 @@ from suta_calib.pose_calibration.consensus import (
 )
 from suta_calib.pose_calibration.inputs import checked_points, error_context
 from suta_calib.pose_calibration.robust_fit import ROUNDING, RobustAnswer, RobustFit, robust_fit
+from suta_calib.showing import Shown
 from suta_calib.terms.block import Noise
 from suta_calib.terms.poses import MeasuredPoses
 from suta_calib.terms.tracked_point import TrackedPoint
@@ -62,8 +63,8 @@ NOTICEABLE: Final = 0.3
 UNKNOWNS: Final = 7
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Registration(RobustAnswer):
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class Registration(Shown, RobustAnswer):
     """``T_b_a``, which takes points in frame a (the source) to frame b (the target).
 
     The covariance (6, 6) is of a small displacement (m) and turn (rad) of the moved points about
@@ -93,6 +94,11 @@ class Registration(RobustAnswer):
     scale_std: float
     scale_rms: float
     extent: float
+
+    @property
+    def in_a_line(self) -> str:
+        """How well the points agree."""
+        return f"RMS {text(self.rms, 'm')} mm over {int(self.inliers.sum())} points"
 
     @property
     def matrix(self) -> FloatArray:
@@ -273,9 +279,9 @@ def _start(a: FloatArray, b: FloatArray, seed: int | None) -> Consensus:
 def agreeing_points(a: FloatArray, b: FloatArray, seed: int, needed: int) -> Consensus:
     """The points (n, 3) that most agree on how ``a`` lies on ``b``; ``needed`` determine it."""
 
-    def residuals(model: tuple[FloatArray, FloatArray]) -> FloatArray:
+    def residuals(model: tuple[FloatArray, FloatArray], rows: IntArray) -> FloatArray:
         R, p = model
-        error = np.einsum("mij,nj->mni", R, a) + p[:, None, :] - b
+        error = a[rows] @ np.swapaxes(R, 1, 2) + p[:, None, :] - b[rows]
         return np.asarray(np.linalg.norm(error, axis=2)[..., None])
 
     samples = minimal_samples(np.zeros(len(a), dtype=np.intp), LEAST_POINTS, seed)

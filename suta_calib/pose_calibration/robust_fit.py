@@ -18,7 +18,7 @@ from suta_calib.assessment import Level
 from suta_calib.distributions import chi2, f
 from suta_calib.geometry.numbers import rms_length
 from suta_calib.pose_calibration.consensus import DIMENSION, FALSE_ALARM, Consensus, outlier_limit
-from suta_calib.pose_calibration.correlation import common_covariance
+from suta_calib.pose_calibration.correlation import common_covariance, embedded
 from suta_calib.pose_calibration.serial_correlation import blocks
 from suta_calib.solver.covariance import observed_covariance, predicted_covariance
 from suta_calib.solver.information import Information, scaled_inverse, whitened_rows
@@ -328,15 +328,10 @@ def _covariance(
 
 def _alike(poses: PoseSource, solution: Solution) -> list[FloatArray]:
     """Spaces (n, 12) in which neighbours may err alike: of the hand's poses, and of the seen."""
-    spaces, samples = [_embedded(*poses.at(solution.values))], poses.samples
+    spaces, samples = [embedded(*poses.at(solution.values))], poses.samples
     if samples.position is not None and samples.rotation is not None:
-        spaces.append(_embedded(samples.rotation, samples.position))
+        spaces.append(embedded(samples.rotation, samples.position))
     return spaces
-
-
-def _embedded(rotation: FloatArray, position: FloatArray) -> FloatArray:
-    """Poses (n, 12) whose distances are those of places, in units of the extent, and turns, rad."""
-    return np.hstack([position, rotation.reshape(-1, 9) / np.sqrt(2.0)])
 
 
 def _scatter(residual: FloatArray, robust: bool) -> float:

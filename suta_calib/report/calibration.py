@@ -7,23 +7,35 @@ null, so that nobody uses them by accident.
 from __future__ import annotations
 
 import platform
-from collections.abc import Iterator, Mapping, Sequence
-from functools import partial
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from importlib.metadata import PackageNotFoundError, version
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from suta_calib.arrays import FloatArray
 from suta_calib.diagnostics.accuracy import TermAccuracy
 from suta_calib.diagnostics.explanation import redundant_names
 from suta_calib.diagnostics.external_poses import external_poses
 from suta_calib.diagnostics.repeats import TouchRepeatability
 from suta_calib.job.calibration import CalibrationResult
-from suta_calib.report import calibration_plots as plots
-from suta_calib.report.document import Document, Figure, File, Folded, Part, Place, ShownOnly, Text
+from suta_calib.lazy import later
+from suta_calib.plotting.limits import MOST_CORRELATED, MOST_GROUPS
+from suta_calib.report.document import (
+    Document,
+    Figure,
+    File,
+    Folded,
+    Part,
+    Place,
+    ShownOnly,
+    Space,
+    Text,
+)
 from suta_calib.report.errors import (
     GROUPINGS,
     RESIDUALS,
+    KindErrors,
     accuracy_json,
     by_kind,
     errors_table,
@@ -32,7 +44,7 @@ from suta_calib.report.errors import (
 )
 from suta_calib.report.external_poses import EXTERNAL_POSES, NOTE
 from suta_calib.report.held_out import HELD_OUT, held_out_rows
-from suta_calib.report.listing import Column, Json, Listing, csv_text
+from suta_calib.report.listing import Column, Json, Listing, csv_of_groups
 from suta_calib.report.noise import NOISE, PRIORS, noise_of, priors_of
 from suta_calib.report.observability import (
     EXPLANATIONS,
@@ -40,10 +52,17 @@ from suta_calib.report.observability import (
     explained,
     unobservable,
 )
-from suta_calib.report.parameters import PARAMETERS, left_out, outcomes
+from suta_calib.report.parameters import MANY, PARAMETERS, left_out, outcomes
 from suta_calib.solver.ipopt import Minimum
 from suta_calib.solver.solution import Solution
+from suta_calib.terms import Term
 from suta_calib.words import combination
+
+if TYPE_CHECKING:
+    from suta_calib.report import calibration_plots as plots
+else:
+    # Without a report there is nothing to draw.
+    plots = later("suta_calib.report.calibration_plots")
 
 NAME: Final = "result"
 CALIBRATED: Final = "calibrated.urdf"
@@ -59,6 +78,9 @@ REPEATABILITY: Final = Listing[tuple[str, TouchRepeatability]](
     Column("std", "± std", lambda row: row[1].std, "m"),
     Column("touches", "touches", lambda row: row[1].touches, form="d"),
     Column("places", "of", lambda row: row[1].places, form="d"),
+)
+ABOUT: Final = Listing[tuple[str, str]](
+    "", Column("", "", lambda row: row[0]), Column("", "", lambda row: row[1])
 )
 STARTS: Final = Listing[tuple[int, Minimum]](
     "How it was computed",
@@ -80,6 +102,7 @@ def calibration_document(result: CalibrationResult, *, verbose: bool = False) ->
     """
     path = result.job.spec.path
     parts = [
+        *_first_screen(result),
         *_errors(result),
         *(_parameters(result, verbose=verbose) if result.solution.converged else []),
         *_external_poses(result),
@@ -90,7 +113,9 @@ def calibration_document(result: CalibrationResult, *, verbose: bool = False) ->
         *_files(result),
     ]
     title = f"Calibration of {path.parent.resolve().name or path.name}"
-    return Document(NAME, title, result.assessment, parts, _data(result), written="opening")
+    return Document(
+        NAME, title, result.assessment, parts, _data(result), "opening", result.headline
+    )
 
 
 def versions() -> dict[str, str]:
@@ -107,6 +132,39 @@ def versions() -> dict[str, str]:
 # What is shown
 
 
+def _first_screen(result: CalibrationResult) -> Iterator[Part]:
+    """The arm with its errors, and what the figures are of."""
+    if result.solution.converged:
+        yield Space(result.scene)
+    yield ShownOnly(ABOUT.of(_about(result)), "page")
+
+
+def _about(result: CalibrationResult) -> Iterator[tuple[str, str]]:
+    job, solution = result.job, result.solution
+    chain = job.arm.chain
+    joints = f"{len(job.arm.joints)} joints from {chain.base} to {chain.tip}"
+    yield "arm", f"{chain.robot}, {joints}; {chain.path.name}"
+    for name, terms in (("fitted", job.observations), ("held out", job.validation)):
+        yield name, "; ".join(map(_counted, terms)) or "nothing"
+    estimated = sum(e.std is not None for e in solution.arm_estimates.values())
+    own = len(solution.problem.parameters) - solution.problem.arm_count
+    of_data = f"; {own} unknowns of the observations" if own else ""
+    yield "unknowns", f"{estimated} of {solution.problem.arm_count} of the arm estimated{of_data}"
+    yield "made with", " · ".join(f"{name} {number}" for name, number in versions().items())
+
+
+def _counted(term: Term) -> str:
+    """``225 samples of pairwise_distance, 1,575 distances, at 5 places``."""
+    block, samples = term.blocks[0], term.poses.samples
+    said = f"{len(samples):,} samples of {term.kind}"
+    if len(block) != len(samples):
+        said += f", {len(block):,} {block.name}s"
+    if term.place in samples.labels:
+        places = len(set(samples.labels[term.place].tolist()))
+        said += f", at {places} place{'s' * (places != 1)}"
+    return said
+
+
 def _parameters(result: CalibrationResult, *, verbose: bool) -> Iterator[Part]:
     solution = result.solution
     every = outcomes(solution)
@@ -114,8 +172,22 @@ def _parameters(result: CalibrationResult, *, verbose: bool) -> Iterator[Part]:
     worth_showing = every if verbose else [row for row in arm if row.worth_showing(len(arm))]
     yield ShownOnly(PARAMETERS.of(worth_showing), "console")
     if not verbose:
-        yield from left_out(len(arm) - len(worth_showing), [row.estimate for row in own])
-    yield ShownOnly(PARAMETERS.of(arm), "page")
+        # What is no pose, such as a camera's intrinsics or a radius, is told nowhere else.
+        posed = {name for each in external_poses(solution) for name in each.frame.names}
+        alone = [row for row in own if row.estimate.name not in posed]
+        shown = alone if len(alone) <= MANY else []
+        if shown:
+            title = "The observations' own unknowns that are no poses"
+            yield ShownOnly(PARAMETERS.of(shown, title), "console")
+        hidden = [row.estimate for row in own if row not in shown]
+        yield from left_out(len(arm) - len(worth_showing), hidden)
+    held = [row for row in arm if row.change is None]
+    yield ShownOnly(PARAMETERS.of([row for row in arm if row.change is not None]), "page")
+    for state in dict.fromkeys(row.state_shown for row in held):
+        names = [row.estimate.name for row in held if row.state_shown == state]
+        said = f"{state.capitalize()}, so at nominal ({len(names)}): {', '.join(names)}"
+        yield Text(said, bullet=True, place="page")
+    yield Folded(PARAMETERS.of(held, f"Parameters at nominal ({len(held)})"))
     yield Text(
         "“redundant”: no data of these kinds could tell it; nominal is a convention. "
         "“unidentified”: other data would tell it; it stays at nominal. “prior”: mostly known "
@@ -124,10 +196,9 @@ def _parameters(result: CalibrationResult, *, verbose: bool) -> Iterator[Part]:
         place="page",
         look="soft",
     )
-    estimated = [e for e in solution.arm_estimates.values() if e.std]
-    if estimated:
+    if changes := solution.changes:
         yield Figure(
-            lambda: plots.parameter_changes(estimated, "parameter-changes"),
+            lambda: plots.parameter_changes(changes, "parameter-changes"),
             "Change from nominal, ± one standard deviation",
         )
     yield Folded(PARAMETERS.of(own, f"The observations' own unknowns ({len(own)})"))
@@ -168,9 +239,17 @@ def _errors(result: CalibrationResult) -> Iterator[Part]:
         for k, errors in enumerate(by_kind(sets[name])):
             if len(errors.before):
                 yield Figure(
-                    partial(plots.error_histogram, errors, f"histogram-{name}-{k}"),
+                    _histogram(errors, f"histogram-{name}-{k}"),
                     f"{name.capitalize()}: {errors.quantity}",
                 )
+
+
+def _histogram(errors: KindErrors, name: str) -> Callable[[], str]:
+    return lambda: plots.error_histogram(errors, name)
+
+
+def _boxes(groups: Mapping[str, FloatArray], label: str, name: str) -> Callable[[], str]:
+    return lambda: plots.grouped_errors(groups, label, name)
 
 
 def _repeatability(result: CalibrationResult) -> list[tuple[str, TouchRepeatability]]:
@@ -216,10 +295,10 @@ def _remaining_errors(result: CalibrationResult) -> Iterator[Part]:
         told = [label for label in GROUPINGS if len(of[label]) > 1]
         # Files are usually split by label: only without labels do they tell more.
         for label in told or ["file"] * (len(of["file"]) > 1):
-            rest = len(of[label]) - plots.MOST_GROUPS
+            rest = len(of[label]) - MOST_GROUPS
             title = f"{name}: by {label}" + (f" (without the {rest} best)" if rest > 0 else "")
             svg_name = f"errors-{name.lower()}-{label}"
-            found.append(Figure(partial(plots.grouped_errors, of[label], label, svg_name), title))
+            found.append(Figure(_boxes(of[label], label, svg_name), title))
     if found:
         yield Text("Where the remaining errors are", place="page", look="heading")
         yield from found
@@ -246,7 +325,7 @@ def _noise_and_correlations(result: CalibrationResult) -> Iterator[Part]:
     if len(names) < 2:
         return
     yield Text("Correlations", place="page", look="heading")
-    if (less := len(names) - plots.MOST_CORRELATED) > 0:
+    if (less := len(names) - MOST_CORRELATED) > 0:
         said = f"{less} parameters that are less correlated are left out; result.json has all."
         yield Text(said, place="page", look="soft")
     yield Figure(lambda: plots.correlation_map(names, matrix, "correlations"))
@@ -267,8 +346,6 @@ def _computation(result: CalibrationResult) -> Iterator[Part]:
     except OSError:
         job = "(the job file is not there any more)"
     yield Text(job, place="page", look="verbatim")
-    made_with = " · ".join(f"{name} {number}" for name, number in versions().items())
-    yield Text(made_with, place="page", look="soft")
     if not result.assessment.usable:
         instead = f": {NOT_USABLE} holds what was found" if solution.converged else ""
         yield Text(f"No {CALIBRATED} is written{instead}.")
@@ -287,7 +364,9 @@ def _files(result: CalibrationResult) -> list[File]:
             CALIBRATED if result.assessment.usable else NOT_USABLE,
             lambda: result.job.arm.calibrated_urdf(solution.values),
         ),
-        File("residuals.csv", lambda: csv_text(RESIDUALS, residual_rows(result.labelled_terms))),
+        File(
+            "residuals.csv", lambda: csv_of_groups(RESIDUALS, residual_rows(result.labelled_terms))
+        ),
     ]
 
 

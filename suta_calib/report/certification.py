@@ -23,9 +23,11 @@ from suta_calib.certification.result import (
     frame_sentence,
     noise_source,
 )
+from suta_calib.plotting.factor import round_down
+from suta_calib.plotting.style import BLUE, GREY, ORANGE, WIDTH
 from suta_calib.report.document import Document, Figure, Part, ShownOnly, Text
 from suta_calib.report.listing import Column, Json, Listing, components, shown_as, written
-from suta_calib.report.svg import BLUE, GREY, ORANGE, WIDTH, picture, round_down, svg_text
+from suta_calib.report.svg import picture, svg_text
 from suta_calib.units import deg, mm, um
 
 NAME: Final = "certify"

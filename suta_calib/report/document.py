@@ -12,12 +12,14 @@ from functools import cached_property
 from typing import Any, Literal
 
 from suta_calib.assessment import Assessment
+from suta_calib.plotting.scene import Scene
 from suta_calib.report.listing import Json, Table, plain
 
 Place = Literal["everywhere", "console", "page"]
-# NAME.json and a section of report.html; the same, but report.html begins anew with it and its
-# pictures are on that page only; result.json alone; or neither, but the files it names.
-Written = Literal["report", "opening", "result", "files"]
+# NAME.json and a section of report.html; result.json and a report.html that begins anew with it;
+# the same, but its pictures are on that page only; NAME.json alone; or neither, but the files it
+# names.
+Written = Literal["report", "result", "opening", "record", "files"]
 Look = Literal["plain", "heading", "remedy", "soft", "verbatim"]
 
 
@@ -58,6 +60,17 @@ class Figure:
 
 
 @dataclass(frozen=True)
+class Space:
+    """A scene on a page that its reader turns about; there is one at most.
+
+    Attributes:
+        scene: makes it.
+    """
+
+    scene: Callable[[], Scene]
+
+
+@dataclass(frozen=True)
 class ShownOnly:
     """A table that is shown in one place only; JSON has it all the same."""
 
@@ -90,7 +103,7 @@ class File:
         return content if isinstance(content, bytes) else content.encode()
 
 
-Shown = Text | Figure | Table | Folded
+Shown = Text | Figure | Space | Table | Folded
 Part = Shown | ShownOnly | File
 
 
@@ -106,6 +119,7 @@ class Document:
         parts: what is shown, in order; tables that have a key are written to JSON too.
         data: what else JSON has, SI values already in the reader's unit.
         written: what becomes of it in a folder, beside its pictures and files.
+        headline: the one figure that a page begins with; empty for none.
     """
 
     name: str
@@ -114,6 +128,7 @@ class Document:
     parts: Sequence[Part] = ()
     data: Mapping[str, Any] = field(default_factory=dict)
     written: Written = "report"
+    headline: str = ""
 
     def shown(self, place: Place) -> list[Shown]:
         """The parts for the console or for a page, in order; tables without rows are not."""

@@ -8,9 +8,10 @@ from typing import Final
 import numpy as np
 
 from suta_calib.analysis.study import DriftPoint, DriftStudy
+from suta_calib.plotting.style import BLUE, GREY, WIDTH
 from suta_calib.report.document import Document, Figure, Part, Text
 from suta_calib.report.listing import Column, Listing
-from suta_calib.report.svg import BLUE, GREY, WIDTH, picture, svg_text
+from suta_calib.report.svg import picture, svg_text
 from suta_calib.units import deg, mm, shown, text
 
 NAME: Final = "drift"

@@ -185,54 +185,56 @@ def _of_kind(found: Sequence[KindErrors], which: int) -> Json:
 
 
 @dataclass(frozen=True, eq=False)
-class ResidualRow:
-    """One error of ``residuals.csv``: the ``index``-th of a block of a term."""
+class BlockRows:
+    """The errors of one block of a term, as rows of ``residuals.csv``."""
 
     data: str
     label: str
     term: TermAccuracy
     block: BlockErrors
-    index: int
 
-    def samples(self) -> str:
-        """Rows of the samples files it belongs to."""
+    def __len__(self) -> int:
+        return len(self.block.labels)
+
+    def samples(self) -> list[str]:
+        """Of each error the rows of the samples files it belongs to."""
         origin = self.term.term.poses.samples.origin
-        return "; ".join(origin[i] for i in self.block.rows[self.index])
+        return ["; ".join([origin[i] for i in rows]) for rows in self.block.rows.tolist()]
 
-    def number(self, name: str, k: int = 0) -> str:
-        """An error of the block of that name, or its ``k``-th component; empty without one."""
-        value = np.atleast_1d(getattr(self.block, name)[self.index])
-        return f"{units.shown(float(value[k]), self.block.unit):.6g}" if k < len(value) else ""
+    def numbers(self, name: str, k: int = 0) -> str | list[str]:
+        """Errors of the block of that name, or their ``k``-th components; empty without them."""
+        values = np.reshape(getattr(self.block, name), (len(self), -1))
+        if k >= values.shape[1]:
+            return ""
+        return [f"{v:.6g}" for v in units.shown(values[:, k], self.block.unit).tolist()]
 
 
 # ``error_…`` are norms, ``c1 … c3`` the components with their signs (only ``c1`` for distances),
 # all in the row's unit.
-RESIDUALS: Final = Listing[ResidualRow](
+RESIDUALS: Final = Listing[BlockRows](
     "Every error, before and after",
     Column("set", None, lambda row: row.data),
     Column("kind", None, lambda row: row.term.term.kind),
     Column("label"),
     Column("quantity", None, lambda row: row.block.name),
-    Column("what", None, lambda row: row.block.labels[row.index]),
-    Column("samples", None, ResidualRow.samples),
+    Column("what", None, lambda row: row.block.labels),
+    Column("samples", None, BlockRows.samples),
     Column("unit", None, lambda row: units.unit_name(row.block.unit)),
-    Column("error_before", None, lambda row: row.number("before")),
-    Column("error_after", None, lambda row: row.number("after")),
+    Column("error_before", None, lambda row: row.numbers("before")),
+    Column("error_after", None, lambda row: row.numbers("after")),
     *(
-        Column(f"c{k + 1}_{state}", None, methodcaller("number", f"residual_{state}", k))
+        Column(f"c{k + 1}_{state}", None, methodcaller("numbers", f"residual_{state}", k))
         for state in ("before", "after")
         for k in range(3)
     ),
 )
 
 
-def residual_rows(sets: Mapping[str, Sequence[tuple[str, TermAccuracy]]]) -> Iterator[ResidualRow]:
+def residual_rows(sets: Mapping[str, Sequence[tuple[str, TermAccuracy]]]) -> Iterator[BlockRows]:
     """Every error of terms with their labels, by what their data are."""
     for data, labelled in sets.items():
         for label, term in labelled:
-            for block in term.blocks:
-                for index in range(len(block.labels)):
-                    yield ResidualRow(data, label, term, block, index)
+            yield from (BlockRows(data, label, term, block) for block in term.blocks)
 
 
 def groups(terms: Sequence[TermAccuracy], grouping: str) -> dict[str, FloatArray]:

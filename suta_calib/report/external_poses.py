@@ -57,6 +57,6 @@ EXTERNAL_POSES: Final = Listing[ExternalPose](
 )
 NOTE: Final = (
     "A pose is T_within_what, in metres in result.json, where its inverse is too. ± of a turn is "
-    "about the frame's own axes. Where parameters are given, it has its meaning only relative to "
-    "them."
+    "about the frame's own axes. Where parameters, or a key of the job, are given, it has its "
+    "meaning only relative to them: nothing measured checks these."
 )

@@ -14,7 +14,7 @@ from suta_calib.atomic import exchange_files
 from suta_calib.errors import OutputError
 from suta_calib.report.document import Document, Figure, File, Text
 from suta_calib.report.listing import json_text
-from suta_calib.report.page import page_with
+from suta_calib.report.page import BEGINS, belongs, holds_others, page_with
 
 REPORT: Final = "report.html"
 
@@ -49,13 +49,13 @@ def write_document(
         **run,
     }
     record = {"result": "result.json", "files": ""}.get(answer.written, f"{answer.name}.json")
-    report = folder / REPORT
-    if answer.written in ("report", "opening"):
-        page = report.read_text(encoding="utf-8", errors="replace") if report.is_file() else None
+    if answer.written not in ("record", "files"):
+        job = Path(next(iter(inputs), "")).name
+        report, page = _report(answer, folder, job)
         made_from = (f" from {Path(n).name} (SHA-256 {h[:12]})" for n, h in inputs.items())
         told = Text(f"Run {run['id']}{', '.join(made_from)}.", place="page", look="soft")
         said = replace(answer, parts=(*answer.parts, told))
-        contents[REPORT] = page_with(said, page).encode(errors="replace")
+        contents[report] = page_with(said, page, job).encode(errors="replace")
     names = [*contents, record] if record else [*contents]
     complete = answer.json()
     complete |= {"files": {name: str(folder / name) for name in names}}
@@ -75,9 +75,23 @@ def write_document(
         raise OutputError(
             f"{folder}: cannot be used as the output folder: {error.strerror}; choose another one"
         ) from error
-    stale = _written_before(folder / record) - {*names, REPORT} if record else ()
+    # A page that others have their sections on stays, unless it would tell of the run before.
+    kept = {*names, *([] if answer.written == "record" else [REPORT])}
+    stale = _written_before(folder / record) - kept if record else ()
     exchange_files(folder, contents, stale)
     return complete
+
+
+def _report(answer: Document, folder: Path, job: str) -> tuple[str, str | None]:
+    """Name of the page that an answer stands on, and what is there; a page is of one job."""
+    path = folder / REPORT
+    page = path.read_text(encoding="utf-8", errors="replace") if path.is_file() else None
+    if answer.written in BEGINS or page is None or belongs(page, job):
+        return REPORT, page
+    if not holds_others(answer, page):
+        return REPORT, None
+    path = folder / f"report-{Path(job).stem}.html"
+    return path.name, path.read_text(encoding="utf-8", errors="replace") if path.is_file() else None
 
 
 def _written_before(record: Path) -> set[str]:
@@ -104,7 +118,7 @@ def _contents(answer: Document) -> dict[str, bytes]:
     for part in answer.parts:
         if isinstance(part, File):
             found[part.name] = part.as_bytes()
-        elif isinstance(part, Figure) and answer.written != "opening":
+        elif isinstance(part, Figure) and answer.written in ("report", "result"):
             number = f"_{figures.index(part) + 1}" if len(figures) > 1 else ""
             found[f"{answer.name}{number}.svg"] = part.svg.encode()
     return found

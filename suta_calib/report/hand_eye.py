@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from functools import partial
-from typing import Final
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Final
 
+from suta_calib.lazy import later
 from suta_calib.measurements.pose_files import PosePairs
 from suta_calib.model.parameters import PLACEMENT
+from suta_calib.pose_calibration.eye_poses import FRAMES
 from suta_calib.pose_calibration.hand_eye import HandEyeCalibration
 from suta_calib.report.document import Document, Figure, Part
-from suta_calib.report.listing import Column, Json, Listing
+from suta_calib.report.listing import Column, Json, Listing, Table
 from suta_calib.report.poses import (
-    LARGE,
     covariance_record,
-    draw_axes,
-    draw_residuals,
     fit_texts,
     fitted_rows,
     pose_record,
@@ -22,15 +21,15 @@ from suta_calib.report.poses import (
     pose_table,
     residuals_file,
 )
-from suta_calib.report.svg import picture, svg_text
 from suta_calib.units import text
 
+if TYPE_CHECKING:
+    from suta_calib.report import pose_plots as plots
+else:
+    # Who asks for no files sees no picture.
+    plots = later("suta_calib.report.pose_plots")
+
 NAME: Final = "hand_eye"
-# What X and Z are, by where the eye is.
-FRAMES: Final = {
-    "eye-in-hand": {"X": "T_hand_eye", "Z": "T_base_target"},
-    "eye-to-hand": {"X": "T_base_eye", "Z": "T_hand_target"},
-}
 CALIBRATION: Final = Listing[HandEyeCalibration](
     "",
     Column("rms", unit="m"),
@@ -44,12 +43,10 @@ CALIBRATION: Final = Listing[HandEyeCalibration](
 def hand_eye_document(found: HandEyeCalibration, data: PosePairs) -> Document:
     """X, and Z where the model asks for it, with standard deviations; ``residuals.csv``."""
     names, frames = found.unknowns, FRAMES[found.setup]
-    parts: list[Part] = []
+    parts: list[Part] = [*frame_tables(found)]
     record: Json = {"setup": found.setup, "model": found.model}
     for name in names:
-        pose, (_, base, what) = getattr(found, name), frames[name].split("_")
-        title = f"{name} = {frames[name]}: the {what} in the {base}, {found.setup}"
-        parts.append(pose_table(title, pose, found.std[name], f"the {what}'s axes"))
+        pose = getattr(found, name)
         record |= {name: pose, **pose_record(pose, f"{name}_")}
     fit = (
         f"rms {text(found.rms, 'm', with_unit=True)} (3-D), "
@@ -59,7 +56,7 @@ def hand_eye_document(found: HandEyeCalibration, data: PosePairs) -> Document:
     parts += [
         *fit_texts(fit, "pair", found, data.lines),
         residuals_file(found.inliers, {"line": data.lines}, residuals, turns),
-        Figure(partial(hand_eye_plot, found)),
+        Figure(lambda: plots.hand_eye_plot(found)),
     ]
     size = 6 * len(names)
     order = [f"{name}.{key}" for name in names for key in PLACEMENT]
@@ -74,23 +71,10 @@ def hand_eye_document(found: HandEyeCalibration, data: PosePairs) -> Document:
     return Document(NAME, "Hand-eye calibration", found.assessment, parts, record, "result")
 
 
-def hand_eye_plot(found: HandEyeCalibration) -> str:
-    """An SVG: residuals by pair in length and angle, and the axes of the motions."""
-    with picture(NAME, (LARGE, 4.6)) as figure:
-        panels = figure.subplot_mosaic("LA;TA", width_ratios=(1.5, 1))
-        length, turn, inliers = panels["L"], panels["T"], found.inliers
-        draw_residuals(length, found.residuals, inliers, found.rms, "m", "")
-        draw_residuals(
-            turn, found.rotation_residuals, inliers, found.rms_angle, "rad", "pair (row, from 0)"
-        )
-        length.set_title("A X B from their mean", pad=24)
-        length.set_ylabel("distance, mm")
-        turn.set_ylabel("turn, deg")
-        draw_axes(panels["A"], found.axes, inliers[1:] & inliers[:-1])
-        # With the eye beside the robot the hand's poses are inverted: axes are in the base.
-        frame = "hand" if found.setup == "eye-in-hand" else "base"
-        panels["A"].set_title(
-            f"Axes of the motions from row to row,\nin the {frame} (angle from its z);\n"
-            "large marks: large turns"
-        )
-        return svg_text(figure, NAME, "Hand-eye calibration: residuals and axes of motion")
+def frame_tables(found: HandEyeCalibration) -> Iterator[Table]:
+    """X, and Z where the model asks for it, each in words with its standard deviations."""
+    for name in found.unknowns:
+        frame = FRAMES[found.setup][name]
+        _, base, what = frame.split("_")
+        title = f"{name} = {frame}: the {what} in the {base}, {found.setup}"
+        yield pose_table(title, getattr(found, name), found.std[name], f"the {what}'s axes")

@@ -20,9 +20,10 @@ from suta_calib.analysis.iso10360 import (
 )
 from suta_calib.arrays import FloatArray
 from suta_calib.diagnostics.accuracy import Metrics
+from suta_calib.plotting.style import BLUE, GREY, ORANGE, WIDTH
 from suta_calib.report.document import Document, Figure, Part, Text
 from suta_calib.report.listing import Column, Json, Listing, plain
-from suta_calib.report.svg import BLUE, GREY, ORANGE, WIDTH, picture, svg_text
+from suta_calib.report.svg import picture, svg_text
 from suta_calib.units import from_mm, mm, text, um
 
 NAME: Final = "iso10360"

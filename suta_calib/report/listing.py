@@ -10,8 +10,9 @@ import csv
 import io
 import json
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence, Sized
 from dataclasses import KW_ONLY, dataclass, replace
+from itertools import repeat
 from typing import Any, Generic, Literal, TypeVar, cast
 
 import numpy as np
@@ -264,6 +265,27 @@ def csv_text(listing: Listing[Row], rows: Iterable[Row], digits: int | None = No
     for row in rows:
         cells = (c.entry(row)[1] for c in columns)
         writer.writerow(f"{v:.{digits}g}" if digits and isinstance(v, float) else v for v in cells)
+    return text.getvalue()
+
+
+def csv_of_groups(listing: Listing[Row], groups: Iterable[Row]) -> str:
+    """Many rows as a CSV file, given a group at a time.
+
+    Args:
+        listing: its columns that have a key; of a group a value is a text that all its rows share,
+            or a sequence of texts, one each.
+        groups: in order; each has as many rows as it has length.
+    """
+    columns = [c for c in listing.columns if c.key]
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(c.written_key for c in columns)
+    for group in groups:
+        values = (c.of(group) for c in columns)
+        count = len(cast("Sized", group))
+        writer.writerows(
+            zip(*(repeat(v, count) if isinstance(v, str) else v for v in values), strict=True)
+        )
     return text.getvalue()
 
 

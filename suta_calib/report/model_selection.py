@@ -12,9 +12,10 @@ from suta_calib.analysis.model_selection import ModelCandidate, ModelSelection
 from suta_calib.analysis.model_selection.selection import SHORT
 from suta_calib.diagnostics.score_tests import LOOKS_LIKE, ScoreTest
 from suta_calib.model.parameters import Selection
+from suta_calib.plotting.style import BLUE, ORANGE, WIDTH
 from suta_calib.report.document import Document, Figure, Part, ShownOnly, Text
 from suta_calib.report.listing import Column, Json, Listing
-from suta_calib.report.svg import BLUE, ORANGE, WIDTH, picture, svg_text
+from suta_calib.report.svg import picture, svg_text
 from suta_calib.solver.solution import Estimate
 from suta_calib.units import mm, shown, text, unit_name
 
@@ -100,6 +101,7 @@ def row_dict(row: Selection) -> Json:
         "bound_mm": row.bound_m and shown(row.bound_m, "m"),
         "bound_deg": row.bound_rad and shown(row.bound_rad, "rad"),
         "bound_deg_per_nm": row.bound_rad_per_nm and shown(row.bound_rad_per_nm, "rad/Nm"),
+        "bound_ppm_per_k": row.bound_per_k and shown(row.bound_per_k, "1/K"),
         "bound": row.bound_ratio,
     }
     stated = {key: float(f"{value:.6g}") for key, value in sizes.items() if value}

@@ -1,44 +1,69 @@
-"""The page's sink: documents as sections of ``report.html``, each in place of its earlier self.
+"""The page's sink: documents as sections of a report, each in place of its earlier self.
 
 An analysis of a job stands in the report of its calibration, below what is there. Where there is
-no report, or for an analysis that has no job, it makes a page of its own.
+no report, or for an analysis that has no job, it makes a page of its own. A page is of one job.
 """
 
 from __future__ import annotations
 
 import re
+from datetime import UTC, datetime
+from html import unescape
 from typing import Final
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from suta_calib.report.document import Document, Figure, Folded
+from suta_calib.report.document import Document, Figure, Folded, Space
 from suta_calib.report.listing import Table
+from suta_calib.report.spatial import scene_html
 
+# Documents that a report begins anew with.
+BEGINS: Final = ("opening", "result")
 _END: Final = "<!-- analyses -->"
+_JOB: Final = re.compile(r'<meta name="job" content="([^"]*)">')
+_SECTION: Final = re.compile(r'<section id="([^"]*)">')
+_HEADING: Final = re.compile(r'<h2 id="([^"]*)">(.*?)</h2>')
+_CONTENTS: Final = re.compile(r'<nav class="contents">.*?</nav>', re.DOTALL)
 
 
-def page_with(answer: Document, page: str | None) -> str:
+def page_with(answer: Document, page: str | None, job: str = "") -> str:
     """A page with the document in it.
 
     Args:
         answer: what is to be shown; every text in it is escaped.
         page: HTML of an earlier report, or None for a page of its own.
+        job: the file that the answer is on; empty for none.
 
     Returns:
         HTML that needs nothing else: the earlier page with this section below its others, or in
         the place of the one of the same name; a page of its own where it opens a report.
     """
     templates = environment()
-    if answer.written == "opening" or page is None or not _place(page):
-        page = templates.get_template("analyses.html.j2").render(title=answer.title)
-    shown = templates.get_template("document.html.j2").render(answer=answer).strip()
+    begins = answer.written in BEGINS or page is None or not belongs(page, job)
+    if begins or page is None or not _place(page):
+        now = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")
+        page = templates.get_template("analyses.html.j2").render(
+            title=answer.title, job=job, written=now
+        )
+    shown = templates.get_template("document.html.j2").render(answer=answer, job=job).strip()
     earlier = re.compile(rf'<section id="{re.escape(answer.name)}">.*?</section>\n?', re.DOTALL)
     if earlier.search(page):
-        return earlier.sub(lambda _: shown + "\n", page, count=1)
+        return _with_contents(earlier.sub(lambda _: shown + "\n", page, count=1))
     place = _place(page)
     before, after = page.rsplit(place, 1)
-    return f"{before}{shown}\n{place}{after}"
+    return _with_contents(f"{before}{shown}\n{place}{after}")
+
+
+def belongs(page: str, job: str) -> bool:
+    """Whether what is on a job may stand on a page: of the same one, or of none that is known."""
+    of = _JOB.search(page)
+    return not (job and of and of[1]) or unescape(of[1]) == job
+
+
+def holds_others(answer: Document, page: str) -> bool:
+    """Whether a page tells of more than this answer."""
+    return any(unescape(name) != answer.name for name in _SECTION.findall(page))
 
 
 def environment() -> Environment:
@@ -51,10 +76,25 @@ def environment() -> Environment:
         lstrip_blocks=True,
     )
     templates.tests["figure"] = lambda part: isinstance(part, Figure)
+    templates.tests["space"] = lambda part: isinstance(part, Space)
     templates.tests["folded"] = lambda part: isinstance(part, Folded)
     templates.tests["table"] = lambda part: isinstance(part, Table)
     templates.filters["drawn"] = lambda figure: Markup(figure.svg)
+    templates.filters["turnable"] = lambda space: Markup(
+        scene_html(space.scene(), "scene", templates)
+    )
     return templates
+
+
+def _with_contents(page: str) -> str:
+    """The page with the list of its headings where it has a place for one."""
+    # Headings go on after a comma or a colon; a list of them need not.
+    items = "".join(
+        f'<li><a href="#{at}">{re.split("[,:] ", title, maxsplit=1)[0]}</a></li>'
+        for at, title in _HEADING.findall(page)
+    )
+    listed = f'<nav class="contents"><ul>{items}</ul></nav>'
+    return _CONTENTS.sub(lambda _: listed, page, count=1)
 
 
 def _place(page: str) -> str:

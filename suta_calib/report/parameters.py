@@ -70,6 +70,11 @@ class Outcome:
         return self.estimate.state if self.converged else "not_converged"
 
     @property
+    def state_shown(self) -> str:
+        """The state in words; ``redundant`` where no data of these kinds could tell it."""
+        return _state(self)
+
+    @property
     def given(self) -> tuple[str, ...]:
         """Held parameters relative to which the value has its meaning."""
         return self.estimate.given if self.converged else ()

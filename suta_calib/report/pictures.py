@@ -15,22 +15,21 @@ from suta_calib.geometry.pinhole import CENTRE, FOCAL, INTRINSICS
 from suta_calib.measurements.camera import camera_text
 from suta_calib.measurements.pose_files import HandPoses
 from suta_calib.model.parameters import PLACEMENT
+from suta_calib.plotting.style import GREY
+from suta_calib.pose_calibration.eye_poses import FRAMES
+from suta_calib.pose_calibration.picture_answer import ROBOTS, PictureCalibration, SeenCamera
 from suta_calib.pose_calibration.picture_noise import PictureNoise
-from suta_calib.pose_calibration.pictures import ROBOTS, PictureCalibration, SeenCamera
 from suta_calib.report.document import Document, Figure, File, Part, Text
-from suta_calib.report.hand_eye import FRAMES
 from suta_calib.report.listing import Column, Json, Listing, csv_text, plain
+from suta_calib.report.pose_plots import INLIER, LARGE, OUTLIER
 from suta_calib.report.poses import (
-    INLIER,
-    LARGE,
     MOST_OUTLIERS,
-    OUTLIER,
     covariance_record,
     pose_record,
     pose_std_record,
     pose_table,
 )
-from suta_calib.report.svg import GREY, picture, svg_text
+from suta_calib.report.svg import picture, svg_text
 from suta_calib.units import NOTHING, Unit, deg, mm, text
 from suta_calib.words import listed
 

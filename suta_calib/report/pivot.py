@@ -2,28 +2,28 @@
 
 from __future__ import annotations
 
-from functools import partial
-from typing import Final
-
-import numpy as np
+from typing import TYPE_CHECKING, Final
 
 from suta_calib.arrays import FloatArray
+from suta_calib.lazy import later
 from suta_calib.measurements.pose_files import ToolPoses
 from suta_calib.pose_calibration.pivot import PivotCalibration
 from suta_calib.report.document import Document, Figure, File, Part, Text
-from suta_calib.report.listing import Column, Json, Listing, json_text, plain, written
+from suta_calib.report.listing import Column, Json, Listing, Table, json_text, plain, written
 from suta_calib.report.poses import (
-    LARGE,
     axes_with_std,
     covariance_record,
-    draw_directions,
-    draw_residuals,
     fit_texts,
     fitted_rows,
     residuals_file,
 )
-from suta_calib.report.svg import picture, svg_text
 from suta_calib.units import deg, text
+
+if TYPE_CHECKING:
+    from suta_calib.report import pose_plots as plots
+else:
+    # Who asks for no files sees no picture.
+    plots = later("suta_calib.report.pose_plots")
 
 NAME: Final = "pivot"
 MOST_POSTS: Final = 12
@@ -49,12 +49,7 @@ PLACES: Final = Listing[tuple[str, FloatArray, FloatArray]](
 
 def pivot_document(found: PivotCalibration, data: ToolPoses) -> Document:
     """Tip, posts, fit; with ``residuals.csv``, and ``tip.json`` where the tip may be used."""
-    posts = [
-        ("post" if data.point is None else f"post {name}", post, found.post_std(name))
-        for name, post in list(found.posts.items())[:MOST_POSTS]
-    ]
-    title = PLACES.title if len(found.posts) == 1 else PLACES.title.replace("post", "posts")
-    parts: list[Part] = [PLACES.of([("tip", found.tip, found.tip_std), *posts], title)]
+    parts: list[Part] = [places_table(found, labelled=data.point is not None)]
     if (more := len(found.posts) - MOST_POSTS) > 0:
         parts.append(Text(f"and {more} more posts: --json has them"))
     touched = {} if data.point is None else {"point": data.point.tolist()}
@@ -65,7 +60,7 @@ def pivot_document(found: PivotCalibration, data: ToolPoses) -> Document:
     parts += [
         *fit_texts(fit, "pose", found, data.lines),
         residuals_file(found.inliers, {"line": data.lines, **touched}, found.residuals),
-        Figure(partial(pivot_plot, found, data)),
+        Figure(lambda: plots.pivot_plot(found, data)),
     ]
     if found.assessment.usable:
         parts.append(File("tip.json", lambda: json_text(TIP.record(found))))
@@ -82,16 +77,16 @@ def pivot_document(found: PivotCalibration, data: ToolPoses) -> Document:
     return Document(NAME, "Pivot calibration", found.assessment, parts, record, "result")
 
 
-def pivot_plot(found: PivotCalibration, data: ToolPoses) -> str:
-    """An SVG: residuals by pose, and the directions of the tool in the tracker."""
-    with picture("pivot", (LARGE, 3.6)) as figure:
-        left, right = figure.subplots(1, 2, width_ratios=(1.7, 1))
-        draw_residuals(left, found.residuals, found.inliers, found.rms, "m", "pose (row, from 0)")
-        left.set_title("Tip from post", pad=24)
-        left.set_ylabel("distance, mm")
-        # From the tool's origin to its tip; the tool's z where they coincide.
-        length = float(np.linalg.norm(found.tip))
-        axis = found.tip / length if length > 1e-6 else np.array([0.0, 0.0, 1.0])
-        draw_directions(right, np.asarray(data.rotation @ axis), found.inliers)
-        right.set_title("Directions of the tool in the tracker\n(angle from their mean)")
-        return svg_text(figure, "pivot", "Pivot calibration: residuals and directions")
+def places_table(found: PivotCalibration, *, labelled: bool) -> Table:
+    """Tip and posts, ± std, mm.
+
+    Args:
+        found: the answer.
+        labelled: whether the posts have names of their own.
+    """
+    posts = [
+        (f"post {name}" if labelled else "post", post, found.post_std(name))
+        for name, post in list(found.posts.items())[:MOST_POSTS]
+    ]
+    title = PLACES.title if len(found.posts) == 1 else PLACES.title.replace("post", "posts")
+    return PLACES.of([("tip", found.tip, found.tip_std), *posts], title)

@@ -3,25 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
-from matplotlib.axes import Axes
 
 from suta_calib.arrays import FloatArray
+from suta_calib.lazy import later
 from suta_calib.measurements.pose_files import Points
 from suta_calib.model.parameters import PLACEMENT
 from suta_calib.pose_calibration.registration import Registration
 from suta_calib.report.document import Document, Figure, Part, Text
-from suta_calib.report.listing import Column, Json, Listing, components, written
+from suta_calib.report.listing import Column, Json, Listing, Table, components, written
 from suta_calib.report.poses import (
-    INLIER,
-    LARGE,
-    OUTLIER,
-    ROUNDING,
     covariance_record,
-    draw_residuals,
     fit_texts,
     fitted_rows,
     pose_record,
@@ -29,13 +23,16 @@ from suta_calib.report.poses import (
     pose_table,
     residuals_file,
 )
-from suta_calib.report.svg import picture, round_down, svg_text
-from suta_calib.units import mm, text
+from suta_calib.units import text
+
+if TYPE_CHECKING:
+    from suta_calib.report import pose_plots as plots
+else:
+    # Who asks for no files sees no picture.
+    plots = later("suta_calib.report.pose_plots")
 
 NAME: Final = "register"
 MOST_TARGETS: Final = 20
-# The longest arrow, as a part of the points' extent.
-ARROW: Final = 0.25
 REGISTRATION: Final = Listing[Registration](
     "", *written("rms", "sigma", "centre", unit="m"), *written("scale", "scale_std")
 )
@@ -96,10 +93,10 @@ def register_document(
     )
     lines = {"line_a": a.lines, "line_b": b.lines}
     parts: list[Part] = [
-        pose_table("T_b_a: frame a in frame b", found.matrix, found.origin_std, "b's axes"),
+        transform_table(found),
         *fit_texts(fit, "point", found, a.lines),
         residuals_file(found.inliers, lines, found.residuals),
-        Figure(partial(register_plot, found, b)),
+        Figure(lambda: plots.register_plot(found, b)),
         TARGETS.of(at[:MOST_TARGETS]),
     ]
     if at:
@@ -123,38 +120,7 @@ def register_document(
     return Document(NAME, "Registration", found.assessment, parts, data, "result")
 
 
-def register_plot(found: Registration, b: Points) -> str:
-    """An SVG: residuals by point, and as arrows at the points, seen from two sides."""
-    with picture("register", (LARGE, 6.4)) as figure:
-        panels = figure.subplot_mosaic("NN;PA", height_ratios=(1, 1.5))
-        top = panels["N"]
-        draw_residuals(top, found.residuals, found.inliers, found.rms, "m", "point (row, from 0)")
-        top.set_title("Residuals", pad=24)
-        top.set_ylabel("distance, mm")
-        _arrow_views(panels["P"], panels["A"], found, b.position)
-        return svg_text(figure, "register", "Registration: residuals by point and as vectors")
-
-
-def _arrow_views(first: Axes, second: Axes, found: Registration, points: FloatArray) -> None:
-    """Residuals in the plane that the points come nearest to, and across it."""
-    inliers = found.inliers
-    centred = points - points[inliers].mean(axis=0)
-    principal = np.linalg.svd(centred[inliers])[2]
-    places, vectors = centred @ principal.T, found.residuals @ principal.T
-    longest = float(np.linalg.norm(vectors[inliers], axis=1).max())
-    extent = float(np.ptp(places[inliers], axis=0).max())
-    factor = round_down(ARROW * extent / longest) if mm(longest) >= ROUNDING else 1.0
-    views = ((first, 1, "2nd", "in the points' plane"), (second, 2, "3rd", "across it"))
-    for axes, other, name, where in views:
-        fitted, astray = (mm(places[which][:, [0, other]].T) for which in (inliers, ~inliers))
-        axes.plot(*fitted, **INLIER)
-        axes.plot(*astray, **OUTLIER)
-        # An outlier's arrow would only hide the others.
-        arrows = mm(factor * vectors[inliers][:, [0, other]].T)
-        axes.quiver(*fitted, *arrows, angles="xy", scale_units="xy", scale=1.0, width=0.006)
-        axes.set_aspect("equal", adjustable="datalim")
-        axes.margins(0.15)
-        axes.grid()
-        axes.set_title(f"Residuals {where}, enlarged {factor:g} times")
-        axes.set_xlabel("along the points' 1st principal axis, mm")
-        axes.set_ylabel(f"along their {name}, mm")
+def transform_table(found: Registration) -> Table:
+    """``T_b_a`` in words with its standard deviations."""
+    title = "T_b_a: frame a in frame b"
+    return pose_table(title, found.matrix, found.origin_std, "b's axes")

@@ -15,7 +15,8 @@ from suta_calib.analysis.repeatability import (
     Stationary,
 )
 from suta_calib.analysis.repeatability.scatter import distances
-from suta_calib.report.svg import BLUE, GREY, ORANGE, WIDTH, picture, plain_log, svg_text
+from suta_calib.plotting.style import BLUE, GREY, ORANGE, WIDTH, plain_log
+from suta_calib.report.svg import picture, svg_text
 from suta_calib.terms.block import grouped
 from suta_calib.units import mm, text, thousandths, unit_name
 

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure as Picture
 
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import OutputError
+from suta_calib.plotting.style import BLUE, GREY, ORANGE, WIDTH, plain_log
 from suta_calib.pose_calibration.pivot import PivotCalibration
 from suta_calib.report.document import Document, Figure, File, Part, Text
 from suta_calib.report.listing import (
@@ -25,7 +26,7 @@ from suta_calib.report.listing import (
     written,
 )
 from suta_calib.report.poses import axes_with_std
-from suta_calib.report.svg import BLUE, GREY, ORANGE, WIDTH, picture, plain_log, svg_text
+from suta_calib.report.svg import picture, svg_text
 from suta_calib.stereotactic.cis_files import output1_text, points_text
 from suta_calib.stereotactic.distortion import DistortionCorrection
 from suta_calib.stereotactic.solve import Navigation, StereotacticErrors, StereotacticResult

@@ -20,9 +20,10 @@ from suta_calib.analysis.study import (
 )
 from suta_calib.analysis.study.sets import described
 from suta_calib.analysis.study.trial import ESTIMATED, NAMES, Kind
+from suta_calib.plotting.style import BLUE, GREY, ORANGE, WIDTH
 from suta_calib.report.document import Document, Figure, Part, ShownOnly, Text
 from suta_calib.report.listing import Column, Json, Listing, plain
-from suta_calib.report.svg import BLUE, GREY, ORANGE, WIDTH, picture, svg_text
+from suta_calib.report.svg import picture, svg_text
 from suta_calib.units import NOTHING, Unit, key, mm, shown, text, unit_name
 from suta_calib.words import listed
 

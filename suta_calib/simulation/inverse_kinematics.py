@@ -32,6 +32,10 @@ _KEPT: Final[dict[Matching, FloatArray]] = {
 _LENGTH: Final = 0.25
 _TOLERANCE: Final = 1e-12
 _ITERATIONS: Final = 80
+# A step that takes less than this off the squared residual ends a search: it has come as near to a
+# target out of reach as it can. On the way to one within reach, steps take off a thousand times
+# as much.
+_STALLED: Final = 1e-6
 _PRISMATIC_REACH: Final = 1.0
 # Postures at which an arm is asked in how many ways it can move, and the smallest singular value
 # of its Jacobian, over the largest, that is a way.
@@ -199,13 +203,13 @@ class InverseKinematics:
             moved = np.clip(q + np.clip(step[..., 0], -1.0, 1.0), self._lower, self._upper)
             new_error, new_jacobian = _residuals(batch, targets, moved, self.arm.gearing)
             new_cost = (new_error**2).sum(axis=1)
-            better = new_cost < cost
+            better, gains = new_cost < cost, new_cost < (1.0 - _STALLED) * cost
             q = np.where(better[:, None], moved, q)
             error = np.where(better[:, None], new_error, error)
             jacobian = np.where(better[:, None, None], new_jacobian, jacobian)
             cost = np.where(better, new_cost, cost)
             damping = np.clip(np.where(better, damping / 5, damping * 10), 1e-6, 1e8)
-            going = (cost >= (_TOLERANCE / 100) ** 2) & (better | (damping < 1e8))
+            going = (cost >= (_TOLERANCE / 100) ** 2) & (gains | (~better & (damping < 1e8)))
             if not going.any():
                 break
             # Most arrive soon; what is out of reach goes on without them.

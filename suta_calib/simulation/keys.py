@@ -6,11 +6,18 @@ from typing import Final
 
 from suta_calib.measurements.keys import BASE, POSE, POSITION, TIP, URDF, Key, Keys
 from suta_calib.terms import Term
+from suta_calib.units import SHOWN, Unit, key
 
-ARM_KEYS: Final = Keys(URDF, TIP, BASE)
+ARM_KEYS: Final = Keys(
+    URDF,
+    TIP,
+    BASE,
+    Key("tip_offset_mm", "x, y, z in mm", "A probe at the tip, in its frame; a job may seek it."),
+)
 # A point has no orientation.
 POINT_KEYS: Final = Keys(POSITION)
-_UNITS: Final = ("mm", "deg", "deg_per_nm", "")
+# Of what an arm's parameters may be.
+ARM_UNITS: Final[tuple[Unit, ...]] = ("m", "rad", "rad/Nm", "1/K", "1")
 ERROR_KEYS: Final = Keys(
     Key(
         "select",
@@ -20,12 +27,12 @@ ERROR_KEYS: Final = Keys(
         required=True,
     ),
     *(
-        Key(f"{name}_{unit}".rstrip("_"), unit.replace("_per_nm", "/Nm") or "number", about)
+        Key(key(name, unit), SHOWN[unit].unit or "number", about)
         for name, about in (
             ("value", "The departure itself."),
             ("std", "Standard deviation that departures are drawn with."),
         )
-        for unit in _UNITS
+        for unit in ARM_UNITS
     ),
 )
 NOISE_KEYS: Final = Keys(

@@ -6,13 +6,21 @@ import io
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
 from ruamel.yaml import YAML
 from ruamel.yaml.comments import CommentedMap
 
 from suta_calib.atomic import refuse_inputs
 from suta_calib.errors import OutputError
+from suta_calib.geometry.numbers import (
+    homogeneous,
+    quaternion_from_rotation,
+    rpy_from_rotation,
+)
 from suta_calib.measurements import write_corners, write_samples, write_text
+from suta_calib.model.parameters import POSITION
 from suta_calib.simulation.simulate import SimulatedFile, Simulation
+from suta_calib.simulation.true_poses import TruePose
 from suta_calib.units import deg, key, mm, shown
 
 _TITLE: Final = "# Simulated measurements"
@@ -58,11 +66,17 @@ def write_simulation(simulation: Simulation, folder: Path) -> list[Path]:
 
 
 def truth_text(simulation: Simulation) -> str:
-    """``truth.yaml``: seed, true parameters, true landmarks and outliers, in mm and degrees."""
+    """``truth.yaml``: seed, true parameters, landmarks, poses outside the arm and outliers.
+
+    In mm and degrees; 4x4 matrices in metres.
+    """
     sets, parameters = simulation.spec.sets, {}
+    # Not where the URDF has it, so that its readers need the values though they are right.
+    moved = simulation.spec.tip_offset is not None
+    tip = simulation.arm.segments[-1].names(*POSITION) if moved else []
     for name, value in simulation.values.items():
         nominal, unit = simulation.arm.offered[name].nominal, simulation.arm.offered[name].unit
-        if value != nominal:
+        if value != nominal or name in tip:
             error = round(shown(value - nominal, unit), 9)
             row = {key("value", unit): shown(value, unit), key("error", unit): error}
             parameters[name] = _row(row)
@@ -82,6 +96,11 @@ def truth_text(simulation: Simulation) -> str:
         for x, y, rz in [plan.seating]
         if any(plan.seating)
     }
+    outside = {
+        name: {pose.frame.owner: _pose_row(pose) for pose in poses}
+        for name, poses in simulation.outside.items()
+        if poses
+    }
     document = {
         "simulated": True,
         "simulation": simulation.spec.path.name,
@@ -89,12 +108,27 @@ def truth_text(simulation: Simulation) -> str:
         "parameters": parameters,
         "landmarks": landmarks,
         **({"seating": seatings} if seatings else {}),
+        **({"external_poses": outside} if outside else {}),
         "outliers": [row for file in simulation.files for row in _outliers(file)],
     }
     yaml, text = YAML(), io.StringIO()
     yaml.width = 1000
     yaml.dump(document, text)
     return _TRUTH_HEADING + text.getvalue()
+
+
+def _pose_row(pose: TruePose) -> CommentedMap:
+    """With the keys of a result's ``external_poses``."""
+    numbers = {"position_mm": mm(pose.position)}
+    if (rotation := pose.rotation) is not None:
+        numbers |= {
+            "rpy_deg": deg(rpy_from_rotation(rotation)),
+            "quaternion_xyzw": quaternion_from_rotation(rotation),
+            "matrix": homogeneous(rotation, pose.position),
+        }
+    # Without what rounding leaves of a zero, or its sign.
+    told = {name: (np.round(x, 12) + 0.0).tolist() for name, x in numbers.items()}
+    return _row({"what": pose.frame.what, "within": pose.frame.within, **told})
 
 
 def _outliers(file: SimulatedFile) -> list[CommentedMap]:

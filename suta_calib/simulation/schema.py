@@ -13,12 +13,14 @@ from typing import Any, Final, Literal, TypeVar
 import numpy as np
 
 from suta_calib.arrays import FloatArray
-from suta_calib.errors import JobError
+from suta_calib.errors import JobError, ParameterError
 from suta_calib.measurements import YamlSection, read_yaml
 from suta_calib.measurements.keys import POSE
 from suta_calib.measurements.yaml_file import Sign
+from suta_calib.model.arm import ArmModel
 from suta_calib.simulation.keys import (
     ARM_KEYS,
+    ARM_UNITS,
     ERROR_KEYS,
     NOISE_KEYS,
     OUTLIER_KEYS,
@@ -31,8 +33,6 @@ from suta_calib.simulation.noise import NoiseLevels, OutlierSpec
 from suta_calib.terms import KINDS, Term
 from suta_calib.units import Unit, from_deg, from_mm, key, stored
 
-# Of what an arm's parameters may be.
-_UNITS: Final[tuple[Unit, ...]] = ("m", "rad", "rad/Nm", "1")
 # A name becomes a file's or a folder's, on any system.
 _PORTABLE_NAME: Final = re.compile(r"\w[\w.-]*")
 
@@ -149,6 +149,8 @@ class SimulationSpec:
     Attributes:
         path: the file.
         urdf, tip, base: the nominal arm and the ends of its chain; base None for the root link.
+        tip_offset: (3,) where the tip is in the frame that the URDF has for it, m; None for its
+            origin.
         seed: of every random number.
         posture: where the first search for a posture starts; joints that are not named start at
             the middle of their range.
@@ -164,6 +166,20 @@ class SimulationSpec:
     posture: tuple[PostureRow, ...]
     errors: tuple[ErrorRow, ...]
     sets: tuple[SetSpec, ...]
+    tip_offset: FloatArray | None = None
+
+    def on(self, arm: ArmModel) -> ArmModel:
+        """The nominal arm with its tip at `tip_offset`.
+
+        Raises:
+            JobError: the tip is on a link that moves, and so has no placement of its own.
+        """
+        if self.tip_offset is None:
+            return arm
+        try:
+            return arm.with_tip_moved(self.tip_offset)
+        except ParameterError as problem:
+            raise JobError.of(problem, self.path, None) from None
 
 
 def read_simulation(path: Path) -> SimulationSpec:
@@ -187,6 +203,7 @@ def read_simulation(path: Path) -> SimulationSpec:
         _posture(top),
         tuple(_error_row(row) for row in top.sections("errors")) if "errors" in top else (),
         tuple(_named(top, "sets", lambda name, section: _set(name, section, noise)).values()),
+        from_mm(np.array(arm.numbers("tip_offset_mm", 3))) if "tip_offset_mm" in arm else None,
     )
 
 
@@ -228,7 +245,7 @@ def _error_row(row: YamlSection) -> ErrorRow:
 def _by_unit(row: YamlSection, name: Literal["value", "std"]) -> dict[str, float]:
     """``value_mm``, ``value_deg``, … as {"m": …, "rad": …}; a std must not be negative."""
     sign: Sign = "non-negative" if name == "std" else "any"
-    found = {unit: row.optional_number(key(name, unit), sign, unit=unit) for unit in _UNITS}
+    found = {unit: row.optional_number(key(name, unit), sign, unit=unit) for unit in ARM_UNITS}
     return {unit: number for unit, number in found.items() if number is not None}
 
 

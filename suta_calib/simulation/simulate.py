@@ -24,9 +24,9 @@ from suta_calib.simulation.noise import (
     wrapped,
 )
 from suta_calib.simulation.protocol import Visitor, Visits
-from suta_calib.simulation.schema import ErrorRow, PoseSpec, SetSpec, SimulationSpec
+from suta_calib.simulation.schema import ErrorRow, SetSpec, SimulationSpec
+from suta_calib.simulation.true_poses import TruePose, own_values, true_poses
 from suta_calib.terms import ArmPoses, Observed, Setup
-from suta_calib.terms.outside import pose_parameters, pose_values
 from suta_calib.units import key
 
 # Times that configurations are drawn until what is looked at is in sight in enough of them.
@@ -65,6 +65,7 @@ class Simulation:
         seed: that was used.
         arm: the nominal arm.
         values: true values of all the arm's parameters, m or rad.
+        outside: by the name of the set, the true poses of what stands outside the arm.
         artefacts: by the name of the set, the true artefact it was made with.
         files: the samples.
     """
@@ -73,6 +74,7 @@ class Simulation:
     seed: int
     arm: ArmModel
     values: dict[str, float]
+    outside: dict[str, tuple[TruePose, ...]]
     artefacts: dict[str, Artefact]
     files: tuple[SimulatedFile, ...]
 
@@ -92,7 +94,7 @@ def simulate(
         UrdfError, ArtefactError: a file it names cannot be used.
     """
     seed = spec.seed if seed is None else seed
-    arm = ArmModel.from_urdf(spec.urdf, spec.tip, spec.base)
+    arm = spec.on(ArmModel.from_urdf(spec.urdf, spec.tip, spec.base))
     values = true_values(arm, spec, seed)
     kinematics = InverseKinematics(arm, values)
     visitor = Visitor(spec, kinematics, _posture(spec, kinematics), seed)
@@ -111,7 +113,12 @@ def simulate(
                 else visitor.artefact(plan, label, place, touched)
             )
             files.append(_touched(plan, visits, visitor))
-    return Simulation(spec, seed, arm, values, artefacts, tuple(files))
+    outside = {
+        plan.name: true_poses(plan, arm, Samples.concatenate(parts), artefacts.get(plan.name))
+        for plan in spec.sets
+        for parts in [[f.samples for f in files if f.path.startswith(f"{plan.name}/")]]
+    }
+    return Simulation(spec, seed, arm, values, outside, artefacts, tuple(files))
 
 
 def true_values(arm: ArmModel, spec: SimulationSpec, seed: int) -> dict[str, float]:
@@ -199,6 +206,10 @@ def _touched(plan: SetSpec, visits: Visits, visitor: Visitor) -> SimulatedFile:
     gross = stream(visitor.seed, plan.name, visits.name, "outliers")
     displacement = outlier_displacements(gross, plan.outliers, n)
     position = visits.targets.position + plan.noise.seating * rng.standard_normal((n, 3))
+    instrument = stream(visitor.seed, plan.name, visits.name, "instrument")
+    if plan.term.columns.common_lengths and not visits.lengths:
+        # Nobody reads the length that the instrument keeps: it scatters as a reading would.
+        position += plan.noise.instrument * instrument.standard_normal((n, 3))
     tilt = scattered_rotations(rng, plan.noise.seating_angle, n)
     targets = Targets(position + displacement, visits.targets.rotation @ tilt)
     again = stream(visitor.seed, plan.name, visits.name, "touches")
@@ -206,7 +217,6 @@ def _touched(plan: SetSpec, visits: Visits, visitor: Visitor) -> SimulatedFile:
     noise = stream(visitor.seed, plan.name, visits.name, "encoders")
     readings = encoder_readings(noise, plan.noise, visitor.kinematics.true, q)
     path = f"{plan.name}/{visits.name}.csv"
-    instrument = stream(visitor.seed, plan.name, visits.name, "instrument")
     lengths = {
         name: length + plan.noise.instrument * instrument.standard_normal(n)
         for name, length in visits.lengths.items()
@@ -324,14 +334,7 @@ def _ideal(
     labels: Mapping[str, Sequence[str]],
     values: Mapping[str, float],
 ) -> Observed:
-    """What would be seen in these configurations without noise; frames not stated coincide."""
-    here = PoseSpec(np.eye(3), np.zeros(3))
-    stated = {frame.own: plan.frames.get(frame.key, here) for frame in plan.term.frames}
-    stated |= {f"{plan.term.mark}[{label}]": pose for label, pose in plan.marks.items()}
-    truth = dict(values)
-    for owner, pose in stated.items():
-        six = pose_values(pose.rotation, pose.position).tolist()
-        truth |= {p.name: v for p, v in zip(pose_parameters(owner), six, strict=True)}
+    """What would be seen in these configurations without noise."""
     n = len(q)
     blank = Samples.from_arrays(
         arm.joints,
@@ -341,7 +344,8 @@ def _ideal(
         rotation=np.tile(np.eye(3), (n, 1, 1)),
     )
     poses = ArmPoses(arm, blank)
-    return plan.term.over(poses, Setup(settings=plan.settings)).observed(truth, poses)
+    term = plan.term.over(poses, Setup(settings=plan.settings))
+    return term.observed({**values, **own_values(plan, term)}, poses)
 
 
 def _origins(path: str, n: int) -> list[str]:

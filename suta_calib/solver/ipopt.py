@@ -6,8 +6,10 @@ IPOPT works on x divided by the parameters' scales, within their bounds.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from threading import get_ident
 from typing import Any, Final
 
 import casadi as ca
@@ -91,8 +93,7 @@ class RobustNlp:
         self._nominal = problem.parameters.array("nominal")
         self._options = options
         self._base = self._nominal.copy()
-        self._solver: Any = None
-        self._shared: _Shared
+        self._symbolic: Any = None
 
     def cost_gradient_hessian(self, z: FloatArray) -> tuple[float, FloatArray, FloatArray]:
         """Cost and derivatives by the scaled free variables."""
@@ -112,15 +113,13 @@ class RobustNlp:
         if len(z) == 0:
             self._base = start.copy()
             return Minimum(start, self.cost_gradient_hessian(z)[0], GOOD[0], 0)
-        fixed = np.delete(np.arange(len(start)), self._free)
-        if self._solver is None or not np.array_equal(self._base[fixed], start[fixed]):
+        where = {"x0": z, "lbx": self._lower, "ubx": self._upper}
+        if self._options.hessian == "exact":
+            answer, stats = _run(self._exact(start), where)
+        else:
             self._base = start.copy()
-            self._solver = self._build()
-        answer = self._solver(x0=z, lbx=self._lower, ubx=self._upper)
-        stats = self._solver.stats()
-        if str(stats["return_status"]) == INTERRUPTED:
-            # CasADi swallows what is raised inside a solve, Ctrl-C among it.
-            raise self._shared.error or KeyboardInterrupt
+            solver = _gauss_newton(len(z), self._limits, get_ident())
+            answer, stats = solver(self.cost_gradient_hessian, where)
         x = start.copy()
         x[self._free] = answer["x"].full().reshape(-1) * self._scale
         return Minimum(x, float(answer["f"]), str(stats["return_status"]), int(stats["iter_count"]))
@@ -150,48 +149,24 @@ class RobustNlp:
         x[self._free] = z * self._scale
         return replace(minimum, x=x, cost=cost)
 
-    def _build(self) -> Any:
-        z: Any = ca.MX.sym("z", len(self._free))
+    @property
+    def _limits(self) -> tuple[int, float]:
+        """Most iterations, and what the cost is scaled with.
+
+        Rounding grows with the cost, so a large problem is scaled down to one of full size.
+        """
         rows = sum(len(block) * block.size for block in self._problem.blocks)
-        common: dict[str, Any] = {
-            "print_time": False,
-            "show_eval_warnings": False,
-            "ipopt.print_level": 0,
-            "ipopt.sb": "yes",
-            "ipopt.max_iter": self._options.max_iterations,
-            # In units of the whitened cost per scaled parameter: a thousandth of a standard
-            # deviation, and still above rounding, where a line search would go on for nothing.
-            # Rounding grows with the cost, so a large problem is scaled down to this size.
-            "ipopt.nlp_scaling_method": "none",
-            "ipopt.obj_scaling_factor": min(1.0, FULL_SIZE / rows),
-            "ipopt.tol": 1e-2,
-            "ipopt.acceptable_tol": 1e-1,
-            # The nominal geometry is feasible and a good start: do not push it off its bounds,
-            # and do not begin with a barrier that outweighs the data.
-            "ipopt.bound_push": 1e-8,
-            "ipopt.bound_frac": 1e-8,
-            "ipopt.mu_init": 1e-6,
-            "ipopt.bound_relax_factor": 0.0,
-        }
-        self._shared = shared = _Shared(self.cost_gradient_hessian)
-        if self._options.hessian == "exact":
-            return ca.nlpsol("calibration", "ipopt", {"x": z, "f": self._exact_cost(z)}, common)
-        n = len(self._free)
-        cost = _Callback("cost", n, ("x",), ("f",), lambda arg: [shared(arg[0])[0]])
-        gradient = _Callback(
-            "nlp_grad_f", n, ("x", "p"), ("f", "grad_f_x"), lambda arg: [*shared(arg[0])[:2]]
-        )
-        hessian = _Callback(
-            "nlp_hess_l",
-            n,
-            ("x", "p", "lam_f", "lam_g"),
-            ("triu_hess_gamma_x_x",),
-            lambda arg: [ca.triu(ca.DM(float(arg[2]) * shared(arg[0])[2]))],
-        )
-        # CasADi does not keep Python callbacks alive: the solver must.
-        self._callbacks = (cost, gradient, hessian)
-        options = common | {"grad_f": gradient, "hess_lag": hessian, "no_nlp_grad": True}
-        return ca.nlpsol("calibration", "ipopt", {"x": z, "f": cost(z)}, options)
+        return self._options.max_iterations, min(1.0, FULL_SIZE / rows)
+
+    def _exact(self, start: FloatArray) -> Any:
+        """The solver of the symbolic cost, made again where other fixed values are given."""
+        fixed = np.delete(np.arange(len(start)), self._free)
+        if self._symbolic is None or not np.array_equal(self._base[fixed], start[fixed]):
+            self._base = start.copy()
+            z: Any = ca.MX.sym("z", len(self._free))
+            nlp = {"x": z, "f": self._exact_cost(z)}
+            self._symbolic = ca.nlpsol("calibration", "ipopt", nlp, _options(*self._limits))
+        return self._symbolic
 
     def _exact_cost(self, z: Any) -> Any:
         select = ca.DM(len(self._base), len(self._free))
@@ -203,6 +178,86 @@ class RobustNlp:
         deviation = x - ca.DM(self._nominal)
         prior = ca.dot(ca.DM(self._precision), deviation**2) / 2
         return symbolic_cost(self._problem, x, self._sigmas) + prior
+
+
+def _options(max_iterations: int, scaling: float) -> dict[str, Any]:
+    """CasADi's and IPOPT's, of every solve."""
+    return {
+        "print_time": False,
+        "show_eval_warnings": False,
+        "ipopt.print_level": 0,
+        "ipopt.sb": "yes",
+        "ipopt.max_iter": max_iterations,
+        # In units of the whitened cost per scaled parameter: a thousandth of a standard
+        # deviation, and still above rounding, where a line search would go on for nothing.
+        "ipopt.nlp_scaling_method": "none",
+        "ipopt.obj_scaling_factor": scaling,
+        "ipopt.tol": 1e-2,
+        "ipopt.acceptable_tol": 1e-1,
+        # The nominal geometry is feasible and a good start: do not push it off its bounds,
+        # and do not begin with a barrier that outweighs the data.
+        "ipopt.bound_push": 1e-8,
+        "ipopt.bound_frac": 1e-8,
+        "ipopt.mu_init": 1e-6,
+        "ipopt.bound_relax_factor": 0.0,
+    }
+
+
+def _run(
+    solver: Any, where: Mapping[str, FloatArray], shared: _Shared | None = None
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """What IPOPT answers and how it went."""
+    answer = solver(**where)
+    stats = solver.stats()
+    if str(stats["return_status"]) == INTERRUPTED:
+        # CasADi swallows what is raised inside a solve, Ctrl-C among it.
+        raise (shared and shared.error) or KeyboardInterrupt
+    return answer, stats
+
+
+class _GaussNewton:
+    """IPOPT over ``n`` variables, whatever they are: what is minimised is said solve by solve."""
+
+    def __init__(self, n: int, limits: tuple[int, float]) -> None:
+        self._shared: _Shared | None = None
+        z: Any = ca.MX.sym("z", n)
+        cost = _Callback("cost", n, ("x",), ("f",), lambda arg: [self._at(arg[0])[0]])
+        gradient = _Callback(
+            "nlp_grad_f", n, ("x", "p"), ("f", "grad_f_x"), lambda arg: [*self._at(arg[0])[:2]]
+        )
+        hessian = _Callback(
+            "nlp_hess_l",
+            n,
+            ("x", "p", "lam_f", "lam_g"),
+            ("triu_hess_gamma_x_x",),
+            lambda arg: [ca.triu(ca.DM(float(arg[2]) * self._at(arg[0])[2]))],
+        )
+        # CasADi does not keep Python callbacks alive: the solver must.
+        self._callbacks = (cost, gradient, hessian)
+        options = {"grad_f": gradient, "hess_lag": hessian, "no_nlp_grad": True}
+        nlp = {"x": z, "f": cost(z)}
+        self._solver = ca.nlpsol("calibration", "ipopt", nlp, _options(*limits) | options)
+
+    def __call__(
+        self, evaluate: Evaluate, where: Mapping[str, FloatArray]
+    ) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Minimise this; the start and the bounds are ``x0``, ``lbx`` and ``ubx``."""
+        self._shared = _Shared(evaluate)
+        try:
+            return _run(self._solver, where, self._shared)
+        finally:
+            self._shared = None
+
+    def _at(self, z: Any) -> tuple[float, FloatArray, FloatArray]:
+        assert self._shared is not None
+        return self._shared(z)
+
+
+@lru_cache(maxsize=32)
+def _gauss_newton(n: int, limits: tuple[int, float], thread: int) -> _GaussNewton:
+    """One that is made already: that takes as long as many a solve. Each thread has its own."""
+    del thread
+    return _GaussNewton(n, limits)
 
 
 class _Shared:

@@ -5,12 +5,15 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
 from suta_calib.arrays import FloatArray, IntArray
+from suta_calib.errors import ParameterError
 from suta_calib.model.parameters import Parameter
+from suta_calib.plotting.change import Change
+from suta_calib.showing import Shown
 from suta_calib.solver.identifiability import Identification
 from suta_calib.solver.ipopt import Minimum
 from suta_calib.solver.problem import Problem
@@ -48,8 +51,8 @@ class Estimate:
     given: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True, eq=False)
-class Solution:
+@dataclass(frozen=True, eq=False, repr=False)
+class Solution(Shown):
     """The result of `solve`.
 
     Attributes:
@@ -162,6 +165,77 @@ class Solution:
     def arm_estimates(self) -> dict[str, Estimate]:
         """Estimates of the arm's parameters, without the terms' own unknowns."""
         return {name: self.estimates[name] for name in self.problem.names[: self.problem.arm_count]}
+
+    @property
+    def arm_covariance(self) -> tuple[tuple[str, ...], FloatArray]:
+        """Names (p,) of the arm's parameters that were estimated, and their covariance (p, p)."""
+        rows = self.free[self.free < self.problem.arm_count]
+        return tuple(self.problem.names[k] for k in rows), self.covariance[np.ix_(rows, rows)]
+
+    @property
+    def in_a_line(self) -> str:
+        """`sentence`."""
+        return self.sentence
+
+    @property
+    def changes(self) -> list[Change]:
+        """How far every estimated parameter of the arm moved from nominal."""
+        return [
+            Change(e.name, e.unit, e.value - e.nominal, e.std, e.state == "prior")
+            for e in self.arm_estimates.values()
+            if e.std
+        ]
+
+    def plot_parameters(self, figure: Any = None) -> Any:
+        """Draw how far each parameter of the arm moved, ± one standard deviation, mm and deg.
+
+        Args:
+            figure: an empty `Figure` or `SubFigure`, for there is a panel for each unit; a new
+                one by default.
+
+        Returns:
+            The figure.
+
+        Raises:
+            ParameterError: no parameter of the arm was estimated.
+        """
+        from suta_calib.plotting import ROW_HEIGHT, draw_changes, figure_or_new
+
+        if not self.changes:
+            raise ParameterError("no estimated parameter of the arm", "at least one to draw")
+        figure = figure_or_new(figure, (7.2, 1.0 + ROW_HEIGHT * len(self.changes)))
+        draw_changes(figure, self.changes)
+        return figure
+
+    def plot_residuals(self, ax: Any = None) -> Any:
+        """Draw a histogram of the residuals with the nominal arm and with this one.
+
+        They are those of the fitted rows of the first kind of observation; own unknowns (where an
+        artefact stands) begin in closed form for the nominal arm.
+
+        Args:
+            ax: `Axes` to draw on; those of a new figure by default.
+
+        Returns:
+            The `Axes`: mm, or degrees.
+        """
+        from suta_calib.plotting import axes_or_new, draw_histogram
+
+        problem, first = self.problem, self.problem.terms[0].blocks[0]
+        pairs = [(term.kind, block) for term in problem.terms for block in term.blocks]
+        alike = [
+            k
+            for k, (kind, block) in enumerate(pairs)
+            if (kind, block.name) == (problem.terms[0].kind, first.name)
+        ]
+        norms = []
+        for x in (problem.start(), self.x):
+            lines = problem.linearise(x, problem.assumed_sigmas())
+            sizes = [np.linalg.norm(lines[k].residual, axis=1) for k in alike]
+            norms.append(np.concatenate(sizes))
+        axes = axes_or_new(ax, (6.5, 3.2))
+        draw_histogram(axes, norms[0], norms[1], first.unit, first.name)
+        return axes
 
     def correlation(self, *, arm: bool = False) -> tuple[tuple[str, ...], FloatArray]:
         """How far estimates go together.

@@ -32,11 +32,10 @@ def _poses(problem: Problem, x: Symbol) -> tuple[Symbol, Symbol]:
     for term in problem.terms:
         source = term.poses
         if isinstance(source, ArmPoses):
-            told = source.samples.direction
-            mapped = source.arm.function(names, directed=told is not None).map(len(source))
-            inputs = [x[: problem.arm_count], ca.DM(source.samples.q.T)]
-            inputs += [] if told is None else [ca.DM(told.T)]
-            pose = mapped(*inputs)
+            told = source.samples.told
+            mapped = source.arm.function(names, told).map(len(source))
+            known = [ca.DM(each.T) for each in (source.samples.q, *told.values())]
+            pose = mapped(x[: problem.arm_count], *known)
             rotations.append(pose[0])
             positions.append(pose[1])
         else:

@@ -29,8 +29,9 @@ import numpy as np
 from scipy.special import gammaincc
 
 from suta_calib.arrays import FloatArray, IntArray
-from suta_calib.model.parameters import COMPLIANCE, GAIN, OFFSET
+from suta_calib.model.parameters import COMPLIANCE, EXPANSION, GAIN, OFFSET
 from suta_calib.solver.information import Rows, whitened_rows
+from suta_calib.solver.level_uncertainty import covariance_of_levels
 from suta_calib.solver.problem import Problem
 
 # The group of what is known of a camera's intrinsics.
@@ -138,7 +139,7 @@ def prior_groups(problem: Problem) -> list[str | None]:
         elif problem.arm is not None and p.owner == problem.arm.tip:
             groups.append("tip")
         elif not p.geometric:
-            kinds = {GAIN: "gains", COMPLIANCE: "compliances"}
+            kinds = {GAIN: "gains", COMPLIANCE: "compliances", EXPANSION: "expansions"}
             groups.append(kinds.get(p.key, "eccentricities"))
         elif p.key == OFFSET:
             groups.append("offsets")
@@ -213,7 +214,7 @@ def learn_weights(
         scale[free[mine]] = factor
     # How far the weights scatter from data to data: what nothing was learned of is as given.
     told = uncertainty @ data @ uncertainty
-    added[np.ix_(free, free)] = _not_knowing(evidence, best, told)
+    added[np.ix_(free, free)] = covariance_of_levels(evidence.at, best.eta, told)
     return Weights(
         tuple(
             Learned(float(v), 0.0 if b.noise.fixed else float(std), b.noise.sigma)
@@ -436,18 +437,3 @@ def _told_by_data(hessian: FloatArray, belief: FloatArray) -> FloatArray:
     values, vectors = np.linalg.eigh(scaled)
     part = root @ vectors * np.sqrt(np.maximum(values, 0.0))
     return np.asarray(part @ part.T)
-
-
-def _not_knowing(evidence: _Evidence, best: _Point, uncertainty: FloatArray) -> FloatArray:
-    """What the scatter of the weights adds to the covariance of the free parameters.
-
-    The mean over weights that are likely, by points whose mean and covariance are theirs.
-    """
-    values, vectors = np.linalg.eigh(uncertainty * len(best.eta))
-    added = np.zeros_like(best.covariance)
-    for offset in (vectors * np.sqrt(np.maximum(values, 0.0))).T:
-        for there in (evidence.at(best.eta + offset), evidence.at(best.eta - offset)):
-            moved = there.step - best.step
-            added += there.covariance - best.covariance + np.outer(moved, moved)
-    values, vectors = np.linalg.eigh(added / (2 * len(best.eta)))
-    return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)

@@ -1,4 +1,4 @@
-"""Closed forms of a camera that sees a board: where the board is, and the camera's focal length.
+"""Closed forms of a camera that sees a board: where the board is, and the camera's intrinsics.
 
 What is found here is where a solver starts. Homographies and projections are found linearly from
 points that are first centred and scaled (Hartley 1997, doi:10.1109/34.601246).
@@ -7,12 +7,16 @@ points that are first centred and scaled (Hartley 1997, doi:10.1109/34.601246).
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
 from suta_calib.arrays import FloatArray
+from suta_calib.errors import BoardError, SamplesError
 from suta_calib.geometry.numbers import rotation_from_vector, skew
+from suta_calib.geometry.pinhole import DISTORTION
+from suta_calib.measurements import Board, Camera, Corners
 
 # Points of a plane that determine a homography, and points of a body that determine a projection.
 PLANAR: Final = 4
@@ -28,6 +32,49 @@ _STEPS: Final = 10
 _SETTLED: Final = 1e-6
 # How far the principal point may be from the middle of what was seen, in its extents.
 _OFF_CENTRE: Final = 1.5
+# What is known of a camera at least as badly as this, px or 1: a prior of zero width is none. A
+# decentring of 1e-4 shows as no corner's error, but bends a picture as a principal point a pixel
+# off does, and would take its place.
+HELD: Final = 1e-6
+
+
+@dataclass(frozen=True)
+class IntrinsicsPrior:
+    """How far the intrinsics of a camera may be from what is known of them: standard deviations.
+
+    Attributes:
+        focal: of the focal lengths, part of them.
+        centre: of the principal point, part of the picture's width.
+        radial: of k1, k2 and k3.
+        tangential: of p1 and p2.
+        unbent: whether coefficients that are exactly zero are no part of the camera's model, as in
+            rectified pictures.
+    """
+
+    focal: float
+    centre: float
+    radial: float
+    tangential: float
+    unbent: bool
+
+    def stds(self, camera: Camera) -> FloatArray:
+        """(9,) in the order of `geometry.pinhole.INTRINSICS`, px and 1."""
+        focal, centre = self.focal * camera.intrinsics[:2], self.centre * camera.width
+        bent = np.array([self.radial, self.radial, self.tangential, self.tangential, self.radial])
+        if self.unbent:
+            bent[camera.intrinsics[4:] == 0.0] = 0.0
+        return np.concatenate([focal, [centre, centre], bent])
+
+
+# Of a camera that somebody calibrated without saying how well, such as by twenty pictures; pixels
+# may be counted from 0, 1 or corners. Where pictures contradict it, `solver.weights` widens it.
+CALIBRATED: Final = IntrinsicsPrior(
+    focal=1e-3, centre=1e-3, radial=0.02, tangential=5e-4, unbent=True
+)
+# Of a camera that nobody has calibrated.
+UNCALIBRATED: Final = IntrinsicsPrior(
+    focal=0.3, centre=0.1, radial=0.3, tangential=0.02, unbent=False
+)
 
 
 def board_pose(points: FloatArray, seen: FloatArray) -> tuple[FloatArray, FloatArray] | None:
@@ -132,6 +179,39 @@ def _unit_size(points: FloatArray) -> FloatArray:
     matrix = np.eye(dimension + 1)
     matrix[:dimension] = scale * np.column_stack([np.eye(dimension), -middle])
     return matrix
+
+
+def closed_form_camera(corners: Corners, board: Board) -> Camera:
+    """A camera as its pictures of a flat board show it, without distortion.
+
+    Its picture is taken to end where the corners do: its real size is in none of them.
+
+    Raises:
+        BoardError: one that is not flat.
+        SamplesError: pictures that do not tell the focal length.
+    """
+    if not board.flat:
+        raise BoardError(
+            "a board that is not flat",
+            "a flat one, where no camera is given",
+            hint="calibrate the camera first, and name its file",
+        )
+    boards, pictures = [], []
+    for image in corners.images:
+        mine = corners.take(corners.image == image)
+        boards.append(board.positions(mine.point))
+        pictures.append(mine.pixel)
+    found = closed_form_intrinsics(boards, pictures)
+    if found is None:
+        raise SamplesError(
+            "pictures that do not tell the focal length",
+            "a board that is seen at a slant, in several directions",
+            file=corners.path,
+            hint="or give the camera's file",
+        )
+    width, height = (int(size) + 1 for size in corners.pixel.max(axis=0))
+    intrinsics = np.concatenate([found, np.zeros(len(DISTORTION))])
+    return Camera(width, height, intrinsics)
 
 
 def closed_form_intrinsics(

@@ -2,166 +2,69 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar, Final, Literal, Self
 
-import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
-from suta_calib.errors import BoardError, SamplesError
+from suta_calib.assessment import Level
+from suta_calib.errors import SamplesError
 from suta_calib.geometry.pinhole import (
     CENTRE,
     DISTORTION,
     FOCAL,
     INTRINSICS,
-    pixel_of,
     projected,
-    undistorted,
 )
-from suta_calib.geometry.symbols import Symbol
 from suta_calib.measurements import (
     Board,
     Camera,
     Chessboard,
-    Corners,
     SampleColumns,
     YamlSection,
     read_board,
     read_camera,
     read_corners,
 )
-from suta_calib.measurements.csv_table import SutaCalibWarning
 from suta_calib.measurements.keys import Key
 from suta_calib.model.parameters import PLACEMENT, Parameter
-from suta_calib.terms.block import LEARNT, Block, Noise, Pose, pose_of
-from suta_calib.terms.camera_start import PLANAR, board_pose, closed_form_intrinsics
+from suta_calib.terms.block import LEARNT, Block, Noise
+from suta_calib.terms.board_pictures import MIRRORED, QUOTED, TURNED, BoardPictures
+from suta_calib.terms.camera_start import (
+    CALIBRATED,
+    HELD,
+    PLANAR,
+    UNCALIBRATED,
+    closed_form_camera,
+)
 from suta_calib.terms.hand_eye_start import (
+    EYE_IN_HAND,
+    EYE_TO_HAND,
+    FEWEST,
+    EyeSetup,
     Poses,
-    close_the_loop,
+    agreeing_hand_eye,
     inverse_poses,
-    loop_closures,
-    quaternion_hand_eye,
+    some_poses,
 )
 from suta_calib.terms.outside import OutsideFrame, pose_named, pose_parameters, pose_values
 from suta_calib.terms.poses import PoseSource
+from suta_calib.terms.reprojection import NEAREST, REPROJECTION
 from suta_calib.terms.seen import FramedTerm
-from suta_calib.terms.term import Gap, Medium, Observed, Resimulation, Setup, TrueFrame
+from suta_calib.terms.seen_corners import with_corners
+from suta_calib.terms.term import Gap, Medium, Observed, Resimulation, Setup, Term, TrueFrame
 from suta_calib.words import listed
 
-Where = Literal["eye-in-hand", "eye-to-hand"]
-EYE_IN_HAND: Final[Where] = "eye-in-hand"
-EYE_TO_HAND: Final[Where] = "eye-to-hand"
-# Pictures that determine where camera and board are.
-FEWEST: Final = 3
-# Nearest that a point is taken to be to a camera while a solver looks for it, m.
-_NEAREST: Final = 1e-3
 # Cosine of the steepest angle at which a board is still found.
 _GRAZING: Final = 0.25
-# Loops that are this many times as far off as the middle one start nothing.
-_STRANGE: Final = 4.0
-_ROUNDS: Final = 3
-# What is known of a camera at least as badly as this, px or 1: a prior of zero width is none.
-HELD: Final = 1e-4
-# Names of images that an error quotes.
-_QUOTED: Final = 3
-
-
-@dataclass(frozen=True)
-class IntrinsicsPrior:
-    """How far the intrinsics of a camera may be from what is known of them: standard deviations.
-
-    Attributes:
-        focal: of the focal lengths, part of them.
-        centre: of the principal point, part of the picture's width.
-        radial: of k1, k2 and k3.
-        tangential: of p1 and p2.
-        unbent: whether coefficients that are exactly zero are no part of the camera's model, as in
-            rectified pictures.
-    """
-
-    focal: float
-    centre: float
-    radial: float
-    tangential: float
-    unbent: bool
-
-    def stds(self, camera: Camera) -> FloatArray:
-        """(9,) in the order of `geometry.pinhole.INTRINSICS`, px and 1."""
-        focal, centre = self.focal * camera.intrinsics[:2], self.centre * camera.width
-        bent = np.array([self.radial, self.radial, self.tangential, self.tangential, self.radial])
-        if self.unbent:
-            bent[camera.intrinsics[4:] == 0.0] = 0.0
-        return np.concatenate([focal, [centre, centre], bent])
-
-
-# Of a camera that somebody calibrated without saying how well, such as by twenty pictures; pixels
-# may be counted from 0, 1 or corners. Where pictures contradict it, `solver.weights` widens it.
-CALIBRATED: Final = IntrinsicsPrior(
-    focal=1e-3, centre=1e-3, radial=0.02, tangential=5e-4, unbent=True
-)
-# Of a camera that nobody has calibrated.
-UNCALIBRATED: Final = IntrinsicsPrior(
-    focal=0.3, centre=0.1, radial=0.3, tangential=0.02, unbent=False
-)
 
 # What a kind that nobody has set up looks at, and with what: a board and a camera as they are.
 _BOARD: Final = Chessboard(7, 5, 0.03)
 _CAMERA: Final = Camera(1280, 960, np.array([1000.0, 1000.0, 639.5, 479.5, 0, 0, 0, 0, 0]))
-
-
-def _reprojection(in_eye: Symbol, intrinsics: Symbol, data: Symbol) -> Symbol:
-    """Error of a corner, as the length that it covers at the board; data: u v x y z m/px."""
-    depth = ca.fmax(in_eye[2], _NEAREST)
-    u, v = pixel_of(in_eye[0], in_eye[1], depth, intrinsics)
-    return data[5] * ca.vertcat(u - data[0], v - data[1])
-
-
-def _seen_from_hand(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
-    """The board's point in an eye on the hand."""
-    in_hand = poses[0].inverse_act(_on_board(own, data))
-    return pose_of(own[0:6]).inverse_act(in_hand)
-
-
-def _seen_from_base(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
-    """The point of a board on the hand in an eye that stands."""
-    in_base = poses[0].R @ _on_board(own, data) + poses[0].p
-    return pose_of(own[0:6]).inverse_act(in_base)
-
-
-def _on_board(own: Symbol, data: Symbol) -> Symbol:
-    board = pose_of(own[6:12])
-    return board.R @ data[2:5] + board.p
-
-
-# Every residual is a function of its own: what was compiled for it is found again by it.
-def _known_in_hand(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
-    return _reprojection(_seen_from_hand(poses, own, data), data[6:15], data)
-
-
-def _known_beside(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
-    return _reprojection(_seen_from_base(poses, own, data), data[6:15], data)
-
-
-def _unknown_in_hand(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
-    return _reprojection(_seen_from_hand(poses, own, data), own[12:21], data)
-
-
-def _unknown_beside(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
-    return _reprojection(_seen_from_base(poses, own, data), own[12:21], data)
-
-
-_RESIDUALS: Final = {
-    (EYE_IN_HAND, False): _known_in_hand,
-    (EYE_IN_HAND, True): _unknown_in_hand,
-    (EYE_TO_HAND, False): _known_beside,
-    (EYE_TO_HAND, True): _unknown_beside,
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -257,7 +160,7 @@ class CameraView(FramedTerm):
 
     board: Board = _BOARD
     camera: Camera = _CAMERA
-    setup: Where = EYE_IN_HAND
+    setup: EyeSetup = EYE_IN_HAND
     free: bool = False
     pixel: float = 1e-3
     noise: Noise = LEARNT
@@ -414,14 +317,30 @@ class CameraView(FramedTerm):
         return seen
 
     @cached_property
+    def pictures(self) -> BoardPictures:
+        """What the corners tell without the poses of any hand."""
+        return BoardPictures(self.board, self.camera, self.pixels)
+
+    @property
     def points(self) -> FloatArray:
         """(points, 3) of the board, m."""
-        return np.array(list(self.board.points.values()))
+        return self.pictures.points
+
+    @property
+    def seen_poses(self) -> Poses:
+        """``T_eye_board`` of every picture, by its own corners; NaN where they do not tell it."""
+        return self.pictures.poses
+
+    @cached_property
+    def found(self) -> tuple[IntArray, IntArray]:
+        """Picture and place in `points` of every corner that was found, (k,) each."""
+        picture, point = np.nonzero(np.isfinite(self.pixels).all(axis=2))
+        return picture, point
 
     @cached_property
     def blocks(self) -> tuple[Block, ...]:
         """Reprojection errors, one row for each corner in each picture."""
-        sample, point = np.nonzero(np.isfinite(self.pixels).all(axis=2))
+        sample, point = self.found
         if not len(sample):
             raise SamplesError("no corner in any picture", "corners of the board", where=self.kind)
         n = len(sample)
@@ -434,7 +353,7 @@ class CameraView(FramedTerm):
                 "reprojection",
                 "m",
                 2,
-                _RESIDUALS[self.setup, self.free],
+                REPROJECTION[self.setup, self.free],
                 sample[:, None],
                 np.tile(np.arange(len(self.own)), (n, 1)),
                 np.hstack(data),
@@ -456,16 +375,15 @@ class CameraView(FramedTerm):
 
     def readings(self, block: Block) -> IntArray:
         """A corner that is seen again at the same rest is the same reading."""
-        sample, point = np.nonzero(np.isfinite(self.pixels).all(axis=2))
         del block
+        sample, point = self.found
         return np.column_stack([self.poses.rests[sample], point])
 
     def observed(self, values: Mapping[str, float], poses: PoseSource) -> Observed:
         """The board in the camera, and its corners in the picture where they would be found."""
-        rotation, position = self._in_eye(values, poses)
-        points = np.einsum("nij,kj->nki", rotation, self.points) + position[:, None]
+        (rotation, position), points = self._in_eye(values, poses)
         camera = self._camera_at(values)
-        ahead = points[..., 2] > _NEAREST
+        ahead = points[..., 2] > NEAREST
         safe = np.where(ahead[..., None], points, [0.0, 0.0, 1.0])
         pixels = projected(safe, camera.intrinsics)
         inside = camera.inside(pixels.reshape(-1, 2)).reshape(ahead.shape)
@@ -478,7 +396,7 @@ class CameraView(FramedTerm):
 
     def _faces(self, rotation: FloatArray, position: FloatArray) -> BoolArray:
         """(n,) whether a flat board shows its face; one that is not flat always shows some."""
-        if np.ptp(self.points[:, 2]) > 0:
+        if not self.board.flat:
             return np.ones(len(position), dtype=np.bool_)
         middle = position + rotation @ self.points.mean(axis=0)
         distance = np.maximum(np.linalg.norm(middle, axis=1), 1e-300)
@@ -491,13 +409,14 @@ class CameraView(FramedTerm):
         found = [values.get(f"{owner}.{key}", known[key]) for key in INTRINSICS]
         return replace(self.camera, intrinsics=np.array(found))
 
-    def _in_eye(self, values: Mapping[str, float], poses: PoseSource) -> Poses:
-        """``T_eye_board`` of every sample."""
+    def _in_eye(self, values: Mapping[str, float], poses: PoseSource) -> tuple[Poses, FloatArray]:
+        """``T_eye_board`` of every sample, and the board's points in the eye, (n, points, 3) m."""
         eye, board, _ = self.owners
         (R_eye, p_eye), (R_board, p_board) = pose_named(values, eye), pose_named(values, board)
         hand = poses.at(values)
         rotation, position = hand if self.setup == EYE_TO_HAND else inverse_poses(hand)
-        return R_eye.T @ rotation @ R_board, (rotation @ p_board + position - p_eye) @ R_eye
+        turn, shift = R_eye.T @ rotation @ R_board, (rotation @ p_board + position - p_eye) @ R_eye
+        return (turn, shift), np.einsum("nij,kj->nki", turn, self.points) + shift[:, None]
 
     def resimulated(
         self, values: Mapping[str, float], noise: Sequence[float], again: Resimulation
@@ -513,36 +432,17 @@ class CameraView(FramedTerm):
 
     def _everywhere(self, values: Mapping[str, float]) -> FloatArray:
         """(n, points, 2) pixels, whether they are in the picture or not."""
-        rotation, position = self._in_eye(values, self.poses)
-        points = np.einsum("nij,kj->nki", rotation, self.points) + position[:, None]
-        points[..., 2] = np.maximum(points[..., 2], _NEAREST)
+        _, points = self._in_eye(values, self.poses)
+        points[..., 2] = np.maximum(points[..., 2], NEAREST)
         return projected(points, self._camera_at(values).intrinsics)
 
-    @cached_property
-    def seen_poses(self) -> Poses:
-        """``T_eye_board`` of every picture, by its own corners; NaN where they do not tell it."""
-        n = len(self.poses)
-        rotation, position = np.full((n, 3, 3), np.nan), np.full((n, 3), np.nan)
-        straight = undistorted(self.pixels, self.camera.intrinsics)
-        for row, seen in enumerate(straight):
-            there = np.isfinite(seen).all(axis=1)
-            if there.sum() >= PLANAR:
-                found = board_pose(self.points[there], seen[there])
-                if found is not None:
-                    rotation[row], position[row] = found
-        return rotation, position
-
     def start(self, rotation: FloatArray, position: FloatArray) -> FloatArray:
-        """Poses of the board by every picture; quaternions of motions; the mean of the loops.
-
-        Pictures whose loops are far from the middle one, such as a board that was taken to be
-        turned, are left out of it.
-        """
-        told = np.isfinite(self.seen_poses[1][:, 0])
+        """Poses of the board by every picture, and the closed form of those that agree."""
+        told = self.pictures.told
         hand = (rotation, position)
         if self.setup == EYE_TO_HAND:
             hand = inverse_poses(hand)
-        X, Z = _start(_some(hand, told), _some(self.seen_poses, told))
+        X, Z = agreeing_hand_eye(some_poses(hand, told), some_poses(self.seen_poses, told))
         found = [pose_values(*X), pose_values(*Z)]
         if self.free:
             found.append(self.camera.intrinsics)
@@ -561,14 +461,59 @@ class CameraView(FramedTerm):
         return replace(self, poses=self.poses.with_samples(samples), board=middle)
 
     def check_enough(self) -> None:
-        """Three pictures at least of which each tells where the board is, at different places."""
-        told = int(np.isfinite(self.seen_poses[1][:, 0]).sum())
+        """Three pictures at least of which each tells where the board is, of this very board."""
+        told = int(self.pictures.told.sum())
         if told < FEWEST:
             raise SamplesError(
                 f"{told} pictures that tell where the board is",
                 f"at least {FEWEST}, each with {PLANAR} corners or more that are not on a line",
                 where=self.kind,
             )
+        self.pictures.check()
+
+    def check_beside(self, other: Term) -> None:
+        """Views with one label are of one camera, and those with one target of one board."""
+        if not isinstance(other, CameraView):
+            return
+        for (key, whose, name), said in other._said.items():
+            if self._said.get((key, whose, name), said) != said:
+                raise SamplesError(
+                    f"another {key} than in a row before, of the same {whose} {name!r}",
+                    "one camera as it is, and one board",
+                    where=f"{self.kind}.{key}",
+                    hint=f"say the same in both rows; or give another one another {whose}",
+                )
+
+    @property
+    def _said(self) -> Mapping[tuple[str, str, str], object]:
+        """What it says of its camera and its board, by key, kind of label and label."""
+        of_camera: dict[str, object] = {
+            "setup": self.setup,
+            "intrinsics": "free" if self.free else "fixed",
+        }
+        # What is found from a row's own corners differs from row to row.
+        if self.prior is None:
+            of_camera["camera"] = self.camera.values
+        return {
+            **{(key, "label", self.label): value for key, value in of_camera.items()},
+            ("board", "target", self.target): self.board.row(),
+        }
+
+    @property
+    def doubts(self) -> Mapping[str, Level]:
+        """Corners that are numbered mirrored, or from the other end in some pictures."""
+        hand = self.poses.at({})
+        found: dict[str, Level] = {}
+        if self.pictures.behind:
+            found[f"{MIRRORED} The camera's pose does not depend on it; the board's does."] = "care"
+        turned = self.pictures.upside_down(
+            inverse_poses(hand) if self.setup == EYE_TO_HAND else hand
+        )
+        for what, rows in turned.items():
+            if rows.any():
+                names = listed(np.array(self._names)[rows].tolist(), QUOTED)
+                found[f"In {names} {TURNED[what]} Leave them out (exclude)."] = "bad"
+        return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -588,113 +533,3 @@ class _Middle(Board):
 
     def row(self) -> dict[str, Any]:
         return {"type": self.type}
-
-
-def _some(poses: Poses, rows: BoolArray) -> Poses:
-    return poses[0][rows], poses[1][rows]
-
-
-def _start(hand: Poses, seen: Poses) -> tuple[Poses, Poses]:
-    """X and Z of ``A_i X B_i = Z``, of the pairs that agree."""
-    nothing = np.eye(3), np.zeros(3)
-    if len(hand[1]) < 2:
-        return nothing, nothing
-    kept = np.ones(len(hand[1]), dtype=np.bool_)
-    for _ in range(_ROUNDS):
-        A, B = _some(hand, kept), _some(seen, kept)
-        X = quaternion_hand_eye(A, B)
-        Z = close_the_loop(A, X, B)
-        R, p = loop_closures(hand, X, seen)
-        apart = np.linalg.norm(p - np.median(p, axis=0), axis=1)
-        turned = np.linalg.norm(R - Z[0], axis=(1, 2))
-        agreeing = np.ones_like(kept)
-        for off in (apart, turned):
-            agreeing &= off <= _STRANGE * max(float(np.median(off)), 1e-9)
-        if agreeing.sum() < FEWEST or np.array_equal(agreeing, kept):
-            break
-        kept = agreeing
-    return X, Z
-
-
-def with_corners(poses: PoseSource, corners: Corners, board: Board) -> PoseSource:
-    """Poses whose samples hold the corners that were seen in their pictures.
-
-    Args:
-        poses: with the label ``image``.
-        corners: of any pictures; those of others are left out.
-        board: whose points they are.
-
-    Returns:
-        The poses of pictures that have corners.
-
-    Warns:
-        SutaCalibWarning: some pictures have none.
-
-    Raises:
-        SamplesError: no picture has any.
-    """
-    images: NDArray[np.str_] = poses.samples.labels["image"]
-    there = np.isin(images, corners.image)
-    if not there.any():
-        raise SamplesError(
-            f"images {_quoted(images)} in the samples and {_quoted(corners.image)} in the corners",
-            "the same names in both",
-            file=corners.path,
-            where="column 'image'",
-        )
-    if not there.all():
-        lost = images[~there]
-        warnings.warn(
-            f"{corners.path}: no corners of {len(lost)} of {len(images)} images "
-            f"({_quoted(lost)}): they are left out",
-            SutaCalibWarning,
-            stacklevel=2,
-        )
-        poses, images = poses.take(there), images[there]
-    numbers = {number: k for k, number in enumerate(board.points)}
-    table = np.full((len(images), len(numbers), 2), np.nan)
-    columns = np.array([numbers[int(number)] for number in corners.point], dtype=np.intp)
-    for row, image in enumerate(images):
-        mine = corners.image == image
-        table[row, columns[mine]] = corners.pixel[mine]
-    return poses.with_samples(replace(poses.samples, pixels=table))
-
-
-def _quoted(names: NDArray[np.str_]) -> str:
-    """The first few different ones."""
-    different = list(dict.fromkeys(names.tolist()))
-    quoted = different[:_QUOTED]
-    return listed(quoted) if len(different) == len(quoted) else ", ".join([*quoted, "…"])
-
-
-def closed_form_camera(corners: Corners, board: Board) -> Camera:
-    """A camera as its pictures of a flat board show it, without distortion.
-
-    Its picture is taken to end where the corners do: its real size is in none of them.
-
-    Raises:
-        SamplesError: pictures that do not tell the focal length, or a board that is not flat.
-    """
-    boards, pictures = [], []
-    for image in corners.images:
-        mine = corners.take(corners.image == image)
-        points = board.positions(mine.point)
-        if np.ptp(points[:, 2]) > 0:
-            raise BoardError(
-                "a board that is not flat",
-                "a flat one, where no camera is given",
-                hint="calibrate the camera first, and name its file",
-            )
-        boards.append(points)
-        pictures.append(mine.pixel)
-    found = closed_form_intrinsics(boards, pictures)
-    if found is None:
-        raise SamplesError(
-            "pictures that do not tell the focal length",
-            "a board that is seen at a slant, in several directions",
-            file=corners.path,
-            hint="or give the camera's file",
-        )
-    width, height = (int(size) + 1 for size in corners.pixel.max(axis=0))
-    intrinsics = np.concatenate([found, np.zeros(len(DISTORTION))])
-    return Camera(width, height, intrinsics)

@@ -7,14 +7,23 @@ Every function works on one set of poses, or on many at once by leading dimensio
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Final, Literal
 
 import numpy as np
 
-from suta_calib.arrays import FloatArray
+from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.geometry.numbers import quaternion_from_rotation, rotation_from_quaternion, skew
 
 Poses = tuple[FloatArray, FloatArray]  # rotations (..., n, 3, 3) and positions (..., n, 3), m
+# Where the eye is; what it sees is on the other.
+EyeSetup = Literal["eye-in-hand", "eye-to-hand"]
+EYE_IN_HAND: Final[EyeSetup] = "eye-in-hand"
+EYE_TO_HAND: Final[EyeSetup] = "eye-to-hand"
+# Pairs of poses that determine where the eye is, and what it sees.
+FEWEST: Final = 3
+# Loops that are this many times as far off as the middle one start nothing.
+_STRANGE: Final = 4.0
+_ROUNDS: Final = 3
 # Relative singular value below which a translation is not determined at all.
 _ROUNDING: Final = 1e-10
 # A turn so small (rad) that a motion is a translation, and how much such a motion has to say.
@@ -52,6 +61,41 @@ def quaternion_hand_eye(hand: Poses, seen: Poses) -> Poses:
     return R, np.einsum("...ij,...j->...i", solved, moment)
 
 
+def some_poses(poses: Poses, rows: BoolArray) -> Poses:
+    """Those of a set (n,) that are asked for."""
+    return poses[0][rows], poses[1][rows]
+
+
+def agreeing_hand_eye(hand: Poses, seen: Poses) -> tuple[Poses, Poses]:
+    """X and Z of ``A_i X B_i = Z``: quaternions of motions, the mean of the loops.
+
+    Pairs whose loops are far from the middle one, such as of a board that was taken to be turned,
+    are left out of it.
+
+    Args:
+        hand: ``T_base_hand``, rotations (n, 3, 3) and positions (n, 3).
+        seen: ``T_eye_target``, the same shapes.
+    """
+    nothing = np.eye(3), np.zeros(3)
+    if len(hand[1]) < 2:
+        return nothing, nothing
+    kept = np.ones(len(hand[1]), dtype=np.bool_)
+    for _ in range(_ROUNDS):
+        A, B = some_poses(hand, kept), some_poses(seen, kept)
+        X = quaternion_hand_eye(A, B)
+        Z = close_the_loop(A, X, B)
+        R, p = loop_closures(hand, X, seen)
+        apart = np.linalg.norm(p - np.median(p, axis=0), axis=1)
+        turned = np.linalg.norm(R - Z[0], axis=(1, 2))
+        agreeing = np.ones_like(kept)
+        for off in (apart, turned):
+            agreeing &= off <= _STRANGE * max(float(np.median(off)), 1e-9)
+        if agreeing.sum() < FEWEST or np.array_equal(agreeing, kept):
+            break
+        kept = agreeing
+    return X, Z
+
+
 def close_the_loop(hand: Poses, X: Poses, seen: Poses) -> Poses:
     """Z as the mean of ``A_i X B_i``: chordal mean of the rotations, mean of the positions."""
     R, p = loop_closures(hand, X, seen)
@@ -81,7 +125,7 @@ def inverse_poses(poses: Poses) -> Poses:
 def _after(outer: Poses, inner: Poses) -> Poses:
     """``T_a_c = T_a_b T_b_c``, row by row."""
     (R, p), (turn, shift) = outer, inner
-    return R @ turn, np.einsum("...ij,...j->...i", R, shift) + p
+    return R @ turn, (R @ shift[..., None])[..., 0] + p
 
 
 def _rows(poses: Poses, rows: slice) -> Poses:

@@ -33,12 +33,14 @@ class OutsideFrame:
         what: in a word: ``artefact``.
         within: in whose frame its pose is: ``base``.
         keys: of the unknowns that the pose depends on.
+        given: keys of the job, relative to which the pose is meant: nothing measured checks them.
     """
 
     owner: str
     what: str
     within: str
     keys: tuple[str, ...]
+    given: tuple[str, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:

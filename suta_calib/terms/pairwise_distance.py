@@ -10,6 +10,7 @@ from typing import ClassVar, Final, Literal
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.errors import SamplesError
@@ -194,8 +195,13 @@ class PairwiseDistance(Term):
         ends = self.artefact.position_of(self.poses.samples.labels["landmark"])[samples]
         apart = ends[:, 0] - ends[:, 1]
         along = apart / np.linalg.norm(apart, axis=1)[:, None]
-        moved = displacement[:, samples[:, 0]] - displacement[:, samples[:, 1]]
-        return np.asarray(np.einsum("nd,knd->kn", along, moved)[:, :, None])
+        # A touch takes part in many distances: a sparse product gathers nothing.
+        columns = (3 * samples[:, :, None] + np.arange(3)).reshape(-1)
+        signed = np.stack([along, -along], axis=1).reshape(-1)
+        pointer = 6 * np.arange(len(samples) + 1)
+        flattened = displacement.reshape(len(displacement), -1)
+        by_touch = csr_array((signed, columns, pointer), (len(samples), flattened.shape[1]))
+        return np.asarray((by_touch @ flattened.T).T[:, :, None])
 
     @property
     def subject(self) -> str:

@@ -134,9 +134,9 @@ class TouchedPlane(Term):
     @property
     def outside(self) -> tuple[OutsideFrame, ...]:
         """Every plane: the point of it nearest to the base's origin, z along its normal."""
+        given = ("probe_radius_mm",) if self._nothing_checks_the_ball else ()
         return tuple(
-            PlaneFrame(f"plane[{name}]", "plane", "base", ("z", "rx", "ry"))
-            for name in self.places[0]
+            PlaneFrame(f"plane[{name}]", "plane", "base", _KEYS, given) for name in self.places[0]
         )
 
     @cached_property
@@ -153,6 +153,21 @@ class TouchedPlane(Term):
     def settings(self) -> Mapping[str, Any]:
         """The ball's radius."""
         return {"radius": self.radius}
+
+    @property
+    def _nothing_checks_the_ball(self) -> bool:
+        """Whether planes that stand anywhere are each touched on one side.
+
+        A ball of another size than is said then moves these, and nothing else.
+        """
+        if not self.radius or self.given:
+            return False
+        rotation, position = self.poses.at({})
+        for rows, centred in self._by_plane(position):
+            normal = np.linalg.svd(centred)[2][2]
+            if np.ptp(np.sign(self._side(normal, rotation[rows]))):
+                return False
+        return True
 
     def observed(self, values: Mapping[str, float], poses: PoseSource) -> Observed:
         """The tips as they are, shifted along the normal to where the ball touches."""

@@ -92,7 +92,7 @@ class ArmPoses(PoseSource):
 
     def at(self, values: Mapping[str, float]) -> tuple[FloatArray, FloatArray]:
         """Forward kinematics of the samples."""
-        return self.arm.forward(self.samples.q, values, self.samples.direction)
+        return self.arm.forward(self.samples.q, values, self.samples.told)
 
     def with_samples(self, samples: Samples) -> ArmPoses:
         """The same arm's poses at the samples' readings."""

@@ -25,6 +25,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
+from suta_calib.assessment import Level
 from suta_calib.errors import ArtefactError, SamplesError, did_you_mean
 from suta_calib.measurements import Artefact, SampleColumns, YamlSection
 from suta_calib.measurements.keys import Key
@@ -522,8 +523,27 @@ class Term(ABC):
         """What must be known of how the samples are used, one sentence each."""
         return ()
 
+    def check_beside(self, other: Term) -> None:  # noqa: B027 (most terms share nothing more)
+        """Refuse another term of the job that shares unknowns with this one and says otherwise.
+
+        Raises:
+            SamplesError: what the two disagree about.
+        """
+
+    @property
+    def doubts(self) -> Mapping[str, Level]:
+        """What the samples have wrong with them by themselves, and what an answer is worth for it.
+
+        Sentences; ``care`` or ``bad``.
+        """
+        return {}
+
     def equations(self) -> int:
         """How many independent numbers the samples give at most: a rest counts once."""
+        return self._by_rests
+
+    @cached_property
+    def _by_rests(self) -> int:
         return sum(
             len(np.unique(self.readings(block), axis=0)) * block.size for block in self.blocks
         )

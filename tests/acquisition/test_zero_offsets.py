@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.stats import chi2
+from two_arms import ROBOT
 
 from suta_calib.acquisition.zero_offsets import find_zero_offsets
 from suta_calib.arrays import FloatArray
@@ -171,3 +172,13 @@ def test_a_joint_beyond_its_limits_is_named(tmp_path: Path, suta_urdf: Path, arm
 def test_positions_are_needed(arm: ArmModel) -> None:
     with pytest.raises(InputError, match="no positions"):
         find_zero_offsets(arm, Samples.from_arrays(arm.joints, np.zeros((1, 6))))
+
+
+def test_an_encoder_off_the_chain_is_refused_by_name(tmp_path: Path) -> None:
+    """The second finger follows the first, which the chain to it does not pass."""
+    (tmp_path / "robot.urdf").write_text(ROBOT)
+    arm = ArmModel.from_urdf(tmp_path / "robot.urdf", "f2", "right")
+    samples = Samples.from_arrays(arm.joints, [[0.1]], position=[[0.0, 0.0, 0.0]])
+    with pytest.raises(InputError, match=r"--tip: found finger_1, which finger_2 follows") as told:
+        find_zero_offsets(arm, samples)
+    assert "a tip that finger_1 carries" in str(told.value)

@@ -77,6 +77,24 @@ def test_calibrate_writes_beside_the_job(calibrated: Calibrated) -> None:
     assert str(folder / "report.html") in "".join(calibrated.out.splitlines()[-2:])
 
 
+def test_without_a_report_nothing_is_drawn_and_none_of_the_run_before_is_left(
+    job: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli("calibrate", job) == 0
+    assert files_below(job.parent / "results") == RESULTS
+    assert cli("calibrate", job, "--no-report") == 0
+    assert files_below(job.parent / "results") == RESULTS - {"report.html"}
+    assert "report.html" not in capsys.readouterr().out.splitlines()[-1]
+    code = (
+        "import sys\nfrom suta_calib.cli import main\n"
+        f"sys.argv = ['suta-calib', 'calibrate', {str(job)!r}, '--no-report']\n"
+        "try:\n    main()\nexcept SystemExit as end:\n    assert not end.code\n"
+        "print('matplotlib' in sys.modules)"
+    )
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert run.stdout.splitlines()[-1] == "False"
+
+
 def test_calibrate_finds_the_truth(job: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert cli("calibrate", job, "--out", job.parent / "new" / "folder", "--json") == 0
     found = printed_json(capsys)

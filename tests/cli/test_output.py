@@ -56,10 +56,10 @@ def names(folder: Path) -> set[str]:
 def test_a_bad_answer_takes_the_place_of_all_of_a_good_one(job: Path) -> None:
     assert run(job) == 0
     results = job.parent / "results"
-    assert names(results) == {"good.urdf", "result.json"}
+    assert names(results) == {"good.urdf", "report.html", "result.json"}
     job.write_text("bad")
     assert run(job) == 1
-    assert names(results) == {"result.json"}
+    assert names(results) == {"report.html", "result.json"}
 
 
 def test_an_answer_says_what_it_was_made_from(
@@ -93,8 +93,8 @@ def test_whose_a_folder_is_is_found_without_reading_all_of_it(job: Path, tmp_pat
     with (results / "vast.json").open("wb") as file:
         file.truncate(1 << 40)
     assert run(job) == 0
-    assert names(results) == {"good.urdf", "result.json", "pipe.json", "vast.json"}
-    assert names(tmp_path / "results-calibration") == {"good.urdf", "result.json"}
+    assert names(results) == {"good.urdf", "report.html", "result.json", "pipe.json", "vast.json"}
+    assert names(tmp_path / "results-calibration") == {"good.urdf", "report.html", "result.json"}
 
 
 def test_a_job_under_another_name_keeps_its_folder(job: Path, tmp_path: Path) -> None:
@@ -108,7 +108,11 @@ def test_a_folder_that_is_asked_for_is_taken_before_the_job_or_after_it(
 ) -> None:
     assert run("--out", tmp_path / "a", job) == 0
     assert run(job, "--out", tmp_path / "b") == 0
-    assert names(tmp_path / "a") == names(tmp_path / "b") == {"good.urdf", "result.json"}
+    assert (
+        names(tmp_path / "a")
+        == names(tmp_path / "b")
+        == {"good.urdf", "report.html", "result.json"}
+    )
     (tmp_path / "c").write_text("no folder")
     with pytest.raises(OutputError, match="which is no folder"):
         run(job, "--out", tmp_path / "c")

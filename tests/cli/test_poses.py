@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cli_job import cli
-from pose_answers import Capture, answer, within
+from cli_job import Capture, answer, cli
+from pose_answers import within
 from pose_scenes import (
     B_A,
     NOISE,
@@ -81,13 +81,18 @@ def test_pivot_on_several_posts(tmp_path: Path, capsys: Capture) -> None:
 def test_pivot_writes_its_files(pivot_file: Path, tmp_path: Path, capsys: Capture) -> None:
     out = tmp_path / "new" / "folder"
     found = answer(capsys, "pivot", pivot_file, "--out", out)
-    names = {"residuals.csv", "pivot.svg", "tip.json", "result.json"}
+    names = {"residuals.csv", "pivot.svg", "tip.json", "report.html", "result.json"}
     assert {path.name for path in out.iterdir()} == names
     assert found["files"] == {name: str(out / name) for name in found["files"]}
     assert set(found["files"]) == names
     assert json.loads((out / "result.json").read_text()) == found
     tool = json.loads((out / "tip.json").read_text())
     assert tool == {key: found[key] for key in ("tip_mm", "tip_std_mm")}
+    page = (out / "report.html").read_text(encoding="utf-8")
+    assert pivot_file.name in page
+    assert f"{found['tip_mm'][2]:.3f}" in page
+    assert 'id="pivot"' in page
+    assert "<script" not in page
 
 
 def test_residuals_are_those_of_the_answer(
@@ -121,7 +126,7 @@ def test_an_answer_not_to_be_used_exits_with_1(tmp_path: Path, capsys: Capture) 
     assert found["verdict"]["level"] == "bad"
     assert not found["verdict"]["usable"]
     written = {p.name for p in (tmp_path / "out").iterdir()}
-    assert written == {"result.json", "residuals.csv", "pivot.svg"}
+    assert written == {"result.json", "report.html", "residuals.csv", "pivot.svg"}
     assert cli("pivot", path) == 1
     assert "Do not use." in capsys.readouterr().out
 
@@ -169,7 +174,8 @@ def test_hand_eye_writes_its_files(tmp_path: Path, capsys: Capture) -> None:
     path = write_csv(tmp_path / "p.csv", PAIR, pair_numbers(20, "eye-in-hand"))
     out = tmp_path / "out"
     found = answer(capsys, "hand-eye", path, "--model", "AX=ZB", "--out", out)
-    assert {p.name for p in out.iterdir()} == {"residuals.csv", "hand_eye.svg", "result.json"}
+    names = {"residuals.csv", "hand_eye.svg", "report.html", "result.json"}
+    assert {p.name for p in out.iterdir()} == names
     assert json.loads((out / "result.json").read_text()) == found
     with (out / "residuals.csv").open() as file:
         rows = list(csv.DictReader(file))
@@ -219,7 +225,8 @@ def test_register_writes_its_files(
 ) -> None:
     out = tmp_path / "out"
     found = answer(capsys, "register", *point_files, "--out", out)
-    assert {p.name for p in out.iterdir()} == {"residuals.csv", "register.svg", "result.json"}
+    names = {"residuals.csv", "register.svg", "report.html", "result.json"}
+    assert {p.name for p in out.iterdir()} == names
     with (out / "residuals.csv").open() as file:
         rows = list(csv.DictReader(file))
     a, b = (np.loadtxt(f, delimiter=",", skiprows=1) for f in point_files)

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cli_job import cli
-from pose_answers import XYZ, Capture, answer, within
+from cli_job import Capture, answer, cli
+from pose_answers import XYZ, within
 from pose_scenes import (
     PAIR,
     POSE,

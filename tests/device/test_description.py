@@ -64,6 +64,9 @@ def test_a_port_beside_the_file_is_found_from_anywhere(tmp_path: Path) -> None:
         ("sign: -1", "sign: 0", 6, ["joints[0].sign", "0", "1 or -1"]),
         ("sign: -1", "sign: left", 6, ["joints[0].sign", "left"]),
         ("{name: joint_2}", "{name: joint_1}", 6, ["joints[1].name", "second time"]),
+        ("{name: joint_2}", "{name: joint_2, ratio: 0}", 6, ["joints[1].ratio", "turns of the"]),
+        ("{name: joint_2}", "{name: joint_2, zero: 0.5}", 6, ["joints[1].zero", "whole number"]),
+        ("sign: -1", "counts_per_turn: 1", 6, ["joints[0].counts_per_turn", "1"]),
         ("{name: joint_2}", "{nam: joint_2}", 6, ["joints[1].nam", "did you mean 'name'"]),
     ],
 )
@@ -90,3 +93,13 @@ def test_more_joints_than_a_frame_can_have_are_refused(tmp_path: Path) -> None:
 def test_an_absent_file_is_one_error(tmp_path: Path) -> None:
     with pytest.raises(DeviceFileError, match=r"nothing\.yaml"):
         read_device(tmp_path / "nothing.yaml")
+
+
+def test_a_joint_may_have_its_own_zero_gear_and_encoder(tmp_path: Path) -> None:
+    joint = "{name: joint_2, zero: 2048, ratio: 3, counts_per_turn: 1024}"
+    spec = read(tmp_path, GOOD.replace("{name: joint_2}", joint))
+    assert spec.joints == (JointSpec("joint_1", -1), JointSpec("joint_2", 1, 2048.0, 3.0, 1024))
+    frames = "port: COM3\njoints: [{name: a, zero: 7}]\n"
+    assert read(tmp_path, frames).joints == (JointSpec("a", 1, 7.0),)
+    with pytest.raises(DeviceFileError, match=r":2: joints\[0\].ratio: .*frames are one turn"):
+        read(tmp_path, frames.replace("zero: 7", "ratio: 2"))

@@ -29,7 +29,7 @@ Capture = pytest.CaptureFixture[str]
 # Their answers are as any other's here, and take seconds.
 LONG = ("extend", "outliers", "plan")
 WRITING = [name for name, given in GIVEN.items() if given.out and not given.needs_device]
-ANSWERS = [name for name in WRITING if name not in ("init", "simulate", "emulate", *LONG)]
+ANSWERS = [name for name in WRITING if name not in ("init", "simulate", "emulate", "view", *LONG)]
 STOPS: dict[str, Callable[[], BaseException]] = {
     "full disk": lambda: OSError(28, "No space left on device"),
     "Ctrl-C": KeyboardInterrupt,
@@ -120,7 +120,9 @@ def test_a_simulation_does_not_overwrite_itself(
 
 
 @pytest.mark.parametrize("stop", STOPS)
-@pytest.mark.parametrize("command", ["init", "simulate", "certify", "zero-offsets", "emulate"])
+@pytest.mark.parametrize(
+    "command", ["init", "simulate", "certify", "zero-offsets", "emulate", "view"]
+)
 def test_files_that_are_no_answer_are_whole_too(
     command: str, stop: str, scene: Path, tmp_path: Path, capsys: Capture
 ) -> None:
@@ -147,7 +149,7 @@ def test_an_interrupt_while_it_reads(
 ) -> None:
     for read in range(len(GIVEN[command].reads)):
         note = Stopping(atomic.note_input, read, KeyboardInterrupt)
-        for module in ("measurements.files", "model.urdf_tree"):
+        for module in ("measurements.files", "model.urdf_tree", "exchange.cells"):
             monkeypatch.setattr(f"suta_calib.{module}.note_input", note)
         assert cli(*command_line(command, scene, tmp_path / "out")) == 130
         assert capsys.readouterr().err.splitlines()[-1].startswith("suta-calib: interrupted")

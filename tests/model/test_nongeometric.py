@@ -204,7 +204,7 @@ def both_sides(seed: int, directions: bool = True) -> TrackedPoint:
     scene = tracked_scene(ARM, {}, 60)
     random = np.random.default_rng(seed)
     direction = random.choice([-1.0, 1.0], scene.q.shape)
-    _, position = ARM.forward(scene.q, PLAY, direction)
+    _, position = ARM.forward(scene.q, PLAY, {"direction": direction})
     seen = replace(
         scene.exact().poses.samples,
         position=position + random.normal(0, 1e-4, position.shape),
@@ -216,7 +216,7 @@ def both_sides(seed: int, directions: bool = True) -> TrackedPoint:
 def test_backlash_moves_the_joint_to_the_side_it_came_from() -> None:
     q, direction = np.full((3, 6), 0.3), np.zeros((3, 6))
     direction[:, 2] = [1, -1, 0]
-    found = ARM.forward(q, {"joint_3.backlash": 2e-3}, direction)[1]
+    found = ARM.forward(q, {"joint_3.backlash": 2e-3}, {"direction": direction})[1]
     q[:, 2] += [-1e-3, 1e-3, 0.0]
     np.testing.assert_allclose(found, ARM.forward(q)[1], atol=1e-15)
     # Without directions it is in the middle of its play.

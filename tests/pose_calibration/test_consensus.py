@@ -24,8 +24,8 @@ def centre_of(values: np.ndarray, seed: int = 0) -> Consensus:
     def propose(rows: np.ndarray) -> np.ndarray:
         return kinds[rows].mean(axis=1)
 
-    def residuals(centres: np.ndarray) -> np.ndarray:
-        return np.linalg.norm(kinds - centres[:, None], axis=-1)
+    def residuals(centres: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        return np.linalg.norm(kinds[rows] - centres[:, None], axis=-1)
 
     samples = minimal_samples(np.zeros(len(values), dtype=np.intp), 1, seed)
     return find_consensus(len(values), samples, propose, residuals, 1)
@@ -124,12 +124,33 @@ def test_the_residuals_of_a_few_models_are_held_at_once(monkeypatch: pytest.Monk
     values = cluster(200, 60, 0)
     shapes = []
 
-    def residuals(centres: np.ndarray) -> np.ndarray:
+    def residuals(centres: np.ndarray, rows: np.ndarray) -> np.ndarray:
         shapes.append((len(centres), len(values)))
-        return np.linalg.norm(values - centres[:, None], axis=-1)[..., None]
+        return np.linalg.norm(values[rows] - centres[:, None], axis=-1)[..., None]
 
     monkeypatch.setattr(consensus, "AT_ONCE", 4000)
     samples = minimal_samples(np.zeros(200, dtype=np.intp), 1, 0)
     found = find_consensus(200, samples, lambda rows: values[rows].mean(axis=1), residuals, 1)
     assert max(models * rows for models, rows in shapes) <= 4000
     np.testing.assert_array_equal(found.inliers, centre_of(values).inliers)
+
+
+def test_many_rows_are_all_judged_by_a_model_that_a_part_of_them_chose(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    values = cluster(4000, 1700, 0)
+    whole = centre_of(values)
+    looked_at = []
+
+    def residuals(centres: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        looked_at.append((len(centres), len(rows)))
+        return np.linalg.norm(values[rows] - centres[:, None], axis=-1)[..., None]
+
+    monkeypatch.setattr(consensus, "MOST_ROWS", 500)
+    samples = minimal_samples(np.zeros(4000, dtype=np.intp), 1, 0)
+    found = find_consensus(4000, samples, lambda rows: values[rows].mean(axis=1), residuals, 1)
+    assert not found.inliers[2300:].any()
+    assert (found.inliers == whole.inliers).mean() > 0.995
+    assert abs(found.sigmas[0] / whole.sigmas[0] - 1.0) < 0.15
+    # All rows are looked at once, under one model.
+    assert [shape for shape in looked_at if shape[1] > 500] == [(1, 4000)]

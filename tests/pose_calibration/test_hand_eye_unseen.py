@@ -10,15 +10,15 @@ from hand_eye_scenes import calibrate, errors, noisy, simulate
 
 from suta_calib.arrays import FloatArray
 from suta_calib.geometry.numbers import rotation_from_vector, vector_from_rotation
-from suta_calib.pose_calibration.hand_eye import HandEyeCalibration, Setup, calibrate_hand_eye
+from suta_calib.pose_calibration.hand_eye import HandEyeCalibration, calibrate_hand_eye
 from suta_calib.terms import HandEye
-from suta_calib.terms.hand_eye_start import inverse_poses
+from suta_calib.terms.hand_eye_start import EyeSetup, inverse_poses
 from suta_calib.terms.synthetic import OutlierModel, PoseNoise, Simulated
 
 
 # ── Inverted poses ───────────────────────────────────────────────────────────────────────────
 @pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
-def test_both_poses_inverted_exchange_x_and_z_and_it_is_said(setup: Setup) -> None:
+def test_both_poses_inverted_exchange_x_and_z_and_it_is_said(setup: EyeSetup) -> None:
     """The eye in the hand is 0.1 m off, the target in the base 0.64 m."""
     data = noisy(30)
     hand, seen = data.poses, data.seen

@@ -31,6 +31,7 @@ from suta_calib.report.errors import by_kind, groups
 from suta_calib.report.files import write_document
 from suta_calib.report.observability import observability_document
 from suta_calib.report.page import page_with
+from suta_calib.report.spatial import WIDTH, projected
 from suta_calib.words import combination, listed
 
 
@@ -183,11 +184,10 @@ def test_console_shows_what_can_be_determined(result: CalibrationResult) -> None
 
 def test_plots_are_svg_with_units(result: CalibrationResult) -> None:
     errors = by_kind(result.accuracy.validation)[0]
-    estimated = [e for e in result.solution.estimates.values() if e.std]
     found = [
         plots.error_histogram(errors, "h"),
         plots.grouped_errors(groups(result.accuracy.calibration, "point"), "point", "g"),
-        plots.parameter_changes(estimated, "c"),
+        plots.parameter_changes(result.solution.changes, "c"),
         plots.singular_values(np.array([1e3, 1.0, 0.0]), ["a.z − b.z"], "s"),
         plots.correlation_map(["a", AWKWARD], np.array([[1.0, -0.9], [-0.9, 1.0]]), "m"),
     ]
@@ -214,7 +214,10 @@ def test_page_stands_alone(page: str) -> None:
     seen = references(page)
     assert seen.found
     assert [r for r in seen.found if not r.startswith("#")] == []
-    assert not {"script", "link", "img", "iframe", "object"} & set(seen.tags)
+    assert not {"link", "img", "iframe", "object"} & set(seen.tags)
+    assert seen.tags.count("script") == 1
+    assert "http" not in re.sub(r'xmlns(:\w+)?="[^"]*"', "", page)
+    assert len(page.encode()) < 1_000_000
     assert not re.search(r"url\((?!['\"]?#)", page)
     assert "@import" not in page
     assert len(seen.ids) == len(set(seen.ids))
@@ -224,7 +227,7 @@ def test_page_stands_alone(page: str) -> None:
 def test_page_says_what_matters_and_escapes_the_rest(page: str, result: CalibrationResult) -> None:
     assert "joint_1.offset" in page
     assert result.solution.sentence[1:] in page
-    assert "<script" not in page
+    assert "<script>alert" not in page
     assert "&lt;script&gt;alert(1)" in page
     assert AWKWARD not in page
     assert "&lt;b&gt;" in page
@@ -298,3 +301,62 @@ def test_a_failing_write_leaves_the_old_file(
         write_bytes_atomically(target, render_report(result).encode())
     assert target.read_text() == "old"
     assert [p.name for p in tmp_path.iterdir()] == ["report.html"]
+
+
+# the first screen
+
+
+def test_the_page_begins_with_what_came_out(page: str, result: CalibrationResult) -> None:
+    tree = etree.HTML(page)
+    (headline,) = tree.xpath("//p[@class='headline']")
+    assert headline.text == result.headline
+    order = [tree.xpath(f"count({path}/preceding::*)") for path in FIRST_SCREEN]
+    assert order == sorted(order)
+    contents = [link.get("href")[1:] for link in tree.xpath("//nav//a")]
+    assert contents == [heading.get("id") for heading in tree.xpath("//h2")]
+    assert "Parameters" in tree.xpath("//nav//a/text()")
+    about = {row[0].text: row[1].text for row in tree.xpath("//section//table[1]//tr[count(td)=2]")}
+    assert result.job.arm.chain.path.name in about["arm"]
+    assert str(len(result.job.observations[0].poses)) in about["fitted"]
+    assert "suta_calib" in about["made with"]
+
+
+FIRST_SCREEN = (
+    "//h1",
+    "//nav",
+    "//p[@class='headline']",
+    "//div[contains(@class, 'verdict')]",
+    "//figure[@class='scene']",
+    "//td[text()='arm']",
+    "//h2[text()='Errors']",
+)
+
+
+def test_what_is_held_is_one_line_for_each_reason(page: str, result: CalibrationResult) -> None:
+    (line,) = re.findall(r"<li>(Redundant, so at nominal \(1\): .*)</li>", page)
+    assert line.endswith("joint_1.offset")
+    tree = etree.HTML(page)
+    (table,) = tree.xpath("//h2[text()='Parameters']/following-sibling::div[1]//table")
+    names = table.xpath(".//tbody/tr/td[1]/text()")
+    assert "joint_1.offset" not in names
+    assert set(names) < set(result.job.parameters)
+
+
+def test_the_scene_on_the_page_is_what_was_computed(page: str, result: CalibrationResult) -> None:
+    """What the script turns is in mm, and the still picture is its projection."""
+    (told,) = re.findall(r'turnable\(.*?"scene"\), (\{.*\})\);', page)
+    scene = json.loads(told)
+    parts = result.scene().parts
+    drawn = scene["parts"][-len(parts) :]
+    for part, record in zip(parts, drawn, strict=True):
+        if "axes" in part.look:
+            continue
+        np.testing.assert_allclose(np.array(record["p"]), units.mm(part.points), atol=0.051)
+    middle, scale = np.array(scene["middle"]), scene["scale"]
+    paths = etree.HTML(page).xpath("//figure[@class='scene']/svg/g/path/@d")
+    assert len(paths) == len(scene["parts"])
+    links = next(k for k, part in enumerate(parts) if part.look == "links")
+    numbers = np.array(re.findall(r"-?[\d.]+", paths[-len(parts) :][links]), dtype=float)
+    wanted = projected(np.array(drawn[links]["p"]) - middle, scale)
+    np.testing.assert_allclose(numbers.reshape(-1, 2), wanted, atol=0.11)
+    assert np.abs(numbers.reshape(-1, 2)[:, 0]).max() <= WIDTH / 2

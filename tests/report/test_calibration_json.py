@@ -16,7 +16,7 @@ from suta_calib.job.calibration import CalibrationResult
 from suta_calib.report.calibration import calibration_document
 from suta_calib.report.console import rendered
 from suta_calib.report.errors import RESIDUALS, accuracy_json, by_kind, groups, residual_rows
-from suta_calib.report.listing import Json, csv_text
+from suta_calib.report.listing import Json, csv_of_groups
 from suta_calib.report.page import page_with
 
 
@@ -188,7 +188,7 @@ def test_json_without_validation_has_nulls_not_nan(result: CalibrationResult) ->
 
 
 def test_residuals_are_all_there_and_add_up(result: CalibrationResult) -> None:
-    text = csv_text(RESIDUALS, residual_rows(result.labelled_terms))
+    text = csv_of_groups(RESIDUALS, residual_rows(result.labelled_terms))
     rows = list(csv.DictReader(io.StringIO(text)))
     assert len(rows) == 40 + 12 + 15
     assert list(rows[0]) == [column.key for column in RESIDUALS.columns]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
 
@@ -30,7 +31,7 @@ def names(folder: Path) -> set[str]:
 def test_files_are_all_there_or_none(tmp_path: Path) -> None:
     out = tmp_path / "out"
     written = write_document(answer(1.5, x_txt="é\n"), out)
-    assert written["files"] == {n: str(out / n) for n in ("x.txt", "result.json")}
+    assert written["files"] == {n: str(out / n) for n in ("x.txt", "report.html", "result.json")}
     assert (out / "x.txt").read_text(encoding="utf-8") == "é\n"
     assert json.loads((out / "result.json").read_text()) == written
     (out / "y.txt").mkdir()
@@ -38,7 +39,7 @@ def test_files_are_all_there_or_none(tmp_path: Path) -> None:
         write_document(answer(2.5, x_txt="new", y_txt="new"), out)
     assert (out / "x.txt").read_text(encoding="utf-8") == "é\n"
     assert json.loads((out / "result.json").read_text())["a"] == 1.5
-    assert names(out) == {"x.txt", "y.txt", "result.json"}
+    assert names(out) == {"x.txt", "y.txt", "report.html", "result.json"}
 
 
 def test_what_a_run_before_left_behind_is_removed(tmp_path: Path) -> None:
@@ -46,7 +47,7 @@ def test_what_a_run_before_left_behind_is_removed(tmp_path: Path) -> None:
     (tmp_path / "z.txt").write_text("somebody's own by now")
     (tmp_path / "other.txt").write_text("never ours")
     write_document(answer(2.5, x_txt="2"), tmp_path)
-    assert names(tmp_path) == {"x.txt", "z.txt", "other.txt", "result.json"}
+    assert names(tmp_path) == {"x.txt", "z.txt", "other.txt", "report.html", "result.json"}
 
 
 def test_what_was_written_before_runs_had_hashes_is_removed_too(tmp_path: Path) -> None:
@@ -56,7 +57,7 @@ def test_what_was_written_before_runs_had_hashes_is_removed_too(tmp_path: Path) 
     for name in ("out/calibrated.urdf", "x.txt"):
         (tmp_path / name).write_text("old")
     write_document(answer(1.5), tmp_path / "out")
-    assert names(tmp_path / "out") == {"result.json"}
+    assert names(tmp_path / "out") == {"report.html", "result.json"}
     assert (tmp_path / "x.txt").exists()
 
 
@@ -125,3 +126,38 @@ def test_whoever_finds_the_record_finds_the_files_it_tells_of(
         found = {path.name: path.read_text() for path in folder.iterdir()}
         assert found.get("record") == (None if stops_at < 3 else "2")
         assert "record" not in found or set(found.values()) == {"2"}
+
+
+def test_a_report_is_of_one_job(tmp_path: Path) -> None:
+    def written(name: str, job: str, *, opens: bool = False) -> set[str]:
+        said = Document(name, name, GOOD, [Text(f"{name} of {job}")])
+        said = replace(said, written="opening") if opens else said
+        write_document(said, tmp_path, {f"some/{job}.yaml": "0" * 64})
+        return {path.name for path in tmp_path.glob("*.html")}
+
+    def page(name: str) -> str:
+        return (tmp_path / name).read_text(encoding="utf-8")
+
+    assert written("result", "a", opens=True) == {"report.html"}
+    assert written("study", "a") == {"report.html"}
+    assert written("study", "b") == {"report.html", "report-b.html"}
+    assert written("plan", "b") == {"report.html", "report-b.html"}
+    assert "study of a" in page("report.html")
+    assert "of b" not in page("report.html")
+    assert "study of b" in page("report-b.html")
+    assert "plan of b" in page("report-b.html")
+    assert "of a" not in page("report-b.html")
+    # A calibration begins anew.
+    assert written("result", "c", opens=True) == {"report.html", "report-b.html"}
+    assert "of a" not in page("report.html")
+
+
+def test_a_page_that_held_one_answer_only_is_replaced_by_that_of_another_job(
+    tmp_path: Path,
+) -> None:
+    for job in "ab":
+        said = Document("study", "study", GOOD, [Text(f"study of {job}")])
+        write_document(said, tmp_path, {f"{job}.yaml": "0" * 64})
+    (page,) = tmp_path.glob("*.html")
+    assert "study of b" in page.read_text(encoding="utf-8")
+    assert "study of a" not in page.read_text(encoding="utf-8")

@@ -35,11 +35,12 @@ from suta_calib.pose_calibration.pivot import PivotCalibration, calibrate_pivot
 from suta_calib.pose_calibration.registration import Registration, register
 from suta_calib.report.console import rendered
 from suta_calib.report.document import Document
-from suta_calib.report.hand_eye import hand_eye_document, hand_eye_plot
+from suta_calib.report.hand_eye import hand_eye_document
 from suta_calib.report.listing import json_text
-from suta_calib.report.pivot import pivot_document, pivot_plot
+from suta_calib.report.pivot import pivot_document
+from suta_calib.report.pose_plots import hand_eye_plot, pivot_plot, register_plot
 from suta_calib.report.poses import pose_record
-from suta_calib.report.registration import register_document, register_plot
+from suta_calib.report.registration import register_document
 
 SVG = "{http://www.w3.org/2000/svg}"
 

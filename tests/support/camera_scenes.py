@@ -73,6 +73,7 @@ def pictures(
     eyes: tuple[Poses, ...] = (X,),
     board: Board = BOARD,
     given: Camera | None = CAMERA,
+    lens: FloatArray = LENS,
 ) -> Pictures:
     """A camera looks at a board from all sides, half a metre away.
 
@@ -86,6 +87,7 @@ def pictures(
             robot one stands where the board would, and holds the board where it would be.
         board: that is seen.
         given: the camera as it is said to be.
+        lens: its true intrinsics.
     """
     random, noise, arm = np.random.default_rng(seed).spawn(3)
     points = np.array(list(board.points.values()))
@@ -107,7 +109,7 @@ def pictures(
         moving = after(hand, eye) if setup == "eye-in-hand" else Z
         there = Z if setup == "eye-in-hand" else after(hand, X)
         R, p = after(inverse_poses(moving), there)
-        pixels = projected(np.einsum("nij,kj->nki", R, points) + p[:, None], LENS)
+        pixels = projected(np.einsum("nij,kj->nki", R, points) + p[:, None], lens)
         pixels = pixels + pixel * noise.standard_normal(pixels.shape)
         image, point = np.nonzero(CAMERA.inside(pixels.reshape(-1, 2)).reshape(pixels.shape[:2]))
         numbers = np.array(list(board.points))

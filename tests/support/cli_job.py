@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
+import pytest
 from scipy.spatial.transform import Rotation
 
 from suta_calib.cli import run
 from suta_calib.measurements import Samples, write_samples
 from suta_calib.model.arm import ArmModel
 
+Capture = pytest.CaptureFixture[str]
 TRUTH = {
     "joint_2.offset": 0.02,
     "joint_3.offset": -0.015,
@@ -60,3 +64,14 @@ def write_simulated_job(folder: Path, urdf: Path) -> Path:
 def cli(*arguments: object) -> int:
     """Run one command line; the exit code."""
     return run([str(a) for a in arguments])
+
+
+def answer(capsys: Capture, *arguments: object, code: int = 0) -> dict[str, Any]:
+    """What a command prints with --json: one object, and nothing on stderr."""
+    capsys.readouterr()
+    assert cli(*arguments, "--json") == code
+    out, err = capsys.readouterr()
+    assert err == ""
+    found = json.loads(out)
+    assert isinstance(found, dict)
+    return found

@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass
+from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
@@ -14,8 +15,11 @@ from pose_answers import XYZ
 from pose_scenes import PAIR, POSE, pair_numbers, pivot_numbers, point_numbers, write_csv
 from simulated import SUTA_URDF
 
+from suta_calib.job import CalibrationJob
 from suta_calib.measurements import Samples, write_samples
 from suta_calib.model.arm import ArmModel
+from suta_calib.report import calibration_document
+from suta_calib.report.files import write_document
 from suta_calib.stereotactic.cis_simulation import simulate_stereotactic
 
 WORKCELL = SUTA_URDF.parents[1] / "data" / "workcell"
@@ -59,6 +63,7 @@ class Given:
         reads: the scene's files that it reads, all of them before it computes.
         out: the option that says where it writes, and whether that is a file; empty for none.
         needs_device: whether it cannot end well without a device.
+        welcome: what is malformed to others and not to it, such as another encoding.
     """
 
     arguments: tuple[str, ...]
@@ -66,6 +71,7 @@ class Given:
     out: str = ""
     out_is_file: bool = False
     needs_device: bool = False
+    welcome: tuple[str, ...] = ()
 
 
 _OF_JOB = (JOB, URDF, SAMPLES, "validation/a.csv")
@@ -78,6 +84,7 @@ GIVEN = {
     ),
     "extend": Given((JOB, "--quick"), _OF_JOB, "--out"),
     "budget": Given((JOB, "--anyway"), _OF_JOB, "--out"),
+    "view": Given((JOB, "--port", "0", "--seconds", "0.2"), _OF_JOB, "--html", out_is_file=True),
     "validate": Given((URDF, JOB), _OF_JOB),
     "outliers": Given((JOB,), _OF_JOB, "--out"),
     "init": Given(_OF_ARM, (URDF,), "--out"),
@@ -122,6 +129,15 @@ GIVEN = {
         out_is_file=True,
     ),
     "repeatability": Given(("visits.csv", "--urdf", *_OF_ARM), (URDF, "visits.csv"), "--out"),
+    "import": Given(
+        ("foreign.tsv",), ("foreign.tsv",), "--out", out_is_file=True, welcome=("UTF-16",)
+    ),
+    "export": Given(
+        ("calibrated/result.json", "--format", "mjcf"),
+        ("calibrated/result.json",),
+        "--out",
+        out_is_file=True,
+    ),
     "iso10360": Given(("iso.yaml",), ("iso.yaml", URDF, "visits.csv"), "--out"),
 }
 
@@ -148,6 +164,8 @@ def write_scene(folder: Path, urdf: Path) -> Path:
     labels = {"placement": ["P1"] * 3, "repeat": ["1"] * 3, "landmark": list("ABC")}
     write_samples(folder / "touched.csv", Samples.from_arrays(arm.joints, q[:3], labels=labels))
     write_csv(folder / "pivot.csv", POSE, pivot_numbers(["left"] * 40))
+    poses = pivot_numbers(["left"] * 40)
+    np.savetxt(folder / "foreign.tsv", poses, delimiter="\t", header="\t".join(POSE), comments="")
     write_csv(folder / "pairs.csv", PAIR, pair_numbers(20, "eye-in-hand"))
     for name, numbers in zip(("a.csv", "b.csv"), point_numbers(12), strict=True):
         write_csv(folder / name, XYZ, numbers)
@@ -158,6 +176,10 @@ def write_scene(folder: Path, urdf: Path) -> Path:
     write_points(folder / "points.csv")
     for name, file in (("view.jpg", "pictures/00.jpg"), ("board.yaml", "board.yaml")):
         shutil.copy(WORKCELL / file, folder / name)
+    result = CalibrationJob.load(folder / JOB).run()
+    job = folder / JOB
+    inputs = {str(job): sha256(job.read_bytes()).hexdigest()}
+    write_document(calibration_document(result), folder / "calibrated", inputs)
     simulate_stereotactic("cis", seed=2, distortion=3e-3, em_noise=0.05e-3, grid=2).write(folder)
     return folder
 

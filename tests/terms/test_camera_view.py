@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from cli_job import cli
+from cli_job import answer, cli
 from simulated import arm_named, camera_scene, dh_parameters, perturbed
 
 from suta_calib.geometry.numbers import rotation_from_vector
@@ -73,13 +72,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory, repository: Path) -> Path:
     return path
 
 
-def answer(capsys: pytest.CaptureFixture[str], *arguments: object) -> dict[str, Any]:
-    capsys.readouterr()
-    assert cli(*arguments, "--json") == 0
-    found: dict[str, Any] = json.loads(capsys.readouterr().out)
-    return found
-
-
 def test_pictures_tell_the_arm(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     found = answer(capsys, "calibrate", folder / "job.yaml", "--out", folder / "results")
     assert not found["unidentified"]
@@ -101,6 +93,18 @@ def test_the_camera_is_corrected_too(folder: Path, capsys: pytest.CaptureFixture
     assert (focal["unit"], focal["nominal"]) == ("px", 1015.0)
     assert abs(focal["value"] - 1000.0) < 5 * focal["std"] < 15.0
     assert found["parameters"]["camera.k1"]["unit"] == "1"
+
+
+def test_a_corrected_camera_is_told_without_being_asked_for(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (folder / "told.yaml").write_text(JOB.replace("px: 1}", "px: 1, intrinsics: free}"))
+    told = ("calibrate", folder / "told.yaml", "--out", folder / "told")
+    capsys.readouterr()
+    assert cli(*told) == 0
+    said = capsys.readouterr().out
+    assert "camera.fx" in said
+    assert "hand_eye.x" not in said
 
 
 @pytest.mark.parametrize(
@@ -142,6 +146,7 @@ def test_a_job_of_pictures_is_begun(folder: Path, tmp_path: Path) -> None:
         (", camera: camera.yaml", ", intrinsics: fixed", "no camera for intrinsics: fixed"),
         ("corners/calibration", "corners/validation", "the same names in both"),
         ("huber_px: 1", "setup: eye", "one of eye-in-hand, eye-to-hand"),
+        ("px: 1}", "px: 1, intrinsics: free}", "another intrinsics than in a row before"),
     ],
 )
 def test_a_row_that_cannot_be_used_is_refused(

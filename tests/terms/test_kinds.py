@@ -17,6 +17,8 @@ from suta_calib.terms import KINDS, Term, first_kind
 # Files that state a problem of their own over measured poses, or offer the classes: what they use.
 BY_NAME = {
     "__init__.py": {"FixedPoint", "HandEye", "PairwiseDistance", "TouchedLandmark", "TrackedPoint"},
+    "pose_calibration/picture_causes.py": {"CameraView"},
+    "pose_calibration/picture_errors.py": {"CameraView"},
     "pose_calibration/picture_noise.py": {"CameraView"},
     "pose_calibration/pictures.py": {"CameraView"},
     "pose_calibration/pivot.py": {"FixedPoint"},
@@ -27,9 +29,11 @@ BY_NAME = {
 COLUMNS = {column for kind in KINDS.values() for column in kind.columns.labels}
 # Kinds that are called like any word of a sentence: there only a literal of its own names one.
 WORDS = {"range"}
-# What else is called like a kind: a command's module, its pictures, a key of a summary.
+# What else is called like a kind: a command's module, its pictures, a key of a summary, an
+# attribute of MJCF.
 OTHERS = {
     "cli/_app.py": {"suta_calib.cli.hand_eye"},
+    "exchange/writers/mjcf.py": {"range"},
     "report/hand_eye.py": {"hand_eye"},
     "report/study.py": {"range"},
     "report/pictures.py": {"hand_eye"},

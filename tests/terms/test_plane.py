@@ -3,26 +3,28 @@
 from __future__ import annotations
 
 import csv
-import json
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from cli_job import cli
+from cli_job import answer, cli
 from measuring_bench import Bench
 from simulated import Spread, arm_named, dh_parameters, perturbed, plane_scene
 
 from suta_calib.analysis.outliers import find_outliers
 from suta_calib.analysis.study.trial import resimulated
+from suta_calib.diagnostics.external_poses import external_poses
 from suta_calib.emulation import EmulatedArm
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import rotation_from_vector
 from suta_calib.job.calibration import CalibrationJob
 from suta_calib.measurements import Samples
+from suta_calib.solver.ipopt import SolverOptions
 from suta_calib.solver.problem import Problem
+from suta_calib.solver.solve import solve
 from suta_calib.terms import MeasuredPoses, Noise, TouchedPlane
+from suta_calib.terms.given import GivenPose
 
 SIMULATION = """\
 arm: {urdf: arm.urdf, tip: tip}
@@ -65,13 +67,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory, repository: Path) -> Path:
     (path / "job.yaml").write_text(JOB)
     assert cli("simulate", path / "simulation.yaml", "--out", path) == 0
     return path
-
-
-def answer(capsys: pytest.CaptureFixture[str], *arguments: object) -> dict[str, Any]:
-    capsys.readouterr()
-    assert cli(*arguments, "--json") == 0
-    found: dict[str, Any] = json.loads(capsys.readouterr().out)
-    return found
 
 
 def test_planes_tell_the_arm(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -213,6 +208,28 @@ def test_touches_on_both_sides_tell_the_ball() -> None:
     problem = Problem([term])
     (line,) = problem.linearise(np.array([values[n] for n in problem.names]), [1e-4])
     np.testing.assert_allclose(line.residual, 0.0, atol=1e-12)
+    # A ball of another size would not do.
+    assert not any(frame.given for frame in term.outside)
+
+
+def test_a_ball_that_nothing_checks_is_said_and_spares_the_arm() -> None:
+    """On one side of planes that stand anywhere, a wrong radius moves these and nothing else."""
+    arm, radius, wrong = arm_named("suta"), 0.01, 0.002
+    term = plane_scene(arm, {"joint_3.offset": 0.01}, radius=radius).exact(Noise(1e-4))
+    assert isinstance(term, TouchedPlane)
+    unknown, options = arm.select("joint_3.offset", "joint_5.offset"), SolverOptions(starts=1)
+    right, off = (
+        solve(Problem([replace(term, radius=r)], unknown), options)
+        for r in (radius, radius + wrong)
+    )
+    assert {pose.given for pose in external_poses(off)} == {("probe_radius_mm",)}
+    for name in unknown:
+        assert off.values[name] == pytest.approx(right.values[name], abs=1e-8)
+    for name in (p.name for p in term.own if p.key == "z"):
+        assert abs(off.values[name] - right.values[name]) == pytest.approx(wrong, abs=1e-8)
+    # Where planes stand is known, the arm would take it up.
+    given = {name: GivenPose(np.zeros(3), np.eye(3)) for name in term.places[0]}
+    assert not any(frame.given for frame in replace(term, given=given).outside)
 
 
 def test_an_ideal_touch_has_no_error() -> None:

@@ -69,6 +69,7 @@ SHORT: Final[dict[Family, str]] = {
     "compliance": "compliance",
     "gain": "gain",
     "backlash": "backlash",
+    "expansion": "expansion",
 }
 # Models that a search usually tries: only to say how far it has come.
 EXPECTED: Final = 30
@@ -200,10 +201,13 @@ def choose_model(
             hint="measure at more placements, or select fewer parameters",
         )
     wide = search.start("all of the geometry", geometry=True)
-    ends = [search.grown(job, wide)]
-    ends += [search.grown(wide)] if wide is not None else []
-    chosen, undecided = _better_end(job, wide, ends)
-    chosen, solution = search.refitted(chosen, wide if chosen.geometry and wide else job)
+    refitted = None
+    while refitted is None:
+        ends = [search.grown(job, wide)]
+        ends += [search.grown(wide)] if wide is not None else []
+        found, undecided = _better_end(job, wide, ends)
+        refitted = search.refitted(found, wide if found.geometry and wide else job)
+    chosen, solution = refitted
     labels = tuple(fold.label for fold in search.folds)
     accuracy = assess(solution, validation)
     calibration = assess_calibration(solution, accuracy)
@@ -213,7 +217,7 @@ def choose_model(
         before = assess(started, validation).validation
         validated = limited_rms(before), limited_rms(accuracy.validation)
     tests = score_tests(started)
-    tried = tuple(search.tried)
+    tried = tuple(search.tried.values())
     return ModelSelection(tried, chosen, labels, tests, undecided, solution, calibration, validated)
 
 
@@ -246,7 +250,9 @@ class _Search:
     """Tries what it is asked to, once.
 
     Attributes:
-        solutions: of what was fitted as such, by the name of the model.
+        tried: by the name of the model.
+        solutions: of what was fitted as such, likewise.
+        untold: names that seemed worth having and that a fit could not tell.
     """
 
     terms: tuple[Term, ...]
@@ -254,8 +260,9 @@ class _Search:
     folds: tuple[Fold, ...]
     families: bool
     progress: Progress | None
-    tried: list[ModelCandidate] = field(default_factory=list)
+    tried: dict[str, ModelCandidate] = field(default_factory=dict)
     solutions: dict[str, Solution] = field(default_factory=dict)
+    untold: set[str] = field(default_factory=set)
     _linearised: dict[bool, Linearised] = field(default_factory=dict)
     _noise: tuple[float, ...] = ()
 
@@ -326,33 +333,34 @@ class _Search:
 
     def refitted(
         self, chosen: ModelCandidate, start: ModelCandidate
-    ) -> tuple[ModelCandidate, Solution]:
+    ) -> tuple[ModelCandidate, Solution] | None:
         """The model with its errors about its own fit; the start where it cannot be fitted.
 
-        What the fit cannot tell, or what ends at its bound, is no part of it.
+        Returns:
+            None where the fit cannot tell some of its names: what they kept from being chosen may
+            be worth having, so the search must be gone through again without them.
         """
-        names, solution = chosen.added, self.solutions.get(chosen.name)
-        while solution is None:
-            solution = self._fitted(self._unknown(chosen.geometry, names))
-            if solution is None:
-                return start, self.solutions[start.name]
-            estimates = solution.estimates
-            told = tuple(n for n in names if n in start.added or estimates[n].std is not None)
-            if told != names:
-                names, solution = told, None
-        if chosen.name not in self.solutions:
-            self.solutions[chosen.name] = solution
-            linear = Linearised(solution, self.folds, self._noise)
-            self.tried.remove(chosen)
-            chosen = self._noted(
-                self._candidate(chosen.name, chosen.geometry, linear, linear.fit())
-            )
-        return chosen, solution
+        if chosen.name in self.solutions:
+            return chosen, self.solutions[chosen.name]
+        solution = self._fitted(chosen.parameters)
+        if solution is None:
+            return start, self.solutions[start.name]
+        estimates = solution.estimates
+        new = [n for n in chosen.added if n not in start.added]
+        if untold := {n for n in new if estimates[n].std is None}:
+            self.untold |= untold
+            del self.tried[chosen.name]
+            return None
+        self.solutions[chosen.name] = solution
+        linear = Linearised(solution, self.folds, self._noise)
+        own = self._candidate(chosen.name, chosen.geometry, linear, linear.fit())
+        return self._noted(own), solution
 
     def _steps(self, left: Residuals) -> Iterator[_Step]:
         """What the residuals of a model make worth a try."""
         tests = left.tests()
-        for test in [t for t in tests if t.p_single < SUSPICIOUS][:TRIED]:
+        suspects = [t for t in tests if t.p_single < SUSPICIOUS and not self.untold & {*t.names}]
+        for test in suspects[:TRIED]:
             proven = test.suspicious or test.p < PROVEN
             name = f"{test.joint} {SHORT[test.family]}"
             yield _Step(name, test.names, 1.0 if proven else UNPROVEN)
@@ -360,7 +368,8 @@ class _Search:
             return
         offered = offered_names(self.arm)
         for families, name in EVERY_JOINT.items():
-            names = left.told(n for (_, f), own in offered.items() if f in families for n in own)
+            told = left.told(n for (_, f), own in offered.items() if f in families for n in own)
+            names = tuple(n for n in told if n not in self.untold)
             joints = {n for test in tests for n in test.names} & set(names)
             if len(joints) > 2:
                 p = (len(tests) + len(EVERY_JOINT)) * left.chance(names)
@@ -370,7 +379,7 @@ class _Search:
         return self._noted(self._candidate(name, geometry, self._linearised[geometry], fit))
 
     def _noted(self, candidate: ModelCandidate) -> ModelCandidate:
-        self.tried.append(candidate)
+        self.tried[candidate.name] = candidate
         if self.progress is not None:
             self.progress(len(self.tried), max(len(self.tried) + 1, EXPECTED))
         return candidate
@@ -411,16 +420,17 @@ def _with_geometry(name: str, geometry: bool) -> str:
 
 
 def _rows(arm: ArmModel | None, names: Sequence[str]) -> tuple[Selection, ...]:
-    """Rows that select these, within what is plausible: eccentricities, compliances, gains."""
+    """Rows that select these, within what is plausible: one for each unit."""
     assert arm is not None
     rows = []
-    for unit in ("rad", "rad/Nm", "1"):
+    for unit in ("rad", "rad/Nm", "1/K", "1"):
         if own := tuple(n for n in names if arm.offered[n].unit == unit):
             plausible = arm.offered[own[0]].plausible
             row = Selection(
                 own,
                 bound_rad=plausible if unit == "rad" else None,
                 bound_rad_per_nm=plausible if unit == "rad/Nm" else None,
+                bound_per_k=plausible if unit == "1/K" else None,
                 bound_ratio=plausible if unit == "1" else None,
             )
             rows.append(row)

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from suta_calib.analysis.outliers.answer import Outliers as Outliers
     from suta_calib.analysis.outliers.answer import TermOutliers as TermOutliers
     from suta_calib.analysis.outliers.answer import Thresholds as Thresholds
+    from suta_calib.analysis.outliers.plots import draw_metrics as draw_metrics
     from suta_calib.analysis.outliers.search import find_outliers as find_outliers
 
 __getattr__, __all__ = public(__name__)

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Final, Literal
+from typing import Any, Final, Literal
 
 import numpy as np
 
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment
+from suta_calib.showing import Shown
 from suta_calib.solver.problem import DEFAULT_SIGMA
 from suta_calib.solver.solution import Solution
 from suta_calib.terms import GROUPINGS
@@ -204,13 +205,20 @@ class TermOutliers:
     exact: bool = False
     moves: tuple[Move, ...] = ()
 
+    @property
+    def drawn_over(self) -> str:
+        """What a picture of the metrics is drawn over: the artefact, or one group after another."""
+        if self.position is not None and self.level("landmarks") is not None:
+            return "over the artefact"
+        return f"by {GROUPING_NOUN[self.levels[-1].name]}"
+
     def level(self, name: str) -> Level | None:
         """The level of this name, if the term has it."""
         return next((level for level in self.levels if level.name == name), None)
 
 
-@dataclass(frozen=True, eq=False)
-class Outliers:
+@dataclass(frozen=True, eq=False, repr=False)
+class Outliers(Shown):
     """The whole answer.
 
     Attributes:
@@ -224,6 +232,28 @@ class Outliers:
     terms: Sequence[TermOutliers]
     thresholds: Thresholds
     explaining: tuple[str, ...]
+
+    @property
+    def in_a_line(self) -> str:
+        """What was found."""
+        return self.assessment.sentence
+
+    def plot(self, term: int = 0, figure: Any = None) -> Any:
+        """Draw the four metrics of one observation: over the artefact, or group by group.
+
+        Args:
+            term: which of those observations that have groups.
+            figure: an empty `Figure` or `SubFigure`; a new one by default.
+
+        Returns:
+            The figure.
+        """
+        from suta_calib.analysis.outliers import draw_metrics
+        from suta_calib.plotting import figure_or_new
+
+        figure = figure_or_new(figure, (9.0, 7.0))
+        draw_metrics(figure, [each for each in self.terms if each.levels][term])
+        return figure
 
     @property
     def assessment(self) -> Assessment:

@@ -36,6 +36,8 @@ if TYPE_CHECKING:
     from suta_calib.analysis.planning.planner import plan as plan
     from suta_calib.analysis.planning.planner import situation_of_job as situation_of_job
     from suta_calib.analysis.planning.planner import tip_weight as tip_weight
+    from suta_calib.analysis.planning.plots import draw_bench as draw_bench
+    from suta_calib.analysis.planning.plots import draw_gain as draw_gain
     from suta_calib.analysis.planning.reach import Reach as Reach
     from suta_calib.analysis.planning.reach import link_points as link_points
     from suta_calib.analysis.planning.region import Pool as Pool

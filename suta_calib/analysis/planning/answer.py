@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Any, Final
 
 from suta_calib.analysis.planning.candidates import Candidate, Unreachable
 from suta_calib.analysis.planning.region import Pool, Region
 from suta_calib.analysis.planning.situation import Situation
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment
+from suta_calib.showing import Shown
 from suta_calib.units import Unit, mm, text
 
 # Uncertainty of the tip from what is held, as a part of what is estimated, that is nothing.
@@ -155,8 +156,8 @@ class Stop:
     needed: int | None
 
 
-@dataclass(frozen=True, eq=False)
-class Plan:
+@dataclass(frozen=True, eq=False, repr=False)
+class Plan(Shown):
     """The answer.
 
     Attributes:
@@ -184,6 +185,43 @@ class Plan:
     random: FloatArray
     stop: Stop
     remedies: tuple[Remedy, ...]
+
+    @property
+    def in_a_line(self) -> str:
+        """What it brings."""
+        return self.assessment.sentence
+
+    def plot(self, figure: Any = None) -> Any:
+        """Draw the arm, what was measured, and what to measure next, from above and the side, mm.
+
+        Args:
+            figure: an empty `Figure` or `SubFigure`; a new one by default.
+
+        Returns:
+            The figure.
+        """
+        from suta_calib.analysis.planning import draw_bench
+        from suta_calib.plotting import figure_or_new
+
+        figure = figure_or_new(figure, (9.0, 5.0))
+        draw_bench(figure, self)
+        return figure
+
+    def plot_gain(self, ax: Any = None) -> Any:
+        """Draw how sure the tip will be by the number of further candidates, mm.
+
+        Args:
+            ax: `Axes` to draw on; those of a new figure by default.
+
+        Returns:
+            The `Axes`.
+        """
+        from suta_calib.analysis.planning import draw_gain
+        from suta_calib.plotting import axes_or_new
+
+        axes = axes_or_new(ax, (6.5, 3.2))
+        draw_gain(axes, self)
+        return axes
 
     @property
     def assessment(self) -> Assessment:

@@ -37,9 +37,9 @@ from suta_calib.analysis.planning.design import (
 from suta_calib.analysis.planning.reach import Reach
 from suta_calib.analysis.planning.region import Region, candidate_pool
 from suta_calib.analysis.planning.situation import Situation
-from suta_calib.analysis.tip_uncertainty import Sensitivity
 from suta_calib.arrays import FloatArray
 from suta_calib.diagnostics.explanation import Explanation, explain
+from suta_calib.diagnostics.tip_uncertainty import Sensitivity
 from suta_calib.errors import JobError, SamplesError
 from suta_calib.job.calibration import CalibrationJob
 from suta_calib.solver.solve import Progress, identify_at

@@ -27,6 +27,7 @@ from suta_calib.arrays import FloatArray
 from suta_calib.errors import JobError
 from suta_calib.measurements import Artefact
 from suta_calib.model.arm import ArmModel, reduced_model
+from suta_calib.model.xacro_file import plain_urdf
 from suta_calib.simulation.inverse_kinematics import Matching, Targets
 from suta_calib.terms import KINDS, Term
 from suta_calib.terms.landmark import seated
@@ -201,19 +202,8 @@ class Reach:
 
 
 def link_points(arm: ArmModel, q: FloatArray) -> FloatArray:
-    """Origins of the base, of all that moves in between and of the tip, (n + 2, 3), m in the base.
-
-    Args:
-        arm: the arm; its nominal geometry is drawn.
-        q: (joints,) readings, rad (m for prismatic joints).
-    """
-    model, data = arm.model, arm.model.createData()
-    pin.framesForwardKinematics(model, data, arm.configuration(q))
-    base = data.oMf[model.getFrameId(arm.chain.base, pin.FrameType.BODY)]
-    _, tip = arm.forward(q)
-    numbers = [model.getJointId(joint.name) for joint in arm.chain.joints if joint.moving]
-    joints = [base.actInv(data.oMi[number]).translation for number in numbers]
-    return np.array([np.zeros(3), *joints, tip])
+    """`Skeleton.points` of an arm for readings (joints,), rad (m for prismatic joints)."""
+    return arm.skeleton(q).points
 
 
 @dataclass(frozen=True, eq=False)
@@ -281,10 +271,10 @@ class Collisions:
 def _shapes(arm: ArmModel, kind: Any) -> Any:
     """Geometry of the reduced model; meshes are looked for beside the URDF and above it."""
     path = arm.chain.path
-    model = pin.buildModelFromUrdf(str(path))
     folders = [str(folder) for folder in path.resolve().parents]
-    with warnings.catch_warnings():
+    with warnings.catch_warnings(), plain_urdf(path) as file:
         warnings.simplefilter("ignore")
-        geometry = pin.buildGeomFromUrdf(model, str(path), kind, folders)
+        model = pin.buildModelFromUrdf(str(file))
+        geometry = pin.buildGeomFromUrdf(model, str(file), kind, folders)
     _, (shapes,) = reduced_model(model, set(arm.model.names), [geometry])
     return shapes

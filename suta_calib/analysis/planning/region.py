@@ -21,8 +21,8 @@ from suta_calib.analysis.planning.candidates import (
     tilted,
 )
 from suta_calib.analysis.planning.situation import Situation
-from suta_calib.analysis.tip_uncertainty import Sensitivity, sensitivity
 from suta_calib.arrays import BoolArray, FloatArray
+from suta_calib.diagnostics.tip_uncertainty import Sensitivity, sensitivity
 from suta_calib.errors import JobError
 from suta_calib.geometry.numbers import rotation_from_vector
 from suta_calib.simulation.inverse_kinematics import InverseKinematics, Targets

@@ -100,6 +100,7 @@ class Format(ABC):
         units: what ``unit`` in device.yaml may be, the default first.
         counts_per_turn: the default of that key; None where lines in counts must say it.
         most_joints: how many joints it can carry; None for any number.
+        geared: whether a joint may have a ``ratio`` and ``counts_per_turn`` of its own.
         has_clock: whether it carries the device's own clock and a number for every sample.
         damaged: what samples are called that came damaged, in the plural.
         damage: the same as a predicate: ``5 % of`` …
@@ -113,6 +114,7 @@ class Format(ABC):
     units: ClassVar[tuple[str, ...]] = ("counts",)
     counts_per_turn: ClassVar[int | None] = None
     most_joints: ClassVar[int | None] = None
+    geared: ClassVar[bool] = False
     has_clock: ClassVar[bool]
     damaged: ClassVar[str]
     damage: ClassVar[str]

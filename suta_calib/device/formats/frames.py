@@ -25,7 +25,7 @@ from suta_calib.device.formats.words import (
     unpack_words,
 )
 from suta_calib.device.reading import Reading
-from suta_calib.device.units import angles_from_counts
+from suta_calib.device.units import angles_from_counts, zeros
 from suta_calib.errors import WrongFormatError
 
 HEADER: Final = b"\xaa\x55"
@@ -139,6 +139,7 @@ class FramesDecoder(Decoder):
     def __init__(self, spec: DeviceSpec) -> None:
         super().__init__(spec)
         self._count = len(spec.joints)
+        self._zeros = zeros(spec).astype(np.int64)
         self._size = frame_size(self._count)
         self._clock = DeviceClock()
         self._other_count = OtherCount(spec)
@@ -218,7 +219,7 @@ class FramesDecoder(Decoder):
             counts.error_flags += words.error.sum(axis=0)
         if words.warning.any():
             counts.warning_flags += words.warning.sum(axis=0)
-        angles = angles_from_counts(words.counts, self._signs, POSITIONS)
+        angles = angles_from_counts(words.counts - self._zeros, self._signs, POSITIONS)
         angles.setflags(write=False)
         readings = []
         for at, row, error, warning in zip(starts, angles, words.error, words.warning, strict=True):

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from suta_calib.device.description import DeviceSpec
 from suta_calib.device.formats.base import Decoder, Encoder, Format, Sample, is_text
 from suta_calib.device.reading import Reading
-from suta_calib.device.units import ONE_TURN, angles_from_values, turn
+from suta_calib.device.units import ONE_TURN, angles_from_values, turns, zeros
 from suta_calib.errors import WrongFormatError
 
 _NUMBER: Final = rb"[ \t]*[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]{1,3})?[ \t]*"
@@ -43,7 +43,9 @@ class LinesDecoder(Decoder):
 
     def __init__(self, spec: DeviceSpec) -> None:
         super().__init__(spec)
-        self._turn = turn(spec)
+        self._turns, self._zeros = turns(spec), zeros(spec)
+        # A counter of several turns may be anywhere within a turn of the joint, about its zero.
+        self._most = ONE_TURN * np.abs(self._turns) + np.abs(self._zeros)
         self._longest = _LONGEST_VALUE * len(spec.joints)
         self._none_raised = np.zeros(len(spec.joints), dtype=np.bool_)
         self._none_raised.setflags(write=False)
@@ -69,7 +71,7 @@ class LinesDecoder(Decoder):
         first, flags = self._sequence, self._none_raised
         self._sequence += len(rows)
         self.statistics.frames += len(rows)
-        angles = angles_from_values(np.array(rows), self._signs, self._turn)
+        angles = angles_from_values(np.array(rows) - self._zeros, self._signs, self._turns)
         return [
             Reading(first + index, arrival, row, flags, flags, arrival)
             for index, row in enumerate(angles)
@@ -89,7 +91,7 @@ class LinesDecoder(Decoder):
             self.statistics.frame_crc_errors += 1
             return None
         row = [float(value) for value in text.split(b",")]
-        if len(row) != len(self._spec.joints) or max(map(abs, row)) > self._turn * ONE_TURN:
+        if len(row) != len(self._spec.joints) or np.any(np.abs(row) > self._most):
             self.statistics.frame_crc_errors += 1
             self._refuse(row, text)
             return None
@@ -108,8 +110,8 @@ class LinesDecoder(Decoder):
                 f"{len(spec.joints)}, as many as {spec.path} lists under 'joints'"
             )
         raise WrongFormatError(
-            f"{place}; expected at most one turn, {self._turn:.10g} {spec.unit}, of every joint; "
-            f"check {'counts_per_turn' if spec.unit == 'counts' else 'unit'} in {spec.path}"
+            f"{place}; expected at most one turn, {self._turns.max():.10g} {spec.unit}, of every "
+            f"joint; check {'counts_per_turn' if spec.unit == 'counts' else 'unit'} in {spec.path}"
         )
 
 
@@ -129,6 +131,7 @@ class LinesFormat(Format):
     encoder: ClassVar[type[Encoder]] = LinesEncoder
     units: ClassVar[tuple[str, ...]] = ("counts", "rad", "deg")
     has_clock: ClassVar[bool] = False
+    geared: ClassVar[bool] = True
     damaged: ClassVar[str] = "lines that cannot be read"
     damage: ClassVar[str] = "lines are no lists of numbers"
 

@@ -110,3 +110,24 @@ def test_values_of_more_than_a_turn_do_not_fit(unit: str, line: bytes, words: st
     assert decoder.feed(b"\n" + line * 2, 0.0) == []  # may be damage
     with pytest.raises(WrongFormatError, match=words):
         decoder.feed(line, 0.0)
+
+
+@pytest.mark.parametrize("unit", ["counts", "rad", "deg"])
+def test_zero_gear_and_counts_of_each_joint(unit: str) -> None:
+    """A servo with its zero in the middle, and a counter behind a gear: there and back."""
+    joints = (
+        JointSpec("a", 1, 2048.0 if unit == "counts" else 1.5),
+        JointSpec("b", -1, 100.0 if unit == "counts" else -0.5, 3.0, 1000),
+    )
+    spec = device(format="lines", unit=unit, counts_per_turn=4096, joints=joints)
+    angles = np.array([[0.0, 0.0], [1.0, -2.0], [-3.0, 3.0]])
+    values = values_from_angles(spec, angles)
+    if unit == "counts":
+        assert values[0].tolist() == [2048, 100]
+        assert values[1].tolist() == [2048 + round(4096 / math.tau), 100 + round(6000 / math.tau)]
+    decoder = decoder_for(spec)
+    decoder.feed(b"\n", 0.0)
+    readings = [r for row in values for r in decoder.feed(encode_line(row, spec), 0.0)]
+    got = np.array([reading.angles for reading in readings])
+    step = {"counts": math.tau / 2048, "rad": 1e-9, "deg": 1e-9}[unit]
+    np.testing.assert_allclose(got, angles, rtol=0, atol=step)

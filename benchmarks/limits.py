@@ -1,0 +1,159 @@
+"""What may take how long: each limit once, and the page that holds our figures beside them.
+
+A benchmark measures a limit several times and calls ``record``. The figures stay in
+``results/limits.json``, so that every script can run alone, and ``results/limits.md`` is written
+anew from all of them. Commands are processes of their own, timed from the shell; processor time is
+user and system, children included, so that a busy machine changes it little.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import subprocess
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from statistics import median
+from typing import Final
+
+ROOT: Final = Path(__file__).parents[1]
+RESULTS: Final = Path(__file__).parent / "results"
+FIGURES: Final = RESULTS / "limits.json"
+PAGE: Final = RESULTS / "limits.md"
+
+IMPORTS: Final = "import pinocchio, casadi, scipy"
+
+
+@dataclass(frozen=True)
+class Limit:
+    """How much something may take.
+
+    Attributes:
+        key: names it in ``record``.
+        what: what is measured, as the page says it.
+        bound: the limit, in ``unit``.
+        unit: of the bound and of every figure.
+        script: the benchmark that measures it.
+        least: whether more is better, and the bound is the least.
+    """
+
+    key: str
+    what: str
+    bound: float
+    unit: str
+    script: str
+    least: bool = False
+
+    def kept(self, figure: float) -> bool:
+        """Whether a figure keeps the limit."""
+        return figure >= self.bound if self.least else figure <= self.bound
+
+    def __str__(self) -> str:
+        return f"{'≥' if self.least else '≤'} {self.bound:g} {self.unit}"
+
+
+_STARTUP: Final = "× bare imports"
+
+LIMITS: Final = (
+    Limit("help", "`--help`", 0.15, "s", "bench_commands.py"),
+    Limit("calibrate", "`calibrate`, shipped job", 1.6, _STARTUP, "bench_commands.py"),
+    Limit("observe", "`observe`, shipped job", 1.3, _STARTUP, "bench_commands.py"),
+    Limit("validate", "`validate`, shipped job", 1.3, _STARTUP, "bench_commands.py"),
+    Limit("pivot", "`pivot`, 200 poses", 1.3, _STARTUP, "bench_commands.py"),
+    Limit("hand-eye", "`hand-eye`, 60 pairs", 1.3, _STARTUP, "bench_commands.py"),
+    Limit("register", "`register`, 30 points", 1.3, _STARTUP, "bench_commands.py"),
+    Limit("report", "report of the shipped job", 0.6, "s", "bench_commands.py"),
+    Limit("outliers", "`outliers`, shipped job", 2.0, "s", "bench_commands.py"),
+    Limit("budget", "`budget`, shipped job", 3.0, "s", "bench_commands.py"),
+    Limit("plan", "`plan -n 4`, shipped job", 4.0, "s", "bench_commands.py"),
+    Limit("tip-map", "`tip-map`, shipped job", 4.0, "s", "bench_commands.py"),
+    Limit("trf-posed", "SciPy's TRF, 13 unknowns", 20, "× ours", "bench_solver.py", least=True),
+    Limit("trf-found", "SciPy's TRF, 10 unknowns", 8, "× ours", "bench_solver.py", least=True),
+    Limit("trf-jacobian", "TRF, our Jacobian", 1, "× ours", "bench_solver.py", least=True),
+    Limit("study", "1,000 calibrations of a study", 5, "s", "bench_large.py"),
+    Limit("extend", "`extend`, 1,000 poses", 6, "s", "bench_large.py"),
+    Limit("tracked", "`tracked_point`, 100,000 rows", 6, "s", "bench_large.py"),
+    Limit("tracked-memory", "the same, memory", 1, "GB", "bench_large.py"),
+    Limit("tracked-million", "`tracked_point`, 1,000,000 rows", 60, "s", "bench_large.py"),
+    Limit("distances", "700,000 distances of 100,000 samples", 3, "s", "bench_large.py"),
+    Limit("distances-memory", "the same, memory", 1.2, "GB", "bench_large.py"),
+    Limit("csv", "a CSV of 1,000,000 rows read", 2, "s", "bench_large.py"),
+    Limit("register-large", "`register`, 100,000 points", 2, "s", "bench_large.py"),
+    Limit("register-memory", "the same, memory", 0.5, "GB", "bench_large.py"),
+    Limit("hand-eye-1000", "hand-eye, 1,000 pairs, robust", 0.3, "s", "bench_large.py"),
+    Limit("hand-eye-10000", "hand-eye, 10,000 pairs, robust", 2, "s", "bench_large.py"),
+    Limit("hand-eye-memory", "the same, memory", 0.5, "GB", "bench_large.py"),
+    Limit("pivot-large", "pivot, 100,000 poses", 0.5, "s", "bench_large.py"),
+    Limit("live", "frame to published pose, p99, 768 Hz", 1, "ms", "bench_tracking.py"),
+)
+BY_KEY: Final = {limit.key: limit for limit in LIMITS}
+
+
+def record(key: str, figures: Sequence[float], peer: str = "") -> None:
+    """Keep what was measured of one limit, print it, and write the page anew.
+
+    Args:
+        key: of a ``Limit``.
+        figures: of several runs, in the limit's unit.
+        peer: what others take for the same, in words.
+    """
+    limit = BY_KEY[key]
+    known = json.loads(FIGURES.read_text(encoding="utf-8")) if FIGURES.exists() else {}
+    known[key] = {"figures": [round(float(each), 4) for each in figures], "peer": peer}
+    known = {name: known[name] for name in BY_KEY if name in known}
+    FIGURES.write_text(json.dumps(known, indent=1) + "\n", encoding="utf-8")
+    PAGE.write_text(_page(known), encoding="utf-8")
+    print("  ".join(_cells(limit, known[key])))
+
+
+def processor_time(command: Sequence[str]) -> float:
+    """User and system time of one process and its children, s; what it says is dropped."""
+    before = os.times()
+    subprocess.run(
+        [sys.executable, *command],
+        cwd=ROOT,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        check=True,
+    )
+    after = os.times()
+    return (after.children_user + after.children_system) - (
+        before.children_user + before.children_system
+    )
+
+
+def _cells(limit: Limit, found: dict[str, list[float] | str]) -> tuple[str, ...]:
+    figures = [float(each) for each in found["figures"]]
+    middle = median(figures)
+    return (
+        limit.what,
+        str(limit),
+        *(f"{each:.3g}" for each in (min(figures), middle, max(figures))),
+        "yes" if limit.kept(middle) else "**no**",
+        str(found["peer"]),
+    )
+
+
+def _page(known: dict[str, dict[str, list[float] | str]]) -> str:
+    rows = [(limit, known.get(limit.key)) for limit in LIMITS]
+    lines = [
+        "# What may take how long",
+        "",
+        "Written by `make bench`: each limit beside its figure, several runs each, one thread of",
+        "linear algebra. Seconds are processor time, user and system. *Bare imports* are",
+        f"`{IMPORTS}` in the same run. Whether a limit is kept goes by the median.",
+        f"Python {platform.python_version()}, {os.cpu_count()} cores.",
+        "",
+        "| what | limit | min | median | max | kept | peer |",
+        "|---|--:|--:|--:|--:|---|---|",
+    ]
+    for limit, found in rows:
+        if found is None:
+            cells: tuple[str, ...] = (limit.what, str(limit), "", "", "", "not measured", "")
+        else:
+            cells = _cells(limit, found)
+        lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join([*lines, ""])

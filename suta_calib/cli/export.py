@@ -1,0 +1,58 @@
+"""``suta-calib export``: a result in the formats of other programs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from suta_calib.atomic import check_outputs
+from suta_calib.cli._formats import format_options, with_file
+from suta_calib.cli._options import PATH, WRITTEN, anyway_option
+from suta_calib.cli._output import answer_command
+from suta_calib.exchange.writer import export_formats
+from suta_calib.report.document import Document
+
+
+@answer_command
+@click.argument("result", type=PATH, metavar="RESULT", required=False)
+@click.option("--format", "form", metavar="NAME", help="To write; --list names them.")
+@click.option("--out", "file", type=WRITTEN, metavar="FILE", help="Beside the result without.")
+@click.option("--list", "listed", is_flag=True, help="Name the formats and what they are.")
+@click.option("--urdf", type=PATH, help="The nominal arm, where the result's job is gone.")
+@click.option("--tip", help="With --urdf: link or frame of the tip.")
+@click.option("--base", help="With --urdf: link the chain starts at; default: the root.")
+@anyway_option
+@format_options(export_formats().values())
+def export(
+    result: Path | None,
+    form: str | None,
+    file: Path | None,
+    listed: bool,
+    urdf: Path | None,
+    tip: str | None,
+    base: str | None,
+    anyway: bool,
+    **options: Any,
+) -> Document:
+    """Write RESULT (a folder of results, or its result.json) as another program reads it.
+
+    The options behind --anyway are those of the formats. What a format cannot hold (covariance,
+    eccentricity, compliance, gain) is said, and written beside the file. An answer that must not be
+    used is refused.
+    """
+    from suta_calib.exchange.result import read_result
+    from suta_calib.exchange.writer import write_foreign
+    from suta_calib.report.exchange import exported_document, formats_document
+
+    if listed:
+        return formats_document(export_formats(), "What can be written")
+    if result is None or form is None:
+        missing = "RESULT" if result is None else "--format"
+        raise click.UsageError(f"found no {missing}; expected RESULT --format NAME, or --list")
+    read = read_result(result, urdf=urdf, tip=tip, base=base, anyway=anyway)
+    found = write_foreign(read, form, **with_file(options, None))
+    place = read.path.with_name(found.file) if file is None else file
+    check_outputs([place], [read.path, urdf])
+    return exported_document(found, found.write(place))

@@ -1,0 +1,121 @@
+"""``suta-calib view``: an arm one can look at."""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from suta_calib.cli._options import PATH, POSITIVE, WRITTEN, anyway_option, json_option
+from suta_calib.cli._output import LateProgress, console, ended_by_sigterm, print_json
+
+if TYPE_CHECKING:
+    from suta_calib.device import DeviceSpec
+    from suta_calib.view.calibrated import Calibrated
+    from suta_calib.view.server import Viewer
+
+
+@click.command()
+@click.argument("job", type=PATH, metavar="JOB|RESULT")
+@click.option("--html", type=WRITTEN, metavar="FILE.html", help="Write one file, and serve none.")
+@click.option("--port", type=click.IntRange(0, 65535), default=8080, help="0: any that is free.")
+@click.option(
+    "--host",
+    default="127.0.0.1",
+    metavar="ADDRESS",
+    help="Who may look: this computer only; 0.0.0.0 lets anybody on the network.",
+)
+@click.option("--device", type=PATH, help="device.yaml: the arm moves as this device reads.")
+@click.option("--seconds", type=POSITIVE, help="Stop after so long.")
+@anyway_option
+@json_option
+@click.pass_context
+def view(
+    context: click.Context,
+    /,
+    job: Path,
+    html: Path | None,
+    port: int,
+    host: str,
+    device: Path | None,
+    seconds: float | None,
+    anyway: bool,
+    as_json: bool,
+) -> None:
+    """See a calibration in 3-D: in the browser, or as one file that opens offline.
+
+    JOB (a calibration.yaml) is calibrated first; RESULT is a result.json, or its folder, as
+    calibrate wrote it. There are the nominal and the calibrated arm, with their meshes where the
+    URDF's are found; what was touched or seen; errors and the tip's uncertainty, magnified; and
+    every sample, whose name a click shows. Outlying errors are red. Ends with --seconds or Ctrl-C;
+    exits with 1 where the calibration must not be used.
+    """
+    if html is not None and device is not None:
+        raise click.UsageError("found --html with --device; expected one: a file shows no live arm")
+    from suta_calib.device.device_file import read_device
+
+    spec = None if device is None else read_device(device)
+    calibrated = _calibrated(job, anyway=anyway)
+    told = {
+        "title": calibrated.title,
+        "samples": sum(len(term.poses) for terms in calibrated.terms.values() for term, _ in terms),
+        "verdict": calibrated.assessment.as_dict(),
+    }
+    if html is not None:
+        from suta_calib.atomic import write_bytes_atomically
+        from suta_calib.view.calibration import calibration_page
+
+        write_bytes_atomically(html, calibration_page(calibrated))
+        _say(calibrated, {**told, "html": str(html)}, f"Written: {html}", as_json=as_json)
+        context.exit(calibrated.assessment.exit_code)
+    from suta_calib.view.calibration import view_calibration
+
+    serving = view_calibration(calibrated, port, host)
+    with suppress(KeyboardInterrupt), ended_by_sigterm(), serving as viewer:
+        where = f"Look at {viewer.url}; Ctrl-C ends it"
+        _say(calibrated, {**told, "url": viewer.url}, where, as_json=as_json)
+        _serve(viewer, calibrated, spec, seconds)
+    context.exit(calibrated.assessment.exit_code)
+
+
+def _calibrated(job: Path, *, anyway: bool) -> Calibrated:
+    """A job's calibration, made now; or a result's, read back."""
+    if job.is_dir() or job.suffix.lower() == ".json":
+        from suta_calib.tracking.read_back import read_calibrated
+
+        return read_calibrated(job, anyway=anyway)
+    from suta_calib.job.calibration import CalibrationJob
+
+    with LateProgress("calibrating") as progress:
+        return CalibrationJob.load(job).run(progress).calibrated
+
+
+def _say(calibrated: Calibrated, told: dict[str, Any], where: str, *, as_json: bool) -> None:
+    if as_json:
+        print_json(told)
+        return
+    verdict, to = calibrated.assessment, console()
+    to.print(f"{calibrated.title}: {calibrated.summary}", soft_wrap=True)
+    to.print(f"{verdict.word}: {verdict.sentence}", soft_wrap=True)
+    to.print(where, soft_wrap=True)
+
+
+def _serve(
+    viewer: Viewer, calibrated: Calibrated, device: DeviceSpec | None, seconds: float | None
+) -> None:
+    """Until the time is over: as it is, or as the device reads."""
+    if device is None:
+        threading.Event().wait(seconds)
+        return
+    from suta_calib.tracking.viewing import LiveArm
+
+    end = time.monotonic() + (math.inf if seconds is None else seconds)
+    live = LiveArm(viewer, calibrated, device)
+    live.follow(
+        lambda: time.monotonic() > end, lambda said: click.echo(f"suta-calib: {said}", err=True)
+    )

@@ -1,0 +1,150 @@
+"""Text of other programs: bounded, in whatever encoding they use, as rows of cells."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from suta_calib.arrays import FloatArray
+from suta_calib.atomic import note_input
+from suta_calib.errors import ForeignFileError
+from suta_calib.measurements.csv_table import number_in
+from suta_calib.measurements.files import lines_of
+
+# Half a million rows of two bodies; what is larger does not fit a table that people look at, and a
+# device or a pipe never ends.
+MOST_BYTES: Final = 64_000_000
+_HEAD: Final = 65_536
+# What programs write where they measured nothing, in small letters.
+MISSING: Final = frozenset(
+    {"", "-", "--", "missing", "nan", "na", "n/a", "#n/a", "null", "none", "no data", "disabled"}
+)
+
+
+@dataclass(frozen=True)
+class Row:
+    """One row of a foreign table.
+
+    Attributes:
+        line: its line, from 1; of a spreadsheet its row.
+        cells: stripped of blanks around them.
+    """
+
+    line: int
+    cells: tuple[str, ...]
+
+
+def read_bounded(path: Path) -> bytes:
+    """Every byte of a file that is not too large.
+
+    Raises:
+        ForeignFileError: missing, a folder, unreadable, empty, or larger than `MOST_BYTES`.
+    """
+    if path.is_dir():
+        raise ForeignFileError("a folder", "a file", file=path)
+    try:
+        note_input(path)
+        with path.open("rb") as file:
+            data = file.read(_HEAD)
+            # Of /dev/zero and the like the beginning is enough.
+            if data.strip(b"\0"):
+                data += file.read(max(0, MOST_BYTES + 1 - len(data)))
+    except FileNotFoundError:
+        raise ForeignFileError("no such file", "a file that exists", file=path) from None
+    except (OSError, ValueError) as problem:
+        reason = getattr(problem, "strerror", None) or str(problem)
+        found = f"an unreadable file ({reason})"
+        raise ForeignFileError(found, "a readable file", file=path) from None
+    if len(data) > MOST_BYTES:
+        raise ForeignFileError(
+            f"more than {MOST_BYTES / 1e6:.0f} MB",
+            "a recording of a few hundred thousand rows",
+            file=path,
+            hint="cut it, or record less often: averages over rests carry as much",
+        )
+    if not data.strip(b"\0 \t\r\n"):
+        raise ForeignFileError("an empty file", "data", file=path)
+    return data
+
+
+def read_foreign_text(path: Path) -> str:
+    """The text of a file: UTF-8 or UTF-16 with its mark, or else Western European.
+
+    Raises:
+        ForeignFileError: as `read_bounded`, or bytes that are no text.
+    """
+    data = read_bounded(path)
+    utf_16 = data.startswith((b"\xff\xfe", b"\xfe\xff"))
+    if b"\0" in data and not utf_16:
+        line = data[: data.index(b"\0")].count(b"\n") + 1
+        raise ForeignFileError("bytes that are no text", "a text file", file=path, line=line)
+    try:
+        return data.decode("utf-16" if utf_16 else "utf-8-sig")
+    except UnicodeDecodeError:
+        if utf_16:
+            raise ForeignFileError("damaged UTF-16", "a text file", file=path) from None
+        # The degree signs and names in files of instruments; every byte is some character.
+        return data.decode("latin-1")
+
+
+def rows_of_text(path: Path, text: str, separator: str) -> list[Row]:
+    """Cells of every line that holds anything; lines that begin with ``#`` or ``%`` do not.
+
+    Args:
+        path: for messages.
+        text: of the file.
+        separator: between cells; a blank stands for any number of blanks and tabs.
+
+    Raises:
+        ForeignFileError: a line with a quote that never ends.
+    """
+    found = []
+    for number, line in enumerate(lines_of(text), 1):
+        content = line.strip("\r\n")
+        if not content.strip() or content.lstrip().startswith(("#", "%")):
+            continue
+        if separator == " ":
+            cells = content.split()
+        else:
+            try:
+                cells = next(csv.reader([content], delimiter=separator, strict=True))
+            except csv.Error as problem:
+                said = f"a line that is no row of cells ({problem})"
+                raise ForeignFileError(said, file=path, line=number) from None
+        found.append(Row(number, tuple(cell.strip() for cell in cells)))
+    return found
+
+
+def is_missing(cell: str) -> bool:
+    """Whether a cell says that nothing was measured."""
+    return cell.strip().lower() in MISSING
+
+
+def numbers_of(path: Path, rows: Sequence[Row], columns: Sequence[int]) -> FloatArray:
+    """Numbers (rows, columns) in some columns; NaN where a cell is missing.
+
+    Raises:
+        ForeignFileError: a cell that is neither a finite number nor missing, with its line.
+    """
+    found = np.full((len(rows), len(columns)), np.nan)
+    for k, row in enumerate(rows):
+        for j, column in enumerate(columns):
+            cell = row.cells[column] if column < len(row.cells) else ""
+            if is_missing(cell):
+                continue
+            found[k, j] = number_in(cell)
+            if not np.isfinite(found[k, j]):
+                where = f"column {column + 1}"
+                shown = repr(cell if len(cell) <= _LONGEST else cell[:_LONGEST] + "…")
+                raise ForeignFileError(
+                    shown, "a finite number", file=path, line=row.line, where=where
+                )
+    return found
+
+
+_LONGEST: Final = 40

@@ -1,0 +1,162 @@
+"""What a foreign file became: rows of a samples or poses CSV, or another file of this package."""
+
+from __future__ import annotations
+
+import csv
+import io
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any, ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from suta_calib.arrays import FloatArray
+from suta_calib.assessment import Assessment
+from suta_calib.errors import ForeignFileError
+from suta_calib.geometry.numbers import quaternion_from_rotation
+from suta_calib.measurements.csv_table import rotation_columns
+from suta_calib.measurements.files import write_text
+from suta_calib.measurements.pose_files import FAR, NEAR
+from suta_calib.units import text as shown_text
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Imported(ABC):
+    """A foreign file, read.
+
+    Attributes:
+        source: the file or folder it came from.
+        form: name of the format it was read as.
+        notes: what must be known of it, one sentence each.
+        seen: what was found in it and taken for granted, one sentence each.
+    """
+
+    source: Path
+    form: str
+    notes: tuple[str, ...] = ()
+    seen: tuple[str, ...] = ()
+
+    suffix: ClassVar[str]
+
+    @abstractmethod
+    def text(self) -> str:
+        """The whole content of the file that it became."""
+
+    @property
+    @abstractmethod
+    def sentence(self) -> str:
+        """What it became."""
+
+    @cached_property
+    def assessment(self) -> Assessment:
+        """Care where something must be known; it is of use in any case."""
+        return Assessment.of(self.sentence, care=self.notes, known=self.seen)
+
+    def noting(self, *notes: str) -> Self:
+        """The same with more that must be known."""
+        return replace(self, notes=(*self.notes, *notes))
+
+    def write(self, path: str | Path) -> None:
+        """Write it, whole or not at all.
+
+        Raises:
+            OutputError: the file cannot be written.
+        """
+        write_text(Path(path), self.text())
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ImportedRows(Imported):
+    """Rows of a samples or poses CSV, in SI.
+
+    Attributes:
+        columns: numbers or labels by the name of their column, each (n,), n at least one.
+        dropped: rows of the source in which something was not measured.
+
+    Raises:
+        ForeignFileError: no rows are left.
+    """
+
+    columns: Mapping[str, NDArray[Any]]
+    dropped: int = 0
+
+    suffix: ClassVar[str] = ".csv"
+
+    def __post_init__(self) -> None:
+        if not len(self):
+            said = f"no row in which all was measured ({self.dropped} with something missing)"
+            raise ForeignFileError(said, "at least one whole row", file=self.source)
+
+    def __len__(self) -> int:
+        return len(next(iter(self.columns.values()), ()))
+
+    @property
+    def sentence(self) -> str:
+        """How many rows, of what."""
+        said = f"{len(self)} rows: {', '.join(self.columns)}"
+        return said + (f"; {self.dropped} with something missing left out" if self.dropped else "")
+
+    def text(self) -> str:
+        """As CSV; numbers have the digits that give them back exactly."""
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow(self.columns)
+        cells = (values.tolist() for values in self.columns.values())
+        writer.writerows(zip(*cells, strict=True))
+        return text.getvalue()
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ImportedFile(Imported):
+    """A file that is no table, such as a URDF or a ``device.yaml``.
+
+    Attributes:
+        content: of the file.
+        what: it is, in a sentence.
+        kind: suffix that files of it have.
+    """
+
+    content: str
+    what: str
+    kind: str
+
+    def text(self) -> str:
+        """The content."""
+        return self.content
+
+    @property
+    def sentence(self) -> str:
+        """What it is."""
+        return self.what
+
+
+def pose_columns(
+    position: FloatArray, rotation: FloatArray | None, prefix: str = ""
+) -> dict[str, NDArray[Any]]:
+    """Columns of a poses CSV: ``x, y, z`` (m) and, with rotations (n, 3, 3), ``qx, qy, qz, qw``."""
+    found: dict[str, NDArray[Any]] = dict(
+        zip((prefix + axis for axis in "xyz"), position.T, strict=True)
+    )
+    if rotation is not None:
+        found |= zip(rotation_columns(prefix), quaternion_from_rotation(rotation).T, strict=True)
+    return found
+
+
+def distance_note(position: FloatArray, said: str) -> str:
+    """A question where lengths (n, 3), m, look like another unit; empty where they do not.
+
+    Args:
+        position: as it was understood.
+        said: in which unit the source has it, and who says so.
+    """
+    distance = float(np.median(np.linalg.norm(position, axis=1))) if len(position) else 0.0
+    if distance > FAR:
+        return f"Positions are some {distance:.0f} m away, with {said}: are they millimetres?"
+    if 0.0 < distance < NEAR:
+        shown = shown_text(distance, "m", with_unit=True)
+        return f"Positions are some {shown} away, with {said}: are they metres?"
+    return ""

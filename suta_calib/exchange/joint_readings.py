@@ -1,0 +1,83 @@
+"""Joint readings in other units than rad: degrees, and ticks of an encoder or a servo."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from suta_calib.arrays import FloatArray
+from suta_calib.exchange.option import Given, Option
+from suta_calib.units import from_deg
+
+COUNTS: Final = Option("counts_per_turn", "Ticks of one turn of an encoder.", "N")
+ZERO: Final = Option("zero", "Reading of a joint that is its zero.", "joint_1=2048,…", several=True)
+SIGN: Final = Option("sign", "-1 for a joint that counts backwards.", "joint_1=-1,…", several=True)
+RATIO: Final = Option(
+    "ratio", "Turns of the encoder per turn of a joint.", "joint_1=3,…", several=True
+)
+READING_OPTIONS: Final = (COUNTS, ZERO, SIGN, RATIO)
+
+
+@dataclass(frozen=True)
+class Readings:
+    """How numbers of a joint become angles: ``sign · (number − zero) · unit / ratio``.
+
+    Attributes:
+        unit: ``rad``, ``deg`` or ``ticks`` of the numbers.
+        counts: ticks of one turn; of no meaning for the other units.
+        zero: by joint, in the numbers' unit; 0 where not given.
+        sign: by joint, 1 or -1; 1 where not given.
+        ratio: by joint, turns of the encoder per turn of the joint; 1 where not given.
+    """
+
+    unit: str
+    counts: float
+    zero: Mapping[str, float]
+    sign: Mapping[str, float]
+    ratio: Mapping[str, float]
+
+    @classmethod
+    def of(cls, given: Given, unit: str) -> Readings:
+        """As the options say.
+
+        Args:
+            given: `READING_OPTIONS`.
+            unit: of the numbers.
+
+        Raises:
+            InputError: ticks without how many make a turn, a sign that is none, a ratio of 0.
+        """
+        counts = 0.0
+        if unit == "ticks":
+            text = given.text(COUNTS)
+            counts = float(text) if text.isascii() and text.isdigit() else 0.0
+            if counts < 1:
+                found = repr(text) if text else "ticks, and not how many make a turn"
+                raise given.refuse(COUNTS, found, "a whole number, such as 4096")
+        sign, ratio = given.numbers(SIGN), given.numbers(RATIO)
+        for name, value in sign.items():
+            if value not in (-1.0, 1.0):
+                raise given.refuse(SIGN, f"{name}={value:g}", "1 or -1")
+        for name, value in ratio.items():
+            if value == 0.0:
+                raise given.refuse(RATIO, f"{name}=0", "turns of the encoder per turn of the joint")
+        return cls(unit, counts, given.numbers(ZERO), sign, ratio)
+
+    @property
+    def names(self) -> set[str]:
+        """Joints of which something was said."""
+        return {*self.zero, *self.sign, *self.ratio}
+
+    def angles(self, joint: str, numbers: FloatArray) -> FloatArray:
+        """Angles (n,), rad, of a joint's numbers (n,)."""
+        if self.unit == "ticks":
+            scale = math.tau / self.counts
+        else:
+            scale = from_deg(1.0) if self.unit == "deg" else 1.0
+        zero = self.zero.get(joint, 0.0)
+        factor = self.sign.get(joint, 1.0) * scale / self.ratio.get(joint, 1.0)
+        return np.asarray((numbers - zero) * factor)

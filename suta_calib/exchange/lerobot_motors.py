@@ -1,0 +1,53 @@
+"""The motors of a LeRobot calibration, as its JSON has them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Final
+
+from suta_calib.errors import ForeignFileError
+from suta_calib.exchange.json_input import read_json
+from suta_calib.exchange.option import Given, Option
+
+MOTORS: Final = Option(
+    "motors",
+    "Joints of the motors that are called otherwise.",
+    "shoulder_pan=joint_1,…",
+    several=True,
+)
+COUNTS: Final = Option("counts_per_turn", "Ticks of one turn of an encoder.", "N")
+# Of the servos that LeRobot's arms have.
+_FEETECH: Final = "4096"
+KEYS: Final = ("homing_offset", "range_min", "range_max", "drive_mode")
+_LARGEST: Final = 1 << 31
+
+
+def read_motors(path: Path) -> dict[str, dict[str, Any]]:
+    """Motors by name, each with whole numbers for `KEYS`.
+
+    Raises:
+        ForeignFileError: no such file, no JSON, or a motor without one of these numbers.
+    """
+    data = read_json(path)
+    for name, motor in data.items():
+        if not isinstance(motor, dict):
+            raise ForeignFileError(repr(motor)[:40], "a motor", file=path, where=name)
+        for key in KEYS:
+            number = motor.get(key)
+            if not isinstance(number, int) or isinstance(number, bool) or abs(number) > _LARGEST:
+                where = f"{name}.{key}"
+                found = repr(number)[:40]
+                raise ForeignFileError(found, "a whole number", file=path, where=where)
+    return data
+
+
+def counts_of(given: Given) -> int:
+    """Ticks of one turn.
+
+    Raises:
+        InputError: no whole number above 1.
+    """
+    text = given.text(COUNTS, _FEETECH)
+    if not (text.isascii() and text.isdigit() and 1 < int(text[:12]) < _LARGEST):
+        raise given.refuse(COUNTS, repr(text), "a whole number, such as 4096")
+    return int(text)

@@ -1,0 +1,152 @@
+"""Options that a format declares of itself, and what the user gave for them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from suta_calib.errors import InputError, did_you_mean
+from suta_calib.measurements.yaml_file import YamlSection, read_yaml
+
+
+@dataclass(frozen=True)
+class Option:
+    """One option of a format; those that several formats share are one object.
+
+    Attributes:
+        name: in Python and in a file of options; ``--name`` on the command line.
+        help: what it does, in a line.
+        metavar: what its value looks like.
+        choices: the values there are; any text where none are listed.
+        several: whether it may be given several times; then its value is a tuple.
+        flag: whether it has no value and is given or not.
+        file: whether its value names a file that is read.
+    """
+
+    name: str
+    help: str
+    metavar: str = "TEXT"
+    choices: tuple[str, ...] = ()
+    several: bool = False
+    flag: bool = False
+    file: bool = False
+
+    @property
+    def switch(self) -> str:
+        """As it stands on the command line."""
+        return "--" + self.name.replace("_", "-")
+
+
+class Given:
+    """What was given for the options of one format: checked names, values as text.
+
+    Args:
+        known: the options that the format takes.
+        values: by name; None and empty tuples count as not given.
+        who: the format, for messages.
+
+    Raises:
+        InputError: an option that the format does not take, or a value that is no choice.
+    """
+
+    def __init__(self, known: Iterable[Option], values: Mapping[str, Any], who: str) -> None:
+        self._known = {option.name: option for option in known}
+        self._values: dict[str, tuple[str, ...]] = {}
+        for name, value in values.items():
+            if value is None or value is False or value == ():
+                continue
+            if name not in self._known:
+                takes = ", ".join(option.switch for option in self._known.values())
+                raise InputError(
+                    f"the option {name.replace('_', '-')!r} for the format {who}",
+                    f"one of {takes}" if takes else "no options",
+                    hint=did_you_mean(name, self._known),
+                )
+            listed = value if isinstance(value, list | tuple) else (value,)
+            self._values[name] = tuple(str(each) for each in listed)
+            self._check(self._known[name])
+
+    def _check(self, option: Option) -> None:
+        for value in self._values[option.name] if option.choices else ():
+            if value not in option.choices:
+                raise self.refuse(option, repr(value), f"one of {', '.join(option.choices)}")
+
+    def __contains__(self, option: Option) -> bool:
+        return option.name in self._values
+
+    def text(self, option: Option, default: str = "") -> str:
+        """The value, or the last of several; the default where it was not given."""
+        return self._values.get(option.name, (default,))[-1]
+
+    def texts(self, option: Option) -> tuple[str, ...]:
+        """Every value that was given; parts between commas are values of their own."""
+        whole = self._values.get(option.name, ())
+        return tuple(part.strip() for each in whole for part in each.split(",") if part.strip())
+
+    def path(self, option: Option) -> Path | None:
+        """The value as a file's name."""
+        return Path(self.text(option)) if option in self else None
+
+    def pairs(self, option: Option) -> dict[str, str]:
+        """``a=b,c=d`` as a mapping.
+
+        Raises:
+            InputError: a part without ``=``, or a name twice.
+        """
+        found: dict[str, str] = {}
+        for part in self.texts(option):
+            name, equals, value = (each.strip() for each in part.partition("="))
+            if not (name and equals and value):
+                raise self.refuse(option, repr(part), f"parts such as {option.metavar}")
+            if name in found:
+                raise self.refuse(option, f"{name!r} twice", "each name once")
+            found[name] = value
+        return found
+
+    def numbers(self, option: Option) -> dict[str, float]:
+        """``a=1,b=2`` as numbers by name.
+
+        Raises:
+            InputError: as `pairs`, or a value that is no finite number.
+        """
+        from suta_calib.measurements.csv_table import number_in
+
+        found = {name: number_in(value) for name, value in self.pairs(option).items()}
+        for name, number in found.items():
+            if not abs(number) < _LARGEST:
+                raise self.refuse(option, f"no number for {name!r}", "a finite number")
+        return found
+
+    @staticmethod
+    def refuse(option: Option, found: str, expected: str, hint: str = "") -> InputError:
+        """Error about an option, to be raised by the caller."""
+        return InputError(found, expected, where=option.switch, hint=hint)
+
+
+_LARGEST: Final = 1e12
+
+
+def options_from_file(path: Path) -> dict[str, Any]:
+    """A YAML file of options by name: what one would otherwise give on the command line.
+
+    A value may be a text, a number, a list of them, or, for options such as ``columns``, a
+    mapping.
+
+    Raises:
+        InputError: unreadable, not YAML, or a value of another shape.
+    """
+    top = YamlSection(read_yaml(path), InputError)
+    found: dict[str, Any] = {}
+    for key, value in top.data.items():
+        listed = value if isinstance(value, list) else [value]
+        if isinstance(value, dict):
+            listed = list(value.values())
+        if any(isinstance(each, dict | list) or each is None for each in listed):
+            raise top.refuse("a nested value", "a text, a number or a list of them", at=(key,))
+        texts = [("yes" if each else "no") if isinstance(each, bool) else each for each in listed]
+        if isinstance(value, dict):
+            texts = [f"{name}={each}" for name, each in zip(value, texts, strict=True)]
+        found[key.replace("-", "_")] = texts if isinstance(value, dict | list) else texts[0]
+    return found

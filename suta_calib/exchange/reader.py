@@ -1,0 +1,111 @@
+"""What reads a foreign format: `Reader`, one file each in ``readers/``."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from pathlib import Path
+from typing import Any, ClassVar, Final
+
+from suta_calib.errors import ForeignFileError
+from suta_calib.exchange.description import Described, formats_of, named
+from suta_calib.exchange.imported import Imported
+from suta_calib.exchange.option import Given
+
+_HEAD: Final = 4096
+# What is read where nothing else recognises a file.
+TABLE: Final = "table"
+
+
+class Reader(Described, ABC):
+    """One foreign format that can be read.
+
+    A new one is a module in ``readers/`` with a subclass; nothing else names it.
+
+    Attributes:
+        suffixes: of files it may be, in small letters; any where none is listed.
+    """
+
+    suffixes: ClassVar[tuple[str, ...]] = ()
+
+    @abstractmethod
+    def recognises(self, path: Path, head: str) -> bool:
+        """Whether a file is of this format.
+
+        Args:
+            path: the file or folder.
+            head: the first few thousand characters of a file; empty for a folder.
+        """
+
+    @abstractmethod
+    def read(self, path: Path, given: Given) -> Imported:
+        """The file as one of this package's.
+
+        Raises:
+            ForeignFileError: it is not of this format, says too little, or holds nothing.
+            InputError: an option's value that cannot be used.
+        """
+
+
+def import_formats() -> dict[str, Reader]:
+    """Every format that can be read, by name."""
+    return formats_of("suta_calib.exchange.readers", Reader)
+
+
+def read_foreign(path: str | Path, form: str | None = None, **options: Any) -> Imported:
+    """Read a file of another program.
+
+    Args:
+        path: a file, or a folder where the format is one.
+        form: name of the format; recognised from the file where it is None.
+        **options: the format's own, by name, as on the command line.
+
+    Returns:
+        Rows of a samples or poses CSV in SI, or another file of this package.
+
+    Raises:
+        ForeignFileError: it is of no format that is known, or not of the one named.
+        InputError: an option that the format does not take, or a value that cannot be used.
+    """
+    path = Path(path)
+    reader = named(import_formats(), form) if form is not None else recognised(path)
+    return reader.read(path, Given(reader.options, options, reader.name))
+
+
+def recognised(path: Path) -> Reader:
+    """The format that a file is of: a table where no other recognises it.
+
+    Raises:
+        ForeignFileError: there is no such file, or several formats recognise it.
+    """
+    head = _head(path)
+    known = import_formats()
+    found = [
+        reader
+        for reader in known.values()
+        if reader.name != TABLE
+        and (not reader.suffixes or path.suffix.lower() in reader.suffixes)
+        and reader.recognises(path, head)
+    ]
+    if len(found) > 1:
+        names = ", ".join(reader.name for reader in found)
+        hint = "say which with --format NAME"
+        raise ForeignFileError(f"what may be {names}", "one format", file=path, hint=hint)
+    if not found and path.is_dir():
+        said = "a folder of no format that is known"
+        hint = "suta-calib import --list names them"
+        raise ForeignFileError(said, "a file, or a recording's folder", file=path, hint=hint)
+    return found[0] if found else known[TABLE]
+
+
+def _head(path: Path) -> str:
+    if path.is_dir():
+        return ""
+    try:
+        with path.open("rb") as file:
+            data = file.read(_HEAD)
+    except (OSError, ValueError) as problem:
+        reason = getattr(problem, "strerror", None) or str(problem)
+        said = "no such file" if isinstance(problem, FileNotFoundError) else f"({reason})"
+        raise ForeignFileError(said, "a file that can be read", file=path) from None
+    utf_16 = data.startswith((b"\xff\xfe", b"\xfe\xff"))
+    return data.decode("utf-16" if utf_16 else "utf-8-sig", errors="replace")

@@ -1,0 +1,37 @@
+"""Denavit-Hartenberg tables, classic or modified, as a URDF."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import ClassVar, Final
+
+from suta_calib.exchange.cells import read_bounded
+from suta_calib.exchange.imported import ImportedFile
+from suta_calib.exchange.option import Given, Option
+from suta_calib.exchange.reader import Reader
+from suta_calib.job.dh_file import read_dh_table
+
+ROBOT: Final = Option("robot", "What the robot is called.", "NAME")
+
+
+class DhReader(Reader):
+    """A table with its header, as `job.dh_file` describes it."""
+
+    name: ClassVar[str] = "dh"
+    summary: ClassVar[str] = "Denavit-Hartenberg table (classic or modified) as CSV: a URDF"
+    example: ClassVar[str] = "arm_dh.csv --format dh --robot arm --out arm.urdf"
+    options: ClassVar[tuple[Option, ...]] = (ROBOT,)
+
+    def recognises(self, path: Path, head: str) -> bool:
+        """Theta and alpha among the names of the columns."""
+        del path
+        header = next((line for line in head.lower().splitlines() if line.strip()), "")
+        return "theta" in header and "alpha" in header and "joint" in header
+
+    def read(self, path: Path, given: Given) -> ImportedFile:
+        """A URDF whose joints move about (along) z, with a link ``tip``."""
+        read_bounded(path)
+        table = read_dh_table(path)
+        text = table.urdf(given.text(ROBOT, path.stem or "arm"))
+        said = f"a URDF of {len(table.joints)} joints from a {table.convention} table"
+        return ImportedFile(source=path, form=self.name, content=text, what=said, kind=".urdf")

@@ -1,0 +1,58 @@
+"""LeRobot's calibration JSON as a ``device.yaml``: the zero, sign and counts of each motor."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import ClassVar, Final
+
+from suta_calib.exchange.imported import ImportedFile
+from suta_calib.exchange.lerobot_motors import COUNTS, KEYS, MOTORS, counts_of, read_motors
+from suta_calib.exchange.option import Given, Option
+from suta_calib.exchange.reader import Reader
+from suta_calib.exchange.yaml_text import yaml_bytes
+
+PORT: Final = Option("port", "Port of the device, for device.yaml.", "/dev/…")
+
+
+class LerobotCalibrationReader(Reader):
+    """Motors as joints: zero in the middle of the range, as LeRobot counts degrees."""
+
+    name: ClassVar[str] = "lerobot-calibration"
+    summary: ClassVar[str] = "LeRobot calibration JSON: motors as a device.yaml, ticks to rad"
+    example: ClassVar[str] = "so101.json --port /dev/ttyACM0 --out device.yaml"
+    options: ClassVar[tuple[Option, ...]] = (PORT, MOTORS, COUNTS)
+    suffixes: ClassVar[tuple[str, ...]] = (".json",)
+
+    def recognises(self, path: Path, head: str) -> bool:
+        """Motors with homing offsets."""
+        del path
+        return all(json.dumps(key) in head for key in KEYS)
+
+    def read(self, path: Path, given: Given) -> ImportedFile:
+        """A device of the format ``lines``, whose ticks are those of Present_Position."""
+        motors, counts, names = read_motors(path), counts_of(given), given.pairs(MOTORS)
+        joints = []
+        for name, motor in motors.items():
+            # Whole counts: half a tick is less than any servo repeats.
+            zero = (motor["range_min"] + motor["range_max"]) // 2
+            sign = -1 if motor["drive_mode"] else 1
+            joints.append({"name": names.get(name, name), "sign": sign, "zero": zero})
+        device = {
+            "port": given.text(PORT, "/dev/ttyACM0"),
+            "format": "lines",
+            "unit": "counts",
+            "counts_per_turn": counts,
+            "joints": joints,
+        }
+        comment = f"From LeRobot's calibration {path.name}. Send each motor's Present_Position,\n"
+        comment += "from which the servo has taken its homing offset, as a line of counts."
+        port = () if PORT in given else (f"The port is {device['port']}, unless --port says else.",)
+        return ImportedFile(
+            source=path,
+            form=self.name,
+            content=yaml_bytes(device, comment).decode(),
+            what=f"a device of {len(joints)} motors",
+            kind=".yaml",
+            seen=port,
+        )

@@ -1,0 +1,80 @@
+"""OptiTrack: the CSV that Motive exports (format versions 1.2 and later)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import ClassVar, Final
+
+from suta_calib.exchange.bodies import Body, Recording
+from suta_calib.exchange.cells import Row
+from suta_calib.exchange.instrument import LENGTH_UNITS, InstrumentReader, body_of, column_of_time
+from suta_calib.exchange.option import Given
+
+_POSITION: Final = ("position x", "position y", "position z")
+_ROTATION: Final = ("rotation x", "rotation y", "rotation z", "rotation w")
+
+
+class MotiveReader(InstrumentReader):
+    """Rigid bodies as quaternions, markers as points."""
+
+    name: ClassVar[str] = "motive"
+    summary: ClassVar[str] = "OptiTrack: CSV of Motive, rigid bodies (quaternions) and markers"
+    example: ClassVar[str] = (
+        "take.csv --format motive --body probe --reference base --out poses.csv"
+    )
+
+    def recognises(self, path: Path, head: str) -> bool:
+        """It begins with its format's version and names the take."""
+        del path
+        return head.startswith("Format Version,") and "Take Name" in head
+
+    def recording(self, path: Path, rows: Sequence[Row], given: Given) -> Recording:
+        """Bodies and markers by name, as in the file."""
+        del given
+        told = dict(pairwise(rows[0].cells))
+        unit = told.get("Length Units", "")
+        if unit.lower() not in LENGTH_UNITS:
+            raise self.strange(path, f"lengths in {unit!r}", "Meters or Millimeters", rows[0].line)
+        at = next((k for k, row in enumerate(rows) if row.cells[0] == "Frame"), 0)
+        if not 3 <= at < len(rows) - 1:
+            said = "no rows of names above a row that begins with Frame"
+            raise self.strange(path, said, "an export with its header", rows[-1].line)
+        axes, kinds, data = rows[at], rows[at - 1].cells, rows[at + 1 :]
+        kind = next((k for k in range(1, at) if "Rigid Body" in _types(rows[k])), None)
+        kind = (
+            next((k for k in range(1, at) if "Marker" in _types(rows[k])), 1)
+            if kind is None
+            else kind
+        )
+        types, names = rows[kind].cells, rows[kind + 1].cells
+        columns: dict[str, dict[str, int]] = {}
+        for k in range(2, min(map(len, (types, names, kinds, axes.cells)))):
+            if types[k] in ("Rigid Body", "Marker") and names[k]:
+                of = f"{kinds[k]} {axes.cells[k]}".lower()
+                columns.setdefault(names[k], {}).setdefault(of, k)
+        angles = told.get("Rotation Type", "Quaternion")
+        bodies: dict[str, Body] = {}
+        for name, where in columns.items():
+            if not all(key in where for key in _POSITION):
+                continue
+            turned = "rotation x" in where
+            if turned and (not all(key in where for key in _ROTATION) or angles != "Quaternion"):
+                said = f"orientations of {name} as {angles}"
+                raise self.strange(
+                    path, said, "an export with Rotation Type: Quaternion", axes.line
+                )
+            position = [where[key] for key in _POSITION]
+            rotation = [where[key] for key in _ROTATION] if turned else []
+            scale = LENGTH_UNITS[unit.lower()]
+            bodies[name] = body_of(path, data, position, rotation, "xyzw", scale)
+        if not bodies:
+            raise self.strange(path, "no rigid body and no marker", "at least one", axes.line)
+        time = next((k for k, cell in enumerate(axes.cells) if cell.startswith("Time")), None)
+        said = f"in {unit.lower()}, as the file says"
+        return Recording(path, bodies, column_of_time(path, data, time), said)
+
+
+def _types(row: Row) -> set[str]:
+    return set(row.cells)

@@ -1,0 +1,119 @@
+"""PLUS: sequence files (.mha, .mhd) with the transforms of every frame in their header."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import ClassVar, Final
+
+import numpy as np
+
+from suta_calib.atomic import note_input
+from suta_calib.errors import ForeignFileError
+from suta_calib.exchange.bodies import BODY_OPTIONS, Body, Recording
+from suta_calib.exchange.cells import MOST_BYTES, read_bounded
+from suta_calib.exchange.imported import ImportedRows
+from suta_calib.exchange.option import Given, Option
+from suta_calib.exchange.reader import Reader
+from suta_calib.exchange.rotations import rotations_from
+from suta_calib.measurements.csv_table import number_in
+from suta_calib.units import from_mm
+
+_FIELD: Final = re.compile(r"Seq_Frame(\d{1,9})_(\w+?)(Transform|TransformStatus|Timestamp)?")
+_END: Final = "ElementDataFile"
+
+
+class PlusSequenceReader(Reader):
+    """Transforms by the names that PLUS gives them, ``ProbeToTracker``; pictures are not read."""
+
+    name: ClassVar[str] = "plus-sequence"
+    summary: ClassVar[str] = "PLUS: sequence files .mha/.mhd, transforms of every frame"
+    example: ClassVar[str] = "run.mha --body StylusToTracker --reference ReferenceToTracker"
+    options: ClassVar[tuple[Option, ...]] = BODY_OPTIONS
+    suffixes: ClassVar[tuple[str, ...]] = (".mha", ".mhd")
+
+    def recognises(self, path: Path, head: str) -> bool:
+        """A header of MetaIO: the frames' fields may begin far below."""
+        del path
+        return "ObjectType = Image" in head or "Seq_Frame" in head
+
+    def read(self, path: Path, given: Given) -> ImportedRows:
+        """The transform that is asked for, in m; frames in which it is not valid are left out."""
+        numbers: dict[str, dict[int, tuple[int, str]]] = {}
+        status: dict[str, dict[int, str]] = {}
+        stamps: dict[int, str] = {}
+        for line, key, value in _fields(path):
+            match = _FIELD.fullmatch(key)
+            if match is None:
+                continue
+            frame, name, what = int(match[1]), match[2], match[3]
+            if what == "Transform":
+                numbers.setdefault(name, {})[frame] = (line, value)
+            elif what == "TransformStatus":
+                status.setdefault(name, {})[frame] = value
+            elif key.endswith("_Timestamp"):
+                stamps[frame] = value
+        frames = sorted({frame for told in numbers.values() for frame in told})
+        if not frames:
+            said = "no transforms of frames in the header"
+            expected = "a sequence that PLUS recorded with a tracker"
+            raise ForeignFileError(said, expected, file=path)
+        bodies = {
+            name: _body(path, frames, told, status.get(name, {})) for name, told in numbers.items()
+        }
+        time = np.array([number_in(stamps.get(frame, "")) for frame in frames])
+        said = "in mm, as PLUS writes them"
+        recording = Recording(path, bodies, time if np.isfinite(time).all() else None, said)
+        return recording.imported(self.name, given)
+
+
+def _body(
+    path: Path, frames: list[int], told: dict[int, tuple[int, str]], status: dict[int, str]
+) -> Body:
+    """Sixteen numbers by rows in each frame; ``XToY`` is the pose of X in Y."""
+    matrices, lines = np.full((len(frames), 16), np.nan), [1] * len(frames)
+    for k, frame in enumerate(frames):
+        line, text = told.get(frame, (1, ""))
+        lines[k] = line
+        if frame not in told or status.get(frame, "OK") != "OK":
+            continue
+        numbers = [number_in(word) for word in text.split()]
+        if len(numbers) != 16 or not np.isfinite(numbers).all():
+            found = f"{text[:40]!r}"
+            raise ForeignFileError(found, "16 finite numbers by rows", file=path, line=line)
+        matrices[k] = numbers
+    whole = matrices.reshape(-1, 4, 4)
+    rotation = rotations_from("rows", whole[:, :3, :3].reshape(-1, 9), path, lines)
+    return Body(from_mm(whole[:, :3, 3]), rotation)
+
+
+def _fields(path: Path) -> Iterator[tuple[int, str, str]]:
+    """Line, key and value of the header, which ends where the pictures begin."""
+    if not path.is_file():
+        read_bounded(path)  # says what it is
+    note_input(path)
+    read = 0
+    try:
+        with path.open("rb") as file:
+            for number in range(1, MOST_BYTES):
+                line = file.readline(_LONGEST + 1)
+                read += len(line)
+                if not line:
+                    return
+                if len(line) > _LONGEST or read > MOST_BYTES:
+                    said = "a header without end"
+                    raise ForeignFileError(said, f"a line {_END} = …", file=path, line=number)
+                key, equals, value = line.decode("latin-1").partition("=")
+                if not equals and line.strip():
+                    found = repr(key.strip()[:40])
+                    raise ForeignFileError(found, "key = value", file=path, line=number)
+                if key.strip() == _END:
+                    return
+                yield number, key.strip(), value.strip()
+    except OSError as problem:
+        said = f"an unreadable file ({problem.strerror})"
+        raise ForeignFileError(said, "a readable file", file=path) from None
+
+
+_LONGEST: Final = 100_000

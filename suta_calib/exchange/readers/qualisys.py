@@ -1,0 +1,87 @@
+"""Qualisys: the TSV that Qualisys Track Manager exports, bodies (6D) or markers (3D)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import ClassVar, Final
+
+import numpy as np
+
+from suta_calib.exchange.bodies import Body, Recording
+from suta_calib.exchange.cells import Row
+from suta_calib.exchange.instrument import InstrumentReader, body_of
+from suta_calib.exchange.option import Given
+from suta_calib.measurements.csv_table import number_in
+from suta_calib.units import from_mm
+
+# X Y Z, roll pitch yaw, residual, and nine numbers of a matrix, column after column.
+_OF_BODY: Final = 16
+_MATRIX: Final = 7
+_OF_MARKER: Final = 3
+
+
+class QualisysReader(InstrumentReader):
+    """Bodies with their rotation matrices, or markers as points, in mm."""
+
+    name: ClassVar[str] = "qualisys"
+    summary: ClassVar[str] = "Qualisys: TSV of Track Manager, bodies (6D) or markers (3D)"
+    example: ClassVar[str] = "run_6D.tsv --format qualisys --body probe --reference base"
+    separator: ClassVar[str] = "\t"
+
+    def recognises(self, path: Path, head: str) -> bool:
+        """It begins with how many frames there are."""
+        del path
+        return head.startswith("NO_OF_FRAMES\t")
+
+    def recording(self, path: Path, rows: Sequence[Row], given: Given) -> Recording:
+        """Bodies or markers by name; frames in which one was not seen have none of it."""
+        del given
+        first = next((k for k, row in enumerate(rows) if _is_data(row)), len(rows))
+        told = {row.cells[0]: row.cells[1:] for row in rows[:first]}
+        names = [name for name in told.get("BODY_NAMES", ()) if name]
+        width = _OF_BODY
+        if not names:
+            names, width = [name for name in told.get("MARKER_NAMES", ()) if name], _OF_MARKER
+        data = rows[first:]
+        if not names or not data:
+            said = "no BODY_NAMES and no MARKER_NAMES" if not names else "no frames"
+            raise self.strange(path, said, "an export with its header", rows[0].line)
+        # Frame and time may stand in front of what was measured.
+        wide = max(len("\t".join(row.cells).rstrip("\t").split("\t")) for row in data)
+        ahead = wide - width * len(names)
+        if ahead < 0:  # the last body was never seen
+            ahead = len(data[0].cells) - width * len(names)
+        if not 0 <= ahead <= _AHEAD:
+            said = f"{wide} columns for {len(names)} of {width} each"
+            raise self.strange(path, said, "those, and at most frame and time", data[0].line)
+        bodies: dict[str, Body] = {}
+        for k, name in enumerate(names):
+            start = ahead + k * width
+            position = range(start, start + 3)
+            if width == _OF_MARKER:
+                bodies[name] = body_of(path, data, position, (), "", from_mm(1.0))
+                continue
+            matrix = range(start + _MATRIX, start + _OF_BODY)
+            # What was not seen is all zeros in older exports, and empty in newer ones.
+            blank = [_unseen(row, start) for row in data]
+            bodies[name] = body_of(path, blank, position, matrix, "columns", from_mm(1.0))
+        rate = number_in(next(iter(told.get("FREQUENCY", ())), ""))
+        time = np.arange(len(data)) / rate if rate > 0 else None
+        return Recording(path, bodies, time, "in mm, as Track Manager exports them")
+
+
+_AHEAD: Final = 2
+
+
+def _is_data(row: Row) -> bool:
+    return number_in(row.cells[0]) == number_in(row.cells[0])
+
+
+def _unseen(row: Row, start: int) -> Row:
+    """The row, without numbers of a body whose numbers are all zero."""
+    cells = row.cells[start : start + _OF_BODY]
+    if any(number_in(cell) != 0.0 for cell in cells[_MATRIX:]):
+        return row
+    gone = ("",) * len(cells)
+    return Row(row.line, (*row.cells[:start], *gone, *row.cells[start + _OF_BODY :]))

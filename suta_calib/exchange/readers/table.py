@@ -1,0 +1,285 @@
+"""Any text table or spreadsheet: joint readings, positions, poses in any of the usual forms."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import Any, ClassVar, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from suta_calib.arrays import BoolArray, FloatArray
+from suta_calib.errors import ForeignFileError, did_you_mean
+from suta_calib.exchange.bodies import BODY_OPTIONS, Body, Recording
+from suta_calib.exchange.cells import is_missing, numbers_of
+from suta_calib.exchange.delimited import DELIMITED_OPTIONS, Sheet, read_sheet
+from suta_calib.exchange.imported import ImportedRows, distance_note, pose_columns
+from suta_calib.exchange.joint_readings import READING_OPTIONS, Readings
+from suta_calib.exchange.option import Given, Option
+from suta_calib.exchange.reader import TABLE, Reader
+from suta_calib.exchange.rotations import NUMBERS, rotations_from
+from suta_calib.exchange.table_roles import (
+    GUESS,
+    ROLE_OPTIONS,
+    PoseColumns,
+    named_poses,
+    nameless_pose,
+    plain_name,
+)
+from suta_calib.measurements.csv_table import number_in
+from suta_calib.units import from_deg, from_mm
+from suta_calib.words import listed
+
+COLUMNS: Final = Option(
+    "columns",
+    "Columns by name or number that have other names here.",
+    "q1=joint_1,7=x,…",
+    several=True,
+)
+UNIT: Final = Option(
+    "unit",
+    "Of lengths (m, mm) and of joint readings and Euler angles (rad, deg, ticks).",
+    choices=("m", "mm", "rad", "deg", "ticks"),
+    several=True,
+)
+JOINTS: Final = Option(
+    "joints", "Which columns are joint readings; globs.", "joint_*,…", several=True
+)
+_JOINTS: Final = ("joint*", "axis*", "q[0-9]", "q[0-9][0-9]", "j[0-9]", "j[0-9][0-9]")
+# Poses of hand-eye files, which stand side by side.
+_PAIR: Final = ("a_", "b_")
+# More than any joint turns that is read in rad, twice round and a little.
+_FEW_TURNS: Final = 13.0
+_LENGTHS: Final = ("m", "mm")
+# Numbers of a transform, which may have names that say nothing.
+_OF_MATRIX: Final = (12, 16)
+
+
+class TableReader(Reader):
+    """Rows of numbers, with or without names."""
+
+    name: ClassVar[str] = TABLE
+    summary: ClassVar[str] = (
+        "any text table or .xlsx: joints, points, poses as 7, 12, 16 numbers, 4x4 blocks, angles"
+    )
+    example: ClassVar[str] = "poses.txt --format table --unit mm --rotation wxyz --out poses.csv"
+    options: ClassVar[tuple[Option, ...]] = (
+        UNIT,
+        COLUMNS,
+        JOINTS,
+        *ROLE_OPTIONS,
+        *DELIMITED_OPTIONS,
+        *READING_OPTIONS,
+        *BODY_OPTIONS,
+    )
+
+    def recognises(self, path: Path, head: str) -> bool:
+        """Never: it is what is left."""
+        del path, head
+        return False
+
+    def read(self, path: Path, given: Given) -> ImportedRows:
+        """Rows in SI; those in which a number is missing are left out and counted."""
+        sheet = read_sheet(path, given)
+        names = _renamed(sheet, given)
+        poses = named_poses(sheet, names, given)
+        told = COLUMNS in given or JOINTS in given
+        if not poses and not told and (not sheet.headed or len(names) in _OF_MATRIX):
+            pose, sheet = nameless_pose(sheet, given)
+            names, poses = list(sheet.names), [pose] if pose is not None else []
+        return _Columns(sheet, names, poses, given).imported()
+
+
+class _Columns:
+    """A sheet whose columns are understood.
+
+    Args:
+        sheet: of text.
+        names: of its columns, as they are to be called.
+        poses: which of them are poses.
+        given: the options.
+    """
+
+    def __init__(
+        self, sheet: Sheet, names: Sequence[str], poses: Sequence[PoseColumns], given: Given
+    ) -> None:
+        self._sheet, self._names, self._poses, self._given = sheet, names, poses, given
+        units = given.texts(UNIT)
+        self._length = next((unit for unit in units if unit in _LENGTHS), "")
+        self._angle = next((unit for unit in units if unit not in _LENGTHS), "")
+        self._notes: list[str] = []
+        self._seen = list(sheet.seen)
+
+    def imported(self) -> ImportedRows:
+        """The rows, in SI."""
+        beside, whole = self._beside()
+        if not self._poses and not beside:
+            raise self._nothing()
+        bodies = {pose.prefix or "pose": self._body(pose) for pose in self._poses}
+        for body in bodies.values():
+            whole &= body.seen
+        rows = np.flatnonzero(whole)
+        kept = {name: body.take(rows) for name, body in bodies.items()}
+        columns = {name: values[rows] for name, values in beside.items()}
+        for pose in self._poses:
+            if len(rows):
+                self._question(kept[pose.prefix or "pose"].position, pose)
+        made = self._together(kept, columns)
+        if GUESS in self._given:
+            self._seen += [self._told(pose) for pose in self._poses]
+        return replace(
+            made,
+            dropped=len(whole) - len(rows),
+            notes=(*made.notes, *self._notes),
+            seen=tuple(self._seen),
+        )
+
+    def _together(
+        self, bodies: Mapping[str, Body], columns: Mapping[str, NDArray[Any]]
+    ) -> ImportedRows:
+        path = self._sheet.path
+        if not bodies:
+            return ImportedRows(source=path, form=TABLE, columns=dict(columns))
+        if set(bodies) == set(_PAIR):
+            both = dict(columns)
+            for prefix, body in bodies.items():
+                both |= pose_columns(body.position, body.rotation, prefix)
+            return ImportedRows(source=path, form=TABLE, columns=both)
+        alone = next(iter(bodies)) if len(bodies) == 1 else ""
+        recording = Recording(path, bodies, None, "as they were read", dict(columns))
+        made = recording.imported(TABLE, self._given, alone if alone in _PAIR else "")
+        return replace(made, notes=(), seen=())
+
+    def _body(self, pose: PoseColumns) -> Body:
+        path, rows = self._sheet.path, self._sheet.rows
+        position = numbers_of(path, rows, pose.position)
+        unit = self._length or pose.unit or "m"
+        if self._length and pose.unit and self._length != pose.unit:
+            raise ForeignFileError(
+                f"columns named as {pose.unit}, with --unit {self._length}",
+                "one unit",
+                file=path,
+                line=self._sheet.lines[0],
+            )
+        scale = {"m": 1.0, "mm": from_mm(1.0), "cm": from_mm(10.0)}.get(unit, 1.0)
+        if not pose.form:
+            return Body(scale * position)
+        numbers = numbers_of(path, rows, pose.rotation)
+        angles = NUMBERS[pose.form] == 3
+        if angles and (self._angle or pose.angle) == "deg":
+            numbers = from_deg(numbers)
+        elif angles and not (self._angle or pose.angle):
+            most = float(np.nanmax(np.abs(numbers), initial=0.0))
+            if most > _FEW_TURNS / 2:
+                if GUESS not in self._given:
+                    raise self._degrees("angles of an orientation", most)
+                numbers = from_deg(numbers)
+                self._seen.append(f"Angles up to {most:.4g} were taken for degrees.")
+        return Body(scale * position, rotations_from(pose.form, numbers, path, self._sheet.lines))
+
+    def _question(self, position: FloatArray, pose: PoseColumns) -> None:
+        """Lengths of an odd size: refused where nobody said their unit, noted where one did."""
+        said = self._length or pose.unit
+        note = distance_note(position, f"lengths in {said or 'm'}")
+        if note and not said and GUESS not in self._given:
+            raise ForeignFileError(
+                f"{note[0].lower()}{note[1:-1]}",
+                "that it be said",
+                file=self._sheet.path,
+                line=self._sheet.lines[0],
+                hint="say --unit mm or --unit m; nothing is scaled unasked",
+            )
+        self._notes += [note] if note else []
+
+    def _beside(self) -> tuple[dict[str, NDArray[Any]], BoolArray]:
+        """Columns that are no pose, and the rows in which none of their numbers is missing."""
+        sheet, whole = self._sheet, np.ones(len(self._sheet.rows), dtype=bool)
+        taken = {k for pose in self._poses for k in (*pose.position, *pose.rotation)}
+        found: dict[str, NDArray[Any]] = {}
+        readings = Readings.of(self._given, self._angle or "rad")
+        patterns = self._given.texts(JOINTS) or (*_JOINTS, *readings.names)
+        for k, name in enumerate(self._names):
+            # Of a table without names only what is asked for has one.
+            if k in taken or not name or (name.isdigit() and name == sheet.names[k]):
+                continue
+            bare, unit = plain_name(name)
+            if any(fnmatchcase(each, pattern) for pattern in patterns for each in (name, bare)):
+                numbers = numbers_of(sheet.path, sheet.rows, [k])[:, 0]
+                whole &= np.isfinite(numbers)
+                of = replace(readings, unit=self._angle or unit or "rad")
+                found[bare if unit else name] = self._joint(of, bare, numbers, unit)
+                continue
+            cells = sheet.cells(k)
+            values = np.array([number_in(cell) for cell in cells])
+            is_number = all(v == v or is_missing(c) for v, c in zip(values, cells, strict=True))
+            found[name] = values if is_number and np.isfinite(values).all() else np.array(cells)
+        return found, whole
+
+    def _joint(self, readings: Readings, joint: str, numbers: FloatArray, unit: str) -> FloatArray:
+        if unit in _LENGTHS:  # a joint that slides
+            return from_mm(numbers) if unit == "mm" else numbers
+        angles = readings.angles(joint, numbers)
+        most = float(np.nanmax(np.abs(angles), initial=0.0))
+        if readings.unit != "rad" or most <= _FEW_TURNS:
+            return angles
+        if self._angle or unit:
+            self._notes.append(f"Readings of {joint} reach {most:.0f} rad: are they degrees?")
+            return angles
+        if GUESS not in self._given:
+            raise self._degrees(f"readings of {joint}", most)
+        self._seen.append(f"Readings of {joint}, up to {most:.4g}, were taken for degrees.")
+        return replace(readings, unit="deg").angles(joint, numbers)
+
+    def _degrees(self, of: str, most: float) -> ForeignFileError:
+        return ForeignFileError(
+            f"{of} up to {most:.4g}, which look like degrees",
+            "that it be said",
+            file=self._sheet.path,
+            line=self._sheet.lines[0],
+            hint="say --unit deg, --unit ticks or --unit rad; nothing is scaled unasked",
+        )
+
+    def _told(self, pose: PoseColumns) -> str:
+        names = [self._names[k] for k in (*pose.position, *pose.rotation)]
+        unit = self._length or pose.unit or "m"
+        form = f", --rotation {pose.form}" if pose.form else ""
+        return f"Taken for a pose: columns {', '.join(names)}; --unit {unit}{form}."
+
+    def _nothing(self) -> ForeignFileError:
+        sheet = self._sheet
+        return ForeignFileError(
+            f"{len(sheet.names)} columns: {listed(list(sheet.names), 16)}",
+            "columns of a pose or of joints by name; or 3, 6, 7, 12 or 16 numbers",
+            file=sheet.path,
+            line=sheet.lines[0],
+            hint="say what they are with --columns NAME=joint_1,…, with x, y, z, qx, qy, qz, qw "
+            "for a pose",
+        )
+
+
+def _renamed(sheet: Sheet, given: Given) -> list[str]:
+    """Names of the columns as ``--columns`` has them."""
+    names = list(sheet.names)
+    for source, target in given.pairs(COLUMNS).items():
+        if source in sheet.names:
+            k = sheet.names.index(source)
+        elif source.isascii() and source.isdigit() and 1 <= int(source) <= len(names):
+            k = int(source) - 1
+        else:
+            raise ForeignFileError(
+                f"no column {source!r}",
+                f"one of {listed(list(sheet.names), 16)}, or a number from 1 to {len(names)}",
+                file=sheet.path,
+                where=COLUMNS.switch,
+                hint=did_you_mean(source, sheet.names),
+            )
+        names[k] = target
+    for name in names:
+        if name and names.count(name) > 1:
+            raise ForeignFileError(
+                f"{name!r} for several columns", "each once", file=sheet.path, where=COLUMNS.switch
+            )
+    return names

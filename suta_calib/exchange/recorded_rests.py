@@ -1,0 +1,145 @@
+"""Recorded joint readings: where the arm rested, and what was seen of it meanwhile."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from suta_calib.acquisition.stops import Complete, StopFinder
+from suta_calib.arrays import FloatArray
+from suta_calib.device.reading import Reading
+from suta_calib.errors import ForeignFileError
+from suta_calib.exchange.bodies import Body
+from suta_calib.exchange.imported import ImportedRows, pose_columns
+from suta_calib.exchange.option import Given, Option
+from suta_calib.measurements.csv_table import number_in
+
+SECONDS: Final = Option("seconds", "How long a rest is at least, s; it is averaged.", "N")
+_USUAL: Final = "1"
+
+
+@dataclass(frozen=True, eq=False)
+class Rest:
+    """A time in which the arm rested.
+
+    Attributes:
+        angles: (n,) mean reading of each joint, rad.
+        begin: of the time that was averaged, s.
+        end: of it.
+    """
+
+    angles: FloatArray
+    begin: float
+    end: float
+
+
+def rests_of(
+    joints: Sequence[str], time: FloatArray, angles: FloatArray, seconds: float
+) -> list[Rest]:
+    """The rests in a recording, as ``measure`` finds and averages them.
+
+    Args:
+        joints: names.
+        time: (n,) s, that increases.
+        angles: (n, joints), rad.
+        seconds: that a rest lasts at least.
+    """
+    finder, found = StopFinder(joints, seconds), list[Rest]()
+    fine = np.zeros(len(joints), dtype=np.bool_)
+    for k, (at, row) in enumerate(zip(time.tolist(), angles, strict=True)):
+        for event in finder.feed([Reading(k, at, row, fine, fine, at)]):
+            if isinstance(event, Complete):
+                begin = at - event.average.seconds
+                found.append(Rest(event.average.angles, begin, at))
+    return found
+
+
+def seconds_of(given: Given) -> float:
+    """How long a rest is at least, s.
+
+    Raises:
+        InputError: no positive number.
+    """
+    seconds = number_in(given.text(SECONDS, _USUAL))
+    if not 0.0 < seconds < _LONGEST:
+        raise given.refuse(SECONDS, repr(given.text(SECONDS)), "a number of seconds above 0")
+    return seconds
+
+
+_LONGEST: Final = 3600.0
+
+
+def imported_rests(
+    path: Path,
+    form: str,
+    joints: Sequence[str],
+    time: FloatArray,
+    angles: FloatArray,
+    given: Given,
+    seen: tuple[FloatArray, Body] | None = None,
+    prefix: str = "",
+) -> ImportedRows:
+    """A samples CSV of the rests in a recording.
+
+    Args:
+        path: of the recording.
+        form: name of its format.
+        joints: names.
+        time: (n,) s.
+        angles: (n, joints), rad.
+        given: `SECONDS`.
+        seen: what was seen of the arm, (m,) s and m rows; a rest in which nothing was is left out.
+        prefix: in front of the pose's columns.
+
+    Raises:
+        ForeignFileError: nowhere did the arm rest for so long, or nothing was seen meanwhile.
+    """
+    seconds = seconds_of(given)
+    order = np.argsort(time, kind="stable")
+    rests = rests_of(joints, time[order], angles[order], seconds)
+    if not rests:
+        raise ForeignFileError(
+            f"{len(time)} readings in {np.ptp(time):.1f} s, and no rest of {seconds:g} s",
+            "an arm that stands still at every pose",
+            file=path,
+            hint=f"a shorter one is found with {SECONDS.switch} N",
+        )
+    kept, columns = rests, dict[str, NDArray[Any]]()
+    if seen is not None:
+        averages = [(rest, _mean(*seen, rest)) for rest in rests]
+        kept = [rest for rest, mean in averages if mean is not None]
+        if not kept:
+            said = f"{len(rests)} rests, and no pose during any of them"
+            raise ForeignFileError(said, "poses by the same clock", file=path)
+        means = [mean for _, mean in averages if mean is not None]
+        position = np.array([mean.position[0] for mean in means])
+        turned = [mean.rotation[0] for mean in means if mean.rotation is not None]
+        columns |= pose_columns(position, np.array(turned) if turned else None, prefix)
+    readings = np.array([rest.angles for rest in kept])
+    of_joints: Mapping[str, NDArray[Any]] = dict(zip(joints, readings.T, strict=True))
+    return ImportedRows(
+        source=path,
+        form=form,
+        columns={**of_joints, **columns, "time": np.array([rest.end for rest in kept])},
+        dropped=len(rests) - len(kept),
+        seen=(f"Each row is the mean over a rest of {seconds:g} s or more.",),
+    )
+
+
+def _mean(time: FloatArray, body: Body, rest: Rest) -> Body | None:
+    """What was seen during a rest, as one; None where nothing was."""
+    rows = np.flatnonzero((time >= rest.begin) & (time <= rest.end) & body.seen)
+    if not len(rows):
+        return None
+    during = body.take(rows)
+    position = during.position.mean(axis=0)[None]
+    if during.rotation is None:
+        return Body(position)
+    # The rotation nearest to all: that of the mean matrix.
+    left, _, right = np.linalg.svd(during.rotation.mean(axis=0))
+    return Body(position, (left @ right)[None])

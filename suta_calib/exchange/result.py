@@ -1,0 +1,271 @@
+"""A result that was written, read back whole: the arm, its values, and the poses found with it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from hashlib import sha256
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from suta_calib.analysis.comparison import check_nominal
+from suta_calib.arrays import FloatArray
+from suta_calib.assessment import refuse_unusable
+from suta_calib.errors import ForeignFileError, InputError
+from suta_calib.geometry.numbers import homogeneous, rotation_from_rpy
+from suta_calib.geometry.pinhole import INTRINSICS
+from suta_calib.job.schema import JobSpec, read_job
+from suta_calib.measurements.camera import Camera
+from suta_calib.model.arm import ArmModel
+from suta_calib.model.chain import ChainJoint
+from suta_calib.pose_calibration.eye_poses import FRAMES
+from suta_calib.tracking.uncertainty import (
+    CalibrationUncertainty,
+    numbers,
+    read_json_object,
+    read_uncertainty,
+)
+from suta_calib.units import from_mm
+
+RECORD: Final = "result.json"
+
+
+@dataclass(frozen=True, eq=False)
+class Transform:
+    """A pose that does not move: ``T_parent_child``.
+
+    Attributes:
+        parent, child: names of the frames.
+        matrix: (4, 4), m.
+    """
+
+    parent: str
+    child: str
+    matrix: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """What a chain passes: a joint that moves about or along its axis, then a fixed transform.
+
+    The chain's pose is the product of all steps: ``before · motion(axis, reading)``.
+
+    Attributes:
+        joint: as the URDF has it.
+        before: (4, 4) fixed transform in front of the motion.
+        axis: (3,) of the motion; turned about where the chain climbs.
+    """
+
+    joint: ChainJoint
+    before: FloatArray
+    axis: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class CalibratedArm:
+    """An arm with the values that a calibration found.
+
+    Attributes:
+        model: the arm at nominal.
+        known: values, covariance and what was held, as ``result.json`` has them.
+    """
+
+    model: ArmModel
+    known: CalibrationUncertainty
+
+    @property
+    def values(self) -> Mapping[str, float]:
+        """By parameter's name, those of no geometry included."""
+        return self.known.values
+
+    @cached_property
+    def origins(self) -> dict[str, FloatArray]:
+        """(4, 4) of each joint's own origin, by its name, with offsets folded in."""
+        return {
+            name: homogeneous(rotation_from_rpy(rpy), xyz)
+            for name, (xyz, rpy) in self.model.origins(self.values).items()
+        }
+
+    def steps(self) -> tuple[list[Step], FloatArray]:
+        """The chain from base to tip, and the fixed transform (4, 4) that is left at its end."""
+        pose, found = np.eye(4), list[Step]()
+        for joint in self.model.chain.joints:
+            origin = self.origins[joint.name]
+            if not joint.climbed:
+                pose = pose @ origin
+            if joint.moving:
+                found.append(Step(joint, pose, -joint.axis if joint.climbed else joint.axis))
+                pose = np.eye(4)
+            if joint.climbed:
+                pose = pose @ np.linalg.inv(origin)
+        return found, pose
+
+    @cached_property
+    def tool(self) -> Transform:
+        """The tip in the link of the last joint that moves."""
+        steps, end = self.steps()
+        return Transform(steps[-1].joint.child if steps else "base", self.model.tip, end)
+
+
+@dataclass(frozen=True, eq=False)
+class Result:
+    """An answer as it was written.
+
+    Attributes:
+        path: the ``result.json``.
+        arm: of a calibration; None for a closed problem.
+        transforms: poses that it found: of cameras, instruments and artefacts, of a tool.
+        camera: with the intrinsics that were found, or None.
+        data: the JSON itself.
+    """
+
+    path: Path
+    arm: CalibratedArm | None
+    transforms: tuple[Transform, ...]
+    camera: Camera | None = None
+    data: Mapping[str, Any] = field(default_factory=dict)
+
+    def need_arm(self, form: str) -> CalibratedArm:
+        """The arm, for a format that is nothing without one.
+
+        Raises:
+            InputError: it is no calibration of an arm.
+        """
+        if self.arm is None:
+            said = f"no calibrated arm, which {form} is a format of"
+            raise InputError(said, "the result of suta-calib calibrate", file=self.path)
+        return self.arm
+
+    def need_transforms(self, form: str) -> tuple[Transform, ...]:
+        """Every pose, that of the arm's tool included, for a format of poses.
+
+        Raises:
+            InputError: it holds none.
+        """
+        found = (*self.transforms, *(() if self.arm is None else (self.arm.tool,)))
+        if not found:
+            said = f"no pose of a tool, camera or instrument, which {form} is a format of"
+            raise InputError(said, "a result that holds one", file=self.path)
+        return found
+
+
+def read_result(
+    path: str | Path,
+    *,
+    urdf: str | Path | None = None,
+    tip: str | None = None,
+    base: str | None = None,
+    anyway: bool = False,
+) -> Result:
+    """Read an answer back, with the arm of the job that it was made from.
+
+    Args:
+        path: ``result.json``, or the folder it is in.
+        urdf: the nominal arm, where the job is not there any more.
+        tip: its tip, likewise.
+        base: link its chain starts at, likewise; the root by default.
+        anyway: take an answer that says of itself that it must not be used.
+
+    Raises:
+        InputError: unreadable, no answer of this package, of another arm, or its job is gone.
+        NotUsableError: it must not be used.
+    """
+    path = Path(path)
+    path = path / RECORD if path.is_dir() else path
+    data = read_json_object(path)
+    refuse_unusable(data, path, anyway=anyway)
+    if "parameters" not in data:
+        found = tuple(_closed(data, path))
+        if not found:
+            expected = "the answer of calibrate, hand-eye, pivot or register"
+            raise InputError("no answer that can be exported", expected, file=path)
+        return Result(path, None, found, None, data)
+    job = None if urdf is not None else _job(data, path)
+    if job is not None:
+        model = job.arm.model()
+    else:
+        if tip is None:
+            raise InputError("no tip", "the link or frame of the tip", where="--tip")
+        model = ArmModel.from_urdf(str(urdf), tip, base)
+    known = read_uncertainty(path, model, anyway=anyway)
+    check_nominal(model, path, known.values)
+    arm = CalibratedArm(model, known)
+    return Result(path, arm, tuple(_external(data, arm, path)), _camera(data, job, path), data)
+
+
+def _job(data: Mapping[str, Any], path: Path) -> JobSpec:
+    """The job that the result was made from, as it was then."""
+    run = data.get("run")
+    inputs = run.get("inputs", {}) if isinstance(run, dict) else {}
+    first, hashed = next(iter(inputs.items()), ("", "")) if isinstance(inputs, dict) else ("", "")
+    name = Path(str(first or data.get("job", ""))).name
+    places = [Path(str(first)), path.parent / name, path.parent.parent / name]
+    there = [place for place in places if name and place.is_file()]
+    for place in there:
+        if not hashed or sha256(place.read_bytes()).hexdigest() == hashed:
+            return read_job(place)
+    found = f"{there[0]}, which was changed since" if there else f"no job {name!r} beside it"
+    raise InputError(
+        found,
+        "the job that it was made from",
+        file=path,
+        hint="calibrate again, or give the nominal arm with --urdf and --tip",
+    )
+
+
+def _external(data: Mapping[str, Any], arm: CalibratedArm, path: Path) -> Iterator[Transform]:
+    told = data.get("external_poses")
+    # The arm's own frames by the names that its URDF gives them.
+    chain = arm.model.chain
+    own = {"base": chain.base, "tip": arm.model.tip}
+    for name, pose in told.items() if isinstance(told, dict) else ():
+        if not isinstance(pose, dict) or pose.get("matrix") is None:
+            continue
+        matrix = numbers(pose["matrix"], (4, 4), path, f"external_poses: {name}: matrix")
+        parent, child = str(pose.get("within", "")), str(pose.get("what", name))
+        yield Transform(own.get(parent, parent), own.get(child, child), matrix)
+
+
+def _closed(data: Mapping[str, Any], path: Path) -> Iterator[Transform]:
+    """The poses of hand-eye, pivot and register."""
+    setups = [each for setup, each in FRAMES.items() if setup == data.get("setup")]
+    for key, name in [*(row for each in setups for row in each.items()), ("T_b_a", "T_b_a")]:
+        if key not in data:
+            continue
+        _, parent, child = name.split("_")
+        yield Transform(parent, child, numbers(data[key], (4, 4), path, key))
+    if "tip_mm" in data:
+        tip = from_mm(numbers(data["tip_mm"], (3,), path, "tip_mm"))
+        yield Transform("tool", "tip", homogeneous(np.eye(3), tip))
+
+
+def _camera(data: Mapping[str, Any], job: JobSpec | None, path: Path) -> Camera | None:
+    """The job's camera with the intrinsics that were found; as it was where they were held."""
+    if job is None:
+        return None
+    given = [value for row in job.observations for value in row.settings.values()]
+    camera = next((value for value in given if isinstance(value, Camera)), None)
+    if camera is None:
+        return None
+    parameters = data["parameters"]
+    owners = {name.rpartition(".")[0] for name in parameters if name.endswith(".fx")}
+    if len(owners) > 1:
+        raise ForeignFileError(
+            f"{len(owners)} cameras: {', '.join(sorted(owners))}", "one", file=path
+        )
+    values = dict(camera.values)
+    for owner in owners:
+        for key in INTRINSICS:
+            entry = parameters.get(f"{owner}.{key}", {})
+            values[key] = float(numbers(entry.get("value"), (), path, f"{owner}.{key}"))
+    found = np.array([values[key] for key in INTRINSICS])
+    return Camera(camera.width, camera.height, found, None if owners else camera.covariance)
+
+
+def json_bytes(data: Mapping[str, Any]) -> bytes:
+    """A JSON file, numbers with all their digits."""
+    return (json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode()

@@ -1,0 +1,107 @@
+"""Rotations in the forms in which other programs write them, as matrices."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import permutations, product
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from suta_calib.arrays import BoolArray, FloatArray
+from suta_calib.errors import ForeignFileError
+from suta_calib.geometry.numbers import rotation_from_quaternion, rotation_from_vector
+
+_LETTERS: Final = [
+    *("".join(order) for order in permutations("xyz")),
+    *(a + b + a for a, b in product("xyz", repeat=2) if a != b),
+]
+# SciPy's names: small letters turn about the fixed axes one after the other, capitals about the
+# body's own.
+EULER: Final = (*_LETTERS, *(letters.upper() for letters in _LETTERS))
+# Numbers of each form; rows and columns say how the nine of a matrix follow each other.
+NUMBERS: Final[dict[str, int]] = {
+    **{"xyzw": 4, "wxyz": 4, "vector": 3, "rows": 9, "columns": 9},
+    **dict.fromkeys(EULER, 3),
+}
+# How far a length may be from one, and a matrix from a rotation, that was rounded when written.
+_ROUNDED: Final = 0.01
+
+
+def rotations_from(form: str, numbers: FloatArray, path: Path, lines: Sequence[int]) -> FloatArray:
+    """Rotation matrices of numbers in one of the `NUMBERS` forms.
+
+    Args:
+        form: ``xyzw``, ``wxyz`` (quaternions), ``vector`` (rotation vector, rad), ``rows``,
+            ``columns`` (a matrix), or an order of Euler angles, rad, as SciPy names it.
+        numbers: (n, numbers of the form); rows with NaN stay NaN.
+        path: the file, for messages.
+        lines: (n,) in it.
+
+    Returns:
+        (n, 3, 3), rotations to rounding: what was rounded when written is made one.
+
+    Raises:
+        ForeignFileError: a quaternion that is not of length 1, or a matrix that is no rotation.
+    """
+    found = np.full((len(numbers), 3, 3), np.nan)
+    known = np.asarray(np.isfinite(numbers).all(axis=1))
+    if numbers.shape[1] != NUMBERS[form]:
+        said = f"{numbers.shape[1]} columns of a rotation"
+        raise ForeignFileError(said, f"{NUMBERS[form]}, as {form} has", file=path)
+    if not known.any():
+        return found
+    values = numbers[known]
+    if form in ("xyzw", "wxyz"):
+        quaternion = values if form == "xyzw" else np.roll(values, -1, axis=1)
+        with np.errstate(over="ignore"):
+            off = np.abs(np.linalg.norm(quaternion, axis=1) - 1.0)
+        _refuse(off, known, path, lines, "four numbers that are no quaternion", "length 1")
+        found[known] = rotation_from_quaternion(quaternion)
+    elif form in ("rows", "columns"):
+        matrix = values.reshape(-1, 3, 3)
+        found[known] = _rotation(
+            matrix if form == "rows" else matrix.swapaxes(1, 2), known, path, lines
+        )
+    elif form == "vector":
+        found[known] = rotation_from_vector(values)
+    else:
+        from scipy.spatial.transform import Rotation
+
+        found[known] = Rotation.from_euler(form, values).as_matrix()
+    return found
+
+
+def is_rotation(matrix: FloatArray) -> bool:
+    """Whether all matrices (n, 3, 3) are rotations but for rounding."""
+    return bool(len(matrix) and np.all(_error(matrix) < _ROUNDED))
+
+
+def _error(matrix: FloatArray) -> FloatArray:
+    with np.errstate(over="ignore", invalid="ignore"):
+        off = np.abs(matrix @ matrix.swapaxes(1, 2) - np.eye(3)).max(axis=(1, 2))
+        off[np.linalg.det(np.where(np.isfinite(matrix), matrix, 0.0)) < 0] = np.inf
+    return np.asarray(np.nan_to_num(off, nan=np.inf))
+
+
+def _rotation(matrix: FloatArray, known: BoolArray, path: Path, lines: Sequence[int]) -> FloatArray:
+    said = "nine numbers that are no rotation matrix"
+    _refuse(_error(matrix), known, path, lines, said, "orthonormal, right-handed")
+    # The nearest rotation: what a few written decimals leave of one is not orthonormal.
+    left, _, right = np.linalg.svd(matrix)
+    return np.asarray(left @ right)
+
+
+def _refuse(
+    off: FloatArray,
+    known: BoolArray,
+    path: Path,
+    lines: Sequence[int],
+    found: str,
+    expected: str,
+) -> None:
+    for row in np.flatnonzero(~(off < _ROUNDED)):
+        line = lines[int(np.flatnonzero(known)[row])]
+        hint = "say what they are with --rotation"
+        raise ForeignFileError(found, expected, file=path, line=line, hint=hint)

@@ -1,0 +1,147 @@
+"""What writes a foreign format: `Writer`, one file each in ``writers/``."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, ClassVar, Final
+
+from suta_calib.assessment import Assessment
+from suta_calib.atomic import exchange_files
+from suta_calib.exchange.description import Described, formats_of, named
+from suta_calib.exchange.option import Given
+from suta_calib.exchange.result import CalibratedArm, Result, json_bytes
+from suta_calib.words import listed
+
+# Behind the name of an exported file: what its format cannot hold.
+BESIDE: Final = ".left_out.json"
+
+
+class Writer(Described, ABC):
+    """One foreign format that can be written.
+
+    A new one is a module in ``writers/`` with a subclass; nothing else names it.
+
+    Attributes:
+        file: name of the file where none is given.
+        holds_covariance: whether it says how sure the values are.
+        holds_everything: whether it holds what is no geometry too: gains, eccentricities,
+            compliances, backlash.
+        notes: what whoever uses the file must know, one sentence each.
+    """
+
+    file: ClassVar[str]
+    holds_covariance: ClassVar[bool] = False
+    holds_everything: ClassVar[bool] = False
+    notes: ClassVar[tuple[str, ...]] = ()
+
+    @abstractmethod
+    def content(self, result: Result, given: Given) -> bytes:
+        """The file.
+
+        Raises:
+            InputError: the result holds nothing of this format, or an option cannot be used.
+        """
+
+    def lost(self, arm: CalibratedArm) -> list[str]:
+        """Names of the arm's values that differ from nominal and that the format cannot hold."""
+        return [] if self.holds_everything else list(arm.known.beside_geometry)
+
+
+@dataclass(frozen=True, eq=False)
+class Exported:
+    """A result in a foreign format.
+
+    Attributes:
+        result: what it was made from.
+        form: name of the format.
+        content: of the file.
+        file: its usual name.
+        left_out: what the format cannot hold, as JSON; empty where it holds all.
+        lost: names of values that it cannot hold.
+        notes: what whoever uses the file must know, one sentence each.
+    """
+
+    result: Result
+    form: str
+    content: bytes
+    file: str
+    left_out: Mapping[str, Any]
+    lost: Sequence[str]
+    notes: tuple[str, ...] = ()
+
+    @cached_property
+    def assessment(self) -> Assessment:
+        """Care where values are lost; it is of use in any case."""
+        care = []
+        if self.lost:
+            names = listed(list(self.lost))
+            care.append(f"{self.form} cannot hold {names}: without it the arm is another.")
+        known = list(self.notes)
+        if "covariance" in self.left_out:
+            known.append(f"{self.form} has no place for the covariance.")
+        return Assessment.of(f"exported as {self.form}", care=care, known=known)
+
+    def write(self, path: str | Path) -> list[Path]:
+        """Write the file, and beside it what its format cannot hold, both or none.
+
+        Returns:
+            The files written, the one of the format first.
+
+        Raises:
+            OutputError: a file cannot be written.
+        """
+        path = Path(path)
+        beside = path.with_name(f"{path.name}{BESIDE}")
+        contents = {path.name: self.content}
+        stale = () if self.left_out else (beside.name,)
+        if self.left_out:
+            contents = {beside.name: json_bytes(self.left_out), **contents}
+        exchange_files(path.parent, contents, [name for name in stale if beside.is_file()])
+        return [path, beside] if self.left_out else [path]
+
+
+def export_formats() -> dict[str, Writer]:
+    """Every format that can be written, by name."""
+    return formats_of("suta_calib.exchange.writers", Writer)
+
+
+def write_foreign(result: Result, form: str, **options: Any) -> Exported:
+    """A result as another program reads it.
+
+    Args:
+        result: `read_result` reads one.
+        form: name of the format.
+        **options: the format's own, by name, as on the command line.
+
+    Returns:
+        The file's content, and what it cannot hold; ``.write(path)`` writes them.
+
+    Raises:
+        InputError: no such format or option, or a result that holds nothing of this format.
+        MissingExtraError: the format needs a package that is not installed.
+    """
+    writer = named(export_formats(), form)
+    content = writer.content(result, Given(writer.options, options, writer.name))
+    left_out: dict[str, Any] = {}
+    lost: list[str] = []
+    if result.arm is not None:
+        lost = writer.lost(result.arm)
+        left_out = {name: result.arm.values[name] for name in lost}
+        left_out = {"parameters": left_out} if lost else {}
+        if not writer.holds_covariance and result.arm.known.names:
+            left_out["covariance"] = covariance_record(result.arm)
+    return Exported(result, form, content, writer.file, left_out, lost, writer.notes)
+
+
+def covariance_record(arm: CalibratedArm) -> dict[str, Any]:
+    """The covariance of an arm's parameters as JSON has it: names, unit, matrix."""
+    known = arm.known
+    return {
+        "parameters": list(known.names),
+        "unit": "m, rad",
+        "matrix": known.covariance.tolist(),
+    }

@@ -1,0 +1,37 @@
+"""Denavit-Hartenberg tables, classic or modified."""
+
+from __future__ import annotations
+
+from typing import ClassVar, Final, cast, get_args
+
+from suta_calib.errors import InputError
+from suta_calib.exchange.option import Given, Option
+from suta_calib.exchange.result import Result
+from suta_calib.exchange.writer import Writer
+from suta_calib.job.dh_file import dh_text
+from suta_calib.model.dh import Convention, dh_table
+
+CONVENTION: Final = Option(
+    "convention", "Where a and alpha stand.", choices=tuple(get_args(Convention))
+)
+
+
+class DhWriter(Writer):
+    """A table of the calibrated chain, in mm and degrees."""
+
+    name: ClassVar[str] = "dh"
+    summary: ClassVar[str] = "Denavit-Hartenberg table as CSV, classic or modified (Craig)"
+    example: ClassVar[str] = "results --format dh --convention modified --out arm_dh.csv"
+    options: ClassVar[tuple[Option, ...]] = (CONVENTION,)
+    file: ClassVar[str] = "exported_dh.csv"
+
+    def content(self, result: Result, given: Given) -> bytes:
+        """The table; the offsets are part of theta (of d for a slide)."""
+        arm = result.need_arm(self.name)
+        odd = [j.name for j in arm.model.chain.joints if j.moving and (j.climbed or j.mimic)]
+        if odd:
+            said = f"{odd[0]}, which mimics another joint or is passed from its child to its parent"
+            expected = "a serial chain of joints that are read"
+            raise InputError(said, expected, file=arm.model.chain.path)
+        convention = cast(Convention, given.text(CONVENTION, "classic"))
+        return dh_text(dh_table(arm.model, arm.values, convention)).encode()

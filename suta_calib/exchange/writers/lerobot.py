@@ -1,0 +1,64 @@
+"""LeRobot's calibration JSON with new homing offsets."""
+
+from __future__ import annotations
+
+import math
+from typing import ClassVar, Final
+
+from suta_calib.errors import InputError
+from suta_calib.exchange.lerobot_motors import COUNTS, MOTORS, counts_of, read_motors
+from suta_calib.exchange.option import Given, Option
+from suta_calib.exchange.result import CalibratedArm, Result, json_bytes
+from suta_calib.exchange.writer import Writer
+from suta_calib.exchange.writers.joint_offsets import lost_beside_offsets
+from suta_calib.model.parameters import OFFSET
+
+CALIBRATION: Final = Option(
+    "calibration", "The calibration JSON that is to be corrected.", "FILE.json", file=True
+)
+
+
+class LerobotWriter(Writer):
+    """An existing calibration whose ``homing_offset`` take the joints' offsets in."""
+
+    name: ClassVar[str] = "lerobot"
+    summary: ClassVar[str] = "LeRobot calibration JSON with corrected homing_offset"
+    example: ClassVar[str] = "results --format lerobot --calibration so101.json --out new.json"
+    options: ClassVar[tuple[Option, ...]] = (CALIBRATION, MOTORS, COUNTS)
+    file: ClassVar[str] = "exported_lerobot.json"
+    notes: ClassVar[tuple[str, ...]] = (
+        "Homing offsets are whole ticks: what is less than half of one is lost.",
+        "Write them to the motors: LeRobot's own check of a calibration does.",
+    )
+
+    def content(self, result: Result, given: Given) -> bytes:
+        """The calibration, every other number as it was.
+
+        A servo reports its position less its homing offset: to read more, the offset is less. The
+        range stays, because LeRobot counts degrees from its middle.
+        """
+        arm = result.need_arm(self.name)
+        path = given.path(CALIBRATION)
+        if path is None:
+            found = "no calibration to correct"
+            raise given.refuse(CALIBRATION, found, "LeRobot's JSON of this arm")
+        motors, counts = read_motors(path), counts_of(given)
+        names = given.pairs(MOTORS)
+        joints = {names.get(motor, motor): motor for motor in motors}
+        if missing := [joint for joint in arm.model.joints if joint not in joints]:
+            raise InputError(
+                f"no motor of the joint {missing[0]!r} among {', '.join(motors)}",
+                "a motor for each joint of the arm",
+                file=path,
+                hint=f"say which with {MOTORS.switch} MOTOR={missing[0]}",
+            )
+        for joint in arm.model.joints:
+            if arm.model.units[joint] != "rad":
+                raise InputError(f"{joint}, which slides", "joints that turn", file=path)
+            ticks = arm.values.get(f"{joint}.{OFFSET}", 0.0) * counts / math.tau
+            motors[joints[joint]]["homing_offset"] -= round(ticks)
+        return json_bytes(motors)
+
+    def lost(self, arm: CalibratedArm) -> list[str]:
+        """Everything that differs from nominal but the offsets of joints that are read."""
+        return lost_beside_offsets(arm)

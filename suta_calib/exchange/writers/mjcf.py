@@ -1,0 +1,75 @@
+"""MuJoCo's MJCF: the calibrated chain as nested bodies with ``pos`` and ``quat``."""
+
+from __future__ import annotations
+
+import math
+from typing import ClassVar
+
+import numpy as np
+from lxml import etree
+
+from suta_calib.arrays import FloatArray
+from suta_calib.exchange.option import Given
+from suta_calib.exchange.result import Result
+from suta_calib.exchange.writer import Writer
+from suta_calib.geometry.numbers import quaternion_from_rotation
+
+
+class MjcfWriter(Writer):
+    """Bodies, joints and a site at the tip; no shapes, and masses of no meaning."""
+
+    name: ClassVar[str] = "mjcf"
+    summary: ClassVar[str] = "the chain as MuJoCo model: bodies, joints, a site at the tip"
+    example: ClassVar[str] = "results --format mjcf --out arm.xml"
+    file: ClassVar[str] = "exported_mjcf.xml"
+    notes: ClassVar[tuple[str, ...]] = (
+        "The model holds the kinematics of the chain alone: shapes and masses are the URDF's.",
+    )
+
+    def content(self, result: Result, given: Given) -> bytes:
+        """The file; its world is the chain's base, its site the tip."""
+        del given
+        arm = result.need_arm(self.name)
+        chain = arm.model.chain
+        root = etree.Element("mujoco", model=chain.robot)
+        # Full range, and angles in rad; the default would be degrees.
+        etree.SubElement(root, "compiler", angle="radian", autolimits="true")
+        body = etree.SubElement(root, "worldbody")
+        steps, end = arm.steps()
+        for step in steps:
+            joint = step.joint
+            body = etree.SubElement(body, "body", name=joint.child, **_placed(step.before))
+            etree.SubElement(body, "inertial", pos="0 0 0", mass="1", diaginertia="1 1 1")
+            kind = "slide" if joint.type == "prismatic" else "hinge"
+            moved = etree.SubElement(
+                body, "joint", name=joint.name, type=kind, axis=_text(step.axis)
+            )
+            if math.isfinite(joint.lower) and math.isfinite(joint.upper):
+                moved.set("range", _text(np.array([joint.lower, joint.upper])))
+        etree.SubElement(body, "site", name=arm.model.tip, **_placed(end))
+        mimics = [step.joint for step in steps if step.joint.mimic is not None]
+        if mimics:
+            equality = etree.SubElement(root, "equality")
+            for joint in mimics:
+                assert joint.mimic is not None
+                coefficients = np.array([joint.mimic.offset, joint.mimic.multiplier, 0, 0, 0])
+                etree.SubElement(
+                    equality,
+                    "joint",
+                    joint1=joint.name,
+                    joint2=joint.mimic.joint,
+                    polycoef=_text(coefficients),
+                )
+        return bytes(
+            etree.tostring(root, pretty_print=True, xml_declaration=True, encoding="utf-8")
+        )
+
+
+def _placed(matrix: FloatArray) -> dict[str, str]:
+    """``pos`` and ``quat`` (scalar first) of a transform."""
+    x, y, z, w = quaternion_from_rotation(matrix[:3, :3])
+    return {"pos": _text(matrix[:3, 3]), "quat": _text(np.array([w, x, y, z]))}
+
+
+def _text(numbers: FloatArray) -> str:
+    return " ".join(repr(float(value)) for value in numbers)

@@ -1,0 +1,55 @@
+"""PLUS device-set XML with the poses as coordinate definitions."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+from lxml import etree
+
+from suta_calib.arrays import FloatArray
+from suta_calib.exchange.option import Given
+from suta_calib.exchange.result import Result
+from suta_calib.exchange.writer import Writer
+from suta_calib.units import mm
+
+
+def in_mm(matrix: FloatArray) -> FloatArray:
+    """A transform (4, 4) with its position in mm."""
+    found = np.array(matrix)
+    found[:3, 3] = mm(found[:3, 3])
+    return found
+
+
+class PlusWriter(Writer):
+    """``CoordinateDefinitions`` that are merged into a device-set file."""
+
+    name: ClassVar[str] = "plus"
+    summary: ClassVar[str] = "PLUS device-set XML: CoordinateDefinitions with the poses, mm"
+    example: ClassVar[str] = "results --format plus --out PlusDeviceSet_Tool.xml"
+    file: ClassVar[str] = "exported_plus.xml"
+
+    def content(self, result: Result, given: Given) -> bytes:
+        """A ``PlusConfiguration`` with one ``Transform From To Matrix`` for each pose."""
+        del given
+        root = etree.Element("PlusConfiguration", version="2.1")
+        definitions = etree.SubElement(root, "CoordinateDefinitions")
+        for each in result.need_transforms(self.name):
+            numbers = in_mm(each.matrix).ravel()
+            # PLUS's XToY maps coordinates in X to those in Y: T_Y_X.
+            etree.SubElement(
+                definitions,
+                "Transform",
+                From=_letters(each.child),
+                To=_letters(each.parent),
+                Matrix=" ".join(repr(float(value)) for value in numbers),
+            )
+        return bytes(
+            etree.tostring(root, pretty_print=True, xml_declaration=True, encoding="utf-8")
+        )
+
+
+def _letters(name: str) -> str:
+    """A frame's name as PLUS takes it: letters and digits, the first one a capital."""
+    words = "".join(c if c.isalnum() else " " for c in name).split()
+    return "".join(word[:1].upper() + word[1:] for word in words) or "Frame"

@@ -1,0 +1,139 @@
+"""What a picture in space holds: lines, points and arrows, and nothing of how they are drawn.
+
+An arm, its samples and a result each make a `Scene`; `plotting.spatial` draws it on axes, and the
+report as something to turn about. Places are in the arm's base frame, m.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final, Literal, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from suta_calib.arrays import FloatArray
+from suta_calib.plotting.factor import round_down
+from suta_calib.plotting.limits import MOST_DRAWN
+
+# What a part stands for: the arm's links, the axes of its joints, its tip, what was touched or
+# seen, a frame or a point that stands outside, an error before and after a calibration; the floor,
+# and the axes of the base.
+Look = Literal["links", "axes", "tip", "touched", "place", "before", "after", "grid", "frame"]
+# The longest arrow, as a part of the scene's size.
+_LONGEST: Final = 0.15
+
+
+@dataclass(frozen=True, eq=False)
+class Line:
+    """A line from point to point.
+
+    Attributes:
+        name: in the legend.
+        look: what it stands for.
+        points: (n, 3) m.
+    """
+
+    name: str
+    look: Look
+    points: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Points:
+    """Points, each with a label or none.
+
+    Attributes:
+        name: in the legend.
+        look: what they stand for.
+        points: (n, 3) m.
+        labels: (n,) written beside them; empty for none.
+    """
+
+    name: str
+    look: Look
+    points: FloatArray
+    labels: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Arrows:
+    """Vectors, drawn from their points on, so many times as long as they are.
+
+    Attributes:
+        name: in the legend.
+        look: what they stand for.
+        points: (n, 3) where they begin, m.
+        vectors: (n, 3) as they are, m.
+        factor: how many times as long they are drawn.
+    """
+
+    name: str
+    look: Look
+    points: FloatArray
+    vectors: FloatArray
+    factor: float = 1.0
+
+    @property
+    def ends(self) -> FloatArray:
+        """(n, 3) where they end in the picture, m."""
+        return self.points + self.factor * self.vectors
+
+
+Part = Line | Points | Arrows
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """Parts in the order in which they are drawn."""
+
+    parts: tuple[Part, ...] = ()
+
+    def __add__(self, other: Scene) -> Scene:
+        """The parts of both."""
+        return Scene((*self.parts, *other.parts))
+
+    @property
+    def extent(self) -> FloatArray:
+        """(2, 3) least and greatest coordinates of what is drawn, m; NaN where nothing is."""
+        drawn = [p.points for p in self.parts] + [
+            p.ends for p in self.parts if isinstance(p, Arrows)
+        ]
+        places = np.concatenate([np.zeros((0, 3)), *drawn])
+        if not len(places):
+            return np.full((2, 3), np.nan)
+        return np.array([np.nanmin(places, axis=0), np.nanmax(places, axis=0)])
+
+
+class Posable(Protocol):
+    """An arm, as far as a picture needs it."""
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of the joints that have a reading."""
+
+    def forward(self, q: ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """Tip poses for readings."""
+
+    def scene(self, q: ArrayLike | None = None) -> Scene:
+        """The arm in one posture."""
+
+
+def drawn_rows(count: int) -> slice:
+    """Which of so many rows are drawn: all, or every so many."""
+    return slice(None, None, max(1, -(-count // MOST_DRAWN)))
+
+
+def magnification(vectors: FloatArray, size: float) -> float:
+    """How many times arrows are drawn as long as they are, so that they are seen.
+
+    It is 1, 2 or 5 times a power of ten.
+
+    Args:
+        vectors: (n, 3) m.
+        size: of the scene, m.
+    """
+    lengths = np.linalg.norm(vectors, axis=1)
+    # A few that are far off may leave the picture rather than flatten all others.
+    long = float(np.percentile(lengths, 98)) if len(lengths) else 0.0
+    return round_down(_LONGEST * size / long) if long > 0 and size > 0 else 1.0

@@ -1,0 +1,89 @@
+"""Where an eye is, X, and what it sees, Z, with their covariance: of poses or of pictures."""
+
+from __future__ import annotations
+
+from typing import Final, Literal
+
+import numpy as np
+
+from suta_calib.arrays import FloatArray
+from suta_calib.assessment import Level
+from suta_calib.geometry.numbers import rpy_from_rotation
+from suta_calib.pose_calibration.robust_fit import exchanged
+from suta_calib.terms.hand_eye_start import EYE_IN_HAND, EYE_TO_HAND, EyeSetup
+from suta_calib.units import deg, from_deg, mm
+
+Model = Literal["AX=XB", "AX=ZB"]
+Unknown = Literal["X", "Z"]
+# What X and Z are, by where the eye is.
+FRAMES: Final[dict[EyeSetup, dict[Unknown, str]]] = {
+    EYE_IN_HAND: {"X": "T_hand_eye", "Z": "T_base_target"},
+    EYE_TO_HAND: {"X": "T_base_eye", "Z": "T_hand_target"},
+}
+# Pairs or pictures below which a standard deviation is hardly more than a guess.
+ENOUGH: Final = 12
+# Standard deviations of X, m and rad, beyond which more poses are asked for.
+UNSURE: Final = 2e-3
+UNSURE_TURN: Final = from_deg(0.5)
+
+
+def unknowns_of(model: Model) -> tuple[Unknown, ...]:
+    """Which of X and Z a model asks for."""
+    return ("X", "Z") if model == "AX=ZB" else ("X",)
+
+
+class EyePoses:
+    """X and Z of an answer.
+
+    Attributes:
+        setup: ``eye-in-hand`` or ``eye-to-hand``.
+        X: (4, 4), ``T_hand_eye``, or ``T_base_eye`` for eye-to-hand; m.
+        Z: (4, 4), ``T_base_target``, or ``T_hand_target`` for eye-to-hand; m.
+        covariance: (12, 12) of X and Z: displacement (m, outer frame's axes) and small turn (rad,
+            axes of the eye and of the target) of each.
+    """
+
+    setup: EyeSetup
+    X: FloatArray
+    Z: FloatArray
+    covariance: FloatArray
+
+    @property
+    def std(self) -> dict[Unknown, FloatArray]:
+        """Standard deviations (6,) of X and of Z: displacement, m, and turn, rad."""
+        std = np.sqrt(np.diag(self.covariance))
+        return {"X": std[:6], "Z": std[6:]}
+
+    @property
+    def inverted(self) -> Level:
+        """Whether the poses seem to be inverted, which exchanges X and Z: ``good`` if not."""
+        places = [self.X[:3, 3], self.Z[:3, 3]]
+        held, standing = places if self.setup == EYE_IN_HAND else places[::-1]
+        std = np.concatenate([self.std["X"][:3], self.std["Z"][:3]])
+        return exchanged(held, standing, float(np.linalg.norm(std)))
+
+    @property
+    def lengths_told(self) -> str:
+        """What makes X and Z look exchanged, as a sentence."""
+        X, Z = (mm(float(np.linalg.norm(T[:3, 3]))) for T in (self.X, self.Z))
+        return (
+            f"X is {X:.0f} mm long and Z {Z:.0f} mm: what is on the hand lies farther off than "
+            "what stands."
+        )
+
+    @property
+    def Z_told(self) -> str:
+        """Z in words: what X would be if the two were exchanged."""
+        place, turn = mm(self.Z[:3, 3]), deg(rpy_from_rotation(self.Z[:3, :3]))
+        return (
+            f"position ({', '.join(f'{v:.1f}' for v in place)}) mm, roll pitch yaw "
+            f"({', '.join(f'{v:.2f}' for v in turn)})°"
+        )
+
+    @property
+    def unsure(self) -> str:
+        """How badly X is known, as the beginning of a sentence; empty where it is well known."""
+        displaced, turned = np.linalg.norm(self.std["X"].reshape(2, 3), axis=1).tolist()
+        if displaced <= UNSURE and turned <= UNSURE_TURN:
+            return ""
+        return f"X is known to ± {mm(displaced):.1f} mm and ± {deg(turned):.2f}° only (one sigma)"

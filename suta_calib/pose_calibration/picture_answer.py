@@ -1,0 +1,216 @@
+"""What pictures of a board tell of cameras and hands, and how far to trust it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+
+from suta_calib.arrays import BoolArray, FloatArray, IntArray
+from suta_calib.assessment import Assessment, Level
+from suta_calib.distributions import chi2
+from suta_calib.geometry.numbers import rms_length
+from suta_calib.geometry.pinhole import INTRINSICS
+from suta_calib.measurements import Camera
+from suta_calib.pose_calibration.consensus import FALSE_ALARM
+from suta_calib.pose_calibration.eye_poses import ENOUGH, EyePoses, Model, Unknown, unknowns_of
+from suta_calib.pose_calibration.picture_noise import PictureNoise
+from suta_calib.pose_calibration.robust_fit import MANY_OUTLIERS
+from suta_calib.solver.solution import Solution
+from suta_calib.terms.board_pictures import MIRRORED, QUOTED, TURNED
+from suta_calib.terms.camera_start import CALIBRATED
+from suta_calib.terms.hand_eye_start import EYE_IN_HAND, EyeSetup
+from suta_calib.words import listed
+
+# Times what the camera alone leaves from where on it is the robot that leaves the rest.
+ROBOTS: Final = 2.0
+# Relative departure of a focal length that no calibration of the same pictures has.
+OTHER_PICTURES: Final = 0.1
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SeenCamera(EyePoses):
+    """One camera of the answer.
+
+    Attributes:
+        label: its name.
+        setup, X, Z, covariance: as in `EyePoses`; the target is the board.
+        camera: intrinsics as they were found, with their covariance; without it where they were
+            held.
+        given: as they were given, or None.
+        told: as the pictures alone tell them, with covariance; None where they were held.
+        images: (n,) names of its pictures.
+        rows: (n,) their rows in the file of poses.
+        inliers: (n,) which were fitted.
+        picture_rms: (n,) root mean square reprojection error of each, px.
+        alone: the same of all fitted ones, px, if every picture may have a pose of its own: what
+            the camera and the finding of corners leave.
+        slides, turns: (n, 3) of ``A_i X B_i`` against Z, with the board's pose B by every picture
+            alone, m and rad.
+        corners: (m, 7) of every corner: picture, point, u, v, and error in u, in v (px), and
+            whether its picture was fitted.
+        behind: whether the board is seen from behind, which its numbering alone decides.
+        turned: pictures that were left out and agree with the others once the ``board`` or the
+            ``picture`` is turned by half a turn.
+    """
+
+    label: str
+    setup: EyeSetup
+    X: FloatArray
+    Z: FloatArray
+    covariance: FloatArray
+    camera: Camera
+    given: Camera | None
+    told: Camera | None
+    images: tuple[str, ...]
+    rows: IntArray
+    inliers: BoolArray
+    picture_rms: FloatArray
+    alone: float
+    slides: FloatArray
+    turns: FloatArray
+    corners: FloatArray
+    behind: bool
+    turned: Mapping[str, tuple[str, ...]]
+
+    @property
+    def rms(self) -> float:
+        """Root mean square reprojection error of the corners of fitted pictures, px."""
+        return rms_length(self.corners[self.corners[:, 6] > 0, 4:6])
+
+    @property
+    def strange(self) -> list[str]:
+        """Names of the pictures that were not fitted."""
+        return [name for name, good in zip(self.images, self.inliers, strict=True) if not good]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PictureCalibration:
+    """Where the cameras are, and the board, from pictures.
+
+    Attributes:
+        setup: ``eye-in-hand`` or ``eye-to-hand``.
+        model: ``AX=XB`` or ``AX=ZB``: whether Z is asked for.
+        cameras: one or more.
+        solution: of the solver, over the fitted pictures as it weighs them: where `noise` began.
+        noise: what scatters; the pictures are weighed by it.
+        notes: what the files give to think about, one sentence each.
+    """
+
+    setup: EyeSetup
+    model: Model
+    cameras: tuple[SeenCamera, ...]
+    solution: Solution
+    noise: PictureNoise
+    notes: tuple[str, ...] = ()
+
+    @property
+    def unknowns(self) -> tuple[Unknown, ...]:
+        """Which of X and Z the model asks for."""
+        return unknowns_of(self.model)
+
+    @property
+    def rms(self) -> float:
+        """Root mean square reprojection error of all fitted corners, px."""
+        every = np.concatenate([seen.corners for seen in self.cameras])
+        return rms_length(every[every[:, 6] > 0, 4:6])
+
+    @property
+    def outliers(self) -> tuple[int, ...]:
+        """Rows of the file of poses whose picture was judged an outlier, from 0."""
+        rows = [seen.rows[~seen.inliers] for seen in self.cameras]
+        return tuple(sorted({int(row) for row in np.concatenate(rows)}))
+
+    @cached_property
+    def assessment(self) -> Assessment:
+        """How far to trust every X."""
+        bad, care, known = list[str](), list[str](), list[str]()
+        if not self.solution.converged:
+            bad.append(f"The solver did not converge: {self.solution.sentence}.")
+        for seen in self.cameras:
+            which = f"Camera {seen.label}: " if len(self.cameras) > 1 else ""
+            more_bad, more_care = _judged(seen)
+            bad += [which + sentence for sentence in more_bad]
+            care += [which + sentence for sentence in more_care]
+            said, level = _against_the_file(seen)
+            if said:
+                (care if level == "care" else known).append(which + said)
+        return Assessment.of(bad=bad, care=[*care, *self.notes], known=known)
+
+
+def _against_the_file(seen: SeenCamera) -> tuple[str, Level]:
+    """What the pictures say against the camera's file, and whether it calls for care.
+
+    Pictures that put the principal point elsewhere by more than chance are told; care is asked for
+    where what is known of the file's own errors does not explain it either.
+    """
+    told, given = seen.told, seen.given
+    if told is None or told.covariance is None or given is None:
+        return "", "good"
+    change = told.intrinsics - given.intrinsics
+    stated = np.zeros((len(INTRINSICS),) * 2) if given.covariance is None else given.covariance
+    prior = given.stds if given.stds is not None else CALIBRATED.stds(given)
+    expected = stated if given.covariance is not None else np.diag(prior**2)
+    for pair in (slice(0, 2), slice(2, 4)):
+        if _significant(change[pair], (told.covariance + expected)[pair, pair]):
+            return _contradiction(seen, given), "care"
+    if not _significant(change[2:4], (told.covariance + stated)[2:4, 2:4]):
+        return "", "good"
+    (u, v), (by_u, by_v) = told.intrinsics[2:4], np.sqrt(np.diag(told.covariance)[2:4])
+    return (
+        f"The pictures put the principal point at ({u:.2f} ± {by_u:.2f}, {v:.2f} ± {by_v:.2f}) px, "
+        f"the camera's file at ({given.intrinsics[2]:.2f}, {given.intrinsics[3]:.2f}) px: X "
+        "follows the pictures. Pixels are counted from 0 at the centre of the first one.",
+        "good",
+    )
+
+
+def _significant(change: FloatArray, covariance: FloatArray) -> bool:
+    """Whether chance does not explain a change."""
+    squared = float(change @ np.linalg.solve(covariance, change))
+    return squared > float(chi2.isf(FALSE_ALARM, len(change)))
+
+
+def _contradiction(seen: SeenCamera, given: Camera) -> str:
+    changes, other = [], False
+    for key in ("fx", "fy", "cx", "cy"):
+        before, after = given.values[key], seen.camera.values[key]
+        changes.append(f"{key} {before:.1f} → {after:.1f}")
+        other |= key[0] == "f" and abs(after / before - 1.0) > OTHER_PICTURES
+    what = "is the file of pictures of another size?" if other else "X follows the pictures."
+    return f"The pictures contradict the camera's file ({', '.join(changes)} px): {what}"
+
+
+def _judged(seen: SeenCamera) -> tuple[list[str], list[str]]:
+    """Why a camera's X must not be used, and what must be known to use it."""
+    bad, care = list[str](), list[str]()
+    fitted, count = int(seen.inliers.sum()), len(seen.inliers)
+    if count - fitted > MANY_OUTLIERS * count:
+        bad.append(f"{count - fitted} of {count} pictures do not agree with the rest.")
+    if fitted < ENOUGH:
+        care.append(
+            f"Only {fitted} pictures: the standard deviations are guesses themselves, and a wrong "
+            "picture may not show; take a dozen or more."
+        )
+    if seen.unsure:
+        care.append(
+            f"{seen.unsure}: add pictures, turned by 30° or more about different axes, near and "
+            "far."
+        )
+    care += [
+        f"In {listed(list(names), QUOTED)} {TURNED[what]} They are left out."
+        for what, names in seen.turned.items()
+        if names
+    ]
+    if seen.behind:
+        care.append(f"{MIRRORED} X does not depend on it; Z does.")
+    if seen.inverted != "good":
+        where = "beside the robot" if seen.setup == EYE_IN_HAND else "on the hand"
+        (bad if seen.inverted == "bad" else care).append(
+            f"{seen.lengths_told} Are the poses of the hand inverted, or is the camera {where}? "
+            f"Then X would be what is called Z here: {seen.Z_told}."
+        )
+    return bad, care

@@ -1,0 +1,104 @@
+"""Why pictures and poses agree with no X: another size, a mirror, a camera of another file."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from suta_calib.errors import InputError, SamplesError
+from suta_calib.measurements import Camera, Corners
+from suta_calib.pose_calibration.hand_eye import calibrate_hand_eye
+from suta_calib.pose_calibration.robust_fit import MANY_OUTLIERS
+from suta_calib.terms import CameraView
+from suta_calib.terms.camera_start import closed_form_camera
+from suta_calib.terms.hand_eye_start import (
+    EYE_TO_HAND,
+    EyeSetup,
+    Poses,
+    inverse_poses,
+    quaternion_hand_eye,
+    some_poses,
+)
+
+# Ratio of two sizes that no measuring error explains.
+OTHER_SIZE: Final = 1.3
+
+
+def cause_of_disagreement(
+    term: CameraView, corners: Corners, given: Camera | None, seed: int
+) -> tuple[str, str]:
+    """What is wrong with pictures that agree with no X, and what to do; empty if unknown.
+
+    Args:
+        term: of all pictures of one camera.
+        corners: in them.
+        given: the camera's file.
+        seed: of the minimal samples.
+    """
+    hand, seen = _told(term)
+    scale = _scale(inverse_poses(hand) if term.setup == EYE_TO_HAND else hand, seen)
+    if scale > 0 and abs(np.log(scale)) > np.log(OTHER_SIZE):
+        larger = (hand, (seen[0], seen[1] * scale))
+        if _agrees(*larger, term.setup, seed):
+            return (
+                f"a hand that moves {scale:.{0 if scale > 5 else 2}f} times as far as the pictures "
+                "show by the size of the board",
+                "columns a_x, a_y, a_z are in m (a_x_mm: mm), and lengths in board.yaml in mm",
+            )
+    width = 2.0 * term.camera.intrinsics[2]
+    mirrored = term.pixels * [-1.0, 1.0] + [width, 0.0]
+    samples = replace(term.poses.samples, pixels=mirrored)
+    if _agrees(*_told(term.over_poses(term.poses.with_samples(samples))), term.setup, seed):
+        return (
+            "pictures that agree with the poses if left and right are exchanged in them",
+            "take them without mirroring",
+        )
+    if given is None:
+        return "", ""
+    try:
+        own = closed_form_camera(corners, term.board)
+    except InputError:
+        return "", ""
+    if _agrees(*_told(replace(term, camera=own)), term.setup, seed):
+        before, after = given.values["fx"], own.values["fx"]
+        return (
+            f"pictures of a focal length of some {after:.0f} px, where the camera's file says "
+            f"{before:.0f} px",
+            "the file must be of this camera, focus and size of picture",
+        )
+    return "", ""
+
+
+def _told(term: CameraView) -> tuple[Poses, Poses]:
+    """Poses of the hand, and of the board in the eye, of the pictures that tell it."""
+    told = np.isfinite(term.seen_poses[1][:, 0])
+    return some_poses(term.poses.at({}), told), some_poses(term.seen_poses, told)
+
+
+def _scale(hand: Poses, seen: Poses) -> float:
+    """How much farther the hand moves than the eye sees, with X found beside it.
+
+    ``(R_A - I) t_X + t_A = s R_X t_B`` for motions between any two pictures, by least squares.
+    """
+    turn, _ = quaternion_hand_eye(hand, seen)
+    (R, p), (Rb, pb) = hand, seen
+    # Motions of the hand A = A_j⁻¹ A_i and of the board in the eye B = B_j B_i⁻¹.
+    i, j = np.triu_indices(len(p), k=1)
+    A = np.swapaxes(R[j], 1, 2) @ R[i]
+    a = np.einsum("nji,nj->ni", R[j], p[i] - p[j])
+    b = pb[j] - np.einsum("nij,nj->ni", Rb[j] @ np.swapaxes(Rb[i], 1, 2), pb[i])
+    rows = np.concatenate([A - np.eye(3), -(b @ turn.T)[:, :, None]], axis=2).reshape(-1, 4)
+    return float(np.linalg.lstsq(rows, -a.ravel(), rcond=None)[0][3])
+
+
+def _agrees(hand: Poses, seen: Poses, setup: EyeSetup, seed: int) -> bool:
+    """Whether poses determine an X that most of them agree with."""
+    if not (np.isfinite(hand[1]).all() and np.isfinite(seen[1]).all()):
+        return False
+    try:
+        found = calibrate_hand_eye(hand, seen, setup=setup, seed=seed)
+    except SamplesError:
+        return False
+    return bool(found.inliers.mean() > 1.0 - MANY_OUTLIERS)

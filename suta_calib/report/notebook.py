@@ -1,0 +1,130 @@
+"""What a notebook shows of an object: the tables of its report, without pictures and files.
+
+A class that is `showing.Shown` has an entry here: the parts of a document in order.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import singledispatch
+from operator import attrgetter
+from typing import Any, Final
+
+from suta_calib.analysis.outliers import Outliers
+from suta_calib.analysis.planning import Plan
+from suta_calib.analysis.tip_map import TipMap
+from suta_calib.diagnostics.observability import Observability
+from suta_calib.job.calibration import CalibrationResult
+from suta_calib.model.arm import ArmModel
+from suta_calib.model.chain import ChainJoint
+from suta_calib.model.parameters import Parameter, ParameterSet
+from suta_calib.pose_calibration.hand_eye import HandEyeCalibration
+from suta_calib.pose_calibration.pivot import PivotCalibration
+from suta_calib.pose_calibration.registration import Registration
+from suta_calib.report.document import Document, Shown
+from suta_calib.report.errors import errors_table
+from suta_calib.report.hand_eye import frame_tables
+from suta_calib.report.listing import Column, Listing, components, shown_as
+from suta_calib.report.observability import observability_document
+from suta_calib.report.outliers import outliers_document
+from suta_calib.report.page import environment
+from suta_calib.report.parameters import PARAMETERS, outcomes
+from suta_calib.report.pivot import places_table
+from suta_calib.report.plan import plan_document
+from suta_calib.report.registration import transform_table
+from suta_calib.report.tip_map import tip_map_document
+from suta_calib.showing import Shown as ShowsItself
+from suta_calib.solver.solution import Solution
+from suta_calib.units import text, unit_name
+
+JOINTS: Final = Listing[ChainJoint](
+    "",
+    Column("name", "joint"),
+    Column("type", "type"),
+    *components(("x, mm", "y, mm", "z, mm"), attrgetter("xyz"), "m"),
+    *components(("roll, deg", "pitch, deg", "yaw, deg"), attrgetter("rpy"), "rad"),
+    shown_as("axis", lambda j: " ".join(f"{v:g}" for v in j.axis) if j.moving else ""),
+    Column("child", "carries"),
+)
+UNKNOWNS: Final = Listing[Parameter](
+    "",
+    Column("name", "parameter"),
+    Column("nominal", "nominal", unit=attrgetter("unit")),
+    shown_as("may be off by ±", lambda p: text(p.plausible, p.unit)),
+    shown_as("prior ± std", lambda p: text(p.prior, p.unit)),
+    Column("unit", "unit", cell=lambda p: unit_name(p.unit)),
+    Column("", "", lambda p: "" if p.free else "fixed"),
+)
+
+DOCUMENTS: Final[dict[type, Callable[[Any], Document]]] = {
+    Observability: observability_document,
+    Outliers: outliers_document,
+    Plan: plan_document,
+    TipMap: tip_map_document,
+}
+
+
+def html_of(shown: ShowsItself) -> str:
+    """HTML of an object, to stand in a page among others; every text in it is escaped."""
+    return (
+        environment()
+        .get_template("notebook.html.j2")
+        .render(
+            kind=type(shown).__name__,
+            said=shown.in_a_line,
+            assessment=getattr(shown, "assessment", None),
+            parts=parts_of(shown),
+        )
+    )
+
+
+@singledispatch
+def parts_of(shown: ShowsItself) -> Sequence[Shown]:
+    """The parts that a notebook shows of an object; nothing beside its line, of any other."""
+    del shown
+    return ()
+
+
+@parts_of.register
+def _(shown: ArmModel) -> Sequence[Shown]:
+    return (JOINTS.of(shown.chain.joints),)
+
+
+@parts_of.register
+def _(shown: ParameterSet) -> Sequence[Shown]:
+    return (UNKNOWNS.of(shown.values()),)
+
+
+@parts_of.register
+def _(shown: Solution) -> Sequence[Shown]:
+    every = outcomes(shown)
+    return (PARAMETERS.of(every[: shown.problem.arm_count] or every, ""),)
+
+
+@parts_of.register
+def _(shown: CalibrationResult) -> Sequence[Shown]:
+    sets = {"calibration": shown.accuracy.calibration, "validation": shown.accuracy.validation}
+    return (errors_table(sets), *parts_of(shown.solution))
+
+
+@parts_of.register
+def _(shown: PivotCalibration) -> Sequence[Shown]:
+    return (places_table(shown, labelled=len(shown.posts) > 1),)
+
+
+@parts_of.register
+def _(shown: HandEyeCalibration) -> Sequence[Shown]:
+    return tuple(frame_tables(shown))
+
+
+@parts_of.register
+def _(shown: Registration) -> Sequence[Shown]:
+    return (transform_table(shown),)
+
+
+@parts_of.register(Observability)
+@parts_of.register(Outliers)
+@parts_of.register(Plan)
+@parts_of.register(TipMap)
+def _(shown: Observability | Outliers | Plan | TipMap) -> Sequence[Shown]:
+    return DOCUMENTS[type(shown)](shown).shown("console")

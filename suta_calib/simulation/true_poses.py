@@ -1,0 +1,69 @@
+"""Where what stands outside the arm truly is: what a calibration should find of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from suta_calib.arrays import FloatArray
+from suta_calib.measurements import Artefact, Samples
+from suta_calib.model.arm import ArmModel
+from suta_calib.simulation.schema import PoseSpec, SetSpec
+from suta_calib.terms import ArmPoses, Setup, Term
+from suta_calib.terms.given import GivenPose
+from suta_calib.terms.outside import OutsideFrame, pose_parameters, pose_values
+
+
+@dataclass(frozen=True, eq=False)
+class TruePose:
+    """A frame, or a point, outside the arm.
+
+    Attributes:
+        frame: which.
+        rotation: (3, 3) of ``T_within_what``; None for a point.
+        position: (3,) m.
+    """
+
+    frame: OutsideFrame
+    rotation: FloatArray | None
+    position: FloatArray
+
+
+def true_poses(
+    plan: SetSpec, arm: ArmModel, samples: Samples, artefact: Artefact | None = None
+) -> tuple[TruePose, ...]:
+    """Of all whose pose a calibration with the samples of a set has to find.
+
+    Args:
+        plan: the set.
+        arm: whose samples they are.
+        samples: of all the files of the set.
+        artefact: that was touched, or None.
+    """
+    setup = Setup(artefact=artefact, settings=plan.settings)
+    term = plan.term.over(ArmPoses(arm, samples), setup)
+    values = own_values(plan, term)
+    return tuple(TruePose(frame, *frame.pose(values)) for frame in term.outside)
+
+
+def own_values(plan: SetSpec, term: Term) -> dict[str, float]:
+    """True values, m or rad, of the own unknowns that are poses; frames not stated coincide.
+
+    Args:
+        plan: the set.
+        term: over samples of it.
+    """
+    here = PoseSpec(np.eye(3), np.zeros(3))
+    stated = {frame.own: plan.frames.get(frame.key, here) for frame in term.frames}
+    stated |= {f"{term.mark}[{label}]": pose for label, pose in plan.marks.items()}
+    values: dict[str, float] = {}
+    for owner, pose in stated.items():
+        six = pose_values(pose.rotation, pose.position).tolist()
+        values |= {p.name: v for p, v in zip(pose_parameters(owner), six, strict=True)}
+    if term.place_unknown:
+        for label, pose in plan.places.items():
+            rotation = pose.rotation if term.place_turns else None
+            known = term.known(label, GivenPose(pose.position, rotation))
+            values |= {name: each.value for name, each in known.items()}
+    return values

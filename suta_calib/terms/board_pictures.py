@@ -1,0 +1,185 @@
+"""Pictures of one board by one camera: where it is in each, and whether they can be of the two."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+
+from suta_calib.arrays import BoolArray, FloatArray
+from suta_calib.errors import SamplesError
+from suta_calib.geometry.numbers import vector_from_rotation
+from suta_calib.geometry.pinhole import projected, undistorted
+from suta_calib.measurements import Board, Camera
+from suta_calib.terms.camera_start import PLANAR, board_pose
+from suta_calib.terms.hand_eye_start import Poses, agreeing_hand_eye, loop_closures, some_poses
+
+# Corners that are off by this part of the board's extent in a picture are of no such board.
+NO_BOARD: Final = 0.1
+# Another board or camera is the cause where it leaves so many times less.
+FAR_BETTER: Final = 2.0
+# Misfit, part of the board's extent, that any camera leaves: nothing is asked below it.
+FINE: Final = 1e-3
+# Sizes of a picture against the one that the camera's file is of.
+RESIZED: Final = (1 / 4, 1 / 3, 1 / 2, 2 / 3, 3 / 4, 4 / 3, 3 / 2, 2.0, 3.0, 4.0)
+# Turn of a loop, rad, of a picture that is read upside down, and of one that is read well.
+HALF_TURNED: Final = np.radians(120.0)
+UPRIGHT: Final = np.radians(30.0)
+MIRRORED: Final = (
+    "The board is seen from behind: its corners are numbered mirrored (columns and rows exchanged, "
+    "or y upwards)."
+)
+# Pictures that a sentence names.
+QUOTED: Final = 5
+# By what is turned: how pictures are told of which the others say that they are upside down.
+TURNED: Final = {
+    "board": "the board is turned by half a turn: its corners are numbered from the other end.",
+    "picture": "the picture is turned by half a turn: the camera was, or what wrote its file.",
+}
+_HALF_TURN: Final = np.diag([-1.0, -1.0, 1.0])
+
+
+@dataclass(frozen=True, eq=False)
+class BoardPictures:
+    """Corners of a board in pictures.
+
+    Attributes:
+        board: that is seen.
+        camera: that sees it.
+        pixels: (n, points, 2) px; NaN where a corner was not found.
+    """
+
+    board: Board
+    camera: Camera
+    pixels: FloatArray
+
+    @cached_property
+    def points(self) -> FloatArray:
+        """(points, 3) of the board, m."""
+        return np.array(list(self.board.points.values()))
+
+    @cached_property
+    def poses(self) -> Poses:
+        """``T_eye_board`` of every picture, by its own corners; NaN where they do not tell it."""
+        n = len(self.pixels)
+        rotation, position = np.full((n, 3, 3), np.nan), np.full((n, 3), np.nan)
+        straight = undistorted(self.pixels, self.camera.intrinsics)
+        for row, seen in enumerate(straight):
+            there = np.isfinite(seen).all(axis=1)
+            if there.sum() >= PLANAR:
+                found = board_pose(self.points[there], seen[there])
+                if found is not None:
+                    rotation[row], position[row] = found
+        return rotation, position
+
+    @property
+    def told(self) -> BoolArray:
+        """(n,) pictures that tell where the board is."""
+        return np.isfinite(self.poses[1][:, 0])
+
+    @property
+    def behind(self) -> bool:
+        """Whether a flat board is seen from behind, which its numbering alone decides."""
+        if not self.board.flat:
+            return False
+        rotation, position = some_poses(self.poses, self.told)
+        facing = np.einsum("ni,ni->n", rotation[:, :, 2], position)
+        return bool(len(facing) and np.median(facing) < 0)
+
+    @cached_property
+    def misfit(self) -> float:
+        """Error of the corners about their picture's own pose of the board, part of its extent.
+
+        Root mean squares; of the middle one of the pictures.
+        """
+        rotation, position = some_poses(self.poses, self.told)
+        seen = self.pixels[self.told]
+        points = np.einsum("nij,kj->nki", rotation, self.points) + position[:, None]
+        if not len(points) or (points[..., 2] <= 0).any():
+            return np.inf
+        off = projected(points, self.camera.intrinsics) - seen
+        apart = seen - np.nanmean(seen, axis=1, keepdims=True)
+        squares = (np.nansum(each**2, axis=(1, 2)) for each in (off, apart))
+        return float(np.sqrt(np.median(np.divide(*squares))))
+
+    def check(self) -> None:
+        """Refuse corners that another board or camera explains far better, or that none does.
+
+        Raises:
+            SamplesError: names what explains them.
+        """
+        if self.misfit <= FINE:
+            return
+        others = [(other.misfit, error) for other, error in self._others()]
+        least, cause = min(others, key=lambda other: other[0], default=(np.inf, None))
+        if cause is not None and FAR_BETTER * least < self.misfit:
+            raise cause
+        if self.misfit > NO_BOARD:
+            raise SamplesError(
+                f"corners that are {self.misfit:.0%} of the board's extent off from where any pose "
+                "of it has them",
+                f"corners of this board ({self.board.type}), by their numbers",
+                hint="corners, board.yaml and camera.yaml belong together",
+            )
+
+    def _others(self) -> Iterator[tuple[BoardPictures, SamplesError]]:
+        """The same corners of another board, or by a camera of another size, and what it means."""
+        exchanged = self.board.exchanged
+        if exchanged is not None:
+            yield (
+                replace(self, board=exchanged),
+                SamplesError(
+                    "corners that fit the board if its columns and rows are exchanged",
+                    "corners of the board as its file has it",
+                    hint="exchange the two numbers in board.yaml: columns first, then rows",
+                ),
+            )
+        corners = self.pixels[np.isfinite(self.pixels).all(axis=2)]
+        for factor in RESIZED:
+            camera = self.camera.resized(factor)
+            if not camera.inside(corners).all():
+                continue
+            yield (
+                replace(self, camera=camera),
+                SamplesError(
+                    f"corners of pictures of some {camera.width} x {camera.height} px",
+                    f"of {self.camera.width} x {self.camera.height} px, as the camera's file says",
+                    hint="calibrate the camera on pictures of the same size, or scale its file",
+                ),
+            )
+
+    def upside_down(self, hand: Poses) -> dict[str, BoolArray]:
+        """Pictures (n,) that agree with the others once they are turned by half a turn.
+
+        By what is turned: ``board``, whose corners are numbered from the other end, or ``picture``.
+        Those that agree as they are, or not even then, are in neither.
+
+        Args:
+            hand: ``T_base_hand`` of an eye on the hand, ``T_hand_base`` of one beside it.
+        """
+        nobody = np.zeros(len(self.pixels), dtype=np.bool_)
+        found = {"board": nobody, "picture": nobody.copy()}
+        rows = np.flatnonzero(self.told)
+        if not self.board.flat or len(rows) < 2:
+            return found
+        A, B = some_poses(hand, self.told), some_poses(self.poses, self.told)
+        X, Z = agreeing_hand_eye(A, B)
+
+        def off(seen: Poses) -> tuple[FloatArray, FloatArray]:
+            """(n,) turns of loops against Z, rad, and how far they end from it, in distances."""
+            R, p = loop_closures(A, X, seen)
+            turned = np.linalg.norm(vector_from_rotation(Z[0].T @ R), axis=1)
+            return turned, np.linalg.norm(p - Z[1], axis=1) / np.linalg.norm(B[1], axis=1)
+
+        # About the board's middle, and about the camera's axis.
+        middle = self.points.mean(axis=0)
+        board = off((B[0] @ _HALF_TURN, B[1] + B[0] @ (middle - _HALF_TURN @ middle)))
+        picture = off((_HALF_TURN @ B[0], B[1] @ _HALF_TURN))
+        strange = off(B)[0] > HALF_TURNED
+        nearer = sum(board) < sum(picture)
+        for name, (turned, _), mine in (("board", board, nearer), ("picture", picture, ~nearer)):
+            found[name][rows[strange & mine & (turned < UPRIGHT)]] = True
+        return found

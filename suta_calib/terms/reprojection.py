@@ -1,0 +1,70 @@
+"""Residuals of corners in pictures: where a board's point is seen, less where it was found.
+
+Own unknowns are the poses of camera and board (6 + 6), then the intrinsics (9) where they are free;
+data are u v, the point x y z, m/px, and the intrinsics where they are not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Final
+
+import casadi as ca
+
+from suta_calib.geometry.pinhole import pixel_of
+from suta_calib.geometry.symbols import Symbol
+from suta_calib.terms.block import Pose, Residual, pose_of
+from suta_calib.terms.hand_eye_start import EYE_IN_HAND, EYE_TO_HAND, EyeSetup
+
+# Nearest that a point is taken to be to a camera while a solver looks for it, m.
+NEAREST: Final = 1e-3
+
+
+def _reprojection(in_eye: Symbol, intrinsics: Symbol, data: Symbol) -> Symbol:
+    """Error of a corner, as the length that it covers at the board; data: u v x y z m/px."""
+    depth = ca.fmax(in_eye[2], NEAREST)
+    u, v = pixel_of(in_eye[0], in_eye[1], depth, intrinsics)
+    return data[5] * ca.vertcat(u - data[0], v - data[1])
+
+
+def _seen_from_hand(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
+    """The board's point in an eye on the hand."""
+    in_hand = poses[0].inverse_act(_on_board(own, data))
+    return pose_of(own[0:6]).inverse_act(in_hand)
+
+
+def _seen_from_base(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
+    """The point of a board on the hand in an eye that stands."""
+    in_base = poses[0].R @ _on_board(own, data) + poses[0].p
+    return pose_of(own[0:6]).inverse_act(in_base)
+
+
+def _on_board(own: Symbol, data: Symbol) -> Symbol:
+    board = pose_of(own[6:12])
+    return board.R @ data[2:5] + board.p
+
+
+# Every residual is a function of its own: what was compiled for it is found again by it.
+def _known_in_hand(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
+    return _reprojection(_seen_from_hand(poses, own, data), data[6:15], data)
+
+
+def _known_beside(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
+    return _reprojection(_seen_from_base(poses, own, data), data[6:15], data)
+
+
+def _unknown_in_hand(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
+    return _reprojection(_seen_from_hand(poses, own, data), own[12:21], data)
+
+
+def _unknown_beside(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
+    return _reprojection(_seen_from_base(poses, own, data), own[12:21], data)
+
+
+# By where the eye is, and whether its intrinsics are unknown.
+REPROJECTION: Final[Mapping[tuple[EyeSetup, bool], Residual]] = {
+    (EYE_IN_HAND, False): _known_in_hand,
+    (EYE_IN_HAND, True): _unknown_in_hand,
+    (EYE_TO_HAND, False): _known_beside,
+    (EYE_TO_HAND, True): _unknown_beside,
+}

@@ -1,0 +1,102 @@
+"""A calibration that was written to files, with the samples of the job it was made from."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from suta_calib.assessment import read_assessment
+from suta_calib.diagnostics.accuracy import fit_own
+from suta_calib.errors import InputError
+from suta_calib.job.calibration import CalibrationJob
+from suta_calib.tracking.uncertainty import numbers, read_json_object, read_uncertainty
+from suta_calib.units import from_mm
+from suta_calib.view.calibrated import Calibrated, term_sets
+
+
+def read_calibrated(path: Path, *, anyway: bool = False) -> Calibrated:
+    """Read a result, and the job that it says it was made from.
+
+    Args:
+        path: ``result.json``, or its folder.
+        anyway: take one that says of itself that it must not be used.
+
+    Raises:
+        InputError: no such result; not converged, or not to be used; or its job is not found, or
+            has changed since.
+    """
+    file = path / "result.json" if path.is_dir() else path
+    data = read_json_object(file)
+    job = CalibrationJob.load(_job_of(data, file))
+    known = read_uncertainty(file, job.arm, anyway=anyway)
+    values = {
+        name: float(numbers(entry.get("value"), (), file, name))
+        for name, entry in data["parameters"].items()
+    }
+    wanted = [*job.parameters, *(p.name for term in job.observations for p in term.own)]
+    if lacking := next((name for name in wanted if name not in values), None):
+        raise InputError(
+            f"no value of {lacking}",
+            f"one of every unknown of {job.spec.path}",
+            file=file,
+            where="parameters",
+            hint="calibrate again",
+        )
+    held_out = fit_own(job.validation, job.parameters, values) if job.validation else {}
+    return Calibrated(
+        str(job.spec.path),
+        job.arm,
+        values,
+        known.names,
+        known.covariance,
+        term_sets(job.observations, job.validation, values, held_out),
+        _rms(data, file),
+        read_assessment(data),
+    )
+
+
+def _job_of(data: Mapping[str, Any], file: Path) -> Path:
+    """The job, where it was or beside the results, if it is still what it was."""
+    run = data.get("run")
+    inputs = run.get("inputs") if isinstance(run, dict) else None
+    if not isinstance(inputs, dict) or not inputs:
+        raise InputError(
+            "no job that it was made from",
+            "run.inputs, as suta-calib calibrate writes it",
+            file=file,
+            where="run",
+            hint="give the job itself",
+        )
+    name, sha256 = next(iter(inputs.items()))
+    tried = [job for job in _candidates(Path(name), file) if job.is_file()]
+    for job in tried:
+        if hashlib.sha256(job.read_bytes()).hexdigest() == sha256:
+            return job
+    raise InputError(
+        f"{tried[0]} changed since" if tried else f"no job {name}",
+        "the job that it was made from, as it was",
+        file=file,
+        where="run.inputs",
+        hint="calibrate again, or give the job itself",
+    )
+
+
+def _candidates(job: Path, result: Path) -> Iterator[Path]:
+    yield job
+    for folder in (result.parent.parent, result.parent):
+        yield folder / job.name
+
+
+def _rms(data: Mapping[str, Any], file: Path) -> dict[str, tuple[float, float]]:
+    """By set, before and after, m."""
+    metrics = data.get("metrics")
+    found = {}
+    for name, both in metrics.items() if isinstance(metrics, dict) else ():
+        told = [both.get(when) for when in ("before", "after")] if isinstance(both, dict) else []
+        rms = [each["rms_mm"] for each in told if isinstance(each, dict) and "rms_mm" in each]
+        if len(rms) == 2:
+            before, after = (float(numbers(each, (), file, f"metrics.{name}")) for each in rms)
+            found[name] = (from_mm(before), from_mm(after))
+    return found

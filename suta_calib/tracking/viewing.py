@@ -1,0 +1,78 @@
+"""The arm on a cable, moving in the browser, with how sure its tip is."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Final
+
+import numpy as np
+
+from suta_calib.device.bus import Bus
+from suta_calib.device.description import DeviceSpec
+from suta_calib.device.reading import Reading
+from suta_calib.tracking.tracker import matched_joints
+from suta_calib.units import mm
+from suta_calib.view.calibrated import Calibrated
+from suta_calib.view.calibration import UNSURE
+from suta_calib.view.scene import Ellipsoids
+from suta_calib.view.server import Viewer
+
+# Between pictures, s: more often nobody sees, and a browser cannot keep up.
+_PERIOD: Final = 1 / 30
+_LOOK: Final = 0.1
+
+
+class LiveArm:
+    """Moves what a viewer shows as a device reads.
+
+    Args:
+        viewer: of the calibration.
+        calibrated: whose arm is on the cable.
+        device: its joints must be those of the arm, in any order, and may be more.
+
+    Attributes:
+        shown: how many readings were shown.
+
+    Raises:
+        InputError: the device lacks a joint of the chain.
+    """
+
+    def __init__(self, viewer: Viewer, calibrated: Calibrated, device: DeviceSpec) -> None:
+        self._viewer, self._calibrated, self._device = viewer, calibrated, device
+        names = [joint.name for joint in device.joints]
+        self._columns = matched_joints(calibrated.arm, names, device.path)
+        self.shown = 0
+
+    def follow(self, over: Callable[[], bool], say: Callable[[str], None]) -> None:
+        """Show the latest reading again and again, until ``over`` says so.
+
+        Args:
+            over: asked between readings.
+            say: called with one sentence for everything that was wrong and went on.
+
+        Raises:
+            DeviceError: the device cannot be opened, was never heard, or cannot be understood.
+        """
+        with Bus(self._device, reconnect=True, on_event=say) as bus:
+            while not over():
+                if readings := bus.read(_LOOK):
+                    self.show(readings[-1])
+                    time.sleep(_PERIOD)
+
+    def show(self, reading: Reading) -> None:
+        """Show one reading; where an encoder raises its error flag the arm stays as it was."""
+        arm, flags = self._calibrated.arm, reading.error[self._columns]
+        q = reading.angles[self._columns]
+        wrong = [name for name, flag in zip(arm.joints, flags, strict=True) if flag]
+        if wrong:
+            said = f"not valid: error flag of {', '.join(wrong)}"
+        else:
+            self._viewer.move(q)
+            self.shown += 1
+        position, covariance = self._calibrated.tip(q[None])
+        if not wrong:
+            std = np.sqrt(np.diagonal(covariance[0]))
+            numbers = zip(mm(position[0]), mm(std), strict=True)
+            said = ", ".join(f"{p:.2f} ± {s:.2f}" for p, s in numbers) + " mm"
+        self._viewer.show_tip(Ellipsoids.of("tip", position, covariance, UNSURE), said)

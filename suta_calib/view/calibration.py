@@ -1,0 +1,200 @@
+"""What a calibration says of its arm, as a scene: what was touched or seen, errors, uncertainty."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from suta_calib.arrays import BoolArray, FloatArray
+from suta_calib.diagnostics.accuracy import Accuracy
+from suta_calib.diagnostics.displacements import tip_displacements
+from suta_calib.distributions import chi2
+from suta_calib.plotting.factor import round_down
+from suta_calib.solver.solution import Solution
+from suta_calib.terms import Term
+from suta_calib.units import mm
+from suta_calib.view.calibrated import Calibrated
+from suta_calib.view.drawn_arm import DrawnArm, LinkMesh
+from suta_calib.view.meshes import link_meshes
+from suta_calib.view.scene import (
+    OUTLYING,
+    Arrows,
+    Colour,
+    Ellipsoids,
+    Rows,
+    Scene,
+    Thing,
+)
+from suta_calib.view.surroundings import surroundings
+
+if TYPE_CHECKING:
+    from suta_calib.view.server import Viewer
+
+# Of Okabe and Ito: told apart by the colour-blind too.
+_BLUE: Final[Colour] = (0, 114, 178)
+_GREEN: Final[Colour] = (0, 158, 115)
+UNSURE: Final[Colour] = (204, 121, 167)
+COLOURS: Final = {"calibration": _BLUE, "validation": _GREEN}
+# Of the scene's size: how large frames are drawn, and at first how long large errors and how wide
+# usual uncertainties.
+_AXES: Final = 0.05
+_LONG: Final = 0.08
+_WIDE: Final = 0.03
+# Ellipsoids that are drawn: more hide what they are about.
+_ELLIPSOIDS: Final = 30
+# Chance that the error of a sample with nothing wrong is called outlying.
+_CHANCE: Final = 1e-4
+
+
+@dataclass(frozen=True, eq=False)
+class TipErrors:
+    """How far off the tip is in the samples of one term.
+
+    Attributes:
+        group: ``calibration`` or ``validation``.
+        term: whose samples they are.
+        values: at which it is looked at.
+        at: (n, 3) where the tip should have been, m.
+        vector: (n, 3) from there to where the calibrated arm has it, m.
+    """
+
+    group: str
+    term: Term
+    values: Mapping[str, float]
+    at: FloatArray
+    vector: FloatArray
+
+    @property
+    def norm(self) -> FloatArray:
+        """(n,) m."""
+        return np.asarray(np.linalg.norm(self.vector, axis=1))
+
+    @property
+    def outlying(self) -> BoolArray:
+        """(n,) which errors are larger than chance makes them, by the median of all."""
+        size = self.term.blocks[0].size
+        limit = math.sqrt(chi2.isf(_CHANCE, size) / chi2.median(size))
+        return np.asarray(self.norm > limit * np.median(self.norm))
+
+    @property
+    def names(self) -> Iterator[str]:
+        """Of every sample: its group, its labels, where it was read, and how far off it is."""
+        samples = self.term.poses.samples
+        for k, origin in enumerate(samples.origin):
+            labels = " ".join(str(column[k]) for column in samples.labels.values())
+            said = (self.group, labels, origin, f"{mm(self.norm[k]):.3f} mm")
+            yield ", ".join(filter(None, said))
+
+    @property
+    def arrows(self) -> Arrows:
+        """Blue or green, red where they are outlying."""
+        colours = np.tile(np.array(COLOURS[self.group]), (len(self.at), 1))
+        colours[self.outlying] = OUTLYING
+        name = f"errors/{self.group} {self.term.kind.replace('_', ' ')}"
+        return Arrows(name, self.at, self.vector, colours)
+
+
+def show(solution: Solution, accuracy: Accuracy, port: int = 0) -> Viewer:
+    """Show in the browser what was just calibrated; in a notebook below the cell.
+
+    Raises:
+        MissingExtraError: the extra ``view`` is not installed.
+        OutputError: the port cannot be had.
+    """
+    return view_calibration(Calibrated.of(solution, accuracy), port)
+
+
+def calibration_page(calibrated: Calibrated) -> bytes:
+    """A calibration as one HTML file, which needs no network: it plays sample after sample.
+
+    Raises:
+        MissingExtraError: the extra ``view`` is not installed.
+    """
+    from suta_calib.view.server import page
+
+    return page(calibration_scene(calibrated, link_meshes(calibrated.arm.chain.path)))
+
+
+def view_calibration(calibrated: Calibrated, port: int = 0, host: str = "127.0.0.1") -> Viewer:
+    """Show a calibration in the browser, with the shapes of the arm that are found.
+
+    Raises:
+        MissingExtraError: the extra ``view`` is not installed.
+        OutputError: the port cannot be had.
+    """
+    from suta_calib.view.server import Viewer
+
+    viewer = Viewer(
+        calibration_scene(calibrated, link_meshes(calibrated.arm.chain.path)), port, host
+    )
+    viewer.add_panel()
+    return viewer
+
+
+def calibration_scene(calibrated: Calibrated, meshes: tuple[LinkMesh, ...] = ()) -> Scene:
+    """The arm before and after, all that was touched or seen, errors and uncertainty.
+
+    Args:
+        calibrated: the calibration.
+        meshes: shapes of the arm's links; none where no file of them was found.
+    """
+    arm = calibrated.arm
+    arms = (
+        DrawnArm("calibrated", arm, calibrated.values, meshes),
+        DrawnArm("nominal", arm, {}, meshes),
+    )
+    errors = [
+        TipErrors(name, term, values, *tip_displacements(term, values))
+        for name, terms in calibrated.terms.items()
+        for term, values in terms
+    ]
+    rows = _rows(errors)
+    _, links = arms[0].poses(rows.q[0])
+    reach = max(float(np.linalg.norm(np.ptp(each, axis=0))) for each in (links, rows.at))
+    size = _AXES * reach
+    things = list[Thing]()
+    for found in errors:
+        things += surroundings(found.term, found.values, size, labelled=not things)
+        things.append(found.arrows)
+    chosen = np.unique(np.linspace(0, len(rows) - 1, min(len(rows), _ELLIPSOIDS)).astype(int))
+    ellipsoids = Ellipsoids.of("uncertainty", *calibrated.tip(rows.q[chosen]), UNSURE)
+    if ellipsoids.std.max() > 0:
+        things.append(ellipsoids)
+    large = float(np.quantile(np.concatenate([found.norm for found in errors]), 0.9))
+    usual = float(np.median(ellipsoids.std.max(axis=1)))
+    return Scene(
+        calibrated.title,
+        arms,
+        rows.q[0],
+        _once(things),
+        rows,
+        _factor(_LONG * reach, large),
+        _factor(_WIDE * reach, usual),
+        calibrated.assessment,
+        calibrated.summary,
+    )
+
+
+def _factor(wanted: float, length: float) -> float:
+    return round_down(wanted / length) if length > 0 else 1.0
+
+
+def _once(things: list[Thing]) -> tuple[Thing, ...]:
+    """The first of each name: what two terms look at stands there once."""
+    found: dict[str, Thing] = {}
+    for thing in things:
+        found.setdefault(thing.name, thing)
+    return tuple(found.values())
+
+
+def _rows(errors: list[TipErrors]) -> Rows:
+    return Rows(
+        tuple(name for found in errors for name in found.names),
+        np.vstack([found.term.poses.samples.q for found in errors]),
+        np.vstack([found.at for found in errors]),
+        np.concatenate([found.outlying for found in errors]),
+    )

@@ -1,0 +1,87 @@
+"""An arm as it is drawn: where each of its links is, and what shape the links have."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import pinocchio as pin
+
+from suta_calib.arrays import FloatArray, IntArray
+from suta_calib.model.arm import ArmModel, reduced_model
+from suta_calib.model.urdf_tree import read_tree
+
+
+@dataclass(frozen=True, eq=False)
+class LinkMesh:
+    """A triangle mesh that is rigid with a link.
+
+    Attributes:
+        link: its name.
+        vertices: (n, 3) in the link's frame, m.
+        faces: (m, 3) vertices of each triangle, from 0.
+        colour: red, green, blue and opacity, 0 to 255.
+    """
+
+    link: str
+    vertices: FloatArray
+    faces: IntArray
+    colour: tuple[int, int, int, int]
+
+
+@dataclass(frozen=True, eq=False)
+class DrawnArm:
+    """The links of an arm's URDF with some parameter values, all of them, the chain's and others.
+
+    Joints off the chain are at neutral. Gains, eccentricities, compliances and backlashes move no
+    link here, as they move none in a calibrated URDF.
+
+    Attributes:
+        name: ``nominal`` or ``calibrated``.
+        arm: the arm.
+        values: of its parameters by name, m or rad; nominal where not given.
+        meshes: shapes of its links; none where no file of them was found.
+    """
+
+    name: str
+    arm: ArmModel
+    values: Mapping[str, float]
+    meshes: tuple[LinkMesh, ...] = ()
+
+    @cached_property
+    def _model(self) -> pin.Model:
+        model = pin.buildModelFromXML(self.arm.calibrated_urdf(self.values).decode())
+        moving = {joint.name for joint in self.arm.chain.joints if joint.moving}
+        return reduced_model(model, moving)[0]
+
+    @cached_property
+    def links(self) -> tuple[str, ...]:
+        """Names of all links, in the URDF's order."""
+        return read_tree(self.arm.chain.path).links
+
+    @cached_property
+    def bones(self) -> IntArray:
+        """(n, 2) the two links of every joint of the chain, base → tip, by number in `links`."""
+        at = {link: k for k, link in enumerate(self.links)}
+        return np.array([[at[j.parent], at[j.child]] for j in self.arm.chain.joints], dtype=np.intp)
+
+    def poses(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """``T_base_link`` of all `links` at readings (joints,), rad or m.
+
+        Returns:
+            Rotations (links, 3, 3) and positions (links, 3), m.
+        """
+        model, data = self._model, self._data
+        pin.framesForwardKinematics(model, data, self.arm.configuration(q))
+        base, *links = (
+            data.oMf[model.getFrameId(link, pin.FrameType.BODY)]
+            for link in (self.arm.chain.base, *self.links)
+        )
+        placed = [base.actInv(link) for link in links]
+        return np.array([p.rotation for p in placed]), np.array([p.translation for p in placed])
+
+    @cached_property
+    def _data(self) -> pin.Data:
+        return self._model.createData()

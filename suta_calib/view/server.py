@@ -1,0 +1,322 @@
+"""A scene in the browser, with sliders and a play button; or frozen in one file."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterator
+from html import escape
+from typing import TYPE_CHECKING, Any, Final, Self
+
+import numpy as np
+import rich
+
+from suta_calib.arrays import FloatArray
+from suta_calib.errors import OutputError
+from suta_calib.extras import load
+from suta_calib.units import deg, from_deg, from_mm, mm
+from suta_calib.view.drawing import (
+    ShownArm,
+    camera_view,
+    draw,
+    draw_floor,
+    ellipsoid_scales,
+    spheres,
+    wxyz,
+)
+from suta_calib.view.scene import OUTLYING, Arrows, Ellipsoids, Scene
+
+if TYPE_CHECKING:
+    import viser
+
+    from suta_calib.model.chain import ChainJoint
+
+# How long a sample is shown, s, and how many a page that was frozen holds at most.
+_EACH_S: Final = 0.25
+_FROZEN_ROWS: Final = 150
+_WELL: Final = (150, 150, 150)
+# A joint without limits turns once; a slide without them goes a metre each way.
+_UNLIMITED: Final = {"rad": np.pi, "m": 1.0}
+# How far sliders of factors go beyond, and how far below, what they begin with.
+_WIDER: Final = 10.0
+_LEVELS: Final = {"good": "#009E73", "care": "#B8860B", "bad": "#D55E00"}
+
+
+class Viewer:
+    """A scene on a port of this computer; a context manager.
+
+    Args:
+        scene: what is shown.
+        port: to listen on; 0 for any that is free.
+        host: who may look: this computer only; ``0.0.0.0`` lets anybody on the network.
+
+    Attributes:
+        shown: number of the sample that the arms are at.
+        joints: sliders of the panel, one for each joint that has a reading, degrees or mm.
+        inflation: how many times as wide as they are uncertainties are drawn.
+
+    Raises:
+        MissingExtraError: the extra ``view`` is not installed.
+        OutputError: the port cannot be had.
+    """
+
+    def __init__(self, scene: Scene, port: int = 8080, host: str = "127.0.0.1") -> None:
+        self.scene, self.shown, self.inflation = scene, 0, scene.inflation
+        self.server: viser.ViserServer = _server(port, host)
+        api = self.server.scene
+        api.set_up_direction("+z")
+        view = self.server.initial_camera
+        view.position, view.look_at = camera_view(scene)
+        draw_floor(api, scene)
+        self._arms = [ShownArm(api, arm, solid=k == 0) for k, arm in enumerate(scene.arms)]
+        self._handles = {}
+        for thing in scene.things:
+            carrier = getattr(thing, "carrier", "")
+            above = self._arms[0].node(carrier) if carrier else ""
+            self._handles[thing.name] = draw(thing, api, f"{above}/{thing.name}", scene)
+        self._chosen: Any = None
+        self._tip: Any = None
+        # Sliders, clicks and the play button each come from a thread of their own.
+        self._moving = threading.RLock()
+        self.joints: list[Any] = []
+        if len(scene.rows):
+            self._draw_rows()
+        self.move(scene.q)
+
+    def _repr_html_(self) -> str:
+        """In a notebook: the page, as long as this object is there."""
+        return f'<iframe src="{self.url}" style="width:100%;height:500px;border:0"></iframe>'
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    @property
+    def url(self) -> str:
+        """Where to look."""
+        return f"http://{self.server.get_host()}:{self.server.get_port()}"
+
+    def close(self) -> None:
+        """Let go of the port."""
+        with _silent():
+            self.server.stop()
+
+    def move(self, q: FloatArray) -> None:
+        """Show the arms at readings (joints,), rad or m."""
+        with self._moving, self.server.atomic():
+            for arm in self._arms:
+                arm.move(q)
+
+    def show_row(self, row: int) -> None:
+        """Show the arms at a sample, and its name."""
+        rows = self.scene.rows
+        with self._moving, self.server.atomic():
+            self.shown = row
+            self.move(rows.q[row])
+            self._chosen.position = rows.at[row]
+            self._chosen.text = rows.names[row]
+
+    def magnify(self, factor: float) -> None:
+        """Draw errors ``factor`` times as long as they are."""
+        for arrows in (t for t in self.scene.things if isinstance(t, Arrows)):
+            self._handles[arrows.name].points = arrows.ends(factor).astype(np.float32)
+
+    def inflate(self, factor: float) -> None:
+        """Draw uncertainties ``factor`` times as wide as they are."""
+        self.inflation = factor
+        for thing in (t for t in self.scene.things if isinstance(t, Ellipsoids)):
+            self._handles[thing.name].batched_scales = ellipsoid_scales(thing, factor)
+
+    def show_tip(self, tip: Ellipsoids, said: str) -> None:
+        """Show how sure the tip is: one ellipsoid, drawn at its factor, and a line of text."""
+        if self._tip is None:
+            self._tip = draw(tip, self.server.scene, "/tip", self.scene)
+            self._said = self.server.scene.add_label("/tip_is", said)
+        with self.server.atomic():
+            self._tip.batched_positions = tip.at.astype(np.float32)
+            self._tip.batched_wxyzs = wxyz(tip.turn).astype(np.float32)
+            self._tip.batched_scales = ellipsoid_scales(tip, self.inflation)
+            self._said.position, self._said.text = tip.at[0], said
+
+    def _draw_rows(self) -> None:
+        api, rows = self.server.scene, self.scene.rows
+        size = 0.003 * float(np.linalg.norm(np.ptp(self.scene.extent, axis=0)))
+        colours = np.where(rows.outlying[:, None], OUTLYING, _WELL)
+        marks = spheres(api, "/samples", rows.at, np.full(3, size), colours)
+        marks.on_click(lambda event: self.choose(event.instance_index or 0))
+        self._chosen = api.add_label("/name of the sample", rows.names[0], position=rows.at[0])
+
+    # ── the panel ───────────────────────────────────────────────────────────────────────────
+    def add_panel(self) -> None:
+        """Put up what is chosen with: joints, samples, factors, and what is shown at all."""
+        gui, scene = self.server.gui, self.scene
+        gui.configure_theme(show_logo=False, show_share_button=False)
+        gui.set_panel_label("suta-calib")
+        gui.add_html(headline(scene))
+        if len(scene.rows):
+            with gui.add_folder("Samples"):
+                self._add_samples()
+        with gui.add_folder("Magnification"):
+            change: dict[str, Callable[[float], None]] = {
+                "errors": self.magnify,
+                "uncertainty": self.inflate,
+            }
+            for what, factor in _factors(scene):
+                self._add_factor(f"{what} ×", factor, change[what])
+        with gui.add_folder("Joints", expand_by_default=not len(scene.rows)):
+            self._add_joints()
+        with gui.add_folder("Shown"):
+            for path in dict.fromkeys(self._groups()):
+                self._add_switch(path)
+
+    def _groups(self) -> list[str]:
+        """Nodes that are shown or hidden as one."""
+        things = (f"/{t.name.partition('/')[0]}" for t in self.scene.things)
+        own = [arm.root for arm in self._arms]
+        return [
+            *own,
+            *things,
+            *(["/samples", "/name of the sample"] if len(self.scene.rows) else []),
+        ]
+
+    def _add_switch(self, path: str) -> None:
+        node = self.server.scene.get_handle_by_name(path) or self.server.scene.add_frame(
+            path, show_axes=False
+        )
+        box = self.server.gui.add_checkbox(path.removeprefix("/"), initial_value=True)
+
+        @box.on_update
+        def _(_: Any) -> None:
+            node.visible = box.value
+
+    def _add_factor(self, label: str, first: float, change: Callable[[float], None]) -> None:
+        slider = self.server.gui.add_slider(label, 0.0, _WIDER * first, first / 10.0, first)
+        slider.on_update(lambda _: change(slider.value))
+
+    def _add_joints(self) -> None:
+        arm = self._arms[0].drawn.arm
+        self.joints = [
+            _joint_slider(self.server.gui, joint, reading)
+            for joint, reading in zip(arm.chain.moving, self.scene.q, strict=True)
+        ]
+        for slider in self.joints:
+            slider.on_update(lambda _: self.move(self._readings()))
+
+    def _readings(self) -> FloatArray:
+        """(joints,) that the sliders say, rad or m."""
+        units = self._arms[0].drawn.arm.units.values()
+        values = [float(slider.value) for slider in self.joints]
+        shown = zip(units, values, strict=True)
+        return np.array([from_mm(v) if unit == "m" else from_deg(v) for unit, v in shown])
+
+    def _add_samples(self) -> None:
+        gui, rows = self.server.gui, self.scene.rows
+        self._row: Any = gui.add_slider("sample", 0, max(len(rows) - 1, 1), 1, 0)
+        self._play: Any = gui.add_checkbox("play", initial_value=False)
+        self._row.on_update(lambda _: self.show_row(min(self._row.value, len(rows) - 1)))
+        self._play.on_update(lambda _: self._start())
+
+    def choose(self, row: int) -> None:
+        """Show a sample, and say so in the panel."""
+        self._row.value = row
+
+    def _start(self) -> None:
+        if self._play.value:
+            threading.Thread(target=self._run, name="play", daemon=True).start()
+
+    def _run(self) -> None:
+        while self._play.value:
+            self.choose((self.shown + 1) % len(self.scene.rows))
+            time.sleep(_EACH_S)
+
+    # ── one file ────────────────────────────────────────────────────────────────────────────
+    def frozen(self) -> Any:
+        """The scene as it is, then at sample after sample: viser's `StateSerializer`."""
+        recorder = self.server.get_scene_serializer()
+        count = len(self.scene.rows)
+        for row in np.unique(np.linspace(0, count - 1, min(count, _FROZEN_ROWS)).astype(int)):
+            self.show_row(int(row))
+            recorder.insert_sleep(_EACH_S)
+        return recorder
+
+
+def page(scene: Scene) -> bytes:
+    """A scene as one HTML file, which needs no network: it plays sample after sample.
+
+    Raises:
+        MissingExtraError: the extra ``view`` is not installed.
+    """
+    with Viewer(scene, port=0) as viewer:
+        html: str = viewer.frozen().as_html()
+    factors = ", ".join(f"{what} × {factor:g}" for what, factor in _factors(scene))
+    style = "position:fixed;right:0;top:0;max-width:24em;z-index:10;font-family:sans-serif"
+    overlay = f'<div style="{style};padding:1em 0">{headline(scene, factors)}</div>'
+    html = html.replace("<title>", f"<title>{escape(scene.title)} · ", 1)
+    return html.replace("</body>", f"{overlay}</body>", 1).encode()
+
+
+def headline(scene: Scene, more: str = "") -> str:
+    """What is shown, whether it may be used, and what more there is to say, as HTML."""
+    lines = [f"<b>{escape(scene.title)}</b>"]
+    if (verdict := scene.assessment) is not None:
+        colour = _LEVELS[verdict.level]
+        lines.append(f'<b style="color:{colour}">{escape(verdict.word)}</b>: ')
+        lines[-1] += escape(verdict.sentence)
+        lines += [f"• {escape(note)}" for note in verdict.notes[:3]]
+    lines += [escape(scene.summary), escape(more)]
+    return '<div style="padding:0 1em;font-size:85%">' + "<br>".join(filter(None, lines)) + "</div>"
+
+
+def _factors(scene: Scene) -> Iterator[tuple[str, float]]:
+    """What is drawn larger than it is, and how many times at first."""
+    for kind, what, factor in (
+        (Arrows, "errors", scene.magnification),
+        (Ellipsoids, "uncertainty", scene.inflation),
+    ):
+        if any(isinstance(thing, kind) for thing in scene.things):
+            yield what, factor
+
+
+def _joint_slider(gui: viser.GuiApi, joint: ChainJoint, reading: float) -> Any:
+    """A slider in degrees or mm, within the limits and wherever the samples are."""
+    unit = "m" if joint.type == "prismatic" else "rad"
+    shown, name = (mm, "mm") if unit == "m" else (deg, "°")
+    beyond = _UNLIMITED[unit]
+    low = joint.lower if np.isfinite(joint.lower) else -beyond
+    high = joint.upper if np.isfinite(joint.upper) else beyond
+    low, high = min(low, reading), max(high, reading)
+    values = [float(shown(value)) for value in (low, high, reading)]
+    return gui.add_slider(f"{joint.name}, {name}", values[0], values[1], 0.01, values[2])
+
+
+@contextlib.contextmanager
+def _silent() -> Iterator[None]:
+    """Within it rich says nothing, by which viser announces that it begins and ends."""
+    console = rich.get_console()
+    before, console.quiet = console.quiet, True
+    try:
+        yield
+    finally:
+        console.quiet = before
+
+
+def _server(port: int, host: str) -> viser.ViserServer:
+    library = load("viser", "view")
+    # Viser would go on to the next ports, and wait for ever for a host that is none.
+    try:
+        socket.create_server((host, port)).close()
+    except OSError as error:
+        taken = error.errno == errno.EADDRINUSE
+        found = "another program that listens there" if taken else error.strerror or str(error)
+        raise OutputError(
+            f"{host}:{port}: found {found}; expected a free port of this computer; "
+            "choose another with --port, or --host"
+        ) from None
+    with _silent():
+        server: viser.ViserServer = library.ViserServer(host=host, port=port, verbose=False)
+    return server

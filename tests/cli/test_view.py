@@ -1,0 +1,279 @@
+"""``suta-calib view``: a job, a result, a device; good and bad input."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from cli_job import TRUTH, cli, simulated, write_simulated_job
+from simulated import SUTA_URDF
+from viser_page import recording_of
+
+from suta_calib.device import DeviceSpec, JointSpec, read_device
+from suta_calib.emulation import EmulatedArm, Emulation, Faults, sweep
+from suta_calib.emulation.faults import Flag, Window
+from suta_calib.errors import InputError
+from suta_calib.job.calibration import CalibrationJob
+from suta_calib.measurements import write_samples
+from suta_calib.model.arm import ArmModel
+from suta_calib.tracking.read_back import read_calibrated
+from suta_calib.tracking.viewing import LiveArm
+from suta_calib.view.calibration import view_calibration
+
+pytest.importorskip("viser")
+
+
+@pytest.fixture(scope="module")
+def job(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = write_simulated_job(tmp_path_factory.mktemp("view"), SUTA_URDF)
+    assert cli("calibrate", path, "--json") == 0
+    return path
+
+
+@pytest.fixture
+def result(job: Path) -> Path:
+    return job.parent / "results" / "result.json"
+
+
+def test_a_job_becomes_one_file(
+    job: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    page = tmp_path / "page.html"
+    assert cli("view", job, "--html", page) == 0
+    said = capsys.readouterr().out
+    assert f"Written: {page}" in said
+    assert "mm RMS" in said
+    assert recording_of(page.read_bytes()).seconds == pytest.approx(0.25 * 55)
+    assert [*tmp_path.iterdir()] == [page]
+
+
+def test_a_result_is_what_the_job_gave(
+    job: Path, result: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    made, read = CalibrationJob.load(job).run().calibrated, read_calibrated(result)
+    for name in made.arm.parameters:
+        assert read.values.get(name) == pytest.approx(made.values.get(name))
+    assert read.names == made.names
+    np.testing.assert_allclose(read.covariance, made.covariance, rtol=1e-9)
+    assert read.summary == made.summary
+    assert read.assessment == made.assessment
+    for name, terms in made.terms.items():
+        for (term, values), (_, again) in zip(terms, read.terms[name], strict=True):
+            for own in term.own:
+                assert again[own.name] == pytest.approx(values[own.name], abs=1e-7)
+    # The folder of a result is the result.
+    assert cli("view", result.parent, "--html", tmp_path / "a.html", "--json") == 0
+    answer = json.loads(capsys.readouterr().out)
+    assert answer["samples"] == 55
+    assert answer["verdict"]["usable"] is True
+    assert answer["html"] == str(tmp_path / "a.html")
+
+
+def test_it_is_served_until_the_time_is_over(job: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli("view", job, "--port", "0", "--seconds", "0.1") == 0
+    assert "Look at http://127.0.0.1:" in capsys.readouterr().out
+
+
+def test_ctrl_c_ends_it_cleanly(result: Path) -> None:
+    command = [sys.executable, "-m", "suta_calib", "view", str(result), "--port", "0", "--json"]
+    environment = {**os.environ, "PYTHONUNBUFFERED": "1"}
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment
+    ) as run:
+        assert run.stdout is not None
+        said = ""
+        while not said.endswith("\n}\n"):
+            said += run.stdout.readline()
+        run.send_signal(signal.SIGINT)
+        rest, errors = run.communicate(timeout=60)
+    assert json.loads(said)["url"].startswith("http://127.0.0.1:")
+    assert (rest, errors, run.returncode) == ("", "", 0)
+
+
+def test_a_port_that_is_taken_is_named(job: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        assert cli("view", job, "--port", port, "--seconds", "0.1") == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert f"127.0.0.1:{port}: found another program that listens there" in captured.err
+    assert "choose another with --port" in captured.err
+
+
+@pytest.mark.parametrize("host", ["no.such.host.invalid", "203.0.113.7"])
+def test_a_host_that_is_not_this_computer_is_refused(
+    job: Path, host: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli("view", job, "--host", host, "--port", "0", "--seconds", "0.1") == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert f"{host}:0: found " in captured.err
+    assert "--host" in captured.err
+
+
+def unusable(folder: Path) -> Path:
+    """A job whose held-out data are of an arm that is off the other way."""
+    path = write_simulated_job(folder, SUTA_URDF)
+    arm = ArmModel.from_urdf(path.parent / "arm.urdf", "tip")
+    opposite = {name: 2 * arm.parameters[name].nominal - value for name, value in TRUTH.items()}
+    write_samples(path.parent / "validation" / "a.csv", simulated(arm, 15, 2, opposite))
+    return path
+
+
+def test_what_must_not_be_used_is_shown_as_such_and_is_not_read_back(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    job, page = unusable(tmp_path / "job"), tmp_path / "page.html"
+    assert cli("view", job, "--html", page) == 1
+    assert "Do not use" in capsys.readouterr().out
+    assert "Do not use" in page.read_text(encoding="utf-8")
+    page.unlink()
+    assert cli("calibrate", job, "--json") == 1
+    capsys.readouterr()
+    result = job.parent / "results" / "result.json"
+    assert cli("view", result, "--html", page) == 2
+    assert "found an answer that must not be used" in capsys.readouterr().err
+    assert not page.exists()
+    assert cli("view", result, "--html", page, "--anyway") == 1
+    assert "Do not use" in page.read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (lambda data: data.pop("run"), "found no job that it was made from"),
+        (lambda data: data["parameters"].pop("base.x"), "found no value of base.x"),
+        (lambda data: data["parameters"]["base.x"].update(value="x"), "base.x: found 'x'"),
+        (lambda data: data["run"].update(inputs={"gone.yaml": "0"}), "found no job gone.yaml"),
+        (lambda data: data.update(status="not converged"), "found 'not converged'"),
+        (lambda data: data.update(parameters=[]), "found no table of parameters"),
+    ],
+)
+def test_a_result_that_tells_too_little_is_refused(
+    result: Path, change: Any, told: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    data = json.loads(result.read_text())
+    change(data)
+    # In a folder of its own beside the results: there the job is looked for.
+    folder = result.parent.parent / "changed"
+    folder.mkdir(exist_ok=True)
+    (folder / "result.json").write_text(json.dumps(data))
+    assert cli("view", folder, "--html", folder / "page.html") == 2
+    assert told in capsys.readouterr().err
+    assert not (folder / "page.html").exists()
+
+
+def test_a_job_that_changed_since_is_not_taken_for_the_one_of_the_result(tmp_path: Path) -> None:
+    job = write_simulated_job(tmp_path / "job", SUTA_URDF)
+    assert cli("calibrate", job, "--json") == 0
+    job.write_text(job.read_text() + "# Something else.\n")
+    with pytest.raises(InputError, match=r"changed since.*calibrate again"):
+        read_calibrated(job.parent / "results")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (("gone.yaml",), "gone.yaml"),
+        (("gone.json", "--html", "a.html"), "gone.json"),
+        (("JOB", "--html", "no/such/folder/a.html"), "found no folder"),
+        (("JOB", "--html", "a.html", "--device", "device.yaml"), "found --html with --device"),
+        (("JOB", "--device", "gone.yaml"), "gone.yaml"),
+        (("JOB", "--port", "99999"), "99999"),
+    ],
+)
+def test_bad_input_is_one_line_and_nothing_is_written(
+    job: Path,
+    tmp_path: Path,
+    arguments: tuple[str, ...],
+    told: str,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert cli("view", *(job if word == "JOB" else word for word in arguments)) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert told in captured.err
+    assert captured.err.count("\n") == 1
+    assert not [*tmp_path.iterdir()]
+
+
+def test_without_the_extra_it_says_how_to_install_it(
+    job: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name in ("viser", "yourdfpy"):
+        monkeypatch.setitem(sys.modules, name, None)
+    assert cli("view", job, "--seconds", "0.1") == 2
+    assert "pip install 'suta_calib[view]'" in capsys.readouterr().err
+
+
+# ── a device ────────────────────────────────────────────────────────────────────────────────
+def emulated(**options: Any) -> Emulation:
+    arm = ArmModel.from_urdf(SUTA_URDF, "tip")
+    joints = tuple(JointSpec(name, -1 if k == 2 else 1) for k, name in enumerate(arm.joints))
+    device = DeviceSpec(Path("device.yaml"), "", 921600, "frames", "counts", 1 << 22, joints)
+    return Emulation(device, sweep(arm, slowest=0.3), **options)
+
+
+@pytest.fixture
+def device(tmp_path: Path) -> Iterator[Path]:
+    with EmulatedArm(emulated()) as emulator:
+        yield emulator.write_device(tmp_path / "device.yaml")
+
+
+def test_the_arm_moves_as_the_device_reads(result: Path, device: Path) -> None:
+    calibrated = read_calibrated(result)
+    with view_calibration(calibrated) as viewer:
+        live = LiveArm(viewer, calibrated, read_device(device))
+        live.follow(lambda: live.shown >= 5, lambda _: None)
+        tip = viewer.server.scene.get_handle_by_name("/calibrated/links/tip").position
+        said = viewer.server.scene.get_handle_by_name("/tip_is")
+        (shown,) = viewer.server.scene.get_handle_by_name("/tip").batched_positions
+    # Where the picture has the tip is what the label says, and what the ellipsoid is about.
+    np.testing.assert_allclose(shown, tip, atol=1e-6)
+    numbers = [float(part.split(" ± ")[0]) for part in said.text.removesuffix(" mm").split(", ")]
+    np.testing.assert_allclose(numbers, 1e3 * np.array(tip), atol=6e-3)
+    assert not np.allclose(tip, calibrated.tip(viewer.scene.q[None])[0][0], atol=1e-3)
+
+
+def test_an_encoder_that_is_wrong_stops_the_picture(result: Path, tmp_path: Path) -> None:
+    calibrated = read_calibrated(result)
+    wrong = Faults(errors=(Flag("joint_3", Window(0.0, 1e6)),))
+    with EmulatedArm(emulated(faults=wrong)) as emulator, view_calibration(calibrated) as viewer:
+        spec = read_device(emulator.write_device(tmp_path / "device.yaml"))
+        live = LiveArm(viewer, calibrated, spec)
+        before = viewer.server.scene.get_handle_by_name("/calibrated/links/tip").position
+        live.follow(
+            lambda: viewer.server.scene.get_handle_by_name("/tip_is") is not None, lambda _: None
+        )
+        after = viewer.server.scene.get_handle_by_name("/calibrated/links/tip").position
+        said = viewer.server.scene.get_handle_by_name("/tip_is").text
+    assert said == "not valid: error flag of joint_3"
+    assert live.shown == 0
+    np.testing.assert_array_equal(before, after)
+
+
+def test_the_command_follows_a_device(
+    result: Path, device: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli("view", result, "--device", device, "--port", "0", "--seconds", "0.5") == 0
+    assert "Look at http" in capsys.readouterr().out
+
+
+def test_a_device_of_another_arm_is_refused(
+    result: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    other = tmp_path / "device.yaml"
+    other.write_text("port: loop://\njoints: [{name: elbow}]\n")
+    assert cli("view", result, "--device", other, "--port", "0", "--seconds", "0.5") == 2
+    assert "elbow" in capsys.readouterr().err

@@ -1,0 +1,198 @@
+"""Exports of an arm, read back by the libraries that users read them with: the same poses."""
+
+from __future__ import annotations
+
+import io
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from lxml import etree
+
+from suta_calib.arrays import FloatArray
+from suta_calib.exchange import Result, write_foreign
+from suta_calib.geometry.numbers import homogeneous, rotation_from_rpy
+from suta_calib.job.dh_file import read_dh_table
+from suta_calib.model.arm import ArmModel
+
+# m and, of a rotation matrix, its elements.
+SAME = 1e-9
+
+
+def readings(result: Result, n: int = 20) -> FloatArray:
+    assert result.arm is not None
+    joints = result.arm.model.joints
+    return np.random.default_rng(0).uniform(-1.5, 1.5, (n, len(joints)))
+
+
+def wanted(result: Result) -> FloatArray:
+    """(n, 4, 4) poses of the calibrated arm."""
+    assert result.arm is not None
+    rotation, position = result.arm.model.forward(readings(result), result.arm.values)
+    return np.array([homogeneous(*pose) for pose in zip(rotation, position, strict=True)])
+
+
+def exported(result: Result, form: str, folder: Path, **options: object) -> Path:
+    found = write_foreign(result, form, **options)
+    return found.write(folder / found.file)[0]
+
+
+def through_pinocchio(result: Result, urdf: Path) -> FloatArray:
+    rotation, position = ArmModel.from_urdf(urdf, "tip").forward(readings(result))
+    return np.array([homogeneous(*pose) for pose in zip(rotation, position, strict=True)])
+
+
+def test_the_calibration_moved_the_arm(result: Result) -> None:
+    """Or the comparisons below would compare nominal arms."""
+    assert result.arm is not None
+    nominal = result.arm.model.forward(readings(result))[1]
+    assert np.linalg.norm(nominal - wanted(result)[:, :3, 3], axis=1).min() > 1e-3
+
+
+def test_urdf(result: Result, tmp_path: Path) -> None:
+    yourdfpy = pytest.importorskip("yourdfpy")
+    path = exported(result, "urdf", tmp_path)
+    np.testing.assert_allclose(through_pinocchio(result, path), wanted(result), atol=SAME)
+    robot = yourdfpy.URDF.load(str(path), load_meshes=False, build_collision_scene_graph=False)
+    assert result.arm is not None
+    for q, pose in zip(readings(result), wanted(result), strict=True):
+        robot.update_cfg(dict(zip(result.arm.model.joints, q, strict=True)))
+        np.testing.assert_allclose(robot.get_transform("tip", "base_link"), pose, atol=SAME)
+
+
+@pytest.mark.parametrize("convention", ["classic", "modified"])
+def test_dh(convention: str, result: Result, tmp_path: Path) -> None:
+    path = exported(result, "dh", tmp_path, convention=convention)
+    poses = read_dh_table(path).poses(readings(result))
+    np.testing.assert_allclose(poses, wanted(result), atol=SAME)
+
+
+def test_mjcf(result: Result, tmp_path: Path) -> None:
+    mujoco = pytest.importorskip("mujoco")
+    model = mujoco.MjModel.from_xml_path(str(exported(result, "mjcf", tmp_path)))
+    data = mujoco.MjData(model)
+    assert result.arm is not None
+    for q, pose in zip(readings(result), wanted(result), strict=True):
+        for name, value in zip(result.arm.model.joints, q, strict=True):
+            data.joint(name).qpos[0] = value
+        mujoco.mj_kinematics(model, data)
+        site = data.site("tip")
+        np.testing.assert_allclose(site.xpos, pose[:3, 3], atol=SAME)
+        np.testing.assert_allclose(site.xmat.reshape(3, 3), pose[:3, :3], atol=SAME)
+
+
+def expanded(path: Path) -> Path:
+    """A xacro file, run through xacro."""
+    xacro = pytest.importorskip("xacro")
+    urdf = path.with_suffix(".urdf")
+    urdf.write_text(xacro.process_file(str(path)).toxml(), encoding="utf-8")
+    return urdf
+
+
+def as_xacro(result: Result, include: str) -> etree._Element:
+    """The nominal URDF as a xacro file."""
+    assert result.arm is not None
+    text = result.arm.model.chain.path.read_text(encoding="utf-8")
+    text = re.sub(r"<\?xml[^>]*\?>", "", text)
+    space = 'xmlns:xacro="http://www.ros.org/wiki/xacro"'
+    return etree.fromstring(re.sub(r"<robot ", f"<robot {space} ", text).replace("@", include))
+
+
+def test_xacro_yaml(result: Result, tmp_path: Path) -> None:
+    path = exported(result, "xacro-yaml", tmp_path)
+    origins = yaml.safe_load(path.read_text())["kinematics"]
+    assert origins["hash"].startswith("calib_")
+    root = as_xacro(result, "")
+    file = etree.Element("{http://www.ros.org/wiki/xacro}property", name="k")
+    file.set("value", f"${{xacro.load_yaml('{path}')['kinematics']}}")
+    root.insert(0, file)
+    for joint in root.iterchildren("joint"):
+        origin = joint.find("origin")
+        if joint.get("name") in origins and origin is not None:
+            for key, names in (("xyz", ("x", "y", "z")), ("rpy", ("roll", "pitch", "yaw"))):
+                words = (f"${{k['{joint.get('name')}']['{name}']}}" for name in names)
+                origin.set(key, " ".join(words))
+    (tmp_path / "arm.xacro").write_bytes(etree.tostring(root))
+    poses = through_pinocchio(result, expanded(tmp_path / "arm.xacro"))
+    np.testing.assert_allclose(poses, wanted(result), atol=SAME)
+
+
+def test_xacro_macro(result: Result, tmp_path: Path) -> None:
+    path = exported(result, "xacro", tmp_path)
+    root = as_xacro(result, "")
+    include = etree.Element("{http://www.ros.org/wiki/xacro}include", filename=str(path))
+    root.insert(0, include)
+    assert result.arm is not None
+    for joint in root.iterchildren("joint"):
+        if joint.get("name") in result.arm.origins:
+            for origin in joint.findall("origin"):
+                joint.remove(origin)
+            tag = "{http://www.ros.org/wiki/xacro}calibrated_origin"
+            joint.append(etree.Element(tag, joint=joint.get("name")))
+    (tmp_path / "arm.xacro").write_bytes(etree.tostring(root))
+    poses = through_pinocchio(result, expanded(tmp_path / "arm.xacro"))
+    np.testing.assert_allclose(poses, wanted(result), atol=SAME)
+
+
+def test_joint_offsets(result: Result, tmp_path: Path) -> None:
+    assert result.arm is not None
+    path = exported(result, "joint-offsets", tmp_path)
+    offsets = yaml.safe_load(path.read_text())["joint_offsets"]
+    assert list(offsets) == list(result.arm.model.joints)
+    for joint, told in offsets.items():
+        value = result.arm.values.get(f"{joint}.offset", 0.0)
+        assert told["offset_rad"] == pytest.approx(value, abs=1e-15)
+        assert told["offset_deg"] == pytest.approx(np.rad2deg(value), abs=1e-12)
+    # A length is no offset, and it is said that it is missing.
+    found = write_foreign(result, "joint-offsets")
+    assert "joint_4.z" in found.lost
+    assert found.assessment.level == "care"
+
+
+def degrees(motor: dict[str, int], encoder: float) -> float:
+    """What LeRobot shows of an encoder, as its drivers compute it."""
+    middle = (motor["range_min"] + motor["range_max"]) / 2
+    return (encoder - motor["homing_offset"] - middle) * 360 / 4096
+
+
+def test_lerobot(result: Result, tmp_path: Path) -> None:
+    assert result.arm is not None
+    motors = {
+        f"motor_{k}": {
+            "id": k,
+            "drive_mode": 0,
+            "homing_offset": 100 * k - 300,
+            "range_min": 700,
+            "range_max": 3300,
+        }
+        for k in range(1, len(result.arm.model.joints) + 1)
+    }
+    before = tmp_path / "before.json"
+    before.write_text(json.dumps(motors))
+    names = [f"motor_{k}={name}" for k, name in enumerate(result.arm.model.joints, 1)]
+    path = exported(result, "lerobot", tmp_path, calibration=str(before), motors=names)
+    after = json.loads(path.read_text())
+    for motor, joint in zip(motors, result.arm.model.joints, strict=True):
+        change = degrees(after[motor], 2000) - degrees(motors[motor], 2000)
+        offset = np.rad2deg(result.arm.values.get(f"{joint}.offset", 0.0))
+        assert change == pytest.approx(offset, abs=0.5 * 360 / 4096 + 1e-9)
+        assert {**after[motor], "homing_offset": 0} == {**motors[motor], "homing_offset": 0}
+
+
+def test_numpy_and_json_hold_everything(result: Result, tmp_path: Path) -> None:
+    assert result.arm is not None
+    found = write_foreign(result, "numpy")
+    assert not found.left_out
+    arrays = np.load(io.BytesIO(found.content), allow_pickle=False)
+    told = json.loads(write_foreign(result, "json").content)
+    for data in (arrays, told):
+        values = dict(zip(map(str, data["parameters"]), map(float, data["values"]), strict=True))
+        assert values == dict(result.arm.values)
+        np.testing.assert_array_equal(data["covariance"], result.arm.known.covariance)
+        at = list(map(str, data["origins"])).index("joint_4")
+        origin = np.asarray(data["T_parent_joint"])[at]
+        xyz, rpy = result.arm.model.origins(result.arm.values)["joint_4"]
+        np.testing.assert_allclose(origin, homogeneous(rotation_from_rpy(rpy), xyz), atol=1e-15)

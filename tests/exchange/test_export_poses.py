@@ -1,0 +1,123 @@
+"""Exports of poses and cameras, read back by the libraries that users read them with."""
+
+from __future__ import annotations
+
+import ast
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from foreign import poses, transforms
+from lxml import etree
+from scipy.spatial.transform import Rotation
+
+from suta_calib.errors import InputError
+from suta_calib.exchange import Result, Transform, read_result, write_foreign
+from suta_calib.measurements import Camera, read_camera
+from suta_calib.units import mm
+
+SAME = 1e-9
+POSES = transforms(*poses(2))
+CAMERA = Camera(
+    1280, 960, np.array([1010.5, 1009.25, 640.1, 479.9, -0.12, 0.031, 1e-4, -2.5e-5, 1e-3])
+)
+
+
+@pytest.fixture
+def found(tmp_path: Path) -> Result:
+    """Two poses and a camera, as an answer may hold them."""
+    both = (Transform("tool0", "eye", POSES[0]), Transform("base", "board 1", POSES[1]))
+    return Result(tmp_path / "result.json", None, both, CAMERA)
+
+
+def test_ros_transforms(found: Result) -> None:
+    told = yaml.safe_load(write_foreign(found, "ros-tf").content)["transforms"]
+    assert [each["child_frame_id"] for each in told] == ["eye", "board 1"]
+    for each, pose in zip(told, POSES, strict=True):
+        place, turn = each["transform"]["translation"], each["transform"]["rotation"]
+        np.testing.assert_allclose([place[a] for a in "xyz"], pose[:3, 3], atol=SAME)
+        R = Rotation.from_quat([turn[a] for a in "xyzw"]).as_matrix()
+        np.testing.assert_allclose(R, pose[:3, :3], atol=SAME)
+
+
+def test_ros_launch(found: Result) -> None:
+    """ROS is not here: the file is Python, and its numbers are the poses."""
+    tree = ast.parse(write_foreign(found, "ros-launch").content)
+    (table,) = (node for node in tree.body if isinstance(node, ast.Assign))
+    for (parent, child, place, turn), pose in zip(
+        ast.literal_eval(table.value), POSES, strict=True
+    ):
+        assert (parent, child) in {("tool0", "eye"), ("base", "board 1")}
+        np.testing.assert_allclose(place, pose[:3, 3], atol=SAME)
+        np.testing.assert_allclose(Rotation.from_quat(turn).as_matrix(), pose[:3, :3], atol=SAME)
+
+
+def test_plus(found: Result) -> None:
+    root = etree.fromstring(write_foreign(found, "plus").content)
+    told = root.findall("CoordinateDefinitions/Transform")
+    assert [(each.get("From"), each.get("To")) for each in told] == [
+        ("Eye", "Tool0"),
+        ("Board1", "Base"),
+    ]
+    for each, pose in zip(told, POSES, strict=True):
+        matrix = np.array(each.get("Matrix").split(), dtype=float).reshape(4, 4)
+        np.testing.assert_allclose(matrix[:3, 3], mm(pose[:3, 3]), atol=1e3 * SAME)
+        np.testing.assert_allclose(matrix[:3, :3], pose[:3, :3], atol=SAME)
+
+
+@pytest.mark.parametrize("form", ["slicer-tfm", "slicer-h5"])
+def test_slicer_transforms(form: str, found: Result, tmp_path: Path) -> None:
+    """ITK's goes from the parent to the child in its own axes: Slicer turns it round again."""
+    itk = pytest.importorskip("SimpleITK")
+    path = tmp_path / write_foreign(found, form, pose="eye").file
+    write_foreign(found, form, pose="eye").write(path)
+    read = itk.ReadTransform(str(path))
+    to_ras = np.diag([-1.0, -1.0, 1.0])
+    for point in np.random.default_rng(0).uniform(-0.3, 0.3, (5, 3)):
+        in_parent = POSES[0, :3, :3] @ point + POSES[0, :3, 3]
+        back = to_ras @ np.array(read.TransformPoint(to_ras @ mm(in_parent)))
+        np.testing.assert_allclose(back, mm(point), atol=1e3 * SAME)
+    with pytest.raises(InputError, match=r"--pose: found 2 poses; expected .*eye, board 1"):
+        write_foreign(found, form)
+
+
+def test_camera_info_is_read_by_opencv_and_by_us(found: Result, tmp_path: Path) -> None:
+    cv2 = pytest.importorskip("cv2")
+    path = tmp_path / "camera.yaml"
+    write_foreign(found, "camera-info", camera_name="left").write(path)
+    file = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)
+    assert file.getNode("image_width").real() == CAMERA.width
+    for key, numbers in (
+        ("camera_matrix", CAMERA.matrix),
+        ("distortion_coefficients", CAMERA.intrinsics[4:]),
+    ):
+        node = file.getNode(key).getNode("data")
+        told = [node.at(k).real() for k in range(node.size())]
+        np.testing.assert_allclose(told, numbers.ravel(), rtol=1e-12)
+    assert file.getNode("projection_matrix").getNode("data").size() == 12
+    assert yaml.safe_load(path.read_text())["camera_name"] == "left"
+    np.testing.assert_array_equal(read_camera(path).intrinsics, CAMERA.intrinsics)
+
+
+def test_answers_of_closed_problems(tmp_path: Path) -> None:
+    path = tmp_path / "result.json"
+    verdict = {"level": "good", "usable": True, "sentence": "", "notes": []}
+    X, Z = POSES.tolist()
+    answers = {
+        ("hand", "eye"): {"setup": "eye-in-hand", "model": "AX=XB", "X": X},
+        ("base", "eye"): {"setup": "eye-to-hand", "model": "AX=ZB", "X": X, "Z": Z},
+        ("b", "a"): {"T_b_a": X},
+    }
+    for frames, data in answers.items():
+        path.write_text(json.dumps({**data, "verdict": verdict}))
+        first, *rest = read_result(tmp_path).transforms
+        assert (first.parent, first.child) == frames
+        np.testing.assert_array_equal(first.matrix, POSES[0])
+        assert [each.child for each in rest] == (["target"] if "Z" in data else [])
+    path.write_text(json.dumps({"tip_mm": [1.0, 2.0, 300.0], "verdict": verdict}))
+    (tip,) = read_result(path).transforms
+    np.testing.assert_allclose(tip.matrix[:3, 3], [0.001, 0.002, 0.3])
+    with pytest.raises(InputError, match="no calibrated arm, which mjcf is a format of"):
+        write_foreign(read_result(path), "mjcf")

@@ -1,0 +1,116 @@
+"""Files of instruments: the tool's poses, also relative to a reference, without lost frames."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from foreign import check, imported
+from foreign_samples import BODIES, KEPT, REFERENCE, TOOL, P, R
+
+from suta_calib.errors import InputError
+
+
+@pytest.mark.parametrize("form", BODIES)
+def test_the_tool(form: str, tmp_path: Path) -> None:
+    """Recognised from the file, in m, without the frame in which it was not seen."""
+    sample = BODIES[form](tmp_path)
+    found = imported(sample.path, **sample.options)
+    assert (found.form, found.dropped) == (form, 1)
+    check(found, tmp_path / "o.csv", R[KEPT], P[KEPT])
+
+
+@pytest.mark.parametrize("form", BODIES)
+def test_relative_to_a_reference_body(form: str, tmp_path: Path) -> None:
+    sample = BODIES[form](tmp_path)
+    found = imported(sample.path, form, **sample.options, reference=sample.reference)
+    relative = (np.linalg.inv(REFERENCE) @ TOOL)[KEPT]
+    check(found, tmp_path / "o.csv", relative[:, :3, :3], relative[:, :3, 3])
+    options = {**sample.options, "body": sample.reference, "reference": sample.options["body"]}
+    other = imported(sample.path, form, **options)
+    back = np.linalg.inv(relative)
+    check(other, tmp_path / "o.csv", back[:, :3, :3], back[:, :3, 3])
+
+
+@pytest.mark.parametrize("form", BODIES)
+def test_which_body_is_asked(form: str, tmp_path: Path) -> None:
+    sample = BODIES[form](tmp_path)
+    options = {name: value for name, value in sample.options.items() if name != "body"}
+    with pytest.raises(
+        InputError, match=rf"2 bodies or markers: .*{sample.reference}.*--body NAME"
+    ):
+        imported(sample.path, **options)
+    with pytest.raises(InputError, match=r"no body or marker 'nobody'; expected one of"):
+        imported(sample.path, **options, body="nobody")
+
+
+@pytest.mark.parametrize("form", BODIES)
+def test_several_bodies_are_told_apart(form: str, tmp_path: Path) -> None:
+    sample = BODIES[form](tmp_path)
+    found = imported(sample.path, **{**sample.options, "body": "*"})
+    targets, counts = np.unique(found.columns["target"], return_counts=True)
+    assert dict(zip(targets, counts, strict=True)) == {
+        sample.options["body"]: 7,
+        sample.reference: 8,
+    }
+
+
+@pytest.mark.parametrize("form", ["motive", "vicon", "qualisys", "plus-sequence"])
+def test_time_comes_along(form: str, tmp_path: Path) -> None:
+    sample = BODIES[form](tmp_path)
+    time = imported(sample.path, **sample.options).columns["time"]
+    step = 0.05 if form == "plus-sequence" else 0.01
+    np.testing.assert_allclose(time, KEPT * step, atol=1e-12)
+
+
+def test_vicon_asks_what_its_angles_are(tmp_path: Path) -> None:
+    sample = BODIES["vicon"](tmp_path)
+    with pytest.raises(InputError, match=r":4: .*--rotation vector"):
+        imported(sample.path, body="s:probe")
+
+
+def test_vicon_quaternions_and_markers(tmp_path: Path) -> None:
+    path = tmp_path / "tracker.csv"
+    path.write_text(
+        "Objects\n50\n,,tool,,,,,,\nFrame,Sub Frame,RX,RY,RZ,RW,TX,TY,TZ\n,,,,,,mm,mm,mm\n"
+        "1,0,0,0,0.6,0.8,1000,0,0\n\nTrajectories\n50\n,,tool:A,,\n"
+        "Frame,Sub Frame,X,Y,Z\n,,mm,mm,mm\n1,0,1,2,3000\n"
+    )
+    turn = np.array([[[-0.28 + 0.56, -0.96, 0], [0.96, 0.28, 0], [0, 0, 1]]])
+    check(imported(path, body="tool"), tmp_path / "o.csv", turn, np.array([[1.0, 0, 0]]))
+    check(imported(path, body="tool:A"), tmp_path / "o.csv", None, np.array([[0.001, 0.002, 3.0]]))
+
+
+def test_qualisys_markers_and_leading_columns(tmp_path: Path) -> None:
+    path = tmp_path / "run.tsv"
+    path.write_text(
+        "NO_OF_FRAMES\t2\nFREQUENCY\t100\nMARKER_NAMES\tA\tB\n"
+        "Frame\tTime\tA X\tA Y\tA Z\tB X\tB Y\tB Z\n"
+        "1\t0.00\t1\t2\t1003\t4\t5\t1006\n2\t0.01\t1\t2\t1004\t4\t5\t1007\n"
+    )
+    wanted = np.array([[0.004, 0.005, 1.006], [0.004, 0.005, 1.007]])
+    check(imported(path, body="B"), tmp_path / "o.csv", None, wanted)
+
+
+def test_ndi_leaves_out_numbers_that_are_nowhere(tmp_path: Path) -> None:
+    path = tmp_path / "tool.tsv"
+    bad = "-3.697314E28"
+    path.write_text(
+        "Port 1: probe\tFrame\tState\tQ0\tQx\tQy\tQz\tTx\tTy\tTz\n"
+        "\t1\tOK\t1\t0\t0\t0\t1\t2\t-1500\n"
+        f"\t2\tOK\t{bad}\t{bad}\t{bad}\t{bad}\t{bad}\t{bad}\t{bad}\n"
+        "\t3\tOut of volume\t1\t0\t0\t0\t1\t2\t-1500\n"
+    )
+    found = imported(path)
+    assert found.dropped == 2
+    assert found.form == "ndi"
+    check(found, tmp_path / "o.csv", np.eye(3)[None], np.array([[0.001, 0.002, -1.5]]))
+
+
+def test_motive_wants_quaternions(tmp_path: Path) -> None:
+    sample = BODIES["motive"](tmp_path)
+    text = sample.path.read_text().replace("Rotation Type,Quaternion", "Rotation Type,XYZ")
+    sample.path.write_text(text)
+    with pytest.raises(InputError, match=r"as XYZ; expected an export with .*Quaternion"):
+        imported(sample.path, **sample.options)

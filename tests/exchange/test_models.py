@@ -1,0 +1,68 @@
+"""Models and devices of other programs: the same arm, the same angles."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cli_job import cli
+from foreign_samples import MOTORS, SAMPLES
+
+from suta_calib.device import read_device
+from suta_calib.device.formats import decoder_for
+from suta_calib.errors import InputError
+from suta_calib.exchange import read_foreign
+from suta_calib.job.dh_file import read_dh_table
+from suta_calib.model.arm import ArmModel
+
+
+def test_a_dh_table_becomes_a_urdf(tmp_path: Path) -> None:
+    path = SAMPLES["dh"](tmp_path).path
+    out = tmp_path / "arm.urdf"
+    assert cli("import", path, "--robot", "three", "--out", out) == 0
+    arm = ArmModel.from_urdf(out, "tip")
+    assert arm.chain.robot == "three"
+    q = np.array([[0.3, -0.7, 0.05], [-1.0, 0.4, 0.1]])
+    rotation, position = arm.forward(q)
+    poses = read_dh_table(path).poses(q)
+    np.testing.assert_allclose(position, poses[:, :3, 3], atol=1e-12)
+    np.testing.assert_allclose(rotation, poses[:, :3, :3], atol=1e-12)
+
+
+def test_lerobot_motors_become_a_device(tmp_path: Path) -> None:
+    """Angles of ticks are LeRobot's degrees: from the middle of the range, reversed by the mode."""
+    path = SAMPLES["lerobot-calibration"](tmp_path).path
+    out = tmp_path / "device.yaml"
+    words = ("--port", "/dev/ttyUSB3", "--motors", "elbow_flex=joint_3", "--out", out)
+    assert cli("import", path, *words) == 0
+    spec = read_device(out)
+    assert spec.port == "/dev/ttyUSB3"
+    assert spec.names == ("shoulder_pan", "shoulder_lift", "joint_3")
+    decoder = decoder_for(spec)
+    (reading,) = decoder.feed(b"\n2500,2500,1000\n", 0.0)
+    for angle, ticks, motor in zip(
+        reading.angles, (2500, 2500, 1000), MOTORS.values(), strict=True
+    ):
+        middle = (motor["range_min"] + motor["range_max"]) / 2
+        sign = -1 if motor["drive_mode"] else 1
+        wanted = sign * (ticks - middle) * math.tau / 4096
+        assert angle == pytest.approx(wanted, abs=0.5 * math.tau / 4096 + 1e-9)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ('"homing_offset": -150', '"homing_offset": "x"', "shoulder_pan.homing_offset: found 'x'"),
+        ('"range_min": 701', '"range_min": 1.5', "shoulder_pan.range_min: found 1.5"),
+        ('"drive_mode": 0,', "", "shoulder_pan.drive_mode: found None"),
+    ],
+)
+def test_motors_that_cannot_be_used(old: str, new: str, says: str, tmp_path: Path) -> None:
+    path = SAMPLES["lerobot-calibration"](tmp_path).path
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new, 1))
+    with pytest.raises(InputError, match=says):
+        read_foreign(path, "lerobot-calibration")

@@ -1,0 +1,276 @@
+"""Tables of other programs: every usual form gives the same poses, or is asked about."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from foreign import check, imported, poses, read_back, transforms, written
+from scipy.spatial.transform import Rotation
+
+from suta_calib.arrays import FloatArray
+from suta_calib.errors import InputError
+from suta_calib.exchange.rotations import EULER
+
+R, P = poses()
+T = transforms(R, P)
+XYZW = Rotation.from_matrix(R).as_quat()
+WXYZ = np.roll(XYZW, 1, axis=1)
+
+
+def euler(order: str) -> FloatArray:
+    return np.asarray(Rotation.from_matrix(R).as_euler(order, degrees=True))
+
+
+FORMS: dict[str, tuple[FloatArray, dict[str, object]]] = {
+    "xyz xyzw": (np.hstack([P, XYZW]), {"rotation": "xyzw"}),
+    "xyz wxyz": (np.hstack([P, WXYZ]), {"rotation": "wxyz"}),
+    "wxyz xyz": (np.hstack([WXYZ, P]), {"rotation": "wxyz"}),
+    "xyzw xyz": (np.hstack([XYZW, P]), {"rotation": "xyzw"}),
+    "12 by rows": (T[:, :3].reshape(-1, 12), {}),
+    "12 by columns": (T[:, :3].swapaxes(1, 2).reshape(-1, 12), {"rotation": "columns"}),
+    "9 by rows and 3": (np.hstack([R.reshape(-1, 9), P]), {"rotation": "rows"}),
+    "16 by rows": (T.reshape(-1, 16), {}),
+    "16 by columns": (T.swapaxes(1, 2).reshape(-1, 16), {}),
+    "stacked": (T.reshape(-1, 4), {}),
+    "rotation vector": (
+        np.hstack([P, Rotation.from_matrix(R).as_rotvec()]),
+        {"rotation": "vector"},
+    ),
+    **{
+        f"Euler {order}": (np.hstack([P, euler(order)]), {"rotation": order, "unit": "deg"})
+        for order in ("xyz", "XYZ", "zyx", "ZYX", "zyz", "ZYZ")
+    },
+}
+
+
+@pytest.mark.parametrize("separator", [",", ";", "\t", " "])
+@pytest.mark.parametrize("form", FORMS)
+def test_every_form_gives_the_same_poses(form: str, separator: str, tmp_path: Path) -> None:
+    rows, options = FORMS[form]
+    path = written(tmp_path / "t.txt", rows, separator)
+    check(imported(path, **options), tmp_path / "o.csv", R, P)
+
+
+@pytest.mark.parametrize("separator", [";", "\t", " "])
+def test_decimal_commas(separator: str, tmp_path: Path) -> None:
+    path = written(tmp_path / "t.txt", T[:, :3].reshape(-1, 12), separator, decimal=",")
+    check(imported(path), tmp_path / "o.csv", R, P)
+
+
+def test_every_order_of_euler_angles_is_scipys(tmp_path: Path) -> None:
+    assert len(EULER) == len(set(EULER)) == 24
+    for order in EULER:
+        path = written(tmp_path / "t.txt", np.hstack([P, euler(order)]))
+        check(imported(path, rotation=order, unit="deg"), tmp_path / "o.csv", R, P)
+
+
+NAMED: dict[str, tuple[str, FloatArray, dict[str, object]]] = {
+    "NDI": ("Q0,Qx,Qy,Qz,Tx,Ty,Tz", np.hstack([WXYZ, 1e3 * P]), {"unit": "mm"}),
+    "unit in the name": ("x [mm],y [mm],z [mm],qx,qy,qz,qw", np.hstack([1e3 * P, XYZW]), {}),
+    "ours": ("x_mm,y_mm,z_mm,qx,qy,qz,qw", np.hstack([1e3 * P, XYZW]), {}),
+    "ROS": (
+        ",".join(f"pose.position.{a}" for a in "xyz")
+        + ","
+        + ",".join(f"pose.orientation.{a}" for a in "xyzw"),
+        np.hstack([P, XYZW]),
+        {},
+    ),
+    "a matrix": (
+        "tx,ty,tz," + ",".join(f"r{i}{j}" for i in (1, 2, 3) for j in (1, 2, 3)),
+        np.hstack([P, R.reshape(-1, 9)]),
+        {},
+    ),
+    "names that say nothing": (
+        ",".join(f"T{i}{j}" for i in range(3) for j in range(4)),
+        T[:, :3].reshape(-1, 12),
+        {},
+    ),
+    "roll, pitch, yaw": (
+        "x,y,z,roll_deg,pitch_deg,yaw_deg",
+        np.hstack([P, euler("xyz")]),
+        {"rotation": "xyz"},
+    ),
+    "given": (
+        "one,two,three,four,five,six,seven",
+        np.hstack([XYZW, P]),
+        {"columns": "one=qx,two=qy,three=qz,four=qw,five=x,six=y,seven=z"},
+    ),
+}
+
+
+@pytest.mark.parametrize("form", NAMED)
+def test_columns_with_names(form: str, tmp_path: Path) -> None:
+    header, rows, options = NAMED[form]
+    path = written(tmp_path / "t.csv", rows, header=header)
+    check(imported(path, **options), tmp_path / "o.csv", R, P)
+
+
+def test_pairs_of_poses_for_hand_eye(tmp_path: Path) -> None:
+    header = ",".join(f"{p}_{n}" for p in "ab" for n in ("x", "y", "z", "qx", "qy", "qz", "qw"))
+    rows = np.hstack([P, XYZW, P + 0.1, XYZW])
+    found = imported(written(tmp_path / "t.csv", rows, header=header))
+    check(found, tmp_path / "o.csv", R, P, "a_")
+    check(found, tmp_path / "o.csv", R, P + 0.1, "b_")
+
+
+def test_a_tool_relative_to_a_reference_body(tmp_path: Path) -> None:
+    """T_reference_tool of two sets of columns, as navigation laboratories record them."""
+    reference = transforms(*poses(seed=3))
+    seen = reference @ T
+    quaternion = Rotation.from_matrix(seen[:, :3, :3]).as_quat()
+    other = Rotation.from_matrix(reference[:, :3, :3]).as_quat()
+    header = ",".join(
+        f"{body}_{n}" for body in ("tool", "ref") for n in ("x", "y", "z", "qx", "qy", "qz", "qw")
+    )
+    rows = np.hstack([seen[:, :3, 3], quaternion, reference[:, :3, 3], other])
+    path = written(tmp_path / "t.csv", rows, header=header)
+    found = imported(path, body="tool_", reference="ref_")
+    check(found, tmp_path / "o.csv", R, P)
+    with pytest.raises(InputError, match=r"2 bodies or markers: tool_, ref_.*--body"):
+        imported(path)
+
+
+def test_inverted_poses(tmp_path: Path) -> None:
+    path = written(tmp_path / "t.txt", np.linalg.inv(T).reshape(-1, 16))
+    check(imported(path, invert=True), tmp_path / "o.csv", R, P)
+
+
+def test_joint_readings_in_degrees_and_ticks(tmp_path: Path) -> None:
+    q = np.random.default_rng(0).uniform(-2, 2, (6, 2))
+    degrees = written(tmp_path / "d.csv", np.rad2deg(q), header="q1,q2")
+    found = imported(degrees, columns="q1=joint_1,q2=joint_2", unit="deg")
+    np.testing.assert_allclose(found.columns["joint_2"], q[:, 1], atol=1e-12)
+    ticks = 2048 + np.array([1, -3]) * q * 4096 / (2 * np.pi)
+    options = {"counts_per_turn": "4096", "zero": "joint_1=2048,joint_2=2048"}
+    path = written(tmp_path / "t.csv", ticks, header="joint_1,joint_2")
+    found = imported(path, unit="ticks", sign="joint_2=-1", ratio="joint_2=3", **options)
+    for k, name in enumerate(("joint_1", "joint_2")):
+        np.testing.assert_allclose(found.columns[name], q[:, k], atol=1e-12)
+
+
+def test_missing_rows_are_left_out_and_counted(tmp_path: Path) -> None:
+    path = written(tmp_path / "t.csv", np.hstack([P, XYZW]), header="x,y,z,qx,qy,qz,qw")
+    lines = path.read_text().splitlines()
+    lines[3] = ",".join(["MISSING"] * 7)
+    lines[5] = lines[5].rpartition(",")[0] + ","
+    path.write_text("\n".join(lines))
+    found = imported(path)
+    assert (len(found), found.dropped) == (len(P) - 2, 2)
+    kept = np.delete(np.arange(len(P)), [2, 4])
+    check(found, tmp_path / "o.csv", R[kept], P[kept])
+
+
+def test_labels_and_other_columns_come_along(tmp_path: Path) -> None:
+    path = tmp_path / "t.csv"
+    path.write_text("joint_1;joint_2;placement;landmark\n0,5;1,5;P1;A\n0,25;1,75;P1;B\n")
+    found = imported(path)
+    assert found.columns["landmark"].tolist() == ["A", "B"]
+    assert found.columns["joint_1"].tolist() == [0.5, 0.25]
+
+
+def test_spreadsheets(tmp_path: Path) -> None:
+    openpyxl = pytest.importorskip("openpyxl")
+    book = openpyxl.Workbook()
+    book.active.title = "notes"
+    sheet = book.create_sheet("poses")
+    sheet.append(["x_mm", "y_mm", "z_mm", "qx", "qy", "qz", "qw"])
+    for row in np.hstack([1e3 * P, XYZW]).tolist():
+        sheet.append(row)
+    book.save(tmp_path / "t.xlsx")
+    check(imported(tmp_path / "t.xlsx", sheet="poses"), tmp_path / "o.csv", R, P)
+    with pytest.raises(InputError, match=r"2 sheets: notes, poses.*--sheet"):
+        imported(tmp_path / "t.xlsx")
+
+
+def test_options_in_a_file(tmp_path: Path) -> None:
+    from suta_calib.exchange.option import options_from_file
+
+    path = written(tmp_path / "t.txt", np.hstack([1e3 * P, XYZW]))
+    mapping = tmp_path / "mapping.yaml"
+    mapping.write_text("unit: mm\nrotation: xyzw\nheader: no\n")
+    check(imported(path, **options_from_file(mapping)), tmp_path / "o.csv", R, P)
+    mapping.write_text("unit: {a: {b: c}}\n")
+    with pytest.raises(InputError, match=r"mapping.yaml"):
+        options_from_file(mapping)
+
+
+ASKED: dict[str, tuple[Callable[[Path], Path], str]] = {
+    "scalar first or last": (
+        lambda path: written(path, np.hstack([P, XYZW])),
+        "--rotation xyzw|wxyz, or --guess",
+    ),
+    "which angles": (
+        lambda path: written(path, np.hstack([P, euler("xyz")])),
+        "any angles.*--rotation vector",
+    ),
+    "columns, or rows and a position": (
+        lambda path: written(path, np.hstack([R.reshape(-1, 9), P])),
+        "--rotation columns|rows",
+    ),
+    "millimetres": (lambda path: written(path, 1e3 * P), "millimetres.*--unit mm or --unit m"),
+    "degrees": (
+        lambda path: written(
+            path,
+            np.full((3, 1), 90.0),
+            header="joint_1",
+        ),
+        "look like degrees.*--unit deg",
+    ),
+}
+
+
+@pytest.mark.parametrize("what", ASKED)
+def test_what_may_be_several_things_is_asked(what: str, tmp_path: Path) -> None:
+    make, says = ASKED[what]
+    path = make(tmp_path / "t.txt")
+    options = {"separator": "comma"} if what == "degrees" else {}
+    with pytest.raises(InputError, match=says) as refused:
+        imported(path, **options)
+    assert str(refused.value).startswith(f"{path}:")
+    assert imported(path, guess=True, **options).assessment.usable
+
+
+def test_a_guess_is_told(tmp_path: Path) -> None:
+    path = written(tmp_path / "t.txt", np.hstack([P, XYZW]))
+    found = imported(path, guess=True)
+    assert any("--unit m, --rotation xyzw" in each for each in found.assessment.notes)
+    assert read_back(found, tmp_path / "o.csv")[1].shape == P.shape
+
+
+def test_lengths_are_questioned_and_never_scaled(tmp_path: Path) -> None:
+    path = written(tmp_path / "t.txt", 1e3 * P)
+    found = imported(path, unit="m")
+    assert found.assessment.level == "care"
+    assert "are they millimetres?" in found.assessment.notes[0]
+    check(found, tmp_path / "o.csv", None, 1e3 * P)
+
+
+REFUSED: dict[str, tuple[str, dict[str, object], str]] = {
+    "a word": ("x,y,z\n1,2,3\n1,two,3\n", {}, r":3: column 2: found 'two'; expected a finite"),
+    "infinity": ("x,y,z\n1,2,3\n1,inf,3\n", {}, r":3: column 2: found 'inf'"),
+    "a short row": ("x,y,z\n1,2,3\n1,2\n", {}, r":3: found 2 cells; expected 3, as in the header"),
+    "no quaternion": ("x,y,z,qx,qy,qz,qw\n1,2,3,9,9,9,9\n", {}, r":2: .*no quaternion"),
+    "nothing": ("\n\n", {}, "an empty file"),
+    "a header only": ("x,y,z\n", {}, "a header and no data"),
+    "all missing": ("x,y,z\nNaN,NaN,NaN\n", {}, "no row in which all was measured"),
+    "unknown columns": ("u,v\n1,2\n", {"columns": "w=joint_1"}, "no column 'w'"),
+    "two of a name": ("x,x,z\n1,2,3\n", {}, r":1: found the column 'x' more than once"),
+    "an option of another": ("x,y,z\n1,2,3\n", {"topic": "a"}, "option 'topic' for the format"),
+    "no choice": ("x,y,z\n1,2,3\n", {"unit": "inch"}, "--unit: found 'inch'; expected one of m"),
+    "ticks of what": ("joint_1,joint_2\n1,2\n", {"unit": "ticks"}, "--counts-per-turn"),
+    "both units": ("x_mm,y_mm,z_mm\n1,2,3\n", {"unit": "m"}, "named as mm, with --unit m"),
+}
+
+
+@pytest.mark.parametrize("what", REFUSED)
+def test_what_cannot_be_used_is_refused_with_its_line(what: str, tmp_path: Path) -> None:
+    text, options, says = REFUSED[what]
+    path = tmp_path / "t.csv"
+    path.write_text(text)
+    with pytest.raises(InputError) as refused:
+        imported(path, **options)
+    assert re.search(says, str(refused.value)), refused.value

@@ -1,0 +1,81 @@
+"""A .xacro file wherever a URDF is asked for: the same arm, with and without a job."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cli_job import cli, write_simulated_job
+
+from suta_calib.errors import UrdfError
+from suta_calib.model.arm import ArmModel
+
+pytest.importorskip("xacrodoc")
+
+
+def as_xacro(urdf: Path, path: Path) -> Path:
+    """The SUTA with one length as a property, which the plain file has as a number."""
+    text = urdf.read_text(encoding="utf-8")
+    space = '<robot xmlns:xacro="http://www.ros.org/wiki/xacro" '
+    prop = '\n<xacro:property name="forearm" value="0.571"/>\n'
+    head, _, rest = text.partition("<robot ")
+    start, _, body = rest.partition(">")
+    assert '"0 0 0.571"' in body
+    body = body.replace('"0 0 0.571"', '"0 0 ${forearm}"', 1)
+    path.write_text(f"{head}{space}{start}>{prop}{body}", encoding="utf-8")
+    return path
+
+
+def test_the_same_arm(suta_urdf: Path, tmp_path: Path) -> None:
+    arm = ArmModel.from_urdf(suta_urdf, "tip")
+    other = ArmModel.from_urdf(as_xacro(suta_urdf, tmp_path / "arm.urdf.xacro"), "tip")
+    q = np.random.default_rng(0).uniform(-1, 1, (5, len(arm.joints)))
+    for mine, theirs in zip(arm.forward(q), other.forward(q), strict=True):
+        np.testing.assert_allclose(mine, theirs, atol=1e-12)
+
+
+def test_a_job_with_a_xacro_file(suta_urdf: Path, tmp_path: Path) -> None:
+    """The calibrated URDF is the expanded one, with the values found."""
+    job = write_simulated_job(tmp_path / "job", suta_urdf)
+    as_xacro(suta_urdf, tmp_path / "job/arm.xacro")
+    (tmp_path / "job/arm.urdf").unlink()
+    job.write_text(job.read_text().replace("arm.urdf", "arm.xacro"))
+    assert cli("calibrate", job) == 0
+    found = json.loads((tmp_path / "job/results/result.json").read_text())["parameters"]
+    calibrated = ArmModel.from_urdf(tmp_path / "job/results/calibrated.urdf", "tip")
+    value = found["joint_4.z"]["value"]
+    assert calibrated.parameters["joint_4.z"].nominal == pytest.approx(value, abs=1e-12)
+    assert value != pytest.approx(0.571, abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("<robot", "what xacro refuses"),
+        (
+            '<robot name="a" xmlns:xacro="http://www.ros.org/wiki/xacro"><link name="${x}"/>'
+            "</robot>",
+            "what xacro refuses .*'x' is not defined",
+        ),
+        (
+            '<robot name="a" xmlns:xacro="http://www.ros.org/wiki/xacro">'
+            '<xacro:include filename="nothing.xacro"/></robot>',
+            "what xacro refuses .*nothing.xacro",
+        ),
+        ("", "what xacro refuses"),
+    ],
+)
+def test_what_xacro_refuses_is_said(text: str, says: str, tmp_path: Path) -> None:
+    path = tmp_path / "arm.xacro"
+    path.write_text(text)
+    with pytest.raises(UrdfError, match=says) as refused:
+        ArmModel.from_urdf(path, "tip")
+    assert str(refused.value).startswith(f"{path}: ")
+    assert "\n" not in str(refused.value)
+
+
+def test_a_xacro_file_that_is_not_there(tmp_path: Path) -> None:
+    with pytest.raises(UrdfError, match="no such file"):
+        ArmModel.from_urdf(tmp_path / "arm.xacro", "tip")

@@ -1,0 +1,202 @@
+"""A small file of every foreign format, simulated: the same poses as each of them writes them.
+
+Written after the formats' public descriptions; no instrument made them. Frame 3 was not seen.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from foreign import poses, transforms
+from ros_recordings import write_recording
+from scipy.spatial.transform import Rotation
+
+from suta_calib.arrays import FloatArray
+
+R, P = poses(8)
+TOOL = transforms(R, P)
+REFERENCE = transforms(*poses(8, seed=5))
+# The frame in which the tool was not seen.
+LOST = 3
+KEPT = np.delete(np.arange(8), LOST)
+
+
+class Sample(NamedTuple):
+    """A file of a format, and the options that tell its tool."""
+
+    path: Path
+    options: dict[str, Any]
+    reference: str = ""
+
+
+def quaternion(T: FloatArray) -> FloatArray:
+    return np.asarray(Rotation.from_matrix(T[:, :3, :3]).as_quat())
+
+
+def _line(cells: list[Any], separator: str = ",") -> str:
+    return separator.join(repr(float(c)) if isinstance(c, float) else str(c) for c in cells)
+
+
+def motive(folder: Path) -> Sample:
+    bodies, axes = ("probe", "base"), ["X", "Y", "Z", "W", "X", "Y", "Z", ""]
+    kinds = ["Rotation"] * 4 + ["Position"] * 3 + ["Mean Marker Error"]
+    lines = [
+        "Format Version,1.23,Take Name,Take 1,Capture Frame Rate,100.0,Export Frame Rate,100.0,"
+        "Rotation Type,Quaternion,Length Units,Meters,Coordinate Space,Global",
+        "",
+        _line(["", "", *["Rigid Body"] * 16]),
+        _line(["", "", *[name for name in bodies for _ in range(8)]]),
+        _line(["", "", *["1"] * 8, *["2"] * 8]),
+        _line(["", "", *kinds * 2]),
+        _line(["Frame", "Time (Seconds)", *axes * 2]),
+    ]
+    for k in range(8):
+        cells: list[Any] = [k, k / 100]
+        for T in (TOOL, REFERENCE):
+            seen = [*quaternion(T)[k].tolist(), *T[k, :3, 3].tolist(), 0.0001]
+            cells += [""] * 8 if k == LOST and T is TOOL else seen
+        lines.append(_line(cells))
+    path = folder / "motive.csv"
+    path.write_text("\r\n".join(lines) + "\r\n")
+    return Sample(path, {"body": "probe"}, "base")
+
+
+def vicon(folder: Path) -> Sample:
+    axes = ["RX", "RY", "RZ", "TX", "TY", "TZ"]
+    lines = [
+        "Segments",
+        "100",
+        _line(["", "", "Global Angle s:probe", *[""] * 5, "Global Angle s:base", *[""] * 5]),
+        _line(["Frame", "Sub Frame", *axes * 2]),
+        _line(["", "", *(["deg"] * 3 + ["mm"] * 3) * 2]),
+    ]
+    for k in range(8):
+        cells: list[Any] = [k + 1, 0]
+        for T in (TOOL, REFERENCE):
+            turn = Rotation.from_matrix(T[k, :3, :3]).as_rotvec(degrees=True)
+            seen = [*turn.tolist(), *(1e3 * T[k, :3, 3]).tolist()]
+            cells += [""] * 6 if k == LOST and T is TOOL else seen
+        lines.append(_line(cells))
+    path = folder / "vicon.csv"
+    path.write_text("\n".join(lines) + "\n")
+    return Sample(path, {"body": "s:probe", "rotation": "vector"}, "s:base")
+
+
+def qualisys(folder: Path) -> Sample:
+    tab = "\t"
+    names = ["X", "Y", "Z", "Roll", "Pitch", "Yaw", "Residual", *[f"Rot[{k}]" for k in range(9)]]
+    lines = [
+        "NO_OF_FRAMES\t8",
+        "NO_OF_CAMERAS\t6",
+        "NO_OF_BODIES\t2",
+        "FREQUENCY\t100",
+        "TIME_STAMP\t2024-01-01, 12:00:00",
+        "DATA_INCLUDED\t6D",
+        "BODY_NAMES\tprobe\tbase",
+        tab.join([*names, *names]),
+    ]
+    for k in range(8):
+        cells: list[Any] = []
+        for T in (TOOL, REFERENCE):
+            by_columns = T[k, :3, :3].T.ravel().tolist()
+            seen = [*(1e3 * T[k, :3, 3]).tolist(), 0.0, 0.0, 0.0, 0.1, *by_columns]
+            cells += [0.0] * 16 if k == LOST and T is TOOL else seen
+        lines.append(_line(cells, tab) + tab)
+    path = folder / "run_6D.tsv"
+    path.write_text("\n".join(lines) + "\n")
+    return Sample(path, {"body": "probe"}, "base")
+
+
+def ndi(folder: Path) -> Sample:
+    of_tool = "ToolInfo,Frame#,PortHandle,Face#,TransformStatus,Q0,Qx,Qy,Qz,Tx,Ty,Tz,Error,#Markers"
+    lines = [f"ToolCount,{of_tool},{of_tool}"]
+    for k in range(8):
+        cells: list[Any] = [2]
+        for name, T in (("probe", TOOL), ("base", REFERENCE)):
+            x, y, z, w = quaternion(T)[k].tolist()
+            pose = [w, x, y, z, *(1e3 * T[k, :3, 3]).tolist(), 0.1]
+            lost = k == LOST and T is TOOL
+            cells += [name, k, "01", 0, *(["Missing", *[""] * 8] if lost else ["OK", *pose]), 4]
+        lines.append(_line(cells))
+    path = folder / "ndi.csv"
+    path.write_text("\n".join(lines) + "\n")
+    return Sample(path, {"body": "probe"}, "base")
+
+
+def plus_sequence(folder: Path) -> Sample:
+    lines = ["ObjectType = Image", "NDims = 3", "DimSize = 1 1 8", "ElementType = MET_UCHAR"]
+    for k in range(8):
+        for name, T in (("StylusToTracker", TOOL), ("ReferenceToTracker", REFERENCE)):
+            lost = k == LOST and T is TOOL
+            matrix = T[k].copy()
+            matrix[:3, 3] *= 1e3
+            numbers = " ".join(repr(float(v)) for v in (np.eye(4) if lost else matrix).ravel())
+            field = f"Seq_Frame{k:04d}_{name}Transform"
+            lines += [f"{field} = {numbers}", f"{field}Status = {'INVALID' if lost else 'OK'}"]
+        lines.append(f"Seq_Frame{k:04d}_Timestamp = {k / 20!r}")
+    lines.append("ElementDataFile = LOCAL")
+    path = folder / "run.mha"
+    path.write_bytes("\n".join(lines).encode() + b"\n" + bytes(range(8)))
+    return Sample(path, {"body": "StylusToTracker"}, "ReferenceToTracker")
+
+
+# Formats whose files hold a tool and a reference body.
+BODIES: dict[str, Callable[[Path], Sample]] = {
+    "motive": motive,
+    "vicon": vicon,
+    "qualisys": qualisys,
+    "ndi": ndi,
+    "plus-sequence": plus_sequence,
+}
+
+
+def table(folder: Path) -> Sample:
+    lines = ["x,y,z,qx,qy,qz,qw"]
+    lines += [_line([*P[k].tolist(), *quaternion(TOOL)[k].tolist()]) for k in KEPT]
+    path = folder / "table.csv"
+    path.write_text("\n".join(lines) + "\n")
+    return Sample(path, {})
+
+
+def rosbag(folder: Path) -> Sample:
+    return Sample(write_recording(folder / "run"), {})
+
+
+MOTORS = {
+    name: {
+        "id": k,
+        "drive_mode": int(k == 2),
+        "homing_offset": 100 * k - 250,
+        "range_min": 700 + k,
+        "range_max": 3300,
+    }
+    for k, name in enumerate(("shoulder_pan", "shoulder_lift", "elbow_flex"), 1)
+}
+
+
+def lerobot_calibration(folder: Path) -> Sample:
+    path = folder / "so101.json"
+    path.write_text(json.dumps(MOTORS, indent=4))
+    return Sample(path, {})
+
+
+def dh(folder: Path) -> Sample:
+    path = folder / "arm_dh.csv"
+    path.write_text(
+        "joint,type,theta_deg,d_mm,a_mm,alpha_deg\n"
+        "joint_1,revolute,10,100,20,90\njoint_2,revolute,-5,0,300,0\njoint_3,prismatic,0,50,0,0\n"
+    )
+    return Sample(path, {})
+
+
+SAMPLES: dict[str, Callable[[Path], Sample]] = {
+    "table": table,
+    **BODIES,
+    "rosbag": rosbag,
+    "lerobot-calibration": lerobot_calibration,
+    "dh": dh,
+}

@@ -1,0 +1,103 @@
+"""Recordings of ROS 1 and 2, simulated: an arm that rests at postures, and where it is seen."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from suta_calib.arrays import FloatArray
+
+JOINTS = ("joint_1", "joint_2")
+POSTURES = np.array([[0.1, -0.4], [0.9, 0.2], [-0.6, 0.8]])
+# s between readings, and of a rest and of the motion after it.
+STEP, REST, MOTION = 0.02, 2.0, 0.6
+
+
+def motion() -> tuple[FloatArray, FloatArray]:
+    """Times (n,), s, and readings (n, 2), rad: at rest at every posture, in between under way."""
+    time, q = list[float](), list[FloatArray]()
+    for k, posture in enumerate(POSTURES):
+        begin = k * (REST + MOTION)
+        following = POSTURES[min(k + 1, len(POSTURES) - 1)]
+        for at in np.arange(0, REST + MOTION, STEP):
+            share = np.clip((at - REST) / MOTION, 0, 1)
+            time.append(begin + at)
+            q.append(posture + share * (following - posture))
+    return np.array(time), np.array(q)
+
+
+def seen(q: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Rotations (n, 3, 3) and positions (n, 3), m, that belong to readings."""
+    rotation = Rotation.from_euler("zy", q).as_matrix()
+    return rotation, np.stack([q[:, 0], q[:, 1], 1 + q[:, 0] * q[:, 1]], axis=1)
+
+
+def write_recording(path: Path, storage: str = "sqlite3", *, ros1: bool = False) -> Path:
+    """Joint states, the tool in the base and the base in the tracker by tf, and as a topic."""
+    from rosbags.rosbag1 import Writer as Writer1
+    from rosbags.rosbag2 import StoragePlugin, Writer
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    if path.is_dir():
+        shutil.rmtree(path)
+    path.unlink(missing_ok=True)
+    store = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_HUMBLE)
+    if ros1:
+        kind = "tf2_msgs/msg/TFMessage"
+        store.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms\n", kind))
+    t = store.types
+    time, q = motion()
+    rotation, position = seen(q)
+    quaternion = Rotation.from_matrix(rotation).as_quat()
+    plugin = StoragePlugin.MCAP if storage == "mcap" else StoragePlugin.SQLITE3
+    writer = Writer1(path) if ros1 else Writer(path, version=9, storage_plugin=plugin)
+    with writer:
+        topics = {
+            name: writer.add_connection(name, kind, typestore=store)
+            for name, kind in (
+                ("/joint_states", "sensor_msgs/msg/JointState"),
+                ("/tf", "tf2_msgs/msg/TFMessage"),
+                ("/tf_static", "tf2_msgs/msg/TFMessage"),
+                ("/tool", "geometry_msgs/msg/PoseStamped"),
+            )
+        }
+
+        def header(at: float, frame: str) -> object:
+            stamp = t["builtin_interfaces/msg/Time"](int(at), round(at % 1 * 1e9))
+            numbers = [0] if ros1 else []
+            return t["std_msgs/msg/Header"](*numbers, stamp, frame)
+
+        def transform(at: float, parent: str, child: str, xyz: object, turn: object) -> object:
+            place = t["geometry_msgs/msg/Vector3"](*map(float, xyz))
+            rotation = t["geometry_msgs/msg/Quaternion"](*map(float, turn))
+            whole = t["geometry_msgs/msg/Transform"](place, rotation)
+            stamped = t["geometry_msgs/msg/TransformStamped"](header(at, parent), child, whole)
+            return t["tf2_msgs/msg/TFMessage"]([stamped])
+
+        def write(topic: str, at: float, message: object) -> None:
+            kind = message.__msgtype__
+            raw = (
+                store.serialize_ros1(message, kind) if ros1 else store.serialize_cdr(message, kind)
+            )
+            writer.write(topics[topic], int(at * 1e9), raw)
+
+        start = 100.0
+        half = np.sqrt(0.5)
+        write(
+            "/tf_static", start, transform(start, "tracker", "base", (0, 0, 2), (0, 0, half, half))
+        )
+        for at, row, xyz, turn in zip(time + start, q, position, quaternion, strict=True):
+            state = t["sensor_msgs/msg/JointState"](
+                header(at, ""), list(JOINTS), row, np.zeros(0), np.zeros(0)
+            )
+            write("/joint_states", at, state)
+            write("/tf", at, transform(at, "base", "tool", xyz, turn))
+            place = t["geometry_msgs/msg/Point"](*map(float, xyz))
+            pose = t["geometry_msgs/msg/Pose"](
+                place, t["geometry_msgs/msg/Quaternion"](*map(float, turn))
+            )
+            write("/tool", at, t["geometry_msgs/msg/PoseStamped"](header(at, "base"), pose))
+    return path

@@ -1,0 +1,156 @@
+"""Pictures that are not what the job says (numbering, board, camera), and good ones."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from camera_scenes import BOARD, CAMERA, pictures
+from simulated import arm_named, camera_scene, dh_parameters, perturbed
+
+from suta_calib.diagnostics.accuracy import assess
+from suta_calib.diagnostics.assessment import assess_calibration
+from suta_calib.errors import SamplesError
+from suta_calib.measurements import Camera, Chessboard
+from suta_calib.solver.problem import Problem
+from suta_calib.solver.solve import solve
+from suta_calib.terms import CameraView
+from suta_calib.terms.board_pictures import BoardPictures
+
+Change = Callable[[np.ndarray], np.ndarray]
+
+
+def board_pictures(noise: float = 0.1) -> BoardPictures:
+    """What a camera half a metre from a board sees."""
+    (view,) = pictures(pixel=noise).views
+    pixels = np.full((16, len(BOARD.points), 2), np.nan)
+    for row, image in enumerate(view.corners.images):
+        mine = view.corners.take(view.corners.image == image)
+        pixels[row, mine.point] = mine.pixel
+    return BoardPictures(BOARD, CAMERA, pixels)
+
+
+def on_the_grid(pixels: np.ndarray) -> np.ndarray:
+    return pixels.reshape(len(pixels), BOARD.rows, BOARD.columns, 2)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.1, 2.0])
+def test_good_pictures_are_what_they_are(noise: float) -> None:
+    seen = board_pictures(noise)
+    seen.check()
+    assert not seen.behind
+    assert seen.misfit < 0.03
+
+
+def test_numbers_from_the_other_end_of_a_row_show_the_board_from_behind() -> None:
+    seen = board_pictures()
+    mirrored = on_the_grid(seen.pixels)[:, :, ::-1].reshape(seen.pixels.shape)
+    assert replace(seen, pixels=mirrored).behind
+    turned = seen.pixels[:, ::-1]
+    assert not replace(seen, pixels=turned).behind
+
+
+def test_a_board_with_columns_for_rows_is_refused_by_name() -> None:
+    seen = replace(board_pictures(), board=Chessboard(BOARD.rows, BOARD.columns, BOARD.square))
+    with pytest.raises(SamplesError, match="if its columns and rows are exchanged"):
+        seen.check()
+
+
+@pytest.mark.parametrize(("factor", "said"), [(2.0, "2560 x 1920"), (1.5, "1920 x 1440")])
+def test_a_camera_of_larger_pictures_is_refused_by_name(factor: float, said: str) -> None:
+    """All corners are in its pictures too: nothing else would tell."""
+    seen = replace(board_pictures(), camera=CAMERA.resized(factor))
+    with pytest.raises(SamplesError, match=f"of 1280 x 960 px; expected of {said}"):
+        seen.check()
+
+
+def test_numbers_of_another_board_are_refused() -> None:
+    seen = board_pictures()
+    shuffled = np.random.default_rng(0).permutation(len(BOARD.points))
+    with pytest.raises(SamplesError, match="of the board's extent off"):
+        replace(seen, pixels=seen.pixels[:, shuffled]).check()
+
+
+def test_a_camera_that_somebody_calibrated_badly_is_no_other_one() -> None:
+    wrong = CAMERA.intrinsics * [1.02, 1.02, 1.01, 0.99, 0, 0, 0, 0, 0]
+    replace(board_pictures(), camera=Camera(1280, 960, wrong)).check()
+
+
+def test_a_resized_camera_sees_the_same() -> None:
+    small = CAMERA.resized(0.5)
+    assert (small.width, small.height) == (640, 480)
+    # The middle of the first four pixels is the middle of the first one of the small picture.
+    assert small.resized(2.0).intrinsics == pytest.approx(CAMERA.intrinsics)
+    assert small.intrinsics[2] == pytest.approx((CAMERA.intrinsics[2] - 0.5) / 2)
+
+
+# ── over an arm ──────────────────────────────────────────────────────────────────────────────
+def upside_down(pixels: np.ndarray) -> np.ndarray:
+    return [_CAMERA.width - 1.0, _CAMERA.height - 1.0] - pixels
+
+
+ARM = arm_named("suta")
+SCENE = camera_scene(ARM, perturbed(dh_parameters(ARM), seed=1), n=16)
+TERM: Any = SCENE.exact()
+_CAMERA = TERM.camera
+
+
+def changed(change: Change, rows: slice = slice(None)) -> CameraView:
+    pixels = TERM.pixels.copy()
+    pixels[rows] = change(pixels[rows])
+    return TERM.over_poses(
+        TERM.poses.with_samples(replace(TERM.poses.samples, pixels=pixels)),
+    )
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda pixels: pixels[:, ::-1], "the board is turned by half a turn"),
+        (upside_down, "the picture is turned by half a turn"),
+    ],
+    ids=["board", "picture"],
+)
+def test_some_pictures_upside_down_are_named(change: Change, said: str) -> None:
+    ((sentence, level),) = changed(change, slice(2, 5)).doubts.items()
+    assert said in sentence
+    assert level == "bad"
+
+
+def test_all_pictures_the_other_way_round_are_as_good() -> None:
+    """Nobody knows which end of a board is its beginning, or which way up a camera hangs."""
+    assert not TERM.doubts
+    assert not changed(lambda pixels: pixels[:, ::-1]).doubts
+
+
+def test_what_the_pictures_have_wrong_is_in_the_assessment() -> None:
+    columns = TERM.board.columns
+
+    def mirrored(pixels: np.ndarray) -> np.ndarray:
+        return pixels.reshape(len(pixels), -1, columns, 2)[:, :, ::-1].reshape(pixels.shape)
+
+    solution = solve(Problem([changed(mirrored)], dh_parameters(ARM)))
+    found = assess_calibration(solution, assess(solution, []))
+    assert found.level == "care"
+    assert any("numbered mirrored" in note for note in found.notes)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"free": True}, "another intrinsics"),
+        ({"setup": "eye-to-hand"}, "another setup"),
+        ({"camera": _CAMERA.resized(2.0)}, "another camera"),
+        ({"board": TERM.board.scaled(2.0)}, "another board"),
+    ],
+    ids=lambda value: " ".join(value) if isinstance(value, dict) else "",
+)
+def test_two_rows_of_one_camera_say_the_same_of_it(change: dict[str, Any], said: str) -> None:
+    other = replace(TERM, **change)
+    with pytest.raises(SamplesError, match=said):
+        other.check_beside(TERM)
+    replace(other, label="second", target="second").check_beside(TERM)
+    TERM.take(range(8)).check_beside(TERM)
