@@ -108,6 +108,14 @@ def test_every_kind_and_command_has_its_place(pages: dict[str, str]) -> None:
         assert f"\n## {command}\n\n```text\nUsage: suta-calib {command}" in pages["commands.md"]
 
 
+def test_every_foreign_format_has_its_place(maker: Maker, pages: dict[str, str]) -> None:
+    for command, known in maker("format_pages").formats().items():
+        assert known
+        for name, each in known.items():
+            assert f"\n({command}-{name})=\n### {name}\n" in pages["formats.md"]
+            assert all(f"| `{option.switch}` |" in pages["formats.md"] for option in each.options)
+
+
 def test_every_public_name_is_described(maker: Maker, pages: dict[str, str]) -> None:
     described = {name for names in maker("name_pages").documented().values() for name in names}
     assert set(suta_calib.__all__) <= described

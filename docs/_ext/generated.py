@@ -9,6 +9,7 @@ from __future__ import annotations
 import shutil
 from pathlib import Path
 
+from format_pages import formats_page
 from name_pages import api_index, api_pages, commands_page
 from observation_pages import csv_page, observations_page
 from repository_pages import EXAMPLES, ROOT, examples_listed, shown_file, shown_notebook
@@ -29,6 +30,7 @@ def pages() -> dict[str, str]:
         "result.md": "".join(result_page()),
         "files.md": "".join(files_page()),
         "observations.md": "".join(observations_page()),
+        "formats.md": "".join(formats_page()),
         "commands.md": "".join(commands_page()),
         "api.md": "".join(api_index()),
     }

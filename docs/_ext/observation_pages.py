@@ -108,8 +108,8 @@ def csv_page() -> Iterator[str]:
         "## Samples of an arm\n\n"
         "One column per joint of the chain, named as in the URDF, in rad (m for prismatic "
         "joints), as the encoder reports it; a joint that mimics another has none. "
-        "`JOINT.direction` may say from which side a joint came (1 or -1). Beside them what the "
-        "kind needs:\n\n"
+        "`JOINT.direction` may say from which side a joint came (1 or -1), `temperature` how warm "
+        "the arm was (°C). Beside them what the kind needs:\n\n"
     )
     rows = (
         (f"[`{name}`](observations.md#{anchor(name)})", "; ".join(a for a, _ in column_rows(kind)))
