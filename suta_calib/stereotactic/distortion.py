@@ -282,7 +282,7 @@ def _fit(degree: int, at: FloatArray, off: FloatArray) -> _PolynomialFit | None:
     kept = np.eye(n) - by_frame @ np.swapaxes(by_frame, 1, 2)
     if np.linalg.eigvalsh(kept).min() < UNDETERMINED:
         return None
-    left_out: FloatArray = np.asarray(np.linalg.solve(kept, residuals), dtype=float)
+    left_out = np.asarray(np.linalg.solve(kept, residuals), dtype=float)
     return _PolynomialFit(coefficients, residuals, left_out, u, back, places, wanted)
 
 
