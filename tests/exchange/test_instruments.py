@@ -27,6 +27,10 @@ def test_relative_to_a_reference_body(form: str, tmp_path: Path) -> None:
     found = imported(sample.path, form, **sample.options, reference=sample.reference)
     relative = (np.linalg.inv(REFERENCE) @ TOOL)[KEPT]
     check(found, tmp_path / "o.csv", relative[:, :3, :3], relative[:, :3, 3])
+    # Of two bodies the other one is meant.
+    options = {name: value for name, value in sample.options.items() if name != "body"}
+    other = imported(sample.path, form, **options, reference=sample.reference)
+    assert other.text() == found.text()
     options = {**sample.options, "body": sample.reference, "reference": sample.options["body"]}
     other = imported(sample.path, form, **options)
     back = np.linalg.inv(relative)

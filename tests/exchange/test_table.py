@@ -134,6 +134,23 @@ def test_a_tool_relative_to_a_reference_body(tmp_path: Path) -> None:
         imported(path)
 
 
+def test_a_tool_relative_to_a_reference_body_in_another_file(tmp_path: Path) -> None:
+    """Rows correspond; one in which either was not seen is left out."""
+    reference = transforms(*poses(seed=3))
+    tool = written(tmp_path / "tool.txt", (reference @ T).reshape(-1, 16))
+    other = written(tmp_path / "reference.txt", reference.reshape(-1, 16))
+    lines = other.read_text().splitlines()
+    lines[4] = ",".join(["MISSING"] * 16)
+    other.write_text("\n".join(lines) + "\n")
+    found = imported(tool, reference=str(other))
+    kept = np.delete(np.arange(len(P)), 4)
+    assert found.dropped == 1
+    check(found, tmp_path / "o.csv", R[kept], P[kept])
+    other.write_text("\n".join(lines[:-1]) + "\n")
+    with pytest.raises(InputError, match=r"reference.txt: found 11 rows; expected 12, as in"):
+        imported(tool, reference=str(other))
+
+
 def test_inverted_poses(tmp_path: Path) -> None:
     path = written(tmp_path / "t.txt", np.linalg.inv(T).reshape(-1, 16))
     check(imported(path, invert=True), tmp_path / "o.csv", R, P)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.errors import ForeignFileError, did_you_mean
-from suta_calib.exchange.bodies import BODY_OPTIONS, Body, Recording
+from suta_calib.exchange.bodies import BODY_OPTIONS, REFERENCE, Body, Recording
 from suta_calib.exchange.cells import is_missing, numbers_of
 from suta_calib.exchange.delimited import DELIMITED_OPTIONS, Sheet, read_sheet
 from suta_calib.exchange.imported import (
@@ -90,14 +90,22 @@ class TableReader(Reader):
 
     def read(self, path: Path, given: Given) -> ImportedRows:
         """Rows in SI; those in which a number is missing are left out and counted."""
-        sheet = read_sheet(path, given)
-        names = _renamed(sheet, given)
-        poses = named_poses(sheet, names, given)
-        told = COLUMNS in given or JOINTS in given
-        if not poses and not told and (not sheet.headed or len(names) in _OF_MATRIX):
-            pose, sheet = nameless_pose(sheet, given)
-            names, poses = list(sheet.names), [pose] if pose is not None else []
-        return _Columns(sheet, names, poses, given).imported()
+        columns, other = _understood(path, given), given.path(REFERENCE)
+        if other is not None and other.is_file():
+            columns.relative_to(_understood(other, given), given.text(REFERENCE))
+        return columns.imported()
+
+
+def _understood(path: Path, given: Given) -> _Columns:
+    """A file whose columns are known."""
+    sheet = read_sheet(path, given)
+    names = _renamed(sheet, given)
+    poses = named_poses(sheet, names, given)
+    told = COLUMNS in given or JOINTS in given
+    if not poses and not told and (not sheet.headed or len(names) in _OF_MATRIX):
+        pose, sheet = nameless_pose(sheet, given)
+        names, poses = list(sheet.names), [pose] if pose is not None else []
+    return _Columns(sheet, names, poses, given)
 
 
 class _Columns:
@@ -120,6 +128,24 @@ class _Columns:
         self._notes: list[str] = []
         self._seen = list(sheet.seen)
         self._angles_used = False
+        self._others: dict[str, Body] = {}
+
+    def relative_to(self, other: _Columns, name: str) -> None:
+        """Another file of the same rows holds the body that this one's pose is told relative to.
+
+        Raises:
+            ForeignFileError: one of them has not one pose, or they have other numbers of rows.
+        """
+        for each in (self, other):
+            if len(each._poses) != 1:
+                said = f"{len(each._poses)} poses in a row"
+                raise ForeignFileError(said, "one, in both files", file=each._sheet.path)
+        rows = len(self._sheet.rows)
+        if len(other._sheet.rows) != rows:
+            found = f"{len(other._sheet.rows)} rows"
+            expected = f"{rows}, as in {self._sheet.path}: rows correspond"
+            raise ForeignFileError(found, expected, file=other._sheet.path)
+        self._others[name] = other._body(other._poses[0])
 
     def imported(self) -> ImportedRows:
         """The rows, in SI."""
@@ -127,7 +153,7 @@ class _Columns:
         if not self._poses and not beside:
             raise self._nothing()
         self._check_units()
-        bodies = {pose.prefix or "pose": self._body(pose) for pose in self._poses}
+        bodies = {pose.prefix or "pose": self._body(pose) for pose in self._poses} | self._others
         for body in bodies.values():
             whole &= body.seen
         rows = np.flatnonzero(whole)
