@@ -171,8 +171,13 @@ def _known_link(tree: UrdfTree, name: str, where: str) -> str:
 
 
 def ends(tree: UrdfTree) -> str:
-    """A hint for who looks for a tip: the links that carry no other."""
-    return f"its chains end at {listed([quoted(link) for link in tree.leaves], _MOST_ENDS)}"
+    """A hint for who looks for a tip: links that carry no other, beyond the most joints first."""
+
+    def moving(link: str) -> int:
+        return sum(joint.moves for joint in tree.path_to_root(link))
+
+    links = sorted(tree.leaves, key=moving, reverse=True)
+    return f"its chains end at {listed([quoted(link) for link in links], _MOST_ENDS)}"
 
 
 def _joints_between(tree: UrdfTree, base: str, tip: str) -> tuple[list[TreeJoint], list[TreeJoint]]:

@@ -44,6 +44,11 @@ class TreeJoint:
     element: Element
     line: int
 
+    @property
+    def moves(self) -> bool:
+        """Whether it is not fixed."""
+        return bool(self.element.get("type") != "fixed")
+
 
 @dataclass(frozen=True, eq=False)
 class UrdfTree:
