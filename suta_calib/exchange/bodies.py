@@ -23,7 +23,9 @@ BODY: Final = Option(
     "NAME",
 )
 REFERENCE: Final = Option(
-    "reference", "Body that the pose is told relative to, frame by frame.", "NAME"
+    "reference",
+    "Body that the pose is told relative to, row by row; for tables also a second file.",
+    "NAME|FILE",
 )
 PREFIX: Final = Option("prefix", "In front of the pose's columns: a_ or b_ for hand-eye.", "TEXT")
 INVERT: Final = Option("invert", "The poses are those of the instrument in the tool.", flag=True)
@@ -102,8 +104,8 @@ class Recording:
             ForeignFileError: no such body, several and none was named, a marker where a pose is
                 needed, or no row in which all was seen.
         """
-        names = self._chosen(given.text(BODY))
         reference = self._one(given.text(REFERENCE)) if REFERENCE in given else None
+        names = self._chosen(given.text(BODY), reference)
         names = [name for name in names if name != reference] or names
         prefix, parts, dropped = given.text(PREFIX, prefix), list[dict[str, NDArray[Any]]](), 0
         for name in names:
@@ -137,9 +139,10 @@ class Recording:
             seen=(f"The pose of {of}; lengths are {self.unit}.",),
         )
 
-    def _chosen(self, pattern: str) -> list[str]:
+    def _chosen(self, pattern: str, reference: str | None) -> list[str]:
         if not pattern:
-            if len(self.bodies) > 1:
+            others = [name for name in self.bodies if name != reference]
+            if len(others) > 1:
                 raise ForeignFileError(
                     f"{len(self.bodies)} bodies or markers: {listed(list(self.bodies))}",
                     "one, or the name of those that are meant",
@@ -147,7 +150,7 @@ class Recording:
                     hint="say which with --body NAME, and --reference NAME for what it is seen "
                     "relative to",
                 )
-            return list(self.bodies)
+            return others or list(self.bodies)
         names = [name for name in self.bodies if fnmatchcase(name, pattern)]
         names = names or [self._one(pattern)]
         if len({self.bodies[name].rotation is None for name in names}) > 1:

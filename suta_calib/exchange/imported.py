@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -21,6 +21,7 @@ from suta_calib.geometry.numbers import quaternion_from_rotation
 from suta_calib.measurements.csv_table import rotation_columns
 from suta_calib.measurements.files import write_text
 from suta_calib.measurements.pose_files import FAR, NEAR
+from suta_calib.units import FARTHEST
 from suta_calib.units import text as shown_text
 
 
@@ -144,6 +145,24 @@ def pose_columns(
     if rotation is not None:
         found |= zip(rotation_columns(prefix), quaternion_from_rotation(rotation).T, strict=True)
     return found
+
+
+def checked_places(path: Path, lines: Sequence[int], position: FloatArray) -> FloatArray:
+    """Positions (n, 3), m, none of which is farther than anything is; NaN stays.
+
+    Args:
+        path: the file, for messages.
+        lines: (n,) in it.
+        position: as it was read.
+
+    Raises:
+        ForeignFileError: one is, with its line.
+    """
+    for row in np.flatnonzero((np.abs(position) > FARTHEST).any(axis=1)):
+        found = f"a position {np.nanmax(np.abs(position[row])):.3g} m away"
+        expected = f"one within {FARTHEST:g} m"
+        raise ForeignFileError(found, expected, file=path, line=lines[int(row)])
+    return position
 
 
 def distance_note(position: FloatArray, said: str) -> str:

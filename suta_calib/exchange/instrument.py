@@ -13,7 +13,7 @@ from suta_calib.arrays import FloatArray
 from suta_calib.errors import ForeignFileError
 from suta_calib.exchange.bodies import BODY_OPTIONS, Body, Recording
 from suta_calib.exchange.cells import Row, numbers_of, read_foreign_text, rows_of_text
-from suta_calib.exchange.imported import ImportedRows
+from suta_calib.exchange.imported import ImportedRows, checked_places
 from suta_calib.exchange.option import Given, Option
 from suta_calib.exchange.reader import Reader
 from suta_calib.exchange.rotations import rotations_from
@@ -92,10 +92,10 @@ def body_of(
     Raises:
         ForeignFileError: a cell that is no number, or numbers that are no rotation.
     """
-    places = scale * numbers_of(path, rows, position)
+    lines = [row.line for row in rows]
+    places = checked_places(path, lines, scale * numbers_of(path, rows, position))
     if not rotation:
         return Body(places)
-    lines = [row.line for row in rows]
     return Body(places, rotations_from(form, angle * numbers_of(path, rows, rotation), path, lines))
 
 

@@ -7,7 +7,7 @@ from functools import cache
 from pathlib import Path
 
 import pytest
-from foreign_samples import SAMPLES, Sample
+from foreign_samples import FILES, SAMPLES, Sample
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -58,11 +58,9 @@ MALFORMED = {
 
 
 @pytest.mark.parametrize("how", MALFORMED)
-@pytest.mark.parametrize("name", SAMPLES)
+@pytest.mark.parametrize("name", FILES)
 def test_malformed_files_are_refused(name: str, how: str, tmp_path: Path) -> None:
     sample = SAMPLES[name](tmp_path)
-    if sample.path.is_dir():
-        pytest.skip("a folder")
     sample.path.write_bytes(MALFORMED[how])
     with pytest.raises(SutaCalibError) as refused:
         read_foreign(sample.path, name, **sample.options)
@@ -84,7 +82,7 @@ def made(name: str, folder: Path) -> tuple[Sample, Path, bytes]:
     sample = SAMPLES[name](folder)
     path = sample.path
     if path.is_dir():
-        path = max((each for each in path.iterdir()), key=lambda each: each.stat().st_size)
+        path = max(path.rglob("*.*"), key=lambda each: each.stat().st_size)
     return sample, path, path.read_bytes()
 
 
@@ -113,15 +111,13 @@ def test_whatever_a_file_holds_it_is_read_or_refused(
     assert problem is None or len(problem) < 1500
 
 
-@pytest.mark.parametrize("name", [name for name in SAMPLES if name != "rosbag"])
+@pytest.mark.parametrize("name", FILES)
 def test_a_file_without_end_is_not_read_to_its_end(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("suta_calib.exchange.cells.MOST_BYTES", 1000)
     monkeypatch.setattr("suta_calib.exchange.readers.plus_sequence.MOST_BYTES", 1000)
     sample = SAMPLES[name](tmp_path)
-    if sample.path.is_dir():
-        pytest.skip("a folder")
     content = sample.path.read_bytes()
     if name == "plus-sequence":
         content = content.partition(b"ElementDataFile")[0]

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from foreign import check, imported
-from foreign_samples import BODIES, KEPT, REFERENCE, TOOL, P, R
+from foreign_samples import BODIES, KEPT, REFERENCE, TOOL, P, R, leica_gsi
 
 from suta_calib.errors import InputError
 
@@ -27,6 +27,10 @@ def test_relative_to_a_reference_body(form: str, tmp_path: Path) -> None:
     found = imported(sample.path, form, **sample.options, reference=sample.reference)
     relative = (np.linalg.inv(REFERENCE) @ TOOL)[KEPT]
     check(found, tmp_path / "o.csv", relative[:, :3, :3], relative[:, :3, 3])
+    # Of two bodies the other one is meant.
+    options = {name: value for name, value in sample.options.items() if name != "body"}
+    other = imported(sample.path, form, **options, reference=sample.reference)
+    assert other.text() == found.text()
     options = {**sample.options, "body": sample.reference, "reference": sample.options["body"]}
     other = imported(sample.path, form, **options)
     back = np.linalg.inv(relative)
@@ -114,3 +118,38 @@ def test_motive_wants_quaternions(tmp_path: Path) -> None:
     sample.path.write_text(text)
     with pytest.raises(InputError, match=r"as XYZ; expected an export with .*Quaternion"):
         imported(sample.path, **sample.options)
+
+
+def test_leica_coordinates(tmp_path: Path) -> None:
+    found = imported(leica_gsi(tmp_path).path)
+    assert found.columns["point"].tolist() == [f"P{k}" for k in range(8)]
+    position = np.stack([found.columns[axis] for axis in "xyz"], axis=1)
+    np.testing.assert_allclose(position, P, rtol=0, atol=0.5e-5)
+
+
+def test_leica_directions_and_distances(tmp_path: Path) -> None:
+    """GSI-8: 30 gon, 45° and 45° 30' 36.0" from north, at 100 gon or 90° from above, 2 m away."""
+    path = tmp_path / "polar.gsi"
+    path.write_text(
+        "110001+0000000A 21.102+03000000 22.102+10000000 31...0+00002000\n"
+        "110002+0000000B 21.103+04500000 22.103+09000000 31...6+00020000\n"
+        "110003+0000000C 21.104+04530360 22.104+09000000 31...8+00200000\n"
+        "410004+00000001 11...4+0000000D\n"
+    )
+    found = imported(path)
+    angle = np.deg2rad([27.0, 45.0, 45.51])
+    assert found.columns["point"].tolist() == ["A", "B", "C"]
+    np.testing.assert_allclose(found.columns["x"], 2 * np.sin(angle), atol=1e-9)
+    np.testing.assert_allclose(found.columns["y"], 2 * np.cos(angle), atol=1e-9)
+    np.testing.assert_allclose(found.columns["z"], 0, atol=1e-9)
+    assert found.dropped == 1
+    path.write_text("110001+0000000A 81..01+00001000 82..01+00001000 83..01+00001000\n")
+    with pytest.raises(InputError, match=r":1: word 81: found the unit '1'; expected one of 0, 6"):
+        imported(path)
+
+
+def test_a_place_beyond_any_is_refused_with_its_line(tmp_path: Path) -> None:
+    path = tmp_path / "points.csv"
+    path.write_text("x,y,z\n1,2,3\n1,1e300,3\n")
+    with pytest.raises(InputError, match=r":3: found a position 1e\+300 m away"):
+        imported(path)

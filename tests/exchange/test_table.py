@@ -134,6 +134,23 @@ def test_a_tool_relative_to_a_reference_body(tmp_path: Path) -> None:
         imported(path)
 
 
+def test_a_tool_relative_to_a_reference_body_in_another_file(tmp_path: Path) -> None:
+    """Rows correspond; one in which either was not seen is left out."""
+    reference = transforms(*poses(seed=3))
+    tool = written(tmp_path / "tool.txt", (reference @ T).reshape(-1, 16))
+    other = written(tmp_path / "reference.txt", reference.reshape(-1, 16))
+    lines = other.read_text().splitlines()
+    lines[4] = ",".join(["MISSING"] * 16)
+    other.write_text("\n".join(lines) + "\n")
+    found = imported(tool, reference=str(other))
+    kept = np.delete(np.arange(len(P)), 4)
+    assert found.dropped == 1
+    check(found, tmp_path / "o.csv", R[kept], P[kept])
+    other.write_text("\n".join(lines[:-1]) + "\n")
+    with pytest.raises(InputError, match=r"reference.txt: found 11 rows; expected 12, as in"):
+        imported(tool, reference=str(other))
+
+
 def test_inverted_poses(tmp_path: Path) -> None:
     path = written(tmp_path / "t.txt", np.linalg.inv(T).reshape(-1, 16))
     check(imported(path, invert=True), tmp_path / "o.csv", R, P)
@@ -150,6 +167,23 @@ def test_joint_readings_in_degrees_and_ticks(tmp_path: Path) -> None:
     found = imported(path, unit="ticks", sign="joint_2=-1", ratio="joint_2=3", **options)
     for k, name in enumerate(("joint_1", "joint_2")):
         np.testing.assert_allclose(found.columns[name], q[:, k], atol=1e-12)
+
+
+def test_which_columns_are_joints(tmp_path: Path) -> None:
+    """By their usual names, by --joints, or by a name that they were given; labels never are."""
+    path = tmp_path / "t.csv"
+    path.write_text(
+        "arm_joint_1,elbow,c,placement,arm_joint_1.direction\n90,90,90,1,1\n180,45,0,2,-1\n"
+    )
+    found = imported(path, unit="deg")
+    assert found.columns["arm_joint_1"].tolist() == pytest.approx([np.pi / 2, np.pi])
+    assert found.columns["arm_joint_1.direction"].tolist() == [1, -1]
+    assert found.columns["elbow"].tolist() == [90, 45]
+    found = imported(path, unit="deg", joints="elbow", columns="c=wrist,placement=repeat")
+    assert found.columns["elbow"].tolist() == pytest.approx([np.pi / 2, np.pi / 4])
+    assert found.columns["wrist"].tolist() == pytest.approx([np.pi / 2, 0])
+    assert found.columns["repeat"].tolist() == [1, 2]
+    assert found.columns["arm_joint_1"].tolist() == [90, 180]
 
 
 def test_missing_rows_are_left_out_and_counted(tmp_path: Path) -> None:
@@ -262,6 +296,12 @@ REFUSED: dict[str, tuple[str, dict[str, object], str]] = {
     "an option of another": ("x,y,z\n1,2,3\n", {"topic": "a"}, "option 'topic' for the format"),
     "no choice": ("x,y,z\n1,2,3\n", {"unit": "inch"}, "--unit: found 'inch'; expected one of m"),
     "ticks of what": ("joint_1,joint_2\n1,2\n", {"unit": "ticks"}, "--counts-per-turn"),
+    "a unit of nothing": (
+        "u,v\n1,2\n",
+        {"unit": "deg"},
+        "--unit deg, and no columns of joint .*--j",
+    ),
+    "a length of nothing": ("joint_1,v\n1,2\n", {"unit": "mm"}, "--unit mm, and no columns of a p"),
     "both units": ("x_mm,y_mm,z_mm\n1,2,3\n", {"unit": "m"}, "named as mm, with --unit m"),
 }
 

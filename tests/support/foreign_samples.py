@@ -12,7 +12,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from foreign import poses, transforms
-from ros_recordings import write_recording
+from ros_recordings import JOINTS as RECORDED
+from ros_recordings import motion, write_recording
 from scipy.spatial.transform import Rotation
 
 from suta_calib.arrays import FloatArray
@@ -184,6 +185,43 @@ def lerobot_calibration(folder: Path) -> Sample:
     return Sample(path, {})
 
 
+def leica_gsi(folder: Path) -> Sample:
+    """GSI-16, coordinates to a hundredth of a millimetre."""
+    lines = []
+    for k in range(8):
+        words = [f"*11{k + 1:04d}+{f'P{k}':0>16}"]
+        for index, value in zip((81, 82, 83), P[k], strict=True):
+            words.append(f"{index}..08{'-' if value < 0 else '+'}{abs(round(value * 1e5)):016d}")
+        lines.append(" ".join(words) + " ")
+    path = folder / "points.gsi"
+    path.write_text("\n".join(lines) + "\n")
+    return Sample(path, {})
+
+
+def lerobot_dataset(folder: Path) -> Sample:
+    """Two episodes of the motion that the recordings of ROS have."""
+    import pyarrow as arrow
+    from pyarrow import parquet
+
+    time, q = motion()
+    path = folder / "dataset"
+    (path / "meta").mkdir(parents=True, exist_ok=True)
+    (path / "data/chunk-000").mkdir(parents=True, exist_ok=True)
+    names = [f"{name}.pos" for name in RECORDED]
+    state = {"dtype": "float32", "shape": [2], "names": names}
+    info = {"codebase_version": "v3.0", "fps": 50, "features": {"observation.state": state}}
+    (path / "meta/info.json").write_text(json.dumps(info))
+    for episode in range(2):
+        columns = {
+            "observation.state": np.rad2deg(q).tolist(),
+            "timestamp": time,
+            "episode_index": np.full(len(time), episode),
+        }
+        file = path / f"data/chunk-000/file-{episode:03d}.parquet"
+        parquet.write_table(arrow.table(columns), file)
+    return Sample(path, {"state_unit": "deg"})
+
+
 def dh(folder: Path) -> Sample:
     path = folder / "arm_dh.csv"
     path.write_text(
@@ -193,10 +231,80 @@ def dh(folder: Path) -> Sample:
     return Sample(path, {})
 
 
+JOINTS = np.random.default_rng(7).uniform(-2, 2, (8, 6))
+
+
+def _program(path: Path, lines: list[str], what: str) -> Sample:
+    path.write_text("\n".join(lines) + "\n")
+    return Sample(path, {"what": what})
+
+
+def ur_script(folder: Path) -> Sample:
+    lines = ["def program():", "  # movej([9, 9, 9, 9, 9, 9])"]
+    for k in range(8):
+        q = ", ".join(repr(float(v)) for v in JOINTS[k])
+        turn = Rotation.from_matrix(R[k]).as_rotvec()
+        pose = ", ".join(repr(float(v)) for v in (*P[k], *turn))
+        lines += [f"  movej([{q}], a=1.4, v=1.05)", f"  movel(p[{pose}], a=1.2)"]
+    return _program(folder / "run.script", [*lines, "end"], "poses")
+
+
+def krl(folder: Path) -> Sample:
+    lines = ["DEFDAT RUN", "; E6AXIS P0={A1 9,A2 9,A3 9,A4 9,A5 9,A6 9}"]
+    for k in range(8):
+        q = ",".join(f"A{j + 1} {float(v)!r}" for j, v in enumerate(np.rad2deg(JOINTS[k])))
+        angles = Rotation.from_matrix(R[k]).as_euler("ZYX", degrees=True)
+        numbers = zip("XYZABC", (*1e3 * P[k], *angles), strict=True)
+        pose = ",".join(f"{name} {float(v)!r}" for name, v in numbers)
+        lines += [f"DECL E6AXIS XJ{k}={{{q},E1 0.0}}", f"DECL E6POS XP{k}={{{pose},S 2,T 10}}"]
+    return _program(folder / "run.dat", [*lines, "ENDDAT"], "poses")
+
+
+def rapid(folder: Path) -> Sample:
+    lines = [
+        "MODULE Module1",
+        "  ! CONST jointtarget j0:=[[9,9,9,9,9,9],[9E9,9E9,9E9,9E9,9E9,9E9]];",
+    ]
+    for k in range(8):
+        q = ",".join(repr(float(v)) for v in np.rad2deg(JOINTS[k]))
+        place = ",".join(repr(float(v)) for v in 1e3 * P[k])
+        x, y, z, w = quaternion(TOOL)[k].tolist()
+        none = "[9E9,9E9,9E9,9E9,9E9,9E9]"
+        lines += [
+            f"  CONST jointtarget j{k + 1}:=[[{q}],{none}];",
+            f"  CONST robtarget p{k}:=[[{place}],[{w!r},{x!r},{y!r},{z!r}],[0,0,0,0],{none}];",
+        ]
+    return _program(folder / "run.mod", [*lines, "ENDMODULE"], "poses")
+
+
+PROGRAMS: dict[str, Callable[[Path], Sample]] = {"ur-script": ur_script, "krl": krl, "rapid": rapid}
+
+
+def mjcf(folder: Path) -> Sample:
+    path = folder / "arm.xml"
+    path.write_text(
+        '<mujoco model="two"><compiler angle="radian"/><worldbody>'
+        '<body name="upper" pos="0 0 0.5" quat="0.8 0.6 0 0"><inertial pos="0 0 0" mass="1" '
+        'diaginertia="1 1 1"/><joint name="joint_1" axis="0 0 1" range="-2 2" limited="true"/>'
+        '<body name="fore" pos="0.3 0 0.1"><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>'
+        '<joint name="joint_2" axis="0.6 0 0.8" pos="0.02 0 0"/>'
+        '<site name="tip" pos="0.2 0.1 0" quat="0.6 0 0.8 0"/></body></body>'
+        "</worldbody></mujoco>\n"
+    )
+    return Sample(path, {})
+
+
 SAMPLES: dict[str, Callable[[Path], Sample]] = {
     "table": table,
     **BODIES,
     "rosbag": rosbag,
     "lerobot-calibration": lerobot_calibration,
+    "leica-gsi": leica_gsi,
+    "lerobot-dataset": lerobot_dataset,
     "dh": dh,
+    **PROGRAMS,
+    "mjcf": mjcf,
 }
+# Those whose samples are folders.
+FOLDERS = ("rosbag", "lerobot-dataset")
+FILES = [name for name in SAMPLES if name not in FOLDERS]

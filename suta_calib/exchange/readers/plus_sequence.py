@@ -13,7 +13,7 @@ from suta_calib.atomic import note_input
 from suta_calib.errors import ForeignFileError
 from suta_calib.exchange.bodies import BODY_OPTIONS, Body, Recording
 from suta_calib.exchange.cells import MOST_BYTES, read_bounded
-from suta_calib.exchange.imported import ImportedRows
+from suta_calib.exchange.imported import ImportedRows, checked_places
 from suta_calib.exchange.option import Given, Option
 from suta_calib.exchange.reader import Reader
 from suta_calib.exchange.rotations import rotations_from
@@ -85,7 +85,7 @@ def _body(
         matrices[k] = numbers
     whole = matrices.reshape(-1, 4, 4)
     rotation = rotations_from("rows", whole[:, :3, :3].reshape(-1, 9), path, lines)
-    return Body(from_mm(whole[:, :3, 3]), rotation)
+    return Body(checked_places(path, lines, from_mm(whole[:, :3, 3])), rotation)
 
 
 def _fields(path: Path) -> Iterator[tuple[int, str, str]]:

@@ -14,7 +14,7 @@ from suta_calib.arrays import FloatArray
 from suta_calib.atomic import note_input
 from suta_calib.errors import ForeignFileError, MissingExtraError
 from suta_calib.exchange.bodies import BODY, INVERT, PREFIX, REFERENCE, Body, Recording
-from suta_calib.exchange.imported import ImportedRows
+from suta_calib.exchange.imported import ImportedRows, checked_places
 from suta_calib.exchange.option import Given, Option
 from suta_calib.exchange.reader import Reader
 from suta_calib.exchange.recorded_rests import SECONDS, imported_rests
@@ -107,7 +107,8 @@ class RosbagReader(Reader):
         rows = bag.poses[_chosen(path, bag.poses, given, POSE_TOPIC)]
         numbers = np.array([row for _, row in rows])
         lines = [1] * len(rows)
-        body = Body(numbers[:, :3], rotations_from("xyzw", numbers[:, 3:], path, lines))
+        places = checked_places(path, lines, numbers[:, :3])
+        body = Body(places, rotations_from("xyzw", numbers[:, 3:], path, lines))
         return np.array([at for at, _ in rows]), body
 
 

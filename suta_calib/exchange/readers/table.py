@@ -13,10 +13,15 @@ from numpy.typing import NDArray
 
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.errors import ForeignFileError, did_you_mean
-from suta_calib.exchange.bodies import BODY_OPTIONS, Body, Recording
+from suta_calib.exchange.bodies import BODY_OPTIONS, REFERENCE, Body, Recording
 from suta_calib.exchange.cells import is_missing, numbers_of
 from suta_calib.exchange.delimited import DELIMITED_OPTIONS, Sheet, read_sheet
-from suta_calib.exchange.imported import ImportedRows, distance_note, pose_columns
+from suta_calib.exchange.imported import (
+    ImportedRows,
+    checked_places,
+    distance_note,
+    pose_columns,
+)
 from suta_calib.exchange.joint_readings import READING_OPTIONS, Readings
 from suta_calib.exchange.option import Given, Option
 from suta_calib.exchange.reader import TABLE, Reader
@@ -48,7 +53,9 @@ UNIT: Final = Option(
 JOINTS: Final = Option(
     "joints", "Which columns are joint readings; globs.", "joint_*,…", several=True
 )
-_JOINTS: Final = ("joint*", "axis*", "q[0-9]", "q[0-9][0-9]", "j[0-9]", "j[0-9][0-9]")
+_JOINTS: Final = ("*joint*", "*axis*", "q[0-9]", "q[0-9][0-9]", "j[0-9]", "j[0-9][0-9]")
+# Behind the name of a joint: which way it came, which is no reading.
+_DIRECTION: Final = ".direction"
 # Poses of hand-eye files, which stand side by side.
 _PAIR: Final = ("a_", "b_")
 # More than any joint turns that is read in rad, twice round and a little.
@@ -83,14 +90,22 @@ class TableReader(Reader):
 
     def read(self, path: Path, given: Given) -> ImportedRows:
         """Rows in SI; those in which a number is missing are left out and counted."""
-        sheet = read_sheet(path, given)
-        names = _renamed(sheet, given)
-        poses = named_poses(sheet, names, given)
-        told = COLUMNS in given or JOINTS in given
-        if not poses and not told and (not sheet.headed or len(names) in _OF_MATRIX):
-            pose, sheet = nameless_pose(sheet, given)
-            names, poses = list(sheet.names), [pose] if pose is not None else []
-        return _Columns(sheet, names, poses, given).imported()
+        columns, other = _understood(path, given), given.path(REFERENCE)
+        if other is not None and other.is_file():
+            columns.relative_to(_understood(other, given), given.text(REFERENCE))
+        return columns.imported()
+
+
+def _understood(path: Path, given: Given) -> _Columns:
+    """A file whose columns are known."""
+    sheet = read_sheet(path, given)
+    names = _renamed(sheet, given)
+    poses = named_poses(sheet, names, given)
+    told = COLUMNS in given or JOINTS in given
+    if not poses and not told and (not sheet.headed or len(names) in _OF_MATRIX):
+        pose, sheet = nameless_pose(sheet, given)
+        names, poses = list(sheet.names), [pose] if pose is not None else []
+    return _Columns(sheet, names, poses, given)
 
 
 class _Columns:
@@ -112,13 +127,33 @@ class _Columns:
         self._angle = next((unit for unit in units if unit not in _LENGTHS), "")
         self._notes: list[str] = []
         self._seen = list(sheet.seen)
+        self._angles_used = False
+        self._others: dict[str, Body] = {}
+
+    def relative_to(self, other: _Columns, name: str) -> None:
+        """Another file of the same rows holds the body that this one's pose is told relative to.
+
+        Raises:
+            ForeignFileError: one of them has not one pose, or they have other numbers of rows.
+        """
+        for each in (self, other):
+            if len(each._poses) != 1:
+                said = f"{len(each._poses)} poses in a row"
+                raise ForeignFileError(said, "one, in both files", file=each._sheet.path)
+        rows = len(self._sheet.rows)
+        if len(other._sheet.rows) != rows:
+            found = f"{len(other._sheet.rows)} rows"
+            expected = f"{rows}, as in {self._sheet.path}: rows correspond"
+            raise ForeignFileError(found, expected, file=other._sheet.path)
+        self._others[name] = other._body(other._poses[0])
 
     def imported(self) -> ImportedRows:
         """The rows, in SI."""
         beside, whole = self._beside()
         if not self._poses and not beside:
             raise self._nothing()
-        bodies = {pose.prefix or "pose": self._body(pose) for pose in self._poses}
+        self._check_units()
+        bodies = {pose.prefix or "pose": self._body(pose) for pose in self._poses} | self._others
         for body in bodies.values():
             whole &= body.seen
         rows = np.flatnonzero(whole)
@@ -165,8 +200,9 @@ class _Columns:
                 line=self._sheet.lines[0],
             )
         scale = {"m": 1.0, "mm": from_mm(1.0), "cm": from_mm(10.0)}.get(unit, 1.0)
+        position = checked_places(path, self._sheet.lines, scale * position)
         if not pose.form:
-            return Body(scale * position)
+            return Body(position)
         numbers = numbers_of(path, rows, pose.rotation)
         angles = NUMBERS[pose.form] == 3
         if angles and (self._angle or pose.angle) == "deg":
@@ -178,7 +214,7 @@ class _Columns:
                     raise self._degrees("angles of an orientation", most)
                 numbers = from_deg(numbers)
                 self._seen.append(f"Angles up to {most:.4g} were taken for degrees.")
-        return Body(scale * position, rotations_from(pose.form, numbers, path, self._sheet.lines))
+        return Body(position, rotations_from(pose.form, numbers, path, self._sheet.lines))
 
     def _question(self, position: FloatArray, pose: PoseColumns) -> None:
         """Lengths of an odd size: refused where nobody said their unit, noted where one did."""
@@ -200,13 +236,14 @@ class _Columns:
         taken = {k for pose in self._poses for k in (*pose.position, *pose.rotation)}
         found: dict[str, NDArray[Any]] = {}
         readings = Readings.of(self._given, self._angle or "rad")
-        patterns = self._given.texts(JOINTS) or (*_JOINTS, *readings.names)
+        joints = self._joints((*self._given.texts(JOINTS), *readings.names))
         for k, name in enumerate(self._names):
             # Of a table without names only what is asked for has one.
             if k in taken or not name or (name.isdigit() and name == sheet.names[k]):
                 continue
             bare, unit = plain_name(name)
-            if any(fnmatchcase(each, pattern) for pattern in patterns for each in (name, bare)):
+            if k in joints:
+                self._angles_used |= unit not in _LENGTHS
                 numbers = numbers_of(sheet.path, sheet.rows, [k])[:, 0]
                 whole &= np.isfinite(numbers)
                 of = replace(readings, unit=self._angle or unit or "rad")
@@ -217,6 +254,37 @@ class _Columns:
             is_number = all(v == v or is_missing(c) for v, c in zip(values, cells, strict=True))
             found[name] = values if is_number and np.isfinite(values).all() else np.array(cells)
         return found, whole
+
+    def _joints(self, said: Sequence[str]) -> set[int]:
+        """Columns that are joint readings: as was said, or by what joints are usually called.
+
+        A column that was given a name of its own, which is no label, is one too.
+        """
+        renamed = set(self._given.pairs(COLUMNS).values()) - _labels()
+        found = set()
+        for k, name in enumerate(self._names):
+            bare = plain_name(name)[0]
+            patterns = said if JOINTS in self._given else (*_JOINTS, *said)
+            meant = any(fnmatchcase(each, p) for p in patterns for each in (name, bare))
+            if (meant or name in renamed) and not name.endswith(_DIRECTION):
+                found.add(k)
+        return found
+
+    def _check_units(self) -> None:
+        """Refuse a unit of what is not there: its numbers would stay as they are."""
+        turned = any(NUMBERS.get(pose.form) == 3 for pose in self._poses)
+        for unit, used, what, where in (
+            (self._angle, self._angles_used or turned, "joint readings", JOINTS),
+            (self._length, bool(self._poses), "a position", COLUMNS),
+        ):
+            if unit and not used:
+                raise ForeignFileError(
+                    f"{UNIT.switch} {unit}, and no columns of {what}",
+                    "columns that are in this unit",
+                    file=self._sheet.path,
+                    line=self._sheet.lines[0],
+                    hint=f"say which they are with {where.switch} {where.metavar}",
+                )
 
     def _joint(self, readings: Readings, joint: str, numbers: FloatArray, unit: str) -> FloatArray:
         if unit in _LENGTHS:  # a joint that slides
@@ -258,6 +326,17 @@ class _Columns:
             hint="say what they are with --columns NAME=joint_1,…, with x, y, z, qx, qy, qz, qw "
             "for a pose",
         )
+
+
+def _labels() -> set[str]:
+    """Columns of samples that any kind of observation takes for labels, and time."""
+    from suta_calib.terms import KINDS
+
+    found = {"time", "image"}
+    for kind in KINDS.values():
+        columns = kind.columns
+        found |= {*columns.labels, *columns.optional_labels, *columns.common_labels}
+    return found
 
 
 def _renamed(sheet: Sheet, given: Given) -> list[str]:

@@ -1,0 +1,51 @@
+"""KUKA: positions in KRL, as they stand in .src and .dat files."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import ClassVar, Final
+
+from suta_calib.arrays import FloatArray
+from suta_calib.exchange.robot_program import NUMBER, ProgramReader
+from suta_calib.exchange.rotations import rotations_from
+from suta_calib.units import from_deg, from_mm
+
+
+def _named(names: str) -> str:
+    """Numbers behind these names, with commas between them."""
+    return r"\s*,\s*".join(rf"{name}\s+{NUMBER}" for name in names.split())
+
+
+_AXES: Final = _named("A1 A2 A3 A4 A5 A6")
+_FRAME: Final = _named("X Y Z A B C")
+
+
+class KrlReader(ProgramReader):
+    """``{A1 …, A6 …}`` in degrees, and ``{X …, Y …, Z …, A …, B …, C …}`` in mm and degrees."""
+
+    name: ClassVar[str] = "krl"
+    summary: ClassVar[str] = "KUKA KRL (.src, .dat): axis positions {A1 …} or frames {X …}"
+    example: ClassVar[str] = "points.dat --what poses --out poses.csv"
+    suffixes: ClassVar[tuple[str, ...]] = (".src", ".dat")
+    joint_pattern: ClassVar[re.Pattern[str]] = re.compile(rf"\{{[^{{}}]*?({_AXES})", re.IGNORECASE)
+    pose_pattern: ClassVar[re.Pattern[str]] = re.compile(rf"\{{[^{{}}]*?({_FRAME})", re.IGNORECASE)
+    comment: ClassVar[str] = ";"
+
+    def recognises(self, path: Path, head: str) -> bool:
+        """A program's beginning, or positions."""
+        del path
+        begins = re.search(r"^\s*(?:&ACCESS|DEFDAT|DEF )", head, re.MULTILINE) is not None
+        return begins or any(p.search(head) for p in (self.joint_pattern, self.pose_pattern))
+
+    def joints(self, numbers: FloatArray) -> FloatArray:
+        """They are in degrees."""
+        return from_deg(numbers)
+
+    def poses(
+        self, numbers: FloatArray, path: Path, lines: Sequence[int]
+    ) -> tuple[FloatArray, FloatArray]:
+        """A about Z, then B about the new Y, then C about the new X."""
+        rotation = rotations_from("ZYX", from_deg(numbers[:, 3:]), path, lines)
+        return rotation, from_mm(numbers[:, :3])

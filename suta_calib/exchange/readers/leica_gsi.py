@@ -1,0 +1,128 @@
+"""Leica GSI-8 and GSI-16: points of total stations and laser trackers."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import ClassVar, Final
+
+import numpy as np
+
+from suta_calib.errors import ForeignFileError
+from suta_calib.exchange.cells import read_foreign_text
+from suta_calib.exchange.imported import (
+    ImportedRows,
+    checked_places,
+    distance_note,
+    pose_columns,
+)
+from suta_calib.exchange.option import Given
+from suta_calib.exchange.reader import Reader
+from suta_calib.measurements.files import lines_of
+from suta_calib.units import from_deg, from_mm
+
+# Word index, four characters of which the last is the unit, sign, 8 or 16 characters of data.
+_WORD: Final = re.compile(
+    r"(\d\d)[\d.]{3}([\d.])([+-])([0-9A-Za-z._-]{16}|[0-9A-Za-z._-]{8})(?=\s|$)"
+)
+_LINE: Final = re.compile(r"\*?1[01][\d.]{4}[+-]")
+_POINT: Final = "11"
+_HORIZONTAL, _ZENITH, _SLOPE = "21", "22", "31"
+_EAST, _NORTH, _HEIGHT = "81", "82", "83"
+
+
+def _sexagesimal(number: float) -> float:
+    """dddmmsss, the last digit a tenth of a second."""
+    whole = int(abs(number))
+    degrees, minutes, tenths = whole // 100_000, whole // 1000 % 100, whole % 1000
+    return from_deg(math.copysign(degrees + minutes / 60 + tenths / 36_000, number))
+
+
+# The unit of the last digit, by its code: lengths in m, angles in rad.
+_LENGTH: Final[dict[str, float]] = {"0": from_mm(1.0), "6": from_mm(0.1), "8": from_mm(0.01)}
+_ANGLE: Final[dict[str, Callable[[float], float]]] = {
+    "2": lambda number: number * 1e-5 * math.pi / 200,
+    "3": lambda number: from_deg(number * 1e-5),
+    "4": _sexagesimal,
+}
+
+
+class LeicaGsiReader(Reader):
+    """Coordinates where the words hold them, or else directions with slope distances."""
+
+    name: ClassVar[str] = "leica-gsi"
+    summary: ClassVar[str] = "Leica GSI-8 and GSI-16 of total stations: points by name"
+    example: ClassVar[str] = "points.gsi --format leica-gsi --out points.csv"
+    suffixes: ClassVar[tuple[str, ...]] = (".gsi", ".txt", ".dat")
+
+    def recognises(self, path: Path, head: str) -> bool:
+        """The word of a point begins its first line."""
+        del path
+        return _LINE.match(head) is not None
+
+    def read(self, path: Path, given: Given) -> ImportedRows:
+        """``point`` and ``x, y, z`` in m: east, north, up. Lines without a place are left out."""
+        del given
+        text = read_foreign_text(path)
+        labels, places = list[str](), list[list[float]]()
+        lines, left_out = list[int](), 0
+        for number, line in enumerate(lines_of(text), 1):
+            content = line.strip().removeprefix("*")
+            if not content:
+                continue
+            words = {m[1]: (m[2], m[3], m[4]) for m in _WORD.finditer(content)}
+            if _POINT not in words:
+                said = f"{content[:40]!r}, without the word {_POINT} of a point"
+                raise ForeignFileError(said, "a line of GSI", file=path, line=number)
+            place = _place(path, number, words)
+            if place is None:
+                left_out += 1
+                continue
+            labels.append(words[_POINT][2].lstrip("0") or "0")
+            places.append(place)
+            lines.append(number)
+        position = checked_places(path, lines, np.array(places).reshape(-1, 3))
+        note = distance_note(position, "lengths as the words' units say")
+        return ImportedRows(
+            source=path,
+            form=self.name,
+            columns={"point": np.array(labels, dtype=np.str_), **pose_columns(position, None)},
+            dropped=left_out,
+            notes=(note,) if note else (),
+        )
+
+
+def _place(path: Path, line: int, words: dict[str, tuple[str, str, str]]) -> list[float] | None:
+    """East, north, up, m; None where a line holds neither coordinates nor directions."""
+
+    def number(index: str) -> tuple[str, float]:
+        unit, sign, digits = words[index]
+        if not digits.isdigit():
+            raise ForeignFileError(
+                repr(digits), "digits", file=path, line=line, where=f"word {index}"
+            )
+        return unit, math.copysign(float(int(digits)), -1.0 if sign == "-" else 1.0)
+
+    def of_unit(index: str, known: dict[str, Callable[[float], float]]) -> float:
+        unit, value = number(index)
+        if unit not in known:
+            expected = f"one of {', '.join(known)}"
+            where = f"word {index}"
+            raise ForeignFileError(
+                f"the unit {unit!r}", expected, file=path, line=line, where=where
+            )
+        return known[unit](value)
+
+    lengths: dict[str, Callable[[float], float]] = {
+        code: scale.__mul__ for code, scale in _LENGTH.items()
+    }
+    if all(index in words for index in (_EAST, _NORTH, _HEIGHT)):
+        return [of_unit(index, lengths) for index in (_EAST, _NORTH, _HEIGHT)]
+    if not all(index in words for index in (_HORIZONTAL, _ZENITH, _SLOPE)):
+        return None
+    horizontal, zenith = of_unit(_HORIZONTAL, _ANGLE), of_unit(_ZENITH, _ANGLE)
+    slope = of_unit(_SLOPE, lengths)
+    level = slope * math.sin(zenith)
+    return [level * math.sin(horizontal), level * math.cos(horizontal), slope * math.cos(zenith)]

@@ -1,0 +1,126 @@
+"""LeRobot datasets: the rests of the recorded joint states, from Parquet files."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, ClassVar, Final
+
+import numpy as np
+
+from suta_calib.arrays import FloatArray
+from suta_calib.atomic import note_input
+from suta_calib.errors import ForeignFileError
+from suta_calib.exchange.imported import ImportedRows
+from suta_calib.exchange.json_input import read_json
+from suta_calib.exchange.lerobot_motors import MOTORS
+from suta_calib.exchange.option import Given, Option
+from suta_calib.exchange.reader import Reader
+from suta_calib.exchange.recorded_rests import SECONDS, imported_rests
+from suta_calib.extras import load
+from suta_calib.units import from_deg
+from suta_calib.words import listed
+
+STATE_UNIT: Final = Option(
+    "state_unit", "Of the recorded states: a dataset does not say.", choices=("deg", "rad")
+)
+_STATE: Final = "observation.state"
+_COLUMNS: Final = (_STATE, "timestamp", "episode_index")
+_MOST_ROWS: Final = 5_000_000
+# Between the clocks of two episodes, s: nothing is known of the arm in between.
+_BETWEEN: Final = 1e4
+
+
+class LerobotDatasetReader(Reader):
+    """Every rest of every episode as a row; the states are angles, not shares of a range."""
+
+    name: ClassVar[str] = "lerobot-dataset"
+    summary: ClassVar[str] = "LeRobot dataset (a folder with meta/info.json): rests of its states"
+    example: ClassVar[str] = "my_dataset --state-unit deg --motors elbow_flex=joint_3 --out a.csv"
+    options: ClassVar[tuple[Option, ...]] = (STATE_UNIT, MOTORS, SECONDS)
+    extra: ClassVar[str] = "parquet"
+
+    def recognises(self, path: Path, head: str) -> bool:
+        """A folder with meta/info.json."""
+        del head
+        return path.is_dir() and (path / "meta" / "info.json").is_file()
+
+    def read(self, path: Path, given: Given) -> ImportedRows:
+        """A samples CSV: joints in rad, and the time in its episode after those before it."""
+        if not path.is_dir():
+            found = "a file" if path.is_file() else "no such file"
+            raise ForeignFileError(found, "the folder of a dataset", file=path)
+        names = _motors(path / "meta" / "info.json")
+        unit = given.text(STATE_UNIT)
+        if not unit:
+            found = "states, and not in which unit"
+            expected = "deg or rad: a share of a motor's range is no angle"
+            raise given.refuse(STATE_UNIT, found, expected)
+        time, states = self._rows(path, len(names))
+        angles = from_deg(states) if unit == "deg" else states
+        renamed = given.pairs(MOTORS)
+        joints = [renamed.get(name, name) for name in names]
+        if len(set(joints)) < len(joints):
+            raise given.refuse(MOTORS, f"the joints {listed(joints)}", "each once")
+        return imported_rests(path, self.name, joints, time, angles, given)
+
+    def _rows(self, path: Path, count: int) -> tuple[FloatArray, FloatArray]:
+        """Times (n,), s, of all episodes one after the other, and states (n, count)."""
+        parquet = load("pyarrow.parquet", self.extra)
+        files = sorted((path / "data").rglob("*.parquet"))
+        if not files:
+            raise ForeignFileError("no data/**/*.parquet", "at least one", file=path)
+        times, states, rows = list[FloatArray](), list[FloatArray](), 0
+        for file in files:
+            note_input(file)
+            # A link must not lead out of the dataset to who knows what.
+            if not file.resolve().is_relative_to(path.resolve()):
+                raise ForeignFileError("a link that leads out of the folder", "a file", file=file)
+            try:
+                rows += parquet.read_metadata(file).num_rows
+                table = None if rows > _MOST_ROWS else parquet.read_table(file, columns=[*_COLUMNS])
+                columns = [] if table is None else [table[name].to_pylist() for name in _COLUMNS]
+            # Damaged files make Arrow raise errors of many kinds, none of them its own.
+            except Exception as problem:  # noqa: BLE001
+                said = " ".join(f"{type(problem).__name__}: {problem}".split())[:120]
+                found = f"a file that cannot be read ({said})"
+                expected = f"Parquet with {listed(_COLUMNS)}"
+                raise ForeignFileError(found, expected, file=file) from None
+            if not columns:
+                said = f"more than {_MOST_ROWS} rows"
+                raise ForeignFileError(said, "a smaller dataset", file=path)
+            state, stamp, episode = (
+                _array(file, *each) for each in zip(_COLUMNS, columns, strict=True)
+            )
+            if state.shape != (len(state), count) or stamp.ndim != 1 or episode.ndim != 1:
+                said = f"states of shape {state.shape}"
+                raise ForeignFileError(said, f"{count} numbers in each row", file=file)
+            times.append(stamp + _BETWEEN * episode)
+            states.append(state)
+        return np.concatenate(times), np.concatenate(states)
+
+
+def _array(file: Path, name: str, values: Sequence[Any]) -> FloatArray:
+    try:
+        found = np.array(values, dtype=float)
+    except (TypeError, ValueError):
+        found = np.full(1, np.nan)
+    if not len(found) or not np.isfinite(found).all():
+        said = "rows without it, or no numbers"
+        raise ForeignFileError(said, "finite numbers in every row", file=file, where=name)
+    return found
+
+
+def _motors(path: Path) -> list[str]:
+    """Names of the states' motors, without what LeRobot puts behind them."""
+    told: Any = read_json(path)
+    for key in ("features", _STATE, "names"):
+        told = told.get(key) if isinstance(told, dict) else None
+    if isinstance(told, dict) and len(told) == 1:
+        told = next(iter(told.values()))
+    if not isinstance(told, list) or not told or not all(isinstance(each, str) for each in told):
+        where = f"features: {_STATE}: names"
+        raise ForeignFileError(
+            "no list of motors", "the motors of the states", file=path, where=where
+        )
+    return [name.removesuffix(".pos") for name in told]

@@ -1,0 +1,48 @@
+"""ABB: positions in RAPID, robtargets and jointtargets."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import ClassVar, Final
+
+from suta_calib.arrays import FloatArray
+from suta_calib.exchange.robot_program import NUMBER, ProgramReader
+from suta_calib.exchange.rotations import rotations_from
+from suta_calib.units import from_deg, from_mm
+
+
+def _list(count: int) -> str:
+    return rf"\[(?:\s*{NUMBER}\s*,){{{count - 1}}}\s*{NUMBER}\s*\]"
+
+
+_TARGET: Final = rf"\[\s*({_list(3)}\s*,\s*{_list(4)})\s*,\s*\["
+_JOINTS: Final = rf"\[\s*({_list(6)})\s*,\s*\["
+
+
+class RapidReader(ProgramReader):
+    """``[[x,y,z],[q1,q2,q3,q4],…]`` in mm, scalar first, and ``[[j1,…,j6],…]`` in degrees."""
+
+    name: ClassVar[str] = "rapid"
+    summary: ClassVar[str] = "ABB RAPID (.mod): robtargets or jointtargets"
+    example: ClassVar[str] = "Module1.mod --what joints --out samples.csv"
+    suffixes: ClassVar[tuple[str, ...]] = (".mod", ".modx", ".prg", ".sys")
+    joint_pattern: ClassVar[re.Pattern[str]] = re.compile(_JOINTS, re.ASCII)
+    pose_pattern: ClassVar[re.Pattern[str]] = re.compile(_TARGET, re.ASCII)
+    comment: ClassVar[str] = "!"
+
+    def recognises(self, path: Path, head: str) -> bool:
+        """Declarations of targets, or a module's beginning."""
+        del path
+        return re.search(r"\b(?:robtarget|jointtarget|MODULE)\b", head) is not None
+
+    def joints(self, numbers: FloatArray) -> FloatArray:
+        """They are in degrees."""
+        return from_deg(numbers)
+
+    def poses(
+        self, numbers: FloatArray, path: Path, lines: Sequence[int]
+    ) -> tuple[FloatArray, FloatArray]:
+        """A position in mm and a quaternion, scalar first."""
+        return rotations_from("wxyz", numbers[:, 3:], path, lines), from_mm(numbers[:, :3])

@@ -1,0 +1,117 @@
+"""Positions in programs of robot controllers: joint positions and poses, found by their shape."""
+
+from __future__ import annotations
+
+import re
+from abc import abstractmethod
+from collections.abc import Sequence
+from pathlib import Path
+from typing import ClassVar, Final
+
+import numpy as np
+
+from suta_calib.arrays import FloatArray
+from suta_calib.errors import ForeignFileError
+from suta_calib.exchange.cells import read_foreign_text
+from suta_calib.exchange.imported import ImportedRows, checked_places, pose_columns
+from suta_calib.exchange.option import Given, Option
+from suta_calib.exchange.reader import Reader
+from suta_calib.measurements.csv_table import number_in
+from suta_calib.measurements.files import lines_of
+
+WHAT: Final = Option("what", "Which positions, where there are both.", choices=("joints", "poses"))
+NAMES: Final = Option(
+    "joint_names", "What the joints are called, in their order.", "joint_1,…", several=True
+)
+# A number as all of these languages write it.
+NUMBER: Final = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
+# The digit of a name, as in A1, is no number.
+_NUMBERS: Final = re.compile(rf"(?<![A-Za-z\d.]){NUMBER}", re.ASCII)
+_LONGEST: Final = 20_000
+
+
+class ProgramReader(Reader):
+    """A program, or a list of positions, of one controller's language.
+
+    Attributes:
+        joint_pattern: matches one joint position; its first group holds the numbers.
+        pose_pattern: the same for a pose.
+        comment: begins a comment.
+    """
+
+    options: ClassVar[tuple[Option, ...]] = (WHAT, NAMES)
+    joint_pattern: ClassVar[re.Pattern[str]]
+    pose_pattern: ClassVar[re.Pattern[str]]
+    comment: ClassVar[str]
+
+    @abstractmethod
+    def joints(self, numbers: FloatArray) -> FloatArray:
+        """Numbers of joint positions (n, joints) in rad."""
+
+    @abstractmethod
+    def poses(
+        self, numbers: FloatArray, path: Path, lines: Sequence[int]
+    ) -> tuple[FloatArray, FloatArray]:
+        """Numbers of poses (n, …) as rotations (n, 3, 3) and positions (n, 3), m.
+
+        Raises:
+            ForeignFileError: numbers that are no orientation.
+        """
+
+    def read(self, path: Path, given: Given) -> ImportedRows:
+        """A row for each position, in the program's order, with its line."""
+        text = read_foreign_text(path)
+        found = {
+            "joints": self._found(path, text, self.joint_pattern),
+            "poses": self._found(path, text, self.pose_pattern),
+        }
+        there = [what for what, (lines, _) in found.items() if lines]
+        what = given.text(WHAT)
+        if not what and len(there) > 1:
+            counts = " and ".join(f"{len(found[each][0])} {each}" for each in there)
+            hint = f"say which with {WHAT.switch} joints or {WHAT.switch} poses"
+            raise ForeignFileError(counts, "one of them", file=path, hint=hint)
+        what = what or next(iter(there), "")
+        if what not in there:
+            said = f"no {what or 'positions'}"
+            raise ForeignFileError(said, f"positions as {self.summary} has them", file=path)
+        lines, numbers = found[what]
+        beside = {"line": np.array(lines)}
+        if what == "poses":
+            rotation, position = self.poses(numbers, path, lines)
+            position = checked_places(path, lines, position)
+            columns = {**pose_columns(position, rotation), **beside}
+            return ImportedRows(source=path, form=self.name, columns=columns)
+        names = given.texts(NAMES) or tuple(f"joint_{k + 1}" for k in range(numbers.shape[1]))
+        if len(names) != numbers.shape[1] or len(set(names)) < len(names):
+            said = f"{len(names)} names"
+            raise given.refuse(NAMES, said, f"{numbers.shape[1]} different ones")
+        angles = self.joints(numbers)
+        return ImportedRows(
+            source=path,
+            form=self.name,
+            columns={**dict(zip(names, angles.T, strict=True)), **beside},
+        )
+
+    def _found(
+        self, path: Path, text: str, pattern: re.Pattern[str]
+    ) -> tuple[list[int], FloatArray]:
+        """Lines, and the numbers of each match; all must have as many."""
+        lines, rows = list[int](), list[list[float]]()
+        for number, line in enumerate(lines_of(text), 1):
+            if len(line) > _LONGEST:
+                raise ForeignFileError(
+                    f"a line of {len(line)} characters", "a program", file=path, line=number
+                )
+            for match in pattern.finditer(line.partition(self.comment)[0]):
+                row = [number_in(each) for each in _NUMBERS.findall(match[1])]
+                if not np.isfinite(row).all():
+                    said = repr(match[1][:40])
+                    raise ForeignFileError(said, "finite numbers", file=path, line=number)
+                if rows and len(row) != len(rows[0]):
+                    said = f"{len(row)} numbers"
+                    expected = f"{len(rows[0])}, as in line {lines[0]}"
+                    raise ForeignFileError(said, expected, file=path, line=number)
+                lines.append(number)
+                rows.append(row)
+        return lines, np.array(rows)
