@@ -224,7 +224,8 @@ def _page(rows: Sequence[tuple[str, ...]]) -> str:
         "a process of its own. Seconds are processor time, user and system: *start* is what the",
         "same command takes for a few rows, *rows* what the others add, to which the limit",
         "applies. Peak memory is that of the whole process.",
-        f"Python {platform.python_version()}, {os.cpu_count()} cores.",
+        f"Python {platform.python_version()}, {os.cpu_count()} cores, "
+        f"load {os.getloadavg()[0]:.1f} (what shares a core with others takes more of it).",
         "",
         f"| {' | '.join(HEADS)} |",
         f"|---|{'--:|' * (len(HEADS) - 2)}---|",
