@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 sys.path.insert(0, str(Path(__file__).parent / "_ext"))
 
 import generated
+import name_pages
 
 import suta_calib
 
@@ -76,6 +77,6 @@ def short_types(*event: Any) -> tuple[str | None, str | None]:
 
 def setup(app: Sphinx) -> None:
     """Write the pages that the package tells of itself before any page is read."""
-    generated.import_names()
+    name_pages.import_names()
     app.connect("builder-inited", lambda _: generated.write(generated.DOCS / "generated"))
     app.connect("autodoc-process-signature", short_types)

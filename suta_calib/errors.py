@@ -146,9 +146,10 @@ class OutputError(SutaCalibError):
 def did_you_mean(word: str, known: Iterable[str]) -> str:
     """``did you mean 'x'?`` for the known word closest to ``word``, upper or lower case alike.
 
+    The word itself is no hint: where it is known, and wrong for another reason, there is none.
     Returns an empty string where nothing is close, so that the answer can go straight into
     `InputError`'s ``hint``.
     """
-    by_lower_case = {name.lower(): name for name in known}
+    by_lower_case = {name.lower(): name for name in known if name != word}
     close = difflib.get_close_matches(word.lower(), by_lower_case, n=1)
     return f"did you mean {by_lower_case[close[0]]!r}?" if close else ""

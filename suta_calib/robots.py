@@ -17,14 +17,13 @@ from typing import Final
 from suta_calib.errors import InputError, UrdfError, did_you_mean
 from suta_calib.extras import missing
 from suta_calib.model.arm import ArmModel
+from suta_calib.model.chain import ends
 from suta_calib.model.urdf_tree import TreeJoint, UrdfTree, quoted, read_tree
 
 _PACKAGE: Final = "example-robot-data"
 _ROBOTS: Final = "cmeel.prefix/share/example-robot-data/robots"
 # What the frame at an arm's end is called in many URDFs, the most usual first.
 _END_NAMES: Final = ("tool0", "tool_link", "tcp", "end_effector", "gripper_frame")
-# Ends of limbs that a message names at most.
-_NAMED_ENDS: Final = 12
 
 
 def load(name: str, tip: str | None = None, base: str | None = None) -> ArmModel:
@@ -105,7 +104,7 @@ def end_of(tree: UrdfTree) -> str:
     def length(joint: TreeJoint) -> tuple[int, int]:
         """Moving joints, then joints of any type, in the longest row that begins with this one."""
         moving, every = max(map(length, below[joint.child]), default=(0, 0))
-        return moving + _moves(joint), every + 1
+        return moving + joint.moves, every + 1
 
     link, passed = tree.root, 0
     while branches := below[link]:
@@ -115,36 +114,21 @@ def end_of(tree: UrdfTree) -> str:
         alike = [joint for joint in branches if length(joint)[0] == longest[0]]
         if longest[0] and len(alike) > 1:
             if longest[0] >= passed:
-                raise _no_single_arm(tree, below)
+                raise UrdfError(
+                    f"{tree.robot}, which is no single arm",
+                    "a tip",
+                    file=tree.path,
+                    where="tip",
+                    hint=ends(tree),
+                )
             break
         # Of those that are only fixed the last of the longest: a tool comes after its flange.
         taken = [joint for joint in branches if length(joint) == longest][-1]
-        link, passed = taken.child, passed + _moves(taken)
+        link, passed = taken.child, passed + taken.moves
     return link
-
-
-def _moves(joint: TreeJoint) -> bool:
-    return bool(joint.element.get("type") != "fixed")
 
 
 def _named_end(branches: Iterable[TreeJoint]) -> str:
     """The link that is fixed here and called as an arm's end, or nothing."""
-    fixed = [joint.child for joint in branches if not _moves(joint)]
+    fixed = [joint.child for joint in branches if not joint.moves]
     return next((link for name in _END_NAMES for link in fixed if name in link.lower()), "")
-
-
-def _no_single_arm(tree: UrdfTree, below: Mapping[str, list[TreeJoint]]) -> UrdfError:
-    """Says where its longest limbs end."""
-    moving = {
-        link: sum(map(_moves, tree.path_to_root(link)))
-        for link in tree.links
-        if not below.get(link)
-    }
-    ends = sorted((link for link in moving if moving[link]), key=lambda link: -moving[link])
-    more = ", …" if ends[_NAMED_ENDS:] else ""
-    return UrdfError(
-        f"{tree.robot}, which is no single arm",
-        f"a tip, such as {', '.join(ends[:_NAMED_ENDS])}{more}",
-        file=tree.path,
-        where="tip",
-    )

@@ -24,17 +24,19 @@ settings.load_profile("suta_calib")
 # Modules that take longest, the longest first.
 LONG = (
     "test_notebooks",
+    "test_every_kind",
     "test_outliers",
+    "test_inputs",
+    "test_outputs",
+    "test_solve",
+    "test_camera_view",
+    "test_pictures",
     "test_hand_eye_accuracy",
     "test_spread",
-    "test_nongeometric",
-    "test_shown_blocks",
-    "test_model_selection",
     "test_study",
+    "test_shown_blocks",
     "test_end_to_end",
-    "test_covariance",
     "test_track",
-    "test_motion",
 )
 
 

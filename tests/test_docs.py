@@ -5,7 +5,7 @@ from __future__ import annotations
 import ast
 import importlib
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import ModuleType
 
@@ -22,25 +22,30 @@ from suta_calib.measurements.keys import Key, Keys
 from suta_calib.terms import KINDS
 
 PACKAGE = Path(__file__).resolve().parent.parent / "suta_calib"
+# Where keys are declared.
 MODULES = [
     ".".join(file.relative_to(PACKAGE.parent).with_suffix("").parts)
     for file in sorted(PACKAGE.rglob("*.py"))
+    if " = Keys(" in file.read_text(encoding="utf-8")
 ]
 # A screen of text.
 README_LINES = 50
 
 
+Maker = Callable[[str], ModuleType]
+
+
 @pytest.fixture(scope="module")
-def generated(repository: Path) -> Iterator[ModuleType]:
-    """What makes the pages."""
+def maker(repository: Path) -> Iterator[Maker]:
+    """What makes the pages: its modules by name."""
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(str(repository / "docs" / "_ext"))
-        yield importlib.import_module("generated")
+        yield importlib.import_module
 
 
 @pytest.fixture(scope="module")
-def pages(generated: ModuleType) -> dict[str, str]:
-    found: dict[str, str] = generated.pages()
+def pages(maker: Maker) -> dict[str, str]:
+    found: dict[str, str] = maker("generated").pages()
     return found
 
 
@@ -64,11 +69,10 @@ def below(keys: Keys) -> Iterator[Key]:
             yield from below(key.inside)
 
 
-def test_every_key_that_is_declared_is_shown(generated: ModuleType, pages: dict[str, str]) -> None:
+def test_every_key_that_is_declared_is_shown(maker: Maker, pages: dict[str, str]) -> None:
     declared = {
         (module, key)
         for module in MODULES
-        if not module.endswith("__main__")
         for keys in vars(importlib.import_module(module)).values()
         if isinstance(keys, Keys)
         for key in below(keys)
@@ -77,13 +81,13 @@ def test_every_key_that_is_declared_is_shown(generated: ModuleType, pages: dict[
     lacking = [
         f"{module}: {key.name}"
         for module, key in declared
-        if generated.cell(key.about) not in pages["files.md"]
+        if maker("markdown_pieces").cell(key.about) not in pages["files.md"]
     ]
     assert lacking == []
 
 
-def test_every_key_says_something(generated: ModuleType) -> None:
-    for file in generated.FILES:
+def test_every_key_says_something(maker: Maker) -> None:
+    for file in maker("yaml_pages").FILES:
         for keys in file.keys.values():
             assert len(set(keys.names)) == len(keys.names)
             for key in below(keys):
@@ -91,9 +95,9 @@ def test_every_key_says_something(generated: ModuleType) -> None:
                 assert re.match(r"[A-Z0-9].*\.$|[a-z_0-9: ,(/)-]+.*\.$", key.about), key.name
 
 
-def test_every_column_of_a_sample_is_described(generated: ModuleType) -> None:
+def test_every_column_of_a_sample_is_described(maker: Maker) -> None:
     for kind in KINDS.values():
-        for column, about in generated.column_rows(kind):
+        for column, about in maker("observation_pages").column_rows(kind):
             assert about.strip().removesuffix("May be left out."), f"{kind.kind}: {column}"
 
 
@@ -105,10 +109,18 @@ def test_every_kind_and_command_has_its_place(pages: dict[str, str]) -> None:
         assert f"\n## {command}\n\n```text\nUsage: suta-calib {command}" in pages["commands.md"]
 
 
-def test_every_public_name_is_described(generated: ModuleType, pages: dict[str, str]) -> None:
-    described = {name for names in generated.documented().values() for name in names}
+def test_every_foreign_format_has_its_place(maker: Maker, pages: dict[str, str]) -> None:
+    for command, known in maker("format_pages").formats().items():
+        assert known
+        for name, each in known.items():
+            assert f"\n({command}-{name})=\n### {name}\n" in pages["formats.md"]
+            assert all(f"| `{option.switch}` |" in pages["formats.md"] for option in each.options)
+
+
+def test_every_public_name_is_described(maker: Maker, pages: dict[str, str]) -> None:
+    described = {name for names in maker("name_pages").documented().values() for name in names}
     assert set(suta_calib.__all__) <= described
-    for module, names in generated.documented().items():
+    for module, names in maker("name_pages").documented().items():
         assert names, module
         assert f":members: {', '.join(names)}\n" in pages[f"api/{module}.md"]
 
@@ -120,12 +132,22 @@ def test_every_kind_is_compared(repository: Path) -> None:
         assert rows == list(KINDS)
 
 
+@pytest.mark.parametrize("kind", ["fixed_point", "tracked_point"])
+def test_what_a_kind_tells_is_computed(
+    kind: str, repository: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.syspath_prepend(str(repository / "docs" / "figures"))
+    table = repository / "docs" / "guides" / "which_observation_table.md"
+    row: str = importlib.import_module("which_observation").row(kind)
+    assert row in table.read_text(encoding="utf-8")
+
+
 def test_examples_that_are_no_files_are_read(
-    generated: ModuleType, tmp_path: Path, repository: Path
+    maker: Maker, tmp_path: Path, repository: Path
 ) -> None:
     for name, text in (
-        ("device.yaml", generated.DEVICE_EXAMPLE),
-        ("candidates.yaml", generated.CANDIDATES_EXAMPLE),
+        ("device.yaml", maker("yaml_pages").DEVICE_EXAMPLE),
+        ("candidates.yaml", maker("yaml_pages").CANDIDATES_EXAMPLE),
     ):
         (tmp_path / name).write_text(text, encoding="utf-8")
     assert read_device(tmp_path / "device.yaml").names == ("joint_1", "joint_2")

@@ -110,6 +110,41 @@ def test_what_needs_no_mathematics_does_not_wait_for_it(
     assert not run.stdout.split()
 
 
+# What each command may load of the package, and of other people's. One module more is a question
+# whether the command uses it: raise the number only where it does.
+STARTUP: dict[str, tuple[tuple[str, ...], int]] = {
+    "--help": ((), 8),
+    "observe": (("data/suta/calibration.yaml",), 140),
+    "validate": (("urdf/suta.urdf", "data/suta/calibration.yaml"), 143),
+    "pivot": (("data/poses/pivot.csv",), 108),
+    "hand-eye": (("data/poses/hand_eye.csv",), 112),
+    "register": (("data/poses/register_a.csv", "data/poses/register_b.csv"), 107),
+}
+# To draw, to write pages, to sample and minimise, to see, to listen, to compute elsewhere.
+UNUSED = (
+    *("matplotlib", "PIL", "jinja2", "scipy.stats", "scipy.optimize", "scipy.interpolate", "cv2"),
+    *("viser", "serial", "anycrc", "pyigtl", "joblib", "distributed", "pyarrow", "asyncio"),
+)
+
+
+@pytest.mark.parametrize("command", STARTUP)
+def test_a_command_loads_what_it_uses(command: str, repository: Path) -> None:
+    arguments, most = STARTUP[command]
+    code = (
+        "import sys; before = set(sys.modules)\n"
+        "from suta_calib.cli import run\n"
+        "code = run(sys.argv[1:])\n"
+        "print(code, *sorted(set(sys.modules) - before), file=sys.stderr)"
+    )
+    line = [sys.executable, "-c", code, command, *arguments]
+    run = subprocess.run(line, cwd=repository, capture_output=True, text=True, check=True)
+    exit_code, *loaded = run.stderr.splitlines()[-1].split()
+    assert exit_code == "0", run.stderr
+    assert not set(UNUSED) & set(loaded)
+    own = [name for name in loaded if name.partition(".")[0] == "suta_calib"]
+    assert len(own) <= most, f"{len(own)} modules, {most} allowed: {own}"
+
+
 def modules(package: Path) -> dict[str, Path]:
     """Every module of a package by its full name."""
     return {

@@ -83,29 +83,31 @@ SCENES = {
 
 def main() -> None:
     """Write the table."""
-    rows = [
+    heads = (
         "| kind alone | of 13 parameters it tells | ± upper arm (`joint_4.z`), mm "
-        "| ± elbow (`joint_4.offset`), deg | ± tool (`tip.y`), mm |\n",
-        "|---|--:|--:|--:|--:|\n",
-    ]
-    for kind in KINDS:
-        told = observed(kind)
-        parameters = told["parameters"]
-        told_of_arm = [
-            name
-            for name, row in parameters.items()
-            if name.startswith(("joint_", "tip.")) and row["std"] is not None
-        ]
-        figures = (
-            "–" if (std := parameters[name]["std"]) is None else f"{shown(std):.3f}"
-            for name, shown in (("joint_4.z", mm), ("joint_4.offset", deg), ("tip.y", mm))
-        )
-        rows.append(f"| `{kind}` | {len(told_of_arm)} | {' | '.join(figures)} |\n")
-    rows.append(
+        "| ± elbow (`joint_4.offset`), deg | ± tool (`tip.y`), mm |\n"
+        "|---|--:|--:|--:|--:|\n"
+    )
+    below = (
         "\nSimulated, with 0.1 mm, 0.05° and 0.1 px of noise; – is held. Written by "
         "`python docs/figures/which_observation.py`.\n"
     )
-    write_text(TABLE, "".join(rows))
+    write_text(TABLE, f"{heads}{''.join(map(row, KINDS))}{below}")
+
+
+def row(kind: str) -> str:
+    """The row of one kind."""
+    parameters = observed(kind)["parameters"]
+    told_of_arm = [
+        name
+        for name, each in parameters.items()
+        if name.startswith(("joint_", "tip.")) and each["std"] is not None
+    ]
+    figures = (
+        "–" if (std := parameters[name]["std"]) is None else f"{shown(std):.3f}"
+        for name, shown in (("joint_4.z", mm), ("joint_4.offset", deg), ("tip.y", mm))
+    )
+    return f"| `{kind}` | {len(told_of_arm)} | {' | '.join(figures)} |\n"
 
 
 def observed(kind: str) -> dict[str, dict[str, dict[str, float | None]]]:

@@ -87,8 +87,9 @@ class Guided:
         if run.done:
             return
         place = f"{run.index + 1} of {len(run.plan.stations)}"
+        how = f"{run.plan.how}; " if run.plan.how else ""
         start = "" if run.last is None else "moving there and resting records it; "
-        run.say(f"Bring the tip to {run.station.name} ({place}): {start}{_WAITING}")
+        run.say(f"Bring the tip to {run.station.name} ({place}): {how}{start}{_WAITING}")
 
 
 _END: Final = "q"

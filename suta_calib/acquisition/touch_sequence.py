@@ -18,6 +18,7 @@ from suta_calib.job.schema import read_arm as read_arm_of_job
 from suta_calib.measurements import Artefact, read_artefact
 from suta_calib.model.arm import ArmModel
 from suta_calib.terms import KINDS, Term
+from suta_calib.terms.seating import ALWAYS_ALIKE
 
 _WHICH: Final = re.compile(r"(?:(observations|validation)(?:\[(\d+)\])?|(\d+))")
 _WILD: Final = re.compile(r"[*?\[]")
@@ -46,6 +47,8 @@ class Row:
         kind: of observation.
         artefact: for the kinds that need one.
         pattern: the first glob of its samples.
+        seated: whether how the tip sits in its sockets is to be found, so that it must always be
+            the same.
     """
 
     job: Path
@@ -53,6 +56,7 @@ class Row:
     kind: str
     artefact: Artefact | None
     pattern: str
+    seated: bool = False
 
     def file(self, label: str, repeat: str) -> Path:
         """Where samples of this label go by default: the folder and the look of the glob."""
@@ -77,12 +81,14 @@ class TouchSequence:
         artefact: certified landmarks, or None.
         stations: in order.
         key: labels that all stations share: they tell one run's rows from another's.
+        how: what must be done at every station beside going there; or empty.
     """
 
     arm: ArmModel
     artefact: Artefact | None
     stations: tuple[Station, ...]
     key: Mapping[str, str]
+    how: str = ""
 
     @property
     def label_columns(self) -> tuple[str, ...]:
@@ -118,7 +124,7 @@ def read_row(job: Path, which: str | None, wanted: Sequence[str]) -> Row:
     if file is None and row.kind in KINDS and KINDS[row.kind].needs_artefact:
         raise row.section.refuse("no such key", "the artefact's file", at=("artefact",))
     artefact = None if file is None else read_artefact(file)
-    return Row(job, name, row.kind, artefact, row.samples[0])
+    return Row(job, name, row.kind, artefact, row.samples[0], "seating" in row.section)
 
 
 def _chosen(job: Path, kinds: Mapping[str, str], which: str | None, wanted: Sequence[str]) -> str:
@@ -161,7 +167,8 @@ def touched(
         row.artefact.landmark(name)
     key = {"placement": checked_label(placement, "--placement"), "repeat": repeat}
     stations = tuple(Station(name, key | {"landmark": name}) for name in names)
-    return TouchSequence(arm, row.artefact, stations, key)
+    how = ALWAYS_ALIKE if row.seated else ""
+    return TouchSequence(arm, row.artefact, stations, key, how)
 
 
 def repeated(

@@ -19,7 +19,7 @@ from typing import Any, Final
 import click
 
 from suta_calib.atomic import inputs_kept
-from suta_calib.errors import SutaCalibError
+from suta_calib.errors import SutaCalibError, did_you_mean
 
 PROGRAM: Final = "suta-calib"
 INTERRUPTED: Final = 130
@@ -76,6 +76,15 @@ class LazyGroup(click.Group):
         assert isinstance(command, click.Command)
         return command
 
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        name = args[0]
+        if name not in COMMANDS and name not in ALIASES and not name.startswith("-"):
+            hint = did_you_mean(name, COMMANDS) or f"{PROGRAM} --help lists them"
+            raise click.UsageError(f"found {name!r}; expected a command; {hint}", ctx)
+        return super().resolve_command(ctx, args)
+
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         del ctx
         with formatter.section("Commands"):
@@ -83,14 +92,19 @@ class LazyGroup(click.Group):
 
 
 @click.group(
-    cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"], "show_default": True}
+    cls=LazyGroup,
+    invoke_without_command=True,
+    context_settings={"help_option_names": ["-h", "--help"], "show_default": True},
 )
 @click.version_option(package_name="suta_calib", prog_name=PROGRAM)
-def app() -> None:
+@click.pass_context
+def app(context: click.Context) -> None:
     """Calibrate the kinematics of serial arms: URDF and measurements in, calibrated URDF out.
 
     Exit codes: 0 done; 1 ran, but the answer must not be used; 2 bad usage or bad input.
     """
+    if context.invoked_subcommand is None:
+        click.echo(context.get_help())
 
 
 def run(arguments: Sequence[str] | None = None) -> int:

@@ -12,7 +12,7 @@ from suta_calib.cli._options import PATH
 
 @click.command()
 @click.argument("urdf", type=PATH, metavar="URDF")
-@click.option("--tip", required=True, help="Link or frame whose pose matters.")
+@click.option("--tip", help="Link or frame whose pose matters; without it the ends are listed.")
 @click.option("--base", help="Link the chain starts from; the root link by default.")
 @click.option("--out", type=PATH, default=".", show_default=False, help="Folder of the job; here.")
 @click.option(
@@ -22,10 +22,15 @@ from suta_calib.cli._options import PATH
     help="Kind of observation; may be repeated. Distances on an artefact and a point that is "
     "touched from many directions by default.",
 )
-def init(urdf: Path, tip: str, base: str | None, out: Path, kinds: tuple[str, ...]) -> None:
+def init(urdf: Path, tip: str | None, base: str | None, out: Path, kinds: tuple[str, ...]) -> None:
     """Start a job for the arm in URDF: commented files to fill in. Overwrites nothing."""
     from suta_calib.job.new_job import DEFAULT_KINDS, new_job, write_job
+    from suta_calib.model.chain import ends
+    from suta_calib.model.urdf_tree import read_tree
 
+    if tip is None:
+        tree = read_tree(urdf)
+        raise click.UsageError(f"found no --tip; expected a link or joint of {urdf}; {ends(tree)}")
     files = new_job(urdf, tip, out, base=base, kinds=kinds or DEFAULT_KINDS)
     check_folder(out)
     write_job(files)

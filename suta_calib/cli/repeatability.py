@@ -18,7 +18,7 @@ from suta_calib.report.document import Document
 
 
 @answer_command
-@click.argument("samples", type=PATH, metavar="[SAMPLES.csv]", required=False)
+@click.argument("samples", type=PATH, metavar="[SAMPLES.csv]…", nargs=-1)
 @click.option("--urdf", type=PATH, help="The arm, as well calibrated as it is.")
 @click.option("--tip", help="Link or frame that visited the point.")
 @click.option("--base", help="Link the chain starts from; default: the root link.")
@@ -37,7 +37,7 @@ from suta_calib.report.document import Document
     "--out", type=Folder(), help="Folder for repeatability.json, pictures and report.html."
 )
 def repeatability(
-    samples: Path | None,
+    samples: tuple[Path, ...],
     urdf: Path | None,
     tip: str | None,
     base: str | None,
@@ -48,7 +48,9 @@ def repeatability(
     """How well an arm comes back to one point (ISO 9283), and what its encoders do at rest.
 
     All rows of SAMPLES.csv visited one point: a column per joint, and optionally `direction` (of
-    the push on the seated tip) and `protocol` (ways to visit, compared with one another). Without
+    the push on the seated tip) and `protocol` (ways to visit, compared with one another). With the
+    columns `placement` and `landmark`, as in a calibration's samples, each landmark of a placement
+    is a point of its own, and the scatter of its repeats is pooled over all of them. Without
     SAMPLES.csv, --stationary alone looks at the encoders. Exits with 1 where an arm that should
     have been at rest moved.
     """
@@ -57,18 +59,23 @@ def repeatability(
     from suta_calib.measurements import SampleColumns, read_csv_table, read_samples
     from suta_calib.report.repeatability import repeatability_document
 
-    if samples is None and at_rest is None:
+    if not samples and at_rest is None:
         raise click.UsageError("give SAMPLES.csv (visits to one point), --stationary, or both")
-    if urdf is None and samples is not None:
+    if urdf is None and samples:
         raise click.UsageError("SAMPLES.csv needs --urdf and --tip: whose visits these are")
     arm = optional_arm(urdf, tip, base, "visited the point")
-    visits = rest = None
+    visits = touches = rest = None
     with LateProgress("comparing visits"):
-        if arm is not None and samples is not None:
-            given = read_csv_table(samples).columns
-            labels = tuple(n for n in (repeated.DIRECTION, repeated.PROTOCOL) if n in given)
-            rows = read_samples([samples], joint_ranges(arm), SampleColumns(labels=labels))
-            visits = repeated.repeatability(arm, rows, confidence=confidence / 100, seed=seed)
+        if arm is not None and samples:
+            given = set.intersection(*(set(read_csv_table(path).columns) for path in samples))
+            many = given >= {*repeated.POINT}
+            wanted = repeated.POINT if many else (repeated.DIRECTION, repeated.PROTOCOL)
+            columns = SampleColumns(labels=tuple(n for n in wanted if n in given))
+            rows = read_samples(samples, joint_ranges(arm), columns)
+            if many:
+                touches = repeated.repeated_touches(arm, rows, confidence=confidence / 100)
+            else:
+                visits = repeated.repeatability(arm, rows, confidence=confidence / 100, seed=seed)
         if at_rest is not None and arm is None:
             rest = repeated.stationary(repeated.read_stream(at_rest))
         elif at_rest is not None and arm is not None:
@@ -76,4 +83,4 @@ def repeatability(
             units = [joint.unit for joint in joint_ranges(arm)]
             levers = repeated.tip_levers(arm, stream.readings[:1])
             rest = repeated.stationary(stream, units, levers)
-    return repeatability_document(repeated.RepeatabilityTest(visits, rest))
+    return repeatability_document(repeated.RepeatabilityTest(visits, rest, touches))

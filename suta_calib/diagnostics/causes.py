@@ -279,13 +279,18 @@ def _of_landmarks(
         stem = name.rstrip("0123456789")
         if stem != name:
             numbered.setdefault(stem, []).append((int(name[len(stem) :]), name))
-    for which, steps in (("one too low", 1), ("one too high", -1)):
-        other = dict[str, str]()
-        for group in numbered.values():
-            ordered = [name for _, name in sorted(group)]
-            other |= zip(ordered, [*ordered[steps:], *ordered[:steps]], strict=True)
-        if any(old != new for old, new in other.items()):
-            yield f"the landmarks' numbers are {which}", partial(_renamed, other)
+    # Counted anew for each stem, or on from the last number of one to the first of the next.
+    apart = [[name for _, name in sorted(group)] for group in numbered.values()]
+    on = [[name for stem in sorted(numbered) for _, name in sorted(numbered[stem])]]
+    for rings, counted in ((apart, ""), (on, ", counted on from one letter to the next")):
+        if counted and len(apart) < 2:
+            continue
+        for which, steps in (("one too low", 1), ("one too high", -1)):
+            other = dict[str, str]()
+            for ring in rings:
+                other |= zip(ring, [*ring[steps:], *ring[:steps]], strict=True)
+            if any(old != new for old, new in other.items()):
+                yield f"the landmarks' numbers are {which}{counted}", partial(_renamed, other)
 
 
 def _moved(terms: Sequence[Term]) -> Iterator[tuple[str, tuple[Term, ...]]]:

@@ -46,8 +46,11 @@ class ChangeOptions:
         most_times: so many rows are tried for the change that was found.
         fewest: rows before and after a change.
         level: chance that one of all tests calls sound data changed.
-        share: of the residuals' squares that a change must explain: where the model lacks much,
-            and rows are many, everything is significant and little of it is the cause.
+        share: of a term's squares without its gross errors, which a change must explain: where the
+            model lacks much, and rows are many, everything is significant and little of it is the
+            cause.
+        worth_a_look: times that share, from which on the row is looked for at which it happened:
+            at the few rows that are tried first, it seems to explain less.
         turn, travel, shift: what is plausible, rad, per unit and m: what the data tell only beyond
             that is not tested.
         tried: so many of what may have changed are told apart by what they leave.
@@ -59,6 +62,7 @@ class ChangeOptions:
     fewest: int = 10
     level: float = 1e-3
     share: float = 0.25
+    worth_a_look: float = 0.3
     turn: float = 0.01
     travel: float = 2e-3
     shift: float = 2e-3
@@ -223,7 +227,13 @@ def _beside_geometry(
 def _in_term(fit: _Fit, term: int, options: ChangeOptions) -> Change | None:
     count = len(fit.problem.terms[term].poses)
     times = np.linspace(0, count, options.times + 2)[1:-1].astype(np.intp)
-    telling = _telling(fit, [*_suspects(fit, term, times, options)], options)
+    # A few gross errors would be nearly all of the squares, and no change explains them.
+    mine = [
+        r for r in fit.rows if any(r.line.view.block is b for b in fit.problem.terms[term].blocks)
+    ]
+    needed = options.share * sum(float(np.sum(_sound(r) ** 2)) for r in mine)
+    least = options.worth_a_look * needed
+    telling = _telling(fit, [*_suspects(fit, term, times, options)], least, options)
     if not telling:
         return None
     # A large change saturates the scores of what is like it too: what it leaves tells them apart,
@@ -237,7 +247,8 @@ def _in_term(fit: _Fit, term: int, options: ChangeOptions) -> Change | None:
         if (suspect.kind, suspect.joint) in kinds
     ]
     followed, suspect = min(tried, key=lambda each: each[0].left)
-    if suspect.kind == "model":
+    lowered = _followed(fit, None, options).left - followed.left
+    if suspect.kind == "model" or lowered < needed:
         return None
     origin = fit.problem.terms[term].poses.samples.origin
     since = origin[suspect.start] if suspect.start >= 0 else ""
@@ -297,9 +308,13 @@ def _rigid(position: FloatArray) -> FloatArray:
 
 
 def _telling(
-    fit: _Fit, suspects: Sequence[_Suspect], options: ChangeOptions
+    fit: _Fit, suspects: Sequence[_Suspect], least: float, options: ChangeOptions
 ) -> list[tuple[_Suspect, float]]:
-    """The suspects that explain so much that it is no chance, with that chance, least first."""
+    """The suspects that explain more squares than ``least``, and so many that it is no chance.
+
+    Returns:
+        Each with that chance, least first.
+    """
     beside = np.concatenate([s.plausible for s in suspects])
     ends = np.cumsum([0, *(len(s.plausible) for s in suspects)])
     scores = _scores(fit, np.hstack([s.velocity for s in suspects]), beside)
@@ -311,14 +326,25 @@ def _telling(
         if not len(group) or min(freedom) < 1:
             continue
         told += 1
-        share = float(scores.score[group] @ scores.step(group)) / scores.squares
+        lowered = float(scores.score[group] @ scores.step(group))
+        share = lowered / scores.squares
         # A step of a robust fit may promise more than there is.
         ratio = share / max(1.0 - share, 1e-3) * freedom[1] / len(group)
         p = float(fdtrc(len(group), freedom[1], max(ratio, 0.0)))
-        if share > options.share and scores.p_by_touch(group, freedom[0]) < SUPPORTED:
+        if lowered > least and scores.p_by_touch(group, freedom[0]) < SUPPORTED:
             found.append((p, share, suspect))
     found.sort(key=lambda each: (each[0], -each[1]))
     return [(suspect, told * p) for p, _, suspect in found if told * p < options.level]
+
+
+def _whitened(rows: Rows) -> FloatArray:
+    """Residuals (n, d) in units of their noise."""
+    return np.asarray(rows.line.residual / rows.line.sigma[:, None])
+
+
+def _sound(rows: Rows) -> FloatArray:
+    """Those (k, d) of them that are no gross errors."""
+    return np.asarray(_whitened(rows)[rows.line.weight >= 1.0])
 
 
 def _widened(fit: _Fit, velocity: FloatArray) -> list[Rows]:
@@ -392,7 +418,7 @@ def _followed(
     rows = [
         (
             r.jacobian[:, free].reshape(*r.line.residual.shape, len(free)),
-            r.line.residual / r.line.sigma[:, None],
+            _whitened(r),
             r.line.view.block.noise.huber / r.line.sigma,
         )
         for r in wide

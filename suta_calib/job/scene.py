@@ -61,6 +61,15 @@ def calibration_scene(
 
 def _errors(terms: Sequence[Term], values: Mapping[str, float]) -> tuple[FloatArray, FloatArray]:
     """`tip_displacements` of all terms, of as many samples as are drawn."""
-    places, vectors = zip(*(tip_displacements(term, values) for term in terms), strict=True)
-    rows = drawn_rows(sum(map(len, places)))
-    return np.concatenate(places)[rows], np.concatenate(vectors)[rows]
+    rows = drawn_rows(sum(len(term.poses) for term in terms))
+    found = []
+    for term in terms:
+        # What is touched is found from all touches of it; what is seen is seen sample by sample.
+        some = np.arange(len(term.poses))[rows]
+        if term.medium == "touch":
+            target, off = tip_displacements(term, values)
+            found.append((target[some], off[some]))
+        else:
+            found.append(tip_displacements(term.take(some), values))
+    targets, displacements = zip(*found, strict=True)
+    return np.concatenate(targets), np.concatenate(displacements)

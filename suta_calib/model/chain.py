@@ -32,7 +32,10 @@ from suta_calib.model.urdf_tree import (
     suggestion,
 )
 from suta_calib.units import FARTHEST
+from suta_calib.words import listed
 
+# Of a robot's chains so many are named by their ends.
+_MOST_ENDS: Final = 12
 _MOVING_TYPES: Final = ("revolute", "continuous", "prismatic")
 _SUPPORTED_TYPES: Final = (*_MOVING_TYPES, "fixed")
 # float() takes more than a URDF may say: 'nan', '1_000', digits of other scripts.
@@ -161,8 +164,20 @@ def _known_link(tree: UrdfTree, name: str, where: str) -> str:
     if name in tree.joints:
         return tree.joints[name].child
     hint = suggestion(name, (*tree.links, *tree.joints), "links and joints")
+    if where == "tip":
+        hint += f"; {ends(tree)}"
     expected = "a link or a joint of the file"
     raise UrdfError(quoted(name), expected, file=tree.path, where=where, hint=hint)
+
+
+def ends(tree: UrdfTree) -> str:
+    """A hint for who looks for a tip: links that carry no other, beyond the most joints first."""
+
+    def moving(link: str) -> int:
+        return sum(joint.moves for joint in tree.path_to_root(link))
+
+    links = sorted(tree.leaves, key=moving, reverse=True)
+    return f"its chains end at {listed([quoted(link) for link in links], _MOST_ENDS)}"
 
 
 def _joints_between(tree: UrdfTree, base: str, tip: str) -> tuple[list[TreeJoint], list[TreeJoint]]:

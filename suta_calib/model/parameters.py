@@ -323,6 +323,6 @@ def _check_units(row: Selection, units: set[Unit]) -> None:
 
 
 def _did_you_mean(name: str, known: Iterable[str]) -> str:
-    names = list(known)
+    names = [each for each in known if each != name]
     close = get_close_matches(name, names, n=3, cutoff=0.5) or names[:6]
     return "did you mean " + ", ".join(close) + "?" if close else ""

@@ -44,6 +44,11 @@ class TreeJoint:
     element: Element
     line: int
 
+    @property
+    def moves(self) -> bool:
+        """Whether it is not fixed."""
+        return bool(self.element.get("type") != "fixed")
+
 
 @dataclass(frozen=True, eq=False)
 class UrdfTree:
@@ -64,6 +69,12 @@ class UrdfTree:
     joints: Mapping[str, TreeJoint]
     into: Mapping[str, TreeJoint]
     root: str
+
+    @property
+    def leaves(self) -> tuple[str, ...]:
+        """Links that carry no other, in the file's order: where chains usually end."""
+        carrying = {joint.parent for joint in self.joints.values()}
+        return tuple(link for link in self.links if link not in carrying)
 
     def path_to_root(self, link: str) -> list[TreeJoint]:
         """The joints passed on the way from ``link`` up to the root, in that order."""
@@ -238,7 +249,7 @@ def quoted(text: str) -> str:
 
 def suggestion(name: str, known: Iterable[str], kind: str) -> str:
     """A hint for a name that is not there: what looks like it, and some of what there is."""
-    names = list(known)
+    names = [each for each in known if each != name]
     close = " or ".join(map(quoted, difflib.get_close_matches(name, names, n=3)))
     shown = ", ".join(map(quoted, names[:8])) + (", …" if len(names) > 8 else "")
     listed = f"{kind} in the file: {shown or 'none'}"

@@ -63,7 +63,7 @@ def find_consensus(
         residuals: norms (m, r, kinds) of the residuals of rows (r,) under m models.
         needed: rows that determine a solution.
     """
-    rows = _some(count)
+    rows = some_rows(count)
     # As many rows as a solution must fit for the highest breakdown.
     half = min(len(rows), (len(rows) + needed + 1) // 2)
     few = max(1, AT_ONCE // len(rows))
@@ -97,7 +97,7 @@ def find_consensus(
     return Consensus(inliers, sigmas)
 
 
-def _some(count: int) -> IntArray:
+def some_rows(count: int) -> IntArray:
     """All rows of few, (r,); of more a random part, drawn with a seed of its own, in order."""
     if count <= MOST_ROWS:
         return np.arange(count, dtype=np.intp)

@@ -5,8 +5,9 @@ and a tracker alike a moment later. Least squares takes every row for a witness 
 is too small. How much the errors of neighbours have in common, and how near they must be for it, is
 asked of the residuals: a part w of their variance with a correlation that falls with the distance
 in some space. Its restricted likelihood (Patterson and Thompson 1971, doi:10.1093/biomet/58.3.545)
-allows for what the fit took up. Few rows tell little of it, so the covariance is the mean over all
-that might be, each weighed by its likelihood.
+allows for what the fit took up. Places and turns are asked apart, because a hand may turn wrongly
+in a smooth way where its places only scatter. Few rows tell little of it, so the covariance is the
+mean over all that might be, each weighed by its likelihood.
 """
 
 from __future__ import annotations
@@ -22,8 +23,9 @@ from suta_calib.pose_calibration.serial_correlation import correlation_length
 
 # Part of the variance that neighbours may share.
 PARTS: Final = (0.3, 0.6, 0.9, 0.98)
-# How far apart rows are that share about half of it, in the space in which 1 is far.
-REACHES: Final = (0.1, 0.3, 0.9)
+# How far apart rows are that share about half of it, in the space in which 1 is far. What reaches
+# farther than the rows is mostly in X, and shows only by the part that is not.
+REACHES: Final = (0.1, 0.3, 0.9, 2.7)
 # The same in rows, one after the other.
 LAGS: Final = (1.5, 5.0, 15.0, 50.0)
 # How likely it is beforehand that every row errs for itself.
@@ -32,6 +34,10 @@ INDEPENDENT: Final = 0.8
 ENOUGH: Final = 200
 # Least variance of a group's mean, as part of all, that is no rounding.
 ROUNDING: Final = 1e-6
+# Singular value, of columns of unit length, that is none.
+DEPENDENT: Final = 1e-5
+# Unit of an unknown of which nothing is told.
+UNTOLD: Final = 1e149
 
 
 def common_covariance(
@@ -42,6 +48,7 @@ def common_covariance(
     alike: Sequence[FloatArray],
     order: IntArray,
     rests: IntArray,
+    sizes: Sequence[int],
 ) -> FloatArray:
     """Covariance (p, p) of an estimate beyond that of rows that err independently.
 
@@ -53,6 +60,33 @@ def common_covariance(
         alike: spaces (n, k) in which rows that are near each other may err alike; 1 is far.
         order: (n,) place of each row in its series.
         rests: (n,) rows of one rest or posture, from 0, which say once what they say.
+        sizes: of the groups of components, d in all, whose errors have nothing in common: a hand's
+            turns may be alike where its places scatter.
+    """
+    if not len(bread):
+        return np.zeros_like(bread)
+    ends = np.cumsum(sizes)
+    expected, white = np.zeros_like(bread), np.zeros_like(bread)
+    for size, end in zip(sizes, ends.tolist(), strict=True):
+        part = slice(end - size, end)
+        mine = _variances(jacobian[:, part], residual[:, part], weight[part], alike, order, rests)
+        if mine is not None:
+            expected += mine[0]
+            white += mine[1]
+    return bread @ _positive(expected - white, white) @ bread
+
+
+def _variances(
+    jacobian: FloatArray,
+    residual: FloatArray,
+    weight: FloatArray,
+    alike: Sequence[FloatArray],
+    order: IntArray,
+    rests: IntArray,
+) -> tuple[FloatArray, FloatArray] | None:
+    """Variance (p, p) of the pull of one group of components, and that of independent rows.
+
+    None where they leave nothing that would tell.
     """
     n, size, unknowns = jacobian.shape
     count = np.bincount(rests).astype(float)
@@ -62,10 +96,11 @@ def common_covariance(
     np.add.at(mean, rests, residual / count[rests, None])
     slope = np.zeros((groups, size, unknowns))
     np.add.at(slope, rests, jacobian / count[rests, None, None])
+    followed = _rank(jacobian)
     inside = float(np.sum((residual - mean[rests]) ** 2)) / max(size * (n - groups), 1)
-    between = float(np.sum(mean**2)) / max(size * groups - unknowns, 1)
+    between = float(np.sum(mean**2)) / max(size * groups - followed, 1)
     if between == 0.0:
-        return np.zeros((unknowns, unknowns))
+        return None
     # Of a group's mean: what its readings have for themselves, and what they share.
     single = inside / count
     shared = between if groups == n else max(between - float(single.mean()), ROUNDING * between)
@@ -73,7 +108,7 @@ def common_covariance(
         single = np.zeros(groups)
     pulled = (slope * (count[:, None, None] * weight[:, None])).reshape(groups, -1)
     white = np.einsum("ndp,ndq->pq", jacobian * weight[:, None] ** 2, jacobian)
-    white *= float(np.sum(residual**2)) / max(size * n - unknowns, 1)
+    white *= float(np.sum(residual**2)) / max(size * n - followed, 1)
     spaces = [space[first] for space in alike]
     # The order of rows is a reason only where neighbours in it are seen to be alike.
     series = (
@@ -91,10 +126,16 @@ def common_covariance(
         variances.append(scale * pulled.reshape(groups * size, unknowns).T @ along)
         likelihoods.append(np.log(prior) + likelihood)
     if not variances:
-        return np.zeros((unknowns, unknowns))
+        return None
     belief = np.exp(np.array(likelihoods) - max(likelihoods))
-    expected = np.tensordot(belief / belief.sum(), np.array(variances), axes=1)
-    return bread @ _positive(expected - white, white) @ bread
+    return np.tensordot(belief / belief.sum(), np.array(variances), axes=1), white
+
+
+def _rank(jacobian: FloatArray) -> int:
+    """How many unknowns rows (n, d, p) follow: turns say nothing of a displacement."""
+    flat = jacobian.reshape(-1, jacobian.shape[2])
+    length = np.linalg.norm(flat, axis=0)
+    return int(np.linalg.matrix_rank(flat / np.where(length > 0.0, length, 1.0), DEPENDENT))
 
 
 def embedded(rotation: FloatArray, position: FloatArray) -> FloatArray:
@@ -136,19 +177,22 @@ def _restricted(
     None where the rows leave nothing.
     """
     n, size, unknowns = slope.shape
-    freedom = n * size - unknowns
-    if freedom < 1:
-        return None
     factor = cho_factor(covariance, lower=True)
     told = cho_solve(factor, slope.reshape(n, -1)).reshape(n * size, unknowns)
     flat = slope.reshape(n * size, unknowns)
     information = flat.T @ told
-    sums = told.T @ mean.reshape(-1)
-    solved = np.linalg.lstsq(information, sums, rcond=None)[0]
-    power = float(np.sum(mean * cho_solve(factor, mean))) - float(sums @ solved)
+    unit = 1.0 / np.sqrt(np.maximum(np.diag(information), 1e-300))
+    values, vectors = np.linalg.eigh(information * np.outer(unit, unit))
+    # Unknowns of which these rows say nothing take nothing from them.
+    kept = values > DEPENDENT**2 * values.max()
+    freedom = n * size - int(kept.sum())
+    if freedom < 1:
+        return None
+    sums = vectors[:, kept].T @ (unit * (told.T @ mean.reshape(-1)))
+    power = float(np.sum(mean * cho_solve(factor, mean))) - float(sums @ (sums / values[kept]))
     scale = max(power, 1e-300) / freedom
     whole = 2.0 * size * float(np.log(np.diag(factor[0])).sum())
-    fitted = float(np.linalg.slogdet(information)[1])
+    fitted = float(np.log(values[kept]).sum() - 2.0 * np.log(unit[unit < UNTOLD]).sum())
     return -0.5 * (whole + fitted + freedom * np.log(scale)), scale
 
 

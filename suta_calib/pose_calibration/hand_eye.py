@@ -265,8 +265,7 @@ def _norms(A: Poses, B: Poses, X: Poses) -> FloatArray:
     # Of some of the rotations the one that is nearest to all: a median.
     some = R[:, :: 1 + R.shape[1] // CANDIDATES]
     trace = some.reshape(len(R), -1, 9) @ np.swapaxes(R.reshape(len(R), -1, 9), 1, 2)
-    cosine = (trace - 1.0) / 2.0
-    angle = np.arccos(np.clip(cosine, -1.0, 1.0))
-    best = np.argmin(np.median(angle, axis=2), axis=1)
-    turned = angle[np.arange(len(R)), best]
+    best = np.argmax(np.median(trace, axis=2), axis=1)
+    cosine = (trace[np.arange(len(R)), best] - 1.0) / 2.0
+    turned = np.arccos(np.clip(cosine, -1.0, 1.0))
     return np.stack([np.linalg.norm(p - middle, axis=-1), turned], axis=-1)

@@ -381,4 +381,6 @@ def _in_common(here: _Point, alike: Sequence[FloatArray]) -> FloatArray:
     jacobian = white @ by_unknowns
     residual = np.einsum("gij,gj->gi", white, errors) + jacobian @ here.step
     each = np.arange(len(residual), dtype=np.intp)
-    return common_covariance(jacobian, residual, np.ones(WAYS), here.covariance, alike, each, each)
+    return common_covariance(
+        jacobian, residual, np.ones(WAYS), here.covariance, alike, each, each, [WAYS]
+    )

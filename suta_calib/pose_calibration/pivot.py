@@ -234,7 +234,7 @@ def _turns(R: FloatArray) -> FloatArray:
 
 def _norms(R: FloatArray, p: FloatArray, index: IntArray, tips: FloatArray) -> FloatArray:
     """Distance of every touch from the middle of its post's touches, (m, n, 1)."""
-    touched = p + np.moveaxis(R @ tips.T, -1, 0)
+    touched = p + np.einsum("nij,mj->mni", R, tips)
     norms = np.zeros(touched.shape[:2])
     for k in np.unique(index):
         rows = index == k

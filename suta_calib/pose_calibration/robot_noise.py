@@ -11,7 +11,7 @@ from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.geometry.numbers import rotation_from_vector
 from suta_calib.measurements.samples import Samples
 from suta_calib.model.parameters import PLACEMENT
-from suta_calib.pose_calibration.consensus import Consensus
+from suta_calib.pose_calibration.consensus import Consensus, some_rows
 from suta_calib.pose_calibration.robust_fit import RobustFit, evaluate, robust_fit
 from suta_calib.terms.block import Noise
 from suta_calib.terms.hand_eye import HandEye
@@ -75,8 +75,12 @@ class RobotNoise:
         self.fraction = estimate_robot_noise_fraction(at_target[0], np.cross(in_eye, lever))
 
     def explains(self, fit: RobustFit) -> bool:
-        """Whether the residuals at the target grew no more by it than by chance."""
+        """Whether the residuals at the target grew no more by it than by chance.
+
+        Some of many pairs tell.
+        """
         rows = np.flatnonzero(fit.inliers)
+        rows = rows[some_rows(len(rows))]
         plain = robust_fit(
             lambda r, n: self._term(rows[r], n, 0.0),
             Consensus.of_all(len(rows), *fit.sigmas),

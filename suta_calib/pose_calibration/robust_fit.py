@@ -321,7 +321,14 @@ def _covariance(
     )
     bread, weight = scaled_inverse(curvature[at]), np.repeat(weights**2, DIMENSION)
     independent[at] += common_covariance(
-        jacobian, white, weight, bread, _alike(poses, solution), order, postures
+        jacobian,
+        white,
+        weight,
+        bread,
+        _alike(poses, solution),
+        order,
+        postures,
+        [DIMENSION] * len(rows),
     )
     return independent
 

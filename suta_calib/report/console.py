@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import product
 from textwrap import wrap
 from typing import Final
 
@@ -26,6 +28,8 @@ TONE: Final[dict[Tone, str]] = {
     "soft": "dim",
 }
 
+# Where a name goes on with its next part, and not a number with its decimals.
+_AFTER_DOT: Final = re.compile(r"(?<=\.)(?=[^\W\d])")
 # `box.SIMPLE_HEAD`, in place of which rich would draw a fence.
 _ASCII: Final = box.Box("    \n    \n -- \n" + 5 * "    \n", ascii=True)
 
@@ -107,8 +111,9 @@ class Fitted:
         listed, width = self.listed, options.max_width
         if listed.title:
             yield Wrapped(listed.title, style="bold")
-        padding = 1 if self._widths(width, 1) else 0
-        widths = self._widths(width, padding)
+        # Rather close together than with broken names, and rather that than no table.
+        tried = ((p, self._widths(width, p, broken=b)) for b, p in product((False, True), (1, 0)))
+        padding, widths = next(((p, found) for p, found in tried if found), (0, []))
         if not widths:
             for line in self._lines(width):
                 yield Text(line, no_wrap=True, overflow="ignore")
@@ -122,25 +127,36 @@ class Fitted:
             header_style="bold",
         )
         for k, (head, width) in enumerate(zip(listed.heads, widths, strict=True)):
-            drawn.add_column(head, justify="right" if k in listed.numeric else "left", width=width)
+            drawn.add_column(
+                _broken(head, width),
+                justify="right" if k in listed.numeric else "left",
+                width=width,
+            )
         for k, row in enumerate(listed.cells):
             strong = k in listed.strong
             cells = [
-                Text(cell, style="" if tone is None else TONE[tone])
-                for cell, tone in zip(row, listed.tones[k], strict=True)
+                Text(_broken(cell, room), style="" if tone is None else TONE[tone])
+                for cell, tone, room in zip(row, listed.tones[k], widths, strict=True)
             ]
             drawn.add_row(*cells, style="bold" if strong else "", end_section=strong)
         yield drawn
 
-    def _widths(self, width: int, padding: int) -> list[int]:
-        """Of the columns, in a table as wide as that; none where it cannot be."""
+    def _widths(self, width: int, padding: int, *, broken: bool) -> list[int]:
+        """Of the columns, in a table as wide as that; none where it cannot be.
+
+        Args:
+            width: of the terminal.
+            padding: on either side of a column.
+            broken: whether names may go on in the next line after a dot.
+        """
         columns = list(zip(self.listed.heads, *self.listed.cells, strict=True))
         widths = [max(map(cell_len, column)) for column in columns]
         # Numbers stay on their line, whatever is between them; other cells break between words.
+        split = _pieces if broken else str.split
         least = [
             widest
             if k in self.listed.numeric
-            else max(map(cell_len, " ".join(column).split()), default=0)
+            else max(map(cell_len, split(" ".join(column))), default=0)
             for k, (widest, column) in enumerate(zip(widths, columns, strict=True))
         ]
         # The frame and what is between two columns.
@@ -164,3 +180,21 @@ class Fitted:
                     line = ""
                 line += f"  {pair}"
             yield line
+
+
+def _pieces(text: str) -> list[str]:
+    """What no line is broken within: words, and of names the parts up to their dots."""
+    return [piece for word in text.split() for piece in _AFTER_DOT.split(word)]
+
+
+def _broken(cell: str, width: int) -> str:
+    """A cell's text in which names that are wider than that go on in the next line after a dot."""
+    words = []
+    for word in cell.split(" "):
+        lines = [""]
+        for piece in _AFTER_DOT.split(word) if cell_len(word) > width else [word]:
+            if lines[-1] and cell_len(lines[-1] + piece) > width:
+                lines.append("")
+            lines[-1] += piece
+        words.append("\n".join(lines))
+    return " ".join(words)

@@ -68,7 +68,9 @@ def hand_eye_document(found: HandEyeCalibration, data: PosePairs) -> Document:
         "covariance": covariance_record(found.covariance[:size, :size], order, "m, rad"),
         "input": str(data.path),
     }
-    return Document(NAME, "Hand-eye calibration", found.assessment, parts, record, "result")
+    return Document(
+        NAME, "Hand-eye calibration", found.assessment, parts, record, "result", found.in_a_line
+    )
 
 
 def frame_tables(found: HandEyeCalibration) -> Iterator[Table]:

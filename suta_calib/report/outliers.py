@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import io
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Final
+
+from ruamel.yaml import YAML
 
 from suta_calib.analysis.outliers import (
     AGREEMENT,
@@ -115,22 +118,21 @@ def outliers_document(found: Outliers) -> Document:
             parts += [own.of(_shown(level)), Text(OWN_FIT)]
     parts += [ShownOnly(TOUCHES.of(term.touches), "page") for term in found.terms]
     parts += [ShownOnly(MOVES.of(term.moves), "page") for term in found.terms]
-    parts += [Text(sentence, bullet=True) for sentence in advice(found)]
+    parts += advice(found)
     return Document(NAME, "Outliers", found.assessment, parts, _data(found))
 
 
-def advice(found: Outliers) -> list[str]:
-    """What excluding would do, and how to do it."""
+def advice(found: Outliers) -> list[Text]:
+    """What excluding would do, and how to do it: the line to paste into the job."""
     if not any(found.exclusion):
-        return ["Nothing was excluded."]
-    said = ["Nothing was excluded. Look for the cause first: certificate, seat, burr, label."]
+        return [Text("Nothing was excluded.", bullet=True)]
+    cause = "Nothing was excluded. Look for the cause first: certificate, seat, burr, label."
+    said = [Text(cause, bullet=True)]
     for term, levels in zip(found.terms, found.exclusion, strict=True):
         if not levels:
             continue
-        names = ", ".join(f"{level}: [{', '.join(labels)}]" for level, labels in levels.items())
-        said.append(
-            f"To leave it out, write into the {term.kind} row of the job: exclude: {{{names}}}"
-        )
+        how = f"To leave it out, write into the {term.kind} row of the job:"
+        said += [Text(how, bullet=True), Text(f"exclude: {flow_yaml(levels)}", look="verbatim")]
         for level in term.levels:
             noun = GROUPING_NOUN[level.name]
             for group in level.outliers:
@@ -138,11 +140,21 @@ def advice(found: Outliers) -> list[str]:
                     continue
                 others = " of the others" if effect.count and noun == "landmark" else ""
                 before, after = text(effect.before, "m"), text(effect.after, "m")
-                said.append(
+                effect_said = (
                     f"Without {noun} {group.label} the held-out RMS{others} goes from {before} to "
                     f"{after} mm ({shown(effect.change, '%'):+.1f} %, {term.method})."
                 )
+                said.append(Text(effect_said, bullet=True))
     return said
+
+
+def flow_yaml(value: Mapping[str, Sequence[str]]) -> str:
+    """A mapping as YAML on one line; labels that look like numbers are quoted."""
+    yaml, text = YAML(typ="safe", pure=True), io.StringIO()
+    yaml.default_flow_style = True
+    yaml.width = 1_000_000
+    yaml.dump(dict(value), text)
+    return text.getvalue().strip()
 
 
 def _effect(term: TermOutliers, level: Level, group: Group) -> HeldOut | None:

@@ -87,14 +87,15 @@ def environment() -> Environment:
 
 
 def _with_contents(page: str) -> str:
-    """The page with the list of its headings where it has a place for one."""
+    """The page with the list of its headings, where it has a place for one and there are some."""
+    headings = _HEADING.findall(page)
     # Headings go on after a comma or a colon; a list of them need not.
     items = "".join(
         f'<li><a href="#{at}">{re.split("[,:] ", title, maxsplit=1)[0]}</a></li>'
-        for at, title in _HEADING.findall(page)
+        for at, title in headings
     )
-    listed = f'<nav class="contents"><ul>{items}</ul></nav>'
-    return _CONTENTS.sub(lambda _: listed, page, count=1)
+    listed = f"<ul>{items}</ul>" if len(headings) > 1 else ""
+    return _CONTENTS.sub(lambda _: f'<nav class="contents">{listed}</nav>', page, count=1)
 
 
 def _place(page: str) -> str:

@@ -74,7 +74,9 @@ def pivot_document(found: PivotCalibration, data: ToolPoses) -> Document:
         "covariance": covariance_record(found.covariance, order, "m²"),
         "input": str(data.path),
     }
-    return Document(NAME, "Pivot calibration", found.assessment, parts, record, "result")
+    return Document(
+        NAME, "Pivot calibration", found.assessment, parts, record, "result", found.in_a_line
+    )
 
 
 def places_table(found: PivotCalibration, *, labelled: bool) -> Table:

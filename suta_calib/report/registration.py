@@ -117,7 +117,7 @@ def register_document(
     }
     if targets is not None:
         data["targets"] = TARGETS.records(at)
-    return Document(NAME, "Registration", found.assessment, parts, data, "result")
+    return Document(NAME, "Registration", found.assessment, parts, data, "result", found.in_a_line)
 
 
 def transform_table(found: Registration) -> Table:

@@ -24,6 +24,7 @@ from suta_calib.analysis.repeatability import (
 from suta_calib.report.document import Document, Figure, Part, Text
 from suta_calib.report.listing import Column, Json, Listing, shown_as, written
 from suta_calib.report.repeatability_plots import stationary_plot, visits_plot
+from suta_calib.report.repeated_touches import touches_data, touches_parts
 from suta_calib.units import NOTHING, Unit, shown, text, thousandths, unit_name
 
 NAME: Final = "repeatability"
@@ -268,13 +269,17 @@ STATIONARY: Final = Listing[Stationary](
 def repeatability_document(found: RepeatabilityTest) -> Document:
     """Scatter of the tip and of the joints, directions and protocols; encoders at rest.
 
-    In JSON a stream without visits has the key ``stationary`` alone.
+    Samples are of visits to one point, or of touches of many. In JSON a stream without samples has
+    the key ``stationary`` alone.
     """
     parts: list[Part] = []
     data: Json = {}
     if found.visits is not None:
         parts += _visits_parts(found.visits)
         data |= _visits_data(found.visits)
+    if found.touches is not None:
+        parts += touches_parts(found.touches)
+        data |= touches_data(found.touches)
     if found.rest is not None:
         parts += _rest_parts(found.rest)
         data["stationary"] = STATIONARY.record(found.rest)

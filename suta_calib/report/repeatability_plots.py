@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -12,9 +13,10 @@ from suta_calib.analysis.repeatability import (
     PROTOCOL,
     DirectionalForce,
     Repeatability,
+    RepeatedTouches,
     Stationary,
 )
-from suta_calib.analysis.repeatability.scatter import distances
+from suta_calib.analysis.repeatability.scatter import Scattering, distances
 from suta_calib.plotting.style import BLUE, GREY, ORANGE, WIDTH, plain_log
 from suta_calib.report.svg import picture, svg_text
 from suta_calib.terms.block import grouped
@@ -47,7 +49,7 @@ def visits_plot(found: Repeatability) -> str:
         _in_order(panels["order"], found)
         if found.directions is not None:
             _pushes(panels["joints"], found.directions)
-        _joints(panels["bars"], found)
+        _joints(panels["bars"], found.protocol_joints or {"all visits": found.joints})
         return svg_text(figure, name, "Visits about their barycentre, in mm, and in their order")
 
 
@@ -95,10 +97,18 @@ def _in_order(axes: Axes, found: Repeatability) -> None:
     axes.grid(axis="y")
 
 
-def _joints(axes: Axes, found: Repeatability) -> None:
-    """Each joint's scatter, of all visits or by protocol, as what it moves the tip by."""
-    named = found.protocol_joints or {"all visits": found.joints}
-    places, width = np.arange(len(found.joints)), 0.8 / len(named)
+def touches_plot(found: RepeatedTouches) -> str:
+    """An SVG: what the joints do among repeats of a touch."""
+    name = "repeatability_touches"
+    with picture(name, (LARGE, 3.2)) as figure:
+        _joints(figure.subplots(), {"repeats of a touch": found.joints})
+        return svg_text(figure, name, "Scatter of each joint among repeats of a touch")
+
+
+def _joints(axes: Axes, named: Mapping[str, Sequence[Scattering]]) -> None:
+    """Each joint's scatter, by what it is of, as what it moves the tip by."""
+    chain = next(iter(named.values()))
+    places, width = np.arange(len(chain)), 0.8 / len(named)
     for k, (name, joints) in enumerate(named.items()):
         at = places + (k - (len(named) - 1) / 2) * width
         tips = mm(np.array([each.tip for each in joints]))
@@ -107,9 +117,9 @@ def _joints(axes: Axes, found: Repeatability) -> None:
             axes.annotate(
                 text(each.std.value, each.unit), (x, tip), ha="center", va="bottom", fontsize=6
             )
-    units = " or ".join(sorted({unit_name(each.unit) for each in found.joints}))
+    units = " or ".join(sorted({unit_name(each.unit) for each in chain}))
     axes.margins(y=0.15)
-    axes.set_xticks(places, [each.joint for each in found.joints])
+    axes.set_xticks(places, [each.joint for each in chain])
     axes.set_title(
         f"Scatter of each joint: bars what it alone moves the tip by, numbers in {units}"
     )

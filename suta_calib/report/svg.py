@@ -18,8 +18,10 @@ from suta_calib.arrays import FloatArray
 from suta_calib.plotting.style import style
 from suta_calib.units import Unit, shown
 
-# Pixels on a page at most, per point of the figure: one as wide as `WIDTH` fills the text.
+# Pixels on a page per point of the figure, at most and at least: one as wide as `WIDTH` fills the
+# text, and on a telephone it can still be read, and moved aside.
 _ENLARGED: Final = 1.8
+_REDUCED: Final = 1.1
 # Width of a letter on average, as a part of its height.
 _LETTER: Final = 0.6
 _SVG: Final = "{http://www.w3.org/2000/svg}"
@@ -123,7 +125,8 @@ def svg_text(figure: Figure, name: str, description: str) -> str:
             del element.attrib["id"]
     width = root.attrib.pop("width").removesuffix("pt")
     del root.attrib["height"]
-    root.set("style", f"max-width:{float(width) * _ENLARGED:.0f}px")
+    most, least = (f"{float(width) * pixels:.0f}px" for pixels in (_ENLARGED, _REDUCED))
+    root.set("style", f"max-width:{most};min-width:{least}")
     root.set("id", name)
     root.set("role", "img")
     root.set("aria-label", description)

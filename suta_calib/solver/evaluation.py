@@ -180,16 +180,25 @@ class Evaluation:
         return sum(self._cost(line) for line in self.linearise(x, sigmas))
 
     def cost_gradient_hessian(
-        self, x: FloatArray, sigmas: Sequence[float]
+        self, x: FloatArray, sigmas: Sequence[float], *, arm_moves: bool = True
     ) -> tuple[float, FloatArray, FloatArray]:
-        """½ Σ ρ, its gradient, and the Gauss-Newton matrix of the robust cost."""
+        """½ Σ ρ, its gradient, and the Gauss-Newton matrix of the robust cost.
+
+        Unless ``arm_moves``, what concerns the arm's parameters is left out: zeros.
+        """
         a, n = self.arm_count, self.arm_count + self.own_count
         cost, gradient, hessian = 0.0, np.zeros(n), np.zeros((n, n))
         for line in self.linearise(x, sigmas):
             cost += self._cost(line)
             residual, by_pose, by_own = _corrected(line)
-            arm, own = self.columns(line, by_pose, by_own)
             white = residual.reshape(-1)
+            if not arm_moves:
+                own = line.pattern.by_own(by_own)
+                if own is not None:
+                    gradient[a:] += own.T @ white
+                    hessian[a:, a:] += dense(own.T @ own)
+                continue
+            arm, own = self.columns(line, by_pose, by_own)
             gradient[:a] += arm.T @ white
             hessian[:a, :a] += arm.T @ arm
             if own is not None:

@@ -164,7 +164,10 @@ def _noise_induced_information(
     total = np.zeros((n, n))
     for row in before:
         total += _by_residual_alone(problem, row)
-    with problem.evaluation.table.shifted(_jitter(problem, x, before)):
+    shifts = _jitter(problem, x, before)
+    if not any(np.any(shift) for shift in shifts):
+        return total
+    with problem.evaluation.table.shifted(shifts):
         after = whitened_rows(problem, x, sigmas)
     for old, new, believed in zip(before, after, beliefs, strict=True):
         belief = np.repeat(believed, len(old.jacobian) // len(believed))

@@ -91,6 +91,7 @@ class RobustNlp:
         self._upper = problem.parameters.array("upper")[free] / self._scale
         self._precision = problem.prior_precision()
         self._nominal = problem.parameters.array("nominal")
+        self._arm_moves = bool(np.any(free < problem.arm_count))
         self._options = options
         self._base = self._nominal.copy()
         self._symbolic: Any = None
@@ -99,7 +100,9 @@ class RobustNlp:
         """Cost and derivatives by the scaled free variables."""
         x = self._base.copy()
         x[self._free] = z * self._scale
-        cost, gradient, hessian = self._problem.evaluation.cost_gradient_hessian(x, self._sigmas)
+        cost, gradient, hessian = self._problem.evaluation.cost_gradient_hessian(
+            x, self._sigmas, arm_moves=self._arm_moves
+        )
         deviation = x - self._nominal
         cost += 0.5 * float(np.sum(self._precision * deviation**2))
         gradient = (gradient + self._precision * deviation)[self._free] * self._scale

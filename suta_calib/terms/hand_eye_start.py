@@ -125,7 +125,7 @@ def inverse_poses(poses: Poses) -> Poses:
 def _after(outer: Poses, inner: Poses) -> Poses:
     """``T_a_c = T_a_b T_b_c``, row by row."""
     (R, p), (turn, shift) = outer, inner
-    return R @ turn, (R @ shift[..., None])[..., 0] + p
+    return R @ turn, np.einsum("...ij,...j->...i", R, shift) + p
 
 
 def _rows(poses: Poses, rows: slice) -> Poses:

@@ -34,9 +34,10 @@ from suta_calib.view.surroundings import surroundings
 if TYPE_CHECKING:
     from suta_calib.view.server import Viewer
 
-# Of Okabe and Ito: told apart by the colour-blind too.
-_BLUE: Final[Colour] = (0, 114, 178)
-_GREEN: Final[Colour] = (0, 158, 115)
+# Of Okabe and Ito, told apart by the colour-blind too; the first two darker, for the scene's light
+# pales them.
+_BLUE: Final[Colour] = (0, 68, 130)
+_GREEN: Final[Colour] = (0, 100, 72)
 UNSURE: Final[Colour] = (204, 121, 167)
 COLOURS: Final = {"calibration": _BLUE, "validation": _GREEN}
 # Of the scene's size: how large frames are drawn, and at first how long large errors and how wide

@@ -29,7 +29,8 @@ if TYPE_CHECKING:
 
 # Of the scene's size.
 _SHAFT: Final = 0.0012
-_BONE: Final = 3.0
+# Of lines between links, px: of the arm that is looked at, and of the other, which lies within.
+_BONES: Final = (4.0, 2.0)
 _NOMINAL: Final[Colour] = (150, 150, 150)
 _CALIBRATED: Final[Colour] = (40, 70, 120)
 _SEE_THROUGH: Final = 0.3
@@ -77,7 +78,7 @@ class ShownArm:
             f"{self.root}/chain",
             np.zeros((len(drawn.bones), 2, 3)),
             _CALIBRATED if solid else _NOMINAL,
-            thickness=_BONE,
+            thickness=_BONES[0] if solid else _BONES[1],
             thickness_units="screen",
         )
 

@@ -8,13 +8,16 @@ from __future__ import annotations
 
 import logging
 import os
-from collections.abc import Iterator
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
 from suta_calib.extras import load
+from suta_calib.measurements import SutaCalibWarning
 from suta_calib.view.drawn_arm import LinkMesh
 
 _PACKAGE: Final = "package://"
@@ -24,20 +27,55 @@ _GREY: Final = (160, 165, 172, 255)
 def link_meshes(urdf: Path) -> tuple[LinkMesh, ...]:
     """Visual shapes of all links of a URDF; those whose files are not found are left out.
 
+    What cannot be read is left out too, with a `SutaCalibWarning`: a picture is no reason to fail.
+
     Raises:
         MissingExtraError: the extra ``view`` is not installed.
     """
-    yourdfpy = load("yourdfpy", "view")
-    logger = logging.getLogger("yourdfpy")
-    level = logger.level
-    logger.setLevel(logging.ERROR)  # It warns of every mesh that is not there.
+    yourdfpy, trimesh = load("yourdfpy", "view"), load("trimesh", "view")
+
+    def named(name: str) -> Path:
+        return found_file(name, urdf)
+
+    def readable(name: str) -> Path:
+        file = named(name)
+        try:
+            if file.is_file():
+                trimesh.load(file, force="scene")
+        except Exception as error:  # noqa: BLE001 (readers of a dozen formats raise anything)
+            _warn(f"{file}: found no mesh ({error}); it is left out")
+            return Path()
+        return file
+
+    def shapes(file_of: Callable[[str], Path]) -> tuple[LinkMesh, ...]:
+        robot = yourdfpy.URDF.load(str(urdf), filename_handler=lambda fname: str(file_of(fname)))
+        return tuple(_meshes_of(robot.scene, set(robot.link_map)))
+
+    with _without_log("yourdfpy"):  # It warns of every mesh that is not there.
+        try:
+            return shapes(named)
+        except Exception:  # noqa: BLE001
+            pass  # Which file it is, it does not say.
+        try:
+            return shapes(readable)
+        except Exception as error:  # noqa: BLE001 (it checks little of what it reads)
+            _warn(f"{urdf}: found shapes that cannot be drawn ({error}); frames and lines are")
+            return ()
+
+
+@contextmanager
+def _without_log(name: str) -> Iterator[None]:
+    logger = logging.getLogger(name)
+    before = logger.level
+    logger.setLevel(logging.ERROR)
     try:
-        robot = yourdfpy.URDF.load(
-            str(urdf), filename_handler=lambda fname: str(found_file(fname, urdf)), force_mesh=False
-        )
+        yield
     finally:
-        logger.setLevel(level)
-    return tuple(_meshes_of(robot.scene, set(robot.link_map)))
+        logger.setLevel(before)
+
+
+def _warn(message: str) -> None:
+    warnings.warn(message, SutaCalibWarning, stacklevel=3)
 
 
 def _meshes_of(scene: Any, links: set[str]) -> Iterator[LinkMesh]:

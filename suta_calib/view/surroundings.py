@@ -93,7 +93,7 @@ def _board(
     R, p = frame.pose(values)
     assert R is not None
     name = f"{frame.what}s/{_label(frame, frame.what)} points"
-    yield Points(name, points @ R.T + p, STANDING, 0.03 * size, (), _tip_link(term, frame))
+    yield Points(name, points @ R.T + p, STANDING, 0.05 * size, (), _tip_link(term, frame))
 
 
 def _artefact(

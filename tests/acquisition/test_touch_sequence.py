@@ -9,9 +9,11 @@ import pytest
 from acquisition_scenes import Attempt, check_against, device, file_of, plan_of, visit
 from device_stand_in import reading
 
-from suta_calib.acquisition.run import SamplesFile
+from suta_calib.acquisition.guided import Guided
+from suta_calib.acquisition.run import Run, SamplesFile
 from suta_calib.acquisition.seating_check import SeatingCheck
 from suta_calib.acquisition.session import ArmReadings
+from suta_calib.acquisition.stops import StopFinder
 from suta_calib.acquisition.touch_sequence import read_arm, read_row, repeated, touched
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import (
@@ -99,6 +101,26 @@ def test_a_row_that_is_not_there_is_refused(
     job = job_with(tmp_path, OBSERVATIONS, suta_urdf, repository / "data/suta/artefact.yaml")
     with pytest.raises(JobError, match=r"--observation: found .*observations\[1\] \(landmark\)"):
         read_row(job, which, ["landmark"])
+
+
+@pytest.mark.parametrize("seated", [True, False])
+def test_a_plug_whose_bias_is_sought_is_turned_to_its_stop_at_every_landmark(
+    tmp_path: Path, arm: ArmModel, suta_urdf: Path, repository: Path, seated: bool
+) -> None:
+    bias = ", seating: {clearance_mm: 0.05, rotation_deg: 1}" if seated else ""
+    row = f"  - {{kind: landmark, artefact: ARTEFACT, samples: '*.csv'{bias}}}"
+    job = job_with(tmp_path, row, suta_urdf, repository / "data/suta/artefact.yaml")
+    plan = touched(arm, read_row(job, None, ["landmark"]), "P1", "1", ["O", "M1"])
+    said = list[str]()
+    run = Run(plan, file_of(plan, tmp_path / "P1.csv"), said.append)
+    guided = Guided(run, StopFinder(arm.joints, 1.0), 1.0)
+    guided.press("s")
+    assert [("O (1 of 2)" in line, "M1 (2 of 2)" in line) for line in said[-2:]] == [
+        (True, False),
+        (False, True),
+    ]
+    for line in said[-2:]:
+        assert ("turn the plug counter-clockwise until it stops; " in line) == seated
 
 
 def test_bad_jobs_are_refused(tmp_path: Path, suta_urdf: Path, job: Path, arm: ArmModel) -> None:

@@ -7,6 +7,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from outlier_studies import Study, named, suta_job, suta_study
 from scipy.stats import binom
 from simulated import (
@@ -339,3 +340,17 @@ def test_what_was_not_moved_seldom_looks_so() -> None:
         drawn = RobustLinearFit(fit.jacobian, noise, fit.precision, fit.deviation)
         alarms += len(find_moves(term, names, drawn, Thresholds(bias=0.0, significance=0.05)))
     assert alarms <= binom.ppf(0.999, trials, 0.05)
+
+
+def test_outliers_draw_a_panel_for_each_metric(found: Outliers) -> None:
+    figure = found.plot(figure=Figure())
+    panels = [axes for axes in figure.axes if axes.get_title(loc="left") or axes.get_title()]
+    landmarks = found.terms[0].level("landmarks")
+    assert landmarks is not None
+    named_panels = [axes for axes in panels if len(axes.texts) >= len(landmarks.groups)]
+    assert len(named_panels) == len(METRICS)
+    for axes in named_panels:
+        said = [text.get_text().split()[0] for text in axes.texts]
+        assert sorted(said) == sorted(group.label for group in landmarks.groups)
+    assert "S2" in repr(found)
+    assert "exclude: {landmarks: [S2]}" in found._repr_html_()

@@ -9,6 +9,7 @@ from types import ModuleType
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from simulated import arm_named, dh_parameters, hand_eye_scene, perturbed, tracked_scene
 
 from suta_calib.analysis.planning import (
@@ -190,3 +191,20 @@ def test_a_camera_that_cannot_tell_the_tip_is_said_to_be_no_help() -> None:
     never = plan_document(found).json()["no_candidate_can"]
     assert {"tip.y", "tip.z"} & set(never)
     assert any("Nothing here makes the tip" in note for note in found.assessment.notes)
+
+
+def test_a_plan_draws_what_it_says(found: Plan) -> None:
+    figure = found.plot(Figure())
+    above, side = figure.axes[:2]
+    arm = next(line for line in above.lines if line.get_label() == "arm")
+    q = found.chosen[0].candidate.q[0]
+    tip = found.situation.arm.forward(q)[1]
+    np.testing.assert_allclose(np.array(arm.get_data())[:, -1], 1e3 * tip[:2], atol=1e-6)
+    written = {text.get_text() for text in side.texts}
+    assert {choice.candidate.name for choice in found.chosen} <= written
+    axes = Figure().subplots()
+    assert found.plot_gain(axes) is axes
+    best = next(line for line in axes.lines if line.get_label() == "best choice")
+    np.testing.assert_allclose(best.get_ydata(), 1e3 * np.array(found.stop.tips))
+    assert found.assessment.sentence in repr(found)
+    assert all(choice.candidate.name in found._repr_html_() for choice in found.chosen)

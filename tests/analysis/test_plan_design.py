@@ -33,6 +33,7 @@ from suta_calib.analysis.planning.design import (
     present_information,
 )
 from suta_calib.analysis.planning.reach import Collisions, link_points
+from suta_calib.analysis.planning.region import _first
 from suta_calib.model.arm import ArmModel
 from suta_calib.solver.covariance import predicted_covariance
 from suta_calib.solver.information import predicted_information
@@ -200,3 +201,16 @@ def test_without_shapes_nothing_is_checked_and_that_is_said(tmp_path: Path) -> N
     collisions = Collisions.of(ArmModel.from_urdf(bare, "tip"), np.zeros((1, 6)))
     assert collisions.note == "collisions not checked: the URDF has no shapes"
     assert collisions.free(np.zeros((2, 6))).all()
+
+
+def test_no_more_readings_are_looked_at_than_it_takes() -> None:
+    rows, looked_at = np.arange(10_000.0)[:, None], []
+
+    def every_tenth(some: np.ndarray) -> np.ndarray:
+        looked_at.append(len(some))
+        return some[:, 0] % 10 == 0
+
+    assert _first(rows, every_tenth, 150)[:, 0].tolist() == list(range(0, 1500, 10))
+    assert sum(looked_at) < 2500
+    assert len(_first(rows, every_tenth, 2000)) == 1000
+    assert len(_first(rows[:0], every_tenth, 5)) == 0

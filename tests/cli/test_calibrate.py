@@ -18,7 +18,7 @@ import pytest
 from cli_job import NOISE, TRUTH, cli, simulated, write_simulated_job
 
 from suta_calib.atomic import check_folder
-from suta_calib.errors import OutputError
+from suta_calib.errors import OutputError, did_you_mean
 from suta_calib.job.calibration import CalibrationJob
 from suta_calib.measurements import write_samples
 from suta_calib.model.arm import ArmModel
@@ -253,6 +253,42 @@ def test_init_overwrites_nothing(
     assert str(tmp_path / "artefact.yaml") in capsys.readouterr().err
     assert files_below(tmp_path) == {"artefact.yaml"}
     assert (tmp_path / "artefact.yaml").read_text() == "mine"
+
+
+@pytest.mark.parametrize("tip", [(), ("--tip", "elbow")])
+def test_init_names_the_ends_of_the_arm_to_who_does_not_know_its_tip(
+    tip: tuple[str, ...], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    urdf = tmp_path / "two.urdf"
+    joint = (
+        '<joint name="{0}" type="revolute"><parent link="base"/><child link="{0}_hand"/>'
+        '<axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>'
+    )
+    links = "".join(f'<link name="{name}"/>' for name in ("base", "left_hand", "right_hand"))
+    joints = "".join(map(joint.format, ("left", "right")))
+    urdf.write_text(f'<robot name="two">{links}{joints}</robot>')
+    assert cli("init", urdf, *tip, "--out", tmp_path / "job") == 2
+    said = capsys.readouterr().err
+    assert "its chains end at 'left_hand', 'right_hand'" in said
+    assert not (tmp_path / "job").exists()
+
+
+def test_a_hint_never_repeats_what_was_written(capsys: pytest.CaptureFixture[str]) -> None:
+    assert did_you_mean("tip", ["tip", "tap"]) == "did you mean 'tap'?"
+    assert did_you_mean("tip", ["tip"]) == ""
+    assert did_you_mean("TIP", ["tip"]) == "did you mean 'tip'?"
+    assert cli("calibrat") == 2
+    assert capsys.readouterr().err.count("calibrate") == 1
+    assert cli("nothing-like-it") == 2
+    assert "--help lists them" in capsys.readouterr().err
+
+
+def test_the_bare_command_prints_help(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli() == 0
+    bare = capsys.readouterr()
+    assert cli("--help") == 0
+    assert bare.out == capsys.readouterr().out
+    assert bare.err == ""
 
 
 def test_help_and_version(capsys: pytest.CaptureFixture[str]) -> None:

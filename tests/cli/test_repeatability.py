@@ -167,3 +167,21 @@ def test_bad_usage_is_one_line(visited: Path, arm, capsys: Capture) -> None:
     assert "--urdf" in refused(capsys, "--stationary", visited, "--tip", "tip")
     assert "nowhere" in refused(capsys, visited, *arm[:2], "--tip", "nowhere")
     assert "no folder" in refused(capsys, visited, *arm, "--out", visited)
+
+
+def test_files_of_a_calibration_are_pooled_over_their_points(
+    repository: Path, tmp_path: Path, capsys: Capture
+) -> None:
+    files = sorted((repository / "data/suta/calibration").glob("P*.csv"))
+    arm = ("--urdf", repository / "urdf/suta.urdf", "--tip", "tip")
+    found = answer(capsys, *files, *arm)
+    assert (found["touches"], found["points"]) == (225, 75)
+    assert 0.2 < found["rms_of_others_mm"] < 0.4 < found["rms_mm"]
+    joint = found["joints"]["joint_3"]
+    assert joint["std_interval_deg"][0] < joint["std_deg"] < joint["std_interval_deg"][1]
+    assert joint["peak_to_peak_deg"] < joint["largest_deg"]
+    assert found["joints_rms_deg"] > 0
+    out = tmp_path / "out"
+    assert cli("repeatability", *files, *arm, "--out", out) == 0
+    assert {path.name for path in out.iterdir()} >= {"repeatability.json", "report.html"}
+    assert "joint_3" in capsys.readouterr().out

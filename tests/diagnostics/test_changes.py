@@ -20,6 +20,7 @@ from simulated import (
     placements,
     tracked_scene,
 )
+from suta_simulated import everything, scene
 
 from suta_calib import (
     Noise,
@@ -121,6 +122,24 @@ def test_an_encoder_that_slips_between_touches_is_named() -> None:
     (told,) = found(scene, read(3, lambda q: q + 5e-3 * (np.arange(len(q)) >= 38)))
     assert (told.kind, told.joint) == ("slip", ARM.joints[3])
     assert abs(told.size - 5e-3) < 4 * told.std
+
+
+@pytest.mark.parametrize("changed", [False, True])
+def test_a_slip_among_gross_errors_is_named(changed: bool) -> None:
+    """One touch in ten is grossly wrong, which is most of the squares and hides what is not."""
+    made = scene(0, bent=True)
+    calibration, point = made.term("calibration"), made.term("fixed_point")
+    rows = np.arange(len(calibration.poses))
+    slip = read(3, lambda q: q + 5e-3 * (rows >= 142)) if changed else unchanged
+    calibration = calibration.over_poses(
+        calibration.poses.with_samples(slip(calibration.poses.samples))
+    )
+    problem = Problem([calibration, point], everything(made.arm))
+    told = changes(solve(problem, SolverOptions(starts=1)))
+    assert [(each.kind, each.joint) for each in told] == [("slip", "joint_4")] * changed
+    origin = calibration.poses.samples.origin
+    # Not every row is tried.
+    assert all(abs(origin.index(each.since) - 142) < 225 / 40 for each in told)
 
 
 def test_a_change_is_as_sure_as_it_says() -> None:

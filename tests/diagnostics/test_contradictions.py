@@ -228,6 +228,26 @@ def test_a_mirrored_artefact_is_named(touches: Scene) -> None:
     assert "the artefact is mirrored" in " ".join(found.notes)
 
 
+@pytest.mark.parametrize("on", [False, True])
+def test_landmarks_that_are_counted_from_one_too_many_are_named(touches: Scene, on: bool) -> None:
+    """Within each letter, or on from the last of one letter to the first of the next."""
+    names = ("L1", "L2", "L3", "M1", "M2", "S1", "S2")
+    assert touches.artefact is not None
+    marks = dict(zip(names, touches.artefact.landmarks.values(), strict=True))
+    lettered = Artefact("lettered", {n: replace(m, name=n) for n, m in marks.items()})
+    rings = [names] if on else [names[:3], names[3:5], names[5:]]
+    wrong = {a: b for r in rings for a, b in zip(r, (*r[1:], r[0]), strict=True)}
+    samples = in_files(touches.samples(NOISE)[0])
+    order = dict(zip(touches.artefact.landmarks, names, strict=True))
+    named = np.array([wrong[order[n]] for n in samples.labels["landmark"].tolist()])
+    samples = replace(samples, labels={**samples.labels, "landmark": named})
+    term = replace(touches, artefact=lettered).term(samples)
+    solution = solve(Problem([term], unknowns(touches.arm, priors=False)), ONCE)
+    said = " ".join(assess_calibration(solution, assess(solution)).notes)
+    assert "if the landmarks' numbers are one too high" in said
+    assert ("counted on from one letter to the next" in said) == on
+
+
 @pytest.mark.parametrize("share", [0.0, 0.2])
 def test_gross_rows_that_least_squares_follow_are_said(
     scenes: tuple[Scene, Scene], share: float

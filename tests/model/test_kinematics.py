@@ -262,3 +262,12 @@ def test_an_arm_at_other_values_writes_them(tmp_path: Path) -> None:
     assert (tmp_path / "one.urdf").read_bytes() == (tmp_path / "other.urdf").read_bytes()
     chosen = arm.at(values).select(Selection(("*.offset",), bound_rad=0.1))
     assert chosen["joint_2.offset"].upper == pytest.approx(values["joint_2.offset"] + 0.1)
+
+
+def test_arms_that_are_alike_share_their_kinematics(suta_urdf: Path) -> None:
+    first, again = (ArmModel.from_urdf(suta_urdf, "tip") for _ in range(2))
+    names = ["joint_2.offset", "joint_4.z"]
+    assert first.function(names) is again.function(names)
+    longer = again.at({"joint_3.z": 0.5})
+    assert longer.function(names) is not first.function(names)
+    assert not np.allclose(longer.forward(np.zeros(6))[1], first.forward(np.zeros(6))[1])

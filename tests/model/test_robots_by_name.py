@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from importlib.metadata import PackageNotFoundError
 from pathlib import Path
 
@@ -55,9 +56,9 @@ def test_files_that_are_called_alike_are_called_by_their_folders() -> None:
 def test_a_body_with_limbs_says_where_they_end(name: str) -> None:
     with pytest.raises(UrdfError, match="no single arm") as refused:
         robots.load(name)
-    ends = refused.value.expected.removeprefix("a tip, such as ").removesuffix(", …").split(", ")
+    ends = re.findall("'([^']+)'", refused.value.hint)
     assert len(ends) > 1
-    for end in ends:
+    for end in ends[:4]:
         assert robots.load(name, tip=end).tip == end
 
 

@@ -203,3 +203,16 @@ def test_arrows_are_as_long_as_can_be_told() -> None:
     assert magnification(np.zeros((0, 3)), 1.0) == 1.0
     assert len(range(10**6)[drawn_rows(10**6)]) <= 1500
     assert len(range(7)[drawn_rows(7)]) == 7
+
+
+def test_of_many_samples_some_are_drawn_and_they_are_where_they_were(
+    result: CalibrationResult, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def arrows() -> Arrows:
+        return next(part for part in result.scene().parts if isinstance(part, Arrows))
+
+    every = arrows()
+    monkeypatch.setattr("suta_calib.plotting.scene.MOST_DRAWN", 5)
+    some = arrows()
+    assert 0 < len(some.points) <= 5 < len(every.points)
+    np.testing.assert_allclose(some.points, every.points[:: len(every.points) // 5], atol=1e-9)

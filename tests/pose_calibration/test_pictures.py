@@ -288,7 +288,7 @@ def test_the_command_answers_and_writes(tmp_path: Path, capsys: Capture) -> None
     assert len(camera["distortion"]) == len(camera["std"]["distortion"]) == 5
     assert 0.0 < camera["std"]["fx"] < 5.0
     assert {p.name for p in out.iterdir()} == {
-        *("residuals.csv", "hand_eye.svg", "result.json", "camera.yaml")
+        *("residuals.csv", "hand_eye.svg", "result.json", "report.html", "camera.yaml")
     }
     written = read_camera(out / "camera.yaml")
     assert written.covariance is not None

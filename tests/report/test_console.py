@@ -9,6 +9,7 @@ import pytest
 from rich.console import Console
 
 from suta_calib.assessment import Assessment
+from suta_calib.cli._output import console
 from suta_calib.report.console import rendered
 from suta_calib.report.document import Document, Text
 from suta_calib.report.listing import Column, Listing
@@ -55,7 +56,10 @@ def test_every_word_is_there_whole(width: int, encoding: str) -> None:
     assert "…" not in said
     assert set(SENTENCE.split()) <= words
     for name, value, std, state in ROWS:
-        assert {name, f"{1e3 * value:.3f}", f"{1e3 * std:.3f}"} <= words
+        # A name may go on in the next line after its dot.
+        owner, key = name.split(".")
+        assert name in words or {f"{owner}.", key} <= words
+        assert {f"{1e3 * value:.3f}", f"{1e3 * std:.3f}"} <= words
         assert set(state.split()) <= words
 
 
@@ -76,3 +80,42 @@ def test_a_table_that_fits_is_a_table_and_one_that_does_not_is_lines() -> None:
         narrow,
         re.MULTILINE,
     )
+
+
+def test_a_name_is_broken_after_its_dot_before_a_table_is_given_up() -> None:
+    """Numbers and units never are, and a name that has room is not."""
+    for width in (56, 63):
+        said = shown(width)
+        assert re.search(r"^ joint_1\. +12\.346 +0\.010", said, re.MULTILINE)
+        assert re.search(r"^ a_rather_long_parameter_name", said, re.MULTILINE)
+    for width in (64, 120):
+        found = r"^ joint_1\.a_rather_long_parameter_name +12\.346"
+        assert re.search(found, shown(width), re.MULTILINE)
+    assert not re.search(r"^ joint_1\. ", shown(55), re.MULTILINE)
+
+
+def test_a_table_is_as_complete_in_a_pipe_as_on_a_terminal(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for width in ("40", "80", "120"):
+        monkeypatch.setenv("COLUMNS", width)
+        console().print(rendered(ANSWER), crop=False)
+        said = capsys.readouterr().out
+        words = set(said.split())
+        for name, value, _, state in ROWS:
+            assert all(part in said for part in name.split("."))
+            assert f"{1e3 * value:.3f}" in words
+            assert set(state.split()) <= words
+
+
+def test_no_color_means_no_colour(monkeypatch: pytest.MonkeyPatch) -> None:
+    def codes() -> set[str]:
+        out = io.StringIO()
+        Console(file=out, force_terminal=True, width=80).print(rendered(ANSWER), crop=False)
+        return set(re.findall(r"\x1b\[([\d;]*)m", out.getvalue()))
+
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    monkeypatch.setenv("TERM", "xterm-256color")
+    assert any("3" in code.split(";")[-1][:1] for code in codes())
+    monkeypatch.setenv("NO_COLOR", "1")
+    assert not any(re.match(r"(\d;)?[34]\d", code) for code in codes())

@@ -22,6 +22,7 @@ from pose_scenes import (
 from rich.console import Console
 from scipy.spatial.transform import Rotation
 
+from suta_calib import units
 from suta_calib.measurements.pose_files import (
     Points,
     PosePairs,
@@ -224,3 +225,23 @@ def test_what_is_no_number_is_null_in_files() -> None:
         "a": [None, 1.5],
         "b": None,
     }
+
+
+# ── notebooks ────────────────────────────────────────────────────────────────────────────────
+def test_answers_on_poses_are_a_line_on_a_console_and_tables_in_a_notebook(tmp_path: Path) -> None:
+    pivot, _ = pivoted(tmp_path, ["left"] * 20 + ["right"] * 20)
+    eye, _ = eye_in(tmp_path, "eye-to-hand")
+    points, *_ = registered(tmp_path)
+    for each in (pivot, eye, points):
+        assert len(repr(each)) < 150
+        assert f"RMS {units.text(each.rms, 'm')} mm" in repr(each)
+        assert each.assessment.word in each._repr_html_()
+    cells = [cell for tree in (pivot, eye, points) for cell in table_cells(tree._repr_html_())]
+    assert f"{units.text(pivot.tip[0], 'm')} ± {units.text(pivot.tip_std[0], 'm')}" in cells
+    assert {"post left", "post right"} <= set(cells)
+    assert units.text(eye.X[0, 3], "m") in cells
+    assert units.text(points.position[2], "m") in cells
+
+
+def table_cells(page: str) -> list[str]:
+    return [str(cell.text) for cell in etree.HTML(page).iter("td") if cell.text]

@@ -7,14 +7,19 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from lxml import html
+from lxml import etree, html
+from ruamel.yaml import YAML
 
 from suta_calib.assessment import Assessment
 from suta_calib.errors import OutputError
+from suta_calib.plotting.style import WIDTH
 from suta_calib.report.document import Document, Figure, File, Text
 from suta_calib.report.files import write_document
 from suta_calib.report.listing import Column, Listing
+from suta_calib.report.outliers import flow_yaml
 from suta_calib.report.page import page_with
+from suta_calib.report.svg import picture as picture_of
+from suta_calib.report.svg import svg_text
 
 SVG = '<svg xmlns="http://www.w3.org/2000/svg" id="{}"><path d="M0 0"/></svg>'
 LANDMARKS = Listing[tuple[str, float]](
@@ -96,3 +101,31 @@ def test_a_verdict_is_the_worst_of_what_was_found() -> None:
     assert not Assessment.of(bad=["x"], care=["y"]).usable
     assert Assessment.of(care=["y"]).word == "Take care"
     assert Assessment.of("fine") == Assessment("good", "fine")
+
+
+def test_a_list_of_contents_is_of_more_than_one() -> None:
+    page = page_with(SECTION, None)
+    assert '<nav class="contents"></nav>' in page
+    page = page_with(replace(SECTION, name="study", title="Study: sizes"), page, "job.yaml")
+    links = html.fromstring(page).xpath("//nav//a")
+    assert [link.text for link in links] == ["Outliers", "Study"]
+    assert [link.get("href") for link in links] == ["#outliers-top", "#study-top"]
+    assert "job.yaml" in page.split('id="study"')[1]
+
+
+def test_labels_to_paste_are_read_back_as_they_are() -> None:
+    levels = {"landmarks": ["S2", "007", "yes", "a: b", "it's"], "rows": ["a.csv:12"]}
+    assert "\n" not in flow_yaml(levels)
+    assert YAML(typ="safe").load(f"exclude: {flow_yaml(levels)}") == {"exclude": levels}
+
+
+def test_figures_are_as_wide_as_the_text_and_no_narrower_than_can_be_read() -> None:
+    with picture_of("plot", (WIDTH, 2.0)) as figure:
+        figure.subplots()
+        root = etree.fromstring(svg_text(figure, "plot", "A plot").encode())
+    limits = dict(part.split(":") for part in root.get("style", "").split(";"))
+    widest, narrowest = (float(limits[f"{end}-width"].removesuffix("px")) for end in ("max", "min"))
+    text = 62 * 15 - 2 * 1.25 * 15  # of the page's style: 62 rem less its padding, px
+    assert widest >= text
+    letters = 9.0 * narrowest / (72 * WIDTH)  # of nine points, px
+    assert letters >= 9.5

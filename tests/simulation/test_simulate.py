@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,6 +21,7 @@ from suta_calib.simulation import (
     NoiseLevels,
     Simulation,
     Targets,
+    inverse_kinematics,
     read_simulation,
     true_values,
 )
@@ -242,6 +244,21 @@ def test_out_of_reach_is_reported_with_the_distance_that_is_left(suta_urdf: Path
     assert not found.reached[0]
     reach = 0.571 + math.hypot(0.371, 0) + 0.253
     assert found.distance[0] == pytest.approx(3.0 - reach, abs=1e-3)
+
+
+def test_a_search_that_stalls_ends(suta_urdf: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[int] = []
+    evaluate = inverse_kinematics._residuals
+
+    def counted(batch: Any, targets: Targets, *rest: Any) -> Any:
+        asked.append(len(targets))
+        return evaluate(batch, targets, *rest)
+
+    monkeypatch.setattr(inverse_kinematics, "_residuals", counted)
+    arm = ArmModel.from_urdf(suta_urdf, "tip")
+    far = Targets(np.array([[3.0, 0.0, 0.047]]), np.eye(3)[None], "position")
+    InverseKinematics(arm, {}).solve(far, np.full(6, 0.3), np.random.default_rng(0), 1)
+    assert sum(asked) < inverse_kinematics._ITERATIONS / 2
 
 
 def test_full_turns_are_taken_off_exactly(suta_urdf: Path) -> None:

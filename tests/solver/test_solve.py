@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 
 import numpy as np
@@ -271,3 +272,18 @@ def test_unknowns_that_vanishing_residuals_set_free_are_not_called_determined() 
     term = scene.term(scene.samples(Spread(position=2e-4), 0)[0], Noise(huber=1.35e-3), Noise())
     with pytest.raises(SamplesError, match=r"12 independent equations for \d+ unknowns"):
         solve(Problem([term], unknowns), SolverOptions(starts=4))
+
+
+def test_problems_of_as_many_unknowns_are_not_confused() -> None:
+    """IPOPT is set up once for a number of unknowns: in turns, and in threads at once."""
+
+    def deviations(seed: int) -> np.ndarray:
+        scene = tracked_scene(arm_named("suta"), perturbed(dh_parameters(arm_named("suta")), seed))
+        term = scene.term(scene.samples(Spread(position=SIGMA), seed=seed)[0], Noise(SIGMA))
+        return solve(Problem([term], dh_parameters(scene.arm)), SolverOptions(starts=2)).x
+
+    alone = [deviations(seed) for seed in (1, 2)]
+    assert np.abs(alone[0] - alone[1]).max() > 1e-3
+    with ThreadPoolExecutor(2) as pool:
+        together = list(pool.map(deviations, (1, 2)))
+    assert np.array_equal(alone, together)

@@ -10,7 +10,10 @@ import pytest
 from suta_calib.errors import SamplesError
 from suta_calib.stereotactic.cis_simulation import simulate_stereotactic
 from suta_calib.stereotactic.distortion import (
+    RCOND,
     DistortionCorrection,
+    _basis,
+    _orthonormal,
     fit_distortion,
     is_distorted,
 )
@@ -194,3 +197,16 @@ def test_too_little_is_refused() -> None:
     with pytest.raises(SamplesError, match="in one plane"):
         fit_distortion(flat, measured)
     assert not is_distorted(flat, flat)
+
+
+def test_a_basis_spans_what_singular_values_say_and_no_more() -> None:
+    points = np.random.default_rng(0).random((400, 3))
+    points[:, 2] = 0.5 + 1e-3 * points[:, 2]
+    basis = _basis(points, 4)
+    left, size, _ = np.linalg.svd(basis, full_matrices=False)
+    kept = left[:, size > RCOND * size[0]]
+    u, back = _orthonormal(basis)
+    assert u.shape == kept.shape < basis.shape
+    np.testing.assert_allclose(u.T @ u, np.eye(u.shape[1]), atol=1e-12)
+    np.testing.assert_allclose(u @ u.T, kept @ kept.T, atol=1e-9)
+    np.testing.assert_allclose(basis @ back, u, atol=1e-8)

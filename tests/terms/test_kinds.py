@@ -35,6 +35,7 @@ OTHERS = {
     "cli/_app.py": {"suta_calib.cli.hand_eye"},
     "exchange/writers/mjcf.py": {"range"},
     "report/hand_eye.py": {"hand_eye"},
+    "report/pose_plots.py": {"hand_eye"},
     "report/study.py": {"range"},
     "report/pictures.py": {"hand_eye"},
 }

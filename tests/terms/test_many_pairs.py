@@ -41,3 +41,17 @@ def test_a_few_pairs_are_all_looked_at_and_many_are_said(monkeypatch: pytest.Mon
     assert f"up to {every} pairs" in note
     assert f"{len(thinned.blocks[0])} of them" in note
     assert len(thinned.blocks[0]) <= every // 2
+
+
+def test_displaced_touches_change_the_distances_between_them_to_first_order() -> None:
+    (term,) = problem_of("pairwise_distance", SIGMA).terms
+    displacement = 1e-6 * np.random.default_rng(0).standard_normal((3, len(term.poses), 3))
+    pairs = term.blocks[0].samples
+    first, second = np.moveaxis(
+        term.artefact.position_of(term.poses.samples.labels["landmark"])[pairs], 1, 0
+    )
+    moved = (first - second) + displacement[:, pairs[:, 0]] - displacement[:, pairs[:, 1]]
+    longer = np.linalg.norm(moved, axis=2) - np.linalg.norm(first - second, axis=1)
+    found = term.errors_of_touches(displacement, pairs)
+    assert found.shape == (3, len(pairs), 1)
+    np.testing.assert_allclose(found[..., 0], longer, rtol=0, atol=1e-9)

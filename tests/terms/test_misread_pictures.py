@@ -63,7 +63,7 @@ def test_a_board_with_columns_for_rows_is_refused_by_name() -> None:
 def test_a_camera_of_larger_pictures_is_refused_by_name(factor: float, said: str) -> None:
     """All corners are in its pictures too: nothing else would tell."""
     seen = replace(board_pictures(), camera=CAMERA.resized(factor))
-    with pytest.raises(SamplesError, match=f"of 1280 x 960 px; expected of {said}"):
+    with pytest.raises(SamplesError, match=f"of some 1280 x 960 px; expected of {said}"):
         seen.check()
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from cli_job import cli, write_simulated_job
+from matplotlib.figure import Figure
 from simulated import arm_named, dh_parameters, perturbed, random_readings
 
 from suta_calib.analysis.planning import Region
@@ -126,6 +127,13 @@ def test_a_map_says_whether_it_is_good_enough() -> None:
     enough = replace(found, tolerance=1.0).assessment
     assert enough.usable
     assert any(note.startswith("tip.y is held, not measured") for note in enough.notes)
+    figure = found.plot(Figure())
+    for axes, section in zip(figure.axes, found.sections, strict=False):
+        arm = next(line for line in axes.lines if line.get_label() == "arm")
+        wanted = 1e3 * section.project(found.drawn)
+        np.testing.assert_allclose(np.array(arm.get_data()).T, wanted, atol=1e-9)
+    assert found.assessment.sentence in repr(found)
+    assert "Uncertainty of the tip" in found._repr_html_()
     with pytest.raises(JobError, match="a box for the tip"):
         tip_map_of_result(known, TipMapOptions())
 

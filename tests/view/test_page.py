@@ -6,6 +6,7 @@ import re
 import shutil
 import subprocess
 from pathlib import Path
+from urllib.request import urlopen
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from viser_page import Recording, recording_of
 
 from suta_calib.geometry.numbers import rotation_from_quaternion
 from suta_calib.job.calibration import CalibrationJob, CalibrationResult
-from suta_calib.view.calibration import calibration_scene
+from suta_calib.view.calibration import calibration_scene, show
 from suta_calib.view.scene import Arrows, Ellipsoids, Scene
 from suta_calib.view.server import Viewer, page
 
@@ -120,6 +121,17 @@ def test_factors_joints_and_samples_are_chosen_in_the_panel(scene: Scene) -> Non
         q = scene.q.copy()
         q[1] = np.radians(30.0)
         np.testing.assert_allclose(tip.position, arm.arm.forward(q, arm.values)[1], atol=1e-4)
+
+
+def test_a_result_shows_itself_and_so_does_any_solution(result: CalibrationResult) -> None:
+    with result.view() as viewer, show(result.solution, result.accuracy) as other:
+        assert f'src="{viewer.url}"' in viewer._repr_html_()
+        with urlopen(viewer.url) as answer:
+            assert b"<html" in answer.read()[:2000]
+        assert viewer.url != other.url
+        assert other.scene.summary == viewer.scene.summary
+        assert viewer.scene.title.endswith("calibration.yaml")
+        assert other.scene.title == "arm.urdf"
 
 
 @pytest.mark.slow

@@ -12,7 +12,7 @@ from terms_cases import each_case, problem_of, truth_of
 
 from suta_calib.assessment import Assessment
 from suta_calib.job.calibration import CalibrationJob
-from suta_calib.measurements import Samples, write_samples
+from suta_calib.measurements import Samples, SutaCalibWarning, write_samples
 from suta_calib.measurements.samples import joined
 from suta_calib.model.arm import ArmModel
 from suta_calib.terms import Term
@@ -180,6 +180,35 @@ def test_meshes_are_found_as_the_urdf_names_them(tmp_path: Path) -> None:
     np.testing.assert_allclose(found.vertices.max(axis=0), [2, 2, 0.5])
     assert found_file("../meshes/link.stl", urdf).resolve() == mesh.resolve()
     assert not found_file("package://elsewhere/none.stl", urdf).is_file()
+
+
+WITH_SHAPE = (
+    '<robot name="r"><link name="a"><visual>{}</visual></link><link name="b"><visual><geometry>'
+    '<box size="1 2 3"/></geometry></visual></link><joint name="j" type="continuous">'
+    '<parent link="a"/><child link="b"/></joint></robot>'
+)
+
+
+@pytest.mark.parametrize(
+    ("file", "content"), [("a.dae", "<COLLADA/>"), ("a.dae", "no XML"), ("a.none", "?")]
+)
+def test_a_mesh_that_is_broken_is_named_and_left_out(
+    tmp_path: Path, file: str, content: str
+) -> None:
+    (tmp_path / file).write_text(content)
+    urdf = tmp_path / "arm.urdf"
+    urdf.write_text(WITH_SHAPE.format(f'<geometry><mesh filename="{file}"/></geometry>'))
+    with pytest.warns(SutaCalibWarning, match=f"{file}: found no mesh"):
+        (box,) = link_meshes(urdf)
+    assert box.link == "b"
+    np.testing.assert_allclose(np.ptp(box.vertices, axis=0), [1, 2, 3])
+
+
+def test_shapes_that_make_no_sense_are_no_reason_to_show_nothing(tmp_path: Path) -> None:
+    urdf = tmp_path / "arm.urdf"
+    urdf.write_text(WITH_SHAPE.format('<origin xyz="a b c"/><geometry><sphere/></geometry>'))
+    with pytest.warns(SutaCalibWarning, match="shapes that cannot be drawn"):
+        assert link_meshes(urdf) == ()
 
 
 def test_packages_of_ros_are_looked_through(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import count
 from typing import Final
@@ -44,6 +44,8 @@ _YAW_STEP: Final = from_deg(15.0)
 _TILT_STEP: Final = from_deg(5.0)
 _LEAST_TILT: Final = from_deg(10.0)
 _POSES_IN_REGION: Final = 4
+# Readings whose sight is asked for at once.
+_AT_ONCE: Final = 1000
 
 
 @dataclass(frozen=True, eq=False)
@@ -261,6 +263,16 @@ def _points(
     ]
 
 
+def _first(rows: FloatArray, fitting: Callable[[FloatArray], BoolArray], count: int) -> FloatArray:
+    """The first ``count`` rows that fit, or all that do; no more are looked at than it takes."""
+    found = rows[:0]
+    for some in np.array_split(rows, math.ceil(len(rows) / _AT_ONCE) or 1):
+        found = np.concatenate([found, some[fitting(some)]])
+        if len(found) >= count:
+            break
+    return found[:count]
+
+
 def _postures(
     situation: Situation, region: Region, pool: Pool, names: Iterator[int], seed: int
 ) -> list[Place]:
@@ -268,10 +280,10 @@ def _postures(
     rng = np.random.default_rng(seed + 2)
     chance = 1.0 if situation.seen is None else situation.seen.chance
     q = situation.kinematics.random_readings(rng, int(50 * pool.poses / chance))
-    q = q[situation.in_sight(q)]
     _, position = situation.arm.forward(q, situation.values)
-    inside = q[region.inside(position)]
-    chosen = (inside if len(inside) >= pool.poses / _POSES_IN_REGION else q)[: pool.poses]
+    chosen = _first(q[region.inside(position)], situation.in_sight, pool.poses)
+    if len(chosen) < pool.poses / _POSES_IN_REGION:
+        chosen = _first(q, situation.in_sight, pool.poses)
     turning = [joint.type != "prismatic" for joint in situation.arm.chain.moving]
     limits = np.array([(joint.lower, joint.upper) for joint in situation.arm.chain.moving])
     # In whole degrees, within the limits.

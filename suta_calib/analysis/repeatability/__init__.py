@@ -1,4 +1,4 @@
-"""Repeatability of visits to one point, and what the encoders do while nothing moves."""
+"""Repeatability of visits to one point, or of touches of many, and of encoders at rest."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from suta_calib.lazy import public
 
 if TYPE_CHECKING:
+    from suta_calib.analysis.repeatability.answer import RepeatabilityTest as RepeatabilityTest
     from suta_calib.analysis.repeatability.at_rest import AllanDeviation as AllanDeviation
     from suta_calib.analysis.repeatability.at_rest import JointNoise as JointNoise
     from suta_calib.analysis.repeatability.at_rest import Stationary as Stationary
@@ -25,10 +26,13 @@ if TYPE_CHECKING:
     from suta_calib.analysis.repeatability.scatter import ScatterEstimate as ScatterEstimate
     from suta_calib.analysis.repeatability.scatter import compare_protocols as compare_protocols
     from suta_calib.analysis.repeatability.scatter import joints_rms as joints_rms
+    from suta_calib.analysis.repeatability.touches import POINT as POINT
+    from suta_calib.analysis.repeatability.touches import JointRepeats as JointRepeats
+    from suta_calib.analysis.repeatability.touches import RepeatedTouches as RepeatedTouches
+    from suta_calib.analysis.repeatability.touches import repeated_touches as repeated_touches
     from suta_calib.analysis.repeatability.visits import DIRECTION as DIRECTION
     from suta_calib.analysis.repeatability.visits import PROTOCOL as PROTOCOL
     from suta_calib.analysis.repeatability.visits import Repeatability as Repeatability
-    from suta_calib.analysis.repeatability.visits import RepeatabilityTest as RepeatabilityTest
     from suta_calib.analysis.repeatability.visits import repeatability as repeatability
     from suta_calib.analysis.repeatability.visits import tip_levers as tip_levers
 

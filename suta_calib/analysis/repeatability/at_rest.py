@@ -89,7 +89,8 @@ def allan_deviation(
     n = len(readings)
     decades = np.log10(n // _LEAST_AVERAGES)
     sizes = np.unique(np.logspace(0, decades, int(_PER_DECADE * decades) + 1).astype(int))
-    deviation = np.array([overlapping(readings, int(m)) for m in sizes])
+    sums = np.concatenate([[0.0], np.cumsum(readings - readings.mean())])
+    deviation = np.array([overlapping(sums, int(m)) for m in sizes])
     # Degrees of freedom for white noise of the readings, NIST SP 1065, table 5.
     terms = 3 * (n - 1) / (2 * sizes) - 2 * (n - 2) / n
     freedom = terms * 4 * sizes**2 / (4 * sizes**2 + 5)
@@ -102,12 +103,11 @@ def allan_deviation(
     )
 
 
-def overlapping(readings: FloatArray, size: int) -> float:
-    """Overlapping Allan deviation of readings (n,) for averages over ``size`` of them."""
-    sums = np.concatenate([[0.0], np.cumsum(readings - readings.mean())])
-    averages = (sums[size:] - sums[:-size]) / size
+def overlapping(sums: FloatArray, size: int) -> float:
+    """Overlapping Allan deviation for averages over ``size`` readings, from their sums (n + 1,)."""
+    averages = sums[size:] - sums[:-size]
     steps = averages[size:] - averages[:-size]
-    return float(np.sqrt(0.5 * np.mean(steps**2)))
+    return float(np.sqrt(0.5 * (steps @ steps) / len(steps))) / size
 
 
 @dataclass(frozen=True, eq=False)

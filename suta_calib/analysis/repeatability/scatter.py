@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, Protocol
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -322,7 +322,27 @@ def compare_protocols(
     )
 
 
-def joints_rms(joints: Iterable[JointScatter]) -> float | None:
+class Scattering(Protocol):
+    """A joint of which it is known how far its readings scatter."""
+
+    @property
+    def joint(self) -> str:
+        """Its name."""
+
+    @property
+    def unit(self) -> Unit:
+        """Of its readings."""
+
+    @property
+    def std(self) -> ScatterEstimate:
+        """Of its readings."""
+
+    @property
+    def tip(self) -> float:
+        """What one standard deviation moves the tip, m."""
+
+
+def joints_rms(joints: Iterable[Scattering]) -> float | None:
     """Root mean square over the joints that turn of their standard deviations, rad; None for none.
 
     One figure for a whole arm, as reports of measuring arms give it. It weighs a joint near the tip

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from scipy.cluster.hierarchy import fcluster, linkage
 from scipy.spatial.distance import pdist
 
-from suta_calib.analysis.repeatability.at_rest import Stationary
 from suta_calib.analysis.repeatability.directions import DirectionalForce, directional_force
 from suta_calib.analysis.repeatability.scatter import (
     CONFIDENCE,
@@ -43,7 +42,7 @@ from suta_calib.units import Unit, from_deg, mm
 _POSTURE: Final = from_deg(5.0)
 _UNUSUAL: Final = 10.0
 # Farther from the median than this many times the median distance: another point, or a slip.
-_ELSEWHERE: Final = 6.0
+ELSEWHERE: Final = 6.0
 # Groups of visits that are as far apart as this many times what they scatter about their own
 # middles, and more where there are few visits: less than one set of visits to one point in 1,000 is
 # so, whether it scatters like a ball, a disc, a ring or a line.
@@ -63,7 +62,7 @@ MANY_COPIES: Final = 0.1
 def elsewhere(away: FloatArray) -> tuple[int, ...]:
     """Rows of positions (n, 3) far from where most of them are."""
     size = np.linalg.norm(away - np.median(away, axis=0), axis=1)
-    return tuple(int(row) for row in np.flatnonzero(size > _ELSEWHERE * np.median(size)))
+    return tuple(int(row) for row in np.flatnonzero(size > ELSEWHERE * np.median(size)))
 
 
 def places(away: FloatArray) -> tuple[IntArray, ...]:
@@ -225,22 +224,6 @@ class Repeatability:
     def _rows(self, rows: tuple[int, ...]) -> str:
         named = ", ".join(self.samples.origin[row] for row in rows[:3])
         return f"{named}, …" if len(rows) > 3 else named
-
-
-@dataclass(frozen=True, eq=False)
-class RepeatabilityTest:
-    """Visits to one point and encoders at rest; None for what was not looked at."""
-
-    visits: Repeatability | None = None
-    rest: Stationary | None = None
-
-    @property
-    def assessment(self) -> Assessment:
-        """The worse of both, with the notes of both."""
-        given = [each.assessment for each in (self.visits, self.rest) if each is not None]
-        bad = [note for each in given if not each.usable for note in each.notes]
-        care = [note for each in given if each.usable for note in each.notes]
-        return Assessment.of("; ".join(each.sentence for each in given), bad=bad, care=care)
 
 
 @single_threaded

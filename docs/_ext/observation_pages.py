@@ -1,0 +1,122 @@
+"""Kinds of observation and the columns of CSV files: what kinds and readers say of themselves."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from markdown_pieces import anchor, first_paragraph, sentence, table
+from repository_pages import ROOT
+from yaml_pages import key_tables
+
+from suta_calib.certification import read_raw_points
+from suta_calib.measurements import pose_files, read_corners
+from suta_calib.measurements.csv_table import length_columns, position_columns, rotation_columns
+from suta_calib.measurements.keys import Keys
+from suta_calib.terms import KINDS, Term
+
+
+def observations_page() -> Iterator[str]:
+    """What each kind of observation says of itself, and its samples' columns."""
+    yield "# Kinds of observation\n\n"
+    yield (
+        "Each kind says of itself what follows: what was measured, which columns its samples have "
+        "beside one per joint (rad; m for prismatic joints), which keys of a job's row are its "
+        "own, what it cannot tell by itself, and what it tells that others leave open.\n\n"
+    )
+    for name, kind in KINDS.items():
+        yield f"({anchor(name)})=\n## {name}\n\n{sentence(kind.about)}\n\n"
+        yield f"{first_paragraph(kind)} More: {{py:class}}`~suta_calib.terms.{kind.__name__}`.\n\n"
+        rows = list(column_rows(kind))
+        yield table(("column", ""), rows)
+        if kind.needs_artefact:
+            yield "Needs an [`artefact.yaml`](files.md#artefact-yaml).\n\n"
+        if kind.keys:
+            yield "Keys of its own:\n\n"
+            yield from key_tables(Keys(*kind.keys), set())
+        if kind.leaves_open:
+            yield "What it leaves open:\n\n"
+            for gap, (why, remedy) in kind.leaves_open.items():
+                yield f"* the {gap}: {why}. To know more: {remedy}.\n"
+            yield "\n"
+        if kind.tells:
+            told = "; ".join(f"the {gap} ({advice})" for gap, advice in kind.tells.items())
+            yield f"Tells what others may leave open: {told}.\n\n"
+
+
+def column_rows(kind: type[Term]) -> Iterator[tuple[str, str]]:
+    """The columns of a kind's samples beside the joints', and what they hold."""
+    columns = kind.columns
+    optional = {*columns.common_labels, *columns.common_lengths, *columns.optional_labels}
+    position, rotation = ", ".join("xyz"), ", ".join(rotation_columns())
+    if columns.orientation == "optional":
+        optional.add(rotation)
+    shown = {name: f"`{name}`" for name in columns.labels}
+    if columns.position:
+        shown[position] = f"`{position}` in m, or `{', '.join(position_columns()[3:])}`"
+    if columns.orientation != "none":
+        shown[rotation] = f"`{rotation}`"
+    for name in columns.common_lengths:
+        shown[name] = " in m, or ".join(f"`{each}`" for each in length_columns(name))
+    shown |= {n: f"`{n}`" for n in (*columns.common_labels, *columns.optional_labels)}
+    for name, text in shown.items():
+        about = columns.about.get(name, "")
+        yield text, f"{about} May be left out." if name in optional else about
+
+
+# CSV files that are no samples: by name, what they are, what reads them, a shipped one.
+CSV_FILES = {
+    "POSES.csv": (
+        "Poses of a tracked tool, `T_tracker_tool`; with `point`, of several posts.",
+        pose_files.read_tool_poses,
+        "examples/pivot_tool/poses.csv",
+    ),
+    "PAIRS.csv": (
+        "`T_base_hand` and `T_eye_target`, row for row taken at the same time.",
+        pose_files.read_pose_pairs,
+        "data/poses/hand_eye.csv",
+    ),
+    "HANDS.csv": (
+        "`T_base_hand` with the picture that was taken there.",
+        pose_files.read_hand_poses,
+        "data/workcell/poses.csv",
+    ),
+    "POINTS.csv": (
+        "Points in one frame.",
+        pose_files.read_points,
+        "data/poses/register_a.csv",
+    ),
+    "corners.csv": (
+        "Where the corners of a board are in pictures.",
+        read_corners,
+        "data/workcell/corners.csv",
+    ),
+    "TOUCHES.csv": (
+        "Raw points of a laser tracker on an artefact, for `suta-calib certify`.",
+        read_raw_points,
+        "data/artefact/points.csv",
+    ),
+}
+
+
+def csv_page() -> Iterator[str]:
+    """Every CSV file: samples by kind, and the others by what their readers say."""
+    yield "# CSV files\n\n"
+    yield (
+        "A header row, commas, one row a measurement. The order of columns is free and columns "
+        "that nobody asks for are ignored. Lengths are in m, or in mm where the column is named "
+        "so (`x_mm`); quaternions are `qx, qy, qz, qw`.\n\n"
+        "## Samples of an arm\n\n"
+        "One column per joint of the chain, named as in the URDF, in rad (m for prismatic "
+        "joints), as the encoder reports it; a joint that mimics another has none. "
+        "`JOINT.direction` may say from which side a joint came (1 or -1), `temperature` how warm "
+        "the arm was (°C). Beside them what the kind needs:\n\n"
+    )
+    rows = (
+        (f"[`{name}`](observations.md#{anchor(name)})", "; ".join(a for a, _ in column_rows(kind)))
+        for name, kind in KINDS.items()
+    )
+    yield table(("kind", "columns"), rows)
+    for name, (about, reader, shipped) in CSV_FILES.items():
+        first = (ROOT / shipped).read_text(encoding="utf-8").splitlines()[:3]
+        yield f"## {name}\n\n{about} {first_paragraph(reader)}\n\n"
+        yield "```text\n" + "\n".join(first) + "\n```\n\n"
