@@ -68,6 +68,11 @@ class Sheet:
         """(n,) line of each row."""
         return tuple(row.line for row in self.rows)
 
+    def from_column(self, first: int) -> Sheet:
+        """Without the columns in front of one, which is counted from 1."""
+        rows = tuple(replace(row, cells=row.cells[first - 1 :]) for row in self.rows)
+        return replace(self, names=self.names[first - 1 :], rows=rows)
+
     def cells(self, column: int) -> list[str]:
         """(n,) cells of a column."""
         return [row.cells[column] for row in self.rows]

@@ -13,10 +13,11 @@ from hypothesis import strategies as st
 
 from suta_calib.errors import InputError, SutaCalibError
 from suta_calib.exchange import export_formats, import_formats, read_foreign
+from suta_calib.exchange.description import Described
 from suta_calib.exchange.option import Option
 from suta_calib.exchange.reader import recognised
 
-FORMATS = [*import_formats().values(), *export_formats().values()]
+FORMATS: list[Described] = [*import_formats().values(), *export_formats().values()]
 
 
 def test_every_format_that_is_read_has_a_sample() -> None:
@@ -24,11 +25,11 @@ def test_every_format_that_is_read_has_a_sample() -> None:
 
 
 @pytest.mark.parametrize("form", FORMATS, ids=lambda each: each.name)
-def test_a_format_describes_itself(form: object) -> None:
-    assert form.summary  # type: ignore[attr-defined]
-    assert len(form.summary) < 100  # type: ignore[attr-defined]
-    assert form.example  # type: ignore[attr-defined]
-    assert all(option.help for option in form.options)  # type: ignore[attr-defined]
+def test_a_format_describes_itself(form: Described) -> None:
+    assert form.summary
+    assert len(form.summary) < 100
+    assert form.example
+    assert all(option.help for option in form.options)
 
 
 def test_options_of_one_name_are_one_option() -> None:

@@ -109,6 +109,18 @@ def test_columns_with_names(form: str, tmp_path: Path) -> None:
     check(imported(path, **options), tmp_path / "o.csv", R, P)
 
 
+@pytest.mark.parametrize("header", ["", "frame,time," + ",".join(f"v{k}" for k in range(16))])
+def test_columns_in_front_of_a_pose(header: str, tmp_path: Path) -> None:
+    ahead = np.arange(len(P))[:, None] * [1, 0.01]
+    path = written(tmp_path / "t.csv", np.hstack([ahead, T.reshape(-1, 16)]), header=header)
+    check(imported(path, pose_from="3"), tmp_path / "o.csv", R, P)
+    with pytest.raises(InputError, match=r"18 columns: .*--pose-from N"):
+        imported(path)
+    for number in ("0", "1.5", "many", "nan", "99"):
+        with pytest.raises(InputError, match="--pose-from: found"):
+            imported(path, pose_from=number)
+
+
 def test_pairs_of_poses_for_hand_eye(tmp_path: Path) -> None:
     header = ",".join(f"{p}_{n}" for p in "ab" for n in ("x", "y", "z", "qx", "qy", "qz", "qw"))
     rows = np.hstack([P, XYZW, P + 0.1, XYZW])
@@ -297,7 +309,7 @@ REFUSED: dict[str, tuple[str, dict[str, object], str]] = {
     "no choice": ("x,y,z\n1,2,3\n", {"unit": "inch"}, "--unit: found 'inch'; expected one of m"),
     "ticks of what": ("joint_1,joint_2\n1,2\n", {"unit": "ticks"}, "--counts-per-turn"),
     "a unit of nothing": (
-        "u,v\n1,2\n",
+        "x,y,z\n1,2,3\n",
         {"unit": "deg"},
         "--unit deg, and no columns of joint .*--j",
     ),

@@ -12,6 +12,7 @@ from suta_calib.exchange.cells import Row
 from suta_calib.exchange.instrument import LENGTH_UNITS, InstrumentReader, body_of, column_of_time
 from suta_calib.exchange.option import Given
 
+_KINDS: Final = frozenset({"Rigid Body", "Marker"})
 _POSITION: Final = ("position x", "position y", "position z")
 _ROTATION: Final = ("rotation x", "rotation y", "rotation z", "rotation w")
 
@@ -42,16 +43,13 @@ class MotiveReader(InstrumentReader):
             said = "no rows of names above a row that begins with Frame"
             raise self.strange(path, said, "an export with its header", rows[-1].line)
         axes, kinds, data = rows[at], rows[at - 1].cells, rows[at + 1 :]
-        kind = next((k for k in range(1, at) if "Rigid Body" in _types(rows[k])), None)
-        kind = (
-            next((k for k in range(1, at) if "Marker" in _types(rows[k])), 1)
-            if kind is None
-            else kind
-        )
+        kind = next((k for k in range(1, at - 1) if not _KINDS.isdisjoint(rows[k].cells)), None)
+        if kind is None:
+            raise self.strange(path, "no rigid body and no marker", "at least one", axes.line)
         types, names = rows[kind].cells, rows[kind + 1].cells
         columns: dict[str, dict[str, int]] = {}
         for k in range(2, min(map(len, (types, names, kinds, axes.cells)))):
-            if types[k] in ("Rigid Body", "Marker") and names[k]:
+            if types[k] in _KINDS and names[k]:
                 of = f"{kinds[k]} {axes.cells[k]}".lower()
                 columns.setdefault(names[k], {}).setdefault(of, k)
         angles = told.get("Rotation Type", "Quaternion")
@@ -70,11 +68,8 @@ class MotiveReader(InstrumentReader):
             scale = LENGTH_UNITS[unit.lower()]
             bodies[name] = body_of(path, data, position, rotation, "xyzw", scale)
         if not bodies:
-            raise self.strange(path, "no rigid body and no marker", "at least one", axes.line)
+            said = "bodies and markers without positions"
+            raise self.strange(path, said, "an export of positions", axes.line)
         time = next((k for k, cell in enumerate(axes.cells) if cell.startswith("Time")), None)
         said = f"in {unit.lower()}, as the file says"
         return Recording(path, bodies, column_of_time(path, data, time), said)
-
-
-def _types(row: Row) -> set[str]:
-    return set(row.cells)

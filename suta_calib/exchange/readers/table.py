@@ -53,6 +53,9 @@ UNIT: Final = Option(
 JOINTS: Final = Option(
     "joints", "Which columns are joint readings; globs.", "joint_*,…", several=True
 )
+FROM: Final = Option(
+    "pose_from", "Number of the first column of the pose; those in front are left out.", "N"
+)
 _JOINTS: Final = ("*joint*", "*axis*", "q[0-9]", "q[0-9][0-9]", "j[0-9]", "j[0-9][0-9]")
 # Behind the name of a joint: which way it came, which is no reading.
 _DIRECTION: Final = ".direction"
@@ -77,6 +80,7 @@ class TableReader(Reader):
         UNIT,
         COLUMNS,
         JOINTS,
+        FROM,
         *ROLE_OPTIONS,
         *DELIMITED_OPTIONS,
         *READING_OPTIONS,
@@ -99,10 +103,16 @@ class TableReader(Reader):
 def _understood(path: Path, given: Given) -> _Columns:
     """A file whose columns are known."""
     sheet = read_sheet(path, given)
+    if FROM in given:
+        text, count = given.text(FROM), len(sheet.names)
+        if not (text.isascii() and text.isdigit() and 1 <= int(text[:9]) <= count):
+            raise given.refuse(FROM, repr(text), f"the number of a column, from 1 to {count}")
+        sheet = sheet.from_column(int(text))
     names = _renamed(sheet, given)
     poses = named_poses(sheet, names, given)
     told = COLUMNS in given or JOINTS in given
-    if not poses and not told and (not sheet.headed or len(names) in _OF_MATRIX):
+    bare = not sheet.headed or FROM in given or len(names) in _OF_MATRIX
+    if not poses and not told and bare:
         pose, sheet = nameless_pose(sheet, given)
         names, poses = list(sheet.names), [pose] if pose is not None else []
     return _Columns(sheet, names, poses, given)
@@ -128,6 +138,7 @@ class _Columns:
         self._notes: list[str] = []
         self._seen = list(sheet.seen)
         self._angles_used = False
+        self._readings: set[int] = set()
         self._others: dict[str, Body] = {}
 
     def relative_to(self, other: _Columns, name: str) -> None:
@@ -150,7 +161,7 @@ class _Columns:
     def imported(self) -> ImportedRows:
         """The rows, in SI."""
         beside, whole = self._beside()
-        if not self._poses and not beside:
+        if not self._poses and not self._readings:
             raise self._nothing()
         self._check_units()
         bodies = {pose.prefix or "pose": self._body(pose) for pose in self._poses} | self._others
@@ -236,7 +247,7 @@ class _Columns:
         taken = {k for pose in self._poses for k in (*pose.position, *pose.rotation)}
         found: dict[str, NDArray[Any]] = {}
         readings = Readings.of(self._given, self._angle or "rad")
-        joints = self._joints((*self._given.texts(JOINTS), *readings.names))
+        joints = self._readings = self._joints((*self._given.texts(JOINTS), *readings.names))
         for k, name in enumerate(self._names):
             # Of a table without names only what is asked for has one.
             if k in taken or not name or (name.isdigit() and name == sheet.names[k]):
@@ -324,7 +335,7 @@ class _Columns:
             file=sheet.path,
             line=sheet.lines[0],
             hint="say what they are with --columns NAME=joint_1,…, with x, y, z, qx, qy, qz, qw "
-            "for a pose",
+            f"for a pose, or with {FROM.switch} N where a pose begins",
         )
 
 
