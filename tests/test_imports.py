@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 ROWS = (
-    {"errors", "arrays", "units", "assessment", "atomic", "distributions", "extras", "lazy"}
-    | {"showing", "threads", "words"},
+    {"errors", "arrays", "units", "assessment", "atomic", "distributions", "extras", "halton"}
+    | {"lazy", "showing", "threads", "words"},
     {"geometry", "batched", "plotting"},
     {"model", "measurements"},
     {"terms", "robots"},
