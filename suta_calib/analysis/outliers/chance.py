@@ -15,7 +15,7 @@ from typing import Final
 import numpy as np
 
 from suta_calib.analysis.outliers.answer import METRICS
-from suta_calib.analysis.outliers.groups import Grouping, Registered, systematic
+from suta_calib.analysis.outliers.groups import Grouping, systematic
 from suta_calib.analysis.outliers.metrics import SINGULAR, Scene, shares
 from suta_calib.analysis.outliers.reference import Refit
 from suta_calib.analysis.outliers.touches import Touches
@@ -109,7 +109,7 @@ class _Imitation:
         self._error = white - (step @ flat.T).reshape(white.shape)
         self._white = _Sums(self._error, self._jacobian)
         self._metric = _Sums(self._error * sigma[:, None], self._jacobian * sigma[:, None, None])
-        self._registered = Registered.of(term, scene.kept)
+        self._registered = scene.registered
         if self._registered is not None:
             self._touched = self._registered.registered(noise)
 

@@ -79,6 +79,19 @@ class Scene:
         prior = fit.problem.prior_precision()[arm]
         return Influence.of(information.curvature, information.variance, prior, arm, own)
 
+    @cached_property
+    def registered(self) -> Registered | None:
+        """Its touches against what is certified, set by set; None where nothing is."""
+        return Registered.of(self.reference.term, self.kept)
+
+    @cached_property
+    def off(self) -> FloatArray | None:
+        """(samples, 3) where they lie from there, m.
+
+        The arm is as it is without what is displaced: it would give way to it.
+        """
+        return None if self.registered is None else self.registered.residuals(self.clean.values)
+
     def with_and_without(self, rows: BoolArray) -> tuple[Refit | None, Refit | None]:
         """Fits with a group and without it, whatever else is displaced left out of both."""
         mine = rows & self.believed
@@ -133,14 +146,11 @@ def shares(samples: IntArray, displaced: BoolArray) -> FloatArray:
 
 
 def _bias(scene: Scene, grouping: Grouping, group: int, fit: Refit) -> float:
-    registered = Registered.of(scene.reference.term, scene.kept)
     rows = grouping.rows(group) & scene.believed
-    if registered is None:
+    if scene.registered is None or scene.off is None:
         inside = grouping.rows(group)[fit.samples].all(axis=1)
         return float(np.sqrt(np.mean(fit.squared[inside])))
-    # The arm as it is without what is displaced: it would give way to it.
-    residual = registered.residuals(scene.clean.values)
-    return float(systematic(residual[None], rows, grouping.name, registered)[0])
+    return float(systematic(scene.off[None], rows, grouping.name, scene.registered)[0])
 
 
 @dataclass(frozen=True, eq=False)

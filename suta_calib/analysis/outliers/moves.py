@@ -73,11 +73,13 @@ def find_moves(
             unexplained = max(float(left @ left) - gain, 1e-300) / (freedom - free)
             chances[k] = float(f_distribution.sf(gain / free / unexplained, free, freedom - free))
         k = min(chances, key=lambda k: chances[k])
+        p = min(max(len(chances) * chances[k], EPSILON), 1.0)
+        if p > thresholds.significance:
+            continue
         shift = later(rows[k:], columns)
         moved = (shift @ fit.solve(shift)[2]).reshape(n, size)[rows[k:]]
         distance = float(np.sqrt(np.mean(np.sum(moved**2, axis=1))))
-        p = min(max(len(chances) * chances[k], EPSILON), 1.0)
-        if p <= thresholds.significance and distance > thresholds.bias:
+        if distance > thresholds.bias:
             found.append(Move(what, term.poses.samples.origin[rows[k]], distance, p))
     return tuple(found)
 

@@ -13,6 +13,7 @@ import itertools
 import math
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import Final
 
 import numpy as np
@@ -159,8 +160,9 @@ class TermSearch:
         landmarks = next((g for g in everything if g.name == "landmarks"), None)
         single, unknowns, linear = linearised(self.own, self.arm)
         touches = explained_touches(linear, self.own.term.witnesses, landmarks)
-        judged = self.own.freed(self.arm, ~(touches.gross | _displaced(touches, landmarks)))
-        found = [self._level(judged, g, landmarks, touches) for g in levels]
+        displaced = _displaced(touches, landmarks)
+        judged = self.own.freed(self.arm, ~(touches.gross | displaced))
+        found = self._levels(judged, levels, touches, displaced)
         gross = []
         if not any(g.name == "rows" for g in everything):
             names, size = row_names(self.own.term), np.linalg.norm(touches.rest, axis=1)
@@ -182,24 +184,38 @@ class TermSearch:
             moves=find_moves(single, unknowns, linear, self.thresholds),
         )
 
-    def _level(
+    def _levels(
         self,
         judged: ReferenceFit,
+        levels: Sequence[Grouping],
+        touches: Touches,
+        displaced: BoolArray,
+    ) -> list[Level]:
+        """Every level; those that are judged in the same scene share its fits and its noise."""
+        nothing = np.zeros(len(displaced), dtype=bool)
+        own = Scene(self.own, ~nothing, nothing)
+
+        @cache
+        def judging(*, rows: bool) -> tuple[Scene, Simulator]:
+            held = (~nothing, touches.gross) if rows else (~touches.gross, displaced)
+            scene = Scene(judged, *held)
+            return scene, Simulator(scene, touches, self.seed)
+
+        return [self._level(own, *judging(rows=g.name == "rows"), g, touches) for g in levels]
+
+    def _level(
+        self,
+        own: Scene,
+        scene: Scene,
+        simulator: Simulator,
         grouping: Grouping,
-        landmarks: Grouping | None,
         touches: Touches,
     ) -> Level:
         """Values, chance and flags of every group of one level."""
-        n = len(grouping.member)
-        nothing, everything = np.zeros(n, dtype=bool), np.ones(n, dtype=bool)
         chosen = chosen_groups(grouping, touches)
-        scene = Scene(judged, ~touches.gross, _displaced(touches, landmarks))
-        if grouping.name == "rows":
-            scene = Scene(judged, everything, touches.gross)
-        own = Scene(self.own, everything, nothing)
         values = measures(scene, grouping, chosen, self.count)
         calibrated = measures(own, grouping, chosen, self.count)
-        p = chance_of(values, Simulator(scene, touches, self.seed).metrics(grouping))
+        p = chance_of(values, simulator.metrics(grouping))
         limits = {m: self.thresholds.of(m, len(grouping)) for m in METRICS}
         groups = []
         for g in chosen:
