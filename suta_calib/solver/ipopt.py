@@ -23,6 +23,9 @@ from suta_calib.solver.weights import WeightOptions
 MAX_POLISH: Final = 10
 # Of the cost: what it could still fall by that its last digit would not show.
 ROUNDING: Final = float(np.finfo(float).eps)
+# And what it could still fall by where the next Gauss-Newton step is the last: 1e-5 of a standard
+# deviation, of which that step leaves next to nothing.
+SETTLED: Final = 1e-12
 # Residuals up to which the cost is minimised as it is.
 FULL_SIZE: Final = 2000
 INTERRUPTED: Final = "NonIpopt_Exception_Thrown"
@@ -123,8 +126,7 @@ class RobustNlp:
             self._base = start.copy()
             solver = _gauss_newton(len(z), self._limits, get_ident())
             answer, stats = solver(self.cost_gradient_hessian, where)
-        x = start.copy()
-        x[self._free] = answer["x"].full().reshape(-1) * self._scale
+        x = self._filled(start, answer["x"].full().reshape(-1))
         return Minimum(x, float(answer["f"]), str(stats["return_status"]), int(stats["iter_count"]))
 
     def polish(self, minimum: Minimum) -> Minimum:
@@ -135,22 +137,55 @@ class RobustNlp:
         """
         if not minimum.converged or not len(self._free):
             return minimum
-        z = minimum.x[self._free] / self._scale
+        z, cost, _ = self._descend(minimum.x, ROUNDING)
+        return replace(minimum, x=self._filled(minimum.x, z), cost=cost)
+
+    def minimise_near(self, start: FloatArray) -> Minimum:
+        """The minimum beside a start that is nearly there, such as that of nearly the same data.
+
+        A line search has nothing to shorten there: Gauss-Newton steps alone, and IPOPT, polished,
+        where they do not end in a minimum within the bounds.
+        """
+        if len(self._free):
+            self._base = start.copy()
+            z, cost, last = self._descend(start, SETTLED)
+            if last is not None and self._inside(z + last):
+                # Whether this step helps, no cost would tell; it is what is left of the way.
+                return Minimum(self._filled(start, z + last), cost, GOOD[0], 0)
+        return self.polish(self.minimise(start))
+
+    def _descend(
+        self, start: FloatArray, settled: float
+    ) -> tuple[FloatArray, float, FloatArray | None]:
+        """Gauss-Newton steps from x, while they stay inside the bounds and lower the cost.
+
+        Returns:
+            Scaled free variables, their cost, and the step that would follow if it promises no
+            more than the share ``settled`` of the cost; None if no minimum was reached.
+        """
+        z = start[self._free] / self._scale
         cost, gradient, hessian = self.cost_gradient_hessian(z)
         for _ in range(MAX_POLISH):
             step = -np.linalg.lstsq(hessian, gradient, rcond=1e-14)[0]
-            if -0.5 * float(gradient @ step) <= ROUNDING * cost:
-                break
+            if -0.5 * float(gradient @ step) <= settled * cost:
+                return z, cost, step
             there = z + step
-            if np.any(there <= self._lower) or np.any(there >= self._upper):
+            if not self._inside(there):
                 break
             value, gradient, hessian = self.cost_gradient_hessian(there)
             if not value < cost:
                 break
             z, cost = there, value
-        x = minimum.x.copy()
-        x[self._free] = z * self._scale
-        return replace(minimum, x=x, cost=cost)
+        return z, cost, None
+
+    def _inside(self, z: FloatArray) -> bool:
+        return bool(np.all((z > self._lower) & (z < self._upper)))
+
+    def _filled(self, x: FloatArray, z: FloatArray) -> FloatArray:
+        """x with other free entries, given in their scales."""
+        found = x.copy()
+        found[self._free] = z * self._scale
+        return found
 
     @property
     def _limits(self) -> tuple[int, float]:

@@ -125,7 +125,9 @@ class PairwiseDistance(Term):
             data = np.hstack([apart, flat(axes[first] - axes[second])])
         own = np.tile(np.arange(len(self.own)), (len(pairs), 1))
         known = np.hypot(*touched.sigma[touched.marks].T)
-        labels = [f"{names[i]}-{names[j]}" for i, j in pairs]
+        # Of lists: to take one number after another out of an array takes longer than the rest.
+        plain = names.tolist()
+        labels = [f"{plain[i]}-{plain[j]}" for i, j in pairs.tolist()]
         block = Block.per_sample("distance", "m", 1, _distance, own, data, self.noise, labels)
         return (replace(block, samples=pairs, known_sigma=known, certified=touched),)
 
