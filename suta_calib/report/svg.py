@@ -38,6 +38,7 @@ class Margins:
     Attributes:
         left, right, bottom, top: about all panels.
         between: two panels that stand side by side.
+        below: the panels of each row, where there are several.
     """
 
     left: float = 0.7
@@ -45,17 +46,20 @@ class Margins:
     bottom: float = 0.48
     top: float = 0.12
     between: float = 0.0
+    below: float = 0.0
 
-    def apply(self, figure: Figure, panels: int = 1) -> None:
-        """Set the margins of a figure with so many panels side by side."""
+    def apply(self, figure: Figure, panels: int = 1, rows: int = 1) -> None:
+        """Set the margins of a figure with so many panels side by side, in so many rows."""
         width, height = figure.get_size_inches()
         panel = (width - self.left - self.right - (panels - 1) * self.between) / panels
+        row = (height - self.bottom - self.top - (rows - 1) * self.below) / rows
         figure.subplots_adjust(
             left=self.left / width,
             right=1.0 - self.right / width,
             bottom=self.bottom / height,
             top=1.0 - self.top / height,
             wspace=self.between / panel,
+            hspace=self.below / row,
         )
 
 
@@ -66,7 +70,11 @@ def width_of(texts: Iterable[str], points: float) -> float:
 
 @contextmanager
 def picture(
-    name: str, size: tuple[float, float], margins: Margins | None = None, panels: int = 1
+    name: str,
+    size: tuple[float, float],
+    margins: Margins | None = None,
+    panels: int = 1,
+    rows: int = 1,
 ) -> Iterator[Figure]:
     """An empty figure in that look, for `svg_text`.
 
@@ -75,11 +83,12 @@ def picture(
         size: width and height, inch.
         margins: where they are known; they are measured by default.
         panels: side by side, to which the margins apply.
+        rows: of them.
     """
     with style(name), _uncollected():
         figure = Figure(figsize=size, layout="constrained" if margins is None else None)
         if margins is not None:
-            margins.apply(figure, panels)
+            margins.apply(figure, panels, rows)
         yield figure
 
 

@@ -166,7 +166,7 @@ class RobustNlp:
         z = start[self._free] / self._scale
         cost, gradient, hessian = self.cost_gradient_hessian(z)
         for _ in range(MAX_POLISH):
-            step = -np.linalg.lstsq(hessian, gradient, rcond=1e-14)[0]
+            step = -np.asarray(np.linalg.lstsq(hessian, gradient, rcond=1e-14)[0], dtype=float)
             if -0.5 * float(gradient @ step) <= settled * cost:
                 return z, cost, step
             there = z + step
@@ -182,7 +182,7 @@ class RobustNlp:
         return bool(np.all((z > self._lower) & (z < self._upper)))
 
     def _filled(self, x: FloatArray, z: FloatArray) -> FloatArray:
-        """x with other free entries, given in their scales."""
+        """The vector with other free entries, given in their scales."""
         found = x.copy()
         found[self._free] = z * self._scale
         return found
