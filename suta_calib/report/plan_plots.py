@@ -5,7 +5,7 @@ from __future__ import annotations
 from suta_calib.analysis.planning import Plan
 from suta_calib.analysis.planning.plots import draw_bench, draw_gain
 from suta_calib.plotting.style import WIDTH
-from suta_calib.report.svg import picture, svg_text
+from suta_calib.report.svg import Margins, picture, svg_text
 
 
 def bench_drawing(found: Plan, name: str = "plan_bench") -> str:
@@ -17,6 +17,6 @@ def bench_drawing(found: Plan, name: str = "plan_bench") -> str:
 
 def gain_curve(found: Plan, name: str = "plan_gain") -> str:
     """An SVG element: predicted uncertainty of the tip by the number of further candidates."""
-    with picture(name, (WIDTH, 3.2)) as figure:
+    with picture(name, (WIDTH, 3.2), Margins()) as figure:
         draw_gain(figure.subplots(), found)
         return svg_text(figure, name, "Predicted uncertainty of the tip by further candidates")

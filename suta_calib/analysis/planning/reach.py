@@ -258,7 +258,10 @@ class Collisions:
         """(n,) whether the arm in these readings (n, joints) touches nothing of itself."""
         if self.geometry is None:
             return np.ones(len(q), dtype=bool)
-        return np.array([not self._hits(row) for row in q], dtype=bool)
+        model, data, shapes = self.arm.model, self.arm.model.createData(), self.geometry.createData()
+        at = (self.arm.configuration(row) for row in q)
+        hits = [pin.computeCollisions(model, data, self.geometry, shapes, c, True) for c in at]
+        return ~np.array(hits, dtype=bool)
 
     def _hits(self, q: FloatArray) -> Sequence[int]:
         """Numbers of the pairs that overlap."""
