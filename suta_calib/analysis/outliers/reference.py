@@ -86,8 +86,6 @@ class ReferenceFit:
     values: Mapping[str, float]
     sigmas: Mapping[tuple[int, str], float]
     _known: dict[bytes, Refit | None] = field(default_factory=dict)
-    # Which term stands for some of its samples does not depend on what is free: `freed` keeps them.
-    _taken: dict[bytes, Term | None] = field(default_factory=dict)
 
     @classmethod
     def of(cls, solution: Solution, parameters: ParameterSet, index: int) -> ReferenceFit:
@@ -133,20 +131,11 @@ class ReferenceFit:
         """Assumed noise of every block of these terms, which stand for the reference's."""
         return [self.sigmas[k, b.name] for k, t in enumerate(terms) for b in t.blocks]
 
-    def _over_samples(self, kept: BoolArray) -> Term | None:
-        """The term over ``kept`` (samples,) of it; None where these are too few."""
-        key = kept.tobytes()
-        if key not in self._taken:
-            self._taken[key] = None
-            with suppress(InputError, ValueError):
-                mine = self.term.take(np.flatnonzero(kept))
-                mine.check_enough()
-                self._taken[key] = mine
-        return self._taken[key]
-
     def _fit(self, kept: BoolArray) -> Refit | None:
-        mine = self._over_samples(kept)
-        if mine is None:
+        try:
+            mine = self.term.take(np.flatnonzero(kept))
+            mine.check_enough()
+        except (InputError, ValueError):
             return None
         terms = [mine if k == self.index else t for k, t in enumerate(self.terms)]
         problem = Problem(terms, self.parameters)

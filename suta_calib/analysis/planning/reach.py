@@ -258,7 +258,11 @@ class Collisions:
         """(n,) whether the arm in these readings (n, joints) touches nothing of itself."""
         if self.geometry is None:
             return np.ones(len(q), dtype=bool)
-        model, data, shapes = self.arm.model, self.arm.model.createData(), self.geometry.createData()
+        model, data, shapes = (
+            self.arm.model,
+            self.arm.model.createData(),
+            self.geometry.createData(),
+        )
         at = (self.arm.configuration(row) for row in q)
         hits = [pin.computeCollisions(model, data, self.geometry, shapes, c, True) for c in at]
         return ~np.array(hits, dtype=bool)
