@@ -144,15 +144,18 @@ class RobustNlp:
         """The minimum beside a start that is nearly there, such as that of nearly the same data.
 
         A line search has nothing to shorten there: Gauss-Newton steps alone, and IPOPT, polished,
-        where they do not end in a minimum within the bounds.
+        from where they lead if that is no minimum: at a bound, or where many gross errors make
+        the steps many.
         """
+        reached = start
         if len(self._free):
             self._base = start.copy()
             z, cost, last = self._descend(start, SETTLED)
             if last is not None and self._inside(z + last):
                 # Whether this step helps, no cost would tell; it is what is left of the way.
                 return Minimum(self._filled(start, z + last), cost, GOOD[0], 0)
-        return self.polish(self.minimise(start))
+            reached = self._filled(start, z)
+        return self.polish(self.minimise(reached))
 
     def _descend(
         self, start: FloatArray, settled: float

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -25,8 +26,8 @@ from simulated import (
 from suta_calib.errors import ParameterError, SamplesError
 from suta_calib.measurements import Artefact, Samples
 from suta_calib.measurements import Landmark as Mark
-from suta_calib.model.parameters import Selection
-from suta_calib.solver.ipopt import SolverOptions
+from suta_calib.model.parameters import ParameterSet, Selection
+from suta_calib.solver.ipopt import RobustNlp, SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Estimate
 from suta_calib.solver.solve import solve, start_points
@@ -94,6 +95,42 @@ def test_the_gradient_vanishes_at_the_solution() -> None:
     free = solution.free
     step = np.linalg.solve(hessian[np.ix_(free, free)], gradient[free])
     assert np.all(np.abs(step) < 1e-3 * np.sqrt(np.diag(solution.covariance)[free]))
+
+
+@pytest.mark.parametrize(("spread", "by_ipopt"), [(Spread(position=SIGMA), False), (DIRTY, True)])
+def test_a_refit_ends_in_the_same_minimum(spread: Spread, by_ipopt: bool) -> None:
+    """From the minimum with twelve touches more: by IPOPT only where gross errors are many."""
+    scene = distances()
+    whole = Problem([scene.term(scene.samples(spread)[0], HUBER)], dh_parameters(scene.arm))
+    solution = solve(whole)
+    term = whole.terms[0]
+    fewer = Problem([term.take(np.arange(12, len(term.poses)))], whole.arm_parameters)
+    nlp = RobustNlp(fewer, solution.free, solution.sigmas, SolverOptions())
+    near, usual = nlp.minimise_near(solution.x), nlp.polish(nlp.minimise(solution.x))
+    assert near.converged
+    assert (near.iterations > 0) == by_ipopt
+    assert near.cost == pytest.approx(usual.cost, rel=1e-10)
+    std = np.sqrt(np.diag(solution.covariance)[solution.free])
+    found, moved = ((to - usual.x)[solution.free] for to in (near.x, solution.x))
+    assert np.abs(moved / std).max() > 0.1
+    np.testing.assert_allclose(found / std, 0.0, atol=1e-3)
+
+
+def test_a_refit_that_a_bound_ends_is_ipopts() -> None:
+    whole = dirty_problem()
+    solution = solve(whole)
+    k = int(solution.free[0])
+    name, found = whole.names[k], float(solution.x[k])
+    short = replace(whole.arm_parameters[name], upper=found - 1e-3)
+    arm = ParameterSet([short if p.name == name else p for p in whole.arm_parameters.values()])
+    bounded = Problem(whole.terms, arm)
+    nlp = RobustNlp(bounded, solution.free, solution.sigmas, SolverOptions())
+    start = solution.x.copy()
+    start[k] = found - 2e-3
+    near, usual = nlp.minimise_near(start), nlp.polish(nlp.minimise(start))
+    assert near.iterations > 0
+    np.testing.assert_allclose(near.x, usual.x, atol=1e-7)
+    assert near.x[k] == pytest.approx(short.upper, abs=1e-6)
 
 
 def far_problem() -> Problem:
