@@ -27,7 +27,7 @@ from suta_calib.units import FARTHEST, from_mm
 
 _QUATERNION = ("qx", "qy", "qz", "qw")
 # Standard deviation of every measured coordinate, and of each.
-_SIGMA = "sigma"
+SIGMA = "sigma"
 SIGMAS = ("sigma_x", "sigma_y", "sigma_z")
 _UNIT_NORM_TOLERANCE = 0.01
 _ZERO_NORM = 1e-3
@@ -336,7 +336,7 @@ def positions(table: CsvTable, prefix: str = "") -> FloatArray:
 
 def position_sigma_columns() -> tuple[str, ...]:
     """Names of the columns that `position_sigmas` may read."""
-    return tuple(each for name in (_SIGMA, *SIGMAS) for each in length_columns(name))
+    return tuple(each for name in (SIGMA, *SIGMAS) for each in length_columns(name))
 
 
 def position_sigmas(table: CsvTable) -> FloatArray:
@@ -349,7 +349,7 @@ def position_sigmas(table: CsvTable) -> FloatArray:
         SamplesError: no such columns, a cell that is no positive number, or both m and mm.
     """
     by_axis = any(each in table.columns for name in SIGMAS for each in length_columns(name))
-    names = SIGMAS if by_axis else (_SIGMA,) * 3
+    names = SIGMAS if by_axis else (SIGMA,) * 3
     return np.stack([lengths(table, name) for name in names], axis=1)
 
 
