@@ -123,16 +123,18 @@ def linear(
     samples = rows // 6
     residuals, by_reading, by_parameters = [], [], []
     for line in lines:
-        n, size = line.residual.shape
+        error, relative = line.error, line.view.block.relative
+        n, size = error.shape
         motion = line.pattern.by_velocity(line.by_pose)
-        residuals.append(line.residual.copy())
+        residuals.append(error)
         # If every sample's readings err independently.
         variance = np.zeros(motion.shape[0])
         for column, level in zip(by_joint.T, std, strict=True):
             block = sparse.csr_array((column, (rows, samples)))
             variance += np.asarray((motion @ block).power(2).sum(axis=1)).reshape(-1) * level**2
-        by_reading.append(variance.reshape(n, size).sum(axis=1))
-        by_parameters.append((motion @ velocity[:, chosen]).reshape(n, size, len(chosen)))
+        by_reading.append((variance.reshape(n, size) * relative**2).sum(axis=1))
+        moves = (motion @ velocity[:, chosen]).reshape(n, size, len(chosen))
+        by_parameters.append(moves * relative[:, :, None])
     moved = velocity.reshape(-1, 6, len(own))[:, :3]
     tip = np.einsum("nij,j->n", by_joint.reshape(-1, 6, len(std))[:, :3] ** 2, std**2)
     return Linear(residuals, by_reading, by_parameters, tip, moved[:, :, chosen])

@@ -303,9 +303,11 @@ def added_by_estimates(
     firsts = {id(term.blocks[0]) for term in terms}
     rows, squares = 0, np.zeros((len(known), len(known)))
     for r in whitened_rows(problem, x, problem.assumed_sigmas()):
-        if id(r.line.view.block) in firsts:
+        block = r.line.view.block
+        if id(block) in firsts:
             n, size = r.line.residual.shape
-            jacobian = r.jacobian[:, known] * np.repeat(r.line.sigma, size)[:, None]
+            scale = np.broadcast_to(r.line.sigma[:, None] * block.relative, (n, size))
+            jacobian = r.jacobian[:, known] * scale.reshape(-1, 1)
             squares += jacobian.T @ jacobian
             rows += n
     added = covariance[np.ix_(at, at)] @ squares / rows
@@ -332,7 +334,7 @@ def fit_own(
 def block_residuals(
     terms: Sequence[Term], arm: ParameterSet, values: Mapping[str, float]
 ) -> list[FloatArray]:
-    """Residuals (n, d) of every block of the terms, in their order.
+    """Residuals (n, d), m or rad, of every block of the terms, in their order.
 
     Args:
         terms: what is looked at.
@@ -341,7 +343,7 @@ def block_residuals(
     """
     problem = Problem(terms, arm)
     x = np.array([values[name] for name in problem.names])
-    return [line.residual.copy() for line in problem.linearise(x, problem.assumed_sigmas())]
+    return [line.error for line in problem.linearise(x, problem.assumed_sigmas())]
 
 
 def term_accuracies(

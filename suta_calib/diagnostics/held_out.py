@@ -28,7 +28,7 @@ from suta_calib.solver.information import Rows, whitened_rows
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.terms import Term
-from suta_calib.terms.block import grouped
+from suta_calib.terms.block import Block, grouped
 from suta_calib.units import Unit
 
 # Robust levels beyond which a residual counts no further in the scatter: normal noise has none.
@@ -155,16 +155,16 @@ def held_out_errors(solution: Solution, accuracy: Accuracy) -> tuple[HeldOutErro
     held_out = Problem(validation, arm)
     x = np.array([accuracy.held_out_values[name] for name in held_out.names])
     fitted = _fitted_levels(solution)
-    sorts = [(term.kind, block.name) for term in held_out.terms for block in term.blocks]
-    assumed = held_out.assumed_sigmas()
-    sigmas = [fitted.get(sort, sigma) for sort, sigma in zip(sorts, assumed, strict=True)]
+    sorts = [_sort(term, block) for term in held_out.terms for block in term.blocks]
+    assumed = zip(held_out.blocks, sorts, held_out.assumed_sigmas(), strict=True)
+    sigmas = [fitted[s] * b.typical if s in fitted else sigma for b, s, sigma in assumed]
     rows = whitened_rows(held_out, x, sigmas)
     predicted = iter(_predicted(solution, held_out, rows))
     # With everything external fitted to these rows too.
     known = {name: solution.values[name] for name in arm}
     anew = fit_own(validation, arm, known)
     moved = np.array([anew[name] for name in held_out.names])
-    levels = iter([robust_level(r.residual) for r in held_out.linearise(moved, sigmas)])
+    levels = iter([robust_level(r.error) for r in held_out.linearise(moved, sigmas)])
     answer = []
     for errors in accuracy.validation:
         term = errors.term
@@ -173,7 +173,7 @@ def held_out_errors(solution: Solution, accuracy: Accuracy) -> tuple[HeldOutErro
             grouped(labels[term.place])[1] if term.place in labels else np.arange(len(term.poses))
         )
         witnesses = len(np.unique(term.witnesses))
-        for block in errors.blocks:
+        for block, of in zip(errors.blocks, term.blocks, strict=True):
             deviation, by_parameters = next(predicted)
             answer.append(
                 HeldOutErrors(
@@ -183,7 +183,7 @@ def held_out_errors(solution: Solution, accuracy: Accuracy) -> tuple[HeldOutErro
                     block.residual_after,
                     deviation,
                     by_parameters,
-                    fitted.get((term.kind, block.name), math.nan),
+                    fitted.get(_sort(term, of), math.nan) * of.typical,
                     place[block.rows[:, 0]],
                     min(witnesses, len(block.rows)),
                     next(levels),
@@ -192,18 +192,26 @@ def held_out_errors(solution: Solution, accuracy: Accuracy) -> tuple[HeldOutErro
     return tuple(answer)
 
 
-def _fitted_levels(solution: Solution) -> dict[tuple[str, str], float]:
-    """What fitted residuals scatter by kind and block, what the fit took from them given back.
+def _sort(term: Term, block: Block) -> tuple[str, str, bool]:
+    """What blocks must have in common to scatter alike: rows that state how they do, or do not."""
+    return term.kind, block.name, block.relative.size > 1
+
+
+def _fitted_levels(solution: Solution) -> dict[tuple[str, str, bool], float]:
+    """What fitted residuals scatter by `_sort`, what the fit took from them given back.
+
+    Where rows state what they scatter, a factor on that.
 
     A root mean square, because intervals must hold for tails too; but no row counts as more than
     `FARTHEST` robust levels.
     """
     problem = solution.problem
     lines = iter(problem.linearise(solution.x, solution.sigmas))
-    together: dict[tuple[str, str], list[FloatArray]] = {}
+    together: dict[tuple[str, str, bool], list[FloatArray]] = {}
     for term in problem.terms:
         for block in term.blocks:
-            together.setdefault((term.kind, block.name), []).append(next(lines).residual)
+            residual = next(lines).residual / block.typical
+            together.setdefault(_sort(term, block), []).append(residual)
     rows = sum(r.size for parts in together.values() for r in parts)
     left = max(rows - len(solution.free), rows / 10) / rows
     found = {}
@@ -236,7 +244,9 @@ def _predicted(
     for r in rows:
         n, size = r.line.residual.shape
         mine = slice(first, first + n * size)
-        both = [v[mine].reshape(n, size).mean(axis=1) for v in (scatter + spread, spread)]
+        square = r.line.view.block.relative**2
+        parts = (v[mine].reshape(n, size) * square for v in (scatter + spread, spread))
+        both = [v.mean(axis=1) for v in parts]
         whole, part = (r.line.sigma * np.sqrt(np.maximum(v, 1e-12)) for v in both)
         found.append((whole, part))
         first += n * size

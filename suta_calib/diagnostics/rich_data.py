@@ -87,7 +87,10 @@ class _Exact:
         self.reached = found.distance < REACHED
         return poses.with_samples(replace(poses.samples, q=found.q))
 
-    def seen(self, poses: PoseSource, seen: Observed, noise: Sequence[float]) -> PoseSource:
+    def seen(
+        self, poses: PoseSource, seen: Observed, noise: Sequence[float], relative: FloatArray
+    ) -> PoseSource:
+        del relative
         if seen.pixels is not None:
             return poses.with_samples(replace(poses.samples, pixels=seen.pixels))
         rotation = seen.rotation if len(noise) > 1 else None

@@ -15,6 +15,7 @@ from suta_calib.exchange.cells import Row, numbers_of
 from suta_calib.exchange.delimited import Sheet
 from suta_calib.exchange.option import Given, Option
 from suta_calib.exchange.rotations import NUMBERS, is_rotation
+from suta_calib.measurements.csv_table import SIGMAS
 
 ROTATION: Final = Option(
     "rotation",
@@ -110,9 +111,10 @@ def named_poses(sheet: Sheet, names: Sequence[str], given: Given) -> list[PoseCo
         bare, unit = plain_name(name)
         plain.setdefault(bare.lower(), (k, unit))
     found = []
-    # The x of ``orientation.x`` is no position.
-    turned = {name for _, whole in _with_prefix(plain, _ORIENTATIONS) for name in whole}
-    places = {name: at for name, at in plain.items() if name not in turned}
+    # The x of ``orientation.x`` is no position, nor is that of ``sigma_x``.
+    other = {name for _, whole in _with_prefix(plain, _ORIENTATIONS) for name in whole}
+    other |= {*SIGMAS}
+    places = {name: at for name, at in plain.items() if name not in other}
     for prefix, triple in _with_prefix(places, _POSITIONS):
         position, unit = _numbers(plain, triple)
         rotation, angle, form = _named_rotation(sheet, plain, prefix, given)

@@ -26,6 +26,9 @@ from suta_calib.measurements.files import lines_of, read_text
 from suta_calib.units import FARTHEST, from_mm
 
 _QUATERNION = ("qx", "qy", "qz", "qw")
+# Standard deviation of every measured coordinate, and of each.
+SIGMA = "sigma"
+SIGMAS = ("sigma_x", "sigma_y", "sigma_z")
 _UNIT_NORM_TOLERANCE = 0.01
 _ZERO_NORM = 1e-3
 # Rows from which on the length of the last one's numbers says something.
@@ -329,6 +332,25 @@ def positions(table: CsvTable, prefix: str = "") -> FloatArray:
         expected = f"a position within {FARTHEST:g} m"
         raise table.refuse(int(row), chosen[axis], cell, expected)
     return found
+
+
+def position_sigma_columns() -> tuple[str, ...]:
+    """Names of the columns that `position_sigmas` may read."""
+    return tuple(each for name in (SIGMA, *SIGMAS) for each in length_columns(name))
+
+
+def position_sigmas(table: CsvTable) -> FloatArray:
+    """Standard deviations of measured coordinates, (n, 3) in m, all of them positive.
+
+    From ``sigma_x, sigma_y, sigma_z``, or else from ``sigma``, the same for each coordinate; in m,
+    or in mm with ``_mm`` after their names.
+
+    Raises:
+        SamplesError: no such columns, a cell that is no positive number, or both m and mm.
+    """
+    by_axis = any(each in table.columns for name in SIGMAS for each in length_columns(name))
+    names = SIGMAS if by_axis else (SIGMA,) * 3
+    return np.stack([lengths(table, name) for name in names], axis=1)
 
 
 def length_columns(name: str) -> tuple[str, str]:

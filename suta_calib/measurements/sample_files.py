@@ -17,11 +17,14 @@ from suta_calib.arrays import FloatArray
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import quaternion_from_rotation
 from suta_calib.measurements.csv_table import (
+    SIGMAS,
     CsvTable,
     has_rotations,
     length_columns,
     lengths,
     position_columns,
+    position_sigma_columns,
+    position_sigmas,
     positions,
     read_csv_table,
     rotation_columns,
@@ -79,12 +82,15 @@ class SampleColumns:
         common_lengths: columns of measured lengths, m, or in mm with ``_mm`` after their name,
             that all the files have, or none of them.
         position: whether ``x, y, z`` (m), or ``x_mm, y_mm, z_mm``, are required.
+        position_sigma: whether their standard deviations, ``sigma_x, sigma_y, sigma_z`` or one
+            ``sigma`` (m, or in mm with ``_mm``), are read; all the files have them, or none.
         orientation: whether ``qx, qy, qz, qw`` are read.
         about: what each of them holds, by its name, or by ``x, y, z`` and ``qx, qy, qz, qw``.
     """
 
     labels: tuple[str, ...] = ()
     position: bool = False
+    position_sigma: bool = False
     orientation: Literal["none", "optional", "required"] = "none"
     optional_labels: tuple[str, ...] = ()
     common_labels: tuple[str, ...] = ()
@@ -122,6 +128,8 @@ def read_samples(
     columns = replace(columns, labels=(*columns.labels, *there), common_lengths=tuple(lengths))
     told = {j.name for j in joints if all(_direction(j.name) in t.columns for t in tables)}
     warm = TEMPERATURE not in {j.name for j in joints} and _everywhere(tables, TEMPERATURE)
+    weighed = columns.position_sigma and _everywhere(tables, *position_sigma_columns())
+    columns = replace(columns, position_sigma=weighed)
     parts = [_samples(table, joints, columns, told, warm) for table in tables]
     for path, part in zip(paths, parts, strict=True):
         if (part.rotation is None) != (parts[0].rotation is None):
@@ -155,6 +163,7 @@ def _samples(
         origin=table.origin,
         direction=_directions(table, joints, told) if told else None,
         temperature=_temperatures(table) if warm else None,
+        position_sigma=position_sigmas(table) if columns.position_sigma else None,
     )
 
 
@@ -268,6 +277,7 @@ def _check_names(joints: Sequence[JointRange], columns: SampleColumns) -> None:
     taken = {*columns.labels, *columns.common_labels}
     taken |= {each for name in columns.common_lengths for each in length_columns(name)}
     taken |= {*position_columns()} if columns.position else set()
+    taken |= {*position_sigma_columns()} if columns.position_sigma else set()
     taken |= {*rotation_columns()} if columns.orientation != "none" else set()
     for joint in joints:
         if joint.name in taken:
@@ -281,6 +291,8 @@ def _check_names(joints: Sequence[JointRange], columns: SampleColumns) -> None:
 def write_samples(path: Path, samples: Samples) -> None:
     """Write a samples CSV: joints, ``x,y,z`` in m, ``qx,qy,qz,qw``, lengths, labels, what is told.
 
+    Standard deviations of coordinates are ``sigma_x, sigma_y, sigma_z``, m.
+
     Numbers have as many digits as it takes to read the same number back.
 
     Raises:
@@ -293,6 +305,8 @@ def write_samples(path: Path, samples: Samples) -> None:
     if samples.rotation is not None:
         quaternion = quaternion_from_rotation(samples.rotation)
         columns += zip(rotation_columns(), quaternion.T, strict=True)
+    if samples.position_sigma is not None:
+        columns += zip(SIGMAS, samples.position_sigma.T, strict=True)
     columns += samples.lengths.items()
     columns += samples.labels.items()
     if samples.direction is not None:

@@ -39,6 +39,8 @@ class Samples(Shown):
         direction: (n, n_joints) of each joint's last motion before it was read, 1 towards larger
             readings, -1 towards smaller ones, 0 where nobody says; None where nobody ever says.
         temperature: (n,) of the arm, °C; None where nobody says.
+        position_sigma: (n, 3) standard deviation of each coordinate of ``position``, m; None where
+            nobody says.
     """
 
     joints: tuple[str, ...]
@@ -51,6 +53,7 @@ class Samples(Shown):
     lengths: Mapping[str, FloatArray] = field(default_factory=dict)
     direction: FloatArray | None = None
     temperature: FloatArray | None = None
+    position_sigma: FloatArray | None = None
 
     def __len__(self) -> int:
         return len(self.q)
@@ -78,6 +81,7 @@ class Samples(Shown):
         lengths: Mapping[str, ArrayLike] | None = None,
         direction: ArrayLike | None = None,
         temperature: ArrayLike | None = None,
+        position_sigma: ArrayLike | None = None,
     ) -> Samples:
         """Samples from copies of arrays, checked; arguments as the class's attributes.
 
@@ -91,9 +95,11 @@ class Samples(Shown):
             lengths: each (n,).
             direction: (n, n_joints) of -1, 0 and 1.
             temperature: (n,).
+            position_sigma: (n, 3), all of them positive.
 
         Raises:
-            SamplesError: a shape does not fit, or a value is not finite, empty or not a rotation.
+            SamplesError: a shape does not fit, or a value is not finite, empty, not a rotation or,
+                of a standard deviation, not positive.
         """
         if len(set(joints)) != len(joints):
             raise SamplesError(f"joints {', '.join(joints)}", "each name once", where="joints")
@@ -115,6 +121,9 @@ class Samples(Shown):
             if direction is None
             else _finite("direction", direction, (n, len(joints))),
             temperature=None if temperature is None else _finite("temperature", temperature, (n,)),
+            position_sigma=None
+            if position_sigma is None
+            else _positive("position_sigma", position_sigma, (n, 3)),
         )
 
     def scene(self, arm: Posable) -> Scene:
@@ -194,6 +203,7 @@ class Samples(Shown):
                 *(part.joints, frozenset(part.labels), frozenset(part.lengths)),
                 *(part.position is None, part.rotation is None),
                 *(part.direction is None, part.temperature is None),
+                part.position_sigma is None,
                 None if part.pixels is None else part.pixels.shape[1:],
             )
             for part in parts
@@ -212,6 +222,7 @@ class Samples(Shown):
             {n: _frozen(np.concatenate([p.lengths[n] for p in parts])) for n in first.lengths},
             _joined([part.direction for part in parts]),
             _joined([part.temperature for part in parts]),
+            _joined([part.position_sigma for part in parts]),
         )
 
     def take(self, index: ArrayLike | slice) -> Samples:
@@ -228,6 +239,7 @@ class Samples(Shown):
             {name: _frozen(values[rows]) for name, values in self.lengths.items()},
             None if self.direction is None else _frozen(self.direction[rows]),
             None if self.temperature is None else _frozen(self.temperature[rows]),
+            None if self.position_sigma is None else _frozen(self.position_sigma[rows]),
         )
 
 
@@ -260,6 +272,14 @@ def _finite(name: str, values: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
         place = f"{name}[{', '.join(map(str, index))}]"
         raise SamplesError(str(array[tuple(index)]), "a finite number", where=place)
     return _frozen(array)
+
+
+def _positive(name: str, values: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
+    array = _finite(name, values, shape)
+    for index in np.argwhere(array <= 0.0):
+        place = f"{name}[{', '.join(map(str, index))}]"
+        raise SamplesError(f"{array[tuple(index)]:g}", "a number greater than 0", where=place)
+    return array
 
 
 def _labels(name: str, values: Sequence[str] | NDArray[np.str_], n: int) -> NDArray[np.str_]:

@@ -109,7 +109,7 @@ class Linearised:
     """One block at one point, before whitening.
 
     Attributes:
-        residual: (n, d).
+        residual: (n, d), of rows that state standard deviations relative to what they state.
         pattern: where derivatives belong in the whole Jacobian.
         by_pose: (n, d, c) derivative by the pose velocities the rows look at.
         by_own: (n, d, m) derivative by the own parameters.
@@ -124,6 +124,11 @@ class Linearised:
     by_own: FloatArray
     sigma: FloatArray
     weight: FloatArray
+
+    @property
+    def error(self) -> FloatArray:
+        """The residual as it was measured, (n, d) in m or rad: whatever the rows state."""
+        return self.residual * self.view.block.relative
 
 
 class Evaluation:

@@ -106,6 +106,9 @@ class Block:
         labels: (n,) what a person calls the row.
         certified: the artefact's part in the residuals, where there is an artefact.
         pixel: length that a pixel covers, m, where residuals are what was seen in a picture.
+        relative: (n, d) standard deviations that the rows state, over `typical`, by which the
+            residual has been divided; (1, 1) of one where they state none.
+        typical: what rows of the whole set typically state, m or rad; one where they state none.
     """
 
     name: str
@@ -120,6 +123,8 @@ class Block:
     labels: tuple[str, ...] = field(repr=False)
     certified: Certified | None = None
     pixel: float | None = None
+    relative: FloatArray = field(default_factory=lambda: np.ones((1, 1)))
+    typical: float = 1.0
 
     @classmethod
     def per_sample(

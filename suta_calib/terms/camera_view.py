@@ -428,7 +428,8 @@ class CameraView(FramedTerm):
         if seen is not None:
             pixels = np.where(np.isfinite(seen), self._everywhere(values), np.nan)
             ideal = replace(ideal, pixels=pixels)
-        return self.over_poses(again.seen(self.poses, ideal, [noise[0] / self.pixel]))
+        sigma, (block,) = [noise[0] / self.pixel], self.blocks
+        return self.over_poses(again.seen(self.poses, ideal, sigma, block.relative))
 
     def _everywhere(self, values: Mapping[str, float]) -> FloatArray:
         """(n, points, 2) pixels, whether they are in the picture or not."""

@@ -135,7 +135,9 @@ class Resimulation(Protocol):
             sigma: standard deviation of each coordinate, m.
         """
 
-    def seen(self, poses: PoseSource, seen: Observed, noise: Sequence[float]) -> PoseSource:
+    def seen(
+        self, poses: PoseSource, seen: Observed, noise: Sequence[float], relative: FloatArray
+    ) -> PoseSource:
         """The same poses with what an instrument sees in their samples, plus noise.
 
         Args:
@@ -143,6 +145,7 @@ class Resimulation(Protocol):
             seen: without noise.
             noise: standard deviation of a coordinate, m, and, where orientations are seen, of a
                 component of their turn, rad; of pixels, px.
+            relative: factor on the first of them, of each coordinate (n, 3), or of all (1, 1).
         """
 
     def turned(self, rotation: FloatArray, sigma: float) -> FloatArray:
@@ -426,7 +429,7 @@ class Term(ABC):
         """
         ideal = self.observed(values, self.poses)
         if self.medium != "touch":
-            return self.over_poses(again.seen(self.poses, ideal, noise))
+            return self.over_poses(again.seen(self.poses, ideal, noise, self.blocks[0].relative))
         sigma = noise[0] / self.noise_factor
         return self.over_poses(again.touched(self.poses, ideal.position, sigma))
 

@@ -51,6 +51,10 @@ def _position(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
     return base.R @ target + base.p - data
 
 
+def _weighted_position(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
+    return _position(poses, own, data[:3]) / data[3:]
+
+
 def _rotation(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
     target = poses[0].R @ pose_of(own[6:12]).R if own.numel() > 6 else poses[0].R
     return symbolic_chordal_log(ca.reshape(data, 3, 3).T @ pose_of(own).R @ target)
@@ -65,10 +69,16 @@ class TrackedPoint(SeenTerm):
     where orientations were seen too it is a frame, whose turn ``target[A].rx|ry|rz`` is unknown as
     well. The targets then take up whatever moves the tip frame in its link.
 
+    Where the samples state a standard deviation of each coordinate (in the instrument's axes), rows
+    and axes weigh by them. What is learnt is then one factor on all that they state.
+
     Attributes:
         poses: samples with a measured position, an orientation if there is one, and perhaps the
             label target.
         label: instruments with the same label stand at the same place.
+        typical_sigma: the row that `noise` is said of, where the samples state standard deviations,
+            m: by default their geometric mean, from which on learning begins unless `noise` says
+            otherwise. Rows that are taken keep that of the whole.
 
     Raises:
         SamplesError: the samples hold no positions.
@@ -82,10 +92,13 @@ class TrackedPoint(SeenTerm):
     )
     columns: ClassVar[SampleColumns] = SampleColumns(
         position=True,
+        position_sigma=True,
         orientation="optional",
         common_labels=("target",),
         about={
             "x, y, z": "Where the instrument saw it.",
+            "sigma_x, sigma_y, sigma_z": "Standard deviation of each, or one sigma of all three "
+            "(m, or mm with _mm): how rows weigh against each other.",
             "qx, qy, qz, qw": "How it was turned.",
             "target": "Which reflector was seen; without the column, the tip itself.",
         },
@@ -118,6 +131,14 @@ class TrackedPoint(SeenTerm):
         "place": "see the tip with an external instrument (tracked_point)",
     }
 
+    typical_sigma: float | None = None
+
+    def __post_init__(self) -> None:
+        stated = self.poses.samples.position_sigma
+        if stated is not None and self.typical_sigma is None:
+            object.__setattr__(self, "typical_sigma", float(np.exp(np.mean(np.log(stated)))))
+        super().__post_init__()
+
     @property
     def opens(self) -> Mapping[Gap, tuple[str, str]]:
         """Only targets take up where the tip is in its link."""
@@ -148,10 +169,26 @@ class TrackedPoint(SeenTerm):
             own = np.hstack([own, 6 + size * target[:, None] + np.arange(size)])
         block, labels, angular = Block.per_sample, samples.origin, self.angular_noise
         position = block("position", "m", 3, _position, own, self._seen, self.noise, labels)
+        if samples.position_sigma is not None:
+            position = self._weighted(position, samples.position_sigma)
         if samples.rotation is None:
             return (position,)
         turned = flat(samples.rotation)
         return position, block("rotation", "rad", 3, _rotation, own, turned, angular, labels)
+
+    def _weighted(self, block: Block, stated: FloatArray) -> Block:
+        assert self.typical_sigma is not None
+        relative, noise = stated / self.typical_sigma, block.noise
+        if noise.sigma is None:
+            noise = replace(noise, sigma=self.typical_sigma)
+        return replace(
+            block,
+            residual=_weighted_position,
+            data=np.hstack([block.data, relative]),
+            noise=noise,
+            relative=relative,
+            typical=self.typical_sigma,
+        )
 
     @property
     def _seen(self) -> FloatArray:

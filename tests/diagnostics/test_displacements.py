@@ -31,7 +31,7 @@ def test_they_are_as_long_as_the_residuals(name: str) -> None:
     assert lengths.max() > 1e-5
     line = problem.linearise(x, problem.assumed_sigmas())[0]
     if len(line.residual) == len(lengths):
-        expected = np.linalg.norm(line.residual, axis=1)
+        expected = np.linalg.norm(line.error, axis=1)
         np.testing.assert_allclose(lengths, expected, rtol=1e-4, atol=1e-9)
 
 

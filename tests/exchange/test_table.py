@@ -326,3 +326,22 @@ def test_what_cannot_be_used_is_refused_with_its_line(what: str, tmp_path: Path)
     with pytest.raises(InputError) as refused:
         imported(path, **options)
     assert re.search(says, str(refused.value)), refused.value
+
+
+@pytest.mark.parametrize(
+    ("header", "options"),
+    [
+        ("x_mm,y_mm,z_mm,sigma_x_mm,sigma_y_mm,sigma_z_mm", {}),
+        ("x,y,z,sigma_x [mm],sigma_y [mm],sigma_z [mm]", {"unit": "mm"}),
+        ("x [mm],y [mm],z [mm],sigma_x,sigma_y,sigma_z", {}),
+        ("x,y,z,ux,uy,uz", {"unit": "mm", "columns": "ux=sigma_x,uy=sigma_y,uz=sigma_z"}),
+    ],
+)
+def test_stated_standard_deviations_come_with_the_points(
+    header: str, options: dict[str, object], tmp_path: Path
+) -> None:
+    (tmp_path / "t.csv").write_text(f"{header}\n100,200,300,0.01,0.02,0.03\n400,5,6,0.1,0.2,0.3\n")
+    columns = imported(tmp_path / "t.csv", **options).columns
+    assert set(columns) == {"x", "y", "z", "sigma_x", "sigma_y", "sigma_z"}
+    np.testing.assert_allclose(columns["x"], [0.1, 0.4])
+    np.testing.assert_allclose(columns["sigma_z"], [3e-5, 3e-4])

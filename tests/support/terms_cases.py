@@ -88,6 +88,9 @@ CASES = {
     "tracked_point with orientation": case(
         "tracked_point", lambda arm, truth: tracked_scene(arm, truth, oriented=True)
     ),
+    "tracked_point that states its noise": case(
+        "tracked_point", lambda arm, truth: tracked_scene(arm, truth, stated=True)
+    ),
     "hand_eye": case("hand_eye", hand_eye_scene, "joint_6.offset", "tip.y", "tip.z"),
     "camera_view": case("camera_view", camera_scene, "joint_6.offset", "tip.y", "tip.z"),
     "camera_view beside": case(

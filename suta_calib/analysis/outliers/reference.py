@@ -233,7 +233,7 @@ def held_out_errors(
     problem = Problem([term], parameters)
     x = np.array([fitted[name] for name in problem.names])
     line = problem.linearise(x, problem.assumed_sigmas())[0]
-    return np.linalg.norm(line.residual, axis=1), np.asarray(term.blocks[0].samples)
+    return np.linalg.norm(line.error, axis=1), np.asarray(term.blocks[0].samples)
 
 
 def _summary(parts: Sequence[_Compared]) -> HeldOut | None:

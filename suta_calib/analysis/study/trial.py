@@ -166,7 +166,7 @@ def _rms(validation: Sequence[Term], arm: ParameterSet, known: Mapping[str, floa
     lines = iter(problem.linearise(x, problem.assumed_sigmas()))
     squared = []
     for term in same:
-        first, *_ = [next(lines).residual for _ in term.blocks]
+        first, *_ = [next(lines).error for _ in term.blocks]
         squared.append(np.einsum("nd,nd->n", first, first))
     return float(np.sqrt(np.mean(np.concatenate(squared))))
 
@@ -245,11 +245,13 @@ class _Noisy:
             )
         return poses.with_samples(replace(poses.samples, q=found.q))
 
-    def seen(self, poses: PoseSource, seen: Observed, noise: Sequence[float]) -> PoseSource:
+    def seen(
+        self, poses: PoseSource, seen: Observed, noise: Sequence[float], relative: FloatArray
+    ) -> PoseSource:
         if seen.pixels is not None:
             pixels = seen.pixels + noise[0] * self.random.standard_normal(seen.pixels.shape)
             return poses.with_samples(replace(poses.samples, pixels=pixels))
-        scatter = noise[0] * self.random.standard_normal(seen.position.shape)
+        scatter = noise[0] * relative * self.random.standard_normal(seen.position.shape)
         samples = replace(poses.samples, position=seen.position + scatter)
         if len(noise) > 1 and seen.rotation is not None:
             samples = replace(samples, rotation=self.turned(seen.rotation, noise[1]))

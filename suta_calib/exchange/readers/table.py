@@ -34,7 +34,7 @@ from suta_calib.exchange.table_roles import (
     nameless_pose,
     plain_name,
 )
-from suta_calib.measurements.csv_table import number_in
+from suta_calib.measurements.csv_table import SIGMA, SIGMAS, number_in
 from suta_calib.units import from_deg, from_mm
 from suta_calib.words import listed
 
@@ -210,8 +210,7 @@ class _Columns:
                 file=path,
                 line=self._sheet.lines[0],
             )
-        scale = {"m": 1.0, "mm": from_mm(1.0), "cm": from_mm(10.0)}.get(unit, 1.0)
-        position = checked_places(path, self._sheet.lines, scale * position)
+        position = checked_places(path, self._sheet.lines, _metres(unit) * position)
         if not pose.form:
             return Body(position)
         numbers = numbers_of(path, rows, pose.rotation)
@@ -259,6 +258,12 @@ class _Columns:
                 whole &= np.isfinite(numbers)
                 of = replace(readings, unit=self._angle or unit or "rad")
                 found[bare if unit else name] = self._joint(of, bare, numbers, unit)
+                continue
+            if bare.lower() in (SIGMA, *SIGMAS):
+                numbers = numbers_of(sheet.path, sheet.rows, [k])[:, 0]
+                whole &= np.isfinite(numbers)
+                length = unit or self._length or next((p.unit for p in self._poses if p.unit), "m")
+                found[bare.lower()] = _metres(length) * numbers
                 continue
             cells = sheet.cells(k)
             values = np.array([number_in(cell) for cell in cells])
@@ -339,11 +344,16 @@ class _Columns:
         )
 
 
+def _metres(unit: str) -> float:
+    """What a length in a unit is multiplied with."""
+    return {"m": 1.0, "mm": from_mm(1.0), "cm": from_mm(10.0)}.get(unit, 1.0)
+
+
 def _labels() -> set[str]:
-    """Columns of samples that any kind of observation takes for labels, and time."""
+    """Columns of samples that are no readings of joints, nor poses, whatever the kind."""
     from suta_calib.terms import KINDS
 
-    found = {"time", "image"}
+    found = {"time", "image", SIGMA, *SIGMAS}
     for kind in KINDS.values():
         columns = kind.columns
         found |= {*columns.labels, *columns.optional_labels, *columns.common_labels}
