@@ -102,10 +102,7 @@ def read_arm(job: Path, urdf: Path | None = None) -> ArmModel:
     Raises:
         JobError, UrdfError: as `CalibrationJob.load` does.
     """
-    outline = read_outline(job)
-    if urdf is not None:
-        return ArmModel.from_urdf(urdf, outline.tip, outline.base)
-    return read_arm_of_job(outline.top).model()
+    return read_arm_of_job(read_outline(job).top, urdf).model()
 
 
 def read_row(job: Path, which: str | None, wanted: Sequence[str]) -> Row:

@@ -18,6 +18,7 @@ from suta_calib.analysis.planning.candidates import DOWN
 from suta_calib.analysis.tip_sections import Knowledge, Slice, Walker, slices
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment
+from suta_calib.diagnostics.warmth import taken_as_cool
 from suta_calib.errors import JobError
 from suta_calib.showing import Shown
 from suta_calib.solver.solution import Solution
@@ -161,6 +162,8 @@ class TipMap(Shown):
         if self.registered.rms > THRESHOLDS[-1]:
             limits = " to ".join(f"{mm(limit):g}" for limit in THRESHOLDS)
             care.append(f"Laboratories ask for {limits} mm of the whole navigation system.")
+        if cool := taken_as_cool(self.knowledge.arm.offered, self.knowledge.values):
+            care.append(cool)
         return Assessment.of(sentence, bad=bad, care=care)
 
 

@@ -135,6 +135,8 @@ def _print_end(tracking: Tracking, *, stats: bool) -> None:
         were = "was" if len(known.fixed) == 1 else "were"
         fixed = f"; relative to {', '.join(known.fixed)}, which {were} held" if known.fixed else ""
         to.print(f"± is from the {SOURCE_WORDS[known.source]}{fixed}.", soft_wrap=True)
+    if tracking.warmth:
+        to.print(tracking.warmth, soft_wrap=True)
     for publisher in session.publishers:
         path = getattr(publisher, "path", None)
         if path is not None and publisher.published:

@@ -29,7 +29,6 @@ def validate(urdf: Path, job: Path, result: Path | None, anyway: bool) -> Docume
     """
     from suta_calib.analysis.comparison import check_calibrated, compare_arms
     from suta_calib.job.calibration import CalibrationJob
-    from suta_calib.model.arm import ArmModel
     from suta_calib.report.comparison import comparison_document
     from suta_calib.tracking.uncertainty import read_uncertainty
 
@@ -42,7 +41,7 @@ def validate(urdf: Path, job: Path, result: Path | None, anyway: bool) -> Docume
             where="validation",
         )
     arm = loaded.spec.arm
-    other = ArmModel.from_urdf(urdf, arm.tip, arm.base)
+    other = arm.model_of(urdf)
     beside, uncertainty = dict[str, float](), None
     if result is not None:
         found = read_uncertainty(result, other, anyway=anyway)

@@ -120,6 +120,7 @@ def find_cause(solution: Solution, options: CauseOptions = CauseOptions()) -> Ca
     coarse = options.cap * _level(nominal, registered)
     limit = misfit(nominal, registered, coarse, len(nominal.names))
     readings = [*_readings(problem.terms, options), *_mirrored(problem.terms)]
+    readings += _given_mirrored(problem.terms)
     scores = np.array([_registered(terms, coarse) for _, terms in readings])
     # A reading explains only the rows that it keeps.
     scores /= [_kept(terms, problem.terms) for _, terms in readings]
@@ -349,6 +350,26 @@ def _mirrored(terms: Sequence[Term]) -> Iterator[tuple[str, tuple[Term, ...]]]:
             read[k] = replace(read[k], artefact=Artefact(term.touched.name, marks))
     if any(term.touched for term in terms):
         yield "the artefact is mirrored: its certificate's frame is left-handed", tuple(read)
+
+
+def _given_mirrored(terms: Sequence[Term]) -> Iterator[tuple[str, tuple[Term, ...]]]:
+    """As if all given positions had been surveyed in a left-handed frame."""
+    if not any(term.given for term in terms):
+        return
+    for axis, sign in zip("xyz", 1.0 - 2.0 * np.eye(3), strict=True):
+        yield (
+            f"the given positions are mirrored: their {axis} has the wrong sign",
+            tuple(
+                replace(
+                    term,
+                    given={
+                        label: replace(pose, position=pose.position * sign)
+                        for label, pose in term.given.items()
+                    },
+                )
+                for term in terms
+            ),
+        )
 
 
 def _kept(terms: Sequence[Term], given: Sequence[Term]) -> float:

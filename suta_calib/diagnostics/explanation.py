@@ -282,8 +282,9 @@ def _beside_geometry(case: _Case) -> Explanation | None:
         return Explanation(case.fixed, f"{case.fixed} cannot be told: {why}", remedy, told)
     if case.others:
         does = f"does the same as {case.others} at the readings visited"
-        assert case.problem.arm is not None
-        joint = case.problem.arm.read_from[parameter.owner]
+        arm = case.problem.arm
+        assert arm is not None
+        joint = arm.couplings.get(case.fixed, arm.read_from[parameter.owner])
         advice = (f"turn {joint} farther", lambda: case.rich.varied(joint))
         return case.explained(f"{case.fixed} {does}", advice)
     if parameter.key != COMPLIANCE:

@@ -262,7 +262,7 @@ def _of_calibration(path: Path, urdf: Path | None) -> AcceptanceJob:
     job = CalibrationJob.load(path)
     arm = job.arm
     if urdf is not None:
-        arm = ArmModel.from_urdf(urdf, job.spec.arm.tip, job.spec.arm.base)
+        arm = job.spec.arm.model_of(urdf)
         if arm.joints != job.arm.joints:
             raise UrdfError(
                 f"the moving joints {', '.join(arm.joints)}",

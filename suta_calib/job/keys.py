@@ -23,6 +23,13 @@ ARM_KEYS: Final = Keys(
         "are taken as given; with bound_mm or prior_mm the place is to be found.",
         inside=TIP_OFFSET_KEYS,
     ),
+    Key(
+        "couplings",
+        "by joint, numbers by joint",
+        "Joints that the readings of others move too, as through a parallelogram: {joint_3: "
+        "{joint_2: -1}} turns joint_3 by -1 of what joint_2 reads beside its own. Held there, "
+        "unless a row frees joint_3.coupling[joint_2].",
+    ),
 )
 
 _BOUND: Final = "How far from nominal {} may be, at most"
@@ -32,7 +39,7 @@ _SIZES: Final[dict[Unit, str]] = {
     "rad": "an angle",
     "rad/Nm": "a joint's compliance",
     "1/K": "a length's expansion",
-    "1": "a ratio, such as a gain,",
+    "1": "a ratio, such as a gain or coupling,",
 }
 BOUND_AND_PRIOR_KEYS: Final = Keys(
     *(

@@ -7,11 +7,12 @@ it is known. Here every key is known, every value usable and every file there.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final, Literal, cast
 
 from suta_calib.errors import JobError, UrdfError
+from suta_calib.job.couplings import Couplings
 from suta_calib.job.keys import (
     ARM_KEYS,
     BOUND_AND_PRIOR_KEYS,
@@ -48,6 +49,7 @@ class ArmSpec:
         base: link the chain starts from; None for the root link.
         tip_offset: where the tip is in that frame, or None where it is its origin.
         section: where the job says so, for messages; None for no job.
+        couplings: which of its joints the readings of others move too, or None.
     """
 
     urdf: Path
@@ -55,13 +57,14 @@ class ArmSpec:
     base: str | None = None
     tip_offset: TipOffset | None = None
     section: YamlSection | None = field(default=None, repr=False, compare=False)
+    couplings: Couplings | None = None
 
     def model(self) -> ArmModel:
         """The arm at nominal.
 
         Raises:
             UrdfError: the file cannot be used, or has no place for the tip's offset.
-            JobError: it has no such tip or base; names the job's line.
+            JobError: it has no such tip, base or joints; names the job's line.
         """
         try:
             arm = ArmModel.from_urdf(self.urdf, self.tip, self.base)
@@ -71,7 +74,19 @@ class ArmSpec:
             expected = f"{problem.expected} {self.urdf}"
             at, hint = (problem.where,), problem.hint
             raise self.section.refuse(problem.found, expected, at=at, hint=hint) from None
+        if self.couplings is not None:
+            arm = self.couplings.on(arm)
         return arm if self.tip_offset is None else self.tip_offset.on(arm)
+
+    def model_of(self, urdf: Path) -> ArmModel:
+        """The same arm as another URDF has it, such as the calibrated one.
+
+        Raises:
+            UrdfError: the file cannot be used, or has no such tip or base.
+            JobError: it has no joints that are coupled so.
+        """
+        # The tip's offset is in the URDF already; couplings are in none.
+        return replace(self, urdf=urdf, tip_offset=None, section=None).model()
 
 
 @dataclass(frozen=True)
@@ -193,8 +208,11 @@ def read_job(path: Path) -> JobSpec:
             at=("parameters",),
             hint='for example - {select: ["*.offset"], bound_deg: 15}',
         )
-    # Later rows win: what the job says of the tip counts.
-    first = () if arm.tip_offset is None else (arm.tip_offset.selection(arm.tip),)
+    # Later rows win: what the job says of the tip, and of couplings, counts.
+    first = [
+        *([] if arm.tip_offset is None else [arm.tip_offset.selection(arm.tip)]),
+        *([] if arm.couplings is None else [arm.couplings.selection]),
+    ]
     return JobSpec(
         path,
         arm,
@@ -213,11 +231,11 @@ def read_arm(top: YamlSection, urdf: Path | None = None) -> ArmSpec:
     arm = top.section("arm")
     ARM_KEYS.check(arm)
     base = arm.text("base") if "base" in arm else None
-    offset = TipOffset.read(arm)
+    offset, couplings = TipOffset.read(arm), Couplings.read(arm)
     if urdf is not None:
         # A calibrated one has the offset in it.
-        return ArmSpec(urdf, arm.text("tip"), base, section=arm)
-    return ArmSpec(arm.existing_file("urdf"), arm.text("tip"), base, offset, arm)
+        return ArmSpec(urdf, arm.text("tip"), base, section=arm, couplings=couplings)
+    return ArmSpec(arm.existing_file("urdf"), arm.text("tip"), base, offset, arm, couplings)
 
 
 def _selection(row: YamlSection) -> Selection:

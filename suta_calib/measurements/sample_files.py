@@ -46,7 +46,7 @@ _PRISMATIC_WIDTHS = 10.0
 _PRISMATIC_MARGIN = 0.5
 # The arm's, and what no arm has, °C.
 TEMPERATURE = "temperature"
-_TEMPERATURES = (-60.0, 150.0)
+TEMPERATURES = (-60.0, 150.0)
 
 
 @dataclass(frozen=True)
@@ -169,7 +169,7 @@ def _samples(
 
 def _temperatures(table: CsvTable) -> FloatArray:
     """(n,) °C, refused where no arm could be so cold or so hot."""
-    low, high = _TEMPERATURES
+    low, high = TEMPERATURES
     expected = f"°C, from {low:g} to {high:g}"
     found = table.numbers(TEMPERATURE, expected)
     for row in np.flatnonzero((found < low) | (found > high)):

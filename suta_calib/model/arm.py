@@ -36,6 +36,7 @@ from suta_calib.model.parameters import (
     Parameter,
     ParameterSet,
     Selection,
+    coupling_key,
     select_parameters,
 )
 from suta_calib.model.skeleton import Skeleton
@@ -61,9 +62,9 @@ class ArmModel(Shown):
         model: `pin.Model` with every joint off the chain locked at its neutral position.
         segments: the same chain as Pinocchio understood it.
         parameters: every placement and offset that could be unknown, all at nominal.
-        nongeometric: gain of its joints; eccentricity, compliance and backlash of its revolute
-            ones; expansion of its links, together and each by itself (`kinematics`): zero unless
-            the arm is held at other values.
+        nongeometric: gain of its joints, and coupling of each to every other of its kind;
+            eccentricity, compliance and backlash of its revolute ones; expansion of its links,
+            together and each by itself (`kinematics`): zero unless the arm is held at other values.
     """
 
     def __init__(self, chain: Chain, model: pin.Model) -> None:
@@ -73,8 +74,9 @@ class ArmModel(Shown):
         last = chain.joints[-1]
         tip = {} if last.moving or last.climbed else {last.name: chain.tip}
         columns = {joint.name: k for k, joint in enumerate(chain.moving)}
+        sliding = {joint.name for joint in chain.moving if joint.type == "prismatic"}
         self.segments = tuple(
-            _segment(model, j, tip.get(j.name, j.name), columns) for j in chain.joints
+            _segment(model, j, tip.get(j.name, j.name), columns, sliding) for j in chain.joints
         )
         self.parameters = ParameterSet(p for s in self.segments for p in _geometric(s))
         beside = [p for s in self.segments for p in _nongeometric(s)]
@@ -124,7 +126,8 @@ class ArmModel(Shown):
             ParameterSet(replace(p, nominal=float(values.get(n, p.nominal))) for n, p in s.items())
             for s in (self.parameters, self.nongeometric)
         )
-        arm.__dict__.pop("offered", None)
+        for derived in ("offered", "gearing"):
+            arm.__dict__.pop(derived, None)
         arm._check_masses(n for n, p in arm.nongeometric.items() if p.nominal)
         return arm
 
@@ -175,6 +178,11 @@ class ArmModel(Shown):
         return {s.owner: self.joints[s.column] for s in self.movers}
 
     @cached_property
+    def couplings(self) -> dict[str, str]:
+        """Names of the couplings of `movers`, with which of `joints` each takes the reading of."""
+        return {name: joint for s in self.movers for name, joint in s.couplings.items()}
+
+    @cached_property
     def offsets(self) -> tuple[str, ...]:
         """Names of the offsets of `movers`: what moves the tip as their motion does."""
         return tuple(name for s in self.movers for name in s.names(OFFSET))
@@ -184,11 +192,13 @@ class ArmModel(Shown):
         """(movers, joints) how far each of `movers` goes per unit of each reading.
 
         The tip's velocity per reading is its velocity per offset times this, which is the identity
-        for an arm without a mimic.
+        for an arm without a mimic or a coupling.
         """
         matrix = np.zeros((len(self.movers), len(self.joints)))
         for row, segment in zip(matrix, self.movers, strict=True):
             row[segment.column] = segment.multiplier
+            for name, joint in segment.couplings.items():
+                row[segment.others[joint]] = self.nongeometric[name].nominal
         return matrix
 
     def configuration(self, q: ArrayLike) -> FloatArray:
@@ -412,9 +422,21 @@ def _kinematics_of(chain: bytes) -> Symbol:
 
 
 def _segment(
-    model: pin.Model, joint: ChainJoint, owner: str, columns: Mapping[str, int]
+    model: pin.Model,
+    joint: ChainJoint,
+    owner: str,
+    columns: Mapping[str, int],
+    sliding: Collection[str],
 ) -> Segment:
-    """A joint's own origin: its placement relative to its parent link, and its axis."""
+    """A joint's own origin, relative to its parent link, its axis, and what may move it.
+
+    Args:
+        model: the arm.
+        joint: of it.
+        owner: of the joint's parameters.
+        columns: of the samples' readings, by joint.
+        sliding: those of them whose readings are lengths.
+    """
     parent = model.frames[model.getFrameId(joint.parent, pin.FrameType.BODY)]
     axis = np.zeros(3)
     if joint.moving:
@@ -429,12 +451,15 @@ def _segment(
     origin = parent.placement.actInv(placement)
     motion = cast(Motion, "revolute" if joint.type == "continuous" else joint.type)
     followed = joint.mimic or Mimic(joint.name, 1.0, 0.0)
+    slides = joint.type == "prismatic"
+    others = {n: k for n, k in columns.items() if n != followed.joint and (n in sliding) == slides}
     return Segment(
         *(owner, motion, origin.rotation, joint.xyz, axis),
         columns.get(followed.joint, 0),
         followed.multiplier,
         followed.offset,
         joint.climbed,
+        others if joint.moving else {},
     )
 
 
@@ -452,6 +477,8 @@ def _nongeometric(segment: Segment) -> Iterator[Parameter]:
         yield Parameter(segment.owner, EXPANSION, "1/K")
     if segment.motion != "fixed":
         yield Parameter(segment.owner, GAIN, "1")
+        for joint in segment.others:
+            yield Parameter(segment.owner, coupling_key(joint), "1")
     if segment.motion == "revolute":
         for key in ECCENTRICITY:
             yield Parameter(segment.owner, key, "rad", plausible=PLAUSIBLE_ECCENTRICITY)

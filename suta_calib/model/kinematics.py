@@ -11,17 +11,20 @@ far a joint turns for what its encoder reads:
 
     angle = (1 + gain) q + offset
             + c1 cos q + s1 sin q + c2 cos 2q + s2 sin 2q
-            + compliance · τ(q) - ½ backlash · d
+            + compliance · τ(q) - ½ backlash · d + Σ coupling[k] q_k
 
-with q the reading, τ the torque of gravity about the joint's axis (`gravity`), and d the direction
-of its last motion: 1 towards larger readings, -1 towards smaller ones, 0 where nobody says. A
-prismatic joint has the gain only. Lengths grow with warmth t, how far the arm is above the
-temperature of its drawing: for xyz stands xyz (1 + (links.expansion + joint.expansion) t), all
-links alike or each by itself. A gear ratio, a counted turn or a scale that is not what it
-should be is a gain. An encoder disc that sits off its axis, or a shaft that is bent, gives the
-first harmonic; a disc that is tilted or oval the second (Mooring, Roth, Driels, Fundamentals of
-Manipulator Calibration, 1991, chapter 2). Play between an encoder on the motor and the link is
-backlash: the link lags by half of it, on the side that the joint came from.
+with q the reading, q_k that of another joint, τ the torque of gravity about the joint's axis
+(`gravity`), and d the direction of its last motion: 1 towards larger readings, -1 towards smaller
+ones, 0 where nobody says. A prismatic joint has the gain and couplings only. Lengths grow with
+warmth t, how far the arm is above the temperature of its drawing: for xyz stands
+xyz (1 + (links.expansion + joint.expansion) t), all links alike or each by itself. A gear ratio, a
+counted turn or a scale that is not what it should be is a gain. An encoder disc that sits off its
+axis, or a shaft that is bent, gives the first harmonic; a disc that is tilted or oval the second
+(Mooring, Roth, Driels, Fundamentals of Manipulator Calibration, 1991, chapter 2). Play between an
+encoder on the motor and the link is backlash: the link lags by half of it, on the side that the
+joint came from. Where a motor stands on an earlier link and drives its joint through a
+parallelogram, a belt or a hollow shaft, the joints in between turn it too: couplings, between
+joints that both turn or both slide.
 
 The Jacobian is written as the geometric Jacobian of every parameter (an axis through a point)
 rather than left to differentiation: a column then costs a cross product, not another walk along
@@ -32,7 +35,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 import casadi as ca
@@ -51,6 +54,7 @@ from suta_calib.model.parameters import (
     PLACEMENT,
     POSITION,
     ROTATION,
+    coupling_key,
 )
 
 Motion = Literal["revolute", "prismatic", "fixed"]
@@ -72,6 +76,7 @@ class Segment:
         multiplier, shift: the joint's own reading is ``multiplier · reading + shift``: 1 and 0
             where it mimics none.
         climbed: whether the chain passes it from child to parent.
+        others: the columns of the readings that may move it too, by the joint they are of.
     """
 
     owner: str
@@ -83,6 +88,7 @@ class Segment:
     multiplier: float = 1.0
     shift: float = 0.0
     climbed: bool = False
+    others: Mapping[str, int] = field(default_factory=dict)
 
     @property
     def keys(self) -> tuple[str, ...]:
@@ -92,6 +98,11 @@ class Segment:
     def names(self, *keys: str) -> list[str]:
         """Of its parameters with these keys."""
         return [f"{self.owner}.{key}" for key in keys]
+
+    @property
+    def couplings(self) -> dict[str, str]:
+        """Names of its couplings, with the joint whose reading each of them takes."""
+        return dict(zip(self.names(*map(coupling_key, self.others)), self.others, strict=True))
 
 
 class _Walk:
@@ -191,7 +202,7 @@ class _Walk:
         before = self.rotation, self.position
         (offset,) = segment.names(OFFSET)
         amount, effects = reading + self.value(offset), {offset: ca.SX(1)}
-        for name, effect in self._beside_the_reading(segment, reading):
+        for name, effect in self._beside_the_reading(segment, reading, q):
             amount += self.value(name) * effect
             effects[name] = effect
         turns = segment.motion == "revolute"
@@ -208,7 +219,7 @@ class _Walk:
         self.frames.append(MovingFrame(segment.owner, along, point, *behind, segment.climbed))
 
     def _beside_the_reading(
-        self, segment: Segment, reading: Symbol
+        self, segment: Segment, reading: Symbol, q: Symbol
     ) -> Iterator[tuple[str, Symbol]]:
         """Names of errors that are no geometry, with the joint's turn per unit of each."""
         turns = {GAIN: reading}
@@ -227,6 +238,9 @@ class _Walk:
         for name, turn in zip(segment.names(*turns), turns.values(), strict=True):
             if self.matters(name):
                 yield name, turn
+        for name, joint in segment.couplings.items():
+            if self.matters(name):
+                yield name, q[segment.others[joint]]
 
     def jacobian(self) -> Symbol:
         """(6, n): linear over angular velocity of the tip in the base frame, per parameter."""
@@ -275,6 +289,8 @@ def forward_kinematics(
             for s in segments
             for name, x in zip(s.names(*POSITION), s.position, strict=True)
         }
+        # But a coupling turns the links by as much as a reading does.
+        drawn |= {n: nominal.get(n, 0.0) for s in moving for n in s.couplings}
         still = _walked(segments, _Walk([], theta, drawn), q)
         walk.torques = gravity_torques(still.frames, carried, still.top @ ca.DM(gravity))
     inputs = {"theta": theta, "q": q}

@@ -32,6 +32,8 @@ COMPLIANCE: Final = "compliance"
 GAIN: Final = "gain"
 BACKLASH: Final = "backlash"
 EXPANSION: Final = "expansion"
+# How far another joint's reading moves a joint too: a key for each of the others.
+COUPLING: Final = "coupling"
 # Owner of what all links of an arm have in common.
 LINKS: Final = "links"
 # An eccentric encoder disc gives the first harmonic, a tilted or oval one the second.
@@ -46,7 +48,7 @@ FAMILIES: Final[dict[Family, tuple[str, ...]]] = {
 }
 ECCENTRICITY: Final = (*FAMILIES["ecc_1"], *FAMILIES["ecc_2"])
 # How these keys begin: globs reach them only where they say so.
-_NONGEOMETRIC: Final = ("ecc", COMPLIANCE, GAIN, BACKLASH, EXPANSION)
+_NONGEOMETRIC: Final = ("ecc", COMPLIANCE, GAIN, BACKLASH, EXPANSION, COUPLING)
 # Lengths and angles of the size that moves the tip of a metre-long arm by a centimetre, and what
 # yields as much to the torque of a few kilograms, or grows as much in ten degrees; a pixel; a share
 # of a turn, or what bends a picture, by as much.
@@ -82,7 +84,8 @@ class Parameter:
         owner: what it belongs to, e.g. ``joint_4`` or ``placement[P1]``.
         key: which of the owner's numbers it is, e.g. ``z``, ``rx``, ``offset``, ``ecc_c1``; empty
             for its only one.
-        unit: ``m``, ``rad``, ``rad/Nm``, ``1/K``, ``1`` for a gain; of a camera ``px`` and ``1``.
+        unit: ``m``, ``rad``, ``rad/Nm``, ``1/K``, ``1`` for a gain or a coupling; of a
+            camera ``px`` and ``1``.
         nominal: where it starts, and where it stays if nothing can be said of it.
         lower, upper: bounds of the value, infinite where there is none.
         prior: standard deviation of a Gaussian prior about nominal, or None.
@@ -129,6 +132,11 @@ class Parameter:
         return not self.key.startswith(_NONGEOMETRIC)
 
     @property
+    def coupling(self) -> bool:
+        """Whether it says how far another joint's reading moves its owner."""
+        return self.key.startswith(COUPLING)
+
+    @property
     def scale(self) -> float:
         """Unit of the solver's variable."""
         return SCALE[self.unit]
@@ -147,6 +155,11 @@ class Parameter:
             free=True,
             prior_fixed=prior_fixed,
         )
+
+
+def coupling_key(joint: str) -> str:
+    """Of what the reading of ``joint`` does to the owner: ``coupling[joint_2]``."""
+    return f"{COUPLING}[{joint}]"
 
 
 class ParameterSet(Shown, Mapping[str, Parameter]):
@@ -199,7 +212,7 @@ class Selection:
         select: names, globs, or the word ``geometric``.
         bound_m, bound_rad, bound_rad_per_nm: half-width of the bounds about nominal, for lengths,
             for angles and for compliances.
-        bound_per_k, bound_ratio: the same for expansions, 1/K, and gains, 1.
+        bound_per_k, bound_ratio: the same for expansions, 1/K, and of gains and couplings, 1.
         prior_m, prior_rad, prior_rad_per_nm, prior_per_k, prior_ratio: standard deviation of a
             Gaussian prior about nominal.
         fixed: beside a prior, its size stays whatever the data say of it; alone, name the parameter
@@ -287,7 +300,8 @@ def _matches(
         return found
     place: dict[str, Any] = {"line": row.line, "where": "parameters: select"}
     offset = f"{joint}.{OFFSET}"
-    if beside and offset in available and available[offset].unit == "m":
+    slides = offset in available and available[offset].unit == "m"
+    if slides and beside and not key.startswith(COUPLING):
         raise ParameterError(
             f"'{pattern}', and {joint} slides",
             "a revolute joint: only what turns has an eccentric encoder, or yields to a torque",
@@ -297,7 +311,7 @@ def _matches(
         f"'{pattern}', which matches no parameter of the arm",
         "names like joint.offset, joint.x|y|z|rx|ry|rz, joint.gain, "
         "joint.ecc_c1|ecc_s1|ecc_c2|ecc_s2, joint.compliance, joint.backlash, joint.expansion, "
-        "globs of them, links.expansion, or 'geometric'",
+        "joint.coupling[joint], globs of them, links.expansion, or 'geometric'",
         hint=_did_you_mean(pattern, available),
         **place,
     )
@@ -309,7 +323,7 @@ def _check_units(row: Selection, units: set[Unit]) -> None:
         "rad": ("bound_deg or prior_deg", "angles"),
         "rad/Nm": ("bound_deg_per_nm or prior_deg_per_nm", "compliances"),
         "1/K": ("bound_ppm_per_k or prior_ppm_per_k", "expansions"),
-        "1": ("bound or prior", "gains"),
+        "1": ("bound or prior", "gains or couplings"),
     }
     for unit, (key, _) in keys.items():
         if unit not in units and any(v is not None for v in row.sizes(unit)):

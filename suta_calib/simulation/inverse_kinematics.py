@@ -126,7 +126,7 @@ class InverseKinematics:
         found: dict[Matching, bool] = {}
         for matching, kept in _KEPT.items():
             here = Targets(np.zeros((_ASKED, 3)), np.tile(np.eye(3), (_ASKED, 1, 1)), matching)
-            _, jacobian = _residuals(batch, here, q, self.arm.gearing)
+            _, jacobian = _residuals(batch, here, q, self.true.gearing)
             rows = jacobian[:, np.append([True] * 3, kept > 0)]
             values = np.linalg.svd(rows, compute_uv=False)
             ways = np.sum(values > _A_WAY * values[:, :1], axis=1).max()
@@ -192,7 +192,7 @@ class InverseKinematics:
         """One damped Gauss–Newton search per row: final readings and residuals (n, 6)."""
         found, left = np.empty_like(q), np.empty((len(q), 6))
         rows, batch = np.arange(len(q)), self._batch(len(q))
-        error, jacobian = _residuals(batch, targets, q, self.arm.gearing)
+        error, jacobian = _residuals(batch, targets, q, self.true.gearing)
         cost = (error**2).sum(axis=1)
         damping = np.full(len(q), 1e-3)
         for _ in range(_ITERATIONS):
@@ -201,7 +201,7 @@ class InverseKinematics:
             floor = (damping * cost + 1e-12)[:, None, None] * np.eye(q.shape[1])
             step = np.linalg.solve(transposed @ jacobian + floor, transposed @ error[..., None])
             moved = np.clip(q + np.clip(step[..., 0], -1.0, 1.0), self._lower, self._upper)
-            new_error, new_jacobian = _residuals(batch, targets, moved, self.arm.gearing)
+            new_error, new_jacobian = _residuals(batch, targets, moved, self.true.gearing)
             new_cost = (new_error**2).sum(axis=1)
             better, gains = new_cost < cost, new_cost < (1.0 - _STALLED) * cost
             q = np.where(better[:, None], moved, q)

@@ -6,7 +6,7 @@ from typing import Final
 
 from suta_calib.measurements.keys import BASE, POSE, POSITION, TIP, URDF, Key, Keys
 from suta_calib.terms import Term
-from suta_calib.units import SHOWN, Unit, key
+from suta_calib.units import REFERENCE_TEMPERATURE, SHOWN, Unit, key
 
 ARM_KEYS: Final = Keys(
     URDF,
@@ -87,6 +87,12 @@ def _medium_keys(kind: type[Term]) -> tuple[Key, ...]:
         marks = f"Where on the tip's link each {kind.mark} sits; the tip itself without it."
         return (
             Key("samples", "whole number", "How many samples are taken.", required=True),
+            Key(
+                "temperature",
+                "lowest, highest in °C",
+                "How warm the arm is, drawn anew for every sample and written in its column; "
+                f"{REFERENCE_TEMPERATURE:g}, and no such column, without it.",
+            ),
             *frames,
             *([Key("orientation", "true or false", turned)] if optional else []),
             *([Key(f"{kind.mark}s", "by label", marks, inside=POSE)] if kind.mark else []),

@@ -113,7 +113,7 @@ def full_circle(arm: ArmModel) -> NDArray[np.bool_]:
     """Which joints, (joints,), are where they were after a full turn of their reading.
 
     They are revolute, with limits at least 2π apart or none, and neither a gain nor a joint that
-    follows them makes another angle than a full turn of it.
+    follows them, or is coupled to them, makes another angle than full turns of it.
     """
     whole = np.array(
         [
@@ -121,8 +121,9 @@ def full_circle(arm: ArmModel) -> NDArray[np.bool_]:
             for joint in arm.chain.moving
         ]
     )
-    for mover in arm.movers:
+    for mover, ratios in zip(arm.movers, arm.gearing, strict=True):
         (gain,) = mover.names(GAIN)
-        turns = mover.motion == "revolute" and mover.multiplier.is_integer()
-        whole[mover.column] &= turns and not arm.nongeometric[gain].nominal
+        whole &= ratios % 1.0 == 0.0
+        if mover.motion != "revolute" or arm.nongeometric[gain].nominal:
+            whole[mover.column] = False
     return whole

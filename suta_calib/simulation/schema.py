@@ -16,6 +16,7 @@ from suta_calib.arrays import FloatArray
 from suta_calib.errors import JobError, ParameterError
 from suta_calib.measurements import YamlSection, read_yaml
 from suta_calib.measurements.keys import POSE
+from suta_calib.measurements.sample_files import TEMPERATURES
 from suta_calib.measurements.yaml_file import Sign
 from suta_calib.model.arm import ArmModel
 from suta_calib.simulation.keys import (
@@ -111,6 +112,8 @@ class SetSpec:
         line: line of the set in the file.
         seating: (3,) how the tip always sits in its sockets: x and y off their axes, m, and the
             turn about the tool's axis, rad.
+        temperature: lowest and highest of the arm, °C, where something sees it; None for the
+            temperature of its drawing.
     """
 
     name: str
@@ -130,6 +133,7 @@ class SetSpec:
     marks: Mapping[str, PoseSpec] = field(default_factory=dict)
     line: int | None = None
     seating: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    temperature: tuple[float, float] | None = None
 
     @property
     def term(self) -> type[Term]:
@@ -324,7 +328,18 @@ def _set(name: str, section: YamlSection, noise: NoiseLevels) -> SetSpec:
             seating.optional_number("y_mm", unit="m") or 0.0,
             seating.optional_number("rz_deg", unit="rad") or 0.0,
         ),
+        _temperature(section) if "temperature" in section else None,
     )
+
+
+def _temperature(section: YamlSection) -> tuple[float, float]:
+    """Of a set, °C; refused where no samples file could say it."""
+    low, high = section.numbers("temperature", 2)
+    coldest, hottest = TEMPERATURES
+    if not coldest <= low <= high <= hottest:
+        expected = f"[lowest, highest] in °C, from {coldest:g} to {hottest:g}"
+        raise section.refuse(f"[{low:g}, {high:g}]", expected, at=("temperature",))
+    return low, high
 
 
 def _pose(section: YamlSection, *, turns: bool = True) -> PoseSpec:

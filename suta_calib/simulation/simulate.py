@@ -243,7 +243,11 @@ def _seen(
     labels = {plan.term.mark: marks * plan.samples} if marks else {}
     seen_at = np.repeat(np.arange(plan.samples), max(len(marks), 1))
     q, n = rests[seen_at], len(seen_at)
-    ideal = _ideal(plan, arm, q, labels, values)
+    temperature = None
+    if plan.temperature is not None:
+        rng = stream(seed, plan.name, "temperature")
+        temperature = rng.uniform(*plan.temperature, plan.samples)[seen_at]
+    ideal = _ideal(plan, arm, q, labels, values, temperature)
     rng = stream(seed, plan.name, "instrument")
     gross = stream(seed, plan.name, label, "outliers")
     displacement = outlier_displacements(gross, plan.outliers, n)
@@ -256,7 +260,7 @@ def _seen(
     readings = encoder_readings(encoders, noise, kinematics.true, rests)
     path = f"{plan.name}/{label}.csv"
     if ideal.pixels is not None:
-        return _pictures(plan, path, arm, readings, ideal, displacement, rng)
+        return _pictures(plan, path, arm, readings, ideal, displacement, rng, temperature)
     samples = Samples.from_arrays(
         arm.joints,
         readings[seen_at],
@@ -264,6 +268,7 @@ def _seen(
         position=seen,
         rotation=turned if oriented else None,
         origin=_origins(path, n),
+        temperature=temperature,
     )
     return SimulatedFile(path, samples, displacement)
 
@@ -276,6 +281,7 @@ def _pictures(
     ideal: Observed,
     displacement: FloatArray,
     rng: np.random.Generator,
+    temperature: FloatArray | None,
 ) -> SimulatedFile:
     """Corners in pictures, each scattered by itself; an outlier moves all of a picture."""
     assert ideal.pixels is not None
@@ -291,7 +297,11 @@ def _pictures(
     picture, point = np.nonzero(np.isfinite(pixels).all(axis=2))
     numbers = np.array(list(board.points))
     samples = Samples.from_arrays(
-        arm.joints, readings, labels={"image": names}, origin=_origins(path, n)
+        arm.joints,
+        readings,
+        labels={"image": names},
+        origin=_origins(path, n),
+        temperature=temperature,
     )
     seen = corners_of(names[picture], numbers[point], pixels[picture, point])
     return SimulatedFile(path, samples, displacement, (f"corners/{plan.name}.csv", seen))
@@ -333,6 +343,7 @@ def _ideal(
     q: FloatArray,
     labels: Mapping[str, Sequence[str]],
     values: Mapping[str, float],
+    temperature: FloatArray | None = None,
 ) -> Observed:
     """What would be seen in these configurations without noise."""
     n = len(q)
@@ -342,6 +353,7 @@ def _ideal(
         labels=labels,
         position=np.zeros((n, 3)),
         rotation=np.tile(np.eye(3), (n, 1, 1)),
+        temperature=temperature,
     )
     poses = ArmPoses(arm, blank)
     term = plan.term.over(poses, Setup(settings=plan.settings))

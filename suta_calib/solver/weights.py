@@ -140,7 +140,8 @@ def prior_groups(problem: Problem) -> list[str | None]:
             groups.append("tip")
         elif not p.geometric:
             kinds = {GAIN: "gains", COMPLIANCE: "compliances", EXPANSION: "expansions"}
-            groups.append(kinds.get(p.key, "eccentricities"))
+            kind = kinds.get(p.key, "eccentricities")
+            groups.append("couplings" if p.coupling else kind)
         elif p.key == OFFSET:
             groups.append("offsets")
         else:

@@ -12,6 +12,7 @@ from suta_calib.atomic import check_folder, check_outputs
 from suta_calib.device.bus import Bus
 from suta_calib.device.device_file import read_device
 from suta_calib.device.reading import Statistics
+from suta_calib.diagnostics.warmth import taken_as_cool
 from suta_calib.errors import OutputError
 from suta_calib.model.arm import ArmModel
 from suta_calib.tracking.publisher import Publisher, UdpPublisher, pose_dict
@@ -128,6 +129,12 @@ class Tracking:
         self._bus = Bus(self.device, reconnect=True, on_event=note)
 
     @property
+    def warmth(self) -> str:
+        """What must be known of an arm whose lengths grow with warmth; empty for any other."""
+        known = self.uncertainty
+        return "" if known is None else taken_as_cool(self.arm.offered, known.values)
+
+    @property
     def statistics(self) -> Statistics:
         """What was lost or damaged so far."""
         return self._bus.statistics
@@ -209,6 +216,7 @@ class Tracking:
             "device": str(self.device.path),
             "tool_mm": mm(self.tool.tip).tolist(),
             "uncertainty": uncertainty,
+            "notes": [note for note in (self.warmth,) if note],
             **self.session.summary(),
             "last": None if last is None else pose_dict(last),
             "stream": counts | {"flags": flags},

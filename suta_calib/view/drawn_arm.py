@@ -36,7 +36,7 @@ class DrawnArm:
     """The links of an arm's URDF with some parameter values, all of them, the chain's and others.
 
     Joints off the chain are at neutral. Gains, eccentricities, compliances and backlashes move no
-    link here, as they move none in a calibrated URDF.
+    link here, as they move none in a calibrated URDF; couplings that are given do.
 
     Attributes:
         name: ``nominal`` or ``calibrated``.

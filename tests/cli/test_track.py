@@ -124,6 +124,23 @@ def test_uncertainty_and_tool(device: Path, tmp_path: Path, capsys):
     assert all(0 < value < 1e-2 for value in answer["last"]["std"])
     assert answer["poses"]["valid"] < 2 + answer["readings"] / 10
     assert answer["readings"] > 20
+    assert answer["notes"] == []
+
+
+def test_an_arm_that_grows_with_warmth_is_said_to_be_taken_as_cool(
+    device: Path, tmp_path: Path, capsys
+):
+    scene = calibrated(tmp_path)
+    scene.result["parameters"]["links.expansion"] = {"value": 23e-6, "std": None, "state": "fixed"}
+    scene.path.write_text(json.dumps(scene.result), encoding="utf-8")
+    command = ("track", tmp_path / "calibrated.urdf", "--tip", "tip", "--device", device)
+    options = ("--result", scene.path, "--seconds", 0.3)
+    assert cli(*command, *options, "--json") == 0
+    (note,) = json.loads(capsys.readouterr().out)["notes"]
+    assert "at 20 °C, though links.expansion was found" in note
+    assert "10 K above, a metre of it is off by up to 0.23 mm" in note
+    assert cli(*command, *options) == 0
+    assert capsys.readouterr().out.count(note) == 1
 
 
 def test_error_flags_make_poses_invalid(tmp_path: Path, capsys):

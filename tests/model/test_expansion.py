@@ -9,20 +9,22 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from simulated import arm_named, random_readings, tracked_scene
+from simulation_scenes import Folder
 from two_arms import ROBOT
 
 from suta_calib.analysis.model_selection import choose_model
 from suta_calib.diagnostics.explanation import explain
-from suta_calib.errors import ParameterError, SamplesError
+from suta_calib.errors import JobError, ParameterError, SamplesError
 from suta_calib.job.calibration import joint_ranges
 from suta_calib.measurements import SampleColumns, Samples, read_samples, write_samples
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import Selection
 from suta_calib.report.model_selection import row_text
+from suta_calib.simulation import write_simulation
 from suta_calib.solver.ipopt import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solve import solve
-from suta_calib.terms import TrackedPoint
+from suta_calib.terms import ArmPoses, TrackedPoint
 
 ARM = arm_named("suta")
 ALUMINIUM = 23e-6
@@ -134,6 +136,64 @@ def test_both_forms_of_the_problem_know_of_it() -> None:
         for each in ("exact", "gauss-newton")
     )
     assert exact[COMMON] == pytest.approx(fast[COMMON], rel=1e-5)
+
+
+WARM = f"""
+arm: {{urdf: URDF, tip: tip}}
+seed: 4
+errors:
+  - {{select: ["joint_*.offset"], std_deg: 1}}
+  - {{select: [{COMMON}], value_ppm_per_k: 23}}
+noise: {{instrument_mm: 0.05}}
+sets:
+  tracked:
+    kind: tracked_point
+    samples: 60
+    temperature: [14, 34]
+    base_in_instrument: {{position_mm: [1000, 2000, 300], rotation_rpy_deg: [10, 20, 30]}}
+"""
+
+
+def test_it_is_simulated_and_found_again(tmp_path: Path, suta_urdf: Path) -> None:
+    folder = Folder(tmp_path, suta_urdf)
+    made = folder.simulate(WARM)
+    assert made.values[COMMON] == pytest.approx(ALUMINIUM)
+    write_simulation(made, tmp_path / "out")
+    columns, ranges = SampleColumns(position=True), joint_ranges(ARM)
+    samples = read_samples([tmp_path / "out" / "tracked" / "samples.csv"], ranges, columns)
+    assert samples.temperature is not None
+    assert 14 <= samples.temperature.min() < 16
+    assert 32 < samples.temperature.max() <= 34
+    unknown = ARM.select("joint_*.offset", COMMON)
+    term = TrackedPoint(ArmPoses(ARM, samples))
+    found = solve(Problem([term], unknown), SolverOptions(starts=1)).estimates[COMMON]
+    assert found.state == "identified"
+    assert abs(found.value - ALUMINIUM) < 3.3 * (found.std or 0.0) < 0.5 * ALUMINIUM
+    # All else is drawn as without it.
+    (cool,) = folder.simulate(WARM.replace("    temperature: [14, 34]\n", "")).files
+    assert cool.samples.temperature is None
+    (warm,) = (file.samples for file in made.files)
+    np.testing.assert_array_equal(cool.samples.q, warm.q)
+    assert cool.samples.position is not None
+    assert warm.position is not None
+    grown = ARM.forward(warm.q, made.values, warm.told)[1] - ARM.forward(warm.q, made.values)[1]
+    apart = np.linalg.norm(cool.samples.position - warm.position, axis=1)
+    np.testing.assert_allclose(apart, np.linalg.norm(grown, axis=1), atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ("[34, 14]", r"found \[34, 14\]; expected \[lowest, highest\] in °C, from -60 to 150"),
+        ("[287, 307]", r"found \[287, 307\]"),
+        ("20", r"tracked\.temperature: found 20"),
+    ],
+)
+def test_temperatures_that_no_file_could_say_are_refused(
+    tmp_path: Path, suta_urdf: Path, given: str, said: str
+) -> None:
+    with pytest.raises(JobError, match=said):
+        Folder(tmp_path, suta_urdf).simulate(WARM.replace("[14, 34]", given))
 
 
 def test_sizes_are_in_millionths_per_kelvin() -> None:

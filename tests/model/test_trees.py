@@ -23,7 +23,7 @@ from suta_calib.job.calibration import joint_ranges
 from suta_calib.measurements.sample_files import SampleColumns, read_samples
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.chain import read_chain
-from suta_calib.model.parameters import COMPLIANCE, GAIN
+from suta_calib.model.parameters import COMPLIANCE, GAIN, coupling_key
 
 LINKS = 9
 TYPES = ("revolute", "continuous", "prismatic", "fixed")
@@ -141,6 +141,9 @@ def _turns(
             }
             of = {key: beside.get(f"{joint.name}.{key}", 0.0) for key in waves}
             found[joint.name] = sum(of[key] * wave for key, wave in waves.items())
+            for other, reading in readings.items():
+                ratio = beside.get(f"{joint.name}.{coupling_key(other)}", 0.0)
+                found[joint.name] += ratio * reading
     return found
 
 

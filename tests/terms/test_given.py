@@ -11,6 +11,7 @@ from cli_job import cli, write_simulated_job
 from simulated import dh_parameters
 from terms_cases import CASES, SIGMA, each_case, noises, scene
 
+from suta_calib.diagnostics.causes import find_cause
 from suta_calib.errors import ParameterError
 from suta_calib.geometry.numbers import (
     rotation_from_rpy,
@@ -233,3 +234,24 @@ def test_a_pose_that_is_wrong_is_named(tmp_path: Path, suta_urdf: Path) -> None:
     found = CalibrationJob.load(job).run().assessment
     assert not found.usable
     assert any("base_in_instrument is not where its given pose says" in n for n in found.notes)
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_positions_from_a_left_handed_survey_are_named(axis: int) -> None:
+    """All anchors of a draw-wire sensor with the wrong sign of one coordinate, and only then."""
+    s = scene("range")
+    right = given_as_it_is(s.exact(*noises(SIGMA, False)), s.truth)
+    sign = np.where(np.arange(3) == axis, -1.0, 1.0)
+    mirrored = {
+        label: replace(pose, position=pose.position * sign) for label, pose in right.given.items()
+    }
+    assert len(mirrored) > 1
+    parameters = dh_parameters(s.arm)
+    solution = solve(Problem([replace(right, given=mirrored)], parameters))
+    cause = find_cause(solution)
+    assert cause is not None
+    assert cause.sentence == (
+        f"the given positions are mirrored: their {'xyz'[axis]} has the wrong sign"
+    )
+    assert cause.after < 0.01 * cause.before
+    assert find_cause(solve(Problem([right], parameters))) is None

@@ -179,7 +179,17 @@ def test_the_command_reads_a_result(job: Path, capsys: pytest.CaptureFixture[str
         *FAST,
     )
     assert cli("tip-map", result, *options) == 0
-    assert json.loads(capsys.readouterr().out)["absolute"]["rms_mm"] > 0
+    cool = json.loads(capsys.readouterr().out)
+    assert cool["absolute"]["rms_mm"] > 0
+    assert not any("how warm" in note for note in cool["verdict"]["notes"])
+    # What was found of its lengths says nothing of how warm it is.
+    written = json.loads(result.read_text())
+    written["parameters"]["links.expansion"] = {"value": 23e-6, "std": None, "state": "fixed"}
+    result.write_text(json.dumps(written))
+    assert cli("tip-map", result, *options) == 0
+    notes = json.loads(capsys.readouterr().out)["verdict"]["notes"]
+    (note,) = (each for each in notes if "how warm" in each)
+    assert "at 20 °C, though links.expansion was found" in note
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,32 @@
+"""What whoever computes a tip must know of an arm whose lengths grow with warmth."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Final
+
+from suta_calib.model.parameters import EXPANSION, ParameterSet
+from suta_calib.units import REFERENCE_TEMPERATURE, mm
+from suta_calib.words import listed
+
+# A warm afternoon, or motors that have run for an hour, K.
+_WARMER: Final = 10.0
+
+
+def taken_as_cool(parameters: ParameterSet, values: Mapping[str, float]) -> str:
+    """That the tip is one at the reference temperature; empty where lengths do not grow.
+
+    Args:
+        parameters: of the arm, among them those of no geometry.
+        values: what was found, by name.
+    """
+    grown = {n: v for n, v in values.items() if n in parameters and v}
+    found = {n: v for n, v in grown.items() if parameters[n].key == EXPANSION}
+    if not found:
+        return ""
+    most = mm(max(map(abs, found.values())) * _WARMER)
+    return (
+        f"Nothing says here how warm the arm is: it is taken to be at {REFERENCE_TEMPERATURE:g} °C,"
+        f" though {listed(tuple(found))} was found. {_WARMER:g} K above, a metre of it is off by up"
+        f" to {most:.2g} mm."
+    )
