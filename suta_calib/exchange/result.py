@@ -227,7 +227,12 @@ def _external(data: Mapping[str, Any], arm: CalibratedArm, path: Path) -> Iterat
             continue
         matrix = numbers(pose["matrix"], (4, 4), path, f"external_poses: {name}: matrix")
         parent, child = str(pose.get("within", "")), str(pose.get("what", name))
-        yield Transform(own.get(parent, parent), own.get(child, child), matrix)
+        # Of several placements or instruments each is a frame of its own.
+        label = name.partition("[")[2].removesuffix("]")
+        parent, child = (
+            own.get(frame, f"{frame}_{label}" if label else frame) for frame in (parent, child)
+        )
+        yield Transform(parent, child, matrix)
 
 
 def _closed(data: Mapping[str, Any], path: Path) -> Iterator[Transform]:

@@ -121,3 +121,17 @@ def test_answers_of_closed_problems(tmp_path: Path) -> None:
     np.testing.assert_allclose(tip.matrix[:3, 3], [0.001, 0.002, 0.3])
     with pytest.raises(InputError, match="no calibrated arm, which mjcf is a format of"):
         write_foreign(read_result(path), "mjcf")
+
+
+def test_frames_of_one_kind_keep_their_labels(results: Path, tmp_path: Path) -> None:
+    """Two placements are two frames: one could not be chosen, nor published, by one name."""
+    data = json.loads((results / "result.json").read_text())
+    pose = {"what": "placement", "within": "base"}
+    data["external_poses"] = {
+        f"placement[{label}]": pose | {"matrix": matrix.tolist()}
+        for label, matrix in zip(("P1", "P2"), POSES, strict=True)
+    }
+    (tmp_path / "result.json").write_text(json.dumps(data))
+    found = read_result(tmp_path).transforms
+    assert [each.child for each in found] == ["placement_P1", "placement_P2"]
+    assert {each.parent for each in found} == {"base_link"}
