@@ -98,7 +98,8 @@ class ImportedRows(Imported):
     @property
     def sentence(self) -> str:
         """How many rows, of what."""
-        said = f"{len(self)} rows: {', '.join(self.columns)}"
+        rows = "1 row" if len(self) == 1 else f"{len(self)} rows"
+        said = f"{rows}: {', '.join(self.columns)}"
         return said + (f"; {self.dropped} with something missing left out" if self.dropped else "")
 
     def text(self) -> str:

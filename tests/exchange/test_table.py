@@ -308,6 +308,12 @@ REFUSED: dict[str, tuple[str, dict[str, object], str]] = {
     "a word": ("x,y,z\n1,2,3\n1,two,3\n", {}, r":3: column 2: found 'two'; expected a finite"),
     "infinity": ("x,y,z\n1,2,3\n1,inf,3\n", {}, r":3: column 2: found 'inf'"),
     "a short row": ("x,y,z\n1,2,3\n1,2\n", {}, r":3: found 2 cells; expected 3, as in the header"),
+    "decimal commas between commas": (
+        "x,y,z\n0,5,1,5,2,5\n1,5,2,5,3,5\n",
+        {},
+        r":2: found 6 cells; expected 3, as in the header; decimal commas between commas\?",
+    ),
+    "a last line cut off": ("x,y,z\n1,2,3\n4\n", {}, r":3: found 1 cell; expected 3.*cut off"),
     "no quaternion": ("x,y,z,qx,qy,qz,qw\n1,2,3,9,9,9,9\n", {}, r":2: .*no quaternion"),
     "nothing": ("\n\n", {}, "an empty file"),
     "a header only": ("x,y,z\n", {}, "a header and no data"),
