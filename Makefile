@@ -48,7 +48,7 @@ help:
 	@echo "make bench      how long things take, and how well, beside others"
 	@echo "make measured   measured arms, ours beside others: docs/measured.md; FOLDERS=… adds your jobs"
 	@echo "make bench-device  the wire alone, at full length: 100 million bytes of noise, 60 s streams"
-	@echo "make docs       the documentation site: docs/_build/index.html"
+	@echo "make docs       the documentation site: docs/_build/html/index.html"
 	@echo "make lint       ruff and mypy only"
 	@echo "make format     let ruff format the code and mend what it can"
 	@echo "make clean      remove caches and results"
@@ -78,8 +78,8 @@ test-lowest: $(INSTALLED_LOWEST)
 
 # From this repository alone; a warning is an error.
 docs: $(INSTALLED_DOCS)
-	$(BIN)/python -m sphinx -W --keep-going -q -b html docs docs/_build
-	@echo "Written: docs/_build/index.html"
+	$(BIN)/python -m sphinx -W --keep-going -q -b html docs docs/_build/html
+	@echo "Written: docs/_build/html/index.html"
 
 lint: $(INSTALLED_DEV)
 	$(BIN)/ruff check .

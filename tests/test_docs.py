@@ -17,7 +17,6 @@ from suta_calib import ArmModel
 from suta_calib.analysis.planning import read_candidates
 from suta_calib.cli._app import COMMANDS
 from suta_calib.device import read_device
-from suta_calib.exchange import export_formats, import_formats
 from suta_calib.measurements.keys import Key, Keys
 from suta_calib.terms import KINDS
 
@@ -205,11 +204,3 @@ def test_the_readme_is_a_screen(repository: Path) -> None:
     lines = (repository / "README.md").read_text(encoding="utf-8").splitlines()
     assert len(lines) <= README_LINES
     assert sum(line.startswith("![") for line in lines) == 1
-
-
-def test_every_foreign_format_is_described(pages: dict[str, str]) -> None:
-    text = pages["formats.md"]
-    for command, formats in (("import", import_formats()), ("export", export_formats())):
-        for form in formats.values():
-            assert f"### {command}: {form.name}\n" in text
-            assert all(f"`{option.switch}`" in text for option in form.options)

@@ -118,7 +118,7 @@ def _contents(answer: Document) -> dict[str, bytes]:
     for part in answer.parts:
         if isinstance(part, File):
             found[part.name] = part.as_bytes()
-        elif isinstance(part, Figure) and answer.written in ("report", "result"):
+        elif isinstance(part, Figure) and answer.written not in ("opening", "record"):
             number = f"_{figures.index(part) + 1}" if len(figures) > 1 else ""
             found[f"{answer.name}{number}.svg"] = part.svg.encode()
     return found

@@ -61,6 +61,7 @@ HELD_OUT: Final = Listing[HeldOutRow](
     ),
     Column("label"),
     Column("block", None, lambda row: row.errors.name),
+    Column("count", "count", lambda row: len(row.errors.residual)),
     Column("unit", "unit", cell=lambda row: unit_name(row.unit)),
     Column("std", "found", lambda row: _rms(row.errors.residual), lambda row: row.unit, si=True),
     Column(

@@ -250,7 +250,9 @@ def test_init_refuses_what_it_cannot_use(
 ) -> None:
     out = tmp_path / "new"
     start = ("init", suta_urdf, "--out", out)
-    assert "Missing option '--tip'" in refused(capsys, *start)
+    said = refused(capsys, *start)
+    assert "found no --tip" in said
+    assert "its chains end at 'tip'" in said
     assert "tipp" in refused(capsys, *start, "--tip", "tipp")
     assert "one of" in refused(capsys, *start, "--tip", "tip", "--kind", "touch")
     twice = ("--kind", "landmark", "--kind", "landmark")
