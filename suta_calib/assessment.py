@@ -85,14 +85,25 @@ class Assessment:
 
 def read_assessment(answer: Mapping[str, Any]) -> Assessment:
     """What an answer that was read back from JSON says of itself; care where it says nothing."""
-    verdict = answer.get("verdict")
-    said = verdict if isinstance(verdict, Mapping) else {}
+    said = _verdict(answer)
     level, notes = said.get("level"), said.get("notes")
     return Assessment(
         level if level in WORD else "care",
         str(said.get("sentence", "it does not say whether it may be used")),
         tuple(map(str, notes)) if isinstance(notes, list) else (),
     )
+
+
+def says_usable(answer: Mapping[str, Any]) -> bool:
+    """Whether an answer that was read back from JSON may be used."""
+    # Written before answers carried their judgement: whether it converged is all there is.
+    converged = answer.get("status", "converged") == "converged"
+    return bool(_verdict(answer).get("usable", converged))
+
+
+def _verdict(answer: Mapping[str, Any]) -> Mapping[str, Any]:
+    verdict = answer.get("verdict")
+    return verdict if isinstance(verdict, Mapping) else {}
 
 
 def refuse_unusable(
@@ -109,12 +120,9 @@ def refuse_unusable(
         NotUsableError: its ``verdict`` says that it is not usable.
     """
     written = {"verdict": answer.as_dict()} if isinstance(answer, Assessment) else answer
-    verdict = written.get("verdict")
-    said = verdict if isinstance(verdict, Mapping) else {}
-    # Written before answers carried their judgement: whether it converged is all there is.
-    usable = said.get("usable", written.get("status", "converged") == "converged")
-    if usable or anyway:
+    if anyway or says_usable(written):
         return
+    said = _verdict(written)
     notes = [str(note) for note in said.get("notes", ())]
     why = next(iter(notes), str(said.get("sentence", "")) or "it did not converge")
     raise NotUsableError(

@@ -116,17 +116,28 @@ def read_sheet(path: Path, given: Given) -> Sheet:
             cells = cells[:-1]
         if len(cells) != width:
             raise ForeignFileError(
-                f"{len(cells)} cells",
+                f"{len(cells)} {'cell' if len(cells) == 1 else 'cells'}",
                 f"{width}, as in {'the header' if headed else 'the first row'}",
                 file=path,
                 line=row.line,
-                hint="say how many lines are no part of the table with --skip N, or what is "
-                "between cells with --separator",
+                hint=_why_uneven(len(cells), width, last=row is data[-1]),
             )
         data[k] = Row(row.line, cells)
     _check_names(path, rows[0].line, names)
     said = "The first row names the columns." if headed else "No row names the columns."
     return Sheet(path, names, tuple(data), headed, (*seen, said))
+
+
+def _why_uneven(cells: int, width: int, *, last: bool) -> str:
+    """What to do about a row with more or fewer cells than the first one."""
+    if cells == 2 * width:
+        return "decimal commas between commas? write the table again with semicolons between cells"
+    if last and cells < width:
+        return "was the file cut off while it was written? remove its last line, or write it again"
+    return (
+        "say how many lines are no part of the table with --skip N, or what is between cells with "
+        "--separator"
+    )
 
 
 def _skipped(given: Given) -> int:

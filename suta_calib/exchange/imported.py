@@ -98,7 +98,8 @@ class ImportedRows(Imported):
     @property
     def sentence(self) -> str:
         """How many rows, of what."""
-        said = f"{len(self)} rows: {', '.join(self.columns)}"
+        rows = "1 row" if len(self) == 1 else f"{len(self)} rows"
+        said = f"{rows}: {', '.join(self.columns)}"
         return said + (f"; {self.dropped} with something missing left out" if self.dropped else "")
 
     def text(self) -> str:
@@ -174,8 +175,8 @@ def distance_note(position: FloatArray, said: str) -> str:
     """
     distance = float(np.median(np.linalg.norm(position, axis=1))) if len(position) else 0.0
     if distance > FAR:
-        return f"Positions are some {distance:.0f} m away, with {said}: are they millimetres?"
+        return f"Positions some {distance:.0f} m away, with {said}: are they millimetres?"
     if 0.0 < distance < NEAR:
         shown = shown_text(distance, "m", with_unit=True)
-        return f"Positions are some {shown} away, with {said}: are they metres?"
+        return f"Positions some {shown} away, with {said}: are they metres?"
     return ""

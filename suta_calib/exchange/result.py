@@ -6,7 +6,6 @@ import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from hashlib import sha256
 from pathlib import Path
 from typing import Any, Final
 
@@ -14,8 +13,9 @@ import numpy as np
 
 from suta_calib.analysis.comparison import check_nominal
 from suta_calib.arrays import FloatArray
-from suta_calib.assessment import refuse_unusable
+from suta_calib.assessment import refuse_unusable, says_usable
 from suta_calib.errors import ForeignFileError, InputError
+from suta_calib.exchange.rotations import is_rotation
 from suta_calib.geometry.numbers import homogeneous, rotation_from_rpy
 from suta_calib.geometry.pinhole import INTRINSICS
 from suta_calib.job.schema import JobSpec, read_job
@@ -23,6 +23,7 @@ from suta_calib.measurements.camera import Camera
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.chain import ChainJoint
 from suta_calib.pose_calibration.eye_poses import FRAMES
+from suta_calib.tracking.made_from import job_of
 from suta_calib.tracking.uncertainty import (
     CalibrationUncertainty,
     numbers,
@@ -129,6 +130,11 @@ class Result:
     camera: Camera | None = None
     data: Mapping[str, Any] = field(default_factory=dict)
 
+    @property
+    def usable(self) -> bool:
+        """Whether it says of itself that it may be used."""
+        return says_usable(self.data)
+
     def need_arm(self, form: str) -> CalibratedArm:
         """The arm, for a format that is nothing without one.
 
@@ -184,7 +190,8 @@ def read_result(
             expected = "the answer of calibrate, hand-eye, pivot or register"
             raise InputError("no answer that can be exported", expected, file=path)
         return Result(path, None, found, None, data)
-    job = None if urdf is not None else _job(data, path)
+    made_from = "the nominal arm with --urdf and --tip"
+    job = None if urdf is not None else read_job(job_of(data, path, made_from))
     if job is not None:
         model = job.arm.model()
     else:
@@ -197,26 +204,6 @@ def read_result(
     return Result(path, arm, tuple(_external(data, arm, path)), _camera(data, job, path), data)
 
 
-def _job(data: Mapping[str, Any], path: Path) -> JobSpec:
-    """The job that the result was made from, as it was then."""
-    run = data.get("run")
-    inputs = run.get("inputs", {}) if isinstance(run, dict) else {}
-    first, hashed = next(iter(inputs.items()), ("", "")) if isinstance(inputs, dict) else ("", "")
-    name = Path(str(first or data.get("job", ""))).name
-    places = [Path(str(first)), path.parent / name, path.parent.parent / name]
-    there = [place for place in places if name and place.is_file()]
-    for place in there:
-        if not hashed or sha256(place.read_bytes()).hexdigest() == hashed:
-            return read_job(place)
-    found = f"{there[0]}, which was changed since" if there else f"no job {name!r} beside it"
-    raise InputError(
-        found,
-        "the job that it was made from",
-        file=path,
-        hint="calibrate again, or give the nominal arm with --urdf and --tip",
-    )
-
-
 def _external(data: Mapping[str, Any], arm: CalibratedArm, path: Path) -> Iterator[Transform]:
     told = data.get("external_poses")
     # The arm's own frames by the names that its URDF gives them.
@@ -225,9 +212,14 @@ def _external(data: Mapping[str, Any], arm: CalibratedArm, path: Path) -> Iterat
     for name, pose in told.items() if isinstance(told, dict) else ():
         if not isinstance(pose, dict) or pose.get("matrix") is None:
             continue
-        matrix = numbers(pose["matrix"], (4, 4), path, f"external_poses: {name}: matrix")
+        matrix = _pose(pose["matrix"], path, f"external_poses: {name}: matrix")
         parent, child = str(pose.get("within", "")), str(pose.get("what", name))
-        yield Transform(own.get(parent, parent), own.get(child, child), matrix)
+        # Of several placements or instruments each is a frame of its own.
+        label = name.partition("[")[2].removesuffix("]")
+        parent, child = (
+            own.get(frame, f"{frame}_{label}" if label else frame) for frame in (parent, child)
+        )
+        yield Transform(parent, child, matrix)
 
 
 def _closed(data: Mapping[str, Any], path: Path) -> Iterator[Transform]:
@@ -237,10 +229,19 @@ def _closed(data: Mapping[str, Any], path: Path) -> Iterator[Transform]:
         if key not in data:
             continue
         _, parent, child = name.split("_")
-        yield Transform(parent, child, numbers(data[key], (4, 4), path, key))
+        yield Transform(parent, child, _pose(data[key], path, key))
     if "tip_mm" in data:
         tip = from_mm(numbers(data["tip_mm"], (3,), path, "tip_mm"))
         yield Transform("tool", "tip", homogeneous(np.eye(3), tip))
+
+
+def _pose(value: object, path: Path, where: str) -> FloatArray:
+    """(4, 4) of a rigid motion, m."""
+    matrix = numbers(value, (4, 4), path, where)
+    if not (is_rotation(matrix[None, :3, :3]) and np.array_equal(matrix[3], [0, 0, 0, 1])):
+        expected = "a rotation matrix and a position above 0, 0, 0, 1"
+        raise InputError("numbers that are no pose", expected, file=path, where=where)
+    return matrix
 
 
 def _camera(data: Mapping[str, Any], job: JobSpec | None, path: Path) -> Camera | None:

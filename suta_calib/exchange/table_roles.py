@@ -60,6 +60,8 @@ _MATRICES: Final = tuple(
     for k in (0, 1)
 )
 _ORIENTATIONS: Final = (*_QUATERNIONS, *_MATRICES, *_ANGLES)
+# In front of x, y, z that say how sure a position is.
+_SPREADS: Final = ("sigma_", "std_")
 # How far the length of a quaternion may be from one.
 _UNIT_LENGTH: Final = 0.01
 _MOST_CHOICES: Final = 8
@@ -110,15 +112,22 @@ def named_poses(sheet: Sheet, names: Sequence[str], given: Given) -> list[PoseCo
     for k, name in enumerate(names):
         bare, unit = plain_name(name)
         plain.setdefault(bare.lower(), (k, unit))
+    kept = {k for k, _ in plain.values()}
+    twice = {plain_name(name)[0].lower() for k, name in enumerate(names) if k not in kept}
     found = []
     # The x of ``orientation.x`` is no position, nor is that of ``sigma_x``.
     other = {name for _, whole in _with_prefix(plain, _ORIENTATIONS) for name in whole}
     other |= {*SIGMAS}
     places = {name: at for name, at in plain.items() if name not in other}
     for prefix, triple in _with_prefix(places, _POSITIONS):
-        position, unit = _numbers(plain, triple)
+        if prefix in _SPREADS:
+            continue
+        position, unit = _numbers(sheet, plain, triple)
         rotation, angle, form = _named_rotation(sheet, plain, prefix, given)
         found.append(PoseColumns(prefix, position, rotation, form, unit, angle))
+        for column in (*position, *rotation):
+            if (bare := plain_name(names[column])[0].lower()) in twice:
+                raise _refused(sheet, f"several columns of {bare!r}, in units of their own")
     return found
 
 
@@ -140,10 +149,25 @@ def _with_prefix(
 
 
 def _numbers(
-    plain: Mapping[str, tuple[int, str]], names: Sequence[str]
+    sheet: Sheet, plain: Mapping[str, tuple[int, str]], names: Sequence[str]
 ) -> tuple[tuple[int, ...], str]:
-    units = {plain[name][1] for name in names} - {""}
-    return tuple(plain[name][0] for name in names), units.pop() if len(units) == 1 else ""
+    """Columns of some numbers, and the unit that all of their names give."""
+    units = {plain[name][1] for name in names}
+    if len(units) > 1:
+        told = ", ".join(f"{name} in {plain[name][1] or 'no unit'}" for name in names)
+        raise _refused(sheet, f"columns {told}")
+    return tuple(plain[name][0] for name in names), units.pop()
+
+
+def _refused(sheet: Sheet, found: str) -> ForeignFileError:
+    """Error about names that contradict each other, to be raised by the caller."""
+    return ForeignFileError(
+        found,
+        "each number of a pose once, all of a kind in one unit",
+        file=sheet.path,
+        line=sheet.lines[0],
+        hint="name the columns that are meant with --columns 1=x,2=y,…, and others by other names",
+    )
 
 
 def _named_rotation(
@@ -154,12 +178,23 @@ def _named_rotation(
             whole = [prefix + name for name in names]
             if not all(name in plain for name in whole):
                 continue
-            columns, angle = _numbers(plain, whole)
+            columns, angle = _numbers(sheet, plain, whole)
             if form:
                 return columns, angle, form
             seen = f"orientations in columns {', '.join(whole)}, which may be any of many angles"
             asked = [each for each, count in NUMBERS.items() if count == 3]
             return columns, angle, settled(sheet, given, ROTATION, asked, seen, likeliest="xyz")
+    for names in _QUATERNIONS:
+        gone = [prefix + name for name in names if prefix + name not in plain]
+        if len(gone) == 1:
+            there = ", ".join(prefix + name for name in names if prefix + name in plain)
+            raise ForeignFileError(
+                f"columns {there} and no {gone[0]}",
+                "all four numbers of a quaternion, or none",
+                file=sheet.path,
+                line=sheet.lines[0],
+                hint=f"name it with --columns NAME={gone[0]}",
+            )
     return (), "", ""
 
 

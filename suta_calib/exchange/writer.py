@@ -75,8 +75,10 @@ class Exported:
 
     @cached_property
     def assessment(self) -> Assessment:
-        """Care where values are lost; it is of use in any case."""
+        """Care where values are lost, or the result must not be used; then it was insisted on."""
         care = []
+        if not self.result.usable:
+            care.append("The result says of itself that it must not be used.")
         if self.lost:
             names = listed(list(self.lost))
             care.append(f"{self.form} cannot hold {names}: without it the arm is another.")

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import hashlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +10,7 @@ from suta_calib.assessment import read_assessment
 from suta_calib.diagnostics.accuracy import fit_own
 from suta_calib.errors import InputError
 from suta_calib.job.calibration import CalibrationJob
+from suta_calib.tracking.made_from import job_of
 from suta_calib.tracking.uncertainty import numbers, read_json_object, read_uncertainty
 from suta_calib.units import from_mm
 from suta_calib.view.calibrated import Calibrated, term_sets
@@ -29,7 +29,11 @@ def read_calibrated(path: Path, *, anyway: bool = False) -> Calibrated:
     """
     file = path / "result.json" if path.is_dir() else path
     data = read_json_object(file)
-    job = CalibrationJob.load(_job_of(data, file))
+    if "parameters" not in data:
+        said = "an answer that is no calibration of an arm"
+        expected = "the result of suta-calib calibrate"
+        raise InputError(said, expected, file=file, hint="the report beside it has its pictures")
+    job = CalibrationJob.load(job_of(data, file, "the job itself"))
     known = read_uncertainty(file, job.arm, anyway=anyway)
     values = {
         name: float(numbers(entry.get("value"), (), file, name))
@@ -55,38 +59,6 @@ def read_calibrated(path: Path, *, anyway: bool = False) -> Calibrated:
         _rms(data, file),
         read_assessment(data),
     )
-
-
-def _job_of(data: Mapping[str, Any], file: Path) -> Path:
-    """The job, where it was or beside the results, if it is still what it was."""
-    run = data.get("run")
-    inputs = run.get("inputs") if isinstance(run, dict) else None
-    if not isinstance(inputs, dict) or not inputs:
-        raise InputError(
-            "no job that it was made from",
-            "run.inputs, as suta-calib calibrate writes it",
-            file=file,
-            where="run",
-            hint="give the job itself",
-        )
-    name, sha256 = next(iter(inputs.items()))
-    tried = [job for job in _candidates(Path(name), file) if job.is_file()]
-    for job in tried:
-        if hashlib.sha256(job.read_bytes()).hexdigest() == sha256:
-            return job
-    raise InputError(
-        f"{tried[0]} changed since" if tried else f"no job {name}",
-        "the job that it was made from, as it was",
-        file=file,
-        where="run.inputs",
-        hint="calibrate again, or give the job itself",
-    )
-
-
-def _candidates(job: Path, result: Path) -> Iterator[Path]:
-    yield job
-    for folder in (result.parent.parent, result.parent):
-        yield folder / job.name
 
 
 def _rms(data: Mapping[str, Any], file: Path) -> dict[str, tuple[float, float]]:

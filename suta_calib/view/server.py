@@ -255,6 +255,7 @@ def page(scene: Scene) -> bytes:
         html: str = viewer.frozen().as_html()
     factors = ", ".join(f"{what} × {factor:g}" for what, factor in _factors(scene))
     style = "position:fixed;right:0;top:0;max-width:24em;z-index:10;font-family:sans-serif"
+    style += ";overflow-wrap:anywhere"  # a job's path has no blanks to wrap at
     overlay = f'<div style="{style};padding:1em 0">{headline(scene, factors)}</div>'
     html = html.replace("<title>", f"<title>{escape(scene.title)} · ", 1)
     return html.replace("</body>", f"{overlay}</body>", 1).encode()

@@ -277,3 +277,10 @@ def test_a_device_of_another_arm_is_refused(
     other.write_text("port: loop://\njoints: [{name: elbow}]\n")
     assert cli("view", result, "--device", other, "--port", "0", "--seconds", "0.5") == 2
     assert "elbow" in capsys.readouterr().err
+
+
+def test_an_answer_that_is_no_calibration_is_refused(tmp_path: Path) -> None:
+    file = tmp_path / "result.json"
+    file.write_text('{"tip_mm": [1, 2, 3], "run": {"inputs": {"poses.csv": "0"}}}')
+    with pytest.raises(InputError, match="found an answer that is no calibration of an arm"):
+        read_calibrated(file)

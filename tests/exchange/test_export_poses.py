@@ -121,3 +121,33 @@ def test_answers_of_closed_problems(tmp_path: Path) -> None:
     np.testing.assert_allclose(tip.matrix[:3, 3], [0.001, 0.002, 0.3])
     with pytest.raises(InputError, match="no calibrated arm, which mjcf is a format of"):
         write_foreign(read_result(path), "mjcf")
+
+
+def test_frames_of_one_kind_keep_their_labels(results: Path, tmp_path: Path) -> None:
+    """Two placements are two frames: one could not be chosen, nor published, by one name."""
+    data = json.loads((results / "result.json").read_text())
+    pose = {"what": "placement", "within": "base"}
+    data["external_poses"] = {
+        f"placement[{label}]": pose | {"matrix": matrix.tolist()}
+        for label, matrix in zip(("P1", "P2"), POSES, strict=True)
+    }
+    (tmp_path / "result.json").write_text(json.dumps(data))
+    found = read_result(tmp_path).transforms
+    assert [each.child for each in found] == ["placement_P1", "placement_P2"]
+    assert {each.parent for each in found} == {"base_link"}
+
+
+def test_a_matrix_that_is_no_pose_is_refused(tmp_path: Path) -> None:
+    stretched = POSES[0] @ np.diag([1.0, 1.0, 5.0, 1.0])
+    (tmp_path / "result.json").write_text(json.dumps({"T_b_a": stretched.tolist()}))
+    with pytest.raises(InputError, match=r"result\.json: T_b_a: found numbers that are no pose"):
+        read_result(tmp_path)
+
+
+def test_what_was_insisted_on_is_still_called_unusable(tmp_path: Path) -> None:
+    verdict = {"level": "bad", "usable": False, "sentence": "not determined", "notes": []}
+    data = {"T_b_a": POSES[0].tolist(), "verdict": verdict}
+    (tmp_path / "result.json").write_text(json.dumps(data))
+    found = write_foreign(read_result(tmp_path, anyway=True), "ros-tf").assessment
+    assert found.level == "care"
+    assert "must not be used" in found.notes[0]

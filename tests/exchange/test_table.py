@@ -295,10 +295,25 @@ def test_lengths_are_questioned_and_never_scaled(tmp_path: Path) -> None:
     check(found, tmp_path / "o.csv", None, 1e3 * P)
 
 
+def test_standard_deviations_are_no_second_body(tmp_path: Path) -> None:
+    path = tmp_path / "points.csv"
+    path.write_text("x_mm,y_mm,z_mm,sigma_x_mm,sigma_y_mm,sigma_z_mm\n100,200,300,0.1,0.2,0.3\n")
+    found = imported(path)
+    assert {"x", "sigma_x_mm", "sigma_y_mm", "sigma_z_mm"} <= set(found.columns)
+    np.testing.assert_allclose(found.columns["x"], [0.1])
+    np.testing.assert_array_equal(found.columns["sigma_z_mm"], [0.3])
+
+
 REFUSED: dict[str, tuple[str, dict[str, object], str]] = {
     "a word": ("x,y,z\n1,2,3\n1,two,3\n", {}, r":3: column 2: found 'two'; expected a finite"),
     "infinity": ("x,y,z\n1,2,3\n1,inf,3\n", {}, r":3: column 2: found 'inf'"),
     "a short row": ("x,y,z\n1,2,3\n1,2\n", {}, r":3: found 2 cells; expected 3, as in the header"),
+    "decimal commas between commas": (
+        "x,y,z\n0,5,1,5,2,5\n1,5,2,5,3,5\n",
+        {},
+        r":2: found 6 cells; expected 3, as in the header; decimal commas between commas\?",
+    ),
+    "a last line cut off": ("x,y,z\n1,2,3\n4\n", {}, r":3: found 1 cell; expected 3.*cut off"),
     "no quaternion": ("x,y,z,qx,qy,qz,qw\n1,2,3,9,9,9,9\n", {}, r":2: .*no quaternion"),
     "nothing": ("\n\n", {}, "an empty file"),
     "a header only": ("x,y,z\n", {}, "a header and no data"),
@@ -314,6 +329,25 @@ REFUSED: dict[str, tuple[str, dict[str, object], str]] = {
         "--unit deg, and no columns of joint .*--j",
     ),
     "a length of nothing": ("joint_1,v\n1,2\n", {"unit": "mm"}, "--unit mm, and no columns of a p"),
+    "lengths in two units": ("x,y,z\n1,2,3\n", {"unit": ("mm", "m")}, "--unit: found mm and m"),
+    "a quaternion of three": (
+        "x,y,z,qx,qy,qz\n1,2,3,0,0,0\n",
+        {},
+        r":2: found columns qx, qy, qz and no qw; expected all four",
+    ),
+    "a quaternion of three, of a hand-eye pair": (
+        "a_x,a_y,a_z,b_x,b_y,b_z,b_qx,b_qz,b_qw\n1,2,3,4,5,6,0,0,1\n",
+        {},
+        r":2: found columns b_qx, b_qz, b_qw and no b_qy",
+    ),
+    "a unit for each axis": ("x_mm,y_m,z_mm\n1,2,3\n", {}, r":2: found columns x in mm, y in m, z"),
+    "a unit for one axis": ("x_mm,y,z\n1,2,3\n", {}, r":2: found columns x in mm, y in no unit"),
+    "positions twice": (
+        "x_mm,y_mm,z_mm,x,y,z\n1,2,3,4,5,6\n",
+        {},
+        r":2: found several columns of 'x', in units of their own",
+    ),
+    "far away": ("x,y,z\n100,200,300\n", {}, r":2: found positions some 374 m away.*--unit mm"),
     "both units": ("x_mm,y_mm,z_mm\n1,2,3\n", {"unit": "m"}, "named as mm, with --unit m"),
 }
 

@@ -132,9 +132,15 @@ class _Columns:
         self, sheet: Sheet, names: Sequence[str], poses: Sequence[PoseColumns], given: Given
     ) -> None:
         self._sheet, self._names, self._poses, self._given = sheet, names, poses, given
-        units = given.texts(UNIT)
-        self._length = next((unit for unit in units if unit in _LENGTHS), "")
-        self._angle = next((unit for unit in units if unit not in _LENGTHS), "")
+        units = dict.fromkeys(given.texts(UNIT))
+        lengths = [unit for unit in units if unit in _LENGTHS]
+        angles = [unit for unit in units if unit not in _LENGTHS]
+        for several in (lengths, angles):
+            if len(several) > 1:
+                said = " and ".join(several)
+                raise given.refuse(UNIT, said, "one of lengths and one of angles")
+        self._length = next(iter(lengths), "")
+        self._angle = next(iter(angles), "")
         self._notes: list[str] = []
         self._seen = list(sheet.seen)
         self._angles_used = False
@@ -232,8 +238,8 @@ class _Columns:
         note = distance_note(position, f"lengths in {said or 'm'}")
         if note and not said and GUESS not in self._given:
             raise ForeignFileError(
-                f"{note[0].lower()}{note[1:-1]}",
-                "that it be said",
+                f"{note[0].lower()}{note[1:]}",
+                "the unit",
                 file=self._sheet.path,
                 line=self._sheet.lines[0],
                 hint="say --unit mm or --unit m; nothing is scaled unasked",
