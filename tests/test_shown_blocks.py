@@ -65,6 +65,8 @@ def own_arrays() -> dict[str, Any]:
     return {"q": q, "seen_by_tracker": seen + 5e-5 * random.standard_normal(seen.shape)}
 
 
+# Pages whose Python needs what nobody has here, and what: it is compiled only.
+COMPILED = {"docs/tutorials/hobby_arm.md": "servos on a bus"}
 PYTHON = sorted({block.page for block in BLOCKS if block.language == "python"})
 
 
@@ -73,9 +75,12 @@ def test_python_runs_and_prints_what_its_comments_say(page: str, folder: Path) -
     names: dict[str, Any] = own_arrays()
     printed = io.StringIO()
     python = [block.text for block in BLOCKS if block.page == page and block.language == "python"]
-    for text in python:
+    code = [compile(text, page, "exec") for text in python]
+    if page in COMPILED:
+        return
+    for each in code:
         with redirect_stdout(printed):
-            exec(compile(text, page, "exec"), names)
+            exec(each, names)
     said = re.findall(r"^print\(.*\)  # (.*)$", "\n".join(python), re.M)
     assert said
     for line, claim in zip(printed.getvalue().splitlines(), said, strict=True):

@@ -34,6 +34,7 @@ the chain.
 from __future__ import annotations
 
 import math
+from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
@@ -122,8 +123,10 @@ class _Walk:
         self.frames: list[MovingFrame] = []
         # Of the link above base and tip in the base: the frame in which climbing has ended.
         self.top: Symbol = self.rotation
-        # column index → (linear direction, None) or (axis, point it passes through)
-        self.columns: dict[int, tuple[Symbol, Symbol | None]] = {}
+        # Of these parameters the torques are functions.
+        self.coupled: set[str] = set()
+        # column index → shifts (direction, None) and turns (axis, point it passes through)
+        self.columns: dict[int, list[tuple[Symbol, Symbol | None]]] = defaultdict(list)
 
     def value(self, name: str) -> Symbol:
         k = self.index.get(name)
@@ -134,14 +137,9 @@ class _Walk:
         return name in self.index or bool(self.nominal.get(name))
 
     def note(self, name: str, direction: Symbol, point: Symbol | None = None) -> None:
+        """What a parameter does here: a turn about a line through a point, or a shift."""
         if name in self.index:
-            self.columns[self.index[name]] = (direction, point)
-
-    def note_more(self, name: str, direction: Symbol) -> None:
-        """A shift of the tip by what shifts other links too."""
-        if name in self.index:
-            so_far, _ = self.columns.get(self.index[name], (ca.SX(3, 1), None))
-            self.columns[self.index[name]] = (so_far + direction, None)
+            self.columns[self.index[name]].append((direction, point))
 
     def through(self, segment: Segment, q: Symbol) -> None:
         if segment.climbed:
@@ -166,7 +164,7 @@ class _Walk:
         for expansion in dict.fromkeys(f"{owner}.{EXPANSION}" for owner in (LINKS, segment.owner)):
             if self.matters(expansion):
                 stretch += self.value(expansion) * warmth
-                self.note_more(expansion, along * warmth)
+                self.note(expansion, along * warmth)
         for k, name in enumerate(names):
             self.note(name, way * self.rotation[:, k] * stretch)
         self.position += along * stretch
@@ -208,6 +206,12 @@ class _Walk:
         turns = segment.motion == "revolute"
         for name, effect in effects.items():
             self.note(name, way * along * effect, point if turns else None)
+        if segment.owner in self.torques:
+            # What a coupling turns, gravity pulls at elsewhere.
+            (compliance,) = segment.names(COMPLIANCE)
+            for name in sorted(self.index.keys() & self.coupled):
+                pull = ca.jacobian(self.torques[segment.owner], self.value(name))
+                self.note(name, way * along * self.value(compliance) * pull, point)
         if turns:
             # Rodrigues' formula; CasADi leaves out what is exactly zero.
             outer = ca.SX(_snapped(np.outer(axis, axis)))
@@ -246,9 +250,10 @@ class _Walk:
         """(6, n): linear over angular velocity of the tip in the base frame, per parameter."""
         rows = []
         for k in range(len(self.index)):
-            direction, point = self.columns[k]
-            linear = direction if point is None else ca.cross(direction, self.position - point)
-            angular = ca.SX(3, 1) if point is None else direction
+            angular, linear = ca.SX(3, 1), ca.SX(3, 1)
+            for direction, point in self.columns[k]:
+                linear += direction if point is None else ca.cross(direction, self.position - point)
+                angular += ca.SX(3, 1) if point is None else direction
             rows.append(ca.vertcat(linear, angular))
         return ca.horzcat(*rows) if rows else ca.SX(6, 0)
 
@@ -290,8 +295,11 @@ def forward_kinematics(
             for name, x in zip(s.names(*POSITION), s.position, strict=True)
         }
         # But a coupling turns the links by as much as a reading does.
-        drawn |= {n: nominal.get(n, 0.0) for s in moving for n in s.couplings}
-        still = _walked(segments, _Walk([], theta, drawn), q)
+        walk.coupled = {n for s in moving for n in s.couplings}
+        drawn |= {n: nominal.get(n, 0.0) for n in walk.coupled}
+        sought = [n for n in names if n in walk.coupled]
+        those = ca.vertcat(*map(walk.value, sought))
+        still = _walked(segments, _Walk(sought, those, drawn), q)
         walk.torques = gravity_torques(still.frames, carried, still.top @ ca.DM(gravity))
     inputs = {"theta": theta, "q": q}
     for name in told:

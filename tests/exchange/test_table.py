@@ -295,15 +295,6 @@ def test_lengths_are_questioned_and_never_scaled(tmp_path: Path) -> None:
     check(found, tmp_path / "o.csv", None, 1e3 * P)
 
 
-def test_standard_deviations_are_no_second_body(tmp_path: Path) -> None:
-    path = tmp_path / "points.csv"
-    path.write_text("x_mm,y_mm,z_mm,sigma_x_mm,sigma_y_mm,sigma_z_mm\n100,200,300,0.1,0.2,0.3\n")
-    found = imported(path)
-    assert {"x", "sigma_x_mm", "sigma_y_mm", "sigma_z_mm"} <= set(found.columns)
-    np.testing.assert_allclose(found.columns["x"], [0.1])
-    np.testing.assert_array_equal(found.columns["sigma_z_mm"], [0.3])
-
-
 REFUSED: dict[str, tuple[str, dict[str, object], str]] = {
     "a word": ("x,y,z\n1,2,3\n1,two,3\n", {}, r":3: column 2: found 'two'; expected a finite"),
     "infinity": ("x,y,z\n1,2,3\n1,inf,3\n", {}, r":3: column 2: found 'inf'"),

@@ -83,9 +83,9 @@ class Reference:
         base, tip = (self.data.oMf[self.model.getFrameId(n, pin.FrameType.BODY)] for n in ends)
         return base.actInv(tip)
 
-    def torques(self, q: np.ndarray) -> dict[str, float]:
-        """What gravity does to each joint of the chain."""
-        found = pin.computeGeneralizedGravity(self.model, self.data, self._configured(q, {}))
+    def torques(self, q: np.ndarray, coupled: Mapping[str, float]) -> dict[str, float]:
+        """What gravity does to each joint of the chain, turned by its readings and couplings."""
+        found = pin.computeGeneralizedGravity(self.model, self.data, self._configured(q, coupled))
         numbers = {j.name: self.model.getJointId(j.name) for j in self.moving}
         return {n: -found[self.model.joints[k].idx_v] for n, k in numbers.items()}
 
@@ -107,7 +107,8 @@ def test_random_trees_are_pinocchios(scratch: Path, seed: int, mimics: bool) -> 
     # The URDF written back holds the geometry; the errors that no URDF holds move the joints.
     nominal, told = (Reference(x, arm) for x in (path.read_text(), arm.calibrated_urdf(values)))
     for row, R, p in zip(q, *arm.forward(q, values | beside), strict=True):
-        expected = told.pose(row, _turns(arm, row, beside, nominal.torques(row)))
+        torques = nominal.torques(row, _coupled(arm, row, beside))
+        expected = told.pose(row, _turns(arm, row, beside, torques))
         np.testing.assert_allclose(R, expected.rotation, rtol=0, atol=1e-12)
         np.testing.assert_allclose(p, expected.translation, rtol=0, atol=1e-12)
     names = [*values, *beside]
@@ -126,7 +127,7 @@ def _turns(
     arm: ArmModel, q: np.ndarray, beside: Mapping[str, float], torques: Mapping[str, float]
 ) -> dict[str, float]:
     """By joint, how far errors that are no geometry move it, by their definition."""
-    readings, found = dict(zip(arm.joints, q.tolist(), strict=True)), {}
+    readings, found = dict(zip(arm.joints, q.tolist(), strict=True)), _coupled(arm, q, beside)
     for joint in arm.chain.joints:
         if joint.moving:
             m = joint.mimic
@@ -140,11 +141,21 @@ def _turns(
                 COMPLIANCE: torques[joint.name],
             }
             of = {key: beside.get(f"{joint.name}.{key}", 0.0) for key in waves}
-            found[joint.name] = sum(of[key] * wave for key, wave in waves.items())
-            for other, reading in readings.items():
-                ratio = beside.get(f"{joint.name}.{coupling_key(other)}", 0.0)
-                found[joint.name] += ratio * reading
+            found[joint.name] += sum(of[key] * wave for key, wave in waves.items())
     return found
+
+
+def _coupled(arm: ArmModel, q: np.ndarray, beside: Mapping[str, float]) -> dict[str, float]:
+    """By joint, how far the readings of others move it."""
+    readings = dict(zip(arm.joints, q.tolist(), strict=True))
+    return {
+        joint.name: sum(
+            beside.get(f"{joint.name}.{coupling_key(other)}", 0.0) * reading
+            for other, reading in readings.items()
+        )
+        for joint in arm.chain.joints
+        if joint.moving
+    }
 
 
 @pytest.fixture
