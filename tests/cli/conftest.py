@@ -1,12 +1,16 @@
-"""Files of poses and of points with known answers, and outliers among them."""
+"""Files of poses and points with known answers, and outliers among them; an arm on a cable."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from pose_answers import XYZ
 from pose_scenes import POSE, pivot_numbers, point_numbers, write_csv
+from swinging_arm import emulated
+
+from suta_calib.emulation import EmulatedArm
 
 
 @pytest.fixture
@@ -21,3 +25,10 @@ def point_files(tmp_path: Path) -> tuple[Path, Path]:
     a, b = point_numbers(12)
     b[4] += [0.01, 0.004, 0.0]
     return write_csv(tmp_path / "a.csv", XYZ, a), write_csv(tmp_path / "b.csv", XYZ, b)
+
+
+@pytest.fixture
+def device(tmp_path: Path) -> Iterator[Path]:
+    """The ``device.yaml`` of an arm that swings while the test runs."""
+    with EmulatedArm(emulated()) as emulator:
+        yield emulator.write_device(tmp_path / "device.yaml")

@@ -10,7 +10,7 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -18,29 +18,15 @@ import numpy as np
 import pytest
 from cli_job import cli
 from simulated import SUTA_URDF
+from swinging_arm import emulated
 from tracking_scene import TRUTH, calibrated
 
-from suta_calib.device import DeviceSpec, JointSpec
-from suta_calib.emulation import EmulatedArm, Emulation, Faults, sweep
+from suta_calib.emulation import EmulatedArm, Emulation, Faults
 from suta_calib.measurements.csv_table import read_csv_table
 from suta_calib.model.arm import ArmModel
 from suta_calib.tracking.trajectory import read_trajectory
 
 TRACK = ("track", SUTA_URDF, "--tip", "tip", "--device")
-
-
-def emulated(**options: Any) -> Emulation:
-    """The SUTA, nominal, all joints swinging; simulated."""
-    arm = ArmModel.from_urdf(SUTA_URDF, "tip")
-    joints = tuple(JointSpec(name, -1 if k == 2 else 1) for k, name in enumerate(arm.joints))
-    device = DeviceSpec(Path("device.yaml"), "", 921600, "frames", "counts", 1 << 22, joints)
-    return Emulation(device, sweep(arm, slowest=0.3), **options)
-
-
-@pytest.fixture
-def device(tmp_path: Path) -> Iterator[Path]:
-    with EmulatedArm(emulated()) as emulator:
-        yield emulator.write_device(tmp_path / "device.yaml")
 
 
 def tracked(

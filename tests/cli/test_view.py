@@ -8,7 +8,6 @@ import signal
 import socket
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +15,11 @@ import numpy as np
 import pytest
 from cli_job import TRUTH, cli, simulated, write_simulated_job
 from simulated import SUTA_URDF
+from swinging_arm import emulated
 from viser_page import recording_of
 
-from suta_calib.device import DeviceSpec, JointSpec, read_device
-from suta_calib.emulation import EmulatedArm, Emulation, Faults, sweep
+from suta_calib.device import read_device
+from suta_calib.emulation import EmulatedArm, Faults
 from suta_calib.emulation.faults import Flag, Window
 from suta_calib.errors import InputError
 from suta_calib.job.calibration import CalibrationJob
@@ -218,19 +218,6 @@ def test_without_the_extra_it_says_how_to_install_it(
 
 
 # ── a device ────────────────────────────────────────────────────────────────────────────────
-def emulated(**options: Any) -> Emulation:
-    arm = ArmModel.from_urdf(SUTA_URDF, "tip")
-    joints = tuple(JointSpec(name, -1 if k == 2 else 1) for k, name in enumerate(arm.joints))
-    device = DeviceSpec(Path("device.yaml"), "", 921600, "frames", "counts", 1 << 22, joints)
-    return Emulation(device, sweep(arm, slowest=0.3), **options)
-
-
-@pytest.fixture
-def device(tmp_path: Path) -> Iterator[Path]:
-    with EmulatedArm(emulated()) as emulator:
-        yield emulator.write_device(tmp_path / "device.yaml")
-
-
 def test_the_arm_moves_as_the_device_reads(result: Path, device: Path) -> None:
     calibrated = read_calibrated(result)
     with view_calibration(calibrated) as viewer:
