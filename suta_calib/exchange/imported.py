@@ -6,10 +6,10 @@ import csv
 import io
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,10 +56,6 @@ class Imported(ABC):
     def assessment(self) -> Assessment:
         """Care where something must be known; it is of use in any case."""
         return Assessment.of(self.sentence, care=self.notes, known=self.seen)
-
-    def noting(self, *notes: str) -> Self:
-        """The same with more that must be known."""
-        return replace(self, notes=(*self.notes, *notes))
 
     def write(self, path: str | Path) -> None:
         """Write it, whole or not at all.

@@ -206,9 +206,9 @@ class _Walk:
         turns = segment.motion == "revolute"
         for name, effect in effects.items():
             self.note(name, way * along * effect, point if turns else None)
-        if segment.owner in self.torques:
+        (compliance,) = segment.names(COMPLIANCE)
+        if segment.owner in self.torques and self.matters(compliance):
             # What a coupling turns, gravity pulls at elsewhere.
-            (compliance,) = segment.names(COMPLIANCE)
             for name in sorted(self.index.keys() & self.coupled):
                 pull = ca.jacobian(self.torques[segment.owner], self.value(name))
                 self.note(name, way * along * self.value(compliance) * pull, point)

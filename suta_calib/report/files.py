@@ -85,13 +85,18 @@ def write_document(
 def _report(answer: Document, folder: Path, job: str) -> tuple[str, str | None]:
     """Name of the page that an answer stands on, and what is there; a page is of one job."""
     path = folder / REPORT
-    page = path.read_text(encoding="utf-8", errors="replace") if path.is_file() else None
+    page = _page(path)
     if answer.written in BEGINS or page is None or belongs(page, job):
         return REPORT, page
     if not holds_others(answer, page):
         return REPORT, None
     path = folder / f"report-{Path(job).stem}.html"
-    return path.name, path.read_text(encoding="utf-8", errors="replace") if path.is_file() else None
+    return path.name, _page(path)
+
+
+def _page(path: Path) -> str | None:
+    """The page that is there, however it was written."""
+    return path.read_text(encoding="utf-8", errors="replace") if path.is_file() else None
 
 
 def _written_before(record: Path) -> set[str]:
