@@ -11,13 +11,15 @@ from suta_calib.terms.given import GivenPose
 from suta_calib.terms.hand_eye import HandEye
 from suta_calib.terms.landmark import TouchedLandmark
 from suta_calib.terms.line import TouchedLine
+from suta_calib.terms.observed import Observed
 from suta_calib.terms.pairwise_distance import PairwiseDistance
 from suta_calib.terms.plane import TouchedPlane
 from suta_calib.terms.poses import ArmPoses, MeasuredPoses, PoseSource
 from suta_calib.terms.range import MeasuredRange
 from suta_calib.terms.seating import Seating
+from suta_calib.terms.setup import Setup
 from suta_calib.terms.synthetic import EXACT, OutlierKind, OutlierModel, PoseNoise, Simulated
-from suta_calib.terms.term import Observed, Setup, Term
+from suta_calib.terms.term import Term
 from suta_calib.terms.tracked_point import TrackedPoint
 
 # In the order in which they are offered; where one of a sort is needed, the first is taken.
