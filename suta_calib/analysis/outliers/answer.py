@@ -274,8 +274,8 @@ class Outliers(Shown):
             if t.exact
         ]
         bad += [
-            f"The samples of {t.kind} scatter by {mm(t.unexplained):.3g} mm per axis whatever the arm's "
-            "geometry is: something is wrong with most of them (a joint's sign, a unit, rows that "
+            f"The samples of {t.kind} scatter by {mm(t.unexplained):.3g} mm per axis whatever the "
+            "arm's geometry is: something is wrong with most of them (a joint's sign, a unit, rows that "
             "do not belong together), so none is unlike the others. suta-calib calibrate looks for "
             "the cause."
             for t, term in zip(terms, solution.problem.terms, strict=True)
