@@ -275,9 +275,9 @@ class Outliers(Shown):
         ]
         bad += [
             f"The samples of {t.kind} scatter by {mm(t.unexplained):.3g} mm per axis whatever the "
-            "arm's geometry is: something is wrong with most of them (a joint's sign, a unit, rows that "
-            "do not belong together), so none is unlike the others. suta-calib calibrate looks for "
-            "the cause."
+            "arm's geometry is: something is wrong with most of them (a joint's sign, a unit, rows "
+            "that do not belong together), so none is unlike the others. suta-calib calibrate "
+            "looks for the cause."
             for t, term in zip(terms, solution.problem.terms, strict=True)
             if t.unexplained > STRANGE * (term.blocks[0].noise.sigma or DEFAULT_SIGMA["m"])
         ]
