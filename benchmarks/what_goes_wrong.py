@@ -267,7 +267,7 @@ CORRUPTIONS: Final = (
     Corruption(
         "a decimal sign lost", ("mm", "outside", "reach"), seen(without_point), needs="position"
     ),
-    Corruption("joint columns shifted", ("exchanged", "one column", "limit"), columns_shifted),
+    Corruption("joint columns shifted", ("under the name of",), columns_shifted),
     Corruption(
         "duplicated with jitter",
         ("twice", "count once", "alike"),
@@ -277,7 +277,7 @@ CORRUPTIONS: Final = (
     ),
     Corruption(
         "tracker repeats its last value",
-        ("same in", "repeat"),
+        ("repeat its last value",),
         seen(lost_lock),
         needs="position",
         files="fitted",
