@@ -66,6 +66,16 @@ def seen(change: Callable[[FloatArray], FloatArray]) -> Change:
     return changed
 
 
+def drifting(q: FloatArray) -> FloatArray:
+    """A zero that drifts by 0.15° while an encoder warms up."""
+    return np.asarray(q + np.radians(0.15) * np.linspace(0.0, 1.0, len(q)))
+
+
+def columns_shifted(samples: Samples) -> Samples:
+    """The joints' columns, each under the name of the next."""
+    return replace(samples, q=np.roll(samples.q, 1, axis=1))
+
+
 def swapped_joints(samples: Samples) -> Samples:
     """The first two columns exchanged."""
     order = [1, 0, *range(2, samples.q.shape[1])]
@@ -81,6 +91,50 @@ def moved_half_way(position: FloatArray) -> FloatArray:
 def crept(position: FloatArray) -> FloatArray:
     """An instrument that sinks by 2 mm while the rows are measured."""
     return np.asarray(position + np.linspace(0.0, 2e-3, len(position))[:, None] * [0.0, 0.6, 0.8])
+
+
+def lost_lock(position: FloatArray) -> FloatArray:
+    """A tracker that repeats its last value for a fifth of the rows."""
+    found, n = position.copy(), len(position)
+    found[2 * n // 5 : 3 * n // 5] = position[2 * n // 5]
+    return found
+
+
+def pasted(position: FloatArray) -> FloatArray:
+    """Two rows of twenty hold what was seen in others."""
+    found, n = position.copy(), len(position)
+    rows = np.arange(3, n, 10)
+    found[rows] = position[(rows + n // 2) % n]
+    return found
+
+
+def without_point(position: FloatArray) -> FloatArray:
+    """A column whose decimal sign was lost: 0.1234 became 1234."""
+    return np.column_stack([position[:, 0], np.round(1e4 * position[:, 1]), position[:, 2]])
+
+
+def longer(samples: Samples) -> Samples:
+    """What is seen of a tip that has become 5 mm longer: by an instrument, or by its own camera."""
+    assert samples.position is not None
+    assert samples.rotation is not None
+    return replace(samples, position=samples.position + 5e-3 * samples.rotation[:, :, 2])
+
+
+def duplicated_with_jitter(samples: Samples) -> Samples:
+    """The first third of the rows measured once more, but by a random number generator."""
+    rng, extra = np.random.default_rng(0), samples.take(np.arange(len(samples) // 3))
+    extra = replace(extra, q=extra.q + rng.normal(0.0, 1e-6, extra.q.shape))
+    if extra.position is not None:
+        extra = replace(extra, position=extra.position + rng.normal(0, 1e-6, extra.position.shape))
+    return Samples.concatenate([samples, extra, extra])
+
+
+def clocks_apart(samples: Samples) -> Samples:
+    """A clock that runs slow: of three thirds the first is in time, then one and two rows late."""
+    rows = np.arange(len(samples))
+    kept = rows[: len(samples) - 2]
+    read, other = samples.take(kept + 3 * kept // len(samples)), samples.take(kept)
+    return replace(other, q=read.q, origin=read.origin)
 
 
 def inverted(samples: Samples) -> Samples:
@@ -203,6 +257,52 @@ CORRUPTIONS: Final = (
     Corruption(
         "instrument creeps by 2 mm", ("crept",), seen(crept), needs="position", files="fitted"
     ),
+    Corruption(
+        "rows pasted from elsewhere",
+        ("outliers", "times as large"),
+        seen(pasted),
+        needs="position",
+        files="fitted",
+    ),
+    Corruption(
+        "a decimal sign lost", ("mm", "outside", "reach"), seen(without_point), needs="position"
+    ),
+    Corruption("joint columns shifted", ("under the name of",), columns_shifted),
+    Corruption(
+        "duplicated with jitter",
+        ("twice", "count once", "alike"),
+        duplicated_with_jitter,
+        files="first",
+        right=True,
+    ),
+    Corruption(
+        "tracker repeats its last value",
+        ("repeat its last value",),
+        seen(lost_lock),
+        needs="position",
+        files="fitted",
+    ),
+    Corruption(
+        "a zero that drifts",
+        ("drift", "crept", "slip", "turned"),
+        joint(1, drifting),
+        files="fitted",
+    ),
+    Corruption(
+        "base bumped by 2 mm half-way",
+        ("moved", "slip"),
+        joint(0, lambda q: q + 4e-3),
+        files="later",
+    ),
+    Corruption("a longer tip half-way", ("tool", "moved"), longer, needs="rotation", files="later"),
+    Corruption("one joint in degrees", ("degrees", "joint range"), joint(4, deg)),
+    Corruption(
+        "an axis mirrored",
+        ("left-handed", "wrong sign"),
+        seen(lambda p: p * [1.0, 1.0, -1.0]),
+        needs="position",
+    ),
+    Corruption("clocks drift apart", LATE, clocks_apart, needs="order"),
     Corruption("poses inverted", ("inverted",), inverted, needs="rotation"),
     Corruption("quaternion order", ("w x y z", "quaternion"), reordered, needs="rotation"),
     *(Corruption(f"{n} rows late", LATE, partial(late, n), needs="order") for n in (1, 5, 20)),

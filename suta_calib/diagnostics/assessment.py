@@ -8,7 +8,12 @@ from suta_calib.assessment import Assessment
 from suta_calib.diagnostics.accuracy import Accuracy
 from suta_calib.diagnostics.causes import find_cause
 from suta_calib.diagnostics.changes import changes
-from suta_calib.diagnostics.contradictions import contradictions, dead_joints, gross_rows
+from suta_calib.diagnostics.contradictions import (
+    contradictions,
+    dead_joints,
+    gross_rows,
+    seen_again,
+)
 from suta_calib.diagnostics.explanation import Told, explain_solution
 from suta_calib.diagnostics.repeats import lack_of_fit
 from suta_calib.diagnostics.score_tests import LOOKS_LIKE, effective_unknowns, score_tests
@@ -36,6 +41,7 @@ def assess_calibration(solution: Solution, accuracy: Accuracy) -> Assessment:
     """
     if not solution.converged:
         notes = _cause(solution) or [each.sentence for each in gross_rows(solution)]
+        notes = [*(each.sentence for each in seen_again(solution.problem.terms)), *notes]
         return Assessment("bad", solution.sentence, tuple(notes))
     found = contradictions(solution, accuracy)
     terms = [*solution.problem.terms, *(each.term for each in accuracy.validation)]

@@ -75,12 +75,12 @@ class Change:
     """Something that was not the same for all rows.
 
     Attributes:
-        kind: ``slip`` or ``travel`` of an encoder; ``base`` or ``tip`` that was moved;
+        kind: ``slip``, ``drift`` or ``travel`` of an encoder; ``base`` or ``tip`` that was moved;
             ``base creep``, ``tip creep``.
         joint: whose encoder it is; empty otherwise.
         since: file and row from which on it is so; empty where it is so all along.
-        size, std: by how much, and its standard deviation: rad of a slip, a number of a travel,
-            metres of what was moved or crept until the last row.
+        size, std: by how much, and its standard deviation: rad of a slip, and of a drift until the
+            last row; a number of a travel; metres of what was moved or crept until the last row.
         p: chance of residuals so suspicious, allowing for the number of tests.
     """
 
@@ -99,12 +99,17 @@ class Change:
                 f"{self.joint} reads {100 * self.size:+.3f} ± {100 * self.std:.3f} % of its travel "
                 "too much: does its encoder lose or double counts, or is a gear ratio wrong?"
             )
-        unit: Unit = "rad" if self.kind == "slip" else "m"
+        unit: Unit = "rad" if self.kind in ("slip", "drift") else "m"
         by = f"{text(self.size, unit)} ± {text(self.std, unit, with_unit=True)}"
         if self.kind == "slip":
             return (
                 f"{self.joint} reads {by} more from {self.since} on than before: did its encoder "
                 "slip, or was its zero set anew?"
+            )
+        if self.kind == "drift":
+            return (
+                f"The zero of {self.joint} drifted by {by} while the rows were measured: let it "
+                "warm up, and look whether its encoder sits fast."
             )
         what = "tool, or what is on it," if self.kind.startswith("tip") else "base, or what it met,"
         if self.kind.endswith("creep"):
@@ -287,8 +292,11 @@ def _suspects(fit: _Fit, term: int, times: IntArray, options: ChangeOptions) -> 
             yield _Suspect("slip", joint, start, columns(-motion, later), turn)
         for kind, motion in moved.items():
             yield _Suspect(kind, "", start, columns(motion, later), twist)
+    so_far = np.where(mine, row / count, 0.0)
+    for joint, motion in velocity.items():
+        yield _Suspect("drift", joint, -1, columns(-motion, so_far), turn)
     for kind, motion in moved.items():
-        creeping = columns(motion, np.where(mine, row / count, 0.0))
+        creeping = columns(motion, so_far)
         yield _Suspect(f"{kind} creep", "", -1, creeping, twist)
     q = np.vstack([t.poses.samples.q for t in problem.terms])
     for k, (joint, motion) in enumerate(velocity.items()):

@@ -20,7 +20,7 @@ from suta_calib.diagnostics.held_out import HeldOutErrors, held_out_errors, robu
 from suta_calib.measurements import Samples
 from suta_calib.solver.evaluation import Linearised
 from suta_calib.solver.solution import Solution
-from suta_calib.terms import Term
+from suta_calib.terms import ArmPoses, Term
 from suta_calib.terms.poses import resolution
 from suta_calib.units import text
 from suta_calib.words import listed
@@ -53,6 +53,8 @@ class ContradictionOptions:
         scale_gain: share of the priors' pulls or the residuals that it must explain.
         starts: share of the starts that must end in the same minimum.
         travel: of a joint, rad, below which it is as good as dead where others move ten times more.
+        stride: of the tip, m, after which no instrument shows the same to the last digit: none is
+            so coarse.
     """
 
     residual: float = 10.0
@@ -74,6 +76,7 @@ class ContradictionOptions:
     scale_gain: float = 0.5
     starts: float = 0.5
     travel: float = 1e-4
+    stride: float = 0.01
 
 
 @dataclass(frozen=True)
@@ -109,6 +112,7 @@ def contradictions(
         *dead_joints(solution, options),
         *_repeated(solution, [each.term for each in accuracy.validation]),
         *_twice(solution.problem.terms),
+        *seen_again(solution.problem.terms, options),
     ]
     same, tried = solution.agreeing, len(solution.attempts)
     if tried > 1 and same < options.starts * tried:
@@ -312,6 +316,37 @@ def _twice(terms: Sequence[Term]) -> Iterator[Contradiction]:
     for (copy, source, once), count in copies.items():
         counted = "they count once" if once else "they count twice; name every file once"
         yield Contradiction(False, f"{count} rows of {copy} stand in {source} too: {counted}.")
+
+
+def seen_again(
+    terms: Sequence[Term], options: ContradictionOptions = ContradictionOptions()
+) -> Iterator[Contradiction]:
+    """Rows that show to the last digit what others show from elsewhere.
+
+    Args:
+        terms: fitted or not.
+        options: from where on it counts.
+    """
+    for term in terms:
+        samples = term.poses.samples
+        if samples.position is None or not isinstance(term.poses, ArmPoses):
+            continue
+        tip = term.poses.at({})[1]
+        first: dict[bytes, int] = {}
+        again = [
+            row
+            for row, seen in enumerate(samples.position)
+            if np.linalg.norm(tip[row] - tip[first.setdefault(seen.tobytes(), row)])
+            > options.stride
+        ]
+        if again:
+            yield Contradiction(
+                False,
+                f"{len(again)} rows of {term.kind.replace('_', ' ')}, {samples.origin[again[0]]} "
+                "the first, show to the last digit where something stood in a row before, though "
+                "the arm had moved: did the instrument repeat its last value, or were rows copied? "
+                "Leave them out.",
+            )
 
 
 @dataclass(frozen=True)

@@ -21,8 +21,9 @@ from scipy.linalg import cho_factor, cho_solve
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.pose_calibration.serial_correlation import correlation_length
 
-# Part of the variance that neighbours may share.
-PARTS: Final = (0.3, 0.6, 0.9, 0.98)
+# Part of the variance that neighbours may share. An arm repeats some fifteen times better than it
+# is accurate: what its neighbouring poses do not share may be that little.
+PARTS: Final = (0.3, 0.6, 0.9, 0.98, 0.996)
 # How far apart rows are that share about half of it, in the space in which 1 is far. What reaches
 # farther than the rows is mostly in X, and shows only by the part that is not.
 REACHES: Final = (0.1, 0.3, 0.9, 2.7)

@@ -77,7 +77,8 @@ class RobotNoise:
     def explains(self, fit: RobustFit) -> bool:
         """Whether the residuals at the target grew no more by it than by chance.
 
-        Some of many pairs tell.
+        Some of many pairs tell. Neighbours may err alike, so that a pair is one witness of places
+        and one of turns.
         """
         rows = np.flatnonzero(fit.inliers)
         rows = rows[some_rows(len(rows))]
@@ -90,7 +91,7 @@ class RobotNoise:
         term = self._term(rows, (Noise(), Noise()), 0.0)
         with_robot_noise = [float(np.sum(r**2)) for r in evaluate(term, fit.solution.values)]
         without = [float(np.sum(r**2)) for r in plain.residuals]
-        allowed = 1.0 + 2.5 * UNKNOWNS / max(6 * len(rows) - UNKNOWNS, 1)
+        allowed = 1.0 + 2.5 * UNKNOWNS / max(2 * len(rows) - UNKNOWNS, 1)
         return all(w <= allowed * p for w, p in zip(with_robot_noise, without, strict=True))
 
     def _term(self, rows: IntArray, noises: Sequence[Noise], fraction: float) -> HandEye:

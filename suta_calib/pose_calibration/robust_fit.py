@@ -39,6 +39,8 @@ MANY_ROWS: Final = 30
 MOST_ROWS: Final = 400
 # Rows below which the scatter they show is too small by chance: then no less than is assumed.
 FEW_ROWS: Final = 12
+# Numbers of suspects, from all to one, that are tried for being wrong.
+SUBSETS: Final = 12
 # Part of the rows that, where they disagree, leave open who is right.
 MANY_OUTLIERS: Final = 0.4
 # Chance of what rows that are kept stand out by, above which it is not worth a word.
@@ -180,7 +182,7 @@ def robust_fit(
     """
     fit = _settled(make, start, floors, robust, revise)
     count, suspects = len(fit.inliers), np.flatnonzero(~fit.inliers)
-    if not robust or not len(suspects) or count >= MANY_ROWS:
+    if not robust or not len(suspects) or count > MOST_ROWS:
         return fit
     everyone = np.ones(count, dtype=np.bool_)
     needed = len(fit.solution.free) / (DIMENSION * len(fit.sigmas))
@@ -188,8 +190,11 @@ def robust_fit(
     total, distance = _misfit(plain, fit.sigmas).sum(), _misfit(fit, fit.sigmas)
     suspects = suspects[np.argsort(-distance[suspects])]
     found, least = fit, 1.0
-    for dropped in range(len(suspects), 0, -1):
-        # Of few rows nobody knows how independent their components are: a row is one witness.
+    # All of them, then fewer: of many not one by one, each costs a fit.
+    numbers = np.unique(np.geomspace(1, len(suspects), SUBSETS).round().astype(np.intp))[::-1]
+    for dropped, fewer in zip(numbers.tolist(), [*numbers[1:].tolist(), 0], strict=True):
+        # Rows that err alike where they are alike are not independent, nor are their components: a
+        # row is one witness.
         freedom = count - dropped - needed
         rest = max(float(_misfit(found, fit.sigmas)[found.inliers].sum()), ROUNDING**2)
         gain = (total / rest - 1.0) * freedom / dropped
@@ -199,7 +204,7 @@ def robust_fit(
         if chance < FALSE_ALARM:
             break
         believed = everyone.copy()
-        believed[suspects[: dropped - 1]] = False
+        believed[suspects[:fewer]] = False
         found = _settled(make, Consensus(believed, np.array(fit.sigmas)), floors, False, None)
     told = least < REMARKABLE and found is not fit
     return replace(found, suspects=found.inliers & ~fit.inliers) if told else found

@@ -96,10 +96,11 @@ TRACKED = tracked_scene(ARM, TRUTH, 60)
     [
         (slipped(2e-3, 22), "slip", "row 22", 2e-3),
         (read(2, lambda q: q * (1 + 1e-3)), "travel", "", 1e-3),
+        (read(1, lambda q: q + np.linspace(0.0, 2e-3, len(q))), "drift", "", 2e-3),
         (seen(crept), "base creep", "", 1e-3),
         (seen(pushed), "base", "row 35", 8e-4),
     ],
-    ids=["slip", "travel", "creep", "moved"],
+    ids=["slip", "travel", "drift", "creep", "moved"],
 )
 def test_a_small_change_is_named_and_sized(
     change: Callable[[Samples], Samples], kind: str, since: str, size: float

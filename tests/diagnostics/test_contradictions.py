@@ -38,6 +38,7 @@ from suta_calib import (
 from suta_calib.diagnostics.assessment import assess_calibration
 from suta_calib.diagnostics.causes import find_cause
 from suta_calib.diagnostics.common_scale import grown_together
+from suta_calib.diagnostics.contradictions import seen_again
 from suta_calib.diagnostics.held_out import (
     PROBABILITIES,
     held_out_errors,
@@ -155,6 +156,52 @@ def test_a_lie_is_refused_and_its_cause_named(
     found = judged(scenes, change, priors=priors)
     assert not found.usable
     assert cause in " ".join(found.notes)
+
+
+def names_rolled(samples: Samples) -> Samples:
+    """Every joint's column under the name of the next."""
+    return replace(samples, q=np.roll(samples.q, 1, axis=1))
+
+
+def ever_later(samples: Samples) -> Samples:
+    """Observed in time at first, one row late from a third of the rows on, then two."""
+    kept = np.arange(len(samples) - 2)
+    observed = samples.take(kept)
+    return replace(observed, q=samples.q[kept + 3 * kept // len(samples)])
+
+
+@pytest.mark.parametrize(
+    ("change", "cause"),
+    [
+        (names_rolled, "each stand under the name of the next"),
+        (seen(lambda p: p * [1.0, 1.0, -1.0]), "left-handed: z has the wrong sign"),
+        (ever_later, "runs slow: 2 rows late at the end"),
+    ],
+    ids=["columns", "mirrored", "clock"],
+)
+def test_what_was_mixed_up_throughout_is_named(
+    scenes: tuple[Scene, Scene], change: Change, cause: str
+) -> None:
+    found = judged(scenes, change, priors=False)
+    assert not found.usable
+    assert cause in " ".join(found.notes)
+
+
+@pytest.mark.parametrize("rows", [2, 8])
+def test_an_instrument_that_repeats_itself_is_said(scenes: tuple[Scene, Scene], rows: int) -> None:
+    def lost(position: Any) -> Any:
+        position[11 : 11 + rows] = position[10]
+        return position
+
+    found = judged(scenes, seen(lost), held_out=lambda samples: samples, priors=False)
+    (said,) = (note for note in found.notes if "repeat its last value" in note)
+    assert said.startswith(f"{rows} rows of tracked point")
+
+
+def test_an_arm_that_rests_may_show_the_same_again(scenes: tuple[Scene, Scene]) -> None:
+    samples = scenes[0].samples(NOISE, seed=0)[0]
+    twice = samples.take(np.repeat(np.arange(len(samples)), 2))
+    assert not [*seen_again([scenes[0].term(twice)])]
 
 
 @pytest.mark.parametrize("factor", [1e3, 1e-3])

@@ -148,12 +148,14 @@ class Move:
         origin: file and line of the first of them.
         distance: by which it takes them, RMS, m.
         p: probability that chance makes any row look so much like the first after a move.
+        left: noise of one coordinate once it, and the moves before it, are allowed for, m.
     """
 
     what: str
     origin: str
     distance: float
     p: float
+    left: float
 
 
 @dataclass(frozen=True)
@@ -204,6 +206,11 @@ class TermOutliers:
     method: str = ""
     exact: bool = False
     moves: tuple[Move, ...] = ()
+
+    @property
+    def unexplained(self) -> float:
+        """Scatter of one coordinate that neither the arm's geometry nor a move explains, m."""
+        return min(self.sigma, self.moves[-1].left) if self.moves else self.sigma
 
     @property
     def drawn_over(self) -> str:
@@ -267,12 +274,12 @@ class Outliers(Shown):
             if t.exact
         ]
         bad += [
-            f"The samples of {t.kind} scatter by {mm(t.sigma):.3g} mm per axis whatever the arm's "
-            "geometry is: something is wrong with most of them (a joint's sign, a unit, rows that "
-            "do not belong together), so none is unlike the others. suta-calib calibrate looks for "
-            "the cause."
+            f"The samples of {t.kind} scatter by {mm(t.unexplained):.3g} mm per axis whatever the "
+            "arm's geometry is: something is wrong with most of them (a joint's sign, a unit, rows "
+            "that do not belong together), so none is unlike the others. suta-calib calibrate "
+            "looks for the cause."
             for t, term in zip(terms, solution.problem.terms, strict=True)
-            if t.sigma > STRANGE * (term.blocks[0].noise.sigma or DEFAULT_SIGMA["m"])
+            if t.unexplained > STRANGE * (term.blocks[0].noise.sigma or DEFAULT_SIGMA["m"])
         ]
         levels = [level for t in terms for level in t.levels]
         care = [

@@ -60,7 +60,7 @@ def find_moves(
         shift[rows] = derivative[rows][:, :, columns]
         return shift.reshape(n * size, -1)
 
-    found = []
+    found, known = [], np.zeros((n * size, 0))
     for what, rows, columns in _poses(term, names):
         free, least = len(columns), -(-len(columns) // size) + TO_SPARE
         chances: dict[int, float] = {}
@@ -80,7 +80,9 @@ def find_moves(
         moved = (shift @ fit.solve(shift)[2]).reshape(n, size)[rows[k:]]
         distance = float(np.sqrt(np.mean(np.sum(moved**2, axis=1))))
         if distance > thresholds.bias:
-            found.append(Move(what, term.poses.samples.origin[rows[k]], distance, p))
+            known = np.hstack([known, shift])
+            left = fit.solve(known)[1]
+            found.append(Move(what, term.poses.samples.origin[rows[k]], distance, p, left))
     return tuple(found)
 
 
