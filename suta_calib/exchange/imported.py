@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import csv
 import io
+import re
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar
@@ -16,8 +17,10 @@ from numpy.typing import NDArray
 
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment
+from suta_calib.atomic import check_folder, exchange_files
 from suta_calib.errors import ForeignFileError
 from suta_calib.geometry.numbers import quaternion_from_rotation
+from suta_calib.measurements.camera import Camera, camera_text
 from suta_calib.measurements.csv_table import rotation_columns
 from suta_calib.measurements.files import write_text
 from suta_calib.measurements.pose_files import FAR, NEAR
@@ -73,6 +76,8 @@ class ImportedRows(Imported):
     Attributes:
         columns: numbers or labels by the name of their column, each (n,), n at least one.
         dropped: rows of the source in which something was not measured.
+        pictures: files of those that the column ``image`` names.
+        camera: that took them, where the source tells of it.
 
     Raises:
         ForeignFileError: no rows are left.
@@ -80,6 +85,8 @@ class ImportedRows(Imported):
 
     columns: Mapping[str, NDArray[Any]]
     dropped: int = 0
+    pictures: Mapping[str, bytes] = field(default_factory=dict)
+    camera: Camera | None = None
 
     suffix: ClassVar[str] = ".csv"
 
@@ -97,6 +104,33 @@ class ImportedRows(Imported):
         rows = "1 row" if len(self) == 1 else f"{len(self)} rows"
         said = f"{rows}: {', '.join(self.columns)}"
         return said + (f"; {self.dropped} with something missing left out" if self.dropped else "")
+
+    def write(self, path: str | Path) -> None:
+        """Write it, its pictures into the folder ``…_images`` and the camera ``…_camera.yaml``.
+
+        Raises:
+            OutputError: a file cannot be written. The rows come last.
+        """
+        path = Path(path)
+        folder, camera = self.beside(path)
+        if folder is not None:
+            check_folder(path.parent)
+            check_folder(folder)
+            folder.mkdir(exist_ok=True)
+            earlier = {file.name for file in folder.iterdir()} - set(self.pictures)
+            ours = re.compile(rf"{re.escape(self.source.stem)}_\d{{3,}}\.(png|jpg)")
+            stale = [name for name in earlier if ours.fullmatch(name)]
+            exchange_files(folder, self.pictures, stale)
+        contents = {path.name: self.text().encode()}
+        if camera is not None and self.camera is not None:
+            contents = {camera.name: camera_text(self.camera).encode(), **contents}
+        exchange_files(path.parent, contents)
+
+    def beside(self, path: Path) -> tuple[Path | None, Path | None]:
+        """Where the pictures and the camera are written with it; None where there are none."""
+        folder = path.with_name(f"{path.stem}_images") if self.pictures else None
+        camera = path.with_name(f"{path.stem}_camera.yaml") if self.camera is not None else None
+        return folder, camera
 
     def text(self) -> str:
         """As CSV; numbers have the digits that give them back exactly."""
