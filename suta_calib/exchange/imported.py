@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,9 @@ from suta_calib.measurements.files import write_text
 from suta_calib.measurements.pose_files import FAR, NEAR
 from suta_calib.units import FARTHEST
 from suta_calib.units import text as shown_text
+
+# Rows whose numbers are made into text at the same time.
+_AT_ONCE: Final = 10_000
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -137,8 +140,14 @@ class ImportedRows(Imported):
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
         writer.writerow(self.columns)
-        cells = (values.tolist() for values in self.columns.values())
-        writer.writerows(zip(*cells, strict=True))
+        # Of a million rows the numbers as objects would be most of the memory.
+        for begin in range(0, len(self), _AT_ONCE):
+            some = (values[begin : begin + _AT_ONCE] for values in self.columns.values())
+            if all(values.dtype.kind == "f" for values in self.columns.values()):
+                cells = (map(repr, values.tolist()) for values in some)
+                text.write("".join(f"{row}\n" for row in map(",".join, zip(*cells, strict=True))))
+            else:
+                writer.writerows(zip(*(values.tolist() for values in some), strict=True))
         return text.getvalue()
 
 

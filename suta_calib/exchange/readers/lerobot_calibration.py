@@ -52,7 +52,7 @@ class LerobotCalibrationReader(Reader):
             source=path,
             form=self.name,
             content=yaml_bytes(device, comment).decode(),
-            what=f"a device of {len(joints)} motors",
+            what=f"a device of {len(joints)} motor{'s' * (len(joints) != 1)}",
             kind=".yaml",
             seen=port,
         )
