@@ -65,8 +65,6 @@ def own_arrays() -> dict[str, Any]:
     return {"q": q, "seen_by_tracker": seen + 5e-5 * random.standard_normal(seen.shape)}
 
 
-# Pages whose Python needs what nobody has here, and what: it is compiled only.
-COMPILED = {"docs/tutorials/hobby_arm.md": "servos on a bus"}
 PYTHON = sorted({block.page for block in BLOCKS if block.language == "python"})
 
 
@@ -76,8 +74,6 @@ def test_python_runs_and_prints_what_its_comments_say(page: str, folder: Path) -
     printed = io.StringIO()
     python = [block.text for block in BLOCKS if block.page == page and block.language == "python"]
     code = [compile(text, page, "exec") for text in python]
-    if page in COMPILED:
-        return
     for each in code:
         with redirect_stdout(printed):
             exec(each, names)

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 _NOT_NEGATIVE: Final = FiniteRange(min=0)
 _SEED: Final = click.IntRange(min=0)
 _COUNT: Final = click.IntRange(min=1)
+# Who speaks only when asked cannot be stood for by a stream.
+_SENT: Final = [name for name, form in FORMATS.items() if not form.asked]
 _EPILOG: Final = "\b\nFaults, separated by commas; times are s after the port was first opened:\n"
 _FAULTS_HELP: Final = _EPILOG + "\n".join(f"  {k:<20} {v}" for k, v in WORDS.items())
 _SIGNS: Final = {"1": 1, "+1": 1, "+": 1, "-1": -1, "-": -1}
@@ -100,7 +102,7 @@ _SIGNS: Final = {"1": 1, "+1": 1, "+": 1, "-1": -1, "-": -1}
 @click.option("--seed", default=0, type=_SEED, help="Of noise, seating and faults.")
 @click.option("--encoder-deg", default=0.001, type=_NOT_NEGATIVE, help="Noise of a reading.")
 # What is sent.
-@click.option("--format", "form", type=click.Choice(list(FORMATS)), default="frames")
+@click.option("--format", "form", type=click.Choice(_SENT), default="frames")
 @click.option("--unit", type=click.Choice(UNITS), default="counts")
 @click.option("--counts-per-turn", default=1 << 22, type=click.IntRange(min=2))
 @click.option(

@@ -30,7 +30,8 @@ def register(
 ) -> Document:
     """Find T_b_a, which takes the points of A.csv onto those of B.csv.
 
-    The files have the columns x,y,z, m (x_mm,y_mm,z_mm: mm), and their rows correspond. With --out
+    The files have the columns x,y,z, m (x_mm,y_mm,z_mm: mm), and their rows correspond. Columns
+    sigma_x,sigma_y,sigma_z or sigma (m, or with _mm) say how rows weigh. With --out
     writes result.json, residuals.csv, register.svg and report.html. Exits with 1 where T_b_a must
     not be used.
     """

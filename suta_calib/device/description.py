@@ -12,6 +12,8 @@ from suta_calib.errors import InputError, did_you_mean
 # Of an encoder's word, and of a device that does not say.
 FRAME_COUNTS_PER_TURN: Final = 1 << 22
 UNITS: Final = ("counts", "rad", "deg")
+# Formats of devices that speak by themselves: of their device.yaml the port is all that opens it.
+UNASKED: Final = ("frames", "lines")
 
 
 @dataclass(frozen=True)
@@ -25,6 +27,7 @@ class JointSpec:
         ratio: turns of the encoder per turn of the joint. What it sends is taken for a count of
             more than one turn: one turn of an encoder before a gear does not tell the joint's.
         counts_per_turn: of this encoder; None for the device's.
+        number: of the servo on its bus; None for its place among the joints, from 1.
     """
 
     name: str
@@ -32,6 +35,7 @@ class JointSpec:
     zero: float = 0.0
     ratio: float = 1.0
     counts_per_turn: int | None = None
+    number: int | None = None
 
 
 @dataclass(frozen=True)
@@ -42,8 +46,8 @@ class DeviceSpec:
         path: the file it was read from; error messages name it.
         port: any pyserial URL: ``/dev/ttyACM0``, ``COM3``, ``socket://host:port``, ``loop://``.
         baudrate: bits per second; of no effect where there is no wire.
-        format: ``frames`` (binary, with CRC) or ``lines`` (ASCII).
-        unit: of the values in lines: ``counts``, ``rad`` or ``deg``; frames are in counts.
+        format: ``frames`` (binary, with CRC), ``lines`` (ASCII), or the servos that are asked.
+        unit: of the values in lines: ``counts``, ``rad`` or ``deg``; all else is in counts.
         counts_per_turn: counts of one turn of a joint.
         joints: in the order the device sends them.
     """

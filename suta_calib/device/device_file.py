@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Final
 
 from suta_calib.device.description import (
     FRAME_COUNTS_PER_TURN,
+    UNASKED,
     UNITS,
     DeviceSpec,
     JointSpec,
@@ -20,12 +21,18 @@ if TYPE_CHECKING:
     from suta_calib.measurements import YamlSection
 
 _DEFAULT_BAUDRATE: Final = 921600
+_MOST_SERVOS: Final = 253
 JOINT_KEYS: Final = Keys(
     Key("name", "text", "The joint's name in the URDF.", required=True),
     Key("sign", "1 or -1", "Whether readings grow as the URDF's angle does; 1 without it."),
     Key("zero", "number, in unit", "Reading at the URDF's zero; 0 without it."),
     Key("ratio", "number", "Turns of the encoder per turn of the joint (a gear); 1 without it."),
     Key("counts_per_turn", "whole number", "Of this joint's encoder, where it differs."),
+    Key(
+        "id",
+        "whole number",
+        "Of a servo: its number on the bus; without it, the joint's place in the list, from 1.",
+    ),
 )
 DEVICE_KEYS: Final = Keys(
     Key(
@@ -35,19 +42,24 @@ DEVICE_KEYS: Final = Keys(
         "looked for beside the file first.",
         required=True,
     ),
-    Key("baudrate", "whole number", f"Bits per second; {_DEFAULT_BAUDRATE} without it."),
+    Key(
+        "baudrate",
+        "whole number",
+        f"Bits per second; {_DEFAULT_BAUDRATE} without it, 1000000 for servos.",
+    ),
     Key(
         "format",
         "text",
         "What the device sends: frames (binary, with checksums; the default) or lines (a line of "
-        "numbers per sample).",
+        "numbers per sample); or servos on a bus, which are asked: dynamixel (protocol 2.0, X "
+        "series) or feetech (STS and SMS); these need the extra servo.",
     ),
-    Key("unit", "text", "Of the numbers in lines: counts, rad or deg; frames are in counts."),
+    Key("unit", "text", "Of the numbers in lines: counts, rad or deg; all else is in counts."),
     Key(
         "counts_per_turn",
         "whole number",
-        f"Counts of one turn of a joint; {FRAME_COUNTS_PER_TURN} for frames without it, and "
-        "required for lines in counts.",
+        f"Counts of one turn of a joint; without it {FRAME_COUNTS_PER_TURN} for frames and 4096 "
+        "for servos; required for lines in counts.",
     ),
     Key("joints", "rows", "In the order the device sends them.", required=True, inside=JOINT_KEYS),
 )
@@ -96,7 +108,7 @@ def read_device(path: Path) -> DeviceSpec:
     return DeviceSpec(
         path=path,
         port=_beside(top.document.path, port),
-        baudrate=top.integer("baudrate", _DEFAULT_BAUDRATE, 1),
+        baudrate=top.integer("baudrate", form.baudrate, 1),
         format=form.name,
         unit=unit,
         counts_per_turn=counts,
@@ -119,6 +131,8 @@ def glance(path: Path) -> DeviceSpec | None:
         given = {key.value: (node.tag.rpartition(":")[2], node.value) for key, node in nodes}
         kind, port = given["port"]
         number, baud = given.get("baudrate", ("int", _DEFAULT_BAUDRATE))
+        if given.get("format", ("str", UNASKED[0]))[1] not in UNASKED:
+            return None
         baudrate = int(baud)
     except Exception:  # noqa: BLE001 (whatever it is, it is told later)
         return None
@@ -159,5 +173,14 @@ def _joints(top: YamlSection, form: Format, unit: str) -> tuple[JointSpec, ...]:
         if ratio == 0.0:
             raise section.refuse("0", "turns of the encoder per turn of the joint", at=("ratio",))
         own = section.integer("counts_per_turn", 0, 2) if "counts_per_turn" in section else None
-        joints.append(JointSpec(name, sign, zero, ratio, own))
+        number = section.integer("id", 0, 0) if "id" in section else None
+        if number is not None and not form.asked:
+            expected = f"no such key: {form.name} are not asked one by one"
+            raise section.refuse(str(number), expected, at=("id",))
+        if form.asked:
+            number = len(joints) + 1 if number is None else number
+            if number >= _MOST_SERVOS or number in (joint.number for joint in joints):
+                expected = f"a number below {_MOST_SERVOS}, another for each servo"
+                raise section.refuse(str(number), expected, at=("id",))
+        joints.append(JointSpec(name, sign, zero, ratio, own, number))
     return tuple(joints)

@@ -266,12 +266,21 @@ class _Child:
             raise DisconnectedError(f"{self._spec.port}: its readings were not asked for any more")
 
     def _opened(self) -> Port:
+        from suta_calib.device.description import UNASKED
         from suta_calib.device.port import Port
+
+        def opened() -> Port:
+            if self._spec.format in UNASKED:
+                return Port(self._spec)
+            # Whose port is opened ahead does not wait for what this loads.
+            from suta_calib.device.formats import format_of
+
+            return format_of(self._spec).port(self._spec)
 
         give_up = time.perf_counter() + _BUSY_S
         while True:
             try:
-                return Port(self._spec)
+                return opened()
             except PortBusyError:
                 if time.perf_counter() > give_up:
                     raise

@@ -5,21 +5,24 @@ from __future__ import annotations
 import re
 import zipfile
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from itertools import islice
 from pathlib import Path
 from typing import Final
 
+import numpy as np
+
+from suta_calib.arrays import FloatArray
 from suta_calib.errors import ForeignFileError
 from suta_calib.exchange.cells import (
     MOST_BYTES,
-    Row,
     is_missing,
     read_bounded,
     read_foreign_text,
-    rows_of_text,
+    split_lines,
 )
 from suta_calib.exchange.option import Given, Option
+from suta_calib.exchange.sheet import RawRow, Sheet, sheet_of
 from suta_calib.extras import load
 from suta_calib.measurements.csv_table import number_in
 from suta_calib.words import listed
@@ -45,39 +48,6 @@ _ENOUGH: Final = 200
 _MOST_ROWS: Final = 2_000_000
 
 
-@dataclass(frozen=True, eq=False)
-class Sheet:
-    """A table of text, its columns named.
-
-    Attributes:
-        path: the file.
-        names: of the columns: those of the header, or ``1``, ``2``, … where there is none.
-        rows: the data, at least one row, each with as many cells as there are names.
-        headed: whether the names are the file's.
-        seen: how it was taken apart, one sentence each.
-    """
-
-    path: Path
-    names: tuple[str, ...]
-    rows: tuple[Row, ...]
-    headed: bool
-    seen: tuple[str, ...]
-
-    @property
-    def lines(self) -> tuple[int, ...]:
-        """(n,) line of each row."""
-        return tuple(row.line for row in self.rows)
-
-    def from_column(self, first: int) -> Sheet:
-        """Without the columns in front of one, which is counted from 1."""
-        rows = tuple(replace(row, cells=row.cells[first - 1 :]) for row in self.rows)
-        return replace(self, names=self.names[first - 1 :], rows=rows)
-
-    def cells(self, column: int) -> list[str]:
-        """(n,) cells of a column."""
-        return [row.cells[column] for row in self.rows]
-
-
 def read_sheet(path: Path, given: Given) -> Sheet:
     """Read delimited text or a spreadsheet.
 
@@ -90,42 +60,93 @@ def read_sheet(path: Path, given: Given) -> Sheet:
             taken apart in several ways that give different numbers.
         MissingExtraError: a spreadsheet, without the package that reads them.
     """
+    text = separator = decimal = ""
     if path.suffix.lower() in SPREADSHEETS:
-        rows = _spreadsheet(path, given.text(SHEET))
+        cells = _spreadsheet(path, given.text(SHEET))
         seen: tuple[str, ...] = ()
+
+        def everything() -> Iterator[RawRow]:
+            return iter(cells)
+
     else:
         text = read_foreign_text(path)
         separator, decimal = _signs(path, text, given)
-        rows = _split(path, text, separator, decimal, _skipped(given))
+        skipped = _skipped(given)
         seen = (f"Cells between {separator}s, decimal {decimal}.",)
-    rows = [row for row in rows if any(row.cells)]
-    if not rows:
+
+        def everything() -> Iterator[RawRow]:
+            return _split(path, text, separator, decimal, skipped)
+
+    head = [(line, tuple(cell.strip() for cell in row)) for line, row in islice(everything(), 2)]
+    if not head:
         raise ForeignFileError("no row with anything in it", "a table", file=path)
     headed = {"yes": True, "no": False}.get(given.text(HEADER)) if HEADER in given else None
     if headed is None:
-        headed = _is_header(rows)
-    names = rows[0].cells if headed else tuple(str(k + 1) for k in range(len(rows[0].cells)))
-    data = rows[1:] if headed else rows
-    if not data:
+        headed = _is_header([row for _, row in head])
+    line, first = head[0]
+    names = first if headed else tuple(str(k + 1) for k in range(len(first)))
+    if headed and len(head) == 1:
         raise ForeignFileError("a header and no data", "at least one row", file=path)
-    width = len(names)
-    for k, row in enumerate(data):
+
+    def data() -> Iterator[RawRow]:
+        rows = everything()
+        return _even(path, len(names), islice(rows, int(headed), None), headed=headed)
+
+    said = "The first row names the columns." if headed else "No row names the columns."
+    _check_names(path, line, names)
+    begin, numbers = head[int(headed)][0], None
+    if text and decimal == "point":
+        numbers = _plain_numbers(text, _SEPARATORS[separator], begin, len(names))
+    if numbers is not None:
+        lines = range(begin, begin + len(numbers))
+        return Sheet(path, names, lines, tuple(numbers.T), data, headed, (*seen, said))
+    return sheet_of(path, names, data, headed=headed, seen=(*seen, said))
+
+
+def _plain_numbers(text: str, separator: str, begin: int, width: int) -> FloatArray | None:
+    """Numbers (n, width) of a text of which every line from ``begin`` on is a row of them.
+
+    Programs write such files of a million rows. None where there is anything else.
+    """
+    lines = text.replace("\r\n", "\n").split("\n")[begin - 1 :]
+    if not lines[-1]:
+        lines.pop()
+    # Blank lines, which the parser leaves out, would make the others' numbers wrong.
+    if not lines or not all(lines) or "\r" in text.replace("\r\n", ""):
+        return None
+    delimiter = None if separator == " " else separator
+    try:
+        found = np.loadtxt(lines, delimiter=delimiter, comments=None, ndmin=2)
+    except ValueError:
+        return None
+    whole = found.shape == (len(lines), width) and not np.isinf(found).any()
+    return found if whole else None
+
+
+def _even(path: Path, width: int, rows: Iterator[RawRow], *, headed: bool) -> Iterator[RawRow]:
+    """Rows of as many cells as there are columns.
+
+    Raises:
+        ForeignFileError: a row with more or fewer.
+    """
+    for line, cells in rows:
+        if len(cells) == width:
+            yield line, cells
+            continue
         # Many programs end every line with a separator, some only those of the data.
-        cells = row.cells
-        while len(cells) > width and not cells[-1]:
-            cells = cells[:-1]
-        if len(cells) != width:
+        kept = len(cells)
+        while kept > width and not cells[kept - 1].strip():
+            kept -= 1
+        if kept != width:
+            last = next(rows, None) is None
             raise ForeignFileError(
-                f"{len(cells)} {'cell' if len(cells) == 1 else 'cells'}",
+                f"{kept} {'cell' if kept == 1 else 'cells'}",
                 f"{width}, as in {'the header' if headed else 'the first row'}",
                 file=path,
-                line=row.line,
-                hint=_why_uneven(len(cells), width, last=row is data[-1]),
+                line=line,
+                hint=_why_uneven(kept, width, last=last),
             )
-        data[k] = Row(row.line, cells)
-    _check_names(path, rows[0].line, names)
-    said = "The first row names the columns." if headed else "No row names the columns."
-    return Sheet(path, names, tuple(data), headed, (*seen, said))
+        yield line, cells[:kept]
 
 
 def _why_uneven(cells: int, width: int, *, last: bool) -> str:
@@ -147,15 +168,16 @@ def _skipped(given: Given) -> int:
     return int(text)
 
 
-def _split(path: Path, text: str, separator: str, decimal: str, skip: int) -> list[Row]:
-    rows = [row for row in rows_of_text(path, text, _SEPARATORS[separator]) if row.line > skip]
-    if decimal == "comma":
-        rows = [replace(row, cells=tuple(map(_with_point, row.cells))) for row in rows]
-    return rows
+def _split(path: Path, text: str, separator: str, decimal: str, skip: int) -> Iterator[RawRow]:
+    """Rows in which something stands, behind those that are to be skipped."""
+    for line, cells in split_lines(path, text, _SEPARATORS[separator]):
+        if line <= skip or not (cells[0].strip() or any(map(str.strip, cells))):
+            continue
+        yield line, [*map(_with_point, cells)] if decimal == "comma" else cells
 
 
 def _with_point(cell: str) -> str:
-    return cell.replace(",", ".") if _DECIMAL_COMMA.fullmatch(cell) else cell
+    return cell.replace(",", ".") if _DECIMAL_COMMA.fullmatch(cell.strip()) else cell
 
 
 def _signs(path: Path, text: str, given: Given) -> tuple[str, str]:
@@ -169,12 +191,12 @@ def _signs(path: Path, text: str, given: Given) -> tuple[str, str]:
     for separator in separators:
         for decimal in decimals:
             try:
-                rows = _split(path, head, separator, decimal, skip)
+                rows = [row for _, row in _split(path, head, separator, decimal, skip)]
             except ForeignFileError:
                 continue
             if not rows:
                 continue
-            numbers = [tuple(map(number_in, row.cells)) for row in rows[1:] or rows]
+            numbers = [tuple(map(number_in, row)) for row in rows[1:] or rows]
             flat = [n == n for row in numbers for n in row]
             usual = Counter(map(len, numbers)).most_common(1)[0]
             regular = usual[1] / len(numbers)
@@ -201,17 +223,17 @@ def _signs(path: Path, text: str, given: Given) -> tuple[str, str]:
     return best[1]
 
 
-def _is_header(rows: Sequence[Row]) -> bool:
+def _is_header(rows: Sequence[Sequence[str]]) -> bool:
     """Whether the first row holds text where the next one holds numbers."""
     first, following = rows[0], rows[1:2]
-    text = [cell != "" and number_in(cell) != number_in(cell) for cell in first.cells]
+    text = [cell != "" and number_in(cell) != number_in(cell) for cell in first]
     if not following:
         return all(text)
     return any(
         of_text
         and not is_missing(cell)
         and (is_missing(below) or number_in(below) == number_in(below))
-        for of_text, cell, below in zip(text, first.cells, following[0].cells, strict=False)
+        for of_text, cell, below in zip(text, first, following[0], strict=False)
     )
 
 
@@ -227,7 +249,7 @@ def _check_names(path: Path, line: int, names: Sequence[str]) -> None:
             )
 
 
-def _spreadsheet(path: Path, sheet: str) -> list[Row]:
+def _spreadsheet(path: Path, sheet: str) -> list[RawRow]:
     """Rows of one sheet, formulas as the values that were last computed."""
     openpyxl = load("openpyxl", "formats")
     read_bounded(path)
@@ -258,13 +280,13 @@ def _spreadsheet(path: Path, sheet: str) -> list[Row]:
         if name not in book.sheetnames:
             said = f"no sheet {name!r}"
             raise ForeignFileError(said, f"one of {listed(book.sheetnames)}", file=path)
-        rows = []
+        rows = list[RawRow]()
         for number, values in enumerate(book[name].iter_rows(values_only=True), 1):
             if number > _MOST_ROWS:
                 raise ForeignFileError(f"more than {_MOST_ROWS} rows", "fewer", file=path)
             cells = tuple("" if value is None else str(value).strip() for value in values)
             if any(cells):
-                rows.append(Row(number, cells))
+                rows.append((number, cells))
         return rows
     except ForeignFileError:
         raise

@@ -4,25 +4,31 @@ from __future__ import annotations
 
 import csv
 import io
+import re
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment
+from suta_calib.atomic import check_folder, exchange_files
 from suta_calib.errors import ForeignFileError
 from suta_calib.geometry.numbers import quaternion_from_rotation
+from suta_calib.measurements.camera import Camera, camera_text
 from suta_calib.measurements.csv_table import rotation_columns
 from suta_calib.measurements.files import write_text
 from suta_calib.measurements.pose_files import FAR, NEAR
 from suta_calib.units import FARTHEST
 from suta_calib.units import text as shown_text
+
+# Rows whose numbers are made into text at the same time.
+_AT_ONCE: Final = 10_000
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -73,6 +79,8 @@ class ImportedRows(Imported):
     Attributes:
         columns: numbers or labels by the name of their column, each (n,), n at least one.
         dropped: rows of the source in which something was not measured.
+        pictures: files of those that the column ``image`` names.
+        camera: that took them, where the source tells of it.
 
     Raises:
         ForeignFileError: no rows are left.
@@ -80,6 +88,8 @@ class ImportedRows(Imported):
 
     columns: Mapping[str, NDArray[Any]]
     dropped: int = 0
+    pictures: Mapping[str, bytes] = field(default_factory=dict)
+    camera: Camera | None = None
 
     suffix: ClassVar[str] = ".csv"
 
@@ -98,13 +108,46 @@ class ImportedRows(Imported):
         said = f"{rows}: {', '.join(self.columns)}"
         return said + (f"; {self.dropped} with something missing left out" if self.dropped else "")
 
+    def write(self, path: str | Path) -> None:
+        """Write it, its pictures into the folder ``…_images`` and the camera ``…_camera.yaml``.
+
+        Raises:
+            OutputError: a file cannot be written. The rows come last.
+        """
+        path = Path(path)
+        folder, camera = self.beside(path)
+        if folder is not None:
+            check_folder(path.parent)
+            check_folder(folder)
+            folder.mkdir(exist_ok=True)
+            earlier = {file.name for file in folder.iterdir()} - set(self.pictures)
+            ours = re.compile(rf"{re.escape(self.source.stem)}_\d{{3,}}\.(png|jpg)")
+            stale = [name for name in earlier if ours.fullmatch(name)]
+            exchange_files(folder, self.pictures, stale)
+        contents = {path.name: self.text().encode()}
+        if camera is not None and self.camera is not None:
+            contents = {camera.name: camera_text(self.camera).encode(), **contents}
+        exchange_files(path.parent, contents)
+
+    def beside(self, path: Path) -> tuple[Path | None, Path | None]:
+        """Where the pictures and the camera are written with it; None where there are none."""
+        folder = path.with_name(f"{path.stem}_images") if self.pictures else None
+        camera = path.with_name(f"{path.stem}_camera.yaml") if self.camera is not None else None
+        return folder, camera
+
     def text(self) -> str:
         """As CSV; numbers have the digits that give them back exactly."""
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
         writer.writerow(self.columns)
-        cells = (values.tolist() for values in self.columns.values())
-        writer.writerows(zip(*cells, strict=True))
+        # Of a million rows the numbers as objects would be most of the memory.
+        for begin in range(0, len(self), _AT_ONCE):
+            some = (values[begin : begin + _AT_ONCE] for values in self.columns.values())
+            if all(values.dtype.kind == "f" for values in self.columns.values()):
+                cells = (map(repr, values.tolist()) for values in some)
+                text.write("".join(f"{row}\n" for row in map(",".join, zip(*cells, strict=True))))
+            else:
+                writer.writerows(zip(*(values.tolist() for values in some), strict=True))
         return text.getvalue()
 
 

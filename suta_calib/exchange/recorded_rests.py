@@ -24,6 +24,19 @@ _USUAL: Final = "1"
 
 
 @dataclass(frozen=True, eq=False)
+class RecordedPicture:
+    """A picture as a file.
+
+    Attributes:
+        suffix: of the file.
+        data: its bytes.
+    """
+
+    suffix: str
+    data: bytes
+
+
+@dataclass(frozen=True, eq=False)
 class Rest:
     """A time in which the arm rested.
 
@@ -74,30 +87,20 @@ def seconds_of(given: Given) -> float:
 _LONGEST: Final = 3600.0
 
 
-def imported_rests(
-    path: Path,
-    form: str,
-    joints: Sequence[str],
-    time: FloatArray,
-    angles: FloatArray,
-    given: Given,
-    seen: tuple[FloatArray, Body] | None = None,
-    prefix: str = "",
-) -> ImportedRows:
-    """A samples CSV of the rests in a recording.
+def found_rests(
+    path: Path, joints: Sequence[str], time: FloatArray, angles: FloatArray, given: Given
+) -> list[Rest]:
+    """The rests in a recording, at least one.
 
     Args:
         path: of the recording.
-        form: name of its format.
         joints: names.
-        time: (n,) s.
+        time: (n,) s, in any order.
         angles: (n, joints), rad.
         given: `SECONDS`.
-        seen: what was seen of the arm, (m,) s and m rows; a rest in which nothing was is left out.
-        prefix: in front of the pose's columns.
 
     Raises:
-        ForeignFileError: nowhere did the arm rest for so long, or nothing was seen meanwhile.
+        ForeignFileError: nowhere did the arm rest for so long.
     """
     seconds = seconds_of(given)
     order = np.argsort(time, kind="stable")
@@ -109,25 +112,64 @@ def imported_rests(
             file=path,
             hint=f"a shorter one is found with {SECONDS.switch} N",
         )
-    kept, columns = rests, dict[str, NDArray[Any]]()
-    if seen is not None:
-        averages = [(rest, _mean(*seen, rest)) for rest in rests]
-        kept = [rest for rest, mean in averages if mean is not None]
+    return rests
+
+
+def imported_rests(
+    path: Path,
+    form: str,
+    joints: Sequence[str],
+    rests: Sequence[Rest],
+    seen: tuple[FloatArray, Body] | None = None,
+    prefix: str = "",
+    pictures: Sequence[RecordedPicture | None] | None = None,
+) -> ImportedRows:
+    """A samples CSV of the rests in a recording.
+
+    A rest in which nothing was seen, or no picture was taken, is left out.
+
+    Args:
+        path: of the recording.
+        form: name of its format.
+        joints: names.
+        rests: `found_rests`.
+        seen: what was seen of the arm, (m,) s and m rows.
+        prefix: in front of the pose's columns.
+        pictures: of each rest.
+
+    Raises:
+        ForeignFileError: nothing was seen, or no picture was taken, during any rest.
+    """
+    means = [None if seen is None else _mean(*seen, rest) for rest in rests]
+    kept = [k for k in range(len(rests)) if seen is None or means[k] is not None]
+    if not kept:
+        said = f"{len(rests)} rests, and no pose during any of them"
+        raise ForeignFileError(said, "poses by the same clock", file=path)
+    if pictures is not None:
+        kept = [k for k in kept if pictures[k] is not None]
         if not kept:
-            said = f"{len(rests)} rests, and no pose during any of them"
-            raise ForeignFileError(said, "poses by the same clock", file=path)
-        means = [mean for _, mean in averages if mean is not None]
-        position = np.array([mean.position[0] for mean in means])
-        turned = [mean.rotation[0] for mean in means if mean.rotation is not None]
+            said = f"{len(rests)} rests, and no picture during any of them"
+            raise ForeignFileError(said, "pictures by the same clock", file=path)
+    columns, files = dict[str, NDArray[Any]](), dict[str, bytes]()
+    if seen is not None:
+        bodies = [mean for k in kept if (mean := means[k]) is not None]
+        position = np.array([body.position[0] for body in bodies])
+        turned = [body.rotation[0] for body in bodies if body.rotation is not None]
         columns |= pose_columns(position, np.array(turned) if turned else None, prefix)
-    readings = np.array([rest.angles for rest in kept])
+    if pictures is not None:
+        for k in kept:
+            if (picture := pictures[k]) is not None:
+                files[f"{path.stem}_{k + 1:03d}{picture.suffix}"] = picture.data
+        columns["image"] = np.array([*files])
+    readings = np.array([rests[k].angles for k in kept])
     of_joints: Mapping[str, NDArray[Any]] = dict(zip(joints, readings.T, strict=True))
     return ImportedRows(
         source=path,
         form=form,
-        columns={**of_joints, **columns, "time": np.array([rest.end for rest in kept])},
+        columns={**of_joints, **columns, "time": np.array([rests[k].end for k in kept])},
         dropped=len(rests) - len(kept),
-        seen=(f"Each row is the mean over a rest of {seconds:g} s or more.",),
+        seen=("Each row is the mean over a rest.",),
+        pictures=files,
     )
 
 

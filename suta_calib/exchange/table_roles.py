@@ -11,10 +11,9 @@ import numpy as np
 
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import ForeignFileError
-from suta_calib.exchange.cells import Row, numbers_of
-from suta_calib.exchange.delimited import Sheet
 from suta_calib.exchange.option import Given, Option
 from suta_calib.exchange.rotations import NUMBERS, is_rotation
+from suta_calib.exchange.sheet import Sheet
 from suta_calib.measurements.csv_table import SIGMAS
 
 ROTATION: Final = Option(
@@ -260,7 +259,7 @@ def nameless_pose(sheet: Sheet, given: Given) -> tuple[PoseColumns | None, Sheet
     count = len(sheet.names)
     if count not in (3, 4, 6, 7, 12, 16):
         return None, sheet
-    numbers = numbers_of(sheet.path, sheet.rows, range(count))
+    numbers = sheet.numbers(range(count))
     known = numbers[np.isfinite(numbers).all(axis=1)]
     if count == 3:
         return PoseColumns("", (0, 1, 2)), sheet
@@ -355,11 +354,9 @@ def _stacked(sheet: Sheet, numbers: FloatArray, rows: int) -> tuple[PoseColumns 
     """4x4 matrices one below the other: a row for each, in which they stand by rows."""
     if len(numbers) != rows or rows % 4 or not np.allclose(numbers[3::4], [0, 0, 0, 1], atol=1e-6):
         return None, sheet
-    joined = [sheet.rows[k : k + 4] for k in range(0, rows, 4)]
-    flat = tuple(
-        Row(four[0].line, tuple(cell for row in four for cell in row.cells)) for four in joined
-    )
     names = tuple(str(k + 1) for k in range(16))
-    whole = replace(sheet, names=names, rows=flat, seen=(*sheet.seen, "4x4 matrices, stacked."))
+    columns = tuple(numbers.reshape(-1, 16).T)
+    seen = (*sheet.seen, "4x4 matrices, stacked.")
+    whole = replace(sheet, names=names, lines=sheet.lines[::4], values=columns, seen=seen)
     rotation = tuple(4 * row + column for row in range(3) for column in range(3))
     return PoseColumns("", (3, 7, 11), rotation, "rows"), whole

@@ -18,6 +18,8 @@ from suta_calib.errors import SamplesError
 from suta_calib.measurements.csv_table import (
     CsvTable,
     SutaCalibWarning,
+    position_sigma_columns,
+    position_sigmas,
     positions,
     read_csv_table,
     rotations,
@@ -95,9 +97,12 @@ class Points(_PoseRows):
 
     Attributes:
         position: (n, 3), m.
+        sigma: (n, 3) standard deviation of each coordinate that the file states, m; None where it
+            states none.
     """
 
     position: FloatArray
+    sigma: FloatArray | None = None
 
 
 def read_tool_poses(path: str | Path) -> ToolPoses:
@@ -160,10 +165,14 @@ def read_hand_poses(path: str | Path) -> HandPoses:
 
 
 def read_points(path: str | Path) -> Points:
-    """Columns ``x,y,z`` in m, or ``x_mm,y_mm,z_mm``.
+    """Columns ``x,y,z`` in m, or ``x_mm,y_mm,z_mm``, and what is stated of their uncertainty.
+
+    That is in columns ``sigma_x,sigma_y,sigma_z``, or one ``sigma`` of all three; m, or mm with
+    ``_mm`` after their names.
 
     Raises:
-        SamplesError: unreadable, a column missing, a value that is none, or both units of length.
+        SamplesError: unreadable, a column missing, a value that is none, both units of length, or
+            a standard deviation that is not positive.
 
     Warns:
         SutaCalibWarning: lengths that look like another unit.
@@ -206,7 +215,14 @@ def read_corresponding_points(path_a: str | Path, path_b: str | Path) -> tuple[P
 
 def _points(table: CsvTable, position: FloatArray) -> Points:
     notes = _hint_at_unit(table, position)
-    return Points(path=table.path, lines=table.lines, unit_notes=notes, position=position)
+    stated = any(name in table.columns for name in position_sigma_columns())
+    return Points(
+        path=table.path,
+        lines=table.lines,
+        unit_notes=notes,
+        position=position,
+        sigma=position_sigmas(table) if stated else None,
+    )
 
 
 def _poses(

@@ -18,6 +18,20 @@ def checked_points(points: ArrayLike, where: str) -> FloatArray:
     return _checked(points, (3,), where)
 
 
+def checked_sigmas(sigma: ArrayLike | None, count: int, where: str) -> FloatArray | None:
+    """(n, 3) positive numbers for ``count`` points, or None; `SamplesError` for anything else."""
+    if sigma is None:
+        return None
+    found = checked_points(sigma, where)
+    if len(found) != count:
+        raise SamplesError(f"{len(found)} rows", f"{count}, as there are points", where=where)
+    for index in np.argwhere(found <= 0.0):
+        raise SamplesError(
+            f"{found[tuple(index)]:g}", "a length greater than 0", where=f"{where}{index}"
+        )
+    return found
+
+
 def checked_poses(
     rotation: ArrayLike, position: ArrayLike, where: str
 ) -> tuple[FloatArray, FloatArray]:

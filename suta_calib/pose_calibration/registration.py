@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -30,10 +30,12 @@ from suta_calib.pose_calibration.consensus import (
     find_consensus,
     minimal_samples,
 )
-from suta_calib.pose_calibration.inputs import checked_points, error_context
+from suta_calib.pose_calibration.inputs import checked_points, checked_sigmas, error_context
 from suta_calib.pose_calibration.robust_fit import ROUNDING, RobustAnswer, RobustFit, robust_fit
+from suta_calib.pose_calibration.stated import Agreement, StatedSpread, WeighedPoint
 from suta_calib.showing import Shown
 from suta_calib.terms.block import Noise
+from suta_calib.terms.outside import pose_named
 from suta_calib.terms.poses import MeasuredPoses
 from suta_calib.terms.tracked_point import TrackedPoint
 from suta_calib.units import deg, from_deg, mm, text
@@ -83,6 +85,9 @@ class Registration(Shown, RobustAnswer):
         scale_std: standard deviation of that.
         scale_rms: what `rms` would be with that scale, m.
         extent: of the fitted points, root mean square from their middle, m.
+        stated: standard deviation of one component of a typical residual as instruments state it,
+            m; None where they state nothing. Then `sigma` is of such a residual too.
+        agreement: of the residuals with what is stated; None likewise.
     """
 
     rotation: FloatArray
@@ -94,6 +99,8 @@ class Registration(Shown, RobustAnswer):
     scale_std: float
     scale_rms: float
     extent: float
+    stated: float | None = None
+    agreement: Agreement | None = None
 
     @property
     def in_a_line(self) -> str:
@@ -136,6 +143,8 @@ class Registration(Shown, RobustAnswer):
         bad = self.objections("points", inliers, self.extent)
         if (scaled := self.scaled) != "good":
             (bad if scaled == "bad" else caution).append(self.scale_note)
+        if self.agreement is not None and self.agreement.contradicted:
+            caution.append(self.agreement.note)
         if copies := int(np.sum(~self.distinct)):
             rows = "1 row repeats" if copies == 1 else f"{copies} rows repeat"
             caution.append(f"{rows} another exactly in both sets: no measurement, counted once.")
@@ -177,7 +186,13 @@ class Registration(Shown, RobustAnswer):
 
 
 def register(
-    source: ArrayLike, target: ArrayLike, *, robust: bool = True, seed: int = 0
+    source: ArrayLike,
+    target: ArrayLike,
+    *,
+    source_sigma: ArrayLike | None = None,
+    target_sigma: ArrayLike | None = None,
+    robust: bool = True,
+    seed: int = 0,
 ) -> Registration:
     """Least-squares rigid transform between corresponding points, robustly.
 
@@ -187,9 +202,16 @@ def register(
     points have one proper rotation and are fine; where a reflection is what fits, the data are
     refused, as that paper says.
 
+    Where standard deviations are stated, points and directions weigh by them: the residuals are
+    whitened by the covariance of both points in frame b. The covariance of the answer is then what
+    is stated, unless the residuals contradict it.
+
     Args:
         source: (n, 3) points in frame a, m.
         target: (n, 3) the same points in frame b, m.
+        source_sigma: (n, 3) standard deviations of the source along the axes of a, m; None takes it
+            for exact where those of the target are given.
+        target_sigma: (n, 3) of the target along the axes of b, m; None likewise.
         robust: False for plain least squares over all points.
         seed: of the minimal samples.
 
@@ -199,14 +221,20 @@ def register(
     """
     a, b = checked_points(source, "source"), checked_points(target, "target")
     _check_points(a, b)
+    spread = StatedSpread.of(
+        checked_sigmas(source_sigma, len(a), "source_sigma"),
+        checked_sigmas(target_sigma, len(b), "target_sigma"),
+    )
     first, like = distinct_rows(a, b)
     distinct = np.isin(np.arange(len(a)), first)
     if robust:
         a, b = a[first], b[first]
+        spread = None if spread is None else spread.take(first)
     else:
         like = np.arange(len(a))
     judged = seed if robust and len(a) >= ENOUGH_TO_JUDGE else None
-    start, mirrored = _start(a, b, judged), _start(-a, b, judged)
+    relative = np.ones(len(a)) if spread is None else spread.each / spread.typical
+    start, mirrored = _start(a, b, judged, relative), _start(-a, b, judged, relative)
     # Mirror images are Arun's third case, unless noise may be what turned the sign.
     apart = float(start.sigmas[0])
     if apart > MIRRORED * float(mirrored.sigmas[0]) and apart > ROUNDING * float(np.ptp(b)):
@@ -218,13 +246,29 @@ def register(
     from_centre, to_centre = a[start.inliers].mean(axis=0), b[start.inliers].mean(axis=0)
     length = extent(b) or 1.0
     moved, fixed = (a - from_centre) / length, (b - to_centre) / length
+    # In which directions of b the points of a are uncertain.
+    turned = register_points(a[start.inliers], b[start.inliers])[0]
 
     def make(rows: IntArray, noises: Sequence[Noise]) -> TrackedPoint:
         samples = Samples.from_arrays([], np.zeros((len(rows), 0)), position=fixed[rows])
         upright = np.tile(np.eye(3), (len(rows), 1, 1))
-        return TrackedPoint(MeasuredPoses(upright, moved[rows], samples, exact=True), noises[0])
+        poses = MeasuredPoses(upright, moved[rows], samples, exact=True)
+        if spread is None:
+            return TrackedPoint(poses, noises[0])
+        return WeighedPoint(poses, noises[0], whitening=spread.take(rows).whitening(turned))
 
-    fit = robust_fit(make, Consensus(start.inliers, start.sigmas / length), robust=robust)
+    def revise(values: Mapping[str, float], inliers: BoolArray) -> None:
+        del inliers
+        nonlocal turned
+        turned = pose_named(values, TrackedPoint.frames[0].own)[0]
+
+    fit = robust_fit(
+        make,
+        Consensus(start.inliers, start.sigmas / length),
+        robust=robust,
+        revise=None if spread is None else revise,
+        stated=None if spread is None else spread.typical / length,
+    )
     sigma = fit.sigmas[0] * length
     _check_fit(fit, moved[fit.inliers], length)
     x = fit.solution.x
@@ -232,11 +276,8 @@ def register(
     position = middle - R @ from_centre
     jacobian = length * np.eye(6)
     jacobian[3:, 3:] = R @ tangent_of_vector(x[3:6])
-    # One common scale, by least squares on what is fitted.
-    placed, seen = (v[fit.inliers] - v[fit.inliers].mean(axis=0) for v in (a @ R.T, b))
-    power = float(np.sum(placed**2))
-    scale = float(np.sum(placed * seen)) / power
-    left = float(np.sum((seen - scale * placed) ** 2))
+    placed, seen = (a @ R.T)[fit.inliers], b[fit.inliers]
+    scale, scale_std, scale_rms = common_scale(placed, seen, 1.0 / relative[fit.inliers] ** 2)
     return Registration(
         rotation=R,
         position=position,
@@ -248,9 +289,11 @@ def register(
         distinct=distinct,
         sigma=sigma,
         scale=scale,
-        scale_std=float(np.sqrt(left / max(placed.size - UNKNOWNS, 1) / power)),
-        scale_rms=float(np.sqrt(left / len(placed))),
-        extent=rms_length(placed),
+        scale_std=scale_std,
+        scale_rms=scale_rms,
+        extent=rms_length(placed - placed.mean(axis=0)),
+        stated=None if spread is None else spread.typical,
+        agreement=fit.agreement,
         solution=fit.solution,
     )
 
@@ -263,26 +306,61 @@ def registration_from_points(
     ``targets`` are points in frame a at which the error to expect will be asked for.
     """
     with error_context(a.path, f"registered to {b.path}"):
-        found = register(a.position, b.position, robust=robust, seed=seed)
+        found = register(
+            a.position,
+            b.position,
+            source_sigma=a.sigma,
+            target_sigma=b.sigma,
+            robust=robust,
+            seed=seed,
+        )
     files = (a, b) if targets is None else (a, b, targets)
     return replace(found, notes=tuple(note for file in files for note in file.unit_notes))
 
 
-def _start(a: FloatArray, b: FloatArray, seed: int | None) -> Consensus:
-    """What most points agree on; all of them without a seed."""
+def common_scale(
+    placed: FloatArray, seen: FloatArray, weight: FloatArray
+) -> tuple[float, float, float]:
+    """How many times larger points (n, 3) are than they were placed, by weighted least squares.
+
+    Returns:
+        The scale, its standard deviation, and the root mean square that is left with it, m.
+    """
+    placed, seen = (v - np.average(v, axis=0, weights=weight) for v in (placed, seen))
+    power = float(weight @ np.sum(placed**2, axis=1))
+    scale = float(weight @ np.sum(placed * seen, axis=1)) / power
+    left = np.sum((seen - scale * placed) ** 2, axis=1)
+    std = np.sqrt(weight @ left / max(placed.size - UNKNOWNS, 1) / power)
+    return scale, float(std), float(np.sqrt(left.mean()))
+
+
+def _start(a: FloatArray, b: FloatArray, seed: int | None, relative: FloatArray) -> Consensus:
+    """What most points agree on; all of them without a seed. ``relative`` as `agreeing_points`."""
     if seed is not None:
-        return agreeing_points(a, b, seed, determining_rows(a, b))
+        return agreeing_points(a, b, seed, determining_rows(a, b), relative)
     R, p = register_points(a, b)
-    return Consensus.of_all(len(a), float(np.sqrt(np.mean((a @ R.T + p - b) ** 2))))
+    off = (a @ R.T + p - b) / relative[:, None]
+    return Consensus.of_all(len(a), float(np.sqrt(np.mean(off**2))))
 
 
-def agreeing_points(a: FloatArray, b: FloatArray, seed: int, needed: int) -> Consensus:
-    """The points (n, 3) that most agree on how ``a`` lies on ``b``; ``needed`` determine it."""
+def agreeing_points(
+    a: FloatArray, b: FloatArray, seed: int, needed: int, relative: FloatArray | None = None
+) -> Consensus:
+    """The points (n, 3) that most agree on how ``a`` lies on ``b``.
+
+    Args:
+        a: points in one frame, m.
+        b: the same in the other, m.
+        seed: of the minimal samples.
+        needed: points that determine the answer.
+        relative: (n,) how much each scatters in units of a typical one; all alike by default.
+    """
+    each = np.ones(len(a)) if relative is None else relative
 
     def residuals(model: tuple[FloatArray, FloatArray], rows: IntArray) -> FloatArray:
         R, p = model
         error = a[rows] @ np.swapaxes(R, 1, 2) + p[:, None, :] - b[rows]
-        return np.asarray(np.linalg.norm(error, axis=2)[..., None])
+        return np.asarray((np.linalg.norm(error, axis=2) / each[rows])[..., None])
 
     samples = minimal_samples(np.zeros(len(a), dtype=np.intp), LEAST_POINTS, seed)
     return find_consensus(len(a), samples, lambda rows: kabsch(a[rows], b[rows]), residuals, needed)

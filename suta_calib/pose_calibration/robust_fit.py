@@ -20,6 +20,7 @@ from suta_calib.geometry.numbers import rms_length
 from suta_calib.pose_calibration.consensus import DIMENSION, FALSE_ALARM, Consensus, outlier_limit
 from suta_calib.pose_calibration.correlation import common_covariance, embedded
 from suta_calib.pose_calibration.serial_correlation import blocks
+from suta_calib.pose_calibration.stated import Agreement
 from suta_calib.solver.covariance import observed_covariance, predicted_covariance
 from suta_calib.solver.information import Information, scaled_inverse, whitened_rows
 from suta_calib.solver.ipopt import SolverOptions
@@ -77,7 +78,9 @@ class RobustFit:
         sigmas: scatter of one component of each block.
         covariance: of the solution's parameters, in its order: from the residuals row by row (block
             by block where neighbours are alike) where these are many, else from their common
-            scatter.
+            scatter, which is the stated one unless the residuals contradict it.
+        agreement: of the first block's residuals with the scatter that was stated of it; None
+            where nothing was.
     """
 
     solution: Solution
@@ -86,6 +89,7 @@ class RobustFit:
     suspects: BoolArray
     sigmas: tuple[float, ...]
     covariance: FloatArray
+    agreement: Agreement | None = None
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -169,6 +173,7 @@ def robust_fit(
     *,
     robust: bool = True,
     revise: Callable[[Mapping[str, float], BoolArray], None] | None = None,
+    stated: float | None = None,
 ) -> RobustFit:
     """Solve, judge the rows, solve again; few rows are outliers only where the others prove it.
 
@@ -179,14 +184,20 @@ def robust_fit(
         robust: False for least squares over the rows of the start, all of them believed.
         revise: called with the values found and the inliers after every solve; may change what
             `make` makes.
+        stated: scatter of one component of the only block that instruments state, m.
     """
-    fit = _settled(make, start, floors, robust, revise)
+
+    def plainly(rows: BoolArray) -> RobustFit:
+        believed = Consensus(rows, np.array(fit.sigmas))
+        return _settled(make, believed, floors, False, None, stated)
+
+    fit = _settled(make, start, floors, robust, revise, stated)
     count, suspects = len(fit.inliers), np.flatnonzero(~fit.inliers)
     if not robust or not len(suspects) or count > MOST_ROWS:
         return fit
     everyone = np.ones(count, dtype=np.bool_)
     needed = len(fit.solution.free) / (DIMENSION * len(fit.sigmas))
-    plain = _settled(make, Consensus(everyone, np.array(fit.sigmas)), floors, False, None)
+    plain = plainly(everyone)
     total, distance = _misfit(plain, fit.sigmas).sum(), _misfit(fit, fit.sigmas)
     suspects = suspects[np.argsort(-distance[suspects])]
     found, least = fit, 1.0
@@ -205,7 +216,7 @@ def robust_fit(
             break
         believed = everyone.copy()
         believed[suspects[:fewer]] = False
-        found = _settled(make, Consensus(believed, np.array(fit.sigmas)), floors, False, None)
+        found = plainly(believed)
     told = least < REMARKABLE and found is not fit
     return replace(found, suspects=found.inliers & ~fit.inliers) if told else found
 
@@ -222,6 +233,7 @@ def _settled(
     floors: Sequence[float] | None,
     robust: bool,
     revise: Callable[[Mapping[str, float], BoolArray], None] | None,
+    stated: float | None,
 ) -> RobustFit:
     """`robust_fit` where every row that stands out is an outlier."""
     everything = np.arange(len(start.inliers))
@@ -238,9 +250,9 @@ def _settled(
         residuals = evaluate(make(everything, noises), solution.values)
         # Residuals are smaller than the noise because the unknowns followed it, block by block.
         numbers = DIMENSION * int(inliers.sum())
-        followed = np.sqrt(numbers / np.maximum(numbers - _followed(solution), 1.0))
+        left = np.maximum(numbers - _followed(solution), 1.0)
         scatter = np.array([_scatter(r[inliers], robust) for r in residuals])
-        levels = np.maximum(followed * scatter, ROUNDING)
+        levels = np.maximum(np.sqrt(numbers / left) * scatter, ROUNDING)
         agreeing = inliers
         if robust:
             squared = np.array([np.sum(r**2, axis=1) for r in residuals])
@@ -253,16 +265,25 @@ def _settled(
     few = int(inliers.sum()) < FEW_ROWS
     truly = np.maximum(levels, least) if few else levels
     rows = np.flatnonzero(inliers)
-    covariance = _covariance(solution, [r[rows] for r in residuals], truly, rows)
-    # Each block's scatter is learnt from its own part of what the unknowns leave.
     witnesses = int(solution.problem.terms[0].poses.postures.max()) + 1
+    # Each block's scatter is learnt from its own part of what the unknowns leave.
     freedom = DIMENSION * witnesses - len(solution.free) / len(residuals)
-    if witnesses < MANY_ROWS and freedom > 2.0:
-        # The scatter of few is itself uncertain: errors in units of it have Student's variance.
-        covariance = covariance * freedom / (freedom - 2.0)
+    # The scatter of few is itself uncertain: errors in units of it have Student's variance.
+    uncertain = freedom / (freedom - 2.0) if witnesses < MANY_ROWS and freedom > 2.0 else 1.0
+    agreement = None
+    if stated is not None:
+        misfit = float(np.sum(residuals[0][inliers] ** 2)) / stated**2
+        agreement = Agreement.of(misfit, float(left[0]))
+        # What rows have in common leaves no residual: no less than what is stated is believed.
+        if not agreement.too_large:
+            truly, uncertain = np.array([stated]), 1.0
+    # Weights that differ much leave a few rows to speak for themselves: too few for a sandwich.
+    many = stated is None and witnesses >= MANY_ROWS
+    inlying = [r[rows] for r in residuals]
+    covariance = uncertain * _covariance(solution, inlying, truly, rows, many=many)
     none = np.zeros_like(inliers)
     found = tuple(float(s) for s in levels)
-    return RobustFit(solution, residuals, inliers, none, found, covariance)
+    return RobustFit(solution, residuals, inliers, none, found, covariance, agreement)
 
 
 def evaluate(term: Term, values: Mapping[str, float]) -> tuple[FloatArray, ...]:
@@ -281,9 +302,14 @@ def _followed(solution: Solution) -> FloatArray:
 
 
 def _covariance(
-    solution: Solution, residuals: Sequence[FloatArray], levels: FloatArray, order: IntArray
+    solution: Solution,
+    residuals: Sequence[FloatArray],
+    levels: FloatArray,
+    order: IntArray,
+    *,
+    many: bool,
 ) -> FloatArray:
-    """The sandwich needs many rows: the scatter of few says nothing of most directions.
+    """The sandwich needs ``many`` rows: the scatter of few says nothing of most directions.
 
     Of few it is A⁻¹ M A⁻¹, with the weights of the fit in A and in M what the blocks truly scatter.
     What rows have in common that are alike comes on top.
@@ -294,7 +320,7 @@ def _covariance(
     count, groups = len(white), int(postures.max()) + 1
     # Poses that are exact, such as those of certified points, have no errors to share.
     exact = isinstance(poses, MeasuredPoses) and poses.exact
-    if groups > MOST_ROWS or (exact and groups >= MANY_ROWS):
+    if many and (exact or groups > MOST_ROWS):
         witnesses = blocks(white) if groups == count else postures
         if np.array_equal(witnesses, each):
             return solution.covariance
@@ -304,7 +330,7 @@ def _covariance(
     weights = levels / np.array(solution.sigmas)
     nothing = np.zeros_like(parts[0])
     curvature = sum(parts, nothing)
-    if groups >= MANY_ROWS:
+    if many:
         independent = (
             solution.covariance.copy()
             if groups == count

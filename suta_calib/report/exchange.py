@@ -76,8 +76,22 @@ def imported_document(found: Imported, written: Path | None = None) -> Document:
         parts.append(COLUMNS.of(_Shown(*each) for each in found.columns.items()))
     if written is not None:
         parts.append(Text(f"Written to {written}."))
+        parts += _pictures(found, written, data)
     title = f"{found.source.name} as {found.form}"
     return Document("import", title, found.assessment, parts, data, written="files")
+
+
+def _pictures(found: Imported, written: Path, data: dict[str, Any]) -> list[Part]:
+    """Where the pictures are, what took them, and what finds the board in them."""
+    if not isinstance(found, ImportedRows) or not found.pictures:
+        return []
+    folder, camera = found.beside(written)
+    data |= {"images": str(folder), "camera": None if camera is None else str(camera)}
+    told = f"{len(found.pictures)} pictures in {folder}"
+    told += "" if camera is None else f", the camera in {camera}"
+    with_camera = "--camera-out camera.yaml" if camera is None else f"--camera {camera}"
+    ready = f"suta-calib detect {folder} --board board.yaml --out corners.csv {with_camera}"
+    return [Text(f"{told}. Next: {ready}")]
 
 
 def exported_document(found: Exported, written: Sequence[Path]) -> Document:

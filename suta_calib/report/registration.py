@@ -38,6 +38,14 @@ REGISTRATION: Final = Listing[Registration](
 )
 
 
+STATED: Final = Listing[Registration](
+    "",
+    Column("sigma", value=lambda found: found.stated, unit="m"),
+    Column("factor", value=lambda found: found.agreement and found.agreement.factor),
+    Column("chance", value=lambda found: found.agreement and found.agreement.chance),
+)
+
+
 @dataclass(frozen=True, eq=False)
 class Target:
     """A point of frame a, and where it comes to lie in frame b; (3,), m.
@@ -75,7 +83,9 @@ def register_document(
     """``T_b_a``, fit, the error to expect at the targets; ``residuals.csv``.
 
     In JSON ``std`` is that of the position of a's origin in b, and of a turn about b's axes;
-    ``std_at_centre`` that of the middle of the points, where it is least.
+    ``std_at_centre`` that of the middle of the points, where it is least. ``stated`` is there where
+    the files state standard deviations: that of a typical row, how many times as large the
+    residuals are, and the chance of it.
     """
     at: list[Target] = []
     if targets is not None:
@@ -91,6 +101,11 @@ def register_document(
         f"rms {text(found.rms, 'm', with_unit=True)} (3-D, fiducial registration error); "
         f"in the middle of the points ± {text(centre, 'm', with_unit=True)} (3-D)"
     )
+    if found.stated is not None and found.agreement is not None:
+        fit += (
+            f"; residuals {found.agreement.factor:.2g} times as large as the stated σ, typically "
+            f"{text(found.stated, 'm', with_unit=True)}, have them"
+        )
     lines = {"line_a": a.lines, "line_b": b.lines}
     parts: list[Part] = [
         transform_table(found),
@@ -115,6 +130,8 @@ def register_document(
         ),
         "input": {"a": str(a.path), "b": str(b.path)},
     }
+    if found.stated is not None:
+        data["stated"] = STATED.record(found)
     if targets is not None:
         data["targets"] = TARGETS.records(at)
     return Document(NAME, "Registration", found.assessment, parts, data, "result", found.in_a_line)

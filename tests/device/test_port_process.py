@@ -131,7 +131,7 @@ def test_a_glance_is_no_more_than_one(tmp_path: Path) -> None:
 def test_a_glance_sees_port_and_speed_and_complains_of_nothing(tmp_path: Path) -> None:
     file = tmp_path / "device.yaml"
     (tmp_path / "arm").touch()
-    file.write_text("port: arm\nbaudrate: 9600\nformat: nonsense\n", encoding="utf-8")
+    file.write_text("port: arm\nbaudrate: 9600\nformat: lines\nunit: nonsense\n", encoding="utf-8")
     seen = glance(file)
     assert seen is not None
     assert (seen.port, seen.baudrate) == (str(tmp_path / "arm"), 9600)

@@ -40,6 +40,8 @@ def test_lerobot_motors_become_a_device(tmp_path: Path) -> None:
     spec = read_device(out)
     assert spec.port == "/dev/ttyUSB3"
     assert spec.names == ("shoulder_pan", "shoulder_lift", "joint_3")
+    assert spec.format == "feetech"
+    assert [joint.number for joint in spec.joints] == [m["id"] for m in MOTORS.values()]
     decoder = decoder_for(spec)
     (reading,) = decoder.feed(b"\n2500,2500,1000\n", 0.0)
     for angle, ticks, motor in zip(
@@ -49,6 +51,19 @@ def test_lerobot_motors_become_a_device(tmp_path: Path) -> None:
         sign = -1 if motor["drive_mode"] else 1
         wanted = sign * (ticks - middle) * math.tau / 4096
         assert angle == pytest.approx(wanted, abs=0.5 * math.tau / 4096 + 1e-9)
+
+
+def test_motors_may_be_asked_by_another_program(tmp_path: Path) -> None:
+    """Or must be, where the file does not tell their numbers."""
+    path = SAMPLES["lerobot-calibration"](tmp_path).path
+    out = tmp_path / "device.yaml"
+    assert cli("import", path, "--bus", "lines", "--out", out) == 0
+    assert (read_device(out).format, read_device(out).unit) == ("lines", "counts")
+    path.write_text(path.read_text().replace('"id"', '"number"'))
+    read_foreign(path, "lerobot-calibration").write(out)
+    assert read_device(out).format == "lines"
+    with pytest.raises(InputError, match="--bus: found dynamixel, and motors without a number"):
+        read_foreign(path, "lerobot-calibration", bus="dynamixel")
 
 
 @pytest.mark.parametrize(

@@ -370,3 +370,38 @@ def test_stated_standard_deviations_come_with_the_points(
     assert set(columns) == {"x", "y", "z", "sigma_x", "sigma_y", "sigma_z"}
     np.testing.assert_allclose(columns["x"], [0.1, 0.4])
     np.testing.assert_allclose(columns["sigma_z"], [3e-5, 3e-4])
+
+
+# ── Many rows ────────────────────────────────────────────────────────────────────────────────
+@pytest.mark.parametrize(
+    "odd",
+    ["", "0.1,,0.3\n", " 0.1 , 0.2,0.3\n", "0.1,0.2,0.3,\n", '"0.1",0.2,0.3\n', "\n0.1,0.2,0.3\n"],
+)
+def test_rows_are_the_same_however_they_are_read(odd: str, tmp_path: Path) -> None:
+    """Plain numbers are parsed at once; a line of another form changes no other row, nor lines."""
+    rows = np.random.default_rng(0).uniform(-1, 1, (30, 3))
+    body = "".join(",".join(map(repr, row)) + "\n" for row in rows.tolist())
+    path = tmp_path / "t.csv"
+    path.write_text("joint_1,joint_2,joint_3\n" + body + odd)
+    found = imported(path, "table")
+    read = np.stack([found.columns[f"joint_{k}"] for k in (1, 2, 3)], axis=1)
+    np.testing.assert_array_equal(read[:30], rows)
+    assert len(found) + found.dropped == 30 + bool(odd)
+    path.write_text("joint_1,joint_2,joint_3\n" + body + odd + "0.1,oh,0.3\n")
+    line = 32 + odd.count("\n")
+    with pytest.raises(InputError, match=rf"t\.csv:{line}: column 2: found 'oh'"):
+        imported(path, "table")
+    path.write_text("joint_1,joint_2,joint_3\n" + body + odd + "0.1,inf,0.3\n")
+    with pytest.raises(InputError, match=rf"t\.csv:{line}: column 2: found 'inf'"):
+        imported(path, "table")
+
+
+def test_text_behind_many_numbers_is_kept_as_it_is(tmp_path: Path) -> None:
+    """A column is text as a whole, from its first row on, whatever row says so."""
+    path, count = tmp_path / "t.csv", 10_100
+    labels = ["07"] * (count - 1) + ["A"]
+    path.write_text("joint_1,target\n" + "".join(f"0.5,{label}\n" for label in labels))
+    found = imported(path, "table")
+    assert found.columns["target"].tolist() == labels
+    found.write(tmp_path / "o.csv")
+    assert (tmp_path / "o.csv").read_text().splitlines()[1 :: count - 1] == ["0.5,07", "0.5,A"]

@@ -5,7 +5,9 @@ from __future__ import annotations
 import shutil
 from pathlib import Path
 
+import cv2
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from suta_calib.arrays import FloatArray
@@ -35,8 +37,56 @@ def seen(q: FloatArray) -> tuple[FloatArray, FloatArray]:
     return rotation, np.stack([q[:, 0], q[:, 1], 1 + q[:, 0] * q[:, 1]], axis=1)
 
 
-def write_recording(path: Path, storage: str = "sqlite3", *, ros1: bool = False) -> Path:
-    """Joint states, the tool in the base and the base in the tracker by tf, and as a topic."""
+# Size of the pictures, px, and what lies behind each row of their pixels.
+WIDTH, HEIGHT, PADDING = 8, 6, 3
+
+
+_CAMERA_INFO = ("/camera/camera_info", "sensor_msgs/msg/CameraInfo")
+# By whether there are pictures, and whether they are compressed.
+CAMERA_TOPICS = {
+    (False, False): (),
+    (True, False): (("/camera/image_raw", "sensor_msgs/msg/Image"), _CAMERA_INFO),
+    (True, True): (
+        ("/camera/image_raw/compressed", "sensor_msgs/msg/CompressedImage"),
+        _CAMERA_INFO,
+    ),
+}
+
+
+def picture(posture: int) -> NDArray[np.uint8]:
+    """The picture (height, width, 3), blue green red, that is taken at a posture."""
+    blue, green = np.meshgrid(np.arange(WIDTH), np.arange(HEIGHT))
+    return np.stack([20 * blue, 30 * green, np.full_like(blue, 70 * (posture + 1))], -1).astype(
+        "u1"
+    )
+
+
+def raw_picture(posture: int, encoding: str) -> tuple[bytes, int]:
+    """Pixels of such a picture with padded rows, and the bytes of a row."""
+    image = picture(posture)
+    rows = {
+        "bgr8": image,
+        "rgb8": image[..., ::-1],
+        "bgra8": np.dstack([image, np.full_like(image[..., 0], 255)]),
+        "mono8": image[..., 0],
+        "mono16": (image[..., 0].astype("<u2") * 257).view("u1"),
+    }[encoding].reshape(HEIGHT, -1)
+    padded = np.hstack([rows, np.full((HEIGHT, PADDING), 99, dtype="u1")])
+    return padded.tobytes(), padded.shape[1]
+
+
+def write_recording(
+    path: Path,
+    storage: str = "sqlite3",
+    *,
+    ros1: bool = False,
+    encoding: str = "",
+    camera_model: str = "plumb_bob",
+) -> Path:
+    """Joint states, the tool in the base and the base in the tracker by tf, and as a topic.
+
+    With an encoding also pictures at 10 Hz: raw, or ``png``, compressed.
+    """
     from rosbags.rosbag1 import Writer as Writer1
     from rosbags.rosbag2 import StoragePlugin, Writer
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
@@ -62,6 +112,7 @@ def write_recording(path: Path, storage: str = "sqlite3", *, ros1: bool = False)
                 ("/tf", "tf2_msgs/msg/TFMessage"),
                 ("/tf_static", "tf2_msgs/msg/TFMessage"),
                 ("/tool", "geometry_msgs/msg/PoseStamped"),
+                *CAMERA_TOPICS[bool(encoding), encoding == "png"],
             )
         }
 
@@ -84,7 +135,26 @@ def write_recording(path: Path, storage: str = "sqlite3", *, ros1: bool = False)
             )
             writer.write(topics[topic], int(at * 1e9), raw)
 
+        def image(at: float, posture: int) -> object:
+            if encoding == "png":
+                data = cv2.imencode(".png", picture(posture))[1]
+                kind = t["sensor_msgs/msg/CompressedImage"]
+                return kind(header(at, "camera"), "bgr8; png compressed bgr8", data)
+            data, step = raw_picture(posture, encoding)
+            pixels = np.frombuffer(data, dtype=np.uint8)
+            kind = t["sensor_msgs/msg/Image"]
+            return kind(header(at, "camera"), HEIGHT, WIDTH, encoding, 0, step, pixels)
+
+        def camera(at: float) -> object:
+            k, d = np.array([9.0, 0, 4, 0, 9, 3, 0, 0, 1]), np.array([0.1, -0.2, 0.001, 0.002, 0.0])
+            region = t["sensor_msgs/msg/RegionOfInterest"](0, 0, 0, 0, False)
+            kind = t["sensor_msgs/msg/CameraInfo"]
+            matrices = d, k, np.eye(3).ravel(), np.zeros(12)
+            return kind(header(at, "camera"), HEIGHT, WIDTH, camera_model, *matrices, 0, 0, region)
+
         start = 100.0
+        if encoding:
+            write("/camera/camera_info", start, camera(start))
         half = np.sqrt(0.5)
         write(
             "/tf_static", start, transform(start, "tracker", "base", (0, 0, 2), (0, 0, half, half))
@@ -100,4 +170,7 @@ def write_recording(path: Path, storage: str = "sqlite3", *, ros1: bool = False)
                 place, t["geometry_msgs/msg/Quaternion"](*map(float, turn))
             )
             write("/tool", at, t["geometry_msgs/msg/PoseStamped"](header(at, "base"), pose))
+            if encoding and round((at - start) / STEP) % 5 == 0:
+                posture = int((at - start) // (REST + MOTION))
+                write(CAMERA_TOPICS[True, encoding == "png"][0][0], at, image(at, posture))
     return path

@@ -8,6 +8,7 @@ from suta_calib.device.description import DeviceSpec
 from suta_calib.device.formats.base import Decoder, Encoder, Format, Sample
 from suta_calib.device.formats.frames import FramesFormat, encode_frame
 from suta_calib.device.formats.lines import LinesFormat, encode_line
+from suta_calib.device.formats.servos import DynamixelFormat, FeetechFormat
 
 __all__ = [
     "FORMATS",
@@ -26,6 +27,8 @@ FORMATS: Final[dict[str, Format]] = {
     for form in (
         FramesFormat(),
         LinesFormat(),
+        DynamixelFormat(),
+        FeetechFormat(),
     )
 }
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 from abc import ABC, abstractmethod
-from typing import Any, ClassVar, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,9 @@ from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.device.description import DeviceSpec
 from suta_calib.device.reading import Reading, Statistics
 from suta_calib.device.units import signs, values_from_angles
+
+if TYPE_CHECKING:
+    from suta_calib.device.port import Port
 
 _TEXT: Final = re.compile(rb"[\t\r\n\x20-\x7e]*")
 
@@ -106,6 +109,9 @@ class Format(ABC):
         damage: the same as a predicate: ``5 % of`` …
         near_miss: what was seen where bytes look like this format and none can be believed.
         header: bytes that a sample begins with, where it is binary.
+        baudrate: the default of that key.
+        asked: whether the device speaks only when it is asked, each joint by its number; then
+            `port` asks, and there is nothing to emulate.
     """
 
     name: ClassVar[str]
@@ -120,6 +126,18 @@ class Format(ABC):
     damage: ClassVar[str]
     near_miss: ClassVar[str] = ""
     header: ClassVar[bytes] = b""
+    baudrate: ClassVar[int] = 921600
+    asked: ClassVar[bool] = False
+
+    def port(self, spec: DeviceSpec) -> Port:
+        """What gives the bytes, opened.
+
+        Raises:
+            SutaCalibError: as `Port`.
+        """
+        from suta_calib.device.port import Port
+
+        return Port(spec)
 
     @abstractmethod
     def expected(self, joints: int) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import ClassVar, Final
+from typing import Any, ClassVar, Final
 
 from suta_calib.exchange.imported import ImportedFile
 from suta_calib.exchange.lerobot_motors import COUNTS, KEYS, MOTORS, counts_of, read_motors
@@ -12,6 +12,15 @@ from suta_calib.exchange.option import Given, Option
 from suta_calib.exchange.reader import Reader
 from suta_calib.exchange.yaml_text import yaml_bytes
 
+LINES: Final = "lines"
+FEETECH: Final = "feetech"
+BUS: Final = Option(
+    "bus",
+    "Which servos they are, so that they are asked themselves; lines for a program that does.",
+    choices=(FEETECH, "dynamixel", LINES),
+)
+# Number of a servo.
+_LARGEST: Final = 252
 PORT: Final = Option("port", "Port of the device, for device.yaml.", "/dev/…")
 
 
@@ -21,7 +30,7 @@ class LerobotCalibrationReader(Reader):
     name: ClassVar[str] = "lerobot-calibration"
     summary: ClassVar[str] = "LeRobot calibration JSON: motors as a device.yaml, ticks to rad"
     example: ClassVar[str] = "so101.json --port /dev/ttyACM0 --out device.yaml"
-    options: ClassVar[tuple[Option, ...]] = (PORT, MOTORS, COUNTS)
+    options: ClassVar[tuple[Option, ...]] = (PORT, BUS, MOTORS, COUNTS)
     suffixes: ClassVar[tuple[str, ...]] = (".json",)
 
     def recognises(self, path: Path, head: str) -> bool:
@@ -30,29 +39,46 @@ class LerobotCalibrationReader(Reader):
         return all(json.dumps(key) in head for key in KEYS)
 
     def read(self, path: Path, given: Given) -> ImportedFile:
-        """A device of the format ``lines``, whose ticks are those of Present_Position."""
+        """A device whose ticks are those of Present_Position, less the servo's homing offset."""
         motors, counts, names = read_motors(path), counts_of(given), given.pairs(MOTORS)
+        numbered = all(_number(motor) is not None for motor in motors.values())
+        bus = given.text(BUS, FEETECH if numbered else LINES)
+        if bus != LINES and not numbered:
+            raise given.refuse(
+                BUS, f"{bus}, and motors without a number", f"an id of each in {path}"
+            )
         joints = []
         for name, motor in motors.items():
             # Whole counts: half a tick is less than any servo repeats.
             zero = (motor["range_min"] + motor["range_max"]) // 2
             sign = -1 if motor["drive_mode"] else 1
-            joints.append({"name": names.get(name, name), "sign": sign, "zero": zero})
+            number = {} if bus == LINES else {"id": _number(motor)}
+            joints.append({"name": names.get(name, name), **number, "sign": sign, "zero": zero})
         device = {
             "port": given.text(PORT, "/dev/ttyACM0"),
-            "format": "lines",
-            "unit": "counts",
+            "format": bus,
+            **({"unit": "counts"} if bus == LINES else {}),
             "counts_per_turn": counts,
             "joints": joints,
         }
-        comment = f"From LeRobot's calibration {path.name}. Send each motor's Present_Position,\n"
-        comment += "from which the servo has taken its homing offset, as a line of counts."
-        port = () if PORT in given else (f"The port is {device['port']}, unless --port says else.",)
+        comment = f"From LeRobot's calibration {path.name}."
+        if bus == LINES:
+            comment += " Send each motor's Present_Position, from which\n"
+            comment += "the servo has taken its homing offset, as a line of counts."
+        said = [] if PORT in given else [f"The port is {device['port']}, unless --port says else."]
+        if BUS not in given and bus != LINES:
+            said.append(f"The servos are {bus}, unless {BUS.switch} says else.")
         return ImportedFile(
             source=path,
             form=self.name,
             content=yaml_bytes(device, comment).decode(),
-            what=f"a device of {len(joints)} motors",
+            what=f"a device of {len(joints)} motor{'s' * (len(joints) != 1)}",
             kind=".yaml",
-            seen=port,
+            seen=tuple(said),
         )
+
+
+def _number(motor: dict[str, Any]) -> int | None:
+    """On its bus; None where the file does not say."""
+    number = motor.get("id")
+    return number if isinstance(number, int) and 0 <= number <= _LARGEST else None

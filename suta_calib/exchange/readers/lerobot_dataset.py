@@ -16,7 +16,7 @@ from suta_calib.exchange.json_input import read_json
 from suta_calib.exchange.lerobot_motors import MOTORS
 from suta_calib.exchange.option import Given, Option
 from suta_calib.exchange.reader import Reader
-from suta_calib.exchange.recorded_rests import SECONDS, imported_rests
+from suta_calib.exchange.recorded_rests import SECONDS, found_rests, imported_rests
 from suta_calib.extras import load
 from suta_calib.units import from_deg
 from suta_calib.words import listed
@@ -62,7 +62,8 @@ class LerobotDatasetReader(Reader):
         joints = [renamed.get(name, name) for name in names]
         if len(set(joints)) < len(joints):
             raise given.refuse(MOTORS, f"the joints {listed(joints)}", "each once")
-        return imported_rests(path, self.name, joints, time, angles, given)
+        rests = found_rests(path, joints, time, angles, given)
+        return imported_rests(path, self.name, joints, rests)
 
     def _rows(self, path: Path, count: int) -> tuple[FloatArray, FloatArray]:
         """Times (n,), s, of all episodes one after the other, and states (n, count)."""

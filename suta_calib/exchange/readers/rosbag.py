@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, ClassVar, Final
 
@@ -17,7 +18,20 @@ from suta_calib.exchange.bodies import BODY, INVERT, PREFIX, REFERENCE, Body, Re
 from suta_calib.exchange.imported import ImportedRows, checked_places
 from suta_calib.exchange.option import Given, Option
 from suta_calib.exchange.reader import Reader
-from suta_calib.exchange.recorded_rests import SECONDS, imported_rests
+from suta_calib.exchange.recorded_rests import (
+    SECONDS,
+    RecordedPicture,
+    Rest,
+    found_rests,
+    imported_rests,
+)
+from suta_calib.exchange.ros_pictures import (
+    CAMERA_INFO,
+    COMPRESSED,
+    IMAGE,
+    camera_of,
+    pictures_at,
+)
 from suta_calib.exchange.rotations import rotations_from
 from suta_calib.extras import load
 from suta_calib.geometry.numbers import homogeneous, rotation_from_quaternion
@@ -25,6 +39,9 @@ from suta_calib.words import listed
 
 JOINT_TOPIC: Final = Option("joint_topic", "Topic of the joint states.", "/joint_states")
 POSE_TOPIC: Final = Option("pose_topic", "Topic with the poses of a tracker or camera.", "/TOPIC")
+IMAGE_TOPIC: Final = Option(
+    "image_topic", "Topic with pictures: one of each rest is written as a file.", "/TOPIC"
+)
 _JOINT_STATE: Final = "sensor_msgs/msg/JointState"
 _TF: Final = "tf2_msgs/msg/TFMessage"
 # Where the pose is in messages that hold one.
@@ -34,6 +51,7 @@ _POSES: Final = {
     "geometry_msgs/msg/TransformStamped": ("transform",),
     "nav_msgs/msg/Odometry": ("pose", "pose"),
 }
+_PICTURES: Final = frozenset({IMAGE, COMPRESSED})
 _MOST_MESSAGES: Final = 5_000_000
 # Steps from a frame to the root; more is a loop.
 _DEEPEST: Final = 100
@@ -41,7 +59,10 @@ _DEEPEST: Final = 100
 
 @dataclass(eq=False)
 class _Bag:
-    """What was read: by topic, and transforms in the order in which they came."""
+    """What was read: by topic, and transforms in the order in which they came.
+
+    Of cameras the first message, of pictures the names of their topics.
+    """
 
     joints: dict[str, list[tuple[float, dict[str, float]]]] = field(
         default_factory=lambda: defaultdict(list)
@@ -50,16 +71,20 @@ class _Bag:
         default_factory=lambda: defaultdict(list)
     )
     transforms: list[tuple[float, str, str, list[float]]] = field(default_factory=list)
+    cameras: dict[str, Any] = field(default_factory=dict)
+    pictures: set[str] = field(default_factory=set)
 
 
 class RosbagReader(Reader):
     """Rests of the joint states with the poses of a topic or of tf; or such poses alone."""
 
     name: ClassVar[str] = "rosbag"
-    summary: ClassVar[str] = "ROS 1 and 2 recordings (.bag, .db3, MCAP): joint states, poses, tf"
+    summary: ClassVar[str] = (
+        "ROS 1 and 2 recordings (.bag, .db3, MCAP): joint states, poses, tf, pictures"
+    )
     example: ClassVar[str] = "run_1 --format rosbag --body tool0 --reference tracker --out a.csv"
     options: ClassVar[tuple[Option, ...]] = (
-        *(JOINT_TOPIC, POSE_TOPIC, BODY, REFERENCE, PREFIX, INVERT, SECONDS),
+        *(JOINT_TOPIC, POSE_TOPIC, IMAGE_TOPIC, BODY, REFERENCE, PREFIX, INVERT, SECONDS),
     )
     extra: ClassVar[str] = "ros"
 
@@ -75,6 +100,10 @@ class RosbagReader(Reader):
         joints = _chosen(path, bag.joints, given, JOINT_TOPIC) if bag.joints else None
         poses = self._poses(path, bag, given)
         if joints is None:
+            if IMAGE_TOPIC in given:
+                said = "pictures that are asked for, and no joint states"
+                expected = "a topic of sensor_msgs/JointState: a picture is of a rest"
+                raise ForeignFileError(said, expected, file=path)
             if poses is None:
                 said = "no joint states, and no poses that were asked for"
                 topics = listed(list(bag.poses)) or "none"
@@ -96,7 +125,12 @@ class RosbagReader(Reader):
         seen = poses
         if seen is not None and INVERT in given:
             seen = (seen[0], seen[1].inverse())
-        return imported_rests(path, self.name, names, time, angles, given, seen, given.text(PREFIX))
+        rests = found_rests(path, names, time, angles, given)
+        pictures = _pictures(path, bag, rests, given) if IMAGE_TOPIC in given else None
+        found = imported_rests(
+            path, self.name, names, rests, seen, given.text(PREFIX), pictures=pictures
+        )
+        return found if pictures is None else _with_camera(found, bag, given.text(IMAGE_TOPIC))
 
     def _poses(self, path: Path, bag: _Bag, given: Given) -> tuple[FloatArray, Body] | None:
         """Times (n,), s, and poses, of a topic or of two frames of tf; None where none is asked."""
@@ -110,6 +144,32 @@ class RosbagReader(Reader):
         places = checked_places(path, lines, numbers[:, :3])
         body = Body(places, rotations_from("xyzw", numbers[:, 3:], path, lines))
         return np.array([at for at, _ in rows]), body
+
+
+def _pictures(
+    path: Path, bag: _Bag, rests: Sequence[Rest], given: Given
+) -> list[RecordedPicture | None]:
+    """A picture of each rest."""
+    topic = _chosen(path, dict.fromkeys(bag.pictures), given, IMAGE_TOPIC)
+    with _read_errors(path):
+        return pictures_at(path, topic, rests, _later_messages(_folder_of(path), topic))
+
+
+def _with_camera(found: ImportedRows, bag: _Bag, topic: str) -> ImportedRows:
+    """With the camera whose camera_info stands beside the topic of its pictures, or with why not.
+
+    ``/left/image_raw/compressed`` is of the camera of ``/left/camera_info``.
+    """
+    places = [topic.rpartition("/")[0]]
+    places.append(places[0].rpartition("/")[0])
+    name = next((f"{p}/camera_info" for p in places if f"{p}/camera_info" in bag.cameras), "")
+    if not name:
+        hint = f"no camera_info beside {topic}"
+        return replace(found, seen=(*found.seen, f"The recording has {hint}."))
+    camera, why = camera_of(bag.cameras[name])
+    if camera is None:
+        return replace(found, notes=(*found.notes, f"{name} is not written: {why}."))
+    return replace(found, camera=camera)
 
 
 def _chosen(path: Path, topics: dict[str, Any], given: Given, option: Option) -> str:
@@ -136,24 +196,36 @@ def _read(path: Path, extra: str) -> _Bag:
     if not path.exists():
         raise ForeignFileError("no such file", "a recording", file=path)
     load("rosbags", extra)
-    if path.is_file() and path.suffix.lower() != ".bag":
-        # A part of a recording, whose folder tells what is in it.
-        if not (path.parent / "metadata.yaml").is_file():
-            hint = "ros2 bag reindex makes it"
-            raise ForeignFileError("no metadata.yaml beside it", "one", file=path, hint=hint)
-        path = path.parent
-    for file in [path] if path.is_file() else sorted(path.iterdir()):
+    folder = _folder_of(path)
+    for file in [folder] if folder.is_file() else sorted(folder.iterdir()):
         note_input(file)
     bag = _Bag()
-    try:
-        for count, (kind, topic, at, message) in enumerate(_messages(path)):
+    with _read_errors(path):
+        for count, (kind, topic, at, message) in enumerate(_messages(folder, bag)):
             if count > _MOST_MESSAGES:
                 said = f"more than {_MOST_MESSAGES} messages"
                 raise ForeignFileError(said, "a shorter recording", file=path)
             _take(bag, kind, topic, at, message)
+    return bag
+
+
+def _folder_of(path: Path) -> Path:
+    """The recording that a path is, or is a part of: its folder tells what is in it."""
+    if path.is_dir() or path.suffix.lower() == ".bag":
+        return path
+    if not (path.parent / "metadata.yaml").is_file():
+        hint = "ros2 bag reindex makes it"
+        raise ForeignFileError("no metadata.yaml beside it", "one", file=path, hint=hint)
+    return path.parent
+
+
+@contextmanager
+def _read_errors(path: Path) -> Iterator[None]:
+    """Damaged recordings make their readers, and the database beneath, raise whatever they meet."""
+    try:
+        yield
     except (ForeignFileError, MissingExtraError):
         raise
-    # Damaged recordings make their readers, and the database beneath, raise whatever they meet.
     except Exception as problem:  # noqa: BLE001
         said = " ".join(f"{type(problem).__name__}: {problem}".split())[:160]
         raise ForeignFileError(
@@ -161,24 +233,48 @@ def _read(path: Path, extra: str) -> _Bag:
             "a .bag file, or a folder that ros2 bag recorded",
             file=path,
         ) from None
-    return bag
 
 
-def _messages(path: Path) -> Iterator[tuple[str, str, float, Any]]:
-    """Type, topic, time (s, of the header where there is one) and content, in order."""
+@contextmanager
+def _opened(path: Path) -> Iterator[Any]:
     from rosbags.highlevel import AnyReader
     from rosbags.typesys import Stores, get_typestore
 
-    wanted = {_JOINT_STATE, _TF, *_POSES}
     with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
+        yield reader
+
+
+def _messages(path: Path, bag: _Bag) -> Iterator[tuple[str, str, float, Any]]:
+    """Type, topic, time (s, of the header where there is one) and content, in order.
+
+    Of pictures only the topics are noted: there may be more of them than memory.
+    """
+    wanted = {_JOINT_STATE, _TF, CAMERA_INFO, *_POSES}
+    with _opened(path) as reader:
+        bag.pictures |= {each.topic for each in reader.connections if each.msgtype in _PICTURES}
         connections = [each for each in reader.connections if each.msgtype in wanted]
         for connection, stamp, raw in reader.messages(connections=connections):
+            if connection.topic in bag.cameras:
+                continue
             message = reader.deserialize(raw, connection.msgtype)
-            at = 1e-9 * stamp
-            if hasattr(message, "header"):
-                own = message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
-                at = own or at
-            yield connection.msgtype, connection.topic, at, message
+            yield connection.msgtype, connection.topic, _stamped(message, stamp), message
+
+
+def _later_messages(path: Path, topic: str) -> Iterator[tuple[float, Any]]:
+    """Time, s, of each message of a topic, and the message."""
+    with _opened(path) as reader:
+        connections = [each for each in reader.connections if each.topic == topic]
+        for connection, stamp, raw in reader.messages(connections=connections):
+            message = reader.deserialize(raw, connection.msgtype)
+            yield _stamped(message, stamp), message
+
+
+def _stamped(message: Any, stamp: int) -> float:
+    """Time, s: of the header where there is one, else when it was recorded."""
+    own = 0.0
+    if hasattr(message, "header"):
+        own = message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
+    return own or 1e-9 * stamp
 
 
 def _take(bag: _Bag, kind: str, topic: str, at: float, message: Any) -> None:
@@ -197,6 +293,8 @@ def _take(bag: _Bag, kind: str, topic: str, at: float, message: Any) -> None:
             bag.transforms.append(
                 (0.0 if topic.endswith("static") else own or at, parent, child, numbers_)
             )
+    elif kind == CAMERA_INFO:
+        bag.cameras.setdefault(topic, message)
     else:
         pose = message
         for name in _POSES[kind]:

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.errors import ForeignFileError, did_you_mean
 from suta_calib.exchange.bodies import BODY_OPTIONS, REFERENCE, Body, Recording
-from suta_calib.exchange.cells import is_missing, numbers_of
-from suta_calib.exchange.delimited import DELIMITED_OPTIONS, Sheet, read_sheet
+from suta_calib.exchange.delimited import DELIMITED_OPTIONS, read_sheet
 from suta_calib.exchange.imported import (
     ImportedRows,
     checked_places,
@@ -26,6 +25,7 @@ from suta_calib.exchange.joint_readings import READING_OPTIONS, Readings
 from suta_calib.exchange.option import Given, Option
 from suta_calib.exchange.reader import TABLE, Reader
 from suta_calib.exchange.rotations import NUMBERS, rotations_from
+from suta_calib.exchange.sheet import Sheet
 from suta_calib.exchange.table_roles import (
     GUESS,
     ROLE_OPTIONS,
@@ -34,7 +34,7 @@ from suta_calib.exchange.table_roles import (
     nameless_pose,
     plain_name,
 )
-from suta_calib.measurements.csv_table import SIGMA, SIGMAS, number_in
+from suta_calib.measurements.csv_table import SIGMA, SIGMAS
 from suta_calib.units import from_deg, from_mm
 from suta_calib.words import listed
 
@@ -157,9 +157,9 @@ class _Columns:
             if len(each._poses) != 1:
                 said = f"{len(each._poses)} poses in a row"
                 raise ForeignFileError(said, "one, in both files", file=each._sheet.path)
-        rows = len(self._sheet.rows)
-        if len(other._sheet.rows) != rows:
-            found = f"{len(other._sheet.rows)} rows"
+        rows = len(self._sheet)
+        if len(other._sheet) != rows:
+            found = f"{len(other._sheet)} rows"
             expected = f"{rows}, as in {self._sheet.path}: rows correspond"
             raise ForeignFileError(found, expected, file=other._sheet.path)
         self._others[name] = other._body(other._poses[0])
@@ -206,8 +206,8 @@ class _Columns:
         return replace(made, notes=(), seen=())
 
     def _body(self, pose: PoseColumns) -> Body:
-        path, rows = self._sheet.path, self._sheet.rows
-        position = numbers_of(path, rows, pose.position)
+        path = self._sheet.path
+        position = self._sheet.numbers(pose.position)
         unit = self._length or pose.unit or "m"
         if self._length and pose.unit and self._length != pose.unit:
             raise ForeignFileError(
@@ -219,7 +219,7 @@ class _Columns:
         position = checked_places(path, self._sheet.lines, _metres(unit) * position)
         if not pose.form:
             return Body(position)
-        numbers = numbers_of(path, rows, pose.rotation)
+        numbers = self._sheet.numbers(pose.rotation)
         angles = NUMBERS[pose.form] == 3
         if angles and (self._angle or pose.angle) == "deg":
             numbers = from_deg(numbers)
@@ -248,7 +248,7 @@ class _Columns:
 
     def _beside(self) -> tuple[dict[str, NDArray[Any]], BoolArray]:
         """Columns that are no pose, and the rows in which none of their numbers is missing."""
-        sheet, whole = self._sheet, np.ones(len(self._sheet.rows), dtype=bool)
+        sheet, whole = self._sheet, np.ones(len(self._sheet), dtype=bool)
         taken = {k for pose in self._poses for k in (*pose.position, *pose.rotation)}
         found: dict[str, NDArray[Any]] = {}
         readings = Readings.of(self._given, self._angle or "rad")
@@ -260,21 +260,20 @@ class _Columns:
             bare, unit = plain_name(name)
             if k in joints:
                 self._angles_used |= unit not in _LENGTHS
-                numbers = numbers_of(sheet.path, sheet.rows, [k])[:, 0]
+                numbers = sheet.numbers([k])[:, 0]
                 whole &= np.isfinite(numbers)
                 of = replace(readings, unit=self._angle or unit or "rad")
                 found[bare if unit else name] = self._joint(of, bare, numbers, unit)
                 continue
             if bare.lower() in (SIGMA, *SIGMAS):
-                numbers = numbers_of(sheet.path, sheet.rows, [k])[:, 0]
+                numbers = sheet.numbers([k])[:, 0]
                 whole &= np.isfinite(numbers)
                 length = unit or self._length or next((p.unit for p in self._poses if p.unit), "m")
                 found[bare.lower()] = _metres(length) * numbers
                 continue
-            cells = sheet.cells(k)
-            values = np.array([number_in(cell) for cell in cells])
-            is_number = all(v == v or is_missing(c) for v, c in zip(values, cells, strict=True))
-            found[name] = values if is_number and np.isfinite(values).all() else np.array(cells)
+            values = sheet.values[k]
+            known = values is not None and bool(np.isfinite(values).all())
+            found[name] = np.array(sheet.cells(k)) if values is None or not known else values
         return found, whole
 
     def _joints(self, said: Sequence[str]) -> set[int]:

@@ -1,0 +1,147 @@
+"""What instruments state of the points they measured: how rows weigh, and whether it is true."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Final, Self
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+
+from suta_calib.arrays import FloatArray
+from suta_calib.distributions import chi2
+from suta_calib.geometry.symbols import Symbol
+from suta_calib.terms.block import Block, Pose, flat, pose_of
+from suta_calib.terms.tracked_point import TrackedPoint
+
+# Chance of residuals as large, or as small, below which what was stated is contradicted.
+SURPRISING: Final = 0.01
+# The least that a chance is shown as.
+LEAST: Final = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class StatedSpread:
+    """Standard deviations of corresponding points, each along the axes of its own frame.
+
+    The residual ``R a + p - b`` of a row has the covariance ``R diag(σa²) Rᵀ + diag(σb²)``.
+
+    Attributes:
+        of_source: (n, 3) of a, m; zeros where they are taken for exact.
+        of_target: (n, 3) of b, m; likewise.
+    """
+
+    of_source: FloatArray
+    of_target: FloatArray
+
+    @classmethod
+    def of(cls, source: FloatArray | None, target: FloatArray | None) -> StatedSpread | None:
+        """What is stated of the points (n, 3) of either frame; None where nothing is."""
+        stated = source if source is not None else target
+        if stated is None:
+            return None
+        exact = np.zeros_like(stated)
+        return cls(exact if source is None else source, exact if target is None else target)
+
+    @cached_property
+    def each(self) -> FloatArray:
+        """(n,) root mean square standard deviation of one component of each row's residual, m."""
+        return np.asarray(np.sqrt(np.mean(self.of_source**2 + self.of_target**2, axis=1)))
+
+    @cached_property
+    def typical(self) -> float:
+        """The geometric mean of them, m: in units of it rows weigh."""
+        return float(np.exp(np.mean(np.log(self.each))))
+
+    def take(self, rows: ArrayLike) -> StatedSpread:
+        """Of some of the points."""
+        return StatedSpread(self.of_source[np.asarray(rows)], self.of_target[np.asarray(rows)])
+
+    def whitening(self, rotation: FloatArray) -> FloatArray:
+        """(n, 3, 3) what makes each residual scatter by `typical` in every direction.
+
+        Args:
+            rotation: (3, 3) from frame a to frame b.
+        """
+        turned = rotation * self.of_source[:, None, :]
+        covariance = turned @ np.swapaxes(turned, 1, 2)
+        covariance[:, range(3), range(3)] += self.of_target**2
+        values, axes = np.linalg.eigh(covariance)
+        scaled = self.typical * axes / np.sqrt(values)[:, None, :]
+        return np.asarray(scaled @ np.swapaxes(axes, 1, 2))
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """Residuals beside the standard deviations that were stated of them.
+
+    Attributes:
+        factor: how many times larger they are, but for what the unknowns took up.
+        chance: of a factor as far from one, in either direction, where what is stated is true.
+    """
+
+    factor: float
+    chance: float
+
+    @classmethod
+    def of(cls, squared: float, freedom: float) -> Agreement:
+        """From squared residuals in units of what is stated, summed, and their freedom (χ²)."""
+        larger = float(chi2.sf(squared, freedom))
+        chance = min(1.0, 2.0 * min(larger, 1.0 - larger))
+        return cls(float(np.sqrt(squared / freedom)), chance)
+
+    @property
+    def contradicted(self) -> bool:
+        """Whether the residuals say that what was stated is not so."""
+        return self.chance < SURPRISING
+
+    @property
+    def too_large(self) -> bool:
+        """Whether the residuals are larger than what was stated allows."""
+        return self.contradicted and self.factor > 1.0
+
+    @property
+    def note(self) -> str:
+        """What a reader is told where they contradict each other."""
+        because = (
+            "points moved, or the σ leave something out; ± is what the residuals show"
+            if self.too_large
+            else "the σ are too large, or of errors that all points share; ± is what they say"
+        )
+        chance = f"{max(self.chance, LEAST):.0e}{' or less' if self.chance < LEAST else ''}"
+        return (
+            f"The residuals are {self.factor:.2g} times as large as the stated σ have them "
+            f"(chance {chance}): {because}."
+        )
+
+
+def _whitened(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
+    base = pose_of(own)
+    return ca.reshape(data[3:], 3, 3) @ (base.R @ poses[0].p + base.p - data[:3])
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class WeighedPoint(TrackedPoint):
+    """`TrackedPoint` of which every row has a covariance of its own.
+
+    Attributes:
+        whitening: (n, 3, 3) that makes residuals scatter alike in every row and direction.
+    """
+
+    whitening: FloatArray
+
+    @cached_property
+    def blocks(self) -> tuple[Block, ...]:
+        """Positions, weighed."""
+        (block,) = super().blocks
+        data = np.hstack([block.data, flat(self.whitening)])
+        return (replace(block, residual=_whitened, data=data),)
+
+    def take(self, rows: ArrayLike) -> Self:
+        """The term over some of its samples."""
+        return replace(
+            self, poses=self.poses.take(rows), whitening=self.whitening[np.asarray(rows)]
+        )
