@@ -271,7 +271,7 @@ def test_a_browser_without_a_network_shows_it(html: bytes, tmp_path: Path) -> No
     run = in_a_browser(
         file,
         *("--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--enable-logging=stderr"),
-        *("--window-size=900,600", "--virtual-time-budget=2000", f"--screenshot={picture}"),
+        *("--window-size=900,600", "--virtual-time-budget=1000", f"--screenshot={picture}"),
     )
     assert "Uncaught" not in run.stderr
     pixels = imread(picture)[..., :3]
