@@ -108,6 +108,8 @@ TRIED = [block for block in SHELL if any(map(runs, block.commands))]
 
 @pytest.mark.parametrize("block", TRIED, ids=lambda block: f"{block.page} {block.commands[0]}")
 def test_commands_run(block: Block, folder: Path) -> None:
+    for name, text in re.findall(r"^cat > (\S+) <<'END'\n(.*?)^END$", block.text, re.M | re.S):
+        Path(name).write_text(text, encoding="utf-8")
     for line in block.lines:
         if not line.startswith("suta-calib "):
             prepared(line)

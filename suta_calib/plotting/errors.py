@@ -12,7 +12,7 @@ from matplotlib.collections import PolyCollection
 
 from suta_calib.arrays import FloatArray
 from suta_calib.plotting.limits import MOST_GROUPS
-from suta_calib.plotting.style import BLUE, GREY, ORANGE, plain_log, shortened
+from suta_calib.plotting.style import BLUE, GREY, ORANGE, TINT, plain_log, shortened
 from suta_calib.units import Unit, shown, unit_name
 
 # Half the height of a box, of which one stands every unit.
@@ -90,7 +90,7 @@ def draw_groups(axes: Axes, groups: Mapping[str, FloatArray], grouping: str) -> 
     axes.set_xlim(left=0)
     axes.grid(axis="x")
     axes.set_xlabel("error after calibration, mm (in brackets: number of errors)")
-    axes.set_ylabel(grouping)
+    axes.set_ylabel(grouping, labelpad=16)
 
 
 def _boxes(axes: Axes, groups: Sequence[FloatArray]) -> None:
@@ -106,9 +106,7 @@ def _boxes(axes: Axes, groups: Sequence[FloatArray]) -> None:
     )
     corners = [(q1, -_BOX), (q3, -_BOX), (q3, _BOX), (q1, _BOX)]
     boxes = np.stack([np.column_stack([x, at + y]) for x, y in corners], axis=1)
-    axes.add_collection(
-        PolyCollection([*boxes], facecolors="#cfe3f1", edgecolors=BLUE, linewidths=1)
-    )
+    axes.add_collection(PolyCollection([*boxes], facecolors=TINT, edgecolors=BLUE, linewidths=1))
     for x, end in ((low, q1), (high, q3)):
         axes.hlines(at, x, end, color="black", linewidth=1)
         axes.vlines(x, at - _BOX / 2, at + _BOX / 2, color="black", linewidth=1)

@@ -16,6 +16,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 BLUE: Final = "#0072B2"
 ORANGE: Final = "#E69F00"
 GREY: Final = "#999999"
+TINT: Final = "#CFE3F1"  # of surfaces that something stands on
 WIDTH: Final = 7.2  # of a plot on the page, inch
 ROW_HEIGHT: Final = 0.19  # of a name in a list, inch
 STYLE: Final[dict[str, Any]] = {
@@ -30,6 +31,9 @@ STYLE: Final[dict[str, Any]] = {
     "axes.axisbelow": True,
     "grid.color": "#dddddd",
     "hatch.linewidth": 0.6,
+    # Room for text that a narrow page enlarges.
+    "axes.labelpad": 7.0,
+    "legend.columnspacing": 3.5,
     "legend.frameon": False,
 }
 

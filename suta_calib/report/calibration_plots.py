@@ -47,7 +47,7 @@ def grouped_errors(groups: Mapping[str, FloatArray], grouping: str, name: str) -
     """
     labels = [f"{shortened(each)}  (9999)" for each in groups]
     size = WIDTH, 0.6 + 0.21 * min(len(groups), MOST_GROUPS)
-    with picture(name, size, Margins(left=0.35 + width_of(labels, 9))) as figure:
+    with picture(name, size, Margins(left=0.5 + width_of(labels, 9))) as figure:
         draw_groups(figure.subplots(), groups, grouping)
         return svg_text(figure, name, f"Errors after calibration by {grouping}")
 
@@ -63,7 +63,7 @@ def singular_values(values: FloatArray, weak: Sequence[str], name: str) -> str:
     floor = max(float(values.max(initial=0.0)), 1.0) * 1e-9
     height, threshold = np.maximum(values, floor), 1.0 / WEAK
     estimated = height >= threshold
-    with picture(name, (WIDTH, 2.8), Margins(bottom=0.68 if weak else 0.48, top=0.28)) as figure:
+    with picture(name, (WIDTH, 2.8), Margins(bottom=0.72 if weak else 0.52, top=0.28)) as figure:
         axes = figure.subplots()
         k = np.arange(1, len(values) + 1)
         bottom = floor / 2
@@ -86,11 +86,11 @@ def singular_values(values: FloatArray, weak: Sequence[str], name: str) -> str:
         axes.set_xlim(0.3, len(values) + 0.7)
         axes.xaxis.set_major_locator(MaxNLocator(integer=True))
         axes.set_xlabel("direction of the arm's parameters, strongest first")
-        axes.set_ylabel("singular value (dimensionless)")
+        axes.set_ylabel("singular value (no unit)")
         axes.legend(ncols=2, fontsize=8, loc="lower left", bbox_to_anchor=(0, 1))
         if weak:
             note = "held: " + ", ".join(weak[:4]) + (" …" if len(weak) > 4 else "")
-            figure.text(0.01, 0.02, shortened(note, 110), fontsize=8)
+            figure.text(0.01, 0.02, shortened(note, 78), fontsize=8)
         return svg_text(figure, name, "Singular values of the information on the arm's parameters")
 
 
@@ -133,7 +133,7 @@ def correlation_map(names: Sequence[str], matrix: FloatArray, name: str) -> str:
             axes.text(j, i, sign, ha="center", va="center", in_layout=False, **look)
         scale = figure.add_axes((1 - 0.8 / size[0], margins.bottom / size[1], 0.14 / size[0], 0.7))
         bar = figure.colorbar(image, cax=scale, format="%.1f")
-        bar.set_label("size of the correlation (dimensionless)")
+        bar.set_label("size of the correlation (no unit)")
         return svg_text(figure, name, "Correlations of the estimated parameters")
 
 

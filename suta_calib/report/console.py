@@ -12,6 +12,7 @@ from typing import Final
 from rich import box
 from rich.cells import cell_len
 from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderResult
+from rich.segment import Segment
 from rich.table import Table
 from rich.text import Text
 
@@ -28,6 +29,8 @@ TONE: Final[dict[Tone, str]] = {
     "soft": "dim",
 }
 
+# Of a cell in a table, at most about.
+_LINES: Final = 3
 # Where a name goes on with its next part, and not a number with its decimals.
 _AFTER_DOT: Final = re.compile(r"(?<=\.)(?=[^\W\d])")
 # `box.SIMPLE_HEAD`, in place of which rich would draw a fence.
@@ -80,19 +83,22 @@ class Wrapped:
         del console
         begin = self.first
         for line in self.text.split("\n"):
-            # A name that is longer than the terminal stays whole, too.
-            wrapped = wrap(
-                line,
-                options.max_width,
-                initial_indent=str(begin),
-                subsequent_indent=self.rest,
-                break_long_words=False,
-                break_on_hyphens=False,
-            )
-            for part in wrapped or [str(begin)]:
+            for part in _wrapped(line, options.max_width, str(begin), self.rest) or [str(begin)]:
                 words = (part[len(begin) :], self.style)
                 yield Text.assemble(begin, words, no_wrap=True, overflow="ignore")
                 begin = self.rest
+
+
+def _wrapped(line: str, width: int, first: str = "", rest: str = "") -> list[str]:
+    """Lines no longer than that, unless a word is: a name stays whole."""
+    return wrap(
+        line,
+        width,
+        initial_indent=first,
+        subsequent_indent=rest,
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
 
 
 def bullet(note: str) -> Wrapped:
@@ -107,57 +113,113 @@ class Fitted:
     listed: listing.Table
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
-        del console
         listed, width = self.listed, options.max_width
         if listed.title:
             yield Wrapped(listed.title, style="bold")
-        # Rather close together than with broken names, and rather that than no table.
-        tried = ((p, self._widths(width, p, broken=b)) for b, p in product((False, True), (1, 0)))
-        padding, widths = next(((p, found) for p, found in tried if found), (0, []))
-        if not widths:
-            for line in self._lines(width):
-                yield Text(line, no_wrap=True, overflow="ignore")
+        for hung in self._below():
+            # Rather close together than with broken names, and rather that than cells below.
+            for broken, padding in product((False, True), (1, 0)):
+                beside = [k for k in range(len(listed.heads)) if k not in hung]
+                if widths := self._widths(beside, width, padding, broken=broken):
+                    room = dict(zip(beside, widths, strict=True))
+                    yield from self._table(console, options, room, padding, hung)
+                    return
+        for line in self._lines(width):
+            yield Text(line, no_wrap=True, overflow="ignore")
+        yield ""
+
+    def _below(self) -> Iterator[tuple[int, ...]]:
+        """Columns whose cells may stand below their rows: none, the widest in words, or the two."""
+        listed = self.listed
+        columns = list(zip(listed.heads, *listed.cells, strict=True))
+        wordy = [k for k in range(1, len(columns)) if k not in listed.numeric]
+        wordy.sort(key=lambda k: max(map(cell_len, columns[k])), reverse=True)
+        for count in range(min(2, len(wordy)) + 1):
+            yield tuple(sorted(wordy[:count]))
+
+    def _table(
+        self,
+        console: Console,
+        options: ConsoleOptions,
+        widths: dict[int, int],
+        padding: int,
+        hung: tuple[int, ...],
+    ) -> RenderResult:
+        """A table of columns with their widths, and below each row what stands in the others.
+
+        Rich has no cell across columns: for such cells one table ends and another goes on.
+        """
+        listed = self.listed
+        parts: list[Table | Wrapped] = [self._begun(options, widths, padding)]
+        for k, row in enumerate(listed.cells):
+            if not isinstance(drawn := parts[-1], Table):
+                drawn = self._begun(options, widths, padding, headed=False)
+                parts.append(drawn)
+            strong, tones = k in listed.strong, listed.tones[k]
+            cells = [
+                Text(_broken(row[j], room), style="" if (tone := tones[j]) is None else TONE[tone])
+                for j, room in widths.items()
+            ]
+            drawn.add_row(*cells, style="bold" if strong else "", end_section=strong)
+            below = (f"{listed.heads[j]} {row[j]}".strip() for j in hung if row[j].strip())
+            if said := "  ".join(below):
+                parts.append(Wrapped(said, "   ", "   ", "dim"))
+        for k, part in enumerate(parts):
+            if isinstance(part, Wrapped):
+                yield part
+                continue
+            # The empty lines about a table stand before the first and behind the last only.
+            lines = console.render_lines(part, options, pad=False)
+            for line in lines[k > 0 : len(lines) - (k + 1 < len(parts))]:
+                yield from line
+                yield Segment.line()
+        if isinstance(parts[-1], Wrapped):
             yield ""
-            return
+
+    def _begun(
+        self,
+        options: ConsoleOptions,
+        widths: dict[int, int],
+        padding: int,
+        *,
+        headed: bool = True,
+    ) -> Table:
+        listed = self.listed
         drawn = Table(
             box=_ASCII if options.ascii_only else box.SIMPLE_HEAD,
             pad_edge=False,
             padding=(0, padding),
-            show_header=any(listed.heads),
+            show_header=headed and any(listed.heads),
             header_style="bold",
         )
-        for k, (head, width) in enumerate(zip(listed.heads, widths, strict=True)):
+        for k, width in widths.items():
             drawn.add_column(
-                _broken(head, width),
+                _broken(listed.heads[k], width),
                 justify="right" if k in listed.numeric else "left",
                 width=width,
             )
-        for k, row in enumerate(listed.cells):
-            strong = k in listed.strong
-            cells = [
-                Text(_broken(cell, room), style="" if tone is None else TONE[tone])
-                for cell, tone, room in zip(row, listed.tones[k], widths, strict=True)
-            ]
-            drawn.add_row(*cells, style="bold" if strong else "", end_section=strong)
-        yield drawn
+        return drawn
 
-    def _widths(self, width: int, padding: int, *, broken: bool) -> list[int]:
+    def _widths(self, beside: list[int], width: int, padding: int, *, broken: bool) -> list[int]:
         """Of the columns, in a table as wide as that; none where it cannot be.
 
         Args:
+            beside: which columns stand in it.
             width: of the terminal.
             padding: on either side of a column.
             broken: whether names may go on in the next line after a dot.
         """
-        columns = list(zip(self.listed.heads, *self.listed.cells, strict=True))
+        every = list(zip(self.listed.heads, *self.listed.cells, strict=True))
+        columns = [every[k] for k in beside]
         widths = [max(map(cell_len, column)) for column in columns]
-        # Numbers stay on their line, whatever is between them; other cells break between words.
+        # Numbers stay on their line, whatever is between them; other cells break between words,
+        # and no row becomes a tower.
         split = _pieces if broken else str.split
         least = [
             widest
             if k in self.listed.numeric
-            else max(map(cell_len, split(" ".join(column))), default=0)
-            for k, (widest, column) in enumerate(zip(widths, columns, strict=True))
+            else max(widest // _LINES, *map(cell_len, split(" ".join(column))), 0)
+            for k, widest, column in zip(beside, widths, columns, strict=True)
         ]
         # The frame and what is between two columns.
         room = width - 2 - (1 + 2 * padding) * (len(widths) - 1)
@@ -169,17 +231,20 @@ class Fitted:
         return widths
 
     def _lines(self, width: int) -> Iterator[str]:
-        """Every row as its first cell and, behind their headings, as many more as a line takes."""
+        """Every row as its first cell and, behind their headings, as many more as a line takes.
+
+        A row that leaves its first cell empty goes on with what the row before it is about.
+        """
         for row in self.listed.cells:
             pairs = zip(self.listed.heads, row, strict=True)
             first, *more = (f"{head} {cell}".strip() for head, cell in pairs if cell.strip())
-            line = first
+            lines = [first if row[0].strip() else f"  {first}"]
             for pair in more:
-                if len(line) + len("  ") + len(pair) > width:
-                    yield line
-                    line = ""
-                line += f"  {pair}"
-            yield line
+                if len(lines[-1]) + len("  ") + len(pair) > width:
+                    lines.append("")
+                lines[-1] += f"  {pair}"
+            for line in lines:
+                yield from _wrapped(line, width, rest="    ")
 
 
 def _pieces(text: str) -> list[str]:

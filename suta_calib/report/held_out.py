@@ -33,6 +33,11 @@ class HeldOutRow:
         return self.errors.unit
 
 
+def _of(kind: str, name: str) -> str:
+    """What kind of observation, and what of it, where the kind does not say so already."""
+    return kind if kind.endswith(name) else f"{kind} {name}"
+
+
 def _rms(values: FloatArray) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
@@ -57,7 +62,7 @@ HELD_OUT: Final = Listing[HeldOutRow](
         "kind",
         "of",
         lambda row: row.errors.term.kind,
-        cell=lambda row: f"{row.errors.term.kind.replace('_', ' ')} {row.errors.name}",
+        cell=lambda row: _of(row.errors.term.kind.replace("_", " "), row.errors.name),
     ),
     Column("label"),
     Column("block", None, lambda row: row.errors.name),

@@ -14,12 +14,32 @@ from typing import Final
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
+from suta_calib.plotting.style import BLUE, GREY, ORANGE, STYLE, TINT
 from suta_calib.report.document import Document, Figure, Folded, Space
 from suta_calib.report.listing import Table
 from suta_calib.report.spatial import scene_html
 
 # Documents that a report begins anew with.
 BEGINS: Final = ("opening", "result")
+# Width of a letter, of what is about a cell, and letters in which a text may be set, px; and the
+# widths of a page at which tables that need as much begin to stack.
+_LETTER: Final = 8.3
+_CELL: Final = 14.0
+_PROSE: Final = 24
+_ROOM: Final = tuple(range(320, 1000, 60))
+_COLOUR: Final = re.compile(r"#[0-9a-fA-F]{6}\b")
+# What figures are drawn in, and what the page's style calls it; the last is Matplotlib's own, of
+# marks that are covered.
+_THEME: Final = {
+    "#000000": "ink",
+    "#ffffff": "paper",
+    BLUE.lower(): "blue",
+    ORANGE.lower(): "amber",
+    GREY.lower(): "grey",
+    TINT.lower(): "tint",
+    STYLE["grid.color"]: "line",
+    "#1f77b4": "blue",
+}
 _END: Final = "<!-- analyses -->"
 _JOB: Final = re.compile(r'<meta name="job" content="([^"]*)">')
 _SECTION: Final = re.compile(r'<section id="([^"]*)">')
@@ -79,11 +99,38 @@ def environment() -> Environment:
     templates.tests["space"] = lambda part: isinstance(part, Space)
     templates.tests["folded"] = lambda part: isinstance(part, Folded)
     templates.tests["table"] = lambda part: isinstance(part, Table)
-    templates.filters["drawn"] = lambda figure: Markup(figure.svg)
+    templates.filters["drawn"] = lambda figure: Markup(themed(figure.svg))
+    templates.filters["stacked"] = _stacked
+    templates.globals["room"] = _ROOM
     templates.filters["turnable"] = lambda space: Markup(
         scene_html(space.scene(), "scene", templates)
     )
     return templates
+
+
+def themed(svg: str) -> str:
+    """A figure in the colours of its page, where they are those that figures share.
+
+    What has others, a map of numbers to colours, says with ``data-mapped`` that it stays.
+    """
+    if set(map(str.lower, _COLOUR.findall(svg))) <= set(_THEME):
+        return _COLOUR.sub(lambda found: f"var(--{_THEME[found[0].lower()]})", svg)
+    return svg.replace("<svg ", '<svg data-mapped="" ', 1)
+
+
+def _stacked(table: Table) -> str:
+    """The class of a table that needs that much room beside each other: it stacks its cells below.
+
+    Estimated from letters, for nobody knows the reader's font: the next of some steps up.
+    """
+    if not any(table.heads):
+        return ""
+    needed = float(_CELL * len(table.heads))
+    for k, column in enumerate(zip(table.heads, *table.cells, strict=True)):
+        words = column if k in table.numeric else " ".join(column).split()
+        shortest = max(map(len, words), default=0)
+        needed += _LETTER * max(shortest, min(_PROSE, max(map(len, column))))
+    return next((f"over-{step}" for step in _ROOM if needed <= step), f"over-{_ROOM[-1]}")
 
 
 def _with_contents(page: str) -> str:

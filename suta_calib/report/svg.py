@@ -19,9 +19,11 @@ from suta_calib.plotting.style import style
 from suta_calib.units import Unit, shown
 
 # Pixels on a page per point of the figure, at most and at least: one as wide as `WIDTH` fills the
-# text, and on a telephone it can still be read, and moved aside.
+# text, fits a page of 500, and on a telephone it can still be read, and moved aside.
 _ENLARGED: Final = 1.8
-_REDUCED: Final = 1.1
+_REDUCED: Final = 0.87
+# A figure of more points than this gets smaller on a narrow page, where its text is enlarged.
+_WIDE: Final = 400.0
 # Width of a letter on average, as a part of its height.
 _LETTER: Final = 0.6
 _SVG: Final = "{http://www.w3.org/2000/svg}"
@@ -41,9 +43,9 @@ class Margins:
         below: the panels of each row, where there are several.
     """
 
-    left: float = 0.7
+    left: float = 0.75
     right: float = 0.15
-    bottom: float = 0.48
+    bottom: float = 0.52
     top: float = 0.12
     between: float = 0.0
     below: float = 0.0
@@ -132,9 +134,11 @@ def svg_text(figure: Figure, name: str, description: str) -> str:
     for element in root.iter():
         if element.get("id") and f"#{element.get('id')}" not in values:
             del element.attrib["id"]
-    width = root.attrib.pop("width").removesuffix("pt")
+    width = float(root.attrib.pop("width").removesuffix("pt"))
     del root.attrib["height"]
-    most, least = (f"{float(width) * pixels:.0f}px" for pixels in (_ENLARGED, _REDUCED))
+    most, least = (f"{width * pixels:.0f}px" for pixels in (_ENLARGED, _REDUCED))
+    if width > _WIDE:
+        root.set("data-wide", "")
     root.set("style", f"max-width:{most};min-width:{least}")
     root.set("id", name)
     root.set("role", "img")

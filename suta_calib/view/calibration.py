@@ -110,12 +110,12 @@ def show(solution: Solution, accuracy: Accuracy, port: int = 0) -> Viewer:
 
 
 def calibration_page(calibrated: Calibrated) -> bytes:
-    """A calibration as one HTML file, which needs no network: it plays sample after sample.
+    """A calibration as one HTML file, which needs no network and has the whole panel.
 
     Raises:
         MissingExtraError: the extra ``view`` is not installed.
     """
-    from suta_calib.view.server import page
+    from suta_calib.view.page import page
 
     return page(calibration_scene(calibrated, link_meshes(calibrated.arm.chain.path)))
 

@@ -48,6 +48,9 @@ class ShownArm:
         api: of the server.
         drawn: the arm.
         solid: whether it is the one that is looked at; the other is seen through.
+
+    Attributes:
+        root, chain: names of its node, and of the lines'.
     """
 
     def __init__(self, api: viser.SceneApi, drawn: DrawnArm, *, solid: bool) -> None:
@@ -74,8 +77,9 @@ class ShownArm:
                 opacity=None if opacity == 1.0 else opacity,
                 flat_shading=True,
             )
+        self.chain = f"{self.root}/chain"
         self._bones = api.add_line_segments(
-            f"{self.root}/chain",
+            self.chain,
             np.zeros((len(drawn.bones), 2, 3)),
             _CALIBRATED if solid else _NOMINAL,
             thickness=_BONES[0] if solid else _BONES[1],

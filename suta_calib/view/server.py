@@ -1,4 +1,4 @@
-"""A scene in the browser, with sliders and a play button; or frozen in one file."""
+"""A scene in the browser, with sliders and a play button."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import errno
 import socket
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from html import escape
 from typing import TYPE_CHECKING, Any, Final, Self
 
@@ -17,7 +17,7 @@ import rich
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import OutputError
 from suta_calib.extras import load
-from suta_calib.units import deg, from_deg, from_mm, mm
+from suta_calib.units import from_deg, from_mm
 from suta_calib.view.drawing import (
     ShownArm,
     camera_view,
@@ -34,9 +34,8 @@ if TYPE_CHECKING:
 
     from suta_calib.model.chain import ChainJoint
 
-# How long a sample is shown, s, and how many a page that was frozen holds at most.
-_EACH_S: Final = 0.25
-_FROZEN_ROWS: Final = 150
+# How long a sample is shown, s.
+EACH_S: Final = 0.25
 _WELL: Final = (150, 150, 150)
 # A joint without limits turns once; a slide without them goes a metre each way.
 _UNLIMITED: Final = {"rad": np.pi, "m": 1.0}
@@ -55,7 +54,10 @@ class Viewer:
 
     Attributes:
         shown: number of the sample that the arms are at.
+        arms: as they are drawn.
         joints: sliders of the panel, one for each joint that has a reading, degrees or mm.
+        controls: what the panel has, by label: what each slider and box changes, for whoever
+            answers them in this object's place.
         inflation: how many times as wide as they are uncertainties are drawn.
 
     Raises:
@@ -71,17 +73,19 @@ class Viewer:
         view = self.server.initial_camera
         view.position, view.look_at = camera_view(scene)
         draw_floor(api, scene)
-        self._arms = [ShownArm(api, arm, solid=k == 0) for k, arm in enumerate(scene.arms)]
+        self.arms = [ShownArm(api, arm, solid=k == 0) for k, arm in enumerate(scene.arms)]
         self._handles = {}
         for thing in scene.things:
             carrier = getattr(thing, "carrier", "")
-            above = self._arms[0].node(carrier) if carrier else ""
+            above = self.arms[0].node(carrier) if carrier else ""
             self._handles[thing.name] = draw(thing, api, f"{above}/{thing.name}", scene)
         self._chosen: Any = None
         self._tip: Any = None
         # Sliders, clicks and the play button each come from a thread of their own.
         self._moving = threading.RLock()
         self.joints: list[Any] = []
+        self.controls: dict[str, Any] = {}
+        self._following = False
         if len(scene.rows):
             self._draw_rows()
         self.move(scene.q)
@@ -109,7 +113,8 @@ class Viewer:
     def move(self, q: FloatArray) -> None:
         """Show the arms at readings (joints,), rad or m."""
         with self._moving, self.server.atomic():
-            for arm in self._arms:
+            self._q = q
+            for arm in self.arms:
                 arm.move(q)
 
     def show_row(self, row: int) -> None:
@@ -120,6 +125,7 @@ class Viewer:
             self.move(rows.q[row])
             self._chosen.position = rows.at[row]
             self._chosen.text = rows.names[row]
+            self._follow()
 
     def magnify(self, factor: float) -> None:
         """Draw errors ``factor`` times as long as they are."""
@@ -158,6 +164,9 @@ class Viewer:
         gui.configure_theme(show_logo=False, show_share_button=False)
         gui.set_panel_label("suta-calib")
         gui.add_html(headline(scene))
+        if scene.assessment is not None and scene.assessment.notes:
+            with gui.add_folder("Notes", expand_by_default=False):
+                gui.add_html(_paragraphs(map(escape, scene.assessment.notes)))
         if len(scene.rows):
             with gui.add_folder("Samples"):
                 self._add_samples()
@@ -166,8 +175,10 @@ class Viewer:
                 "errors": self.magnify,
                 "uncertainty": self.inflate,
             }
+            self.controls["factors"] = {}
             for what, factor in _factors(scene):
                 self._add_factor(f"{what} ×", factor, change[what])
+                self.controls["factors"][f"{what} ×"] = what
         with gui.add_folder("Joints", expand_by_default=not len(scene.rows)):
             self._add_joints()
         with gui.add_folder("Shown"):
@@ -177,7 +188,7 @@ class Viewer:
     def _groups(self) -> list[str]:
         """Nodes that are shown or hidden as one."""
         things = (f"/{t.name.partition('/')[0]}" for t in self.scene.things)
-        own = [arm.root for arm in self._arms]
+        own = [arm.root for arm in self.arms]
         return [
             *own,
             *things,
@@ -185,6 +196,7 @@ class Viewer:
         ]
 
     def _add_switch(self, path: str) -> None:
+        self.controls.setdefault("switches", {})[path.removeprefix("/")] = path
         node = self.server.scene.get_handle_by_name(path) or self.server.scene.add_frame(
             path, show_axes=False
         )
@@ -199,23 +211,38 @@ class Viewer:
         slider.on_update(lambda _: change(slider.value))
 
     def _add_joints(self) -> None:
-        arm = self._arms[0].drawn.arm
+        arm, scene = self.arms[0].drawn.arm, self.scene
+        readings = np.vstack([scene.q, scene.rows.q]) if len(scene.rows) else scene.q[None]
         self.joints = [
-            _joint_slider(self.server.gui, joint, reading)
-            for joint, reading in zip(arm.chain.moving, self.scene.q, strict=True)
+            _joint_slider(self.server.gui, joint, column)
+            for joint, column in zip(arm.chain.moving, readings.T, strict=True)
         ]
-        for slider in self.joints:
-            slider.on_update(lambda _: self.move(self._readings()))
+        factors = [_per_shown(unit) for unit in arm.units.values()]
+        self.controls["joints"] = {
+            slider.label: factor for slider, factor in zip(self.joints, factors, strict=True)
+        }
+        for k, (slider, factor) in enumerate(zip(self.joints, factors, strict=True)):
+            slider.on_update(lambda event, k=k, f=factor: self._turn(k, f * event.target.value))
 
-    def _readings(self) -> FloatArray:
-        """(joints,) that the sliders say, rad or m."""
-        units = self._arms[0].drawn.arm.units.values()
-        values = [float(slider.value) for slider in self.joints]
-        shown = zip(units, values, strict=True)
-        return np.array([from_mm(v) if unit == "m" else from_deg(v) for unit, v in shown])
+    def _turn(self, joint: int, reading: float) -> None:
+        if not self._following:
+            q = self._q.copy()
+            q[joint] = reading
+            self.move(q)
+
+    def _follow(self) -> None:
+        """Have the sliders say where the arm is, from where they go on."""
+        self._following = True
+        try:
+            factors = self.controls.get("joints", {}).values()
+            for slider, reading, factor in zip(self.joints, self._q, factors, strict=False):
+                slider.value = round(float(reading) / factor, 2)
+        finally:
+            self._following = False
 
     def _add_samples(self) -> None:
         gui, rows = self.server.gui, self.scene.rows
+        self.controls |= {"sample": "sample", "play": "play", "each_s": EACH_S}
         self._row: Any = gui.add_slider("sample", 0, max(len(rows) - 1, 1), 1, 0)
         self._play: Any = gui.add_checkbox("play", initial_value=False)
         self._row.on_update(lambda _: self.show_row(min(self._row.value, len(rows) - 1)))
@@ -232,45 +259,22 @@ class Viewer:
     def _run(self) -> None:
         while self._play.value:
             self.choose((self.shown + 1) % len(self.scene.rows))
-            time.sleep(_EACH_S)
-
-    # ── one file ────────────────────────────────────────────────────────────────────────────
-    def frozen(self) -> Any:
-        """The scene as it is, then at sample after sample: viser's `StateSerializer`."""
-        recorder = self.server.get_scene_serializer()
-        count = len(self.scene.rows)
-        for row in np.unique(np.linspace(0, count - 1, min(count, _FROZEN_ROWS)).astype(int)):
-            self.show_row(int(row))
-            recorder.insert_sleep(_EACH_S)
-        return recorder
+            time.sleep(EACH_S)
 
 
-def page(scene: Scene) -> bytes:
-    """A scene as one HTML file, which needs no network: it plays sample after sample.
-
-    Raises:
-        MissingExtraError: the extra ``view`` is not installed.
-    """
-    with Viewer(scene, port=0) as viewer:
-        html: str = viewer.frozen().as_html()
-    factors = ", ".join(f"{what} × {factor:g}" for what, factor in _factors(scene))
-    style = "position:fixed;right:0;top:0;max-width:24em;z-index:10;font-family:sans-serif"
-    style += ";overflow-wrap:anywhere"  # a job's path has no blanks to wrap at
-    overlay = f'<div style="{style};padding:1em 0">{headline(scene, factors)}</div>'
-    html = html.replace("<title>", f"<title>{escape(scene.title)} · ", 1)
-    return html.replace("</body>", f"{overlay}</body>", 1).encode()
-
-
-def headline(scene: Scene, more: str = "") -> str:
-    """What is shown, whether it may be used, and what more there is to say, as HTML."""
+def headline(scene: Scene) -> str:
+    """What is shown, and whether it may be used, as HTML."""
     lines = [f"<b>{escape(scene.title)}</b>"]
     if (verdict := scene.assessment) is not None:
-        colour = _LEVELS[verdict.level]
-        lines.append(f'<b style="color:{colour}">{escape(verdict.word)}</b>: ')
-        lines[-1] += escape(verdict.sentence)
-        lines += [f"• {escape(note)}" for note in verdict.notes[:3]]
-    lines += [escape(scene.summary), escape(more)]
-    return '<div style="padding:0 1em;font-size:85%">' + "<br>".join(filter(None, lines)) + "</div>"
+        word = f'<b style="color:{_LEVELS[verdict.level]}">{escape(verdict.word)}</b>'
+        lines.append(f"{word}: {escape(verdict.sentence)}")
+    return _paragraphs([*lines, escape(scene.summary)])
+
+
+def _paragraphs(lines: Iterable[str]) -> str:
+    style = "padding:0 1em;font-size:85%;overflow-wrap:anywhere"  # a path has no blanks
+    said = "".join(f'<p style="margin:0.3em 0">{line}</p>' for line in lines if line)
+    return f'<div style="{style}">{said}</div>'
 
 
 def _factors(scene: Scene) -> Iterator[tuple[str, float]]:
@@ -283,16 +287,21 @@ def _factors(scene: Scene) -> Iterator[tuple[str, float]]:
             yield what, factor
 
 
-def _joint_slider(gui: viser.GuiApi, joint: ChainJoint, reading: float) -> Any:
-    """A slider in degrees or mm, within the limits and wherever the samples are."""
+def _joint_slider(gui: viser.GuiApi, joint: ChainJoint, readings: FloatArray) -> Any:
+    """A slider in degrees or mm, within the limits and wherever the samples are; at the first."""
     unit = "m" if joint.type == "prismatic" else "rad"
-    shown, name = (mm, "mm") if unit == "m" else (deg, "°")
     beyond = _UNLIMITED[unit]
     low = joint.lower if np.isfinite(joint.lower) else -beyond
     high = joint.upper if np.isfinite(joint.upper) else beyond
-    low, high = min(low, reading), max(high, reading)
-    values = [float(shown(value)) for value in (low, high, reading)]
+    low, high = min(low, readings.min()), max(high, readings.max())
+    values = [round(float(value) / _per_shown(unit), 2) for value in (low, high, readings[0])]
+    name = {"m": "mm", "rad": "°"}[unit]
     return gui.add_slider(f"{joint.name}, {name}", values[0], values[1], 0.01, values[2])
+
+
+def _per_shown(unit: str) -> float:
+    """How many rad or m are in a degree or a millimetre."""
+    return float(from_mm(1.0) if unit == "m" else from_deg(1.0))
 
 
 @contextlib.contextmanager

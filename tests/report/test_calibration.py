@@ -191,7 +191,7 @@ def test_plots_are_svg_with_units(result: CalibrationResult) -> None:
         plots.singular_values(np.array([1e3, 1.0, 0.0]), ["a.z − b.z"], "s"),
         plots.correlation_map(["a", AWKWARD], np.array([[1.0, -0.9], [-0.9, 1.0]]), "m"),
     ]
-    units_shown = ["mm", "mm", "deg", "dimensionless", "dimensionless"]
+    units_shown = ["mm", "mm", "deg", "no unit", "no unit"]
     for svg, unit in zip(found, units_shown, strict=True):
         root = etree.fromstring(svg)
         assert root.tag == "{http://www.w3.org/2000/svg}svg"

@@ -10,7 +10,7 @@ from rich.console import Console
 
 from suta_calib.assessment import Assessment
 from suta_calib.cli._output import console
-from suta_calib.report.console import rendered
+from suta_calib.report.console import Fitted, rendered
 from suta_calib.report.document import Document, Text
 from suta_calib.report.listing import Column, Listing
 
@@ -75,23 +75,56 @@ def test_a_table_that_fits_is_a_table_and_one_that_does_not_is_lines() -> None:
     assert re.search(head, wide, re.MULTILINE)
     assert not re.search(head, narrow, re.MULTILINE)
     assert re.search(
-        r"^Parameters\nparameter joint_1\S+\n  value, mm 12\.346  ± std, mm 0\.010\n"
+        r"^Parameters\nparameter\n    joint_1\S+\n  value, mm 12\.346  ± std, mm 0\.010\n"
         r"  state told by these data\n",
         narrow,
         re.MULTILINE,
     )
 
 
+def test_words_stand_below_their_row_before_a_table_is_given_up() -> None:
+    """As many columns as it takes, the widest first; never numbers, and never the first."""
+    given = "joint_1.offset, joint_2.offset and 17 more"
+    row = Listing[tuple[str, float, str, str]](
+        "",
+        Column("", "parameter", lambda row: row[0]),
+        Column("", "value, mm", lambda row: row[1], "m"),
+        Column("", "state", lambda row: row[2]),
+        Column("", "given", lambda row: row[3]),
+    )
+    rows = [("joint_1.x", 0.01, "identified", given), ("joint_1.y", 0.02, "held", "")]
+    listed = row.of([*rows, rows[0]])
+
+    def lines(width: int) -> list[str]:
+        out = io.StringIO()
+        Console(file=out, width=width, highlight=False).print(Fitted(listed))
+        return [line.strip() for line in out.getvalue().splitlines()]
+
+    wide = lines(60)
+    assert wide[3].split() == ["joint_1.x", "10.000", "identified", "joint_1.offset,"]
+    below = lines(46)
+    told = " ".join(" ".join(below).split())
+    assert told.startswith("parameter value, mm state ")
+    first = f"joint_1.x 10.000 identified given {given}"
+    assert told.endswith(f" {first} joint_1.y 20.000 held {first}")
+    narrow = lines(23)
+    assert narrow[3].split() == ["joint_1.x", "10.000"]
+    assert narrow[4].startswith("state identified")
+    assert given in " ".join(narrow)
+    assert lines(15)[0] == "parameter"
+
+
 def test_a_name_is_broken_after_its_dot_before_a_table_is_given_up() -> None:
     """Numbers and units never are, and a name that has room is not."""
-    for width in (56, 63):
+    for width in (57, 64):
         said = shown(width)
         assert re.search(r"^ joint_1\. +12\.346 +0\.010", said, re.MULTILINE)
         assert re.search(r"^ a_rather_long_parameter_name", said, re.MULTILINE)
-    for width in (64, 120):
+    for width in (65, 120):
         found = r"^ joint_1\.a_rather_long_parameter_name +12\.346"
         assert re.search(found, shown(width), re.MULTILINE)
-    assert not re.search(r"^ joint_1\. ", shown(55), re.MULTILINE)
+    # With what is no number below its row, a name may still be broken.
+    assert re.search(r"^ joint_1\. +12\.346 +0\.010$", shown(56).replace(" \n", "\n"), re.MULTILINE)
 
 
 def test_a_table_is_as_complete_in_a_pipe_as_on_a_terminal(

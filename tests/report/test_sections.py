@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,12 +13,13 @@ from ruamel.yaml import YAML
 
 from suta_calib.assessment import Assessment
 from suta_calib.errors import OutputError
-from suta_calib.plotting.style import WIDTH
+from suta_calib.plotting.style import BLUE, WIDTH
+from suta_calib.report import page as page_module
 from suta_calib.report.document import Document, Figure, File, Text
 from suta_calib.report.files import write_document
 from suta_calib.report.listing import Column, Listing
 from suta_calib.report.outliers import flow_yaml
-from suta_calib.report.page import page_with
+from suta_calib.report.page import page_with, themed
 from suta_calib.report.svg import picture as picture_of
 from suta_calib.report.svg import svg_text
 
@@ -127,5 +129,42 @@ def test_figures_are_as_wide_as_the_text_and_no_narrower_than_can_be_read() -> N
     widest, narrowest = (float(limits[f"{end}-width"].removesuffix("px")) for end in ("max", "min"))
     text = 62 * 15 - 2 * 1.25 * 15  # of the page's style: 62 rem less its padding, px
     assert widest >= text
-    letters = 9.0 * narrowest / (72 * WIDTH)  # of nine points, px
+    # Of nine points, px, as a narrow page enlarges them.
+    style = (Path(page_module.__file__).parent / "templates" / "style.css").read_text(
+        encoding="utf-8"
+    )
+    (enlarged,) = re.findall(r'size: 9px"\] { font-size: ([0-9.]+)px', style)
+    letters = float(enlarged) * narrowest / (72 * WIDTH)
+    assert narrowest <= 500 - 2 * 0.8 * 15  # less its padding
     assert letters >= 9.5
+
+
+def test_a_table_says_how_wide_a_page_it_needs_and_names_its_cells_where_it_has_less() -> None:
+    wide = Listing[tuple[str, float]](
+        "",
+        Column("", "parameter", lambda row: row[0]),
+        *(Column("", f"a number {k}", lambda row: row[1], form=".3f") for k in range(6)),
+    )
+    answer = replace(SECTION, parts=[wide.of([("joint_1.x", 1.0)]), LANDMARKS.of([("S", 1.0)])])
+    first, second = html.fromstring(page_with(answer, None)).findall(".//table")
+    steps = [int(table.get("class").removeprefix("over-")) for table in (first, second)]
+    assert steps[1] < 400 < steps[0] < 1000
+    names, *numbers = first.findall(".//td")
+    assert names.get("data-head") is None
+    assert [cell.get("data-head") for cell in numbers] == [f"a number {k}" for k in range(6)]
+    assert f"(max-width: {steps[0]}px) {{" in page_with(answer, None)
+
+
+def test_figures_take_the_colours_of_the_page_unless_colours_are_numbers() -> None:
+    with picture_of("plot", (WIDTH, 2.0)) as figure:
+        axes = figure.subplots()
+        axes.plot([0, 1], color=BLUE)
+        plain = svg_text(figure, "plot", "A plot")
+        axes.pcolormesh([[0.0, 0.5], [0.7, 1.0]])
+        mapped = svg_text(figure, "plot", "A plot")
+    style = page_with(SECTION, None).split("<style>")[1].split("</style>")[0]
+    used = set(re.findall(r"var\(--([a-z]+)\)", themed(plain)))
+    assert {"ink", "paper", "blue"} <= used
+    assert all(style.count(f"--{name}: #") >= 2 for name in used)  # by day and by night
+    assert not re.findall(r"#[0-9a-fA-F]{6}\b", themed(plain))
+    assert themed(mapped) == mapped.replace("<svg ", '<svg data-mapped="" ', 1)

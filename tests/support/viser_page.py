@@ -1,56 +1,54 @@
-"""What a page that viser froze holds: its messages, with their arrays, at their times."""
+"""What a page of the arm in 3-D holds: what viser is told, and what the script in it moves."""
 
 from __future__ import annotations
 
 import base64
+import gzip
+import json
 import re
 from dataclasses import dataclass
 from typing import Any
 
-import msgspec
 import numpy as np
-import zstandard
 
 
 @dataclass(frozen=True)
-class Recording:
-    """Messages with the time, s, at which each comes."""
+class Held:
+    """Messages for viser's client, and what its own server is told in a page."""
 
-    seconds: float
-    messages: list[tuple[float, dict[str, Any]]]
+    messages: list[dict[str, Any]]
+    scene: dict[str, Any]
 
     def made(self, kind: str) -> dict[str, dict[str, Any]]:
         """Properties of the things of one kind of message, by name."""
-        return {m["name"]: m["props"] for _, m in self.messages if m["type"] == kind}
+        return {m["name"]: m["props"] for m in self.messages if m["type"] == kind}
 
-    def last(self, kind: str, name: str, until: float = np.inf) -> dict[str, Any]:
-        """The last message of a kind about a thing, up to a time."""
-        found = [
-            m for t, m in self.messages if m["type"] == kind and m["name"] == name and t <= until
-        ]
-        return found[-1]
+    def last(self, kind: str, name: str) -> dict[str, Any]:
+        """The last message of a kind about a thing."""
+        return [m for m in self.messages if m["type"] == kind and m["name"] == name][-1]
+
+    def labelled(self, kind: str) -> dict[str, dict[str, Any]]:
+        """What the panel has of a kind of message, by label."""
+        return {m["props"]["label"]: m for m in self.messages if m["type"] == kind}
 
 
-def recording_of(page: bytes) -> Recording:
-    """The scene that is embedded in a page."""
-    (data,) = re.findall(rb'__VISER_EMBED_DATA__="([^"]*)"', page)
-    raw = base64.b64decode(data)
-    inner = zstandard.ZstdDecompressor().decompress(
-        raw[8:], max_output_size=int.from_bytes(raw[:8], "little")
-    )
-    length = int.from_bytes(inner[:8], "little")
-    top = msgspec.msgpack.decode(inner[8 : 8 + length])
-    buffers, at = [], 8 + length
-    for size in top["binaryBufferLengths"]:
+def held_by(page: bytes) -> Held:
+    """What is embedded in a page."""
+    (data,) = re.findall(rb'id="suta-calib-scene">([^<]*)<', page)
+    raw = gzip.decompress(base64.b64decode(data))
+    at = 8 + int.from_bytes(raw[:8], "little")
+    told = json.loads(raw[8:at])
+    arrays = []
+    for size in told["lengths"]:
         at += -at % 8
-        buffers.append(inner[at : at + size])
+        arrays.append(raw[at : at + size])
         at += size
 
     def filled(value: Any) -> Any:
         if isinstance(value, dict) and "__binary_index" in value:
-            return np.frombuffer(buffers[value["__binary_index"]], value["dtype"])
+            return np.frombuffer(arrays[value["__binary_index"]], value["dtype"])
         if isinstance(value, dict):
             return {key: filled(each) for key, each in value.items()}
         return value
 
-    return Recording(top["durationSeconds"], [(t, filled(m)) for t, m in top["messages"]])
+    return Held([filled(m) for m in told["messages"]], told["scene"])
