@@ -15,7 +15,6 @@ from functools import lru_cache
 from typing import Final
 
 import numpy as np
-from scipy.special import fdtrc
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.diagnostics.score_tests import (
@@ -25,6 +24,7 @@ from suta_calib.diagnostics.score_tests import (
     offered_names,
     scores_of,
 )
+from suta_calib.distributions import f
 from suta_calib.geometry.numbers import skew
 from suta_calib.solver.information import Rows, scaled_inverse, whitened_rows
 from suta_calib.solver.losses import huber, huber_weight
@@ -330,7 +330,7 @@ def _telling(
         share = lowered / scores.squares
         # A step of a robust fit may promise more than there is.
         ratio = share / max(1.0 - share, 1e-3) * freedom[1] / len(group)
-        p = float(fdtrc(len(group), freedom[1], max(ratio, 0.0)))
+        p = float(f.sf(max(ratio, 0.0), len(group), freedom[1]))
         if lowered > least and scores.p_by_touch(group, freedom[0]) < SUPPORTED:
             found.append((p, share, suspect))
     found.sort(key=lambda each: (each[0], -each[1]))

@@ -19,9 +19,9 @@ from functools import cached_property, lru_cache
 from typing import Final
 
 import numpy as np
-from scipy.special import fdtrc
 
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
+from suta_calib.distributions import f
 from suta_calib.errors import UrdfError
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import COMPLIANCE, FAMILIES, OFFSET, Family, ParameterSet
@@ -327,7 +327,7 @@ class Scores:
             return 1.0
         part = self.score[kept]
         pushed = np.linalg.pinv(self.variance[np.ix_(kept, kept)], hermitian=True) @ part
-        return float(fdtrc(len(kept), freedom, part @ pushed / len(kept)))
+        return float(f.sf(part @ pushed / len(kept), len(kept), freedom))
 
     def step(self, chosen: IntArray) -> FloatArray:
         """What one step of Gauss and Newton makes of some columns together."""
@@ -341,7 +341,7 @@ class Scores:
         if freedom < 1 or not 0 < lowered < self.squares:
             return 1.0
         ratio = lowered / (self.squares - lowered) * freedom / len(chosen)
-        return float(fdtrc(len(chosen), freedom, ratio))
+        return float(f.sf(ratio, len(chosen), freedom))
 
 
 def scores_of(

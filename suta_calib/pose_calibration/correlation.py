@@ -16,7 +16,6 @@ from collections.abc import Iterator, Sequence
 from typing import Final
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.pose_calibration.serial_correlation import correlation_length
@@ -176,6 +175,8 @@ def _restricted(
 
     None where the rows leave nothing.
     """
+    from scipy.linalg import cho_factor, cho_solve
+
     n, size, unknowns = slope.shape
     factor = cho_factor(covariance, lower=True)
     told = cho_solve(factor, slope.reshape(n, -1)).reshape(n * size, unknowns)
