@@ -144,10 +144,8 @@ class Residuals:
     @classmethod
     def of(cls, solution: Solution) -> Residuals:
         """Those of a solution over an arm."""
-        arm, known = solution.problem.arm, solution.problem.parameters
-        assert arm is not None
-        candidates = [n for names in offered_names(arm).values() for n in names if n not in known]
-        problem, x = extended_problem(solution, candidates)
+        known = solution.problem.parameters
+        problem, x = problem_beside(solution)
         rows = whitened_rows(problem, x, solution.sigmas)
         fitted, free = frozenset(known), len(solution.free)
         return cls(problem, rows, fitted, free, noise_ratio(solution))
@@ -263,6 +261,14 @@ def noise_ratio(solution: Solution) -> float:
     """Mean over the blocks of (noise / assumed noise)²."""
     pairs = zip(solution.noise, solution.sigmas, strict=True)
     return float(np.mean([(noise / sigma) ** 2 for noise, sigma in pairs]))
+
+
+@lru_cache(maxsize=4)
+def problem_beside(solution: Solution) -> tuple[Problem, FloatArray]:
+    """The `extended_problem` with all that the arm can be given beside geometry."""
+    arm = solution.problem.arm
+    assert arm is not None
+    return extended_problem(solution, [n for names in offered_names(arm).values() for n in names])
 
 
 def extended_problem(
