@@ -107,11 +107,12 @@ def app(context: click.Context) -> None:
         click.echo(context.get_help())
 
 
-def run(arguments: Sequence[str] | None = None) -> int:
+def run(arguments: Sequence[str] | None = None, *, alone: bool = False) -> int:
     """Run one command line.
 
     Args:
         arguments: without the program's name; those of this process by default.
+        alone: whether this process ends with it: then others may work for it.
 
     Returns:
         The exit code. Bad input, bad usage and an interrupt are one line on stderr.
@@ -120,7 +121,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
     with warnings.catch_warnings(), inputs_kept():
         warnings.showwarning = _show_warning
         try:
-            code = app.main(arguments, prog_name=PROGRAM, standalone_mode=False)
+            code = app.main(arguments, prog_name=PROGRAM, standalone_mode=False, obj=alone)
         except SutaCalibError as error:
             click.echo(f"{PROGRAM}: error: {_one_line(error)}", err=True)
             return error.exit_code
@@ -153,7 +154,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
 
 def main() -> None:
     """Entry point of the command ``suta-calib``."""
-    sys.exit(run())
+    sys.exit(run(alone=True))
 
 
 # What stands for a character that a terminal's encoding lacks; a question mark for any other.
