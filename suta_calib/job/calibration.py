@@ -15,12 +15,8 @@ import numpy as np
 
 from suta_calib.assessment import Assessment, refuse_unusable
 from suta_calib.diagnostics.accuracy import Accuracy, TermAccuracy, assess
-from suta_calib.diagnostics.assessment import assess_calibration
-from suta_calib.diagnostics.contradictions import may_read_alike
 from suta_calib.diagnostics.explanation import Explanation, explain_solution
-from suta_calib.diagnostics.repeats import TouchRepeatability, touch_repeatability
 from suta_calib.errors import InputError, JobError, ParameterError, SamplesError
-from suta_calib.job.scene import calibration_scene
 from suta_calib.job.schema import JobSpec, ObservationSpec, read_job
 from suta_calib.measurements import (
     JointRange,
@@ -40,10 +36,10 @@ from suta_calib.solver.solve import Progress, solve
 from suta_calib.terms import KINDS, ArmPoses, Noise, Seating, Setup, Term
 from suta_calib.terms.poses import together
 from suta_calib.units import shown, unit_name
-from suta_calib.view.calibrated import Calibrated
-from suta_calib.view.calibration import view_calibration
 
 if TYPE_CHECKING:
+    from suta_calib.diagnostics.repeats import TouchRepeatability
+    from suta_calib.view.calibrated import Calibrated
     from suta_calib.view.server import Viewer
 
 DataSet = Literal["calibration", "validation"]
@@ -160,6 +156,8 @@ class CalibrationResult(Shown):
     @cached_property
     def assessment(self) -> Assessment:
         """Whether the calibrated arm may be used, and what must be known to use it."""
+        from suta_calib.diagnostics.assessment import assess_calibration
+
         found = assess_calibration(self.solution, self.accuracy)
         return found.with_care(self._on_the_job()) if self.solution.converged else found
 
@@ -196,6 +194,8 @@ class CalibrationResult(Shown):
             data: ``validation`` or ``calibration``; what is held out, where anything is, by
                 default.
         """
+        from suta_calib.job.scene import calibration_scene
+
         accuracy, job = self.accuracy, self.job
         chosen = data or ("validation" if job.validation else "calibration")
         if chosen == "validation":
@@ -244,6 +244,8 @@ class CalibrationResult(Shown):
 
         Terms without enough repeats are left out.
         """
+        from suta_calib.diagnostics.repeats import touch_repeatability
+
         every = {
             name: [touch_repeatability(each.term, self.solution.values) for _, each in terms]
             for name, terms in self.labelled_terms.items()
@@ -253,6 +255,8 @@ class CalibrationResult(Shown):
     @property
     def calibrated(self) -> Calibrated:
         """What there is to see of it."""
+        from suta_calib.view.calibrated import Calibrated
+
         return Calibrated.of(self.solution, self.accuracy, str(self.job.spec.path), self.assessment)
 
     def view(self, port: int = 0, host: str = "127.0.0.1") -> Viewer:
@@ -266,6 +270,8 @@ class CalibrationResult(Shown):
             MissingExtraError: the extra ``view`` is not installed.
             OutputError: the port cannot be had.
         """
+        from suta_calib.view.calibration import view_calibration
+
         return view_calibration(self.calibrated, port, host)
 
     def _on_the_job(self) -> list[str]:
@@ -377,6 +383,10 @@ def _check_shared(spec: JobSpec, terms: Sequence[Term]) -> None:
 
 def _check_once(spec: JobSpec, terms: Sequence[Term]) -> None:
     """Refuse rows of a job that are one another's samples: they would count twice."""
+    if len(terms) < 2:
+        return
+    from suta_calib.diagnostics.contradictions import may_read_alike
+
     known: dict[str, list[tuple[int, set[bytes]]]] = {}
     for k, (row, term) in enumerate(zip(spec.observations, terms, strict=True)):
         keys = set(term.poses.samples.as_keys())
