@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property, partial
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any, Literal
@@ -19,6 +19,7 @@ from suta_calib.diagnostics.explanation import Explanation, explain_solution
 from suta_calib.errors import InputError, JobError, ParameterError, SamplesError
 from suta_calib.job.schema import JobSpec, ObservationSpec, read_job
 from suta_calib.measurements import (
+    Artefact,
     JointRange,
     Samples,
     SutaCalibWarning,
@@ -77,9 +78,11 @@ class CalibrationJob(Shown):
             parameters = arm.select(*spec.parameters)
         except ParameterError as error:
             raise _placed(error, spec.path, error.line) from None
-        observations = [read_term(arm, row, spec.path, fitted=True) for row in spec.observations]
+        # What was fitted and what is held out touch the same artefact: it is read once.
+        read = partial(read_term, arm, job=spec.path, artefact=cache(read_artefact))
+        observations = [read(row, fitted=True) for row in spec.observations]
         _check_once(spec, observations)
-        validation = tuple(read_term(arm, row, spec.path) for row in spec.validation)
+        validation = tuple(read(row) for row in spec.validation)
         _check_given_alike(spec, observations, validation)
         _check_shared(spec, (*observations, *validation))
         return cls(spec, arm, parameters, tuple(observations), validation)
@@ -310,7 +313,14 @@ def read_arm_samples(arm: ArmModel, files: Sequence[Path], kind: str) -> Samples
     return read_samples(files, joint_ranges(arm), KINDS[kind].columns)
 
 
-def read_term(arm: ArmModel, row: ObservationSpec, job: Path, *, fitted: bool = False) -> Term:
+def read_term(
+    arm: ArmModel,
+    row: ObservationSpec,
+    job: Path,
+    *,
+    fitted: bool = False,
+    artefact: Callable[[Path], Artefact] = read_artefact,
+) -> Term:
     """The term of one row of a job, over the arm at nominal, its samples read.
 
     Args:
@@ -318,13 +328,14 @@ def read_term(arm: ArmModel, row: ObservationSpec, job: Path, *, fitted: bool = 
         row: the row, checked.
         job: the file it stands in, for messages.
         fitted: whether the samples must be enough to be fitted.
+        artefact: reads one.
 
     Raises:
         InputError: samples or artefact that cannot be used.
     """
     samples = read_arm_samples(arm, row.sample_files, row.kind)
     setup = Setup(
-        None if row.artefact is None else read_artefact(row.artefact),
+        None if row.artefact is None else artefact(row.artefact),
         _noise(row.sigma_m, row.huber_m, row.sigma_fixed),
         _noise(row.sigma_rad, row.huber_rad, row.sigma_fixed),
         row.label,
