@@ -15,8 +15,7 @@ Names are imported when they are first used, so that the command line starts qui
 
 from __future__ import annotations
 
-from importlib.metadata import version
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from suta_calib.lazy import public
 
@@ -70,6 +69,13 @@ if TYPE_CHECKING:
     from suta_calib.terms import TouchedLandmark as TouchedLandmark
     from suta_calib.terms import TrackedPoint as TrackedPoint
 
-__version__ = version("suta_calib")
+_public, __all__ = public(__name__)
 
-__getattr__, __all__ = public(__name__)
+
+def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        # Seldom asked for, and slow to find.
+        from importlib.metadata import version
+
+        return version("suta_calib")
+    return _public(name)

@@ -1,8 +1,9 @@
 """Chi-squared, F, Student's t and the normal distribution under SciPy's names.
 
-`scipy.stats` takes a third of a second to import, `scipy.special` has the same functions. Arguments
-and answers are those of `scipy.stats`: ``cdf``, its complement ``sf``, and their inverses ``ppf``
-and ``isf``; numbers or arrays, NaN where there are no degrees of freedom.
+`scipy.stats` takes a third of a second to import, `scipy.special` has the same functions and is
+imported when the first is asked for. Arguments and answers are those of `scipy.stats`: ``cdf``, its
+complement ``sf``, and their inverses ``ppf`` and ``isf``; numbers or arrays, NaN where there are no
+degrees of freedom.
 """
 
 from __future__ import annotations
@@ -10,16 +11,13 @@ from __future__ import annotations
 from typing import Any, Final
 
 import numpy as np
-from scipy.special import (
-    betaincinv,
-    chdtr,
-    chdtrc,
-    fdtrc,
-    gammainccinv,
-    gammaincinv,
-    ndtri,
-    stdtrit,
-)
+
+
+def _special() -> Any:
+    """The functions of which the distributions are made."""
+    import scipy.special
+
+    return scipy.special
 
 
 class _ChiSquared:
@@ -27,19 +25,19 @@ class _ChiSquared:
 
     @staticmethod
     def cdf(x: Any, df: Any) -> Any:
-        return chdtr(df, x)
+        return _special().chdtr(df, x)
 
     @staticmethod
     def sf(x: Any, df: Any) -> Any:
-        return chdtrc(df, x)
+        return _special().chdtrc(df, x)
 
     @staticmethod
     def ppf(q: Any, df: Any) -> Any:
-        return 2.0 * gammaincinv(np.divide(df, 2.0), q)
+        return 2.0 * _special().gammaincinv(np.divide(df, 2.0), q)
 
     @staticmethod
     def isf(q: Any, df: Any) -> Any:
-        return 2.0 * gammainccinv(np.divide(df, 2.0), q)
+        return 2.0 * _special().gammainccinv(np.divide(df, 2.0), q)
 
     def median(self, df: Any) -> Any:
         return self.ppf(0.5, df)
@@ -50,12 +48,16 @@ class _F:
 
     @staticmethod
     def sf(x: Any, dfn: Any, dfd: Any) -> Any:
-        return fdtrc(dfn, dfd, x)
+        return _special().fdtrc(dfn, dfd, x)
+
+    @staticmethod
+    def ppf(q: Any, dfn: Any, dfd: Any) -> Any:
+        return _special().fdtri(dfn, dfd, q)
 
     @staticmethod
     def isf(q: Any, dfn: Any, dfd: Any) -> Any:
         # By the beta distribution's lower end: 1 - q has no digits of a small q.
-        y = betaincinv(np.divide(dfd, 2.0), np.divide(dfn, 2.0), q)
+        y = _special().betaincinv(np.divide(dfd, 2.0), np.divide(dfn, 2.0), q)
         return np.divide(dfd, dfn) * (1.0 - y) / y
 
 
@@ -63,12 +65,16 @@ class _StudentsT:
     """Student's t with ``df`` degrees of freedom."""
 
     @staticmethod
+    def cdf(x: Any, df: Any) -> Any:
+        return _special().stdtr(df, x)
+
+    @staticmethod
     def ppf(q: Any, df: Any) -> Any:
-        return stdtrit(df, q)
+        return _special().stdtrit(df, q)
 
     @staticmethod
     def isf(q: Any, df: Any) -> Any:
-        return -stdtrit(df, q)
+        return -_special().stdtrit(df, q)
 
 
 class _Normal:
@@ -76,11 +82,11 @@ class _Normal:
 
     @staticmethod
     def ppf(q: Any) -> Any:
-        return ndtri(q)
+        return _special().ndtri(q)
 
     @staticmethod
     def isf(q: Any) -> Any:
-        return -ndtri(q)
+        return -_special().ndtri(q)
 
 
 chi2: Final = _ChiSquared()

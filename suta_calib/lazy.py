@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
-import ast
+import re
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from importlib import import_module, util
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import Any, Final
 
 Attribute = Callable[[str], Any]
+
+# Parts of NumPy that SciPy's first import would load, only to have their names: two thirds of the
+# time that it takes.
+UNUSED_OF_NUMPY: Final = ("f2py", "testing", "ma", "polynomial", "ctypeslib", "char", "rec")
+# An import that is never executed; ruff writes it on one line, or each name on its own.
+_IMPORT: Final = re.compile(r"^    from (\S+) import (?:\(([^)]*)\)|(.*))$", re.MULTILINE)
+_NAME: Final = re.compile(r"\b(\w+) as \1\b")
 
 
 def public(package: str) -> tuple[Attribute, list[str]]:
@@ -27,18 +34,11 @@ def public(package: str) -> tuple[Attribute, list[str]]:
         package: its full name.
     """
     source = Path(str(sys.modules[package].__file__)).read_text(encoding="utf-8")
-    for_checkers = [
-        node
-        for node in ast.parse(source).body
-        if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"
-    ]
+    _, _, for_checkers = source.partition("\nif TYPE_CHECKING:\n")
     home = {
-        alias.name: str(statement.module)
-        for block in for_checkers
-        for statement in block.body
-        if isinstance(statement, ast.ImportFrom)
-        for alias in statement.names
-        if alias.asname == alias.name
+        name: found[1]
+        for found in _IMPORT.finditer(for_checkers)
+        for name in _NAME.findall(found[2] or found[3])
     }
 
     def attribute(name: str) -> Any:
@@ -65,3 +65,16 @@ def later(module: str) -> ModuleType:
     sys.modules[module] = found
     spec.loader.exec_module(found)
     return found
+
+
+def spare(package: str, parts: Iterable[str]) -> None:
+    """Parts of somebody's package that are imported when they are used, and not when named.
+
+    Args:
+        package: its full name; it has been imported.
+        parts: modules in it.
+    """
+    home = vars(sys.modules[package])
+    for part in parts:
+        if part not in home:
+            home[part] = later(f"{package}.{part}")

@@ -12,7 +12,7 @@ import pytest
 
 ROWS = (
     {"errors", "arrays", "units", "assessment", "atomic", "distributions", "extras", "halton"}
-    | {"lazy", "showing", "threads", "words"},
+    | {"lazy", "processes", "showing", "threads", "words"},
     {"geometry", "batched", "plotting"},
     {"model", "measurements"},
     {"terms", "robots"},

@@ -15,11 +15,15 @@ import numpy as np
 
 from suta_calib.atomic import check_folder
 from suta_calib.errors import OutputError
+from suta_calib.lazy import UNUSED_OF_NUMPY, spare
 from suta_calib.units import from_mm
 
 if TYPE_CHECKING:
     from suta_calib.arrays import FloatArray
     from suta_calib.model.arm import ArmModel
+
+# Before SciPy is imported by anything: every command comes here first.
+spare("numpy", UNUSED_OF_NUMPY)
 
 # Answers that a folder of results holds at most, one of each command; and what `run`, the last key
 # of one, takes.

@@ -88,6 +88,21 @@ def _inputs(context: click.Context) -> dict[str, str]:
     return hashes
 
 
+def draw_beside(module: str) -> None:
+    """From now on pictures are drawn in a process beside, where a core is free for it.
+
+    Args:
+        module: full name of the module with the functions that draw them.
+    """
+    from suta_calib.processes import usable_cores
+    from suta_calib.report.studio import Studio
+
+    context = click.get_current_context()
+    # Who runs many commands in one process imports Matplotlib once.
+    if context.obj and usable_cores() > 1:
+        context.with_resource(Studio(module))
+
+
 def results_folder() -> Path:
     """The folder ``out`` of the command that is running."""
     folder: Path = click.get_current_context().params["out"]

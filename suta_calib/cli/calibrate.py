@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from suta_calib.cli._options import job_argument, out_option, verbose_option
-from suta_calib.cli._output import LateProgress, answer_command
+from suta_calib.cli._output import LateProgress, answer_command, draw_beside
 from suta_calib.report.document import Document
 
 
@@ -26,6 +26,8 @@ def calibrate(job: Path, verbose: bool, no_report: bool) -> Document:
     answer must not be used: not converged, residuals that swamp the data, or worse than nominal on
     validation data. Then no calibrated.urdf is written.
     """
+    if not no_report:
+        draw_beside("suta_calib.report.calibration_plots")
     from suta_calib.job.calibration import CalibrationJob
     from suta_calib.report.calibration import calibration_document
 

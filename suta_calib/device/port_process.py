@@ -27,6 +27,7 @@ from typing import TYPE_CHECKING, Final
 
 from suta_calib import errors
 from suta_calib.errors import DeviceError, DisconnectedError, PortBusyError, SutaCalibError
+from suta_calib.processes import started
 
 if TYPE_CHECKING:
     from suta_calib.device.description import DeviceSpec
@@ -47,7 +48,6 @@ _LARGEST_BACKLOG: Final = 1 << 28
 _AT_ONCE: Final = 1 << 20
 # Who lags behind gets so much at once, s: ten frames are decoded nearly as fast as one.
 _PIECE_S: Final = 0.002
-_ROOT: Final = Path(__file__).parents[2]
 _ENDING_S: Final = 2.0
 
 
@@ -126,15 +126,7 @@ class PortProcess:
             self._process.wait()
 
     def _start(self) -> None:
-        paths = [str(_ROOT), *filter(None, [os.environ.get("PYTHONPATH")])]
-        self._process = subprocess.Popen(
-            # -P: a file of the user's folder must not stand in for a library.
-            [sys.executable, "-P", "-m", "suta_calib.device.port_process"],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-            env=os.environ | {"PYTHONPATH": os.pathsep.join(paths)},
-        )
+        self._process = started("suta_calib.device.port_process")
         assert self._process.stdin is not None
         assert self._process.stdout is not None
         self._out, self._in = self._process.stdin, self._process.stdout

@@ -15,16 +15,16 @@ from functools import lru_cache
 from typing import Final
 
 import numpy as np
-from scipy.special import fdtrc
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.diagnostics.score_tests import (
     SUPPORTED,
     Scores,
-    extended_problem,
     offered_names,
+    problem_beside,
     scores_of,
 )
+from suta_calib.distributions import f
 from suta_calib.geometry.numbers import skew
 from suta_calib.solver.information import Rows, scaled_inverse, whitened_rows
 from suta_calib.solver.losses import huber, huber_weight
@@ -146,6 +146,7 @@ class _Fit:
         rows: of it, residuals and weights as all of the geometry leaves them.
         prior: (n,) information that all parameters have beforehand.
         lacking: indices of what a model may lack, by joint and family.
+        known: (k,) indices of all that is no geometry: it stays out of the fit.
         spent: how many unknowns the data have told.
     """
 
@@ -153,12 +154,8 @@ class _Fit:
     rows: Sequence[Rows]
     prior: FloatArray
     lacking: dict[str, IntArray]
+    known: IntArray
     spent: float
-
-    @property
-    def known(self) -> IntArray:
-        """Indices of all that a model may lack: it stays out of the fit."""
-        return np.concatenate([*self.lacking.values(), np.zeros(0, dtype=np.intp)])
 
     @property
     def equations(self) -> int:
@@ -178,19 +175,20 @@ def changes(solution: Solution, options: ChangeOptions = ChangeOptions()) -> tup
     arm = solution.problem.arm
     if arm is None:
         return ()
+    problem, x = problem_beside(solution)
+    place = {name: k for k, name in enumerate(problem.names)}
+    offered = {
+        key: np.array([place[n] for n in names if n not in solution.problem.parameters], np.intp)
+        for key, names in offered_names(arm).items()
+    }
+    # A gain is the travel of an encoder, which is looked for as such.
     lacking = {
-        f"{joint} {family}": [n for n in names if n not in solution.problem.parameters]
-        for (joint, family), names in offered_names(arm).items()
-        # A gain is the travel of an encoder, which is looked for as such.
-        if family != "gain"
+        f"{joint} {family}": at
+        for (joint, family), at in offered.items()
+        if len(at) and family != "gain"
     }
-    problem, x = extended_problem(solution, [n for names in lacking.values() for n in names])
-    index = {
-        key: np.array([problem.names.index(n) for n in names], dtype=np.intp)
-        for key, names in lacking.items()
-        if names
-    }
-    fit = _beside_geometry(solution, problem, x, index, options)
+    known = np.concatenate([*offered.values(), np.zeros(0, dtype=np.intp)])
+    fit = _beside_geometry(solution, problem, x, lacking, known, options)
     found: dict[tuple[str, str], Change] = {}
     for k, term in enumerate(problem.terms):
         if len(term.poses) > 2 * options.fewest:
@@ -205,6 +203,7 @@ def _beside_geometry(
     problem: Problem,
     x: FloatArray,
     lacking: dict[str, IntArray],
+    known: IntArray,
     options: ChangeOptions,
 ) -> _Fit:
     """What is left once all of the geometry has followed, as far as is plausible."""
@@ -216,7 +215,7 @@ def _beside_geometry(
     # The job's priors pull where the job's fit has ended.
     away = x - problem.parameters.array("nominal")
     rows = whitened_rows(problem, x, solution.sigmas)
-    fit = _Fit(problem, rows, prior, lacking, 0.0)
+    fit = _Fit(problem, rows, prior, lacking, known, 0.0)
     followed = _followed(fit, None, options, away)
     moved = []
     for r in rows:
@@ -226,7 +225,7 @@ def _beside_geometry(
         squared = np.einsum("nd,nd->n", residual, residual) / r.line.sigma**2
         weight = huber_weight(squared, r.line.view.block.noise.huber / r.line.sigma)
         moved.append(replace(r, line=replace(r.line, residual=residual, weight=weight)))
-    return _Fit(problem, moved, prior, lacking, followed.spent)
+    return _Fit(problem, moved, prior, lacking, known, followed.spent)
 
 
 def _in_term(fit: _Fit, term: int, options: ChangeOptions) -> Change | None:
@@ -338,7 +337,7 @@ def _telling(
         share = lowered / scores.squares
         # A step of a robust fit may promise more than there is.
         ratio = share / max(1.0 - share, 1e-3) * freedom[1] / len(group)
-        p = float(fdtrc(len(group), freedom[1], max(ratio, 0.0)))
+        p = float(f.sf(max(ratio, 0.0), len(group), freedom[1]))
         if lowered > least and scores.p_by_touch(group, freedom[0]) < SUPPORTED:
             found.append((p, share, suspect))
     found.sort(key=lambda each: (each[0], -each[1]))

@@ -14,8 +14,8 @@ from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
-from scipy.special import ndtri, stdtr
 
+from suta_calib import distributions
 from suta_calib.arrays import FloatArray
 from suta_calib.measurements import Artefact
 from suta_calib.model.parameters import POSITION
@@ -190,9 +190,10 @@ def grown_together(length: FloatArray, change: FloatArray, covariance: FloatArra
     likeliest = int(np.argmin(np.sum(np.log(variances), axis=1) + np.log(sizes) + lefts))
     value, variance, left = (float(v[likeliest]) for v in (values, 1.0 / sizes, lefts))
     freedom = len(length) - 1
-    t = abs(value) / math.sqrt(variance * max(left / freedom, 1.0))
+    ratio = abs(value) / math.sqrt(variance * max(left / freedom, 1.0))
     # As many standard deviations of normal noise have the same chance.
-    off = max(float(-ndtri(max(stdtr(freedom, -t), 1e-300))), 1e-9)
+    chance = max(distributions.t.cdf(-ratio, freedom), 1e-300)
+    off = max(float(distributions.norm.isf(chance)), 1e-9)
     unexplained = float(np.sum((change - value * length) ** 2))
     unexplained /= max(float(change @ change), 1e-300)
     return CommonScale("arm", value, abs(value) / off, 1.0 - unexplained)

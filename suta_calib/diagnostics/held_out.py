@@ -20,10 +20,10 @@ from functools import lru_cache
 from typing import Final
 
 import numpy as np
-from scipy.special import gammaincinv
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.diagnostics.accuracy import Accuracy, fit_own
+from suta_calib.distributions import chi2
 from suta_calib.solver.information import Rows, whitened_rows
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
@@ -54,7 +54,7 @@ def robust_level(residual: FloatArray, share: float = 0.5) -> float:
 
 def normal_squared(size: int, probability: float = 0.5) -> float:
     """Quantile of the squared norm of ``size`` standard normal components."""
-    return float(2.0 * gammaincinv(size / 2.0, probability))
+    return float(chi2.ppf(probability, size))
 
 
 @dataclass(frozen=True)

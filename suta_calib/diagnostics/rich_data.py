@@ -14,10 +14,9 @@ from functools import cached_property
 from typing import Any, Final
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from suta_calib.arrays import BoolArray, FloatArray
-from suta_calib.geometry.numbers import skew
+from suta_calib.geometry.numbers import random_rotations, skew
 from suta_calib.measurements import Artefact, Landmark, Samples
 from suta_calib.simulation.inverse_kinematics import InverseKinematics, Targets
 from suta_calib.solver.identifiability import WEAK, schur_complement
@@ -284,7 +283,7 @@ class RichData:
 def _artefact(*, oriented: bool) -> Artefact:
     """Six landmarks all over a block, whose seats point anywhere."""
     random = np.random.default_rng(0)
-    seats = Rotation.random(MARKS, random_state=random).as_matrix()
+    seats = random_rotations(random, MARKS)
     places = random.uniform(-APART, APART, (MARKS, 3))
     marks = [
         Landmark(f"L{k}", p, R if oriented else None)

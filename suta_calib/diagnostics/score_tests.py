@@ -19,9 +19,9 @@ from functools import cached_property, lru_cache
 from typing import Final
 
 import numpy as np
-from scipy.special import fdtrc
 
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
+from suta_calib.distributions import f
 from suta_calib.errors import UrdfError
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import COMPLIANCE, FAMILIES, OFFSET, Family, ParameterSet
@@ -144,10 +144,8 @@ class Residuals:
     @classmethod
     def of(cls, solution: Solution) -> Residuals:
         """Those of a solution over an arm."""
-        arm, known = solution.problem.arm, solution.problem.parameters
-        assert arm is not None
-        candidates = [n for names in offered_names(arm).values() for n in names if n not in known]
-        problem, x = extended_problem(solution, candidates)
+        known = solution.problem.parameters
+        problem, x = problem_beside(solution)
         rows = whitened_rows(problem, x, solution.sigmas)
         fitted, free = frozenset(known), len(solution.free)
         return cls(problem, rows, fitted, free, noise_ratio(solution))
@@ -265,6 +263,14 @@ def noise_ratio(solution: Solution) -> float:
     return float(np.mean([(noise / sigma) ** 2 for noise, sigma in pairs]))
 
 
+@lru_cache(maxsize=4)
+def problem_beside(solution: Solution) -> tuple[Problem, FloatArray]:
+    """The `extended_problem` with all that the arm can be given beside geometry."""
+    arm = solution.problem.arm
+    assert arm is not None
+    return extended_problem(solution, [n for names in offered_names(arm).values() for n in names])
+
+
 def extended_problem(
     solution: Solution, candidates: Sequence[str] = ()
 ) -> tuple[Problem, FloatArray]:
@@ -327,7 +333,7 @@ class Scores:
             return 1.0
         part = self.score[kept]
         pushed = np.linalg.pinv(self.variance[np.ix_(kept, kept)], hermitian=True) @ part
-        return float(fdtrc(len(kept), freedom, part @ pushed / len(kept)))
+        return float(f.sf(part @ pushed / len(kept), len(kept), freedom))
 
     def step(self, chosen: IntArray) -> FloatArray:
         """What one step of Gauss and Newton makes of some columns together."""
@@ -341,7 +347,7 @@ class Scores:
         if freedom < 1 or not 0 < lowered < self.squares:
             return 1.0
         ratio = lowered / (self.squares - lowered) * freedom / len(chosen)
-        return float(fdtrc(len(chosen), freedom, ratio))
+        return float(f.sf(ratio, len(chosen), freedom))
 
 
 def scores_of(

@@ -1,20 +1,22 @@
 """Rotations and rigid transforms in NumPy; conventions as in `suta_calib.geometry`.
 
-SciPy is imported where it is needed: who has no rotations need not wait for it.
+In NumPy alone: to import SciPy's rotations takes longer than most that is done with them. Formulas
+are SciPy's, and the tests hold these to it.
 """
 
 from __future__ import annotations
 
-import warnings
-from typing import Final, Literal
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from suta_calib.arrays import FloatArray
 
-_Form = Literal["rotvec", "matrix", "quat"]
-_SHAPE: Final[dict[_Form, tuple[int, ...]]] = {"rotvec": (3,), "matrix": (3, 3), "quat": (4,)}
+# Angle, rad, up to which a series is exact to rounding, and a quotient of rounded numbers is not.
+_SMALL: Final = 1e-3
+# How far from orthogonal the rows of a matrix may be that is taken for a rotation as it is.
+_ORTHOGONAL: Final = 1e-12
 
 
 def skew(v: ArrayLike) -> FloatArray:
@@ -27,34 +29,111 @@ def skew(v: ArrayLike) -> FloatArray:
 
 def rotation_from_vector(vector: ArrayLike) -> FloatArray:
     """Rotation matrices of rotation vectors, rad: (..., 3) → (..., 3, 3)."""
-    return _converted(vector, "rotvec", "matrix")
+    vector = np.asarray(vector, dtype=float)
+    angle = _length(vector)
+    half = angle / 2.0
+    factor = np.sin(half) / np.maximum(angle, _SMALL)
+    if (small := angle <= _SMALL).any():
+        square = angle**2
+        factor = np.where(small, 0.5 - square / 48.0 + square**2 / 3840.0, factor)
+    return _from_unit(factor[..., None] * vector, np.cos(half))
 
 
 def vector_from_rotation(rotation: ArrayLike) -> FloatArray:
     """Rotation vectors of rotation matrices, rad, length at most π: (..., 3, 3) → (..., 3)."""
-    return _converted(rotation, "matrix", "rotvec")
+    quaternion = quaternion_from_rotation(rotation)
+    axis, w = quaternion[..., :3], quaternion[..., 3]
+    angle = 2.0 * np.arctan2(_length(axis), w)
+    whole = np.maximum(angle, _SMALL)
+    factor = whole / np.sin(whole / 2.0)
+    if (small := angle <= _SMALL).any():
+        square = angle**2
+        factor = np.where(small, 2.0 + square / 12.0 + 7.0 * square**2 / 2880.0, factor)
+    return np.asarray(factor[..., None] * axis)
 
 
 def rotation_from_quaternion(quaternion: ArrayLike) -> FloatArray:
-    """Rotation matrices of quaternions x y z w, which need not be normalised: (..., 4)."""
-    return _converted(quaternion, "quat", "matrix")
+    """Rotation matrices of quaternions x y z w, which need not be normalised: (..., 4).
+
+    Raises:
+        ValueError: a quaternion of norm zero.
+    """
+    quaternion = np.asarray(quaternion, dtype=float)
+    norm = _length(quaternion)
+    if not norm.all():
+        raise ValueError("found a quaternion of norm zero; expected a rotation")
+    unit = quaternion / norm[..., None]
+    return _from_unit(unit[..., :3], unit[..., 3])
 
 
 def quaternion_from_rotation(rotation: ArrayLike) -> FloatArray:
-    """Quaternions x y z w of rotation matrices, w ≥ 0: (..., 3, 3) → (..., 4)."""
-    return _converted(rotation, "matrix", "quat", canonical=True)
+    """Quaternions x y z w of rotation matrices, w ≥ 0: (..., 3, 3) → (..., 4).
+
+    Markley (2008), doi:10.2514/1.31730. A matrix that is a rotation but nearly stands for the
+    nearest one.
+
+    Raises:
+        ValueError: a matrix that reflects, or is singular.
+    """
+    rotation = np.asarray(rotation, dtype=float)
+    r = rotation.reshape(-1, 3, 3)
+    if not (np.linalg.det(r) > 0.0).all():
+        raise ValueError("found a matrix of no positive determinant; expected a rotation")
+    off = np.abs(r @ np.swapaxes(r, 1, 2) - np.eye(3)).max(axis=(1, 2), initial=0.0) > _ORTHOGONAL
+    if off.any():
+        left, _, right = np.linalg.svd(r[off])
+        r = r.copy()
+        r[off] = left @ right
+    # Four multiples of the quaternion, one by each of its numbers; the largest is rounded least.
+    diagonal = np.diagonal(r, axis1=1, axis2=2)
+    trace = diagonal.sum(axis=1)
+    four = np.empty((len(r), 4, 4))
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        four[:, i, i] = 1.0 - trace + 2.0 * r[:, i, i]
+        four[:, i, j] = four[:, j, i] = r[:, j, i] + r[:, i, j]
+        four[:, i, 3] = four[:, 3, i] = r[:, k, j] - r[:, j, k]
+    four[:, 3, 3] = 1.0 + trace
+    largest = np.argmax(np.column_stack([diagonal, trace]), axis=1)
+    quaternion = four[np.arange(len(r)), largest]
+    quaternion /= _length(quaternion)[:, None]
+    quaternion *= _canonical_sign(quaternion)[:, None]
+    return np.asarray(quaternion.reshape(*rotation.shape[:-2], 4))
 
 
-def _converted(values: ArrayLike, form: _Form, into: _Form, **options: bool) -> FloatArray:
-    """SciPy's conversions between forms of a rotation, for any number of leading dimensions."""
-    from scipy.spatial.transform import Rotation
+def _length(vectors: FloatArray) -> FloatArray:
+    """Length of vectors (..., n)."""
+    return np.asarray(np.sqrt(np.add.reduce(np.moveaxis(vectors * vectors, -1, 0))))
 
-    # A copy: SciPy 1.11 takes no array that is read-only.
-    array, one = np.array(values, dtype=float), _SHAPE[form]
-    rotation = getattr(Rotation, f"from_{form}")(array.reshape(-1, *one))
-    found = getattr(rotation, f"as_{into}")(**options)
-    many = array.shape[: array.ndim - len(one)]
-    return np.asarray(found.reshape(*many, *_SHAPE[into]), dtype=float)
+
+def _canonical_sign(quaternion: FloatArray) -> FloatArray:
+    """1 or -1 for each (n, 4): of a rotation's two quaternions the one with w > 0 is meant.
+
+    Of half a turn, where w is zero, the one whose first number of x, y, z is positive.
+    """
+    x, y, z, w = quaternion.T
+    first = np.where(x != 0.0, x, np.where(y != 0.0, y, z))
+    return np.where(np.where(w != 0.0, w, first) < 0.0, -1.0, 1.0)
+
+
+def _from_unit(axis: FloatArray, w: FloatArray) -> FloatArray:
+    """Rotation matrices of unit quaternions, their x y z (..., 3) and w (...)."""
+    x, y, z = axis[..., 0], axis[..., 1], axis[..., 2]
+    xx, yy, zz, ww = x * x, y * y, z * z, w * w
+    xy, zw, xz, yw, yz, xw = x * y, z * w, x * z, y * w, y * z, x * w
+    matrix = np.empty((*w.shape, 3, 3))
+    matrix[..., 0, 0] = xx - yy - zz + ww
+    matrix[..., 1, 1] = -xx + yy - zz + ww
+    matrix[..., 2, 2] = -xx - yy + zz + ww
+    for i, j, product, turn in ((0, 1, xy, zw), (2, 0, xz, yw), (1, 2, yz, xw)):
+        matrix[..., i, j], matrix[..., j, i] = 2.0 * (product - turn), 2.0 * (product + turn)
+    return matrix
+
+
+def random_rotations(random: np.random.Generator, count: int) -> FloatArray:
+    """Rotation matrices, (count, 3, 3), evenly spread over all rotations."""
+    # Shoemake (1992): a quaternion of normal numbers points anywhere.
+    return rotation_from_quaternion(random.normal(size=(count, 4)))
 
 
 def vector_turning_z_to(axis: ArrayLike) -> FloatArray:
@@ -124,8 +203,8 @@ def extent(points: ArrayLike) -> float:
 def register_points(source: ArrayLike, target: ArrayLike) -> tuple[FloatArray, FloatArray]:
     """Least-squares rigid transform between corresponding points.
 
-    Arun, Huang, Blostein (1987), doi:10.1109/TPAMI.1987.4767965, through SciPy's solution of
-    Wahba's problem, which never answers with a reflection.
+    Arun, Huang, Blostein (1987), doi:10.1109/TPAMI.1987.4767965, with Umeyama's sign (1991),
+    doi:10.1109/34.88573: never a reflection.
 
     Args:
         source: (n, 3) points in frame b, m.
@@ -136,15 +215,11 @@ def register_points(source: ArrayLike, target: ArrayLike) -> tuple[FloatArray, F
         leave a rotation undetermined (fewer than three, or all on a line) it is one of the
         equally good ones.
     """
-    from scipy.spatial.transform import Rotation
-
     a, b = np.asarray(target, dtype=float), np.asarray(source, dtype=float)
     centre_a, centre_b = a.mean(axis=0), b.mean(axis=0)
-    if len(a) == 1:
-        return np.eye(3), centre_a - centre_b  # SciPy takes one vector for one to be met exactly
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", message="Optimal rotation is not uniquely")
-        rotation = Rotation.align_vectors(a - centre_a, b - centre_b)[0].as_matrix()
+    left, _, right = np.linalg.svd((a - centre_a).T @ (b - centre_b))
+    left[:, -1] *= np.sign(np.linalg.det(left @ right))
+    rotation = left @ right
     return rotation, centre_a - rotation @ centre_b
 
 

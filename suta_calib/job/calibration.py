@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property, partial
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any, Literal
@@ -15,14 +15,11 @@ import numpy as np
 
 from suta_calib.assessment import Assessment, refuse_unusable
 from suta_calib.diagnostics.accuracy import Accuracy, TermAccuracy, assess
-from suta_calib.diagnostics.assessment import assess_calibration
-from suta_calib.diagnostics.contradictions import may_read_alike
 from suta_calib.diagnostics.explanation import Explanation, explain_solution
-from suta_calib.diagnostics.repeats import TouchRepeatability, touch_repeatability
 from suta_calib.errors import InputError, JobError, ParameterError, SamplesError
-from suta_calib.job.scene import calibration_scene
 from suta_calib.job.schema import JobSpec, ObservationSpec, read_job
 from suta_calib.measurements import (
+    Artefact,
     JointRange,
     Samples,
     SutaCalibWarning,
@@ -40,10 +37,10 @@ from suta_calib.solver.solve import Progress, solve
 from suta_calib.terms import KINDS, ArmPoses, Noise, Seating, Setup, Term
 from suta_calib.terms.poses import together
 from suta_calib.units import shown, unit_name
-from suta_calib.view.calibrated import Calibrated
-from suta_calib.view.calibration import view_calibration
 
 if TYPE_CHECKING:
+    from suta_calib.diagnostics.repeats import TouchRepeatability
+    from suta_calib.view.calibrated import Calibrated
     from suta_calib.view.server import Viewer
 
 DataSet = Literal["calibration", "validation"]
@@ -81,9 +78,11 @@ class CalibrationJob(Shown):
             parameters = arm.select(*spec.parameters)
         except ParameterError as error:
             raise _placed(error, spec.path, error.line) from None
-        observations = [read_term(arm, row, spec.path, fitted=True) for row in spec.observations]
+        # What was fitted and what is held out touch the same artefact: it is read once.
+        read = partial(read_term, arm, job=spec.path, artefact=cache(read_artefact))
+        observations = [read(row, fitted=True) for row in spec.observations]
         _check_once(spec, observations)
-        validation = tuple(read_term(arm, row, spec.path) for row in spec.validation)
+        validation = tuple(read(row) for row in spec.validation)
         _check_given_alike(spec, observations, validation)
         _check_shared(spec, (*observations, *validation))
         return cls(spec, arm, parameters, tuple(observations), validation)
@@ -160,6 +159,8 @@ class CalibrationResult(Shown):
     @cached_property
     def assessment(self) -> Assessment:
         """Whether the calibrated arm may be used, and what must be known to use it."""
+        from suta_calib.diagnostics.assessment import assess_calibration
+
         found = assess_calibration(self.solution, self.accuracy)
         return found.with_care(self._on_the_job()) if self.solution.converged else found
 
@@ -196,6 +197,8 @@ class CalibrationResult(Shown):
             data: ``validation`` or ``calibration``; what is held out, where anything is, by
                 default.
         """
+        from suta_calib.job.scene import calibration_scene
+
         accuracy, job = self.accuracy, self.job
         chosen = data or ("validation" if job.validation else "calibration")
         if chosen == "validation":
@@ -244,6 +247,8 @@ class CalibrationResult(Shown):
 
         Terms without enough repeats are left out.
         """
+        from suta_calib.diagnostics.repeats import touch_repeatability
+
         every = {
             name: [touch_repeatability(each.term, self.solution.values) for _, each in terms]
             for name, terms in self.labelled_terms.items()
@@ -253,6 +258,8 @@ class CalibrationResult(Shown):
     @property
     def calibrated(self) -> Calibrated:
         """What there is to see of it."""
+        from suta_calib.view.calibrated import Calibrated
+
         return Calibrated.of(self.solution, self.accuracy, str(self.job.spec.path), self.assessment)
 
     def view(self, port: int = 0, host: str = "127.0.0.1") -> Viewer:
@@ -266,6 +273,8 @@ class CalibrationResult(Shown):
             MissingExtraError: the extra ``view`` is not installed.
             OutputError: the port cannot be had.
         """
+        from suta_calib.view.calibration import view_calibration
+
         return view_calibration(self.calibrated, port, host)
 
     def _on_the_job(self) -> list[str]:
@@ -304,7 +313,14 @@ def read_arm_samples(arm: ArmModel, files: Sequence[Path], kind: str) -> Samples
     return read_samples(files, joint_ranges(arm), KINDS[kind].columns)
 
 
-def read_term(arm: ArmModel, row: ObservationSpec, job: Path, *, fitted: bool = False) -> Term:
+def read_term(
+    arm: ArmModel,
+    row: ObservationSpec,
+    job: Path,
+    *,
+    fitted: bool = False,
+    artefact: Callable[[Path], Artefact] = read_artefact,
+) -> Term:
     """The term of one row of a job, over the arm at nominal, its samples read.
 
     Args:
@@ -312,13 +328,14 @@ def read_term(arm: ArmModel, row: ObservationSpec, job: Path, *, fitted: bool = 
         row: the row, checked.
         job: the file it stands in, for messages.
         fitted: whether the samples must be enough to be fitted.
+        artefact: reads one.
 
     Raises:
         InputError: samples or artefact that cannot be used.
     """
     samples = read_arm_samples(arm, row.sample_files, row.kind)
     setup = Setup(
-        None if row.artefact is None else read_artefact(row.artefact),
+        None if row.artefact is None else artefact(row.artefact),
         _noise(row.sigma_m, row.huber_m, row.sigma_fixed),
         _noise(row.sigma_rad, row.huber_rad, row.sigma_fixed),
         row.label,
@@ -377,6 +394,10 @@ def _check_shared(spec: JobSpec, terms: Sequence[Term]) -> None:
 
 def _check_once(spec: JobSpec, terms: Sequence[Term]) -> None:
     """Refuse rows of a job that are one another's samples: they would count twice."""
+    if len(terms) < 2:
+        return
+    from suta_calib.diagnostics.contradictions import may_read_alike
+
     known: dict[str, list[tuple[int, set[bytes]]]] = {}
     for k, (row, term) in enumerate(zip(spec.observations, terms, strict=True)):
         keys = set(term.poses.samples.as_keys())

@@ -37,6 +37,7 @@ import math
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cache
 from typing import Literal
 
 import casadi as ca
@@ -175,10 +176,7 @@ class _Walk:
         names = segment.names(*ROTATION)
         if not any(map(self.matters, names)):
             return
-        symbol, value = ca.SX.sym("r", 3), ca.vertcat(*map(self.value, names))
-        turn = symbolic_rotation(symbol)
-        derivative = ca.jacobian(ca.vec(turn), symbol)
-        turn, derivative = (ca.substitute(e, symbol, value) for e in (turn, derivative))
+        turn, derivative = _turned()(ca.vertcat(*map(self.value, names)))
         if segment.climbed:
             self.rotation = self.rotation @ turn.T
         for k, name in enumerate(names):
@@ -321,6 +319,14 @@ def _walked(segments: Sequence[Segment], walk: _Walk, q: Symbol) -> _Walk:
     for segment in segments:
         walk.through(segment, q)
     return walk
+
+
+@cache
+def _turned() -> Symbol:
+    """CasADi function (rotation vector (3)) → rotation (3, 3), its derivative (9, 3)."""
+    vector = ca.SX.sym("r", 3)
+    turn = symbolic_rotation(vector)
+    return ca.Function("turned", [vector], [turn, ca.jacobian(ca.vec(turn), vector)])
 
 
 def _snapped(array: FloatArray) -> FloatArray:

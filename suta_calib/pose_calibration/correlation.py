@@ -16,7 +16,6 @@ from collections.abc import Iterator, Sequence
 from typing import Final
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.pose_calibration.serial_correlation import correlation_length
@@ -178,8 +177,10 @@ def _restricted(
     None where the rows leave nothing.
     """
     n, size, unknowns = slope.shape
-    factor = cho_factor(covariance, lower=True)
-    told = cho_solve(factor, slope.reshape(n, -1)).reshape(n * size, unknowns)
+    # NumPy's for all of it: to import SciPy's triangular solver takes longer than it would save.
+    factor = np.linalg.cholesky(covariance)
+    solved = np.linalg.solve(covariance, np.hstack([slope.reshape(n, -1), mean.reshape(n, -1)]))
+    told = solved[:, : size * unknowns].reshape(n * size, unknowns)
     flat = slope.reshape(n * size, unknowns)
     information = flat.T @ told
     unit = 1.0 / np.sqrt(np.maximum(np.diag(information), 1e-300))
@@ -190,9 +191,11 @@ def _restricted(
     if freedom < 1:
         return None
     sums = vectors[:, kept].T @ (unit * (told.T @ mean.reshape(-1)))
-    power = float(np.sum(mean * cho_solve(factor, mean))) - float(sums @ (sums / values[kept]))
+    power = float(np.sum(mean.reshape(n, -1) * solved[:, size * unknowns :])) - float(
+        sums @ (sums / values[kept])
+    )
     scale = max(power, 1e-300) / freedom
-    whole = 2.0 * size * float(np.log(np.diag(factor[0])).sum())
+    whole = 2.0 * size * float(np.log(np.diag(factor)).sum())
     fitted = float(np.log(values[kept]).sum() - 2.0 * np.log(unit[unit < UNTOLD]).sum())
     return -0.5 * (whole + fitted + freedom * np.log(scale)), scale
 

@@ -11,9 +11,9 @@ from collections.abc import Callable, Iterator
 from typing import Final
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from suta_calib.errors import SamplesError
+from suta_calib.geometry.numbers import quaternion_from_rotation, rotation_from_quaternion
 from suta_calib.pose_calibration.consensus import Consensus
 from suta_calib.pose_calibration.robot_noise import EYE
 from suta_calib.pose_calibration.robust_fit import RobustFit
@@ -114,5 +114,5 @@ def _readings(A: Poses, B: Poses, other_setup: str) -> Iterator[tuple[str, Poses
 
 def _reordered(poses: Poses) -> Poses:
     """Poses whose quaternions were read x y z w from w x y z."""
-    quaternion = Rotation.from_matrix(poses[0].copy()).as_quat()
-    return Rotation.from_quat(np.roll(quaternion, -1, axis=1)).as_matrix(), poses[1]
+    quaternion = quaternion_from_rotation(poses[0])
+    return rotation_from_quaternion(np.roll(quaternion, -1, axis=1)), poses[1]

@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from scipy.special import comb
 
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.assessment import Level
@@ -195,6 +194,8 @@ def robust_fit(
     count, suspects = len(fit.inliers), np.flatnonzero(~fit.inliers)
     if not robust or not len(suspects) or count > MOST_ROWS:
         return fit
+    from scipy.special import comb
+
     everyone = np.ones(count, dtype=np.bool_)
     needed = len(fit.solution.free) / (DIMENSION * len(fit.sigmas))
     plain = plainly(everyone)

@@ -7,19 +7,18 @@ null, so that nobody uses them by accident.
 from __future__ import annotations
 
 import platform
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
 from importlib.metadata import PackageNotFoundError, version
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 
-from suta_calib.arrays import FloatArray
 from suta_calib.diagnostics.accuracy import TermAccuracy
 from suta_calib.diagnostics.explanation import redundant_names
 from suta_calib.diagnostics.external_poses import external_poses
 from suta_calib.diagnostics.repeats import TouchRepeatability
 from suta_calib.job.calibration import CalibrationResult
-from suta_calib.lazy import later
 from suta_calib.plotting.limits import MOST_CORRELATED, MOST_GROUPS
 from suta_calib.report.document import (
     Document,
@@ -35,7 +34,6 @@ from suta_calib.report.document import (
 from suta_calib.report.errors import (
     GROUPINGS,
     RESIDUALS,
-    KindErrors,
     accuracy_json,
     by_kind,
     errors_table,
@@ -53,16 +51,15 @@ from suta_calib.report.observability import (
     unobservable,
 )
 from suta_calib.report.parameters import MANY, PARAMETERS, left_out, outcomes
+from suta_calib.report.studio import drawn
+from suta_calib.solver.identifiability import WEAK
 from suta_calib.solver.ipopt import Minimum
 from suta_calib.solver.solution import Solution
 from suta_calib.terms import Term
 from suta_calib.words import combination
 
-if TYPE_CHECKING:
-    from suta_calib.report import calibration_plots as plots
-else:
-    # Without a report there is nothing to draw.
-    plots = later("suta_calib.report.calibration_plots")
+# What draws the pictures, by name: without a report there is nothing to draw.
+_picture: Final = partial(drawn, "suta_calib.report.calibration_plots")
 
 NAME: Final = "result"
 CALIBRATED: Final = "calibrated.urdf"
@@ -198,7 +195,7 @@ def _parameters(result: CalibrationResult, *, verbose: bool) -> Iterator[Part]:
     )
     if changes := solution.changes:
         yield Figure(
-            lambda: plots.parameter_changes(changes, "parameter-changes"),
+            _picture("parameter_changes", changes, "parameter-changes"),
             "Change from nominal, ± one standard deviation",
         )
     yield Folded(PARAMETERS.of(own, f"The observations' own unknowns ({len(own)})"))
@@ -239,17 +236,13 @@ def _errors(result: CalibrationResult) -> Iterator[Part]:
         for k, errors in enumerate(by_kind(sets[name])):
             if len(errors.before):
                 yield Figure(
-                    _histogram(errors, f"histogram-{name}-{k}"),
+                    _picture(
+                        "error_histogram",
+                        *(errors.before, errors.after, errors.unit, errors.name),
+                        f"histogram-{name}-{k}",
+                    ),
                     f"{name.capitalize()}: {errors.quantity}",
                 )
-
-
-def _histogram(errors: KindErrors, name: str) -> Callable[[], str]:
-    return lambda: plots.error_histogram(errors, name)
-
-
-def _boxes(groups: Mapping[str, FloatArray], label: str, name: str) -> Callable[[], str]:
-    return lambda: plots.grouped_errors(groups, label, name)
 
 
 def _repeatability(result: CalibrationResult) -> list[tuple[str, TouchRepeatability]]:
@@ -283,7 +276,7 @@ def _untold(result: CalibrationResult) -> Iterator[Part]:
     values = solution.identification.singular_values
     if len(values):
         yield Figure(
-            lambda: plots.singular_values(values, named, "singular-values"),
+            _picture("singular_values", values, 1.0 / WEAK, named, "singular-values"),
             "Singular values: how strongly the data see each direction",
         )
 
@@ -298,7 +291,7 @@ def _remaining_errors(result: CalibrationResult) -> Iterator[Part]:
             rest = len(of[label]) - MOST_GROUPS
             title = f"{name}: by {label}" + (f" (without the {rest} best)" if rest > 0 else "")
             svg_name = f"errors-{name.lower()}-{label}"
-            found.append(Figure(_boxes(of[label], label, svg_name), title))
+            found.append(Figure(_picture("grouped_errors", of[label], label, svg_name), title))
     if found:
         yield Text("Where the remaining errors are", place="page", look="heading")
         yield from found
@@ -328,7 +321,7 @@ def _noise_and_correlations(result: CalibrationResult) -> Iterator[Part]:
     if (less := len(names) - MOST_CORRELATED) > 0:
         said = f"{less} parameters that are less correlated are left out; result.json has all."
         yield Text(said, place="page", look="soft")
-    yield Figure(lambda: plots.correlation_map(names, matrix, "correlations"))
+    yield Figure(_picture("correlation_map", names, matrix, "correlations"))
 
 
 def _computation(result: CalibrationResult) -> Iterator[Part]:

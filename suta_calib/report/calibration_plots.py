@@ -17,24 +17,28 @@ from suta_calib.plotting.errors import draw_groups, draw_histogram
 from suta_calib.plotting.limits import MOST_CORRELATED, MOST_GROUPS, MOST_WRITTEN
 from suta_calib.plotting.parameters import MOST_LETTERS, draw_changes
 from suta_calib.plotting.style import BLUE, ORANGE, ROW_HEIGHT, WIDTH, plain_log, shortened
-from suta_calib.report.errors import KindErrors
 from suta_calib.report.svg import Margins, picture, svg_text, width_of
-from suta_calib.solver.identifiability import WEAK
+from suta_calib.units import Unit
 
 # Height of the smallest map of correlations, inch: its scale has to be read.
 _LEAST_BAR: Final = 2.4
 
 
-def error_histogram(errors: KindErrors, name: str) -> str:
+def error_histogram(
+    before: FloatArray, after: FloatArray, unit: Unit, quantity: str, name: str
+) -> str:
     """Histogram of the error norms before and after, with mean and RMS; mm or deg.
 
     Args:
-        errors: of one kind and quantity, at least one.
+        before: (n,) error norms with the nominal arm, at least one, m or rad.
+        after: (n,) the same with the calibrated one.
+        unit: m or rad.
+        quantity: what errs, e.g. ``distance``.
         name: id of the plot on its page.
     """
     with picture(name, (WIDTH, 3.0), Margins(top=0.6)) as figure:
-        draw_histogram(figure.subplots(), errors.before, errors.after, errors.unit, errors.name)
-        return svg_text(figure, name, f"Histogram of the {errors.name} errors before and after")
+        draw_histogram(figure.subplots(), before, after, unit, quantity)
+        return svg_text(figure, name, f"Histogram of the {quantity} errors before and after")
 
 
 def grouped_errors(groups: Mapping[str, FloatArray], grouping: str, name: str) -> str:
@@ -52,16 +56,17 @@ def grouped_errors(groups: Mapping[str, FloatArray], grouping: str, name: str) -
         return svg_text(figure, name, f"Errors after calibration by {grouping}")
 
 
-def singular_values(values: FloatArray, weak: Sequence[str], name: str) -> str:
+def singular_values(values: FloatArray, threshold: float, weak: Sequence[str], name: str) -> str:
     """Singular values on a log axis, and the threshold below which the data alone do not tell.
 
     Args:
         values: (n,) descending, dimensionless.
+        threshold: below it the data alone do not tell.
         weak: the directions that were held, by name.
         name: id of the plot on its page.
     """
     floor = max(float(values.max(initial=0.0)), 1.0) * 1e-9
-    height, threshold = np.maximum(values, floor), 1.0 / WEAK
+    height = np.maximum(values, floor)
     estimated = height >= threshold
     with picture(name, (WIDTH, 2.8), Margins(bottom=0.72 if weak else 0.52, top=0.28)) as figure:
         axes = figure.subplots()

@@ -14,7 +14,6 @@ from suta_calib.atomic import exchange_files
 from suta_calib.errors import OutputError
 from suta_calib.report.document import Document, Figure, File, Text
 from suta_calib.report.listing import json_text
-from suta_calib.report.page import BEGINS, belongs, holds_others, page_with
 
 REPORT: Final = "report.html"
 
@@ -51,6 +50,8 @@ def write_document(
     record = {"result": "result.json", "files": ""}.get(answer.written, f"{answer.name}.json")
     if answer.written not in ("record", "files"):
         job = Path(next(iter(inputs), "")).name
+        from suta_calib.report.page import page_with
+
         report, page = _report(answer, folder, job)
         made_from = (f" from {Path(n).name} (SHA-256 {h[:12]})" for n, h in inputs.items())
         told = Text(f"Run {run['id']}{', '.join(made_from)}.", place="page", look="soft")
@@ -84,6 +85,8 @@ def write_document(
 
 def _report(answer: Document, folder: Path, job: str) -> tuple[str, str | None]:
     """Name of the page that an answer stands on, and what is there; a page is of one job."""
+    from suta_calib.report.page import BEGINS, belongs, holds_others
+
     path = folder / REPORT
     page = _page(path)
     if answer.written in BEGINS or page is None or belongs(page, job):

@@ -19,7 +19,7 @@ from suta_calib.geometry.numbers import (
 )
 from suta_calib.measurements import write_corners, write_samples, write_text
 from suta_calib.model.parameters import POSITION
-from suta_calib.simulation.simulate import SimulatedFile, Simulation
+from suta_calib.simulation.simulated import SimulatedFile, Simulation
 from suta_calib.simulation.true_poses import TruePose
 from suta_calib.units import deg, key, mm, shown
 

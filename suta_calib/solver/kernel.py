@@ -12,7 +12,6 @@ from typing import Any, Final
 
 import casadi as ca
 import numpy as np
-from scipy import sparse
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.batched import Batched
@@ -174,6 +173,8 @@ def _compiled(
 
 def _sparse(columns: IntArray, size: int, width: int) -> Any:
     """Rows that repeat (n, c) column indices for each of ``size`` residual components."""
+    from scipy import sparse
+
     n, count = columns.shape
     indices = np.repeat(columns, size, axis=0).reshape(-1)
     pointer = np.arange(0, n * size * count + 1, count)

@@ -26,9 +26,9 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy.special import gammaincc
 
 from suta_calib.arrays import FloatArray, IntArray
+from suta_calib.distributions import chi2
 from suta_calib.model.parameters import COMPLIANCE, EXPANSION, GAIN, OFFSET
 from suta_calib.solver.information import Rows, whitened_rows
 from suta_calib.solver.level_uncertainty import covariance_of_levels
@@ -400,7 +400,7 @@ class _Evidence:
         for k, (rows, size, threshold) in enumerate(self.beyond):
             if rows:
                 limit = threshold * np.exp(-eta[k] - np.array([-width, 0.0, width]))
-                chance = BLUNDERS + (1.0 - BLUNDERS) * gammaincc(size / 2.0, limit**2 / 2.0)
+                chance = BLUNDERS + (1.0 - BLUNDERS) * chi2.sf(limit**2, size)
                 low, here, high = -rows * np.log(chance)
                 found[k] = here, (high - low) / (2 * width), (high - 2 * here + low) / width**2
         return found

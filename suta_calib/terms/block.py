@@ -148,6 +148,26 @@ class Block:
         return len(self.samples)
 
 
+def joined(*groupings: IntArray) -> IntArray:
+    """(n,) the groups that are left, from 0, where rows of one group of any grouping are together.
+
+    Args:
+        groupings: (n,) each, group of every row, from 0.
+    """
+    first = np.arange(len(groupings[0]))
+    while True:
+        before = first
+        for groups in groupings:
+            least = np.full(groups.max(initial=-1) + 1, len(first))
+            np.minimum.at(least, groups, first)
+            first = least[groups]
+        # Whoever has been led on takes along the row that it followed, and all who follow that.
+        np.minimum.at(first, before, first)
+        first = first[first]
+        if np.array_equal(first, before):
+            return np.asarray(np.unique(first, return_inverse=True)[1], dtype=np.intp)
+
+
 def grouped(labels: NDArray[Any]) -> tuple[list[str], IntArray]:
     """Distinct labels in order of first appearance, and which of them each row has."""
     names, first, inverse = np.unique(labels, return_index=True, return_inverse=True)

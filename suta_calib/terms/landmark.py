@@ -10,7 +10,6 @@ from typing import ClassVar, Final, Self
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial.transform import Rotation
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.errors import SamplesError, did_you_mean
@@ -184,6 +183,8 @@ class TouchedLandmark(Term):
             singular = np.linalg.svd(centred, compute_uv=False)
             in_line = len(singular) < 2 or singular[1] <= 1e-3 * singular[0]
             if len(seats) and in_line:
+                from scipy.spatial.transform import Rotation
+
                 implied = rotation[seats] @ np.swapaxes(self._seats[seats], 1, 2)
                 r = np.asarray(Rotation.from_matrix(implied).mean().as_matrix(), dtype=float)
                 p = (position[rows] - self._certified[rows] @ r.T).mean(axis=0)

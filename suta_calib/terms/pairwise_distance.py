@@ -10,7 +10,6 @@ from typing import ClassVar, Final, Literal
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.errors import SamplesError
@@ -196,6 +195,8 @@ class PairwiseDistance(Term):
 
     def errors_of_touches(self, displacement: FloatArray, samples: IntArray) -> FloatArray:
         """What moves the ends of a distance along it, to first order."""
+        from scipy.sparse import csr_array
+
         ends = self.artefact.position_of(self.poses.samples.labels["landmark"])[samples]
         apart = ends[:, 0] - ends[:, 1]
         along = apart / np.linalg.norm(apart, axis=1)[:, None]

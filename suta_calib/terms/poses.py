@@ -7,17 +7,18 @@ geometry; for a body that was tracked it is a measurement. Terms are written ove
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import cached_property
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.spatial import KDTree
 
-from suta_calib.arrays import FloatArray, IntArray
+from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.measurements.samples import Samples
-from suta_calib.model.arm import ArmModel
+
+if TYPE_CHECKING:
+    from suta_calib.model.arm import ArmModel
 
 # How far readings of an arm at rest wander, rad or m: 0.03 mm at a metre's reach. No plug is seated
 # again so exactly.
@@ -29,6 +30,8 @@ SAME_POSTURE: Final = 1e-3
 # a thousand to the turn it is the operator who chose round numbers.
 FLICKER: Final = 2.0
 COARSEST: Final = 2e-3
+# Rows of which every pair is looked at.
+FEW: Final = 1000
 
 
 class PoseSource(ABC):
@@ -154,16 +157,31 @@ def together(q: FloatArray, apart: float = WANDER) -> IntArray:
         (n,) number of the group of each row, by first appearance.
     """
     steps = q / np.array([max(apart, FLICKER * resolution(joint)) for joint in q.T])
-    tree, first = KDTree(steps), np.arange(len(q))
-    # The nearest row of each is itself.
-    nearest, _ = tree.query(steps, k=[min(2, len(q))], p=np.inf, distance_upper_bound=1.0)
-    waiting = np.isfinite(nearest[:, 0]) & (len(q) > 1)
+    first, (waiting, near_to) = np.arange(len(q)), _neighbours(steps)
     for row in np.flatnonzero(waiting):
         if waiting[row]:
-            near = np.array(tree.query_ball_point(steps[row], 1.0, p=np.inf))
+            near = near_to(int(row))
             near = near[waiting[near]]
             first[near], waiting[near] = row, False
     return np.asarray(np.unique(first, return_inverse=True)[1], dtype=np.intp)
+
+
+def _neighbours(steps: FloatArray) -> tuple[BoolArray, Callable[[int], IntArray]]:
+    """Which rows (n, joints) have another within one in every joint; what finds all of a row's."""
+    if len(steps) <= FEW:
+        # In less time than it takes to import the tree.
+        apart = np.zeros((len(steps), len(steps)))
+        for joint in steps.T:
+            np.maximum(apart, np.abs(joint[:, None] - joint), out=apart)
+        return np.sum(apart < 1.0, axis=1) > 1, lambda row: np.flatnonzero(apart[row] <= 1.0)
+    from scipy.spatial import KDTree
+
+    tree = KDTree(steps)
+    # The nearest row of each is itself.
+    nearest, _ = tree.query(steps, k=[2], p=np.inf, distance_upper_bound=1.0)
+    return np.isfinite(nearest[:, 0]), lambda row: np.array(
+        tree.query_ball_point(steps[row], 1.0, p=np.inf)
+    )
 
 
 def resolution(readings: FloatArray) -> float:

@@ -12,11 +12,10 @@ from typing import Final, Generic, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.spatial.transform import Rotation
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.errors import SamplesError
-from suta_calib.geometry.numbers import rotation_from_vector
+from suta_calib.geometry.numbers import random_rotations, rotation_from_vector
 from suta_calib.terms.hand_eye_start import Poses
 from suta_calib.terms.outside import point_named, pose_named
 from suta_calib.terms.term import Term
@@ -145,7 +144,7 @@ def random_turns(
         largest: turns are uniform from minus to plus this, rad.
         axes: (k, 3) the only axes, in the body, to turn about; any axis by default.
     """
-    first = Rotation.random(random_state=random).as_matrix()
+    first = random_rotations(random, 1)[0]
     if axes is None:
         about = random_directions(random, count)
     else:
@@ -180,6 +179,6 @@ def contaminated(
         p[rows] = poses[1][other]
         R[rows] = poses[0][other] if swap_orientation else R[rows]
     elif len(rows):
-        R[rows] = Rotation.random(len(rows), random_state=random).as_matrix()
+        R[rows] = random_rotations(random, len(rows))
         p[rows] = random.uniform(p.min(axis=0), p.max(axis=0), (len(rows), 3))
     return (R, p), outliers

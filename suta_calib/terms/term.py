@@ -21,8 +21,6 @@ from typing import Any, ClassVar, Final, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.assessment import Level
@@ -30,7 +28,7 @@ from suta_calib.errors import SamplesError, did_you_mean
 from suta_calib.measurements import Artefact, SampleColumns, YamlSection
 from suta_calib.measurements.keys import Key
 from suta_calib.model.parameters import POSITION, Parameter
-from suta_calib.terms.block import Block, grouped
+from suta_calib.terms.block import Block, grouped, joined
 from suta_calib.terms.given import GivenPose, Known
 from suta_calib.terms.observed import Observed, Resimulation, TrueFrame
 from suta_calib.terms.outside import OutsideFrame, frames_of
@@ -414,10 +412,7 @@ class Term(ABC):
         They are at one posture, read without moving or met again, or repeat a touch: they share
         whatever the model gets wrong there. The sum of their errors counts, not their number.
         """
-        at, touches = self.poses.postures, self.repeats()
-        one = coo_array((np.ones(len(at)), (at, len(at) + touches)), (2 * len(at),) * 2)
-        together = connected_components(one, directed=False)[1][at]
-        return np.asarray(np.unique(together, return_inverse=True)[1], dtype=np.intp)
+        return joined(self.poses.postures, self.repeats())
 
     @property
     def notes(self) -> tuple[str, ...]:

@@ -16,6 +16,7 @@ from suta_calib.geometry.numbers import (
     extent,
     homogeneous,
     quaternion_from_rotation,
+    random_rotations,
     register_points,
     rms_length,
     rotation_from_quaternion,
@@ -227,3 +228,51 @@ def test_quaternions_give_back_their_rotation_and_have_one_sign(vector: np.ndarr
     assert quaternion[3] >= 0
     np.testing.assert_allclose(rotation_from_quaternion(quaternion), R, atol=1e-12)
     assert quaternion_from_rotation(np.tile(R, (2, 3, 1, 1))).shape == (2, 3, 4)
+
+
+HALF_TURNS = np.pi * np.array(
+    [[1, 0, 0], [0, -1, 0], [0, 0, 1], [0.6, 0.8, 0], [-0.6, 0, 0.8], [0, -0.8, 0.6]]
+)
+
+
+def test_conversions_are_scipys_at_every_angle() -> None:
+    random = np.random.default_rng(0)
+    sizes = random.choice([1e-12, 1e-5, 9.99e-4, 1.01e-3, 0.1, 3.0, 100.0], size=(400, 1))
+    vectors = np.vstack([np.zeros((1, 3)), HALF_TURNS, sizes * random.standard_normal((400, 3))])
+    oracle = Rotation.from_rotvec(vectors)
+    matrices = oracle.as_matrix()
+    close = {"rtol": 0, "atol": 4e-15}
+    np.testing.assert_allclose(rotation_from_vector(vectors), matrices, **close)
+    np.testing.assert_allclose(vector_from_rotation(matrices), oracle.as_rotvec(), **close)
+    found = quaternion_from_rotation(matrices)
+    np.testing.assert_allclose(found, Rotation.from_matrix(matrices).as_quat(canonical=True))
+    np.testing.assert_allclose(rotation_from_quaternion(7.0 * found), matrices, **close)
+
+
+def test_a_matrix_that_is_nearly_a_rotation_stands_for_the_nearest() -> None:
+    random = np.random.default_rng(1)
+    off = random_rotations(random, 50) + 1e-3 * random.standard_normal((50, 3, 3))
+    nearest = rotation_from_quaternion(quaternion_from_rotation(off))
+    np.testing.assert_allclose(nearest, Rotation.from_matrix(off).as_matrix(), atol=1e-14)
+    # The residual of the nearest rotation is symmetric where it has been turned back.
+    left = np.swapaxes(nearest, 1, 2) @ off
+    np.testing.assert_allclose(left, np.swapaxes(left, 1, 2), atol=1e-14)
+
+
+@pytest.mark.parametrize("matrix", [np.diag([1.0, 1.0, -1.0]), np.zeros((3, 3)), -np.eye(3)])
+def test_what_is_no_rotation_is_refused(matrix: np.ndarray) -> None:
+    with pytest.raises(ValueError, match="no positive determinant"):
+        vector_from_rotation(matrix)
+
+
+def test_no_rotation_has_a_quaternion_of_norm_zero() -> None:
+    with pytest.raises(ValueError, match="norm zero"):
+        rotation_from_quaternion(np.zeros((2, 4)))
+
+
+def test_random_rotations_point_anywhere() -> None:
+    found = random_rotations(np.random.default_rng(2), 4000)
+    np.testing.assert_allclose(np.linalg.det(found), 1.0)
+    # Every element is evenly spread from -1 to 1: mean 0, variance 1/3.
+    np.testing.assert_allclose(found.mean(axis=0), 0.0, atol=5 / math.sqrt(3 * 4000))
+    np.testing.assert_allclose(found.var(axis=0), 1 / 3, atol=5 * math.sqrt(4 / 45 / 4000))

@@ -185,10 +185,10 @@ def test_console_shows_what_can_be_determined(result: CalibrationResult) -> None
 def test_plots_are_svg_with_units(result: CalibrationResult) -> None:
     errors = by_kind(result.accuracy.validation)[0]
     found = [
-        plots.error_histogram(errors, "h"),
+        plots.error_histogram(errors.before, errors.after, errors.unit, errors.name, "h"),
         plots.grouped_errors(groups(result.accuracy.calibration, "point"), "point", "g"),
         plots.parameter_changes(result.solution.changes, "c"),
-        plots.singular_values(np.array([1e3, 1.0, 0.0]), ["a.z − b.z"], "s"),
+        plots.singular_values(np.array([1e3, 1.0, 0.0]), 10.0, ["a.z − b.z"], "s"),
         plots.correlation_map(["a", AWKWARD], np.array([[1.0, -0.9], [-0.9, 1.0]]), "m"),
     ]
     units_shown = ["mm", "mm", "deg", "no unit", "no unit"]
@@ -202,8 +202,9 @@ def test_plots_are_svg_with_units(result: CalibrationResult) -> None:
 @pytest.mark.parametrize("after", [[0.0], [0.0, 0.0, 0.0], [1e-12, 5e-3], [1e-3] * 5])
 def test_histogram_of_extreme_errors(result: CalibrationResult, after: list[float]) -> None:
     errors = by_kind(result.accuracy.validation)[0]
-    extreme = replace(errors, before=np.array(after) * 3, after=np.array(after))
-    etree.fromstring(plots.error_histogram(extreme, "extreme"))
+    extreme = np.array(after)
+    svg = plots.error_histogram(3 * extreme, extreme, errors.unit, errors.name, "extreme")
+    etree.fromstring(svg)
 
 
 def test_plots_leave_matplotlib_as_it_was(page: str) -> None:

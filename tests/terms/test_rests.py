@@ -6,6 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 from simulated import Scene, Spread, arm_named, dh_parameters, read_again
 from terms_cases import SIGMA, noises, scene
 
@@ -18,7 +20,8 @@ from suta_calib.measurements import Samples
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.solver.solve import solve
-from suta_calib.terms import ArmPoses, MeasuredPoses
+from suta_calib.terms import ArmPoses, MeasuredPoses, poses
+from suta_calib.terms.block import grouped, joined
 
 KINDS = ("landmark", "landmark with seats", "fixed_point", "plane", "tracked_point", "hand_eye")
 
@@ -51,6 +54,34 @@ def test_rows_read_at_one_rest_are_found_in_any_order() -> None:
     assert found[0] == 0
     np.testing.assert_array_equal(rests_of(postures(30)), np.arange(30))
     np.testing.assert_array_equal(rests_of(postures(1)), [0])
+
+
+@pytest.mark.parametrize("wander", [1e-6, 2e-5, 3e-4])
+def test_few_rows_and_many_are_grouped_alike(
+    wander: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rng = np.random.default_rng(2)
+    q = postures(40)[rng.integers(0, 40, 300)] + wander * rng.standard_normal((300, 6))
+    few = rests_of(q)
+    monkeypatch.setattr(poses, "FEW", 0)
+    np.testing.assert_array_equal(few, rests_of(q))
+    assert wander > 1e-4 or len(set(few.tolist())) < 300
+
+
+@pytest.mark.parametrize("count", [1, 7, 60, 700])
+def test_groups_of_either_sort_are_joined(count: int) -> None:
+    rng = np.random.default_rng(count)
+    for groups in (count // 3 + 1, count, 3 * count):
+        a, b = (grouped(rng.integers(0, groups, count))[1] for _ in range(2))
+        links = coo_array((np.ones(count), (a, count + b)), (2 * count, 2 * count))
+        whole = connected_components(links, directed=False)[1][a]
+        found = joined(a, b)
+        np.testing.assert_array_equal(found, grouped(whole)[1])
+
+
+def test_a_long_chain_of_groups_is_one() -> None:
+    rows = np.random.default_rng(0).permutation(20_001)
+    np.testing.assert_array_equal(joined(rows // 2, (rows + 1) // 2), 0)
 
 
 def test_a_coarse_encoder_flickers_over_its_steps() -> None:
