@@ -15,7 +15,7 @@ from suta_calib.model.parameters import Parameter
 from suta_calib.plotting.change import Change
 from suta_calib.showing import Shown
 from suta_calib.solver.identifiability import Identification
-from suta_calib.solver.ipopt import Minimum
+from suta_calib.solver.ipopt import SAME_COST, Minimum
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.weights import Weights
 from suta_calib.units import Unit
@@ -23,8 +23,6 @@ from suta_calib.units import Unit
 State = Literal["identified", "unidentified", "prior", "at_bound", "fixed"]
 # Of the variance that a prior leaves, the part the data must take away to call it identified.
 INFORMED = 0.5
-# Whitened costs that differ by less are the same minimum.
-SAME_COST = 1e-3
 
 
 @dataclass(frozen=True)
@@ -86,7 +84,7 @@ class Solution(Shown):
 
     @property
     def converged(self) -> bool:
-        """Whether IPOPT calls the best start solved, and the answer fits well enough to use."""
+        """Whether the best start ended in a minimum, which fits well enough to use."""
         return self.minimum.converged and not self.swamped
 
     @property

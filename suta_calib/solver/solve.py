@@ -21,6 +21,8 @@ from suta_calib.solver.weights import learn_weights
 from suta_calib.threads import single_threaded
 
 MAX_REVISIONS = 4
+# Of the cost: a difference between ends of starts that is rounding.
+SAME: Final = 1e-9
 MORE_DATA: Final = "measure more, select fewer parameters, or give priors"
 Progress = Callable[[int, int], None]
 
@@ -143,16 +145,17 @@ def _fit(
     fixed = set(identification.fixed.tolist())
     attempts: tuple[Minimum, ...] = ()
     levels = [math.inf] * len(sigmas)
+
+    def tell(done: int) -> None:
+        if progress is not None:
+            progress(done, len(starts))
+
     for revision in range(MAX_REVISIONS):
         free = np.setdiff1d(wanted, list(fixed))
-        solver = RobustNlp(problem, free, sigmas, options)
-        tried = []
-        for start in starts:
-            tried.append(solver.minimise(start))
-            if progress is not None and revision == 0:
-                progress(len(tried), len(starts))
+        nlp = RobustNlp(problem, free, sigmas, options)
+        tried = nlp.minimise_all(starts, tell if revision == 0 else lambda _: None)
         attempts = attempts or tuple(tried)
-        minimum = solver.polish(min(tried, key=lambda m: (not m.converged, m.cost)))
+        minimum = _best(tried)
         # What is held adds misfit, which is not noise: the freest fit tells the noise best.
         levels = list(np.minimum(levels, noise_levels(problem, minimum.x, sigmas)))
         if len(_inside(problem, minimum.x, free)) < len(free):
@@ -168,6 +171,15 @@ def _fit(
         again[list(fixed)] = nominal[list(fixed)]
         starts = [again]
     return minimum, attempts, identification, free
+
+
+def _best(tried: Sequence[Minimum]) -> Minimum:
+    """The lowest that was gone down to; of those that are as low but for rounding the first."""
+    lowest = min((m for m in tried if not m.joined), key=lambda m: (not m.converged, m.cost))
+    same = lowest.cost + SAME * max(lowest.cost, 1.0)
+    return next(
+        m for m in tried if m.converged == lowest.converged and m.cost <= same and not m.joined
+    )
 
 
 def identify_at(

@@ -145,7 +145,7 @@ class ReferenceFit:
         free = np.array([k for k, n in enumerate(names) if n in self.estimated], dtype=np.intp)
         sigmas = self.block_sigmas(terms)
         nlp = RobustNlp(problem, free, sigmas, SolverOptions())
-        minimum = nlp.minimise_near(start)
+        minimum = nlp.minimise(start)
         first = sum(len(t.blocks) for t in terms[: self.index])
         line = problem.linearise(minimum.x, sigmas)[first]
         return Refit(
