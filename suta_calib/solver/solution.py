@@ -14,6 +14,7 @@ from suta_calib.errors import ParameterError
 from suta_calib.model.parameters import Parameter
 from suta_calib.plotting.change import Change
 from suta_calib.showing import Shown
+from suta_calib.solver.covariance import Spread
 from suta_calib.solver.identifiability import Identification
 from suta_calib.solver.ipopt import SAME_COST, Minimum
 from suta_calib.solver.problem import Problem
@@ -60,9 +61,7 @@ class Solution(Shown):
         before: what the data could tell at the start.
         identification: what they can tell at the solution: this decided what was fixed.
         free: indices of the parameters that were estimated.
-        covariance: (n, n) of all parameters, m and rad; zero rows where nothing was estimated.
-        artefact_covariance: (n, n), the part of it that comes from the artefact's stated
-            uncertainty, which further touches cannot reduce; zero where none is stated.
+        spread: how sure the values are, by origin.
         sigmas: noise of each block that weighs it, m or rad per component.
         noise: noise of each block as the residuals show it.
         timing: seconds by phase.
@@ -75,12 +74,24 @@ class Solution(Shown):
     before: Identification
     identification: Identification
     free: IntArray
-    covariance: FloatArray
-    artefact_covariance: FloatArray
+    spread: Spread
     sigmas: tuple[float, ...]
     noise: tuple[float, ...]
     timing: dict[str, float]
     weights: Weights | None = None
+
+    @property
+    def covariance(self) -> FloatArray:
+        """(n, n) of all parameters, m and rad; zero rows where nothing was estimated."""
+        return self.spread.whole
+
+    @property
+    def artefact_covariance(self) -> FloatArray:
+        """(n, n), the part of it that comes from the artefact's stated uncertainty.
+
+        Further touches cannot reduce it; zero where none is stated.
+        """
+        return self.spread.of_artefact
 
     @property
     def converged(self) -> bool:

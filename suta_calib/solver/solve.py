@@ -11,7 +11,7 @@ import numpy as np
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.errors import ParameterError, SamplesError
-from suta_calib.solver.covariance import observed_parts
+from suta_calib.solver.covariance import Spread
 from suta_calib.solver.identifiability import Identification, identify
 from suta_calib.solver.information import noise_levels, predicted_information
 from suta_calib.solver.ipopt import Minimum, RobustNlp, SolverOptions
@@ -29,7 +29,11 @@ Progress = Callable[[int, int], None]
 
 @single_threaded
 def solve(
-    problem: Problem, options: SolverOptions = SolverOptions(), progress: Progress | None = None
+    problem: Problem,
+    options: SolverOptions = SolverOptions(),
+    progress: Progress | None = None,
+    *,
+    spread: bool = True,
 ) -> Solution:
     """Minimise the problem over what its data can determine.
 
@@ -37,6 +41,7 @@ def solve(
         problem: terms and parameters.
         options: starts, Hessian, iteration limit.
         progress: called with (starts done, starts) as the work goes on.
+        spread: compute the covariance now, and not when it is asked for.
 
     Returns:
         A solution that knows whether it may be used; not converging is no exception.
@@ -72,29 +77,27 @@ def solve(
     solved = perf_counter()
     x = minimum.x
     free = _inside(problem, x, estimated)
-    scatter, artefact = observed_parts(problem, x, sigmas, free)
     if weights is None:
-        noise, unsure = noise_levels(problem, x, sigmas), np.zeros_like(scatter)
+        noise, unsure = noise_levels(problem, x, sigmas), np.zeros((len(x), len(x)))
     else:
         noise, unsure = [found.value for found in weights.noise], weights.covariance
-    return Solution(
+    found = Solution(
         problem=problem,
         minimum=minimum,
         attempts=attempts,
         before=before,
         identification=identification,
         free=free,
-        covariance=scatter + artefact + unsure,
-        artefact_covariance=artefact,
+        spread=Spread(problem, x, tuple(sigmas), free, unsure),
         sigmas=tuple(sigmas),
         noise=tuple(noise),
         weights=weights,
-        timing={
-            "check": checked - began,
-            "solve": solved - checked,
-            "covariance": perf_counter() - solved,
-        },
+        timing={"check": checked - began, "solve": solved - checked},
     )
+    if spread:
+        _ = found.covariance
+        found.timing["covariance"] = perf_counter() - solved
+    return found
 
 
 def _check_determined(problem: Problem, verdict: Identification) -> None:

@@ -154,13 +154,15 @@ class PairwiseDistance(Term):
 
     @cached_property
     def _equations(self) -> int:
-        pairs = self.blocks[0].samples
-        sets, found = self._sets(self.poses), 0
-        for name in np.unique(sets):
-            mine = self.poses.rests[pairs[sets[pairs[:, 0]] == name]]
-            points = len(np.unique(mine))
-            found += min(len(np.unique(mine, axis=0)), max(3 * points - 6, points - 1))
-        return found
+        rests, first = self.poses.rests, self.blocks[0].samples[:, 0]
+        ends = rests[self.blocks[0].samples]
+        number, many = grouped(self._sets(self.poses))[1], int(rests.max()) + 1
+        # Within a set, each point and each pair of them counts once.
+        both = np.unique((number[first, None] * many + ends).reshape(-1))
+        pairs = np.unique((number[first] * many + ends[:, 0]) * many + ends[:, 1])
+        points, distances = np.bincount(both // many), np.bincount(pairs // many**2)
+        shape = np.maximum(3 * points - 6, points - 1)
+        return int(np.minimum(distances, shape)[points > 0].sum())
 
     def observed(self, values: Mapping[str, float], poses: PoseSource) -> Observed:
         """Every set's landmarks where they fit best to what was touched."""
