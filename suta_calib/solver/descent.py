@@ -94,6 +94,8 @@ def descend(
     z = np.clip(start, lower, upper)
     cost, gradient, hessian = evaluate(z)
     damping, growth, taken = 0.0, FIRST_GROWTH, 0
+    if not _finite(cost, gradient, hessian):
+        return Descent(z, cost, False, taken)
     for _ in range(MAX_EVALUATIONS):
         room = lower - z, upper - z
         step = boxed_step(hessian, gradient, *room)
@@ -113,7 +115,7 @@ def descend(
         if taken >= steps:
             break
         value, *derivatives = evaluate(there)
-        if value < cost:
+        if value < cost and _finite(*derivatives):
             kept = (cost - value) / promised
             z, cost, taken = there, value, taken + 1
             gradient, hessian = derivatives
@@ -125,6 +127,10 @@ def descend(
         else:
             damping, growth = max(growth * damping, FIRST_DAMPING), FIRST_GROWTH * growth
     return Descent(z, cost, False, taken)
+
+
+def _finite(*numbers: float | FloatArray) -> bool:
+    return all(np.isfinite(each).all() for each in numbers)
 
 
 def _promised(hessian: FloatArray, gradient: FloatArray, step: FloatArray) -> float:

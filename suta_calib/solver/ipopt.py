@@ -16,6 +16,7 @@ import casadi as ca
 import numpy as np
 
 from suta_calib.arrays import FloatArray, IntArray
+from suta_calib.solver.descent import SETTLED as SHARE
 from suta_calib.solver.descent import Basin, Descent, descend
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.symbolic import symbolic_cost
@@ -126,9 +127,14 @@ class RobustNlp:
         hessian[np.diag_indices_from(hessian)] += self._precision[self._free]
         return cost, gradient, hessian * np.outer(self._scale, self._scale)
 
-    def minimise(self, start: FloatArray) -> Minimum:
-        """The minimum beside one start (n,), clipped into the bounds."""
-        return self.minimise_all([start])[0]
+    def minimise(self, start: FloatArray, settled: float = SHARE) -> Minimum:
+        """The minimum beside one start (n,), clipped into the bounds.
+
+        Args:
+            start: where to begin.
+            settled: share of the cost that steps may promise to lose where the next is the last.
+        """
+        return self._minimise(start, (), settled)[0]
 
     def minimise_all(
         self, starts: Sequence[FloatArray], done: Callable[[int], None] = lambda _: None
@@ -176,26 +182,31 @@ class RobustNlp:
                 found = replace(found, x=self._filled(x, last.z), cost=last.cost)
         return found
 
-    def _minimise(self, start: FloatArray, known: Sequence[Basin]) -> tuple[Minimum, Basin | None]:
+    def _minimise(
+        self, start: FloatArray, known: Sequence[Basin], settled: float = SHARE
+    ) -> tuple[Minimum, Basin | None]:
         if not len(self._free):
             self._base = start.copy()
             cost, *_ = self.cost_gradient_hessian(np.zeros(0))
             return Minimum(start, cost, SETTLED, 0), None
         if self._options.hessian == "exact":
             return self.minimise_by_ipopt(start), None
-        there = self._descend(start, known)
+        there = self._descend(start, known, settled)
         x = self._filled(start, there.z)
         if there.settled:
             status = SETTLED if there.joined is None else JOINED
             return Minimum(x, there.cost, status, there.steps), there.basin
         return self.minimise_by_ipopt(x), None
 
-    def _descend(self, start: FloatArray, known: Sequence[Basin] = ()) -> Descent:
+    def _descend(
+        self, start: FloatArray, known: Sequence[Basin] = (), settled: float = SHARE
+    ) -> Descent:
         self._base = start.copy()
         return descend(
             self.cost_gradient_hessian,
             start[self._free] / self._scale,
             (self._lower, self._upper),
+            settled=settled,
             steps=self._options.max_iterations,
             known=known,
             joins=JOINS * SAME_COST,

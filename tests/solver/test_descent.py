@@ -104,3 +104,26 @@ def test_only_the_minimum_that_a_step_leads_to_is_joined() -> None:
         assert len(evaluated) - once < once
         assert joined.cost == pytest.approx(alone.cost, abs=2e-4)
         assert joined.z == pytest.approx(alone.z, abs=0.05)
+
+
+def test_where_nothing_is_finite_no_step_is_taken() -> None:
+    def nowhere(z: FloatArray) -> tuple[float, FloatArray, FloatArray]:
+        return np.nan, z * np.nan, np.full((2, 2), np.nan)
+
+    found = descend(nowhere, np.array([1.0, 2.0]), EVERYWHERE)
+    assert (found.settled, found.steps) == (False, 0)
+    np.testing.assert_array_equal(found.z, [1.0, 2.0])
+
+
+def test_a_step_to_where_nothing_is_finite_is_taken_shorter() -> None:
+    """√z, whose quadratic at the start leads to where it has no value."""
+
+    def root(z: FloatArray) -> tuple[float, FloatArray, FloatArray]:
+        if z[0] < 0.5:
+            return np.nan, np.full(1, np.nan), np.full((1, 1), np.nan)
+        value, slope = np.sqrt(z[0] - 0.5) - 0.3, 0.5 / np.sqrt(max(z[0] - 0.5, 1e-12))
+        return 0.5 * value**2 + 1.0, np.array([value * slope]), np.array([[slope**2]])
+
+    found = descend(root, np.array([9.0]), (np.array([-np.inf]), np.array([np.inf])))
+    assert found.settled
+    assert found.z[0] == pytest.approx(0.59, abs=1e-6)
