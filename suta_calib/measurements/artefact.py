@@ -108,7 +108,9 @@ class Artefact:
         Raises:
             ArtefactError: a name that is not in the artefact.
         """
-        return np.array([self.landmark(str(name)).position for name in names]).reshape(-1, 3)
+        listed = [str(name) for name in names]
+        known = {name: self.landmark(name).position for name in dict.fromkeys(listed)}
+        return np.array([known[name] for name in listed]).reshape(-1, 3)
 
 
 def coincident_landmarks(landmarks: Iterable[Landmark]) -> tuple[str, str] | None:

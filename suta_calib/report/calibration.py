@@ -330,7 +330,8 @@ def _computation(result: CalibrationResult) -> Iterator[Part]:
     phases = ", ".join(f"{phase} {seconds:.3f} s" for phase, seconds in solution.timing.items())
     yield ShownOnly(STARTS.of(enumerate(solution.attempts, start=1)), "page")
     yield Text(
-        f"IPOPT: {best.status} after {best.iterations} iterations, cost {best.cost:.6g}. {phases}.",
+        f"{best.solver}: {best.status} after {best.iterations} iterations, cost {best.cost:.6g}. "
+        f"{phases}.",
         place="page",
     )
     yield Text(path.name, place="page", look="heading")
@@ -392,7 +393,7 @@ def _data(result: CalibrationResult) -> Json:
         **_matrices(solution),
         "noise": NOISE.records(noise_of(result)),
         "priors": PRIORS.records(priors_of(result)),
-        "solver": {"name": "IPOPT", **best, "starts": starts},
+        "solver": {"name": solution.minimum.solver, **best, "starts": starts},
         "versions": versions(),
     }
 

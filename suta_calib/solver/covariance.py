@@ -11,6 +11,8 @@ deviations by two to four times.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -34,6 +36,36 @@ from suta_calib.solver.problem import Problem
 MANY_TOUCHES: Final = 2000
 # Eigenvalue of a covariance, relative to the largest, that is rounding.
 ROUNDING: Final = 1e-14
+
+
+@dataclass(frozen=True, eq=False)
+class Spread:
+    """How sure an estimate is, computed when it is first asked for.
+
+    Attributes:
+        problem, x, sigmas, free: of `observed_parts`.
+        learned: (n, n) what unsure weights add.
+    """
+
+    problem: Problem
+    x: FloatArray
+    sigmas: Sequence[float]
+    free: IntArray
+    learned: FloatArray
+
+    @cached_property
+    def _parts(self) -> tuple[FloatArray, FloatArray]:
+        return observed_parts(self.problem, self.x, self.sigmas, self.free)
+
+    @cached_property
+    def whole(self) -> FloatArray:
+        """Covariance (n, n) of the estimate."""
+        return np.asarray(sum(self._parts) + self.learned)
+
+    @property
+    def of_artefact(self) -> FloatArray:
+        """(n, n) the part of it that certified coordinates make."""
+        return self._parts[1]
 
 
 def observed_covariance(

@@ -103,14 +103,14 @@ def noise_levels(problem: Problem, x: FloatArray, sigmas: Sequence[float]) -> li
     Huber's proposal: the spread of residuals winsorised at their threshold, so that outliers do
     not count as noise; at least a millionth, because rounding is not information.
     """
-    levels, postures = [], _numbered(problem, [term.poses.postures for term in problem.terms])
-    for line, assumed in zip(problem.linearise(x, sigmas), sigmas, strict=True):
+    levels, lines = [], problem.linearise(x, sigmas)
+    for line, assumed, postures in zip(lines, sigmas, problem.postures, strict=True):
         block = line.view.block
         size = np.linalg.norm(line.residual, axis=1)
         inside = (
             line.residual * np.minimum(1.0, block.noise.huber / np.maximum(size, 1e-300))[:, None]
         )
-        effect = _design_effect(inside, postures[block.samples + line.view.first_sample])
+        effect = _design_effect(inside, *postures)
         used = effect * (problem.arm_count + problem.evaluation.own_count)
         freedom = max(inside.size - used, inside.size / 2)
         level = float(np.sqrt(np.sum(inside**2) / freedom))
@@ -124,21 +124,19 @@ def _numbered(problem: Problem, groups: Sequence[IntArray]) -> IntArray:
     return np.concatenate([k + each for k, each in zip(first, groups, strict=False)])
 
 
-def _design_effect(residual: FloatArray, postures: IntArray) -> float:
+def _design_effect(residual: FloatArray, group: IntArray, count: IntArray) -> float:
     """How many rows say what one says: 1 + (m - 1) ρ with m rows at a posture (Kish 1965).
 
-    The intraclass correlation ρ is one where rows of a posture (n, k) have the same residual
-    (n, d), such as a touch that is read again, and zero where each has an error of its own.
+    The intraclass correlation ρ is one where rows of a posture, ``count`` in each ``group`` (n,),
+    have the same residual (n, d), such as a touch that is read again, and zero where each has an
+    error of its own.
     """
-    _, group, count = np.unique(
-        np.sort(postures, axis=1), axis=0, return_inverse=True, return_counts=True
-    )
     n, groups = len(residual), len(count)
     total = float(np.sum(residual**2))
     if groups == n or total == 0.0:
         return 1.0
     sums = np.zeros((groups, residual.shape[1]))
-    np.add.at(sums, group.reshape(-1), residual)
+    np.add.at(sums, group, residual)
     within = (total - float(np.sum(sums**2 / count[:, None]))) / (n - groups)
     shared = min(max(1.0 - within / (total / n), 0.0), 1.0)
     return 1.0 + (float(np.sum(count**2)) / n - 1.0) * shared

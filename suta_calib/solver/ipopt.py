@@ -1,7 +1,7 @@
-"""The problem as a CasADi NLP for IPOPT.
+"""The problem as a nonlinear program: Gauss-Newton steps, and CasADi's IPOPT where they fail.
 
-Cost, gradient and Hessian are asked for by three CasADi callbacks that share one evaluation.
-IPOPT works on x divided by the parameters' scales, within their bounds.
+Both work on x divided by the parameters' scales, within their bounds. IPOPT asks for cost, gradient
+and Hessian by three CasADi callbacks that share one evaluation.
 """
 
 from __future__ import annotations
@@ -16,20 +16,23 @@ import casadi as ca
 import numpy as np
 
 from suta_calib.arrays import FloatArray, IntArray
+from suta_calib.solver.descent import SETTLED as SHARE
+from suta_calib.solver.descent import Basin, Descent, descend
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.symbolic import symbolic_cost
 from suta_calib.solver.weights import WeightOptions
 
-MAX_POLISH: Final = 10
-# Of the cost: what it could still fall by that its last digit would not show.
-ROUNDING: Final = float(np.finfo(float).eps)
-# And what it could still fall by where the next Gauss-Newton step is the last: 1e-5 of a standard
-# deviation, of which that step leaves next to nothing.
-SETTLED: Final = 1e-12
+# Whitened costs that differ by less are the same minimum.
+SAME_COST: Final = 1e-3
+# Of that, what a start may lack that leads to a minimum which another one has found.
+JOINS: Final = 0.1
 # Residuals up to which the cost is minimised as it is.
 FULL_SIZE: Final = 2000
 INTERRUPTED: Final = "NonIpopt_Exception_Thrown"
 GOOD: Final = ("Solve_Succeeded", "Solved_To_Acceptable_Level")
+# What Gauss-Newton steps come to: a minimum, or one that an earlier start has found.
+SETTLED: Final = "Gauss_Newton_Settled"
+JOINED: Final = "Joined_Earlier_Start"
 Evaluate = Callable[[FloatArray], tuple[float, FloatArray, FloatArray]]
 
 
@@ -41,7 +44,7 @@ class SolverOptions:
         starts: number of starting points; the first is nominal.
         seed: of the other starting points.
         hessian: ``gauss-newton`` or ``exact``.
-        max_iterations: of IPOPT, per start.
+        max_iterations: of each method, per start.
         weights: how far learned noise levels and prior sizes may be from given ones; None to take
             what was given.
     """
@@ -55,12 +58,12 @@ class SolverOptions:
 
 @dataclass(frozen=True, eq=False)
 class Minimum:
-    """Where IPOPT stopped.
+    """Where a start ended.
 
     Attributes:
         x: the whole parameter vector, fixed entries included.
         cost: robust cost with priors.
-        status: IPOPT's own word.
+        status: `SETTLED`, `JOINED`, or IPOPT's own word where Gauss-Newton steps did not settle.
         iterations: how many it took.
     """
 
@@ -70,9 +73,19 @@ class Minimum:
     iterations: int
 
     @property
+    def solver(self) -> str:
+        """Who stopped there."""
+        return "Gauss-Newton" if self.status in (SETTLED, JOINED) else "IPOPT"
+
+    @property
+    def joined(self) -> bool:
+        """Whether its next step leads to an earlier start's minimum, so that it was left there."""
+        return self.status == JOINED
+
+    @property
     def converged(self) -> bool:
-        """Whether IPOPT calls it solved."""
-        return self.status in GOOD
+        """Whether it is a minimum."""
+        return self.status in (SETTLED, JOINED, *GOOD)
 
 
 class RobustNlp:
@@ -90,8 +103,9 @@ class RobustNlp:
     ) -> None:
         self._problem, self._free, self._sigmas = problem, free, list(sigmas)
         self._scale = problem.parameters.array("scale")[free]
-        self._lower = problem.parameters.array("lower")[free] / self._scale
-        self._upper = problem.parameters.array("upper")[free] / self._scale
+        lower, upper = (problem.parameters.array(key)[free] for key in ("lower", "upper"))
+        self._bounds = lower, upper
+        self._lower, self._upper = lower / self._scale, upper / self._scale
         self._precision = problem.prior_precision()
         self._nominal = problem.parameters.array("nominal")
         self._arm_moves = bool(np.any(free < problem.arm_count))
@@ -113,12 +127,43 @@ class RobustNlp:
         hessian[np.diag_indices_from(hessian)] += self._precision[self._free]
         return cost, gradient, hessian * np.outer(self._scale, self._scale)
 
-    def minimise(self, start: FloatArray) -> Minimum:
-        """IPOPT from one start (n,), clipped into the bounds."""
+    def minimise(self, start: FloatArray, settled: float = SHARE) -> Minimum:
+        """The minimum beside one start (n,), clipped into the bounds.
+
+        Args:
+            start: where to begin.
+            settled: share of the cost that steps may promise to lose where the next is the last.
+        """
+        return self._minimise(start, (), settled)[0]
+
+    def minimise_all(
+        self, starts: Sequence[FloatArray], done: Callable[[int], None] = lambda _: None
+    ) -> list[Minimum]:
+        """What each start (n,) ends in.
+
+        A start whose next step leads to a minimum that one before it has found is left there: what
+        would follow is known.
+
+        Args:
+            starts: clipped into the bounds.
+            done: called with how many have ended, after each.
+        """
+        found: list[Minimum] = []
+        known: list[tuple[FloatArray, Basin]] = []
+        held = np.delete(np.arange(len(self._nominal)), self._free)
+        for start in starts:
+            # Over other values of what is held it is another cost.
+            same = [basin for x, basin in known if np.array_equal(x[held], start[held])]
+            minimum, basin = self._minimise(start, same)
+            if basin is not None:
+                known.append((start, basin))
+            found.append(minimum)
+            done(len(found))
+        return found
+
+    def minimise_by_ipopt(self, start: FloatArray) -> Minimum:
+        """IPOPT alone from one start (n,), clipped into the bounds; with its last digits."""
         z = np.clip(start[self._free] / self._scale, self._lower, self._upper)
-        if len(z) == 0:
-            self._base = start.copy()
-            return Minimum(start, self.cost_gradient_hessian(z)[0], GOOD[0], 0)
         where = {"x0": z, "lbx": self._lower, "ubx": self._upper}
         if self._options.hessian == "exact":
             answer, stats = _run(self._exact(start), where)
@@ -127,67 +172,51 @@ class RobustNlp:
             solver = _gauss_newton(len(z), self._limits, get_ident())
             answer, stats = solver(self.cost_gradient_hessian, where)
         x = self._filled(start, answer["x"].full().reshape(-1))
-        return Minimum(x, float(answer["f"]), str(stats["return_status"]), int(stats["iter_count"]))
+        status, iterations = str(stats["return_status"]), int(stats["iter_count"])
+        found = Minimum(x, float(answer["f"]), status, iterations)
+        if found.converged:
+            # IPOPT stops where its line search is still above rounding; without noise there are
+            # digits left, and with noise this changes nothing that matters.
+            last = self._descend(x)
+            if last.cost <= found.cost:
+                found = replace(found, x=self._filled(x, last.z), cost=last.cost)
+        return found
 
-    def polish(self, minimum: Minimum) -> Minimum:
-        """Gauss-Newton steps from a minimum, while they stay inside the bounds and cost no more.
-
-        IPOPT stops where its line search is still above rounding; without noise there are digits
-        left, and with noise this changes nothing that matters.
-        """
-        if not minimum.converged or not len(self._free):
-            return minimum
-        z, cost, _ = self._descend(minimum.x, ROUNDING)
-        return replace(minimum, x=self._filled(minimum.x, z), cost=cost)
-
-    def minimise_near(self, start: FloatArray) -> Minimum:
-        """The minimum beside a start that is nearly there, such as that of nearly the same data.
-
-        A line search has nothing to shorten there: Gauss-Newton steps alone, and IPOPT, polished,
-        from where they lead if that is no minimum: at a bound, or where many gross errors make
-        the steps many.
-        """
-        reached = start
-        if len(self._free):
+    def _minimise(
+        self, start: FloatArray, known: Sequence[Basin], settled: float = SHARE
+    ) -> tuple[Minimum, Basin | None]:
+        if not len(self._free):
             self._base = start.copy()
-            z, cost, last = self._descend(start, SETTLED)
-            if last is not None and self._inside(z + last):
-                # Whether this step helps, no cost would tell; it is what is left of the way.
-                return Minimum(self._filled(start, z + last), cost, GOOD[0], 0)
-            reached = self._filled(start, z)
-        return self.polish(self.minimise(reached))
+            cost, *_ = self.cost_gradient_hessian(np.zeros(0))
+            return Minimum(start, cost, SETTLED, 0), None
+        if self._options.hessian == "exact":
+            return self.minimise_by_ipopt(start), None
+        there = self._descend(start, known, settled)
+        x = self._filled(start, there.z)
+        if there.settled:
+            status = SETTLED if there.joined is None else JOINED
+            return Minimum(x, there.cost, status, there.steps), there.basin
+        return self.minimise_by_ipopt(x), None
 
     def _descend(
-        self, start: FloatArray, settled: float
-    ) -> tuple[FloatArray, float, FloatArray | None]:
-        """Gauss-Newton steps from x, while they stay inside the bounds and lower the cost.
-
-        Returns:
-            Scaled free variables, their cost, and the step that would follow if it promises no
-            more than the share ``settled`` of the cost; None if no minimum was reached.
-        """
-        z = start[self._free] / self._scale
-        cost, gradient, hessian = self.cost_gradient_hessian(z)
-        for _ in range(MAX_POLISH):
-            step = -np.asarray(np.linalg.lstsq(hessian, gradient, rcond=1e-14)[0], dtype=float)
-            if -0.5 * float(gradient @ step) <= settled * cost:
-                return z, cost, step
-            there = z + step
-            if not self._inside(there):
-                break
-            value, gradient, hessian = self.cost_gradient_hessian(there)
-            if not value < cost:
-                break
-            z, cost = there, value
-        return z, cost, None
-
-    def _inside(self, z: FloatArray) -> bool:
-        return bool(np.all((z > self._lower) & (z < self._upper)))
+        self, start: FloatArray, known: Sequence[Basin] = (), settled: float = SHARE
+    ) -> Descent:
+        self._base = start.copy()
+        return descend(
+            self.cost_gradient_hessian,
+            start[self._free] / self._scale,
+            (self._lower, self._upper),
+            settled=settled,
+            steps=self._options.max_iterations,
+            known=known,
+            joins=JOINS * SAME_COST,
+        )
 
     def _filled(self, x: FloatArray, z: FloatArray) -> FloatArray:
         """The vector with other free entries, given in their scales."""
         found = x.copy()
-        found[self._free] = z * self._scale
+        # A bound in its scale and back again may be off by the last digit.
+        found[self._free] = np.clip(z * self._scale, *self._bounds)
         return found
 
     @property

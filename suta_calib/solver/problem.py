@@ -9,11 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from copy import copy
+from functools import cached_property
 from typing import Final
 
 import numpy as np
 
-from suta_calib.arrays import FloatArray
+from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.errors import ParameterError
 from suta_calib.model.parameters import Parameter, ParameterSet
 from suta_calib.solver.evaluation import BlockView, Evaluation, Linearised
@@ -114,6 +115,21 @@ class Problem:
     def as_given(self) -> Problem:
         """The same problem with the priors that the job gives, whatever was learned of them."""
         return self.with_priors_scaled(np.ones(len(self.parameters)))
+
+    @cached_property
+    def postures(self) -> tuple[tuple[IntArray, IntArray], ...]:
+        """For each block the number of the posture (rows,) of each row, and how many are at each.
+
+        A row that looks at several samples is at the postures of all of them, in any order.
+        """
+        first = self.evaluation.table.first
+        groups = [k + term.poses.postures for k, term in zip(first, self.terms, strict=False)]
+        each, found = np.concatenate(groups), []
+        for view in self.evaluation.views:
+            at = np.sort(each[view.block.samples + view.first_sample], axis=1)
+            _, group, count = np.unique(at, axis=0, return_inverse=True, return_counts=True)
+            found.append((group.reshape(-1).astype(np.intp), count.astype(np.intp)))
+        return tuple(found)
 
     def linearise(self, x: FloatArray, sigmas: Sequence[float]) -> list[Linearised]:
         """Residuals and derivatives of every block at x, for given noise levels."""

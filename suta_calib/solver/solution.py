@@ -14,8 +14,9 @@ from suta_calib.errors import ParameterError
 from suta_calib.model.parameters import Parameter
 from suta_calib.plotting.change import Change
 from suta_calib.showing import Shown
+from suta_calib.solver.covariance import Spread
 from suta_calib.solver.identifiability import Identification
-from suta_calib.solver.ipopt import Minimum
+from suta_calib.solver.ipopt import SAME_COST, Minimum
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.weights import Weights
 from suta_calib.units import Unit
@@ -23,8 +24,6 @@ from suta_calib.units import Unit
 State = Literal["identified", "unidentified", "prior", "at_bound", "fixed"]
 # Of the variance that a prior leaves, the part the data must take away to call it identified.
 INFORMED = 0.5
-# Whitened costs that differ by less are the same minimum.
-SAME_COST = 1e-3
 
 
 @dataclass(frozen=True)
@@ -62,9 +61,7 @@ class Solution(Shown):
         before: what the data could tell at the start.
         identification: what they can tell at the solution: this decided what was fixed.
         free: indices of the parameters that were estimated.
-        covariance: (n, n) of all parameters, m and rad; zero rows where nothing was estimated.
-        artefact_covariance: (n, n), the part of it that comes from the artefact's stated
-            uncertainty, which further touches cannot reduce; zero where none is stated.
+        spread: how sure the values are, by origin.
         sigmas: noise of each block that weighs it, m or rad per component.
         noise: noise of each block as the residuals show it.
         timing: seconds by phase.
@@ -77,16 +74,28 @@ class Solution(Shown):
     before: Identification
     identification: Identification
     free: IntArray
-    covariance: FloatArray
-    artefact_covariance: FloatArray
+    spread: Spread
     sigmas: tuple[float, ...]
     noise: tuple[float, ...]
     timing: dict[str, float]
     weights: Weights | None = None
 
     @property
+    def covariance(self) -> FloatArray:
+        """(n, n) of all parameters, m and rad; zero rows where nothing was estimated."""
+        return self.spread.whole
+
+    @property
+    def artefact_covariance(self) -> FloatArray:
+        """(n, n), the part of it that comes from the artefact's stated uncertainty.
+
+        Further touches cannot reduce it; zero where none is stated.
+        """
+        return self.spread.of_artefact
+
+    @property
     def converged(self) -> bool:
-        """Whether IPOPT calls the best start solved, and the answer fits well enough to use."""
+        """Whether the best start ended in a minimum, which fits well enough to use."""
         return self.minimum.converged and not self.swamped
 
     @property

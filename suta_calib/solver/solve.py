@@ -11,7 +11,7 @@ import numpy as np
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.errors import ParameterError, SamplesError
-from suta_calib.solver.covariance import observed_parts
+from suta_calib.solver.covariance import Spread
 from suta_calib.solver.identifiability import Identification, identify
 from suta_calib.solver.information import noise_levels, predicted_information
 from suta_calib.solver.ipopt import Minimum, RobustNlp, SolverOptions
@@ -21,13 +21,19 @@ from suta_calib.solver.weights import learn_weights
 from suta_calib.threads import single_threaded
 
 MAX_REVISIONS = 4
+# Of the cost: a difference between ends of starts that is rounding.
+SAME: Final = 1e-9
 MORE_DATA: Final = "measure more, select fewer parameters, or give priors"
 Progress = Callable[[int, int], None]
 
 
 @single_threaded
 def solve(
-    problem: Problem, options: SolverOptions = SolverOptions(), progress: Progress | None = None
+    problem: Problem,
+    options: SolverOptions = SolverOptions(),
+    progress: Progress | None = None,
+    *,
+    spread: bool = True,
 ) -> Solution:
     """Minimise the problem over what its data can determine.
 
@@ -35,6 +41,7 @@ def solve(
         problem: terms and parameters.
         options: starts, Hessian, iteration limit.
         progress: called with (starts done, starts) as the work goes on.
+        spread: compute the covariance now, and not when it is asked for.
 
     Returns:
         A solution that knows whether it may be used; not converging is no exception.
@@ -70,29 +77,27 @@ def solve(
     solved = perf_counter()
     x = minimum.x
     free = _inside(problem, x, estimated)
-    scatter, artefact = observed_parts(problem, x, sigmas, free)
     if weights is None:
-        noise, unsure = noise_levels(problem, x, sigmas), np.zeros_like(scatter)
+        noise, unsure = noise_levels(problem, x, sigmas), np.zeros((len(x), len(x)))
     else:
         noise, unsure = [found.value for found in weights.noise], weights.covariance
-    return Solution(
+    found = Solution(
         problem=problem,
         minimum=minimum,
         attempts=attempts,
         before=before,
         identification=identification,
         free=free,
-        covariance=scatter + artefact + unsure,
-        artefact_covariance=artefact,
+        spread=Spread(problem, x, tuple(sigmas), free, unsure),
         sigmas=tuple(sigmas),
         noise=tuple(noise),
         weights=weights,
-        timing={
-            "check": checked - began,
-            "solve": solved - checked,
-            "covariance": perf_counter() - solved,
-        },
+        timing={"check": checked - began, "solve": solved - checked},
     )
+    if spread:
+        _ = found.covariance
+        found.timing["covariance"] = perf_counter() - solved
+    return found
 
 
 def _check_determined(problem: Problem, verdict: Identification) -> None:
@@ -143,16 +148,17 @@ def _fit(
     fixed = set(identification.fixed.tolist())
     attempts: tuple[Minimum, ...] = ()
     levels = [math.inf] * len(sigmas)
+
+    def tell(done: int) -> None:
+        if progress is not None:
+            progress(done, len(starts))
+
     for revision in range(MAX_REVISIONS):
         free = np.setdiff1d(wanted, list(fixed))
-        solver = RobustNlp(problem, free, sigmas, options)
-        tried = []
-        for start in starts:
-            tried.append(solver.minimise(start))
-            if progress is not None and revision == 0:
-                progress(len(tried), len(starts))
+        nlp = RobustNlp(problem, free, sigmas, options)
+        tried = nlp.minimise_all(starts, tell if revision == 0 else lambda _: None)
         attempts = attempts or tuple(tried)
-        minimum = solver.polish(min(tried, key=lambda m: (not m.converged, m.cost)))
+        minimum = _best(tried)
         # What is held adds misfit, which is not noise: the freest fit tells the noise best.
         levels = list(np.minimum(levels, noise_levels(problem, minimum.x, sigmas)))
         if len(_inside(problem, minimum.x, free)) < len(free):
@@ -168,6 +174,15 @@ def _fit(
         again[list(fixed)] = nominal[list(fixed)]
         starts = [again]
     return minimum, attempts, identification, free
+
+
+def _best(tried: Sequence[Minimum]) -> Minimum:
+    """The lowest that was gone down to; of those that are as low but for rounding the first."""
+    lowest = min((m for m in tried if not m.joined), key=lambda m: (not m.converged, m.cost))
+    same = lowest.cost + SAME * max(lowest.cost, 1.0)
+    return next(
+        m for m in tried if m.converged == lowest.converged and m.cost <= same and not m.joined
+    )
 
 
 def identify_at(

@@ -74,19 +74,22 @@ class Certified:
     derivative: FloatArray
 
     @classmethod
-    def of(cls, artefact: Artefact, touched: NDArray[Any], derivative: FloatArray) -> Certified:
+    def of(
+        cls, artefact: Artefact, touched: NDArray[Any], rows: IntArray, derivative: FloatArray
+    ) -> Certified:
         """The artefact's part in a block.
 
         Args:
             artefact: certified landmarks.
-            touched: (n, k) names of the landmarks each row looks at.
-            derivative: (n, d, k, 3) of the residual by their coordinates.
+            touched: (samples,) names of the landmarks that were touched.
+            rows: (n, k) which samples each row looks at.
+            derivative: (n, d, k, 3) of the residual by the coordinates of their landmarks.
         """
-        names, marks = grouped(touched.reshape(-1))
+        names, number = grouped(touched)
         found = [artefact.landmark(name) for name in names]
         keys = tuple((artefact.name, mark.name, *mark.position.tolist()) for mark in found)
         sigma = np.array([mark.sigma for mark in found])
-        return cls(keys, sigma, marks.reshape(touched.shape), derivative)
+        return cls(keys, sigma, number[rows], derivative)
 
 
 @dataclass(frozen=True, eq=False)

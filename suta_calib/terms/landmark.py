@@ -118,7 +118,7 @@ class TouchedLandmark(Term):
             axes = seat_axes(self.artefact, marks)
             data = np.hstack([certified, flat(axes)]) if own.shape[1] > 6 else certified
         by_mark = np.tile(-np.eye(3)[:, None, :], (len(rows), 1, 1, 1))
-        touched = Certified.of(self.artefact, marks[:, None], by_mark)
+        touched = Certified.of(self.artefact, marks, rows[:, None], by_mark)
         position = Block.per_sample("position", "m", 3, _position, own, data, self.noise, marks)
         known = touched.sigma[touched.marks[:, 0]]
         position = replace(position, known_sigma=known, certified=touched)
@@ -303,16 +303,17 @@ def certified_positions(poses: PoseSource, artefact: Artefact) -> FloatArray:
         SamplesError: a landmark that is not certified; names the sample.
     """
     samples = poses.samples
-    for row, name in enumerate(samples.labels["landmark"]):
-        if str(name) not in artefact.landmarks:
+    touched = samples.labels["landmark"].tolist()
+    for name in dict.fromkeys(touched):
+        if name not in artefact.landmarks:
             raise SamplesError(
                 f"landmark '{name}'",
                 f"one of {', '.join(artefact.landmarks)}",
-                where=samples.origin[row],
-                hint=did_you_mean(str(name), artefact.landmarks)
+                where=samples.origin[touched.index(name)],
+                hint=did_you_mean(name, artefact.landmarks)
                 or f"add it to the artefact '{artefact.name}' or correct the samples",
             )
-    return artefact.position_of(samples.labels["landmark"])
+    return artefact.position_of(touched)
 
 
 def positions_only(artefact: Artefact) -> Artefact:

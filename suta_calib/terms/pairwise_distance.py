@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import ClassVar, Final, Literal
 
 import casadi as ca
@@ -104,7 +104,7 @@ class PairwiseDistance(Term):
         """The distances."""
         poses, artefact = self.poses, self.artefact
         names = poses.samples.labels["landmark"]
-        certified = certified_positions(poses, artefact)
+        certified = self._certified
         pairs = landmark_pairs(poses.samples)
         if not len(pairs):
             raise SamplesError(
@@ -119,7 +119,7 @@ class PairwiseDistance(Term):
         length = np.linalg.norm(apart, axis=1)
         along = (apart / length[:, None])[:, None, None, :]
         by_mark = np.concatenate([-along, along], axis=2)
-        touched = Certified.of(artefact, names[pairs], by_mark)
+        touched = Certified.of(artefact, names, pairs, by_mark)
         data = length[:, None]
         if self.own:
             axes = seat_axes(artefact, names)
@@ -134,13 +134,22 @@ class PairwiseDistance(Term):
 
     def check_enough(self) -> None:
         """An artefact in mm, as the arm touched it."""
-        certified = certified_positions(self.poses, self.artefact)
-        check_artefact_unit(self, certified, grouped(self._sets(self.poses))[1])
+        check_artefact_unit(self, self._certified, self._numbered)
+
+    @cached_property
+    def _certified(self) -> FloatArray:
+        """(n, 3) positions of the touched landmarks in the artefact, m."""
+        return certified_positions(self.poses, self.artefact)
+
+    @cached_property
+    def _numbered(self) -> IntArray:
+        """(n,) number of the set of each sample."""
+        return grouped(self._sets(self.poses))[1]
 
     @property
     def notes(self) -> tuple[str, ...]:
         """That not all pairs are looked at."""
-        possible = _possible_pairs(np.bincount(grouped(self._sets(self.poses))[1]))
+        possible = _possible_pairs(np.bincount(self._numbered))
         if possible <= MOST_PAIRS:
             return ()
         return (
@@ -155,13 +164,15 @@ class PairwiseDistance(Term):
 
     @cached_property
     def _equations(self) -> int:
-        pairs = self.blocks[0].samples
-        sets, found = self._sets(self.poses), 0
-        for name in np.unique(sets):
-            mine = self.poses.rests[pairs[sets[pairs[:, 0]] == name]]
-            points = len(np.unique(mine))
-            found += min(len(np.unique(mine, axis=0)), max(3 * points - 6, points - 1))
-        return found
+        rests, first = self.poses.rests, self.blocks[0].samples[:, 0]
+        ends = rests[self.blocks[0].samples]
+        number, many = self._numbered, int(rests.max()) + 1
+        # Within a set, each point and each pair of them counts once.
+        both = np.unique((number[first, None] * many + ends).reshape(-1))
+        pairs = np.unique((number[first] * many + ends[:, 0]) * many + ends[:, 1])
+        points, distances = np.bincount(both // many), np.bincount(pairs // many**2)
+        shape = np.maximum(3 * points - 6, points - 1)
+        return int(np.minimum(distances, shape)[points > 0].sum())
 
     def observed(self, values: Mapping[str, float], poses: PoseSource) -> Observed:
         """Every set's landmarks where they fit best to what was touched."""
@@ -260,9 +271,16 @@ def landmark_pairs(samples: Samples) -> IntArray:
         if len(rows) - 1 > 2 * partners:
             pairs = rows[_some_pairs(landmark[rows], partners, random)]
         else:
-            pairs = rows[np.column_stack(np.triu_indices(len(rows), k=1))]
+            pairs = rows[_all_pairs(len(rows))]
         found.append(pairs[landmark[pairs[:, 0]] != landmark[pairs[:, 1]]])
     return np.concatenate(found).astype(np.intp)
+
+
+# Sets are mostly as large as each other.
+@lru_cache(maxsize=16)
+def _all_pairs(count: int) -> IntArray:
+    """(n, 2) every two of so many."""
+    return np.column_stack(np.triu_indices(count, k=1)).astype(np.intp)
 
 
 def _possible_pairs(sizes: IntArray) -> int:

@@ -17,14 +17,12 @@ import numpy as np
 from suta_calib.analysis.outliers.answer import METRICS
 from suta_calib.analysis.outliers.groups import Grouping, systematic
 from suta_calib.analysis.outliers.metrics import SINGULAR, Scene, shares
-from suta_calib.analysis.outliers.reference import Refit
+from suta_calib.analysis.outliers.reference import ROUNDING, Refit
 from suta_calib.analysis.outliers.touches import Touches
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.solver.information import Rows, scaled_inverse, whitened_rows
 
 DRAWS: Final = 1000
-# Information, relative to the whole, that is a difference of equal numbers.
-ROUNDING: Final = 1e-9
 _SUMS: Final = [METRICS.index("contribution"), METRICS.index("cooks_distance")]
 
 
@@ -108,7 +106,13 @@ class _Imitation:
         flat = self._jacobian.reshape(-1, len(self._free))
         self._error = white - (step @ flat.T).reshape(white.shape)
         self._white = _Sums(self._error, self._jacobian)
-        self._metric = _Sums(self._error * sigma[:, None], self._jacobian * sigma[:, None, None])
+        # In units of the first row's standard deviation: mostly all rows have the same.
+        self._relative = sigma / sigma[0]
+        self._alike = bool(np.all(self._relative == 1.0))
+        self._metric = self._white
+        if not self._alike:
+            by_row = self._relative[:, None]
+            self._metric = _Sums(self._error * by_row, self._jacobian * by_row[:, :, None])
         self._registered = scene.registered
         if self._registered is not None:
             self._touched = self._registered.registered(noise)
@@ -116,37 +120,37 @@ class _Imitation:
     def group(self, grouping: Grouping, rows: BoolArray) -> FloatArray:
         """(4, draws) metrics of the samples of one group."""
         inside = np.flatnonzero(rows[self._fit.samples].any(axis=1))
-        step = self._step_without(rows, inside)
-        squared = (self._fit.sigma[inside] ** 2) * np.sum(self._error[:, inside] ** 2, axis=2)
+        gone = self._white.over(inside)
+        step = self._step_without(rows, gone)
+        squared = (self._relative[inside] ** 2) * np.sum(self._error[:, inside] ** 2, axis=2)
         share = np.sum((rows[self._fit.samples] * self._shares)[inside], axis=1)
         contribution = squared @ share / self._metric.squared
         n = len(self._fit.samples)
-        left = self._metric.without(inside, step) / max(n - len(inside), 1)
+        metric_gone = gone if self._alike else self._metric.over(inside)
+        left = self._metric.without(metric_gone, step) / max(n - len(inside), 1)
         fall = 1.0 - np.sqrt(left / (self._metric.squared / n))
         count = max((n - len(inside)) * self._error.shape[2], 1)
-        variance = self._white.without(inside, step) / count
+        variance = self._white.without(gone, step) / count
         # Without the group the others may be fitted exactly: nothing to measure a change by.
         exact = variance * count < ROUNDING * self._white.squared
         fall[exact] = np.nan
         cook = self._scene.influence.distance(step[:, self._named])
         cook = np.divide(cook, variance, out=np.full_like(cook, np.nan), where=~exact)
         if self._registered is None:
-            bias = np.sqrt(squared.mean(axis=1))
+            bias = self._fit.sigma[0] * np.sqrt(squared.mean(axis=1))
         else:
             touched = rows & self._fit.kept
             bias = systematic(self._touched, touched, grouping.name, self._registered)
         return np.array([contribution, cook, fall, bias])
 
-    def _step_without(self, rows: BoolArray, inside: IntArray) -> FloatArray:
+    def _step_without(self, rows: BoolArray, gone: _Sums) -> FloatArray:
         """(draws, free) change of the parameters when a group is left out."""
-        gone = np.zeros_like(self._hessian)
+        rest, gradient = self._hessian - gone.quadratic, gone.linear
         kept = np.flatnonzero(self._fit.kept)
-        for block in self._mine:
+        for block in self._mine[1:]:
             touched = rows[kept[block.line.view.block.samples]]
-            gone += _square(self._blocked(block)[touched.any(axis=1)])
-        gradient = _by_parameter(self._error[:, inside], self._jacobian[inside])
+            rest = rest - _square(self._blocked(block)[touched.any(axis=1)])
         # What only the group determined goes with it: its placement's pose, its point.
-        rest = self._hessian - gone
         left = np.flatnonzero(np.diag(rest) > ROUNDING * np.diag(self._hessian))
         step = np.zeros_like(gradient)
         step[:, left] = gradient[:, left] @ scaled_inverse(rest[np.ix_(left, left)], SINGULAR)
@@ -159,20 +163,27 @@ class _Imitation:
 
 
 class _Sums:
-    """Sums of squares of errors (draws, n, d) that a step changes by a Jacobian (n, d, p)."""
+    """Sums over rows of errors (draws, n, d) and of their Jacobian (n, d, p).
+
+    Attributes:
+        squared: (draws,) Σ e².
+        linear: (draws, p) Σ Jᵀ e.
+        quadratic: (p, p) Σ Jᵀ J.
+    """
 
     def __init__(self, error: FloatArray, jacobian: FloatArray) -> None:
         self._error, self._jacobian = error, jacobian
         self.squared = np.einsum("knd,knd->k", error, error)
-        self._linear, self._quadratic = _by_parameter(error, jacobian), _square(jacobian)
+        self.linear, self.quadratic = _by_parameter(error, jacobian), _square(jacobian)
 
-    def without(self, inside: IntArray, step: FloatArray) -> FloatArray:
-        """(draws,) Σ (e + J step)² over the rows that are not ``inside``."""
-        error, jacobian = self._error[:, inside], self._jacobian[inside]
-        constant = self.squared - np.einsum("knd,knd->k", error, error)
-        linear = self._linear - _by_parameter(error, jacobian)
-        quadratic = self._quadratic - _square(jacobian)
-        found = constant + np.sum((2 * linear + step @ quadratic) * step, axis=1)
+    def over(self, rows: IntArray) -> _Sums:
+        """The same over some rows alone."""
+        return _Sums(self._error[:, rows], self._jacobian[rows])
+
+    def without(self, gone: _Sums, step: FloatArray) -> FloatArray:
+        """(draws,) Σ (e + J step)² over the rows that are not ``gone``."""
+        linear, quadratic = self.linear - gone.linear, self.quadratic - gone.quadratic
+        found = self.squared - gone.squared + np.sum((2 * linear + step @ quadratic) * step, axis=1)
         return np.asarray(np.maximum(found, 0.0))
 
 

@@ -204,5 +204,5 @@ class Influence:
 
     def distance(self, change: FloatArray) -> FloatArray:
         """(k,) squared distances per direction of changes (k, p)."""
-        squared = np.einsum("kp,pq,kq->k", change, self.form, change)
+        squared = np.sum((change @ self.form) * change, axis=1)
         return np.asarray(squared / max(self.directions, 1))

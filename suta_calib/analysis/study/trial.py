@@ -15,6 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from typing import Final, Literal
 
 import numpy as np
@@ -23,7 +24,7 @@ from suta_calib.analysis.study.sets import Sets
 from suta_calib.arrays import FloatArray
 from suta_calib.diagnostics.accuracy import fit_own
 from suta_calib.errors import InputError, SamplesError
-from suta_calib.model.parameters import ParameterSet
+from suta_calib.model.parameters import Parameter, ParameterSet
 from suta_calib.simulation.inverse_kinematics import InverseKinematics, Targets
 from suta_calib.simulation.noise import scattered_rotations, stream
 from suta_calib.solver.ipopt import SolverOptions
@@ -124,7 +125,10 @@ def run_trial(data: StudyData, size: int, number: int) -> Trial:
     """One trial; what cannot be solved says why."""
     try:
         terms, held_out = _drawn(data, size, number)
-        solution = solve(Problem(terms, data.parameters), data.options)
+        # Where only held-out errors count, nobody asks how sure the values are.
+        solution = solve(
+            Problem(terms, data.parameters), data.options, spread=data.reference is not None
+        )
         if not solution.converged:
             return Trial(size, number, solution.sentence)
         rms = held_out_rms(solution, held_out)
@@ -161,7 +165,7 @@ def _rms(validation: Sequence[Term], arm: ParameterSet, known: Mapping[str, floa
     unknown = {p.name for term in validation for p in term.own} - known.keys()
     values = fit_own(validation, arm, known) if unknown else known
     same = [term for term in validation if term.kind == validation[0].kind]
-    problem = Problem(same, arm)
+    problem = _problem(tuple(same), tuple(arm.values()))
     x = np.array([values[name] for name in problem.names])
     lines = iter(problem.linearise(x, problem.assumed_sigmas()))
     squared = []
@@ -169,6 +173,12 @@ def _rms(validation: Sequence[Term], arm: ParameterSet, known: Mapping[str, floa
         first, *_ = [next(lines).error for _ in term.blocks]
         squared.append(np.einsum("nd,nd->n", first, first))
     return float(np.sqrt(np.mean(np.concatenate(squared))))
+
+
+@lru_cache(maxsize=1)
+def _problem(terms: tuple[Term, ...], arm: tuple[Parameter, ...]) -> Problem:
+    """One that trial after trial is judged by."""
+    return Problem(terms, ParameterSet(arm))
 
 
 def _drawn(data: StudyData, size: int, number: int) -> tuple[Sequence[Term], Sequence[Term]]:

@@ -1,0 +1,192 @@
+"""Gauss-Newton steps within bounds: down to the minimum beside a start.
+
+Each step minimises the quadratic that cost, gradient and Gauss-Newton matrix make at a point over
+the box of the bounds, exactly, so that a bound is where a step ends and not where it fails. A step
+that does not lower the cost is taken again shorter and turned towards the gradient (Levenberg 1944,
+doi:10.1090/qam/10666; Marquardt 1963, doi:10.1137/0111030).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from suta_calib.arrays import FloatArray
+
+# Evaluations, beyond which creeping along is left to others.
+MAX_EVALUATIONS: Final = 40
+# Of the cost: what it could still fall by where the next step is the last: 1e-5 of a standard
+# deviation, of which that step leaves next to nothing.
+SETTLED: Final = 1e-12
+# And what it could still fall by where rounding alone keeps it from falling.
+ROUNDED: Final = 1e-10
+# Damping, of the matrix's diagonal, where a full step fails for the first time, what a further
+# failure multiplies it with and, from one to the next, its factor; and below what it is none.
+FIRST_DAMPING: Final = 1e-2
+FIRST_GROWTH: Final = 2.0
+NO_DAMPING: Final = 1e-4
+# Pivot of a matrix with unit diagonal, squared, that is rounding.
+SINGULAR: Final = 1e-12
+
+Evaluate = Callable[[FloatArray], tuple[float, FloatArray, FloatArray]]
+
+
+@dataclass(frozen=True, eq=False)
+class Basin:
+    """A minimum that is known: where (n,), its cost, and the gradient and matrix there."""
+
+    z: FloatArray
+    cost: float
+    gradient: FloatArray
+    hessian: FloatArray
+
+    def cost_at(self, z: FloatArray) -> float:
+        """The cost at a point beside it."""
+        away = z - self.z
+        return self.cost + float(away @ self.gradient + 0.5 * away @ self.hessian @ away)
+
+
+@dataclass(frozen=True, eq=False)
+class Descent:
+    """Where a descent ended.
+
+    Attributes:
+        z, cost: the point (n,) and its cost.
+        settled: whether it is a minimum.
+        steps: how many were taken.
+        joined: number of the known minimum that its next step leads to, which it left off at.
+        basin: of the minimum, if one was found.
+    """
+
+    z: FloatArray
+    cost: float
+    settled: bool
+    steps: int
+    joined: int | None = None
+    basin: Basin | None = None
+
+
+def descend(
+    evaluate: Evaluate,
+    start: FloatArray,
+    bounds: tuple[FloatArray, FloatArray],
+    *,
+    settled: float = SETTLED,
+    steps: int = MAX_EVALUATIONS,
+    known: Sequence[Basin] = (),
+    joins: float = 0.0,
+) -> Descent:
+    """Gauss-Newton steps from a start within the bounds, each to a lower cost.
+
+    Args:
+        evaluate: cost, gradient (n,) and positive semidefinite matrix (n, n) at a point (n,).
+        start: (n,).
+        bounds: lower and upper ones, (n,) each; infinite where there are none.
+        settled: share of the cost that a minimum may promise to be above the true one.
+        steps: most steps.
+        known: minima that need no second visit.
+        joins: how far above a known minimum, in cost, a step ends that has reached it.
+    """
+    lower, upper = bounds
+    z = np.clip(start, lower, upper)
+    cost, gradient, hessian = evaluate(z)
+    damping, growth, taken = 0.0, FIRST_GROWTH, 0
+    if not _finite(cost, gradient, hessian):
+        return Descent(z, cost, False, taken)
+    for _ in range(MAX_EVALUATIONS):
+        room = lower - z, upper - z
+        step = boxed_step(hessian, gradient, *room)
+        left = promised = _promised(hessian, gradient, step)
+        there = np.clip(z + step, lower, upper)
+        if left <= settled * cost:
+            # Whether this step helps, no cost would tell; it is what is left of the way.
+            return Descent(there, cost, True, taken, basin=Basin(there, cost, gradient, hessian))
+        if damping:
+            damped = hessian + damping * np.diag(np.diag(hessian))
+            step = boxed_step(damped, gradient, *room)
+            promised = _promised(hessian, gradient, step)
+            there = np.clip(z + step, lower, upper)
+        for number, basin in enumerate(known):
+            if (found := basin.cost_at(there)) <= basin.cost + joins:
+                return Descent(there, found, True, taken, joined=number)
+        if taken >= steps:
+            break
+        value, *derivatives = evaluate(there)
+        if value < cost and _finite(*derivatives):
+            kept = (cost - value) / promised
+            z, cost, taken = there, value, taken + 1
+            gradient, hessian = derivatives
+            # Nielsen (1999), IMM-REP-1999-05: by how well the quadratic foretold it.
+            damping *= max(1.0 / 3.0, 1.0 - (2.0 * min(kept, 1.0) - 1.0) ** 3)
+            damping, growth = (damping if damping > NO_DAMPING else 0.0), FIRST_GROWTH
+        elif left <= ROUNDED * max(cost, 1.0):
+            return Descent(z, cost, True, taken, basin=Basin(z, cost, gradient, hessian))
+        else:
+            damping, growth = max(growth * damping, FIRST_DAMPING), FIRST_GROWTH * growth
+    return Descent(z, cost, False, taken)
+
+
+def _finite(*numbers: float | FloatArray) -> bool:
+    return all(np.isfinite(each).all() for each in numbers)
+
+
+def _promised(hessian: FloatArray, gradient: FloatArray, step: FloatArray) -> float:
+    """By how much a step lowers the quadratic."""
+    return -float(gradient @ step + 0.5 * step @ hessian @ step)
+
+
+def boxed_step(
+    hessian: FloatArray, gradient: FloatArray, lower: FloatArray, upper: FloatArray
+) -> FloatArray:
+    """The step d (n,) that minimises gᵀd + ½ dᵀHd over lower ≤ d ≤ upper, which zero is within.
+
+    By a primal active set: bounds are met one by one, and let go where the gradient leads away
+    from them (Nocedal and Wright 2006, section 16.5).
+    """
+    step = _newton(hessian, gradient)
+    if np.all((step >= lower) & (step <= upper)):
+        return step
+    n = len(gradient)
+    step, held = np.zeros(n), lower >= upper
+    for _ in range(10 * n):
+        slope = gradient + hessian @ step
+        move = np.zeros(n)
+        free = np.flatnonzero(~held)
+        move[free] = _newton(hessian[np.ix_(free, free)], slope[free])
+        room = np.full(n, np.inf)
+        up, down = move > 0, move < 0
+        room[up] = (upper - step)[up] / move[up]
+        room[down] = (lower - step)[down] / move[down]
+        first = int(np.argmin(room))
+        if room[first] < 1.0:
+            step = np.clip(step + room[first] * move, lower, upper)
+            step[first] = upper[first] if move[first] > 0 else lower[first]
+            held[first] = True
+            continue
+        step = np.clip(step + move, lower, upper)
+        slope = gradient + hessian @ step
+        pull = np.where(step >= upper, slope, -slope)
+        pull[~held | (lower >= upper)] = 0.0
+        # In units of the diagonal: by how much the cost would fall, but for rounding.
+        gain = pull / np.sqrt(np.maximum(np.diag(hessian), 1e-300))
+        most = int(np.argmax(gain))
+        if gain[most] <= 1e-9 * float(np.linalg.norm(gradient) + 1e-300):
+            break
+        held[most] = False
+    return step
+
+
+def _newton(hessian: FloatArray, gradient: FloatArray) -> FloatArray:
+    """-H⁺ g, of a positive semidefinite matrix whose diagonal may span many magnitudes."""
+    scale = np.sqrt(np.maximum(np.diag(hessian), 1e-300))
+    unit, along = hessian / np.outer(scale, scale), gradient / scale
+    try:
+        root = np.linalg.cholesky(unit)
+        if np.min(np.diag(root)) ** 2 > SINGULAR:
+            return np.asarray(-np.linalg.solve(unit, along) / scale)
+    except np.linalg.LinAlgError:
+        pass
+    return np.asarray(-np.linalg.lstsq(unit, along, rcond=SINGULAR)[0] / scale)
