@@ -141,8 +141,8 @@ class Block:
         """One row for each sample, of which nothing is certified."""
         n = len(data)
         rows, known = np.arange(n)[:, None], np.zeros(n)
-        names = tuple(str(label) for label in labels)
-        return cls(name, unit, size, residual, rows, own, data, noise, known, names)
+        names = labels.tolist() if isinstance(labels, np.ndarray) else map(str, labels)
+        return cls(name, unit, size, residual, rows, own, data, noise, known, tuple(names))
 
     def __len__(self) -> int:
         return len(self.samples)
