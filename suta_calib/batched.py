@@ -6,18 +6,21 @@ binds the arrays once and then costs only the arithmetic.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from functools import lru_cache
+from collections.abc import Callable, Iterator, Sequence
+from functools import lru_cache, partial
 from typing import Any, Final
 
 import numpy as np
 
 from suta_calib.arrays import FloatArray
+from suta_calib.elementwise import Elementwise, formula
 
 # Rows that one mapped function takes. A mapped function lists the place of every number of all its
 # rows, which for a million rows takes more memory than the numbers; many rows are so many at a
 # time.
 CHUNK: Final = 8192
+# Rows from which on NumPy computes faster what CasADi says.
+MANY: Final = 256
 
 
 class Batched:
@@ -43,11 +46,25 @@ class Batched:
         self.outputs: list[FloatArray] = [
             np.zeros((n, function.nnz_out(i))) for i in range(function.n_out())
         ]
-        self._parts = []
+        rule = formula(function, tuple(shared)) if n >= MANY else None
+        if rule is not None:
+            self._parts: list[Callable[[], object]] = [Elementwise(rule, self.inputs, self.outputs)]
+        else:
+            self._parts = list(self._mapped(function, n, tuple(shared)))
+
+    def __call__(self) -> list[FloatArray]:
+        """Evaluate at what `inputs` hold now; the answer is `outputs`."""
+        for part in self._parts:
+            part()
+        return self.outputs
+
+    def _mapped(
+        self, function: Any, n: int, shared: tuple[int, ...]
+    ) -> Iterator[Callable[[], object]]:
+        """CasADi's own evaluation of all rows, part by part."""
         for first in range(0, n, CHUNK):
             rows = slice(first, min(first + CHUNK, n))
-            mapped = _mapped(function, rows.stop - first, tuple(shared))
-            buffer, trigger = mapped.buffer()
+            buffer, trigger = _mapped(function, rows.stop - first, shared).buffer()
             for i, array in enumerate(self.inputs):
                 part = array if i in shared else array[rows]
                 if array.size:
@@ -55,14 +72,13 @@ class Batched:
             for i, array in enumerate(self.outputs):
                 if array.size:
                     buffer.set_res(i, memoryview(array[rows].reshape(-1).data))
-            # The trigger does not keep its buffer alive.
-            self._parts.append((buffer, trigger))
+            yield partial(_pull, trigger, buffer)
 
-    def __call__(self) -> list[FloatArray]:
-        """Evaluate at what `inputs` hold now; the answer is `outputs`."""
-        for _, trigger in self._parts:
-            trigger()
-        return self.outputs
+
+def _pull(trigger: Callable[[], object], buffer: Any) -> None:
+    # The trigger does not keep its buffer alive.
+    del buffer
+    trigger()
 
 
 # The same terms are solved again and again, over other unknowns or simulated readings.

@@ -13,7 +13,7 @@ import pytest
 ROWS = (
     {"errors", "arrays", "units", "assessment", "atomic", "distributions", "extras", "halton"}
     | {"lazy", "processes", "showing", "threads", "words"},
-    {"geometry", "batched", "plotting"},
+    {"geometry", "batched", "elementwise", "plotting"},
     {"model", "measurements"},
     {"terms", "robots"},
     {"solver"},

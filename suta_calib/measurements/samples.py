@@ -283,12 +283,14 @@ def _positive(name: str, values: ArrayLike, shape: tuple[int, ...]) -> FloatArra
 
 
 def _labels(name: str, values: Sequence[str] | NDArray[np.str_], n: int) -> NDArray[np.str_]:
-    array = np.array([str(value).strip() for value in values], dtype=np.str_)
+    if not isinstance(values, np.ndarray) or values.dtype.kind != "U":
+        values = np.array([str(value) for value in values], dtype=np.str_)
+    array = np.char.strip(values)
     if array.shape != (n,):
         raise SamplesError(f"{len(array)} labels", f"{n}, one per row of q", where=name)
-    for row, label in enumerate(array):
-        if not label or "\n" in label or "\r" in label:
-            raise SamplesError(repr(str(label)), "a label on one line", where=f"{name}[{row}]")
+    broken = (array == "") | (np.char.find(array, "\n") >= 0) | (np.char.find(array, "\r") >= 0)
+    for row in np.flatnonzero(broken):
+        raise SamplesError(repr(str(array[row])), "a label on one line", where=f"{name}[{row}]")
     return _frozen(array)
 
 

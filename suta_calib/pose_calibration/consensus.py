@@ -21,8 +21,10 @@ from suta_calib.distributions import chi2
 TRIES: Final = 300
 REFINED: Final = 8
 CONCENTRATIONS: Final = 20
-# Residuals of models that are held at once: 300 models of 100,000 rows would take gigabytes.
-AT_ONCE: Final = 1_000_000
+# Rows on which all models are tried, and how many of the best are then tried on all; the same
+# authors begin with parts of as many.
+SCREENING: Final = 300
+SCREENED: Final = 40
 # Rows that tell models apart as well as more do; so many Rousseeuw and Van Driessen take of more.
 MOST_ROWS: Final = 1_500
 # Probability that a set without outliers loses a row.
@@ -66,10 +68,11 @@ def find_consensus(
     rows = some_rows(count)
     # As many rows as a solution must fit for the highest breakdown.
     half = min(len(rows), (len(rows) + needed + 1) // 2)
-    few = max(1, AT_ONCE // len(rows))
-    parts = [samples[k : k + few] for k in range(0, len(samples), few)]
-    scores = [_score(residuals(propose(part), rows), half) for part in parts]
-    best = np.argsort(np.concatenate(scores), kind="stable")[:REFINED]
+    if len(rows) > SCREENING:
+        some = rows[np.linspace(0, len(rows) - 1, SCREENING).astype(np.intp)]
+        part = min(len(some), (len(some) + needed + 1) // 2)
+        samples = samples[_best(_score(residuals(propose(samples), some), part), SCREENED)]
+    best = _best(_score(residuals(propose(samples), rows), half), REFINED)
     basis = [*samples[best]]
     norms = residuals(propose(samples[best]), rows)
     kinds = norms.shape[-1]
@@ -95,6 +98,10 @@ def find_consensus(
         found = residuals(propose(basis[winner][None]), np.arange(count, dtype=np.intp))[0]
     inliers = np.sum((found / sigmas) ** 2, axis=-1) <= outlier_limit(count, kinds)
     return Consensus(inliers, sigmas)
+
+
+def _best(scores: FloatArray, count: int) -> IntArray:
+    return np.argsort(scores, kind="stable")[:count]
 
 
 def some_rows(count: int) -> IntArray:

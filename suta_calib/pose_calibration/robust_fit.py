@@ -248,7 +248,11 @@ def _settled(
         solution = solve(problem, SolverOptions(weights=None))
         if revise is not None:
             revise(solution.values, inliers)
-        residuals = evaluate(make(everything, noises), solution.values)
+        if inliers.all() and revise is None:
+            lines = problem.linearise(solution.x, solution.sigmas)
+            residuals = tuple(line.residual.copy() for line in lines)
+        else:
+            residuals = evaluate(make(everything, noises), solution.values)
         # Residuals are smaller than the noise because the unknowns followed it, block by block.
         numbers = DIMENSION * int(inliers.sum())
         left = np.maximum(numbers - _followed(solution), 1.0)

@@ -31,6 +31,7 @@ from suta_calib.solver.information import (
     whitened_rows,
 )
 from suta_calib.solver.problem import Problem
+from suta_calib.terms.block import grouped_rows
 
 # Touches from which on none has leverage worth freeing residuals of.
 MANY_TOUCHES: Final = 2000
@@ -177,9 +178,9 @@ def summed_by_pair(score: FloatArray, members: IntArray) -> FloatArray:
     """
     if members.shape[1] == 1:
         return np.zeros((0, score.shape[1]))
-    _, pair = np.unique(np.sort(members, axis=1), axis=0, return_inverse=True)
-    sums = np.zeros((int(pair.max()) + 1, score.shape[1]))
-    np.add.at(sums, pair.reshape(-1), score)
+    pair, count = grouped_rows(members)
+    sums = np.zeros((len(count), score.shape[1]))
+    np.add.at(sums, pair, score)
     return sums
 
 
@@ -202,8 +203,7 @@ def _between_pairs(score: FloatArray, gain: FloatArray, members: IntArray) -> Fl
     """What rows between the same two touches contribute: they were counted once for each."""
     if members.shape[1] == 1:
         return np.zeros((score.shape[1],) * 2)
-    _, pair = np.unique(np.sort(members, axis=1), axis=0, return_inverse=True)
-    pair = pair.reshape(-1)
+    pair, _ = grouped_rows(members)
     leverage = np.bincount(pair, np.einsum("ndp,ndp->n", gain, gain))
     by_pair = np.zeros((len(leverage), score.shape[1]))
     np.add.at(by_pair, pair, score)

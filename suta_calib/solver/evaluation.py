@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -16,6 +16,9 @@ from suta_calib.solver.kernel import Kernel, RowPattern, dense
 from suta_calib.solver.losses import huber, huber_weight, kept_curvature
 from suta_calib.terms.block import Block
 from suta_calib.terms.poses import ArmPoses, PoseSource
+
+# Rows whose Jacobian is held at once where it is summed: so few that it stays in the cache.
+AT_ONCE: Final = 2048
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,8 +169,7 @@ class Evaluation:
         here = self.table.changes, own.tobytes()
         if here != self._at:
             poses = self.table.rotation, self.table.position
-            pairs = zip(self.views, self._kernels, strict=True)
-            self._found = [kernel(*poses, own[view.own_columns]) for view, kernel in pairs]
+            self._found = [kernel(*poses, own) for kernel in self._kernels]
             self._at = here
         found = []
         blocks = zip(self.views, self._kernels, sigmas, self._found, strict=True)
@@ -195,31 +197,71 @@ class Evaluation:
         cost, gradient, hessian = 0.0, np.zeros(n), np.zeros((n, n))
         for line in self.linearise(x, sigmas):
             cost += self._cost(line)
-            residual, by_pose, by_own = _corrected(line)
-            white = residual.reshape(-1)
-            if not arm_moves:
-                own = line.pattern.by_own(by_own)
-                if own is not None:
-                    gradient[a:] += own.T @ white
-                    hessian[a:, a:] += dense(own.T @ own)
-                continue
-            arm, own = self.columns(line, by_pose, by_own)
-            gradient[:a] += arm.T @ white
-            hessian[:a, :a] += arm.T @ arm
-            if own is not None:
-                cross = own.T @ arm
-                gradient[a:] += own.T @ white
-                hessian[a:, :a] += cross
-                hessian[:a, a:] += cross.T
-                hessian[a:, a:] += dense(own.T @ own)
+            slope, curvature = self._normal_equations(line, arm_moves)
+            first = 0 if arm_moves else a
+            part = slice(first, first + len(slope))
+            gradient[part] += slope
+            hessian[part, part] += curvature
         return cost, gradient, hessian
+
+    def _normal_equations(self, line: Linearised, arm_moves: bool) -> tuple[FloatArray, FloatArray]:
+        """Gradient and Gauss-Newton matrix of one block, by the arm's parameters, then own ones.
+
+        The arm's are left out unless it moves, and own ones where the block looks at none.
+
+        Rows in the linear part of Huber's loss have less curvature along their residual than
+        weights alone would give (Triggs et al. 2000, doi:10.1007/3-540-44480-7_21, section 4.3).
+        """
+        root = np.sqrt(line.weight) / line.sigma
+        own = line.pattern.by_own(line.by_own)
+        if own is not None and not isinstance(own, np.ndarray):
+            return self._sparse_normal_equations(line, root, arm_moves)
+        both = [self._arm_columns(line, line.by_pose)] if arm_moves else []
+        both += [] if own is None else [own]
+        if not both:
+            return np.zeros(0), np.zeros((0, 0))
+        size, width = line.residual.shape[1], sum(part.shape[1] for part in both)
+        gradient, hessian = np.zeros(width), np.zeros((width, width))
+        outer = line.weight < 1.0
+        lost = 1.0 - kept_curvature(np.count_nonzero(outer) / max(len(outer), 1))
+        for first in range(0, len(root), AT_ONCE):
+            some = slice(first, first + AT_ONCE)
+            flat = slice(size * first, size * (first + AT_ONCE))
+            parts = [part[flat] for part in both]
+            jacobian = np.concatenate(parts, axis=1).reshape(-1, size, width)
+            jacobian *= root[some, None, None]
+            residual, beyond = root[some, None] * line.residual[some], outer[some]
+            rows = jacobian.reshape(-1, width)
+            gradient += rows.T @ residual.reshape(-1)
+            hessian += rows.T @ rows
+            if beyond.any():
+                far = residual[beyond]
+                unit = far / np.linalg.norm(far, axis=1, keepdims=True)
+                along = np.einsum("nd,ndp->np", unit, jacobian[beyond])
+                hessian -= lost * along.T @ along
+        return gradient, hessian
+
+    def _sparse_normal_equations(
+        self, line: Linearised, root: FloatArray, arm_moves: bool
+    ) -> tuple[FloatArray, FloatArray]:
+        """`_normal_equations` where each row looks at a few of many own parameters."""
+        residual, by_pose, by_own = _corrected(line, root)
+        white, own = residual.reshape(-1), line.pattern.by_own(by_own)
+        if not arm_moves:
+            return own.T @ white, dense(own.T @ own)
+        arm = self._arm_columns(line, by_pose)
+        cross = own.T @ arm
+        gradient = np.concatenate([arm.T @ white, own.T @ white])
+        return gradient, np.block([[arm.T @ arm, cross.T], [cross, dense(own.T @ own)]])
 
     def columns(self, line: Linearised, by_pose: FloatArray, by_own: FloatArray) -> tuple[Any, Any]:
         """Jacobian of a block's rows: dense by the arm's parameters, by own ones as they come."""
-        own = line.pattern.by_own(by_own)
+        return self._arm_columns(line, by_pose), line.pattern.by_own(by_own)
+
+    def _arm_columns(self, line: Linearised, by_pose: FloatArray) -> Any:
         if not self.arm_count:
-            return np.zeros((line.residual.size, 0)), own
-        return line.pattern.by_velocity(by_pose) @ self.table.velocity, own
+            return np.zeros((line.residual.size, 0))
+        return line.pattern.by_velocity(by_pose) @ self.table.velocity
 
     @staticmethod
     def _cost(line: Linearised) -> float:
@@ -228,13 +270,11 @@ class Evaluation:
         return 0.5 * float(np.sum(huber(squared, threshold)))
 
 
-def _corrected(line: Linearised) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _corrected(line: Linearised, root: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Residuals and derivatives such that JᵀR and JᵀJ are the robust gradient and matrix.
 
-    Rows in the linear part of Huber's loss have less curvature along their residual than weights
-    alone would give (Triggs et al. 2000, doi:10.1007/3-540-44480-7_21, section 4.3).
+    ``root`` (n,) is the factor that makes rows white.
     """
-    root = np.sqrt(line.weight) / line.sigma
     residual = root[:, None] * line.residual
     by_pose = root[:, None, None] * line.by_pose
     by_own = root[:, None, None] * line.by_own

@@ -42,6 +42,10 @@ class RowPattern:
         self._own: Any = None
         self._places: IntArray | None = None
         rows, looked_at = len(block) * block.size, own_columns.shape[1]
+        # Rows that all look at all parameters, in their order, are the matrix as they are.
+        self._whole = looked_at == own_count and bool(np.all(own_columns == np.arange(own_count)))
+        if self._whole:
+            return
         # A row that looks at one parameter twice needs the sum that a sparse matrix makes.
         once = bool(np.all(np.diff(np.sort(own_columns, axis=1), axis=1)))
         if looked_at and once and rows * own_count**2 <= DENSE:
@@ -61,6 +65,8 @@ class RowPattern:
 
         An array where that is faster, and else a sparse matrix: `dense` makes both an array.
         """
+        if self._whole and by_own.size:
+            return by_own.reshape(-1, by_own.shape[2])
         if self._places is not None:
             self._own.reshape(-1)[self._places] = by_own.reshape(-1)
         elif self._own is not None:
@@ -100,7 +106,10 @@ class Kernel:
             block.residual, poses, block.own.shape[1], block.data.shape[1], block.size
         )
         self._samples = block.samples + first_sample
-        self._batch = Batched(function, n)
+        # What every row looks at alike is computed once for all of them.
+        alike = bool(n) and bool(np.all(own_columns == own_columns[0]))
+        self._own = own_columns[0] if alike else own_columns
+        self._batch = Batched(function, n, [function.n_in() - 2] if alike else [])
         self._batch.inputs[-1][:] = block.data
         self._shape = (n, block.size, len(columns))
         which, component = np.divmod(columns, 6)
@@ -115,7 +124,7 @@ class Kernel:
         Args:
             rotation: (samples, 9) column by column.
             position: (samples, 3), m.
-            own: (n, m) the own parameters that each row looks at.
+            own: (own parameters,) all of them.
 
         Returns:
             Residuals (n, d), derivative by the pose velocities of `pattern` (n, d, c), and by the
@@ -126,9 +135,10 @@ class Kernel:
             pose, part = divmod(used, 2)
             source = position if part else rotation
             np.take(source, self._samples[:, pose], axis=0, out=slot)
-        self._batch.inputs[-2][:] = own
+        self._batch.inputs[-2][:] = own[self._own]
         residual, by_pose, by_own = self._batch()
-        return residual, by_pose.reshape(n, size, width), by_own.reshape(n, size, own.shape[1])
+        looked_at = self._own.shape[-1]
+        return residual, by_pose.reshape(n, size, width), by_own.reshape(n, size, looked_at)
 
 
 @lru_cache(maxsize=64)

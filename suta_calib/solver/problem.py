@@ -18,7 +18,7 @@ from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.errors import ParameterError
 from suta_calib.model.parameters import Parameter, ParameterSet
 from suta_calib.solver.evaluation import BlockView, Evaluation, Linearised
-from suta_calib.terms.block import Block
+from suta_calib.terms.block import Block, grouped_rows
 from suta_calib.terms.poses import ArmPoses
 from suta_calib.terms.term import Term
 
@@ -124,12 +124,11 @@ class Problem:
         """
         first = self.evaluation.table.first
         groups = [k + term.poses.postures for k, term in zip(first, self.terms, strict=False)]
-        each, found = np.concatenate(groups), []
-        for view in self.evaluation.views:
-            at = np.sort(each[view.block.samples + view.first_sample], axis=1)
-            _, group, count = np.unique(at, axis=0, return_inverse=True, return_counts=True)
-            found.append((group.reshape(-1).astype(np.intp), count.astype(np.intp)))
-        return tuple(found)
+        each = np.concatenate(groups)
+        return tuple(
+            grouped_rows(each[view.block.samples + view.first_sample])
+            for view in self.evaluation.views
+        )
 
     def linearise(self, x: FloatArray, sigmas: Sequence[float]) -> list[Linearised]:
         """Residuals and derivatives of every block at x, for given noise levels."""

@@ -33,6 +33,7 @@ from suta_calib.model.parameters import COMPLIANCE, EXPANSION, GAIN, OFFSET
 from suta_calib.solver.information import Rows, whitened_rows
 from suta_calib.solver.level_uncertainty import covariance_of_levels
 from suta_calib.solver.problem import Problem
+from suta_calib.terms.block import grouped_rows
 
 # The group of what is known of a camera's intrinsics.
 CAMERA: Final = "camera"
@@ -256,14 +257,9 @@ def _independent_shares(problem: Problem, rows: Sequence[Rows]) -> list[float]:
             residual = np.zeros((len(first), block.size))
             np.add.at(residual, rest.reshape(-1), line.residual * line.weight[:, None])
             residual /= read[:, None]
-            _, group, size = np.unique(
-                np.sort(touch[block.samples[first]], axis=1),
-                axis=0,
-                return_inverse=True,
-                return_counts=True,
-            )
+            group, size = grouped_rows(touch[block.samples[first]])
             together = np.zeros((len(size), block.size))
-            np.add.at(together, group.reshape(-1), residual)
+            np.add.at(together, group, residual)
             own, pairs = float(np.sum(residual**2)), float(np.sum(size * (size - 1.0)))
             alike = len(first) * (float(np.sum(together**2)) - own) / max(pairs * own, 1e-300)
             effect = 1.0 + pairs / len(first) * min(max(alike, 0.0), 1.0)

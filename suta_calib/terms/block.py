@@ -144,8 +144,8 @@ class Block:
         """One row for each sample, of which nothing is certified."""
         n = len(data)
         rows, known = np.arange(n)[:, None], np.zeros(n)
-        names = tuple(str(label) for label in labels)
-        return cls(name, unit, size, residual, rows, own, data, noise, known, names)
+        names = labels.tolist() if isinstance(labels, np.ndarray) else map(str, labels)
+        return cls(name, unit, size, residual, rows, own, data, noise, known, tuple(names))
 
     def __len__(self) -> int:
         return len(self.samples)
@@ -178,6 +178,18 @@ def grouped(labels: NDArray[Any]) -> tuple[list[str], IntArray]:
     rank = np.empty_like(order)
     rank[order] = np.arange(len(order))
     return [str(names[i]) for i in order], rank[inverse].astype(np.intp)
+
+
+def grouped_rows(members: IntArray) -> tuple[IntArray, IntArray]:
+    """Which of the different sets of members (n, k) each row has, (n,), and how often each is."""
+    if members.shape[1] == 1:
+        # Sorting numbers takes a tenth of sorting rows of one.
+        _, group, count = np.unique(members[:, 0], return_inverse=True, return_counts=True)
+    else:
+        _, group, count = np.unique(
+            np.sort(members, axis=1), axis=0, return_inverse=True, return_counts=True
+        )
+    return group.reshape(-1).astype(np.intp), count.astype(np.intp)
 
 
 def flat(matrices: FloatArray) -> FloatArray:

@@ -119,20 +119,23 @@ def test_a_clean_set_loses_a_row_as_seldom_as_promised(kinds: int) -> None:
     assert abs(lost - 4000 * FALSE_ALARM) < 20
 
 
-def test_the_residuals_of_a_few_models_are_held_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    """100,000 rows under 300 models would take gigabytes."""
-    values = cluster(200, 60, 0)
+def test_all_models_are_tried_on_some_rows_and_the_best_of_them_on_all(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The same rows agree, with nearly half of them wrong, and few residuals are held at once."""
+    values = cluster(1000, 450, 0)
     shapes = []
 
     def residuals(centres: np.ndarray, rows: np.ndarray) -> np.ndarray:
-        shapes.append((len(centres), len(values)))
+        shapes.append((len(centres), rows.shape[-1]))
         return np.linalg.norm(values[rows] - centres[:, None], axis=-1)[..., None]
 
-    monkeypatch.setattr(consensus, "AT_ONCE", 4000)
-    samples = minimal_samples(np.zeros(200, dtype=np.intp), 1, 0)
-    found = find_consensus(200, samples, lambda rows: values[rows].mean(axis=1), residuals, 1)
-    assert max(models * rows for models, rows in shapes) <= 4000
+    samples = minimal_samples(np.zeros(1000, dtype=np.intp), 1, 0)
+    found = find_consensus(1000, samples, lambda rows: values[rows].mean(axis=1), residuals, 1)
+    assert max(models * rows for models, rows in shapes) <= len(samples) * consensus.SCREENING
+    monkeypatch.setattr(consensus, "SCREENING", 1000)
     np.testing.assert_array_equal(found.inliers, centre_of(values).inliers)
+    assert not found.inliers[550:].any()
 
 
 def test_many_rows_are_all_judged_by_a_model_that_a_part_of_them_chose(
