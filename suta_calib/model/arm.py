@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import pickle
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from copy import copy
 from dataclasses import replace
 from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import Any, Final, cast
+from typing import Any, Final
 
 import numpy as np
 import pinocchio as pin
@@ -19,26 +19,21 @@ from suta_calib.atomic import write_bytes_atomically
 from suta_calib.batched import Batched
 from suta_calib.errors import ParameterError, UrdfError
 from suta_calib.geometry.symbols import Symbol
-from suta_calib.model.chain import Chain, ChainJoint, Mimic, read_chain
+from suta_calib.model.chain import Chain, read_chain
 from suta_calib.model.gravity import Load, beyond
-from suta_calib.model.kinematics import Motion, Segment, Told, forward_kinematics
+from suta_calib.model.kinematics import Segment, Told, forward_kinematics
 from suta_calib.model.parameters import (
-    BACKLASH,
     COMPLIANCE,
-    ECCENTRICITY,
     EXPANSION,
-    GAIN,
     LINKS,
     OFFSET,
-    PLAUSIBLE_ECCENTRICITY,
     POSITION,
-    ROTATION,
     Parameter,
     ParameterSet,
     Selection,
-    coupling_key,
     select_parameters,
 )
+from suta_calib.model.segments import geometric_parameters, nongeometric_parameters, segment_of
 from suta_calib.model.skeleton import Skeleton
 from suta_calib.model.urdf import folded_origin, urdf_bytes
 from suta_calib.model.xacro_file import plain_urdf
@@ -76,10 +71,10 @@ class ArmModel(Shown):
         columns = {joint.name: k for k, joint in enumerate(chain.moving)}
         sliding = {joint.name for joint in chain.moving if joint.type == "prismatic"}
         self.segments = tuple(
-            _segment(model, j, tip.get(j.name, j.name), columns, sliding) for j in chain.joints
+            segment_of(model, j, tip.get(j.name, j.name), columns, sliding) for j in chain.joints
         )
-        self.parameters = ParameterSet(p for s in self.segments for p in _geometric(s))
-        beside = [p for s in self.segments for p in _nongeometric(s)]
+        self.parameters = ParameterSet(p for s in self.segments for p in geometric_parameters(s))
+        beside = [p for s in self.segments for p in nongeometric_parameters(s)]
         self.nongeometric = ParameterSet([*beside, Parameter(LINKS, EXPANSION, "1/K")])
 
     @classmethod
@@ -419,68 +414,3 @@ def _kinematics(arm: ArmModel, names: tuple[str, ...], told: tuple[Told, ...]) -
 def _kinematics_of(chain: bytes) -> Symbol:
     """`forward_kinematics` of pickled arguments, which arms that are alike have alike."""
     return forward_kinematics(*pickle.loads(chain))
-
-
-def _segment(
-    model: pin.Model,
-    joint: ChainJoint,
-    owner: str,
-    columns: Mapping[str, int],
-    sliding: Collection[str],
-) -> Segment:
-    """A joint's own origin, relative to its parent link, its axis, and what may move it.
-
-    Args:
-        model: the arm.
-        joint: of it.
-        owner: of the joint's parameters.
-        columns: of the samples' readings, by joint.
-        sliding: those of them whose readings are lengths.
-    """
-    parent = model.frames[model.getFrameId(joint.parent, pin.FrameType.BODY)]
-    axis = np.zeros(3)
-    if joint.moving:
-        index = model.getJointId(joint.name)
-        placement = model.jointPlacements[index]
-        jacobian = pin.computeJointJacobian(model, model.createData(), pin.neutral(model), index)
-        subspace = jacobian.reshape(6, model.nv)[:, model.joints[index].idx_v]
-        axis = subspace[:3] + subspace[3:]
-    else:
-        kinds = pin.FrameType.FIXED_JOINT
-        placement = model.frames[model.getFrameId(joint.name, kinds)].placement
-    origin = parent.placement.actInv(placement)
-    motion = cast(Motion, "revolute" if joint.type == "continuous" else joint.type)
-    followed = joint.mimic or Mimic(joint.name, 1.0, 0.0)
-    slides = joint.type == "prismatic"
-    others = {n: k for n, k in columns.items() if n != followed.joint and (n in sliding) == slides}
-    return Segment(
-        *(owner, motion, origin.rotation, joint.xyz, axis),
-        columns.get(followed.joint, 0),
-        followed.multiplier,
-        followed.offset,
-        joint.climbed,
-        others if joint.moving else {},
-    )
-
-
-def _geometric(segment: Segment) -> Iterator[Parameter]:
-    for key, nominal in zip(POSITION, segment.position, strict=True):
-        yield Parameter(segment.owner, key, "m", float(nominal))
-    for key in ROTATION:
-        yield Parameter(segment.owner, key, "rad")
-    if segment.motion != "fixed":
-        yield Parameter(segment.owner, OFFSET, "m" if segment.motion == "prismatic" else "rad")
-
-
-def _nongeometric(segment: Segment) -> Iterator[Parameter]:
-    if segment.position.any():
-        yield Parameter(segment.owner, EXPANSION, "1/K")
-    if segment.motion != "fixed":
-        yield Parameter(segment.owner, GAIN, "1")
-        for joint in segment.others:
-            yield Parameter(segment.owner, coupling_key(joint), "1")
-    if segment.motion == "revolute":
-        for key in ECCENTRICITY:
-            yield Parameter(segment.owner, key, "rad", plausible=PLAUSIBLE_ECCENTRICITY)
-        yield Parameter(segment.owner, COMPLIANCE, "rad/Nm")
-        yield Parameter(segment.owner, BACKLASH, "rad", plausible=PLAUSIBLE_ECCENTRICITY)

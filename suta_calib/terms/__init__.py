@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from suta_calib.terms.kinds import first_kind as first_kind
     from suta_calib.terms.landmark import TouchedLandmark as TouchedLandmark
     from suta_calib.terms.line import TouchedLine as TouchedLine
+    from suta_calib.terms.observed import Observed as Observed
     from suta_calib.terms.pairwise_distance import PairwiseDistance as PairwiseDistance
     from suta_calib.terms.plane import TouchedPlane as TouchedPlane
     from suta_calib.terms.poses import ArmPoses as ArmPoses
@@ -28,13 +29,12 @@ if TYPE_CHECKING:
     from suta_calib.terms.poses import PoseSource as PoseSource
     from suta_calib.terms.range import MeasuredRange as MeasuredRange
     from suta_calib.terms.seating import Seating as Seating
+    from suta_calib.terms.setup import Setup as Setup
     from suta_calib.terms.synthetic import EXACT as EXACT
     from suta_calib.terms.synthetic import OutlierKind as OutlierKind
     from suta_calib.terms.synthetic import OutlierModel as OutlierModel
     from suta_calib.terms.synthetic import PoseNoise as PoseNoise
     from suta_calib.terms.synthetic import Simulated as Simulated
-    from suta_calib.terms.term import Observed as Observed
-    from suta_calib.terms.term import Setup as Setup
     from suta_calib.terms.term import Term as Term
     from suta_calib.terms.tracked_point import TrackedPoint as TrackedPoint
 

@@ -51,12 +51,14 @@ from suta_calib.terms.hand_eye_start import (
     inverse_poses,
     some_poses,
 )
+from suta_calib.terms.observed import Observed, Resimulation, TrueFrame
 from suta_calib.terms.outside import OutsideFrame, pose_named, pose_parameters, pose_values
 from suta_calib.terms.poses import PoseSource
 from suta_calib.terms.reprojection import NEAREST, REPROJECTION
 from suta_calib.terms.seen import FramedTerm
 from suta_calib.terms.seen_corners import with_corners
-from suta_calib.terms.term import Gap, Medium, Observed, Resimulation, Setup, Term, TrueFrame
+from suta_calib.terms.setup import Setup
+from suta_calib.terms.term import Gap, Medium, Term
 from suta_calib.words import listed
 
 # Cosine of the steepest angle at which a board is still found.

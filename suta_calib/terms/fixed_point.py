@@ -16,8 +16,10 @@ from suta_calib.geometry.symbols import Symbol
 from suta_calib.measurements import SampleColumns, Samples
 from suta_calib.model.parameters import Parameter
 from suta_calib.terms.block import LEARNT, Block, Noise, Pose, grouped
+from suta_calib.terms.observed import Observed
 from suta_calib.terms.outside import point_named, point_parameters
 from suta_calib.terms.poses import MeasuredPoses, PoseSource
+from suta_calib.terms.setup import Setup
 from suta_calib.terms.synthetic import (
     EXACT,
     NO_OUTLIERS,
@@ -28,7 +30,7 @@ from suta_calib.terms.synthetic import (
     named,
     random_turns,
 )
-from suta_calib.terms.term import Gap, Observed, Setup, Term
+from suta_calib.terms.term import Gap, Term
 
 # Relative eigenvalue of the normal matrix below which a direction is not determined at all.
 _ROUNDING: Final = 1e-12

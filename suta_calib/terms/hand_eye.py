@@ -20,6 +20,7 @@ from suta_calib.measurements.pose_files import FAR, NEAR
 from suta_calib.terms.block import Block, Pose, flat, pose_of
 from suta_calib.terms.checks import check_unit
 from suta_calib.terms.hand_eye_start import Poses, close_the_loop, quaternion_hand_eye
+from suta_calib.terms.observed import Observed, TrueFrame
 from suta_calib.terms.outside import pose_named, pose_values
 from suta_calib.terms.poses import ArmPoses, MeasuredPoses, PoseSource
 from suta_calib.terms.seen import SEEN_UNIT, SeenTerm
@@ -33,7 +34,7 @@ from suta_calib.terms.synthetic import (
     named,
     random_turns,
 )
-from suta_calib.terms.term import Gap, Medium, Observed, TrueFrame
+from suta_calib.terms.term import Gap, Medium
 
 # Where the eye is in the hand, and where the target, unless `HandEye.simulate` is told.
 _X: Final = (rotation_from_vector([0.1, 0.2, -1.5]), np.array([0.02, -0.05, 0.08]))

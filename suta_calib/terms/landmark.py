@@ -19,10 +19,12 @@ from suta_calib.measurements import Artefact, SampleColumns
 from suta_calib.model.parameters import Parameter
 from suta_calib.terms.block import LEARNT, Block, Certified, Noise, Pose, flat, grouped, pose_of
 from suta_calib.terms.checks import check_unit
+from suta_calib.terms.observed import Observed, Resimulation
 from suta_calib.terms.outside import pose_named, pose_parameters, pose_values
 from suta_calib.terms.poses import ArmPoses, PoseSource
 from suta_calib.terms.seating import Seating, seat_axes, seated_at
-from suta_calib.terms.term import Observed, Resimulation, Setup, Term
+from suta_calib.terms.setup import Setup
+from suta_calib.terms.term import Term
 
 ARTEFACT_COLUMNS: Final = SampleColumns(
     labels=("placement", "repeat", "landmark"),

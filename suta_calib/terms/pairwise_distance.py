@@ -28,9 +28,11 @@ from suta_calib.terms.landmark import (
     positions_only,
     seated,
 )
+from suta_calib.terms.observed import Observed
 from suta_calib.terms.poses import PoseSource
 from suta_calib.terms.seating import Seating, seat_axes, seated_at
-from suta_calib.terms.term import Observed, Setup, Term
+from suta_calib.terms.setup import Setup
+from suta_calib.terms.term import Term
 
 # Distances of one term: each costs a kilobyte or two while it is solved, and m touches of one
 # placement make m²/2 of them. From so many on, each touch is paired with some of the others only.

@@ -20,9 +20,11 @@ from suta_calib.model.parameters import Parameter
 from suta_calib.terms.block import LEARNT, Block, Noise, Pose, grouped
 from suta_calib.terms.checks import check_turned
 from suta_calib.terms.given import GivenPose, Known
+from suta_calib.terms.observed import Observed
 from suta_calib.terms.outside import OutsideFrame, OutsidePose, pose_parameters
 from suta_calib.terms.poses import PoseSource
-from suta_calib.terms.term import Observed, Setup, Term
+from suta_calib.terms.setup import Setup
+from suta_calib.terms.term import Term
 
 # Three touches lie on some plane whatever the arm is: the fourth is the first that tells.
 FEWEST: Final = 4

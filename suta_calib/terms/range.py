@@ -18,9 +18,11 @@ from suta_calib.measurements.keys import Key
 from suta_calib.model.parameters import Parameter
 from suta_calib.terms.block import LEARNT, Block, Noise, Pose, grouped, norm
 from suta_calib.terms.checks import OTHER_UNIT
+from suta_calib.terms.observed import Observed
 from suta_calib.terms.outside import PLAUSIBLE_POSITION, point_named, point_parameters
 from suta_calib.terms.poses import ArmPoses, PoseSource
-from suta_calib.terms.term import Observed, Setup, Term
+from suta_calib.terms.setup import Setup
+from suta_calib.terms.term import Term
 from suta_calib.units import from_mm, mm
 
 # Lengths between which simulated ones are where the file does not say, m.

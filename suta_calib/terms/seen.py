@@ -13,7 +13,8 @@ from suta_calib.terms.block import LEARNT, Noise
 from suta_calib.terms.given import GivenPose, Known
 from suta_calib.terms.outside import pose_parameters
 from suta_calib.terms.poses import PoseSource
-from suta_calib.terms.term import Setup, Term
+from suta_calib.terms.setup import Setup
+from suta_calib.terms.term import Term
 
 # What says the unit of what is seen.
 SEEN_UNIT: Final = (

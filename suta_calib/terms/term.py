@@ -17,22 +17,23 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, ClassVar, Final, Literal, Protocol, Self
+from typing import Any, ClassVar, Final, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from suta_calib.arrays import BoolArray, FloatArray, IntArray
+from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.assessment import Level
-from suta_calib.errors import ArtefactError, SamplesError, did_you_mean
+from suta_calib.errors import SamplesError, did_you_mean
 from suta_calib.measurements import Artefact, SampleColumns, YamlSection
 from suta_calib.measurements.keys import Key
 from suta_calib.model.parameters import POSITION, Parameter
-from suta_calib.terms.block import Block, Noise, grouped, joined
+from suta_calib.terms.block import Block, grouped, joined
 from suta_calib.terms.given import GivenPose, Known
+from suta_calib.terms.observed import Observed, Resimulation, TrueFrame
 from suta_calib.terms.outside import OutsideFrame, frames_of
 from suta_calib.terms.poses import PoseSource
-from suta_calib.terms.seating import Seating
+from suta_calib.terms.setup import Setup
 from suta_calib.units import mm
 
 # What tells where the arm is: its tip touches something, an instrument sees the tip, or a camera
@@ -45,109 +46,6 @@ Gap = Literal["base", "tool", "place"]
 
 # Metres that stand where millimetres belong: how many times too near that is, nearly.
 _IN_METRES: Final = (700.0, 1400.0)
-
-
-@dataclass(frozen=True)
-class Setup:
-    """What a row of a job file can say beside its samples; every kind takes what it needs.
-
-    Attributes:
-        artefact: certified landmarks, or None.
-        noise, angular_noise: scatter and robustness of lengths and of angles.
-        label: tells several instruments, or sockets, of one kind apart.
-        seating: what the artefact's sockets leave open, or None.
-        settings: what the kind's own keys say, as its `Term.read_settings` has read them.
-    """
-
-    artefact: Artefact | None = None
-    noise: Noise = field(default_factory=Noise)
-    angular_noise: Noise = field(default_factory=Noise)
-    label: str = "default"
-    seating: Seating | None = None
-    settings: Mapping[str, Any] = field(default_factory=dict)
-
-    def certified(self, kind: str) -> Artefact:
-        """The artefact, or the error that it is missing."""
-        if self.artefact is None:
-            raise ArtefactError("no artefact", f"an artefact for {kind}", where=kind)
-        return self.artefact
-
-
-@dataclass(frozen=True)
-class TrueFrame:
-    """A frame that a simulation of a kind may state, in place of the unknown that it is.
-
-    Attributes:
-        own: the unknowns, ``own.x … own.rz``.
-        key: of the simulation's file: what it is, ``_in_``, and in whose frame.
-        about: what it is, in words.
-        required: whether a simulation must state it; the frames coincide by default.
-        seen_from: whether it is the pose of what stands still in what sees it, not of what sees in
-            what carries it.
-    """
-
-    own: str
-    key: str
-    about: str
-    required: bool
-    seen_from: bool = False
-
-
-@dataclass(frozen=True, eq=False)
-class Observed:
-    """What an ideal instrument would report, or where a tip that touches ideally would be.
-
-    Attributes:
-        position: (n, 3), m: of what is seen, in the instrument or the camera; of a tip that
-            touches, in the base.
-        rotation: (n, 3, 3) of the same, or None where the observation says nothing of it.
-        pixels: (n, points, 2) where a camera sees the points of a board, px, NaN for those that it
-            does not; None for who sees no points. What is seen is then these.
-    """
-
-    position: FloatArray
-    rotation: FloatArray | None = None
-    pixels: FloatArray | None = None
-
-    @property
-    def in_sight(self) -> BoolArray:
-        """(n,) whether something is seen: of a board, half of its points."""
-        if self.pixels is None:
-            return np.ones(len(self.position), dtype=np.bool_)
-        return np.asarray(np.isfinite(self.pixels[..., 0]).mean(axis=1) >= 0.5)
-
-
-class Resimulation(Protocol):
-    """A measurement repeated in simulation: how an arm reaches its targets, and how that scatters.
-
-    A term knows where its touches should have been, or what its instrument should have seen; the
-    rest is the resimulation's: `analysis.study.trial` has one.
-    """
-
-    def touched(self, poses: PoseSource, target: FloatArray, sigma: float) -> PoseSource:
-        """Poses near the given ones whose tip is at the targets (n, 3), m, plus noise.
-
-        Args:
-            poses: as they were measured.
-            target: (n, 3) where the tip should have been, m, in the base frame.
-            sigma: standard deviation of each coordinate, m.
-        """
-
-    def seen(
-        self, poses: PoseSource, seen: Observed, noise: Sequence[float], relative: FloatArray
-    ) -> PoseSource:
-        """The same poses with what an instrument sees in their samples, plus noise.
-
-        Args:
-            poses: as they were measured.
-            seen: without noise.
-            noise: standard deviation of a coordinate, m, and, where orientations are seen, of a
-                component of their turn, rad; of pixels, px.
-            relative: factor on the first of them, of each coordinate (n, 3), or of all (1, 1).
-        """
-
-    def turned(self, rotation: FloatArray, sigma: float) -> FloatArray:
-        """Rotations (n, 3, 3), each turned by noise of ``sigma`` rad about every axis."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,6 +20,7 @@ from suta_calib.model.parameters import Parameter
 from suta_calib.terms.block import Block, Pose, flat, grouped, pose_of
 from suta_calib.terms.checks import check_unit
 from suta_calib.terms.hand_eye_start import Poses, chordal_mean
+from suta_calib.terms.observed import Observed, TrueFrame
 from suta_calib.terms.outside import (
     point_named,
     point_parameters,
@@ -39,7 +40,7 @@ from suta_calib.terms.synthetic import (
     named,
 )
 from suta_calib.terms.target_start import instrument_and_targets
-from suta_calib.terms.term import Gap, Medium, Observed, TrueFrame
+from suta_calib.terms.term import Gap, Medium
 
 # Where the instrument sees the base from, unless `TrackedPoint.simulate` is told.
 _T: Final = (rotation_from_vector([0.3, -1.2, 0.7]), np.array([1.1, -0.4, 0.6]))

@@ -31,8 +31,8 @@ from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution, State
 from suta_calib.solver.solve import solve
 from suta_calib.terms import Term
+from suta_calib.terms.observed import Observed
 from suta_calib.terms.poses import ArmPoses, PoseSource
-from suta_calib.terms.term import Observed
 from suta_calib.threads import single_threaded
 
 Kind = Literal["size", "bootstrap", "monte-carlo"]

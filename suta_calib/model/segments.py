@@ -1,0 +1,92 @@
+"""One joint of a chain as Pinocchio understood it, and the parameters that it offers."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping
+from typing import cast
+
+import numpy as np
+import pinocchio as pin
+
+from suta_calib.model.chain import ChainJoint, Mimic
+from suta_calib.model.kinematics import Motion, Segment
+from suta_calib.model.parameters import (
+    BACKLASH,
+    COMPLIANCE,
+    ECCENTRICITY,
+    EXPANSION,
+    GAIN,
+    OFFSET,
+    PLAUSIBLE_ECCENTRICITY,
+    POSITION,
+    ROTATION,
+    Parameter,
+    coupling_key,
+)
+
+
+def segment_of(
+    model: pin.Model,
+    joint: ChainJoint,
+    owner: str,
+    columns: Mapping[str, int],
+    sliding: Collection[str],
+) -> Segment:
+    """A joint's own origin, relative to its parent link, its axis, and what may move it.
+
+    Args:
+        model: the arm.
+        joint: of it.
+        owner: of the joint's parameters.
+        columns: of the samples' readings, by joint.
+        sliding: those of them whose readings are lengths.
+    """
+    parent = model.frames[model.getFrameId(joint.parent, pin.FrameType.BODY)]
+    axis = np.zeros(3)
+    if joint.moving:
+        index = model.getJointId(joint.name)
+        placement = model.jointPlacements[index]
+        jacobian = pin.computeJointJacobian(model, model.createData(), pin.neutral(model), index)
+        subspace = jacobian.reshape(6, model.nv)[:, model.joints[index].idx_v]
+        axis = subspace[:3] + subspace[3:]
+    else:
+        kinds = pin.FrameType.FIXED_JOINT
+        placement = model.frames[model.getFrameId(joint.name, kinds)].placement
+    origin = parent.placement.actInv(placement)
+    motion = cast(Motion, "revolute" if joint.type == "continuous" else joint.type)
+    followed = joint.mimic or Mimic(joint.name, 1.0, 0.0)
+    slides = joint.type == "prismatic"
+    others = {n: k for n, k in columns.items() if n != followed.joint and (n in sliding) == slides}
+    return Segment(
+        *(owner, motion, origin.rotation, joint.xyz, axis),
+        columns.get(followed.joint, 0),
+        followed.multiplier,
+        followed.offset,
+        joint.climbed,
+        others if joint.moving else {},
+    )
+
+
+def geometric_parameters(segment: Segment) -> Iterator[Parameter]:
+    """Its placement relative to its parent link, and the offset of its encoder."""
+    for key, nominal in zip(POSITION, segment.position, strict=True):
+        yield Parameter(segment.owner, key, "m", float(nominal))
+    for key in ROTATION:
+        yield Parameter(segment.owner, key, "rad")
+    if segment.motion != "fixed":
+        yield Parameter(segment.owner, OFFSET, "m" if segment.motion == "prismatic" else "rad")
+
+
+def nongeometric_parameters(segment: Segment) -> Iterator[Parameter]:
+    """What a joint of its kind may do beside its geometry: zero unless found otherwise."""
+    if segment.position.any():
+        yield Parameter(segment.owner, EXPANSION, "1/K")
+    if segment.motion != "fixed":
+        yield Parameter(segment.owner, GAIN, "1")
+        for joint in segment.others:
+            yield Parameter(segment.owner, coupling_key(joint), "1")
+    if segment.motion == "revolute":
+        for key in ECCENTRICITY:
+            yield Parameter(segment.owner, key, "rad", plausible=PLAUSIBLE_ECCENTRICITY)
+        yield Parameter(segment.owner, COMPLIANCE, "rad/Nm")
+        yield Parameter(segment.owner, BACKLASH, "rad", plausible=PLAUSIBLE_ECCENTRICITY)

@@ -1,0 +1,89 @@
+"""What an ideal instrument would report, and how a simulation of it scatters."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from suta_calib.arrays import BoolArray, FloatArray
+from suta_calib.terms.poses import PoseSource
+
+
+@dataclass(frozen=True)
+class TrueFrame:
+    """A frame that a simulation of a kind may state, in place of the unknown that it is.
+
+    Attributes:
+        own: the unknowns, ``own.x … own.rz``.
+        key: of the simulation's file: what it is, ``_in_``, and in whose frame.
+        about: what it is, in words.
+        required: whether a simulation must state it; the frames coincide by default.
+        seen_from: whether it is the pose of what stands still in what sees it, not of what sees in
+            what carries it.
+    """
+
+    own: str
+    key: str
+    about: str
+    required: bool
+    seen_from: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Observed:
+    """What an ideal instrument would report, or where a tip that touches ideally would be.
+
+    Attributes:
+        position: (n, 3), m: of what is seen, in the instrument or the camera; of a tip that
+            touches, in the base.
+        rotation: (n, 3, 3) of the same, or None where the observation says nothing of it.
+        pixels: (n, points, 2) where a camera sees the points of a board, px, NaN for those that it
+            does not; None for who sees no points. What is seen is then these.
+    """
+
+    position: FloatArray
+    rotation: FloatArray | None = None
+    pixels: FloatArray | None = None
+
+    @property
+    def in_sight(self) -> BoolArray:
+        """(n,) whether something is seen: of a board, half of its points."""
+        if self.pixels is None:
+            return np.ones(len(self.position), dtype=np.bool_)
+        return np.asarray(np.isfinite(self.pixels[..., 0]).mean(axis=1) >= 0.5)
+
+
+class Resimulation(Protocol):
+    """A measurement repeated in simulation: how an arm reaches its targets, and how that scatters.
+
+    A term knows where its touches should have been, or what its instrument should have seen; the
+    rest is the resimulation's: `analysis.study.trial` has one.
+    """
+
+    def touched(self, poses: PoseSource, target: FloatArray, sigma: float) -> PoseSource:
+        """Poses near the given ones whose tip is at the targets (n, 3), m, plus noise.
+
+        Args:
+            poses: as they were measured.
+            target: (n, 3) where the tip should have been, m, in the base frame.
+            sigma: standard deviation of each coordinate, m.
+        """
+
+    def seen(
+        self, poses: PoseSource, seen: Observed, noise: Sequence[float], relative: FloatArray
+    ) -> PoseSource:
+        """The same poses with what an instrument sees in their samples, plus noise.
+
+        Args:
+            poses: as they were measured.
+            seen: without noise.
+            noise: standard deviation of a coordinate, m, and, where orientations are seen, of a
+                component of their turn, rad; of pixels, px.
+            relative: factor on the first of them, of each coordinate (n, 3), or of all (1, 1).
+        """
+
+    def turned(self, rotation: FloatArray, sigma: float) -> FloatArray:
+        """Rotations (n, 3, 3), each turned by noise of ``sigma`` rad about every axis."""
