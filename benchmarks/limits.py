@@ -27,8 +27,10 @@ FIGURES: Final = RESULTS / "limits.json"
 PAGE: Final = RESULTS / "limits.md"
 
 IMPORTS: Final = "import pinocchio, casadi, scipy"
-# SciPy loads its parts when they are asked for, and every command needs these two.
-NEEDED_IMPORTS: Final = f"{IMPORTS}; import scipy.sparse, scipy.spatial.transform"
+# SciPy loads its parts when they are asked for: an answer needs two, and a command the others.
+NEEDED_IMPORTS: Final = (
+    f"{IMPORTS}; import scipy.sparse, scipy.special, click, rich.console, rich.table"
+)
 
 
 @dataclass(frozen=True)
@@ -64,6 +66,7 @@ _STARTUP: Final = "× bare imports"
 LIMITS: Final = (
     Limit("help", "`--help`", 0.15, "s", "bench_commands.py"),
     Limit("calibrate", "`calibrate`, shipped job", 1.6, _STARTUP, "bench_commands.py"),
+    Limit("waited", "the same, wall time", 1.6, _STARTUP, "bench_commands.py"),
     Limit("observe", "`observe`, shipped job", 1.3, _STARTUP, "bench_commands.py"),
     Limit("validate", "`validate`, shipped job", 1.3, _STARTUP, "bench_commands.py"),
     Limit("pivot", "`pivot`, shipped poses", 1.3, _STARTUP, "bench_commands.py"),
@@ -101,6 +104,11 @@ def record(key: str, figures: Sequence[float], peer: str = "") -> None:
 
 def processor_time(command: Sequence[str]) -> float:
     """User and system time of one process and its children, s; what it says is dropped."""
+    return times(command)[0]
+
+
+def times(command: Sequence[str]) -> tuple[float, float]:
+    """The same, and its wall time, s."""
     before = os.times()
     subprocess.run(
         [sys.executable, *command],
@@ -110,9 +118,10 @@ def processor_time(command: Sequence[str]) -> float:
         check=True,
     )
     after = os.times()
-    return (after.children_user + after.children_system) - (
+    processor = (after.children_user + after.children_system) - (
         before.children_user + before.children_system
     )
+    return processor, after.elapsed - before.elapsed
 
 
 def _cells(limit: Limit, found: dict[str, list[float] | str]) -> tuple[str, ...]:
@@ -133,7 +142,8 @@ def _page(known: dict[str, dict[str, list[float] | str]]) -> str:
         "# What may take how long",
         "",
         "Written by `make bench`: each limit beside its figure, several runs each, one thread of",
-        "linear algebra. Seconds are processor time, user and system. *Bare imports* are",
+        "linear algebra. Seconds are processor time, user and system; wall time is that of a quiet",
+        "computer. *Bare imports* are",
         f"`{IMPORTS}` in the same run. Whether a limit is kept goes by the median.",
         f"Python {platform.python_version()}, {os.cpu_count()} cores. Much data: `large.md`.",
         "",

@@ -6,13 +6,10 @@ import io
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike
-from ruamel.yaml import YAML
-from ruamel.yaml.comments import CommentedMap
-from ruamel.yaml.scalarstring import DoubleQuotedScalarString
 
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import ArtefactError, did_you_mean
@@ -176,6 +173,9 @@ def write_artefact(path: Path, artefact: Artefact) -> None:
 
 def artefact_text(artefact: Artefact) -> str:
     """Content of ``artefact.yaml``: millimetres to 1 pm, degrees to 1e-9."""
+    from ruamel.yaml import YAML
+    from ruamel.yaml.comments import CommentedMap
+
     landmarks = CommentedMap()
     for name, landmark in artefact.landmarks.items():
         row = CommentedMap(position_mm=_rounded(mm(landmark.position)))
@@ -191,9 +191,13 @@ def artefact_text(artefact: Artefact) -> str:
     return text.getvalue()
 
 
-def _quotable(name: str) -> str:
+def _quotable(name: str) -> Any:
     """The name, marked to be written with escapes where YAML would otherwise fold it."""
-    return name if name.isprintable() else DoubleQuotedScalarString(name)
+    if name.isprintable():
+        return name
+    from ruamel.yaml.scalarstring import DoubleQuotedScalarString
+
+    return DoubleQuotedScalarString(name)
 
 
 def _rounded(values: ArrayLike) -> list[float]:

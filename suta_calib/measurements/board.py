@@ -16,8 +16,6 @@ from typing import Any, ClassVar, Final, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
-from ruamel.yaml import YAML
-from ruamel.yaml.comments import CommentedMap, CommentedSeq
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.errors import BoardError
@@ -375,6 +373,8 @@ def _length(section: YamlSection, key: str) -> float:
 
 def board_text(board: Board) -> str:
     """Content of ``board.yaml``, millimetres to 1 pm."""
+    from ruamel.yaml import YAML
+
     yaml, text = YAML(), io.StringIO()
     yaml.width = 1000
     yaml.dump(_flow(board.row()), text)
@@ -392,6 +392,8 @@ def write_board(path: Path, board: Board) -> None:
 
 def _flow(value: Any, depth: int = 0) -> Any:
     """What YAML writes: rows of a table on a line each, numbers rounded."""
+    from ruamel.yaml.comments import CommentedMap, CommentedSeq
+
     if isinstance(value, dict):
         mapping = CommentedMap({key: _flow(each, depth + 1) for key, each in value.items()})
         if depth > 1:

@@ -35,7 +35,7 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from typing import Literal
@@ -157,9 +157,9 @@ class _Walk:
         names, nominal = segment.names(*POSITION), ca.SX(_snapped(segment.rotation))
         if segment.climbed:
             self.rotation = self.rotation @ nominal.T
-        way = -1 if segment.climbed else 1
         stretch: Symbol = ca.SX(1)
-        along = way * self.rotation @ ca.vertcat(*map(self.value, names))
+        axes = -self.rotation if segment.climbed else self.rotation
+        along = axes @ ca.vertcat(*map(self.value, names))
         warmth = ca.SX(0) if self.warmth is None else self.warmth
         # A joint that is called as all links are has no expansion of its own.
         for expansion in dict.fromkeys(f"{owner}.{EXPANSION}" for owner in (LINKS, segment.owner)):
@@ -167,7 +167,8 @@ class _Walk:
                 stretch += self.value(expansion) * warmth
                 self.note(expansion, along * warmth)
         for k, name in enumerate(names):
-            self.note(name, way * self.rotation[:, k] * stretch)
+            if name in self.index:
+                self.note(name, axes[:, k] * stretch)
         self.position += along * stretch
         if not segment.climbed:
             self.rotation = self.rotation @ nominal
@@ -203,7 +204,8 @@ class _Walk:
             effects[name] = effect
         turns = segment.motion == "revolute"
         for name, effect in effects.items():
-            self.note(name, way * along * effect, point if turns else None)
+            if name in self.index:
+                self.note(name, way * along * effect, point if turns else None)
         (compliance,) = segment.names(COMPLIANCE)
         if segment.owner in self.torques and self.matters(compliance):
             # What a coupling turns, gravity pulls at elsewhere.
@@ -224,25 +226,28 @@ class _Walk:
         self, segment: Segment, reading: Symbol, q: Symbol
     ) -> Iterator[tuple[str, Symbol]]:
         """Names of errors that are no geometry, with the joint's turn per unit of each."""
-        turns = {GAIN: reading}
+        turns: dict[str, Callable[[], Symbol]] = {GAIN: lambda: reading}
         if segment.motion == "revolute":
             turns |= {
-                "ecc_c1": ca.cos(reading),
-                "ecc_s1": ca.sin(reading),
-                "ecc_c2": ca.cos(2 * reading),
-                "ecc_s2": ca.sin(2 * reading),
-                COMPLIANCE: self.torques.get(segment.owner),
+                "ecc_c1": lambda: ca.cos(reading),
+                "ecc_s1": lambda: ca.sin(reading),
+                "ecc_c2": lambda: ca.cos(2 * reading),
+                "ecc_s2": lambda: ca.sin(2 * reading),
+                COMPLIANCE: lambda: self.torques.get(segment.owner),
+                BACKLASH: lambda: self._lost(segment),
             }
-            turns[BACKLASH] = ca.SX(0)
-            if self.direction is not None:
-                way = math.copysign(0.5, segment.multiplier)
-                turns[BACKLASH] = -way * self.direction[segment.column]
         for name, turn in zip(segment.names(*turns), turns.values(), strict=True):
             if self.matters(name):
-                yield name, turn
+                yield name, turn()
         for name, joint in segment.couplings.items():
             if self.matters(name):
                 yield name, q[segment.others[joint]]
+
+    def _lost(self, segment: Segment) -> Symbol:
+        """What a joint lags behind its reading by, per unit of its backlash."""
+        if self.direction is None:
+            return ca.SX(0)
+        return -math.copysign(0.5, segment.multiplier) * self.direction[segment.column]
 
     def jacobian(self) -> Symbol:
         """(6, n): linear over angular velocity of the tip in the base frame, per parameter."""

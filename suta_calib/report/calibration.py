@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import platform
 from collections.abc import Iterator, Mapping, Sequence
-from functools import partial
+from functools import cache, partial
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any, Final
 
@@ -115,7 +115,8 @@ def calibration_document(result: CalibrationResult, *, verbose: bool = False) ->
     )
 
 
-def versions() -> dict[str, str]:
+@cache
+def versions() -> Mapping[str, str]:
     """Versions of what computed the result."""
     found = {"python": platform.python_version()}
     for name in DISTRIBUTIONS:

@@ -4,18 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from operator import itemgetter
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.geometry.numbers import quaternion_from_rotation, rpy_from_rotation
 from suta_calib.model.parameters import PLACEMENT
-from suta_calib.pose_calibration.robust_fit import RobustAnswer
 from suta_calib.report.document import File, Text
 from suta_calib.report.listing import Column, Json, Listing, Row, Table, csv_text, plain, shown_as
 from suta_calib.units import Unit, key, text
 from suta_calib.words import listed
+
+if TYPE_CHECKING:
+    from suta_calib.pose_calibration.robust_fit import RobustAnswer
 
 MOST_OUTLIERS: Final = 10
 _DIGITS: Final = 6  # of residuals in files
