@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from time import perf_counter
 from typing import Final
 
@@ -17,7 +18,7 @@ from suta_calib.solver.information import noise_levels, predicted_information
 from suta_calib.solver.ipopt import Minimum, RobustNlp, SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution, near_bound
-from suta_calib.solver.weights import learn_weights
+from suta_calib.solver.weights import Weights, learn_weights
 from suta_calib.threads import single_threaded
 
 MAX_REVISIONS = 4
@@ -65,10 +66,56 @@ def solve(
         minimum, _, identification, estimated = _fit(
             problem, nominal, [minimum.x], identification, sigmas, options, None
         )
+    found = _solution(
+        problem, sigmas, minimum, attempts, before, identification, estimated, weights
+    )
+    ended = perf_counter()
+    timing = {"check": checked - began, "solve": ended - checked - found.timing["covariance"]}
+    return replace(found, timing=timing | found.timing)
+
+
+@single_threaded
+def solve_again(
+    problem: Problem, like: Solution, options: SolverOptions = SolverOptions()
+) -> Solution:
+    """Minimise nearly the same problem from where its solution was.
+
+    What was held there is held again, and `solve` decides anew where these data tell otherwise.
+    Noise levels are taken as given.
+
+    Args:
+        problem: with the same unknowns.
+        like: the solution of nearly the same data, or for other noise levels.
+        options: of the solver.
+    """
+    began, sigmas = perf_counter(), problem.assumed_sigmas()
+    fixed = like.identification.fixed
+    free = np.setdiff1d([k for k, p in enumerate(problem.parameters.values()) if p.free], fixed)
+    minimum = RobustNlp(problem, free, sigmas, options).minimise_near(like.x)
+    levels = noise_levels(problem, minimum.x, sigmas)
+    identification = identify_at(problem, minimum.x, levels, robust=True)
+    if not minimum.converged or {*identification.fixed.tolist()} != {*fixed.tolist()}:
+        return solve(problem, options)
+    verdicts = like.before, identification
+    found = _solution(problem, sigmas, minimum, (minimum,), *verdicts, free, None)
+    solved = perf_counter() - began - found.timing["covariance"]
+    return replace(found, timing={"check": 0.0, "solve": solved} | found.timing)
+
+
+def _solution(
+    problem: Problem,
+    sigmas: Sequence[float],
+    minimum: Minimum,
+    attempts: tuple[Minimum, ...],
+    before: Identification,
+    identification: Identification,
+    estimated: IntArray,
+    weights: Weights | None,
+) -> Solution:
+    """The minimum with what is known of it; of its timing the covariance alone."""
     # With hardly any redundancy the residuals vanish, and what was held seems to be determined.
     _check_redundant(problem, estimated)
-    solved = perf_counter()
-    x = minimum.x
+    began, x = perf_counter(), minimum.x
     free = _inside(problem, x, estimated)
     scatter, artefact = observed_parts(problem, x, sigmas, free)
     if weights is None:
@@ -87,11 +134,7 @@ def solve(
         sigmas=tuple(sigmas),
         noise=tuple(noise),
         weights=weights,
-        timing={
-            "check": checked - began,
-            "solve": solved - checked,
-            "covariance": perf_counter() - solved,
-        },
+        timing={"covariance": perf_counter() - began},
     )
 
 
