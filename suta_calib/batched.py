@@ -30,6 +30,7 @@ class Batched:
         function: a CasADi function of column vectors.
         n: number of rows.
         shared: indices of the inputs that are the same for every row (given once, not n times).
+        outputs: contiguous arrays (n, size) to write to; new ones by default.
 
     Attributes:
         inputs: one writable array per input, (n, size), or (size,) for a shared one. Fill them
@@ -38,12 +39,18 @@ class Batched:
             overwritten by every call.
     """
 
-    def __init__(self, function: Any, n: int, shared: Sequence[int] = ()) -> None:
+    def __init__(
+        self,
+        function: Any,
+        n: int,
+        shared: Sequence[int] = (),
+        outputs: Sequence[FloatArray] | None = None,
+    ) -> None:
         self.inputs: list[FloatArray] = [
             np.zeros(function.nnz_in(i) if i in shared else (n, function.nnz_in(i)))
             for i in range(function.n_in())
         ]
-        self.outputs: list[FloatArray] = [
+        self.outputs: list[FloatArray] = list(outputs or ()) or [
             np.zeros((n, function.nnz_out(i))) for i in range(function.n_out())
         ]
         rule = formula(function, tuple(shared)) if n >= MANY else None

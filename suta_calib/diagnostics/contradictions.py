@@ -278,6 +278,8 @@ def dead_joints(
 
 
 def _repeated(solution: Solution, validation: Sequence[Term]) -> Iterator[Contradiction]:
+    if not validation:
+        return
     known = {key for term in solution.problem.terms for key in term.poses.samples.as_keys()}
     keys = [key for term in validation for key in term.poses.samples.as_keys()]
     again = sum(key in known for key in keys)
@@ -291,13 +293,15 @@ def _repeated(solution: Solution, validation: Sequence[Term]) -> Iterator[Contra
 
 def _twice(terms: Sequence[Term]) -> Iterator[Contradiction]:
     """Rows that stand in two files, or again in one after the arm has moved, to the last digit."""
+    terms = [term for term in terms if not may_read_alike(term.poses.samples)]
+    hashes = np.concatenate([np.zeros(0, np.uint64), *(t.poses.samples.hashes() for t in terms)])
+    if len(np.unique(hashes)) == len(hashes):
+        return
     first: dict[tuple[str, bytes], _Place] = {}
     again: Counter[str] = Counter()
     copies: Counter[tuple[str, str, bool]] = Counter()
     for number, term in enumerate(terms):
         samples = term.poses.samples
-        if may_read_alike(samples):
-            continue
         visits = np.cumsum(np.diff(term.poses.rests, prepend=-1) != 0).tolist()
         rows = zip(samples.as_keys(), _labels(samples), _files(samples), visits, strict=True)
         for key, label, (file, name), visit in rows:

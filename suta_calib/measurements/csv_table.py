@@ -13,7 +13,6 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import compress
-from operator import methodcaller
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +22,7 @@ from suta_calib.arrays import FloatArray
 from suta_calib.errors import SamplesError, did_you_mean
 from suta_calib.geometry.numbers import rotation_from_quaternion
 from suta_calib.measurements.files import lines_of, read_text
+from suta_calib.measurements.plain_csv import PlainColumns
 from suta_calib.units import FARTHEST, from_mm
 
 _QUATERNION = ("qx", "qy", "qz", "qw")
@@ -33,10 +33,6 @@ _UNIT_NORM_TOLERANCE = 0.01
 _ZERO_NORM = 1e-3
 # Rows from which on the length of the last one's numbers says something.
 _ENOUGH_LINES = 5
-# What a cell of a plain file does not have: quotes, comments, and blanks of any sort around it.
-_NOT_PLAIN = ('"', "#", ";", "\0", *(c for c in map(chr, range(128)) if c.isspace() and c != "\n"))
-# Characters that the parser takes for one cell at most.
-_LONGEST_LINE = 100_000
 _DECIMAL = re.compile(r"[+-]?\d+\.\d+", re.ASCII)
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 
@@ -89,6 +85,10 @@ class CsvTable:
         Raises:
             SamplesError: no such column, or a cell that is not a finite number.
         """
+        if name in self.columns and isinstance(self.columns, PlainColumns):
+            found = self.columns.numbers(name)
+            if found is not None and np.isfinite(found).all():
+                return found
         cells = self.cells(name, expected)
         values = _numbers(cells)
         for row in np.flatnonzero(~np.isfinite(values)):
@@ -111,6 +111,8 @@ class CsvTable:
 
         A row is not where its ``valid`` is 0, or where ``errors`` names a joint.
         """
+        if not {"valid", "errors"} & {*self.columns}:
+            return self
         rows = np.ones(len(self), dtype=bool)
         if "valid" in self.columns:
             rows &= [cell.lower() not in ("0", "false") for cell in self.columns["valid"]]
@@ -161,9 +163,8 @@ def read_csv_table(path: Path) -> CsvTable:
         SutaCalibWarning: a last number that may be half-written.
     """
     text = read_text(path, SamplesError)
-    if (plain := _plain_columns(text)) is not None:
-        lines = range(2, 2 + len(next(iter(plain.values()))))
-        return CsvTable(path, plain, 1, tuple(lines))
+    if (plain := PlainColumns.of(text)) is not None:
+        return CsvTable(path, plain, 1, tuple(range(2, 2 + plain.rows)))
     rows = _csv_rows(path, text)
     if not rows:
         raise SamplesError("an empty file", "a header row and data", file=path)
@@ -214,31 +215,6 @@ def _check_last(path: Path, text: str, rows: Sequence[tuple[int, list[str]]]) ->
             SutaCalibWarning,
             stacklevel=4,
         )
-
-
-def _plain_columns(text: str) -> dict[str, tuple[str, ...]] | None:
-    """Columns of a file of which every line is a row and every comma ends a cell; else None.
-
-    Programs write such files, and so many rows that to look at each line would take longest of all.
-    Whatever is to be skipped, stripped, unquoted or explained is left to `_csv_rows`.
-    """
-    text = text.replace("\r\n", "\n")
-    if not text.isascii() or not text.endswith("\n") or any(mark in text for mark in _NOT_PLAIN):
-        return None
-    head, _, body = text[:-1].partition("\n")
-    header, lines = head.split(","), body.split("\n")
-    commas = head.count(",")
-    if not all(header) or len(set(header)) < len(header) or not body:
-        return None
-    # One pass in C over what may be a million lines.
-    if set(map(methodcaller("count", ","), lines)) != {commas}:
-        return None
-    if max(map(len, lines)) > _LONGEST_LINE:
-        return None
-    if not commas and not all(lines):
-        return None
-    cells = body.replace("\n", ",").split(",")
-    return {name: tuple(cells[k :: len(header)]) for k, name in enumerate(header)}
 
 
 def _numbers(cells: Sequence[str]) -> FloatArray:

@@ -180,6 +180,17 @@ class Samples(Shown):
 
     def as_keys(self) -> list[bytes]:
         """Readings and what was seen with them, row by row, as something to compare."""
+        return [row.tobytes() for row in self._compared]
+
+    def hashes(self) -> NDArray[np.uint64]:
+        """(n,) equal where `as_keys` are, and hardly ever elsewhere; much faster."""
+        odd = (
+            np.random.default_rng(0).integers(0, 2**63, self._compared.shape[1], np.uint64) * 2 + 1
+        )
+        return np.asarray(self._compared.view(np.uint64) @ odd)
+
+    @property
+    def _compared(self) -> FloatArray:
         parts = [self.q]
         if self.position is not None:
             parts.append(self.position)
@@ -188,7 +199,7 @@ class Samples(Shown):
         if self.pixels is not None:
             parts.append(self.pixels.reshape(len(self), -1))
         parts += [each[:, None] for each in self.lengths.values()]
-        return [row.tobytes() for row in np.hstack(parts)]
+        return np.hstack(parts)
 
     @classmethod
     def concatenate(cls, parts: Sequence[Samples]) -> Samples:

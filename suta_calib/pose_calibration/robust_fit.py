@@ -23,10 +23,11 @@ from suta_calib.pose_calibration.stated import Agreement
 from suta_calib.solver.covariance import observed_covariance, predicted_covariance
 from suta_calib.solver.information import Information, scaled_inverse, whitened_rows
 from suta_calib.solver.ipopt import SolverOptions
+from suta_calib.solver.kernel import block_residuals
 from suta_calib.solver.losses import huber_threshold
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
-from suta_calib.solver.solve import solve
+from suta_calib.solver.solve import solve, solve_again
 from suta_calib.terms.block import Noise
 from suta_calib.terms.poses import MeasuredPoses, PoseSource
 from suta_calib.terms.term import Term
@@ -240,12 +241,19 @@ def _settled(
     everything = np.arange(len(start.inliers))
     inliers, sigmas = start.inliers, np.maximum(start.sigmas, ROUNDING)
     least = np.full(len(sigmas), FINEST) if floors is None else np.maximum(floors, FINEST)
+    last: Solution | None = None
     for round_ in range(MAX_ROUNDS):
         assumed = [float(s) for s in np.maximum(sigmas, least)]
         noises = [Noise(s, THRESHOLD * s) if robust else Noise(s) for s in assumed]
         # The levels that weigh the blocks are learned here, round by round.
         problem = Problem([make(np.flatnonzero(inliers), noises)])
-        solution = solve(problem, SolverOptions(weights=None))
+        options = SolverOptions(weights=None)
+        solution = (
+            solve(problem, options, spread=False)
+            if last is None
+            else solve_again(problem, last, options)
+        )
+        last = solution
         if revise is not None:
             revise(solution.values, inliers)
         if inliers.all() and revise is None:
@@ -293,9 +301,8 @@ def _settled(
 
 def evaluate(term: Term, values: Mapping[str, float]) -> tuple[FloatArray, ...]:
     """Residuals (n, d) of every block of a term at parameter values by name."""
-    problem = Problem([term])
-    x = np.array([values[name] for name in problem.names])
-    return tuple(line.residual.copy() for line in problem.linearise(x, problem.assumed_sigmas()))
+    poses, own = term.poses.at(values), np.array([values[p.name] for p in term.own])
+    return tuple(block_residuals(block, *poses, own) for block in term.blocks)
 
 
 def _followed(solution: Solution) -> FloatArray:

@@ -186,8 +186,11 @@ def summed_by_pair(score: FloatArray, members: IntArray) -> FloatArray:
 
 def _freed(by_touch: FloatArray, gain: FloatArray, members: IntArray) -> FloatArray:
     """Scores per touch multiplied by (I - YᵀY)^(-½), Y the touch's rows in units of the fit."""
-    freed, touches = by_touch.copy(), np.unique(members)
-    rows = [np.flatnonzero((members == k).any(axis=1)) for k in touches]
+    freed, n = by_touch.copy(), len(members)
+    # Each touch with each of its rows, once.
+    pairs = np.unique(members * n + np.arange(n)[:, None])
+    touches, first = np.unique(pairs // n, return_index=True)
+    rows = np.split(pairs % n, first[1:])
     # Touches of as many rows are decomposed together.
     for size in {len(each) for each in rows}:
         alike = [k for k, each in enumerate(rows) if len(each) == size]

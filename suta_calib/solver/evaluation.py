@@ -54,7 +54,10 @@ class PoseTable:
             batch = None
             if isinstance(source, ArmPoses):
                 told = source.samples.told
-                batch = Batched(source.arm.function(names, told), size, shared=[0])
+                # Straight into the table: copying its velocities would take as long as they do.
+                velocity = self.velocity.reshape(n, 6 * len(names))
+                table = [each[rows] for each in (self.rotation, self.position, velocity)]
+                batch = Batched(source.arm.function(names, told), size, [0], table)
                 known = (source.samples.q, *told.values())
                 for place, values in zip(batch.inputs[1:], known, strict=True):
                     place[:] = values
@@ -69,14 +72,10 @@ class PoseTable:
             return
         self._theta = theta.copy()
         self.changes += 1
-        for rows, batch in self._sources:
-            if batch is None:
-                continue
-            batch.inputs[0][:] = theta
-            rotation, position, velocity = batch()
-            self.rotation[rows], self.position[rows] = rotation, position
-            flat = slice(6 * rows.start, 6 * rows.stop)
-            self.velocity[flat] = velocity.reshape(self.velocity[flat].shape)
+        for _, batch in self._sources:
+            if batch is not None:
+                batch.inputs[0][:] = theta
+                batch()
 
     @contextmanager
     def shifted(self, shifts: Sequence[FloatArray]) -> Iterator[None]:

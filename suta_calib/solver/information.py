@@ -20,7 +20,7 @@ from typing import Final
 import numpy as np
 
 from suta_calib.arrays import FloatArray, IntArray
-from suta_calib.solver.evaluation import Linearised
+from suta_calib.solver.evaluation import AT_ONCE, Linearised
 from suta_calib.solver.kernel import dense
 from suta_calib.solver.problem import Problem
 from suta_calib.terms.poses import ArmPoses, MeasuredPoses
@@ -168,9 +168,12 @@ def _noise_induced_information(
     with problem.evaluation.table.shifted(shifts):
         after = whitened_rows(problem, x, sigmas)
     for old, new, believed in zip(before, after, beliefs, strict=True):
+        # Some at a time: the change of all is as large as all that it is made from.
         belief = np.repeat(believed, len(old.jacobian) // len(believed))
-        change = belief[:, None] * (new.jacobian - old.jacobian)
-        total += change.T @ change
+        for first in range(0, len(belief), AT_ONCE):
+            some = slice(first, first + AT_ONCE)
+            change = belief[some, None] * (new.jacobian[some] - old.jacobian[some])
+            total += change.T @ change
     return total
 
 

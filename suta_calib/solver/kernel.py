@@ -15,7 +15,7 @@ import numpy as np
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.batched import Batched
-from suta_calib.terms.block import Block, Pose, Residual
+from suta_calib.terms.block import Block, Pose, Residual, flat
 
 # Multiplications of a normal matrix up to which an array beats a sparse matrix: these take a
 # millisecond, and so does what SciPy checks in a sparse product.
@@ -141,6 +141,29 @@ class Kernel:
         return residual, by_pose.reshape(n, size, width), by_own.reshape(n, size, looked_at)
 
 
+def block_residuals(
+    block: Block, rotation: FloatArray, position: FloatArray, own: FloatArray
+) -> FloatArray:
+    """Residuals (n, d) of a block's rows, m or rad, without derivatives: a tenth of the work.
+
+    Args:
+        block: the rows.
+        rotation: (samples, 3, 3) of the tool poses of its term.
+        position: (samples, 3), m.
+        own: (own parameters,) of its term.
+    """
+    function = _residual(
+        block.residual, block.samples.shape[1], block.own.shape[1], block.data.shape[1]
+    )
+    batch = Batched(function, len(block))
+    *poses, of_own, data = batch.inputs
+    for k, samples in enumerate(block.samples.T):
+        poses[2 * k][:] = flat(rotation)[samples]
+        poses[2 * k + 1][:] = position[samples]
+    of_own[:], data[:] = own[block.own], block.data
+    return batch()[0]
+
+
 @lru_cache(maxsize=64)
 def _compiled(
     residual: Residual, poses: int, own: int, data: int, size: int
@@ -179,6 +202,16 @@ def _compiled(
     if value.shape != (size, 1):
         raise ValueError(f"{residual} gives {value.shape} numbers; its block says {size}")
     return function, columns, used
+
+
+@lru_cache(maxsize=64)
+def _residual(residual: Residual, poses: int, own: int, data: int) -> Any:
+    """CasADi function (R₁, p₁, …, own, data) → residual."""
+    tools = [Pose(ca.SX.sym(f"R{k}", 3, 3), ca.SX.sym(f"p{k}", 3)) for k in range(poses)]
+    own_symbol, data_symbol = ca.SX.sym("own", own), ca.SX.sym("data", data)
+    value = ca.densify(residual(tools, own_symbol, data_symbol))
+    inputs = [symbol for tool in tools for symbol in (tool.R, tool.p)]
+    return ca.Function("residual", [*inputs, own_symbol, data_symbol], [value], {"cse": True})
 
 
 def _sparse(columns: IntArray, size: int, width: int) -> Any:

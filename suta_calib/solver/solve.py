@@ -17,7 +17,7 @@ from suta_calib.solver.information import noise_levels, predicted_information
 from suta_calib.solver.ipopt import Minimum, RobustNlp, SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution, near_bound
-from suta_calib.solver.weights import learn_weights
+from suta_calib.solver.weights import Weights, learn_weights
 from suta_calib.threads import single_threaded
 
 MAX_REVISIONS = 4
@@ -72,16 +72,65 @@ def solve(
         minimum, _, identification, estimated = _fit(
             problem, nominal, [minimum.x], identification, sigmas, options, None
         )
+    found = _solution(
+        problem, sigmas, minimum, attempts, before, identification, estimated, weights
+    )
+    found.timing.update(check=checked - began, solve=perf_counter() - checked)
+    if spread:
+        ended = perf_counter()
+        _ = found.covariance
+        found.timing["covariance"] = perf_counter() - ended
+    return found
+
+
+@single_threaded
+def solve_again(
+    problem: Problem, like: Solution, options: SolverOptions = SolverOptions()
+) -> Solution:
+    """Minimise nearly the same problem from where its solution was.
+
+    What was held there is held again, and `solve` decides anew where these data tell otherwise.
+    Noise levels are taken as given; the covariance is computed when it is asked for.
+
+    Args:
+        problem: with the same unknowns.
+        like: the solution of nearly the same data, or for other noise levels.
+        options: of the solver.
+    """
+    began, sigmas = perf_counter(), problem.assumed_sigmas()
+    fixed = like.identification.fixed
+    free = np.setdiff1d([k for k, p in enumerate(problem.parameters.values()) if p.free], fixed)
+    minimum = RobustNlp(problem, free, sigmas, options).minimise(like.x)
+    levels = noise_levels(problem, minimum.x, sigmas)
+    identification = identify_at(problem, minimum.x, levels, robust=True)
+    if not minimum.converged or {*identification.fixed.tolist()} != {*fixed.tolist()}:
+        return solve(problem, options)
+    verdicts = like.before, identification
+    found = _solution(problem, sigmas, minimum, (minimum,), *verdicts, free, None)
+    found.timing.update(check=0.0, solve=perf_counter() - began)
+    return found
+
+
+def _solution(
+    problem: Problem,
+    sigmas: Sequence[float],
+    minimum: Minimum,
+    attempts: tuple[Minimum, ...],
+    before: Identification,
+    identification: Identification,
+    estimated: IntArray,
+    weights: Weights | None,
+) -> Solution:
+    """The minimum with what is known of it."""
     # With hardly any redundancy the residuals vanish, and what was held seems to be determined.
     _check_redundant(problem, estimated)
-    solved = perf_counter()
     x = minimum.x
     free = _inside(problem, x, estimated)
     if weights is None:
         noise, unsure = noise_levels(problem, x, sigmas), np.zeros((len(x), len(x)))
     else:
         noise, unsure = [found.value for found in weights.noise], weights.covariance
-    found = Solution(
+    return Solution(
         problem=problem,
         minimum=minimum,
         attempts=attempts,
@@ -92,12 +141,8 @@ def solve(
         sigmas=tuple(sigmas),
         noise=tuple(noise),
         weights=weights,
-        timing={"check": checked - began, "solve": solved - checked},
+        timing={},
     )
-    if spread:
-        _ = found.covariance
-        found.timing["covariance"] = perf_counter() - solved
-    return found
 
 
 def _check_determined(problem: Problem, verdict: Identification) -> None:

@@ -9,6 +9,7 @@ import pytest
 
 from suta_calib.errors import SamplesError
 from suta_calib.measurements import CsvTable, csv_table, read_csv_table
+from suta_calib.measurements.plain_csv import PlainColumns
 
 PLAIN = "a,b,label\n1,-2.5e-3,P1\n0.1,1e400,P2\n"
 # What must be looked at line by line: each differs from a plain file in one thing.
@@ -46,7 +47,7 @@ def write(folder: Path, text: str) -> Path:
 
 def line_by_line(path: Path, monkeypatch: pytest.MonkeyPatch) -> CsvTable:
     with monkeypatch.context() as patch:
-        patch.setattr(csv_table, "_plain_columns", lambda _: None)
+        patch.setattr(PlainColumns, "of", lambda _: None)
         return read_csv_table(path)
 
 
@@ -67,7 +68,7 @@ def test_any_other_is_read_line_by_line(
     text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = write(tmp_path, text)
-    assert csv_table._plain_columns(text) is None
+    assert PlainColumns.of(text) is None
     assert read_csv_table(path) == line_by_line(path, monkeypatch)
 
 
@@ -81,6 +82,25 @@ def test_what_is_refused_is_explained_alike(
     with pytest.raises(SamplesError) as fast:
         read_csv_table(path)
     assert str(fast.value) == str(slow.value)
+
+
+@pytest.mark.parametrize("odd", ["1_000", "nan", "", "one", "0x1p3", "1e400"])
+def test_numbers_of_a_plain_file_are_those_of_its_cells(odd: str, tmp_path: Path) -> None:
+    random = np.random.default_rng(0)
+    values = random.normal(size=(50, 2)) * 10.0 ** random.integers(-300, 300, (50, 2))
+    lines = [f"{x!r},P{k},{y!r}" for k, (x, y) in enumerate(values.tolist())]
+    table = read_csv_table(write(tmp_path, "\n".join(["x,label,y", *lines, ""])))
+    assert isinstance(table.columns, PlainColumns)
+    for name in "xy":
+        each = np.array([csv_table.number_in(cell) for cell in table.cells(name)])
+        assert table.numbers(name).tobytes() == each.tobytes()
+    lines[30] = f"0.5,P,{odd}"
+    table = read_csv_table(write(tmp_path, "\n".join(["x,label,y", *lines, ""])))
+    np.testing.assert_array_equal(table.numbers("x")[29:32], [values[29, 0], 0.5, values[31, 0]])
+    with pytest.raises(SamplesError, match=rf"csv:32: found '{odd}' .*'y'|csv:32.*y.*'{odd}'"):
+        table.numbers("y")
+    with pytest.raises(SamplesError, match="'P0'"):
+        table.numbers("label")
 
 
 def test_numbers_are_those_of_one_cell_after_another_to_the_last_bit() -> None:
