@@ -79,6 +79,15 @@ LIMITS: Final = (
     Limit("tip-map", "`tip-map`, shipped job", 4.0, "s", "bench_commands.py"),
     Limit("trf-posed", "SciPy's TRF, 13 unknowns", 20, "× ours", "bench_solver.py", least=True),
     Limit("trf-found", "SciPy's TRF, 10 unknowns", 8, "× ours", "bench_solver.py", least=True),
+    Limit("trf-nine-posed", "SciPy's TRF, 9 unknowns", 10, "× ours", "bench_solver.py", least=True),
+    Limit(
+        "trf-nine-found",
+        "SciPy's TRF, those of the 9 that can be found",
+        5,
+        "× ours",
+        "bench_solver.py",
+        least=True,
+    ),
     Limit("trf-jacobian", "TRF, our Jacobian", 1, "× ours", "bench_solver.py", least=True),
     Limit("live", "frame to published pose, p99, 768 Hz", 1, "ms", "bench_tracking.py"),
 )

@@ -32,6 +32,8 @@ _KEPT: Final[dict[Matching, FloatArray]] = {
 _LENGTH: Final = 0.25
 _TOLERANCE: Final = 1e-12
 _ITERATIONS: Final = 80
+# Share of targets still sought from which on the others are let go, which takes a moment, too.
+_FEWER: Final = 0.75
 # A step that takes less than this off the squared residual ends a search: it has come as near to a
 # target out of reach as it can. On the way to one within reach, steps take off a thousand times
 # as much.
@@ -213,7 +215,7 @@ class InverseKinematics:
             if not going.any():
                 break
             # Most arrive soon; what is out of reach goes on without them.
-            if 2 * np.count_nonzero(going) <= len(rows):
+            if np.count_nonzero(going) <= _FEWER * len(rows):
                 found[rows], left[rows] = q, error
                 rows, targets = rows[going], targets.take(going)
                 q, error, jacobian, cost, damping = (
