@@ -6,7 +6,8 @@
 # To change it later, run `make distclean` first.
 
 PYTHON ?= python3
-JOBS ?= 2
+# One more than two cores: some tests wait for what an arm plays in real time, others for a notebook.
+JOBS ?= 3
 
 VENV := .venv
 BIN := $(VENV)/bin
