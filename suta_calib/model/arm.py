@@ -264,11 +264,20 @@ class ArmModel(Shown):
                     hint="add the masses, or do not select this parameter",
                 )
 
-    def function(self, names: Sequence[str], told: Iterable[Told] = ()) -> Symbol:
-        """CasADi function of `kinematics.forward_kinematics`, built once for each set of names."""
+    def function(
+        self, names: Sequence[str], told: Iterable[Told] = (), rows: int | None = None
+    ) -> Symbol:
+        """CasADi function of `kinematics.forward_kinematics`, built once for each set of names.
+
+        Args:
+            names: of parameters that become inputs.
+            told: what is said of a sample beside its readings.
+            rows: of the Jacobian, of so many parameters, the first ones; of all by default. Each
+                costs as much as the pose.
+        """
         for name in names:
             _ = self.offered[name]
-        return _kinematics(self, tuple(names), tuple(told))
+        return _kinematics(self, tuple(names), tuple(told), rows)
 
     def forward(
         self,
@@ -302,7 +311,7 @@ class ArmModel(Shown):
                 f"readings of {rows.shape[1]} joints", f"{len(self.joints)}: {self.joints}"
             )
         beside_readings = told or {}
-        batch = Batched(self.function(list(own), beside_readings), len(rows), shared=[0])
+        batch = Batched(self.function(list(own), beside_readings, 0), len(rows), shared=[0])
         inputs = (np.array([*own.values()]), rows, *beside_readings.values())
         for place, numbers in zip(batch.inputs, inputs, strict=True):
             place[:] = numbers
@@ -398,14 +407,16 @@ def reduced_model(
 
 
 @lru_cache(maxsize=16)
-def _kinematics(arm: ArmModel, names: tuple[str, ...], told: tuple[Told, ...]) -> Symbol:
+def _kinematics(
+    arm: ArmModel, names: tuple[str, ...], told: tuple[Told, ...], rows: int | None
+) -> Symbol:
     """`forward_kinematics` of this arm."""
     arm._check_masses(names)
     nominal = {p.name: p.nominal for p in arm.offered.values()}
     # Nothing between the root and this link moves with the chain.
     top = arm.model.frames[arm.model.getFrameId(arm.chain.top, pin.FrameType.BODY)].placement
     gravity = top.rotation.T @ arm.model.gravity.linear
-    chain = arm.segments, names, nominal, arm.loads, gravity, told
+    chain = arm.segments, names, nominal, arm.loads, gravity, told, rows
     return _kinematics_of(pickle.dumps(chain))
 
 

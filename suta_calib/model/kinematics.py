@@ -110,11 +110,19 @@ class Segment:
 class _Walk:
     """The state of one pass along the chain: the current frame and the columns met so far."""
 
-    def __init__(self, names: Sequence[str], theta: Symbol, nominal: Mapping[str, float]) -> None:
+    def __init__(
+        self,
+        names: Sequence[str],
+        theta: Symbol,
+        nominal: Mapping[str, float],
+        rows: int | None = None,
+    ) -> None:
         self.rotation: Symbol = ca.SX.eye(3)
         self.position: Symbol = ca.SX(3, 1)
         self.index = {name: k for k, name in enumerate(names)}
         self.theta, self.nominal = theta, nominal
+        # So many parameters, the first of them, have a column.
+        self.rows = len(names) if rows is None else rows
         # Of gravity about each joint's axis, by the joint's name.
         self.torques: Mapping[str, Symbol] = {}
         # What is said of a sample beside its readings: a joint of which nothing is said is in the
@@ -139,7 +147,7 @@ class _Walk:
 
     def note(self, name: str, direction: Symbol, point: Symbol | None = None) -> None:
         """What a parameter does here: a turn about a line through a point, or a shift."""
-        if name in self.index:
+        if self.index.get(name, self.rows) < self.rows:
             self.columns[self.index[name]].append((direction, point))
 
     def through(self, segment: Segment, q: Symbol) -> None:
@@ -250,9 +258,9 @@ class _Walk:
         return -math.copysign(0.5, segment.multiplier) * self.direction[segment.column]
 
     def jacobian(self) -> Symbol:
-        """(6, n): linear over angular velocity of the tip in the base frame, per parameter."""
+        """(6, rows): linear over angular velocity of the tip in the base frame, per parameter."""
         rows = []
-        for k in range(len(self.index)):
+        for k in range(self.rows):
             angular, linear = ca.SX(3, 1), ca.SX(3, 1)
             for direction, point in self.columns[k]:
                 linear += direction if point is None else ca.cross(direction, self.position - point)
@@ -268,6 +276,7 @@ def forward_kinematics(
     carried: Sequence[Load] = (),
     gravity: FloatArray | None = None,
     told: Sequence[Told] = (),
+    rows: int | None = None,
 ) -> Symbol:
     """The chain's kinematics as a CasADi function of the named parameters and one sample.
 
@@ -279,17 +288,18 @@ def forward_kinematics(
         gravity: (3,) in the frame of the link where the chain begins to descend, m/s², needed
             likewise.
         told: what is said of a sample beside its readings.
+        rows: of the Jacobian, of so many parameters, the first ones; of all by default.
 
     Returns:
         ``ca.Function(theta (n), q (readings)) -> (rotation (9, column by column), position (3),
-        jacobian (n, 6))``, all dense, in the base frame. What is told are further inputs, in that
-        order: ``direction (readings)``, ``warmth (1)``, K. A row of the Jacobian is the velocity of
-        the tip's origin, then the angular velocity, for unit change of that parameter.
+        jacobian (rows, 6))``, all dense, in the base frame. What is told are further inputs, in
+        that order: ``direction (readings)``, ``warmth (1)``, K. A row of the Jacobian is the
+        velocity of the tip's origin, then the angular velocity, for unit change of that parameter.
     """
     theta = ca.SX.sym("theta", len(names))
     moving = [s for s in segments if s.motion != "fixed"]
     q = ca.SX.sym("q", 1 + max((s.column for s in moving), default=-1))
-    walk = _Walk(names, theta, nominal)
+    walk = _Walk(names, theta, nominal, rows)
     if gravity is not None and any(walk.matters(n) for s in moving for n in s.names(COMPLIANCE)):
         # A per cent of a deflection is nothing: the torque is that of the arm as the URDF has it.
         drawn = {

@@ -102,7 +102,7 @@ class InverseKinematics:
         self.arm, self.true, self.values = arm, arm.at(values), dict(values)
         offsets = arm.offsets
         others = [n for n in values if n in arm.offered and n not in offsets]
-        self._function = arm.function([*offsets, *others])
+        self._function = arm.function([*offsets, *others], rows=len(offsets))
         nominal = {n: arm.parameters[n].nominal for n in offsets}
         self._theta = np.array([(nominal | dict(values))[n] for n in (*offsets, *others)])
         unlimited = full_circle(self.true)

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
-import yourdfpy
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
@@ -84,6 +83,9 @@ def pinocchio_pose(path: Path, base: str, tip: str, q: dict[str, float]) -> np.n
 
 
 def yourdfpy_pose(path: Path, base: str, tip: str, q: dict[str, float]) -> np.ndarray:
+    # Meshes' libraries come with it: not in every process that collects this file.
+    import yourdfpy
+
     robot = yourdfpy.URDF.load(str(path), load_meshes=False, build_scene_graph=True)
     robot.update_cfg(q)
     return np.asarray(robot.get_transform(tip, base))

@@ -170,6 +170,20 @@ def _pose(outputs: tuple[object, ...]) -> tuple[np.ndarray, np.ndarray]:
     return np.array(outputs[0]).reshape(3, 3, order="F"), np.array(outputs[1]).reshape(3)
 
 
+def test_the_jacobian_may_have_fewer_rows(arm: ArmModel) -> None:
+    """Those of the first parameters, or none: the pose does not notice."""
+    names = known_names(arm)
+    values = values_of(arm, 0.15, names)
+    theta = [values[name] for name in names]
+    (q,) = random_readings(arm, np.random.default_rng(3), 1)
+    R, p, J = (each.full() for each in arm.function(names)(theta, q))
+    for rows in (0, 2):
+        R_alone, p_alone, first = arm.function(names, rows=rows)(theta, q)
+        np.testing.assert_array_equal(R_alone.full(), R)
+        np.testing.assert_array_equal(p_alone.full(), p)
+        np.testing.assert_allclose(first.full().reshape(rows, 6), J[:rows], rtol=1e-14)
+
+
 def test_the_written_urdf_is_the_calibrated_arm_for_raw_readings(
     arm: ArmModel, tmp_path: Path
 ) -> None:

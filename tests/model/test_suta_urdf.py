@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
-import yourdfpy
 
 # theta offset (deg), d (m), a (m), alpha (deg); classic convention Rz Tz Tx Rx.
 DH_TABLE = np.array(
@@ -65,6 +64,8 @@ def test_pinocchio_agrees_with_the_dh_table(model: pin.Model) -> None:
 
 
 def test_yourdfpy_agrees_with_the_dh_table(suta_urdf: Path) -> None:
+    import yourdfpy
+
     robot = yourdfpy.URDF.load(suta_urdf)
     assert robot.validate()
     for q in READINGS[:10]:
