@@ -6,6 +6,7 @@ IPOPT works on x divided by the parameters' scales, within their bounds.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
@@ -28,6 +29,11 @@ ROUNDING: Final = float(np.finfo(float).eps)
 SETTLED: Final = 1e-12
 # Residuals up to which the cost is minimised as it is.
 FULL_SIZE: Final = 2000
+# Iterations that lower the cost by no more than this share in all are for nothing: what a robust
+# cost has for a slope at a fold never vanishes, and a line search there takes fifty evaluations.
+IDLE: Final = 20
+LOWERED: Final = 1e-8
+STALLED: Final = "User_Requested_Stop"
 INTERRUPTED: Final = "NonIpopt_Exception_Thrown"
 GOOD: Final = ("Solve_Succeeded", "Solved_To_Acceptable_Level")
 Evaluate = Callable[[FloatArray], tuple[float, FloatArray, FloatArray]]
@@ -273,9 +279,21 @@ class _GaussNewton:
             ("triu_hess_gamma_x_x",),
             lambda arg: [ca.triu(ca.DM(float(arg[2]) * self._at(arg[0])[2]))],
         )
+        progress = _Callback(
+            "progress",
+            n,
+            ("x", "f", "g", "lam_x", "lam_g", "lam_p"),
+            ("stop",),
+            lambda arg: [self._stalled(float(arg[1]))],
+        )
         # CasADi does not keep Python callbacks alive: the solver must.
-        self._callbacks = (cost, gradient, hessian)
-        options = {"grad_f": gradient, "hess_lag": hessian, "no_nlp_grad": True}
+        self._callbacks = (cost, gradient, hessian, progress)
+        options = {
+            "grad_f": gradient,
+            "hess_lag": hessian,
+            "no_nlp_grad": True,
+            "iteration_callback": progress,
+        }
         nlp = {"x": z, "f": cost(z)}
         self._solver = ca.nlpsol("calibration", "ipopt", nlp, _options(*limits) | options)
 
@@ -293,6 +311,10 @@ class _GaussNewton:
         assert self._shared is not None
         return self._shared(z)
 
+    def _stalled(self, cost: float) -> bool:
+        assert self._shared is not None
+        return self._shared.stalled(cost)
+
 
 @lru_cache(maxsize=32)
 def _gauss_newton(n: int, limits: tuple[int, float], thread: int) -> _GaussNewton:
@@ -308,6 +330,7 @@ class _Shared:
         self._evaluate = evaluate
         self._key = b""
         self.error: BaseException | None = None
+        self._least, self._idle = math.inf, 0
         self._value: tuple[float, FloatArray, FloatArray]
 
     def __call__(self, z: Any) -> tuple[float, FloatArray, FloatArray]:
@@ -321,6 +344,14 @@ class _Shared:
                 raise
             self._key = key
         return self._value
+
+    def stalled(self, cost: float) -> bool:
+        """Whether no iteration has lowered the cost for long; told the cost of each."""
+        if cost < self._least - LOWERED * abs(self._least) or math.isinf(self._least):
+            self._least, self._idle = cost, 0
+        else:
+            self._idle += 1
+        return self._idle >= IDLE
 
 
 class _Callback(ca.Callback):
@@ -351,12 +382,14 @@ class _Callback(ca.Callback):
         return self._outputs[i]
 
     def get_sparsity_in(self, i: int) -> Any:
-        sizes = {"x": ca.Sparsity.dense(self._n, 1), "lam_f": ca.Sparsity.dense(1, 1)}
+        one, each = ca.Sparsity.dense(1, 1), ca.Sparsity.dense(self._n, 1)
+        sizes = {"x": each, "lam_x": each, "f": one, "lam_f": one}
         return sizes.get(self._inputs[i], ca.Sparsity(0, 0))
 
     def get_sparsity_out(self, i: int) -> Any:
         return {
             "f": ca.Sparsity.dense(1, 1),
+            "stop": ca.Sparsity.dense(1, 1),
             "grad_f_x": ca.Sparsity.dense(self._n, 1),
             "triu_hess_gamma_x_x": ca.Sparsity.upper(self._n),
         }[self._outputs[i]]

@@ -15,7 +15,7 @@ from suta_calib.model.parameters import Parameter
 from suta_calib.plotting.change import Change
 from suta_calib.showing import Shown
 from suta_calib.solver.identifiability import Identification
-from suta_calib.solver.ipopt import Minimum
+from suta_calib.solver.ipopt import STALLED, Minimum
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.weights import Weights
 from suta_calib.units import Unit
@@ -114,8 +114,11 @@ class Solution(Shown):
                 "that turns the other way"
             )
         if not self.converged:
+            stopped = f"IPOPT said {self.minimum.status}"
+            if self.minimum.status == STALLED:
+                stopped = "the cost fell no further, nor did its slope vanish,"
             return (
-                f"not converged: IPOPT said {self.minimum.status} after "
+                f"not converged: {stopped} after "
                 f"{self.minimum.iterations} iterations; look at the residuals for a wrong unit or "
                 "artefact, tighten the bounds, or raise solver.max_iterations"
             )

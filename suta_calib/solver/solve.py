@@ -21,6 +21,8 @@ from suta_calib.solver.weights import learn_weights
 from suta_calib.threads import single_threaded
 
 MAX_REVISIONS = 4
+# Share by which costs differ at most that are the same.
+SAME_COST: Final = 1e-4
 MORE_DATA: Final = "measure more, select fewer parameters, or give priors"
 Progress = Callable[[int, int], None]
 
@@ -149,8 +151,11 @@ def _fit(
         tried = []
         for start in starts:
             tried.append(solver.minimise(start))
+            hopeless = _hopeless(tried)
             if progress is not None and revision == 0:
-                progress(len(tried), len(starts))
+                progress(len(starts) if hopeless else len(tried), len(starts))
+            if hopeless:
+                break
         attempts = attempts or tuple(tried)
         minimum = solver.polish(min(tried, key=lambda m: (not m.converged, m.cost)))
         # What is held adds misfit, which is not noise: the freest fit tells the noise best.
@@ -168,6 +173,14 @@ def _fit(
         again[list(fixed)] = nominal[list(fixed)]
         starts = [again]
     return minimum, attempts, identification, free
+
+
+def _hopeless(tried: Sequence[Minimum]) -> bool:
+    """Whether all starts, and more than one, have ended nowhere, and there at the same cost."""
+    if len(tried) < 2 or any(each.converged for each in tried):
+        return False
+    least, next_ = sorted(each.cost for each in tried)[:2]
+    return next_ - least < SAME_COST * next_
 
 
 def identify_at(
