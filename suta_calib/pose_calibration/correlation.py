@@ -49,6 +49,7 @@ def common_covariance(
     order: IntArray,
     rests: IntArray,
     sizes: Sequence[int],
+    frames: Sequence[FloatArray] = (),
 ) -> FloatArray:
     """Covariance (p, p) of an estimate beyond that of rows that err independently.
 
@@ -62,14 +63,18 @@ def common_covariance(
         rests: (n,) rows of one rest or posture, from 0, which say once what they say.
         sizes: of the groups of components, d in all, whose errors have nothing in common: a hand's
             turns may be alike where its places scatter.
+        frames: of each group, if given, the rotations (n, size, size) into another frame in which
+            they may be alike instead: a hand errs alike in the base's frame, an eye in its own.
     """
     if not len(bread):
         return np.zeros_like(bread)
-    ends = np.cumsum(sizes)
     expected, white = np.zeros_like(bread), np.zeros_like(bread)
-    for size, end in zip(sizes, ends.tolist(), strict=True):
-        part = slice(end - size, end)
-        mine = _variances(jacobian[:, part], residual[:, part], weight[part], alike, order, rests)
+    ends = np.cumsum(sizes)
+    for k, (size, end) in enumerate(zip(sizes, ends.tolist(), strict=True)):
+        part, turn = slice(end - size, end), frames[k] if frames else None
+        mine = _variances(
+            jacobian[:, part], residual[:, part], weight[part], turn, alike, order, rests
+        )
         if mine is not None:
             expected += mine[0]
             white += mine[1]
@@ -80,6 +85,7 @@ def _variances(
     jacobian: FloatArray,
     residual: FloatArray,
     weight: FloatArray,
+    turn: FloatArray | None,
     alike: Sequence[FloatArray],
     order: IntArray,
     rests: IntArray,
@@ -92,10 +98,13 @@ def _variances(
     count = np.bincount(rests).astype(float)
     groups = len(count)
     first = np.unique(rests, return_index=True)[1]
-    mean = np.zeros((groups, size))
-    np.add.at(mean, rests, residual / count[rests, None])
-    slope = np.zeros((groups, size, unknowns))
-    np.add.at(slope, rests, jacobian / count[rests, None, None])
+
+    def of_rests(rows: FloatArray) -> FloatArray:
+        total = np.zeros((groups, *rows.shape[1:]))
+        np.add.at(total, rests, rows)
+        return np.asarray(total / count.reshape(-1, *[1] * (rows.ndim - 1)))
+
+    mean, slope = of_rests(residual), of_rests(jacobian)
     followed = _rank(jacobian)
     inside = float(np.sum((residual - mean[rests]) ** 2)) / max(size * (n - groups), 1)
     between = float(np.sum(mean**2)) / max(size * groups - followed, 1)
@@ -106,7 +115,11 @@ def _variances(
     shared = between if groups == n else max(between - float(single.mean()), ROUNDING * between)
     if groups == n:
         single = np.zeros(groups)
-    pulled = (slope * (count[:, None, None] * weight[:, None])).reshape(groups, -1)
+    pulled = slope * (count[:, None, None] * weight[:, None])
+    views = [(mean, slope, pulled)]
+    if turn is not None:
+        at = turn[first]
+        views.append((_turned(at, mean), _turned(at, slope), _turned(at, pulled)))
     white = np.einsum("ndp,ndq->pq", jacobian * weight[:, None] ** 2, jacobian)
     white *= float(np.sum(residual**2)) / max(size * n - followed, 1)
     spaces = [space[first] for space in alike]
@@ -118,17 +131,23 @@ def _variances(
     likelihoods, variances = list[float](), list[FloatArray]()
     for prior, kernel in _kernels(spaces, series, groups):
         covariance = np.diag(single) + shared * kernel
-        found = _restricted(covariance[np.ix_(some, some)], slope[some], mean[some])
-        if found is None:
-            continue
-        likelihood, scale = found
-        along = (covariance @ pulled).reshape(groups * size, unknowns)
-        variances.append(scale * pulled.reshape(groups * size, unknowns).T @ along)
-        likelihoods.append(np.log(prior) + likelihood)
+        for seen, slopes, pulls in views:
+            found = _restricted(covariance[np.ix_(some, some)], slopes[some], seen[some])
+            if found is None:
+                continue
+            likelihood, scale = found
+            along = (covariance @ pulls.reshape(groups, -1)).reshape(groups * size, unknowns)
+            variances.append(scale * pulls.reshape(groups * size, unknowns).T @ along)
+            likelihoods.append(np.log(prior / len(views)) + likelihood)
     if not variances:
         return None
     belief = np.exp(np.array(likelihoods) - max(likelihoods))
     return np.tensordot(belief / belief.sum(), np.array(variances), axes=1), white
+
+
+def _turned(rotation: FloatArray, rows: FloatArray) -> FloatArray:
+    """Rows (n, d) or (n, d, p), each in another frame."""
+    return np.asarray(np.einsum("nij,nj...->ni...", rotation, rows))
 
 
 def _rank(jacobian: FloatArray) -> int:

@@ -21,7 +21,7 @@ from suta_calib.pose_calibration.correlation import common_covariance, embedded
 from suta_calib.pose_calibration.serial_correlation import blocks
 from suta_calib.pose_calibration.stated import Agreement
 from suta_calib.solver.covariance import observed_covariance, predicted_covariance
-from suta_calib.solver.information import Information, scaled_inverse, whitened_rows
+from suta_calib.solver.information import Information, Rows, scaled_inverse, whitened_rows
 from suta_calib.solver.ipopt import SolverOptions
 from suta_calib.solver.kernel import block_residuals
 from suta_calib.solver.losses import huber_threshold
@@ -372,8 +372,21 @@ def _covariance(
         order,
         postures,
         [DIMENSION] * len(rows),
+        [_to_base(row) for row in rows],
     )
     return independent
+
+
+def _to_base(rows: Rows) -> FloatArray:
+    """Rotations (n, 3, 3) of a block's residuals into the frame in which poses are given.
+
+    A residual's derivative by the velocity of its pose says how it is turned: displacements by
+    displacements, turns by turns.
+    """
+    line = rows.line
+    own = line.by_pose[..., line.pattern.angular == (line.view.block.unit == "rad")]
+    length = np.linalg.norm(own, axis=(1, 2), keepdims=True) / np.sqrt(DIMENSION)
+    return np.asarray(np.swapaxes(own, 1, 2) / np.maximum(length, 1e-300))
 
 
 def _alike(poses: PoseSource, solution: Solution) -> list[FloatArray]:

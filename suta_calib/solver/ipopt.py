@@ -6,6 +6,7 @@ and Hessian by three CasADi callbacks that share one evaluation.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
@@ -28,6 +29,13 @@ SAME_COST: Final = 1e-3
 JOINS: Final = 0.1
 # Residuals up to which the cost is minimised as it is.
 FULL_SIZE: Final = 2000
+# Iterations that lower the cost by no more than this share in all are for nothing: what a robust
+# cost has for a slope at a fold never vanishes, and a line search there takes fifty evaluations.
+IDLE: Final = 20
+LOWERED: Final = 1e-8
+# Share by which the costs of two ends that are no minimum differ at most to be the same.
+SAME_DEAD_END: Final = 1e-4
+STALLED: Final = "User_Requested_Stop"
 INTERRUPTED: Final = "NonIpopt_Exception_Thrown"
 GOOD: Final = ("Solve_Succeeded", "Solved_To_Acceptable_Level")
 # What Gauss-Newton steps come to: a minimum, or one that an earlier start has found.
@@ -142,7 +150,7 @@ class RobustNlp:
         """What each start (n,) ends in.
 
         A start whose next step leads to a minimum that one before it has found is left there: what
-        would follow is known.
+        would follow is known. Where two have ended nowhere at the same cost, no others are tried.
 
         Args:
             starts: clipped into the bounds.
@@ -158,6 +166,9 @@ class RobustNlp:
             if basin is not None:
                 known.append((start, basin))
             found.append(minimum)
+            if hopeless(found):
+                done(len(starts))
+                break
             done(len(found))
         return found
 
@@ -250,6 +261,14 @@ class RobustNlp:
         return symbolic_cost(self._problem, x, self._sigmas) + prior
 
 
+def hopeless(tried: Sequence[Minimum]) -> bool:
+    """Whether all starts, and more than one, have ended nowhere, and there at the same cost."""
+    if len(tried) < 2 or any(each.converged for each in tried):
+        return False
+    least, next_ = sorted(each.cost for each in tried)[:2]
+    return next_ - least < SAME_DEAD_END * next_
+
+
 def _options(max_iterations: int, scaling: float) -> dict[str, Any]:
     """CasADi's and IPOPT's, of every solve."""
     return {
@@ -302,9 +321,21 @@ class _GaussNewton:
             ("triu_hess_gamma_x_x",),
             lambda arg: [ca.triu(ca.DM(float(arg[2]) * self._at(arg[0])[2]))],
         )
+        progress = _Callback(
+            "progress",
+            n,
+            ("x", "f", "g", "lam_x", "lam_g", "lam_p"),
+            ("stop",),
+            lambda arg: [self._stalled(float(arg[1]))],
+        )
         # CasADi does not keep Python callbacks alive: the solver must.
-        self._callbacks = (cost, gradient, hessian)
-        options = {"grad_f": gradient, "hess_lag": hessian, "no_nlp_grad": True}
+        self._callbacks = (cost, gradient, hessian, progress)
+        options = {
+            "grad_f": gradient,
+            "hess_lag": hessian,
+            "no_nlp_grad": True,
+            "iteration_callback": progress,
+        }
         nlp = {"x": z, "f": cost(z)}
         self._solver = ca.nlpsol("calibration", "ipopt", nlp, _options(*limits) | options)
 
@@ -322,6 +353,10 @@ class _GaussNewton:
         assert self._shared is not None
         return self._shared(z)
 
+    def _stalled(self, cost: float) -> bool:
+        assert self._shared is not None
+        return self._shared.stalled(cost)
+
 
 @lru_cache(maxsize=32)
 def _gauss_newton(n: int, limits: tuple[int, float], thread: int) -> _GaussNewton:
@@ -337,6 +372,7 @@ class _Shared:
         self._evaluate = evaluate
         self._key = b""
         self.error: BaseException | None = None
+        self._least, self._idle = math.inf, 0
         self._value: tuple[float, FloatArray, FloatArray]
 
     def __call__(self, z: Any) -> tuple[float, FloatArray, FloatArray]:
@@ -350,6 +386,14 @@ class _Shared:
                 raise
             self._key = key
         return self._value
+
+    def stalled(self, cost: float) -> bool:
+        """Whether no iteration has lowered the cost for long; told the cost of each."""
+        if cost < self._least - LOWERED * abs(self._least) or math.isinf(self._least):
+            self._least, self._idle = cost, 0
+        else:
+            self._idle += 1
+        return self._idle >= IDLE
 
 
 class _Callback(ca.Callback):
@@ -380,12 +424,14 @@ class _Callback(ca.Callback):
         return self._outputs[i]
 
     def get_sparsity_in(self, i: int) -> Any:
-        sizes = {"x": ca.Sparsity.dense(self._n, 1), "lam_f": ca.Sparsity.dense(1, 1)}
+        one, each = ca.Sparsity.dense(1, 1), ca.Sparsity.dense(self._n, 1)
+        sizes = {"x": each, "lam_x": each, "f": one, "lam_f": one}
         return sizes.get(self._inputs[i], ca.Sparsity(0, 0))
 
     def get_sparsity_out(self, i: int) -> Any:
         return {
             "f": ca.Sparsity.dense(1, 1),
+            "stop": ca.Sparsity.dense(1, 1),
             "grad_f_x": ca.Sparsity.dense(self._n, 1),
             "triu_hess_gamma_x_x": ca.Sparsity.upper(self._n),
         }[self._outputs[i]]

@@ -16,7 +16,7 @@ from suta_calib.plotting.change import Change
 from suta_calib.showing import Shown
 from suta_calib.solver.covariance import Spread
 from suta_calib.solver.identifiability import Identification
-from suta_calib.solver.ipopt import SAME_COST, Minimum
+from suta_calib.solver.ipopt import SAME_COST, STALLED, Minimum
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.weights import Weights
 from suta_calib.units import Unit
@@ -123,8 +123,11 @@ class Solution(Shown):
                 "that turns the other way"
             )
         if not self.converged:
+            stopped = f"IPOPT said {self.minimum.status}"
+            if self.minimum.status == STALLED:
+                stopped = "the cost fell no further, nor did its slope vanish,"
             return (
-                f"not converged: IPOPT said {self.minimum.status} after "
+                f"not converged: {stopped} after "
                 f"{self.minimum.iterations} iterations; look at the residuals for a wrong unit or "
                 "artefact, tighten the bounds, or raise solver.max_iterations"
             )

@@ -299,7 +299,7 @@ def moved_after(samples: Samples, row: int, by: float) -> Samples:
     return replace(samples, position=samples.position + later * [by, 0.0, 0.0])
 
 
-@pytest.mark.parametrize("row", [pytest.param(20, marks=pytest.mark.slow), 33])
+@pytest.mark.parametrize("row", [20, pytest.param(33, marks=pytest.mark.slow)])
 def test_an_instrument_that_was_moved_between_its_rows_is_named_with_the_row(row: int) -> None:
     scene = tracked_scene(ARM, TRUTH, 40)
     samples = scene.samples(Spread(position=0.1 * MM), seed=2)[0]

@@ -68,6 +68,14 @@ def test_of_few_pairs_with_correlated_errors_none_is_thrown_out(seed: int) -> No
     assert found.outliers == ()
 
 
+@pytest.mark.parametrize("seed", [1, 44])
+def test_of_many_pairs_with_correlated_errors_none_is_thrown_out(seed: int) -> None:
+    """Half of them agree better among themselves; nor do alike errors hide whose turns they are."""
+    _, found = of_a_bent_robot(60, seed)
+    assert found.outliers == ()
+    assert found.robot_noise_fraction > 0.5
+
+
 def normalised(trials: int, count: int) -> FloatArray:
     """Errors of X, (6 trials,), in standard deviations, of robots that err alike in like poses."""
     found = []

@@ -23,11 +23,19 @@ from simulated import (
     tracked_scene,
 )
 
+from suta_calib.arrays import FloatArray
 from suta_calib.errors import ParameterError, SamplesError
 from suta_calib.measurements import Artefact, Samples
 from suta_calib.measurements import Landmark as Mark
 from suta_calib.model.parameters import ParameterSet, Selection
-from suta_calib.solver.ipopt import RobustNlp, SolverOptions
+from suta_calib.solver.ipopt import (
+    STALLED,
+    Minimum,
+    RobustNlp,
+    SolverOptions,
+    _GaussNewton,
+    hopeless,
+)
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Estimate
 from suta_calib.solver.solve import solve, start_points
@@ -209,6 +217,33 @@ def test_every_value_is_within_its_bounds() -> None:
     parameters = solution.problem.parameters
     assert np.all(solution.x >= parameters.array("lower"))
     assert np.all(solution.x <= parameters.array("upper"))
+
+
+def test_a_slope_that_never_vanishes_is_given_up_early() -> None:
+    """At a fold no step helps, and every iteration would be fifty evaluations."""
+    count = 0
+
+    def fold(z: FloatArray) -> tuple[float, FloatArray, FloatArray]:
+        nonlocal count
+        count += 1
+        slope = np.where(z[0] > 0.0, 3e3, -2e3)
+        return 1e5 + float(slope * z[0]), np.array([slope]), np.array([[1e3]])
+
+    where = {"x0": np.array([0.7]), "lbx": np.array([-9.0]), "ubx": np.array([9.0])}
+    _, stats = _GaussNewton(1, (200, 1.0))(fold, where)
+    assert stats["return_status"] == STALLED
+    assert stats["iter_count"] < 60
+    assert count < 2500
+
+
+def test_starts_that_end_nowhere_together_are_no_reason_for_more() -> None:
+    def ended(cost: float, status: str = STALLED) -> Minimum:
+        return Minimum(np.zeros(1), cost, status, 200)
+
+    assert hopeless([ended(5.0), ended(9.0), ended(5.0001)])
+    assert not hopeless([ended(5.0)])
+    assert not hopeless([ended(5.0), ended(5.1)])
+    assert not hopeless([ended(5.0), ended(5.0, "Solve_Succeeded")])
 
 
 @pytest.mark.parametrize("hessian", ["gauss-newton", "exact"])
