@@ -6,6 +6,7 @@ from typing import Final
 
 from suta_calib.assessment import Assessment
 from suta_calib.diagnostics.accuracy import Accuracy
+from suta_calib.diagnostics.beliefs import contradicted_beliefs
 from suta_calib.diagnostics.causes import find_cause
 from suta_calib.diagnostics.changes import changes
 from suta_calib.diagnostics.contradictions import contradictions, dead_joints, gross_rows
@@ -55,6 +56,7 @@ def assess_calibration(solution: Solution, accuracy: Accuracy) -> Assessment:
             *(said for said, level in doubts.items() if level == "care"),
             *([] if accuracy.validation else [fitted_only]),
             *_on_gain(accuracy),
+            *(each.sentence for each in contradicted_beliefs(thinned(solution))),
             *_on_parameters(solution),
             *_on_redundancy(solution),
             *(
