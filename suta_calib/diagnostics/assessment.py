@@ -35,12 +35,13 @@ def assess_calibration(solution: Solution, accuracy: Accuracy) -> Assessment:
         ``bad`` where the solution is not to be used, or the calibrated arm is worse than the
         nominal one on held-out data; ``care`` where something must be known.
     """
-    if not solution.converged:
-        notes = _cause(solution) or [each.sentence for each in gross_rows(solution)]
-        return Assessment("bad", solution.sentence, tuple(notes))
-    found = contradictions(solution, accuracy)
     terms = [*solution.problem.terms, *(each.term for each in accuracy.validation)]
     doubts = {said: level for term in terms for said, level in term.doubts.items()}
+    if not solution.converged:
+        wrong = [said for said, level in doubts.items() if level == "bad"]
+        notes = wrong or _cause(solution) or [each.sentence for each in gross_rows(solution)]
+        return Assessment("bad", solution.sentence, tuple(notes))
+    found = contradictions(solution, accuracy)
     worse = "The calibrated arm is worse than the nominal one on the validation data."
     fitted_only = "There are no validation data: the errors shown are those of the fitted data."
     return Assessment.of(
