@@ -6,6 +6,7 @@ from typing import Final
 
 from suta_calib.assessment import Assessment
 from suta_calib.diagnostics.accuracy import Accuracy
+from suta_calib.diagnostics.beliefs import contradicted_beliefs
 from suta_calib.diagnostics.causes import find_cause
 from suta_calib.diagnostics.changes import changes
 from suta_calib.diagnostics.contradictions import (
@@ -39,13 +40,14 @@ def assess_calibration(solution: Solution, accuracy: Accuracy) -> Assessment:
         ``bad`` where the solution is not to be used, or the calibrated arm is worse than the
         nominal one on held-out data; ``care`` where something must be known.
     """
+    terms = [*solution.problem.terms, *(each.term for each in accuracy.validation)]
+    doubts = {said: level for term in terms for said, level in term.doubts.items()}
     if not solution.converged:
-        notes = _cause(solution) or [each.sentence for each in gross_rows(solution)]
+        wrong = [said for said, level in doubts.items() if level == "bad"]
+        notes = wrong or _cause(solution) or [each.sentence for each in gross_rows(solution)]
         notes = [*(each.sentence for each in seen_again(solution.problem.terms)), *notes]
         return Assessment("bad", solution.sentence, tuple(notes))
     found = contradictions(solution, accuracy)
-    terms = [*solution.problem.terms, *(each.term for each in accuracy.validation)]
-    doubts = {said: level for term in terms for said, level in term.doubts.items()}
     worse = "The calibrated arm is worse than the nominal one on the validation data."
     fitted_only = "There are no validation data: the errors shown are those of the fitted data."
     return Assessment.of(
@@ -61,6 +63,7 @@ def assess_calibration(solution: Solution, accuracy: Accuracy) -> Assessment:
             *(said for said, level in doubts.items() if level == "care"),
             *([] if accuracy.validation else [fitted_only]),
             *_on_gain(accuracy),
+            *(each.sentence for each in contradicted_beliefs(thinned(solution))),
             *_on_parameters(solution),
             *_on_redundancy(solution),
             *(

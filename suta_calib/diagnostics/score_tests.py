@@ -24,7 +24,7 @@ from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.distributions import f
 from suta_calib.errors import UrdfError
 from suta_calib.model.arm import ArmModel
-from suta_calib.model.parameters import COMPLIANCE, FAMILIES, OFFSET, Family, ParameterSet
+from suta_calib.model.parameters import COMPLIANCE, COUPLING, FAMILIES, OFFSET, Family, ParameterSet
 from suta_calib.solver.covariance import summed_by_member, summed_by_pair
 from suta_calib.solver.identifiability import WEAK
 from suta_calib.solver.information import Rows, robust_jacobian, whitened_rows
@@ -48,6 +48,7 @@ LOOKS_LIKE: Final[dict[Family, str]] = {
     "gain": "a reading of the wrong scale",
     "backlash": "play that the joint is on either side of",
     "expansion": "lengths that grow with warmth",
+    COUPLING: "a joint that another one's motor moves too",
 }
 
 
@@ -91,7 +92,11 @@ class ScoreTest:
 
 
 def offered_names(arm: ArmModel) -> dict[tuple[str, Family], tuple[str, ...]]:
-    """Names by joint and family that this arm can be given; no compliance without masses."""
+    """Names by joint and family that this arm can be given; no compliance without masses.
+
+    Of all joints whose readings might move another's, those are offered that a ``<transmission>``
+    of the URDF couples: any two would explain any error.
+    """
     found: dict[tuple[str, Family], tuple[str, ...]] = {}
     for joint in dict.fromkeys(p.owner for p in arm.nongeometric.values()):
         for family, keys in FAMILIES.items():
@@ -104,6 +109,14 @@ def offered_names(arm: ArmModel) -> dict[tuple[str, Family], tuple[str, ...]]:
                 except UrdfError:
                     continue
             found[joint, family] = names
+    for joint, others in arm.chain.coupled.items():
+        moved = tuple(
+            name
+            for name, other in arm.couplings.items()
+            if arm.nongeometric[name].owner == joint and other in others
+        )
+        if moved:
+            found[joint, COUPLING] = moved
     return found
 
 

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -20,6 +21,7 @@ import numpy as np
 
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import UrdfError
+from suta_calib.model.transmissions import coupled_joints
 from suta_calib.model.urdf_tree import (
     Element,
     TreeJoint,
@@ -112,6 +114,7 @@ class Chain:
         moving: the joints that have a reading, in the order in which the chain first needs them:
             those of `joints` that follow nobody, and those that others of `joints` follow, which
             need not be on the chain.
+        coupled: by joint of the robot, those that move it too by a ``<transmission>``.
     """
 
     path: Path
@@ -122,6 +125,7 @@ class Chain:
     top: str
     joints: tuple[ChainJoint, ...]
     moving: tuple[ChainJoint, ...]
+    coupled: Mapping[str, tuple[str, ...]]
 
 
 def read_chain(path: str | Path, tip: str, base: str | None = None) -> Chain:
@@ -155,7 +159,8 @@ def read_chain(path: str | Path, tip: str, base: str | None = None) -> Chain:
     own = {joint.name: joint for joint in joints}
     read = dict.fromkeys(j.mimic.joint if j.mimic else j.name for j in joints if j.moving)
     moving = tuple(own.get(name) or _chain_joint(tree, tree.joints[name]) for name in read)
-    return Chain(tree.path, tree.robot, base_link, tip, tip_link, top, joints, moving)
+    coupled = coupled_joints(tree.element)
+    return Chain(tree.path, tree.robot, base_link, tip, tip_link, top, joints, moving, coupled)
 
 
 def _known_link(tree: UrdfTree, name: str, where: str) -> str:

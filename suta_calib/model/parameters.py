@@ -37,7 +37,7 @@ COUPLING: Final = "coupling"
 # Owner of what all links of an arm have in common.
 LINKS: Final = "links"
 # An eccentric encoder disc gives the first harmonic, a tilted or oval one the second.
-Family = Literal["ecc_1", "ecc_2", "compliance", "gain", "backlash", "expansion"]
+Family = Literal["ecc_1", "ecc_2", "compliance", "gain", "backlash", "expansion", "coupling"]
 FAMILIES: Final[dict[Family, tuple[str, ...]]] = {
     "ecc_1": ("ecc_c1", "ecc_s1"),
     "ecc_2": ("ecc_c2", "ecc_s2"),

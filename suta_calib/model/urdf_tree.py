@@ -61,6 +61,7 @@ class UrdfTree:
         joints: all joints by name, in the file's order.
         into: the joint into each link, by the link's name; the root link has none.
         root: the link that is no joint's child.
+        element: ``<robot>`` itself, for what is no part of the tree.
     """
 
     path: Path
@@ -69,6 +70,7 @@ class UrdfTree:
     joints: Mapping[str, TreeJoint]
     into: Mapping[str, TreeJoint]
     root: str
+    element: Element
 
     @property
     def leaves(self) -> tuple[str, ...]:
@@ -118,7 +120,7 @@ def read_tree(path: str | Path) -> UrdfTree:
         found += ", …" if len(others) > 1 else ""
         hint = "connect them by joints or remove what is not used: base and tip are in one tree"
         raise refusal(path, links[others[0]], found, "one root link", hint=hint)
-    return UrdfTree(path, robot.get("name"), tuple(links), joints, into, root)
+    return UrdfTree(path, robot.get("name"), tuple(links), joints, into, root, robot)
 
 
 def _by_name(path: Path, robot: Element, tag: str) -> dict[str, Element]:

@@ -29,6 +29,9 @@ from suta_calib.words import listed
 ROBOTS: Final = 2.0
 # Relative departure of a focal length that no calibration of the same pictures has.
 OTHER_PICTURES: Final = 0.1
+# Focal lengths and principal point among the intrinsics.
+PAIRS: Final = (slice(0, 2), slice(2, 4))
+COUNTED: Final = "Pixels are counted from 0 at the centre of the first one."
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -41,7 +44,8 @@ class SeenCamera(EyePoses):
         camera: intrinsics as they were found, with their covariance; without it where they were
             held.
         given: as they were given, or None.
-        told: as the pictures alone tell them, with covariance; None where they were held.
+        told: as the pictures alone tell them, with covariance; where they were held, focal lengths
+            and principal point beside the distortion of the file.
         images: (n,) names of its pictures.
         rows: (n,) their rows in the file of poses.
         inliers: (n,) which were fitted.
@@ -64,7 +68,7 @@ class SeenCamera(EyePoses):
     covariance: FloatArray
     camera: Camera
     given: Camera | None
-    told: Camera | None
+    told: Camera
     images: tuple[str, ...]
     rows: IntArray
     inliers: BoolArray
@@ -80,6 +84,11 @@ class SeenCamera(EyePoses):
     def rms(self) -> float:
         """Root mean square reprojection error of the corners of fitted pictures, px."""
         return rms_length(self.corners[self.corners[:, 6] > 0, 4:6])
+
+    @property
+    def held(self) -> bool:
+        """Whether the intrinsics were held at what the file says."""
+        return self.camera.covariance is None
 
     @property
     def strange(self) -> list[str]:
@@ -145,26 +154,54 @@ def _against_the_file(seen: SeenCamera) -> tuple[str, Level]:
     """What the pictures say against the camera's file, and whether it calls for care.
 
     Pictures that put the principal point elsewhere by more than chance are told; care is asked for
-    where what is known of the file's own errors does not explain it either.
+    where what is known of the file's own errors does not explain it either, and wherever X follows
+    the file.
     """
     told, given = seen.told, seen.given
-    if told is None or told.covariance is None or given is None:
+    assert told.covariance is not None
+    if given is None:
         return "", "good"
     change = told.intrinsics - given.intrinsics
     stated = np.zeros((len(INTRINSICS),) * 2) if given.covariance is None else given.covariance
+    if seen.held:
+        off = [pair for pair in PAIRS if _significant(change[pair], told.covariance[pair, pair])]
+        return (_held_against(seen, given), "care") if off else ("", "good")
     prior = given.stds if given.stds is not None else CALIBRATED.stds(given)
     expected = stated if given.covariance is not None else np.diag(prior**2)
-    for pair in (slice(0, 2), slice(2, 4)):
+    for pair in PAIRS:
         if _significant(change[pair], (told.covariance + expected)[pair, pair]):
             return _contradiction(seen, given), "care"
     if not _significant(change[2:4], (told.covariance + stated)[2:4, 2:4]):
         return "", "good"
-    (u, v), (by_u, by_v) = told.intrinsics[2:4], np.sqrt(np.diag(told.covariance)[2:4])
     return (
-        f"The pictures put the principal point at ({u:.2f} ± {by_u:.2f}, {v:.2f} ± {by_v:.2f}) px, "
+        f"The pictures put the principal point at {_told_centre(told)} px, "
         f"the camera's file at ({given.intrinsics[2]:.2f}, {given.intrinsics[3]:.2f}) px: X "
-        "follows the pictures. Pixels are counted from 0 at the centre of the first one.",
+        f"follows the pictures. {COUNTED}",
         "good",
+    )
+
+
+def _told_centre(told: Camera) -> str:
+    (u, v), (by_u, by_v) = told.intrinsics[2:4], _stds(told)[2:4]
+    return f"({u:.2f} ± {by_u:.2f}, {v:.2f} ± {by_v:.2f})"
+
+
+def _stds(camera: Camera) -> FloatArray:
+    assert camera.stds is not None
+    return camera.stds
+
+
+def _held_against(seen: SeenCamera, given: Camera) -> str:
+    """Intrinsics that were to be believed, and that the pictures do not bear out."""
+    stds = dict(zip(INTRINSICS, _stds(seen.told), strict=True))
+    changes = [
+        f"{key} {given.values[key]:.2f} → {seen.told.values[key]:.2f} ± {stds[key]:.2f}"
+        for key in ("fx", "fy", "cx", "cy")
+    ]
+    return (
+        f"The pictures contradict the intrinsics that were held ({', '.join(changes)} px), and X "
+        "follows the camera's file: its ± does not cover that. Let the pictures correct them "
+        f"(--intrinsics free), or correct the file. {COUNTED}"
     )
 
 

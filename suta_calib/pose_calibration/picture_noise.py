@@ -35,7 +35,6 @@ from suta_calib.solver.kernel import dense
 from suta_calib.solver.level_uncertainty import covariance_of_levels
 from suta_calib.solver.losses import huber_weight
 from suta_calib.solver.problem import Problem
-from suta_calib.solver.solution import Solution
 from suta_calib.solver.weights import CAMERA, Learned, WeightOptions, prior_groups
 from suta_calib.terms import CameraView
 from suta_calib.terms.camera_start import HELD
@@ -290,17 +289,23 @@ class _Likelihood:
 
 
 def weigh_pictures(
-    solution: Solution, hands: IntArray, alike: Sequence[FloatArray] = ()
+    problem: Problem,
+    start: FloatArray,
+    free: IntArray,
+    hands: IntArray,
+    alike: Sequence[FloatArray] = (),
 ) -> Weighed:
-    """The same unknowns with every picture weighed by how far the hand is off, and how certainly.
+    """The unknowns with every picture weighed by how far the hand is off, and how certainly.
 
     Args:
-        solution: of the pictures of every camera, from where to begin.
+        problem: of the pictures of every camera.
+        start: (n,) near the answer, as a solver leaves it, SI and px.
+        free: indices of what is estimated.
         hands: (samples,) pose of the hand of every sample of every term, from 0: cameras that took
             pictures at the same one share what is wrong with it.
         alike: spaces (poses of the hand, k) in which neighbours may err alike; 1 is far.
     """
-    problem, free, x = solution.problem.as_given(), solution.free, solution.x.copy()
+    problem, x = problem.as_given(), start.copy()
     nominal = problem.parameters.array("nominal")
     precision = problem.prior_precision()
     groups = _camera_groups(problem)[:, free]
@@ -329,6 +334,7 @@ def weigh_pictures(
     wide = eta.copy()
     wide[cameras + 2 :] = np.log(WIDE)
     alone = likelihood.at(wide)
+    told_covariance = alone.covariance + _in_common(alone, alike)
     position, rotation = (
         Learned(float(np.exp(eta[k])), float(log_std[k]), None) for k in (cameras, cameras + 1)
     )
@@ -343,7 +349,7 @@ def weigh_pictures(
     )
     whole = np.ix_(free, free)
     every, of_alone, told = np.zeros((len(x),) * 2), np.zeros((len(x),) * 2), x.copy()
-    every[whole], of_alone[whole] = covariance, alone.covariance
+    every[whole], of_alone[whole] = covariance, told_covariance
     told[free] += alone.step - here.step
     return Weighed(problem.names, x, every, noise, free, told, of_alone)
 

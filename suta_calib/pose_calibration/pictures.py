@@ -21,7 +21,7 @@ from suta_calib.geometry.numbers import (
     tangent_of_vector,
     vector_from_rotation,
 )
-from suta_calib.geometry.pinhole import INTRINSICS
+from suta_calib.geometry.pinhole import CENTRE, FOCAL, INTRINSICS
 from suta_calib.measurements import Board, Camera, Corners, Samples
 from suta_calib.measurements.pose_files import HandPoses
 from suta_calib.model.parameters import PLACEMENT
@@ -112,9 +112,11 @@ def hand_eye_from_pictures(
             term.check_enough()
             believed.append(_agreeing(term, view, robust, seed))
     solution, believed = _settled(terms, believed, robust)
-    weighed = weigh_pictures(solution, *_hands(solution))
+    hands = _hands(solution)
+    weighed = weigh_pictures(solution.problem, solution.x, solution.free, *hands)
+    freed = weighed if intrinsics == "free" else _freed(solution, weighed, *hands)
     cameras = tuple(
-        _seen(view, term, good, weighed, hand)
+        _seen(view, term, good, weighed, freed, hand)
         for view, term, good in zip(views, terms, believed, strict=True)
     )
     return PictureCalibration(
@@ -146,6 +148,28 @@ def _hands(solution: Solution) -> tuple[IntArray, list[FloatArray]]:
         if np.isfinite(shift).all()
     ]
     return hands.reshape(-1), spaces
+
+
+def _freed(
+    solution: Solution, held: Weighed, hands: IntArray, alike: Sequence[FloatArray]
+) -> Weighed:
+    """The same pictures with focal lengths and principal points estimated too.
+
+    What they say of what was held: distortion stays, which would take much of it upon itself.
+    """
+    terms = [
+        replace(term, free=True) for term in solution.problem.terms if isinstance(term, CameraView)
+    ]
+    problem = Problem(terms)
+    known = held.values
+    start = [known.get(p.name, p.nominal) for p in problem.parameters.values()]
+    estimated = {held.names[k] for k in held.free}
+    free = [
+        k
+        for k, p in enumerate(problem.parameters.values())
+        if p.name in estimated or (p.name not in known and p.key in (*FOCAL, *CENTRE))
+    ]
+    return weigh_pictures(problem, np.array(start), np.array(free), hands, alike)
 
 
 def _term(hand: HandPoses, view: View, setup: EyeSetup, intrinsics: Intrinsics) -> CameraView:
@@ -239,9 +263,10 @@ def _seen(
     term: CameraView,
     good: BoolArray,
     weighed: Weighed,
+    freed: Weighed,
     hand: HandPoses,
 ) -> SeenCamera:
-    """A camera of the answer."""
+    """A camera of the answer; ``freed`` is one with its intrinsics estimated."""
     values, parameters = weighed.values, list(weighed.values)
     eye, board, owner = term.owners
     names = [f"{frame}.{key}" for frame in (eye, board) for key in PLACEMENT]
@@ -252,25 +277,25 @@ def _seen(
         turn = np.array([values[f"{frame}.{key}"] for key in PLACEMENT[3:]])
         turned = slice(6 * k + 3, 6 * k + 6)
         jacobian[turned, turned] = tangent_of_vector(turn)
-    found, told_alone = term.camera, None
+    of = [freed.names.index(f"{owner}.{key}") for key in INTRINSICS]
+    told = replace(
+        term.camera,
+        intrinsics=freed.told[of].copy(),
+        covariance=freed.told_covariance[np.ix_(of, of)],
+    )
+    found = replace(term.camera, covariance=None)
     if term.free:
-        of = [parameters.index(f"{owner}.{key}") for key in INTRINSICS]
         found = replace(
-            found, intrinsics=weighed.x[of].copy(), covariance=covariance[np.ix_(of, of)]
-        )
-        told_alone = replace(
-            found,
-            intrinsics=weighed.told[of].copy(),
-            covariance=weighed.told_covariance[np.ix_(of, of)],
+            found, intrinsics=freed.x[of].copy(), covariance=freed.covariance[np.ix_(of, of)]
         )
     X, Z = pose_named(values, eye), pose_named(values, board)
     refined = replace(term, camera=found)
     A = hand.pose if term.setup == EYE_IN_HAND else inverse_poses(hand.pose)
     rows = np.array([int(origin) for origin in term.poses.samples.origin], dtype=np.intp)
     R, p = loop_closures((A[0][rows], A[1][rows]), X, refined.seen_poses)
-    told = np.isfinite(p[:, 0])
+    posed = np.isfinite(p[:, 0])
     turns = np.full(p.shape, np.nan)
-    turns[told] = vector_from_rotation(Z[0].T @ R[told])
+    turns[posed] = vector_from_rotation(Z[0].T @ R[posed])
     errors = picture_errors(term, values)
     points = np.array(list(view.board.points))
     sample, point = term.found
@@ -293,7 +318,7 @@ def _seen(
         covariance=jacobian @ covariance[np.ix_(at, at)] @ jacobian.T,
         camera=found,
         given=view.camera,
-        told=told_alone,
+        told=told,
         images=tuple(images.tolist()),
         rows=rows,
         inliers=good,

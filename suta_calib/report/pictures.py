@@ -178,7 +178,8 @@ def _hand(noise: PictureNoise) -> str:
     return (
         f"each pose of the hand is off by {mm(noise.position.value):.3f} mm "
         f"({mm(low):.3f} to {mm(high):.3f}) and {deg(noise.rotation.value):.3f}° "
-        f"({deg(from_turn):.3f} to {deg(to_turn):.3f}) about each axis (one sigma)"
+        f"({deg(from_turn):.3f} to {deg(to_turn):.3f}) about each axis (one sigma); what all have "
+        "in common, such as a base that stands tilted, is in no picture and no ±"
     )
 
 

@@ -10,12 +10,11 @@ from typing import Any, ClassVar, Final, Literal, Self
 
 import numpy as np
 
-from suta_calib.arrays import BoolArray, FloatArray, IntArray
+from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.assessment import Level
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.pinhole import (
     CENTRE,
-    DISTORTION,
     FOCAL,
     INTRINSICS,
     projected,
@@ -26,14 +25,14 @@ from suta_calib.measurements import (
     Chessboard,
     SampleColumns,
     YamlSection,
-    read_board,
-    read_camera,
     read_corners,
 )
 from suta_calib.measurements.keys import Key
 from suta_calib.model.parameters import PLACEMENT, Parameter
 from suta_calib.terms.block import LEARNT, Block, Noise
 from suta_calib.terms.board_pictures import MIRRORED, QUOTED, TURNED, BoardPictures
+from suta_calib.terms.board_sight import BoardSight, OnePoint
+from suta_calib.terms.camera_row import CAMERA_FILES, CAMERA_KEYS, read_camera_row
 from suta_calib.terms.camera_start import (
     CALIBRATED,
     HELD,
@@ -54,15 +53,12 @@ from suta_calib.terms.hand_eye_start import (
 from suta_calib.terms.observed import Observed, Resimulation, TrueFrame
 from suta_calib.terms.outside import OutsideFrame, pose_named, pose_parameters, pose_values
 from suta_calib.terms.poses import PoseSource
-from suta_calib.terms.reprojection import NEAREST, REPROJECTION
+from suta_calib.terms.reprojection import REPROJECTION
 from suta_calib.terms.seen import FramedTerm
 from suta_calib.terms.seen_corners import with_corners
 from suta_calib.terms.setup import Setup
 from suta_calib.terms.term import Gap, Medium, Term
 from suta_calib.words import listed
-
-# Cosine of the steepest angle at which a board is still found.
-_GRAZING: Final = 0.25
 
 # What a kind that nobody has set up looks at, and with what: a board and a camera as they are.
 _BOARD: Final = Chessboard(7, 5, 0.03)
@@ -108,33 +104,12 @@ class CameraView(FramedTerm):
     )
     medium: ClassVar[Medium] = "camera"
     has_angles: ClassVar[bool] = False
-    keys: ClassVar[tuple[Key, ...]] = (
-        Key("corners", "file", "Where the corners are in the pictures: corners.csv.", True),
-        Key("board", "file", "The board.yaml.", True),
-        Key("camera", "file", "The camera.yaml; without it the camera is estimated from nothing."),
-        Key("setup", "text", "eye-in-hand (the default), or eye-to-hand: the board on the tip."),
-        Key(
-            "intrinsics",
-            "text",
-            "fixed (the default beside a camera), or free: the camera is estimated too.",
-        ),
-        Key("target", "text", "Tells several boards apart."),
-        Key("sigma_px", "px", "Standard deviation of a corner's coordinate."),
-        Key("huber_px", "px", "Corners farther off are believed less."),
-    )
+    keys: ClassVar[tuple[Key, ...]] = CAMERA_KEYS
     measured_keys: ClassVar[tuple[str, ...]] = (
         *("corners", "intrinsics", "target", "sigma_px", "huber_px"),
     )
     unit: ClassVar[Literal["mm", "px"]] = "px"
-    files: ClassVar[Mapping[str, str]] = {
-        "corners.csv": "image,point,u,v\n",
-        "board.yaml": "# Inner corners: columns, rows. Other types: charuco, markers.\n"
-        "type: chessboard\ncorners: [7, 5]\nsquare_mm: 30\n",
-        "camera.yaml": "# As ROS or OpenCV calibrated it.\nimage_width: 1280\nimage_height: 960\n"
-        "camera_matrix: {rows: 3, cols: 3, data: [1000, 0, 639.5, 0, 1000, 479.5, 0, 0, 1]}\n"
-        "distortion_model: plumb_bob\n"
-        "distortion_coefficients: {rows: 1, cols: 5, data: [0, 0, 0, 0, 0]}\n",
-    }
+    files: ClassVar[Mapping[str, str]] = CAMERA_FILES
     groupings: ClassVar[Mapping[str, tuple[str, ...]]] = {"image": ("image",)}
     frames: ClassVar[tuple[TrueFrame, ...]] = (
         TrueFrame(
@@ -151,6 +126,7 @@ class CameraView(FramedTerm):
         ),
     )
     chance: ClassVar[float] = 0.02
+    freed_by: ClassVar[str] = "intrinsics: free"
     leaves_open: ClassVar[Mapping[Gap, tuple[str, str]]] = {
         "tool": (
             "moves the tip in the last link, and with it nothing that the camera sees: the "
@@ -212,23 +188,7 @@ class CameraView(FramedTerm):
         Raises:
             InputError: a file or a value that cannot be used.
         """
-        found: dict[str, Any] = {"board": read_board(row.existing_file("board"))}
-        if "camera" in row:
-            found["camera"] = read_camera(row.existing_file("camera"))
-        if "corners" in row:
-            found["corners"] = row.existing_file("corners")
-        found["setup"] = row.choice("setup", (EYE_IN_HAND, EYE_TO_HAND), EYE_IN_HAND)
-        known = "fixed" if "camera" in row else "free"
-        found["free"] = row.choice("intrinsics", ("fixed", "free"), known) == "free"
-        if not found["free"] and "camera" not in row:
-            hint = "name the camera's file, or set intrinsics: free"
-            raise row.refuse("no camera for intrinsics: fixed", at=("camera",), hint=hint)
-        found["target"] = row.text("target", default="default")
-        sigma = row.optional_number("sigma_px", "positive")
-        huber = row.optional_number("huber_px", "positive")
-        fixed = sigma is not None and row.flag("fixed")
-        found["noise"] = Noise(sigma, np.inf if huber is None else huber, fixed)
-        return found
+        return read_camera_row(row)
 
     @property
     def settings(self) -> Mapping[str, Any]:
@@ -304,6 +264,18 @@ class CameraView(FramedTerm):
                 for key, value, std in values
             ),
         )
+
+    @property
+    def freed(self) -> Self | None:
+        """The same with focal lengths and principal point estimated.
+
+        Distortion stays: it would take much of what a principal point does upon itself.
+        """
+        if self.free:
+            return None
+        prior = UNCALIBRATED.stds(self.camera)
+        prior[len(FOCAL) + len(CENTRE) :] = 0.0
+        return replace(self, free=True, prior=prior)
 
     @cached_property
     def pixels(self) -> FloatArray:
@@ -383,27 +355,8 @@ class CameraView(FramedTerm):
 
     def observed(self, values: Mapping[str, float], poses: PoseSource) -> Observed:
         """The board in the camera, and its corners in the picture where they would be found."""
-        (rotation, position), points = self._in_eye(values, poses)
-        camera = self._camera_at(values)
-        ahead = points[..., 2] > NEAREST
-        safe = np.where(ahead[..., None], points, [0.0, 0.0, 1.0])
-        pixels = projected(safe, camera.intrinsics)
-        inside = camera.inside(pixels.reshape(-1, 2)).reshape(ahead.shape)
-        # Distortion folds back into the picture what is far outside: an ideal lens tells that.
-        straight = np.concatenate([camera.intrinsics[:4], np.zeros(len(DISTORTION))])
-        room = np.array([camera.width, camera.height])
-        near = np.all(np.abs(projected(safe, straight) - room / 2) < room, axis=2)
-        shown = ahead & inside & near & self._faces(rotation, position)[:, None]
-        return Observed(position, rotation, np.where(shown[..., None], pixels, np.nan))
-
-    def _faces(self, rotation: FloatArray, position: FloatArray) -> BoolArray:
-        """(n,) whether a flat board shows its face; one that is not flat always shows some."""
-        if not self.board.flat:
-            return np.ones(len(position), dtype=np.bool_)
-        middle = position + rotation @ self.points.mean(axis=0)
-        distance = np.maximum(np.linalg.norm(middle, axis=1), 1e-300)
-        cosine = np.einsum("ni,ni->n", rotation[:, :, 2], middle) / distance
-        return np.asarray(cosine > _GRAZING)
+        sight = self._sight(values, poses)
+        return Observed(sight.position, sight.rotation, sight.pixels)
 
     def _camera_at(self, values: Mapping[str, float]) -> Camera:
         """The camera with the intrinsics that these values have, or with its own."""
@@ -411,14 +364,14 @@ class CameraView(FramedTerm):
         found = [values.get(f"{owner}.{key}", known[key]) for key in INTRINSICS]
         return replace(self.camera, intrinsics=np.array(found))
 
-    def _in_eye(self, values: Mapping[str, float], poses: PoseSource) -> tuple[Poses, FloatArray]:
-        """``T_eye_board`` of every sample, and the board's points in the eye, (n, points, 3) m."""
+    def _sight(self, values: Mapping[str, float], poses: PoseSource) -> BoardSight:
+        """The board before the camera at these poses."""
         eye, board, _ = self.owners
         (R_eye, p_eye), (R_board, p_board) = pose_named(values, eye), pose_named(values, board)
         hand = poses.at(values)
         rotation, position = hand if self.setup == EYE_TO_HAND else inverse_poses(hand)
         turn, shift = R_eye.T @ rotation @ R_board, (rotation @ p_board + position - p_eye) @ R_eye
-        return (turn, shift), np.einsum("nij,kj->nki", turn, self.points) + shift[:, None]
+        return BoardSight(self.board, self._camera_at(values), turn, shift)
 
     def resimulated(
         self, values: Mapping[str, float], noise: Sequence[float], again: Resimulation
@@ -428,16 +381,10 @@ class CameraView(FramedTerm):
         assert ideal.pixels is not None
         seen = self.poses.samples.pixels
         if seen is not None:
-            pixels = np.where(np.isfinite(seen), self._everywhere(values), np.nan)
+            pixels = np.where(np.isfinite(seen), self._sight(values, self.poses).everywhere, np.nan)
             ideal = replace(ideal, pixels=pixels)
         sigma, (block,) = [noise[0] / self.pixel], self.blocks
         return self.over_poses(again.seen(self.poses, ideal, sigma, block.relative))
-
-    def _everywhere(self, values: Mapping[str, float]) -> FloatArray:
-        """(n, points, 2) pixels, whether they are in the picture or not."""
-        _, points = self._in_eye(values, self.poses)
-        points[..., 2] = np.maximum(points[..., 2], NEAREST)
-        return projected(points, self._camera_at(values).intrinsics)
 
     def start(self, rotation: FloatArray, position: FloatArray) -> FloatArray:
         """Poses of the board by every picture, and the closed form of those that agree."""
@@ -453,7 +400,7 @@ class CameraView(FramedTerm):
 
     def single_touches(self) -> CameraView:
         """The board's middle in every picture, where the picture's own pose of the board has it."""
-        middle = _Middle(self.points.mean(axis=0))
+        middle = OnePoint(self.points.mean(axis=0))
         rotation, position = self.seen_poses
         there = rotation @ middle.place + position
         mean = np.nanmean(self.pixels, axis=1)
@@ -517,22 +464,3 @@ class CameraView(FramedTerm):
                 names = listed(np.array(self._names)[rows].tolist(), QUOTED)
                 found[f"In {names} {TURNED[what]} Leave them out (exclude)."] = "bad"
         return found
-
-
-@dataclass(frozen=True, eq=False)
-class _Middle(Board):
-    """One point of a board."""
-
-    type: ClassVar[str] = "point"
-
-    place: FloatArray
-
-    @cached_property
-    def points(self) -> Mapping[int, FloatArray]:
-        return {0: self.place}
-
-    def scaled(self, factor: float) -> Self:
-        return replace(self, place=factor * self.place)
-
-    def row(self) -> dict[str, Any]:
-        return {"type": self.type}

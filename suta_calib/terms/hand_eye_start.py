@@ -21,6 +21,10 @@ EYE_IN_HAND: Final[EyeSetup] = "eye-in-hand"
 EYE_TO_HAND: Final[EyeSetup] = "eye-to-hand"
 # Pairs of poses that determine where the eye is, and what it sees.
 FEWEST: Final = 3
+# Turn of the middle loop against Z, rad, from where on it is asked whether a few pairs do better,
+# and how many few are tried.
+_LOOSE: Final = 0.15
+_GUESSES: Final = 50
 # Loops that are this many times as far off as the middle one start nothing.
 _STRANGE: Final = 4.0
 _ROUNDS: Final = 3
@@ -79,21 +83,54 @@ def agreeing_hand_eye(hand: Poses, seen: Poses) -> tuple[Poses, Poses]:
     nothing = np.eye(3), np.zeros(3)
     if len(hand[1]) < 2:
         return nothing, nothing
-    kept = np.ones(len(hand[1]), dtype=np.bool_)
+    X, Z, off = _trimmed(hand, seen, np.ones(len(hand[1]), dtype=np.bool_))
+    if off > _LOOSE and len(hand[1]) > FEWEST:
+        # A fifth of all boards half a turn off spoils the mean beyond what leaving out mends.
+        other = _trimmed(hand, seen, _like_a_few(hand, seen))
+        if other[2] < off:
+            X, Z, _ = other
+    return X, Z
+
+
+def _trimmed(hand: Poses, seen: Poses, kept: BoolArray) -> tuple[Poses, Poses, float]:
+    """X and Z of the pairs ``kept``, then of those that agree with these, until they are the same.
+
+    And how far the middle one of all loops is turned from Z, rad.
+    """
     for _ in range(_ROUNDS):
         A, B = some_poses(hand, kept), some_poses(seen, kept)
         X = quaternion_hand_eye(A, B)
         Z = close_the_loop(A, X, B)
-        R, p = loop_closures(hand, X, seen)
-        apart = np.linalg.norm(p - np.median(p, axis=0), axis=1)
-        turned = np.linalg.norm(R - Z[0], axis=(1, 2))
+        apart, turned = _off(hand, seen, X, Z[0])
         agreeing = np.ones_like(kept)
         for off in (apart, turned):
             agreeing &= off <= _STRANGE * max(float(np.median(off)), 1e-9)
         if agreeing.sum() < FEWEST or np.array_equal(agreeing, kept):
             break
         kept = agreeing
-    return X, Z
+    return X, Z, float(np.median(turned))
+
+
+def _off(hand: Poses, seen: Poses, X: Poses, R_Z: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(..., n) how far loops end from the middle one, m, and how they are turned against Z, rad."""
+    R, p = loop_closures(hand, X, seen)
+    apart = np.linalg.norm(p - np.median(p, axis=-2, keepdims=True), axis=-1)
+    # Of small turns, √2 times their angle.
+    turned = np.linalg.norm(R - R_Z[..., None, :, :], axis=(-2, -1)) / np.sqrt(2.0)
+    return apart, turned
+
+
+def _like_a_few(hand: Poses, seen: Poses) -> BoolArray:
+    """(n,) pairs whose loops close as those of the few that most of all agree with."""
+    n = len(hand[1])
+    random = np.random.default_rng(0)
+    few = np.array([random.choice(n, FEWEST, replace=False) for _ in range(_GUESSES)])
+    A, B = (hand[0][few], hand[1][few]), (seen[0][few], seen[1][few])
+    X = quaternion_hand_eye(A, B)
+    _, turned = _off(hand, seen, X, close_the_loop(A, X, B)[0])
+    middle = np.median(turned, axis=1)
+    best = int(np.argmin(middle))
+    return np.asarray(turned[best] <= _STRANGE * max(float(middle[best]), 1e-9))
 
 
 def close_the_loop(hand: Poses, X: Poses, seen: Poses) -> Poses:

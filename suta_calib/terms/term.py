@@ -76,6 +76,7 @@ class Term(ABC):
         measured_keys: keys of a row about what was measured, which a simulation does not take.
         frames: what a simulation may state of what sees or is seen.
         chance: rough part of an arm's postures in which what is looked at is in sight.
+        freed_by: what a job's row says for `freed`.
         files: what the files that a job names are begun with; each is called as its key.
         tested: what of an acceptance test after ISO 10360-12 its samples measure.
         leaves_open: by what is left open, why this kind alone cannot tell, and what to do then.
@@ -104,6 +105,7 @@ class Term(ABC):
     measured_keys: ClassVar[tuple[str, ...]] = ()
     frames: ClassVar[tuple[TrueFrame, ...]] = ()
     chance: ClassVar[float] = 1.0
+    freed_by: ClassVar[str] = ""
     files: ClassVar[Mapping[str, str]] = {}
     tested: ClassVar[Literal["", "length", "articulation"]] = ""
     leaves_open: ClassVar[Mapping[Gap, tuple[str, str]]] = {}
@@ -333,6 +335,14 @@ class Term(ABC):
     def settings(self) -> Mapping[str, Any]:
         """The values of the kind's own `keys` that this term was built with."""
         return {}
+
+    @property
+    def freed(self) -> Self | None:
+        """The same with what it takes for certain estimated; None where it takes nothing so.
+
+        What its own unknowns have more then is what residuals are asked about; see `freed_by`.
+        """
+        return None
 
     @property
     def opens(self) -> Mapping[Gap, tuple[str, str]]:

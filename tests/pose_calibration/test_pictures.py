@@ -130,6 +130,40 @@ def test_a_principal_point_a_pixel_off_is_named_and_costs_nothing() -> None:
     assert np.abs(errors(wrong.cameras[0])[:6] / std).max() < 4.0
 
 
+@pytest.mark.parametrize(
+    ("shift", "contradicted"), [((0, 0, 0, 0), False), ((0, 0, 1, 1), True), ((5, 5, 0, 0), True)]
+)
+def test_wrong_intrinsics_that_are_held_do_not_pass_in_silence(
+    shift: tuple[float, ...], contradicted: bool
+) -> None:
+    """Half a per cent of the focal length, or a pixel: X follows the file, and must say so."""
+    file = Camera(1280, 960, np.add(LENS, [*shift, 0, 0, 0, 0, 0]))
+    found = solved(pictures(24, pixel=0.1, given=file), intrinsics="fixed")
+    (seen,) = found.cameras
+    assert seen.held
+    assert np.array_equal(seen.camera.intrinsics, file.intrinsics)
+    assert [("were held (fx" in note) for note in found.assessment.notes] == [True] * contradicted
+    assert (found.assessment.level == "care") == contradicted
+    assert seen.told.stds is not None
+    off = (seen.told.intrinsics - LENS)[:4] / seen.told.stds[:4]
+    assert np.abs(off).max() < 4.0
+
+
+def alarms(trials: int) -> int:
+    """How often right intrinsics are contradicted, with a hand that is not where it says."""
+    notes = (
+        solved(pictures(16, pixel=0.1, robot=(3e-4, 5e-4), seed=seed), intrinsics="fixed")
+        for seed in range(trials)
+    )
+    return sum(any("were held" in note for note in each.assessment.notes) for each in notes)
+
+
+@pytest.mark.slow
+def test_right_intrinsics_are_rarely_contradicted() -> None:
+    """Two tests of one in a hundred: of two hundred calibrations, four; ten is far too many."""
+    assert alarms(200) <= 10
+
+
 def test_a_rectified_camera_has_no_distortion_to_hide_a_principal_point_in() -> None:
     """Coefficients that are zero in the file are no part of the camera: they stay out of the way.
 

@@ -95,6 +95,21 @@ def test_the_camera_is_corrected_too(folder: Path, capsys: pytest.CaptureFixture
     assert found["parameters"]["camera.k1"]["unit"] == "1"
 
 
+@pytest.mark.parametrize(("focal", "contradicted"), [(1000, False), (1015, True)])
+def test_held_intrinsics_that_the_pictures_contradict_are_named(
+    folder: Path, capsys: pytest.CaptureFixture[str], focal: int, contradicted: bool
+) -> None:
+    """Also in silence about right ones, whatever the arm has wrong."""
+    file = CAMERA.replace("1000,", f"{focal},").replace("1002,", f"{focal + 2},")
+    (folder / "held.yaml").write_text(file)
+    (folder / "held_job.yaml").write_text(JOB.replace("camera.yaml", "held.yaml"))
+    found = answer(capsys, "calibrate", folder / "held_job.yaml", "--out", folder / "held")
+    notes = [note for note in found["verdict"]["notes"] if "contradict what was held" in note]
+    assert len(notes) == contradicted
+    assert all("of camera (fx 1015.000 → 100" in note for note in notes)
+    assert all("intrinsics: free" in note for note in notes)
+
+
 def test_a_corrected_camera_is_told_without_being_asked_for(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

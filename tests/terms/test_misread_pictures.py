@@ -120,6 +120,24 @@ def test_some_pictures_upside_down_are_named(change: Change, said: str) -> None:
     assert level == "bad"
 
 
+def test_a_third_of_all_boards_turned_is_named_picture_by_picture() -> None:
+    """The mean of all pictures is of no use then; those that agree with each other are."""
+    turned = changed(lambda pixels: pixels[:, ::-1], slice(None, None, 3))
+    found = turned.pictures.upside_down(turned.poses.at({}))["board"]
+    assert np.array_equal(np.flatnonzero(found), np.arange(0, 16, 3))
+
+
+def test_what_nothing_converges_with_is_named_too() -> None:
+    term = changed(lambda pixels: pixels[:, ::-1], slice(None, None, 3))
+    solution = solve(Problem([term], dh_parameters(ARM)))
+    lost = replace(
+        solution, minimum=replace(solution.minimum, status="Maximum_Iterations_Exceeded")
+    )
+    answer = assess_calibration(lost, assess(lost, []))
+    assert answer.level == "bad"
+    assert any("turned by half a turn" in note for note in answer.notes)
+
+
 def test_all_pictures_the_other_way_round_are_as_good() -> None:
     """Nobody knows which end of a board is its beginning, or which way up a camera hangs."""
     assert not TERM.doubts

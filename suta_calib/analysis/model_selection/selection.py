@@ -70,6 +70,7 @@ SHORT: Final[dict[Family, str]] = {
     "gain": "gain",
     "backlash": "backlash",
     "expansion": "expansion",
+    "coupling": "coupling",
 }
 # Models that a search usually tries: only to say how far it has come.
 EXPECTED: Final = 30

@@ -1,0 +1,103 @@
+"""Do the data speak against what a term was told to believe, such as a camera's intrinsics?
+
+What is believed is estimated too (`Term.freed`), from the same start and with hardly any prior,
+and held against what was believed (Wald 1943, doi:10.1090/S0002-9947-1943-0012401-3): a score test
+at the fit would need more pictures than a calibration has, for each is one witness.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from suta_calib.distributions import chi2
+from suta_calib.errors import SutaCalibError
+from suta_calib.model.parameters import Parameter
+from suta_calib.solver.ipopt import SolverOptions
+from suta_calib.solver.problem import Problem
+from suta_calib.solver.solution import Solution
+from suta_calib.solver.solve import solve
+from suta_calib.units import text
+
+# Chance that right beliefs are contradicted.
+LEVEL: Final = 1e-3
+# Part of its prior up to which a standard deviation is the data's doing.
+LOOSE: Final = 0.5
+
+
+@dataclass(frozen=True)
+class Contradicted:
+    """What was believed of one thing, and what the data make of it.
+
+    Attributes:
+        told: the parameters, nominal as they were believed.
+        values: of them, SI and px, as the data have it.
+        stds: of these.
+        remedy: what to write for them to be estimated.
+    """
+
+    told: tuple[Parameter, ...]
+    values: tuple[float, ...]
+    stds: tuple[float, ...]
+    remedy: str
+
+    @property
+    def sentence(self) -> str:
+        """What is contradicted, and what to do."""
+        changes = ", ".join(
+            f"{p.key} {text(p.nominal, p.unit)} → {text(value, p.unit)} ± "
+            f"{text(std, p.unit, with_unit=True)}"
+            for p, value, std in zip(self.told, self.values, self.stds, strict=True)
+        )
+        return (
+            f"The data contradict what was held of {self.told[0].owner} ({changes}), and what was "
+            f"fitted follows it: no ± covers that. Let it be estimated ({self.remedy}); or free "
+            "more of the arm, if that may be what is wrong."
+        )
+
+
+def contradicted_beliefs(solution: Solution) -> Iterator[Contradicted]:
+    """What the data speak against, of everything that the terms believe.
+
+    Args:
+        solution: a converged one, of terms over an arm.
+    """
+    problem = solution.problem
+    freed = [term.freed for term in problem.terms]
+    believed = {
+        p.name: (p, term.freed_by)
+        for term in freed
+        if term is not None
+        for p in term.own
+        if p.name not in problem.parameters
+    }
+    if not believed:
+        return
+    terms = [more or term for more, term in zip(freed, problem.terms, strict=True)]
+    try:
+        again = solve(Problem(terms, problem.arm_parameters), SolverOptions(starts=1))
+    except SutaCalibError:  # Too few data for so many unknowns contradict nothing.
+        return
+    if not again.converged:
+        return
+    free = {again.problem.names[k] for k in again.free}
+    for owner in dict.fromkeys(p.owner for p, _ in believed.values()):
+        told = [p for p, _ in believed.values() if p.owner == owner and p.name in free]
+        at = [again.problem.names.index(p.name) for p in told]
+        change = again.x[at] - np.array([p.nominal for p in told])
+        covariance = again.covariance[np.ix_(at, at)]
+        prior = np.array([p.prior or np.inf for p in told])
+        # A prior that leaves nothing to tell is what the kind holds even so.
+        loose = np.sqrt(np.diag(covariance)) < LOOSE * prior
+        told = [p for p, kept in zip(told, loose, strict=True) if kept]
+        if not told:
+            continue
+        change, covariance = change[loose], covariance[np.ix_(loose, loose)]
+        squared = float(change @ np.linalg.solve(covariance, change))
+        if squared > float(chi2.isf(LEVEL, len(told))):
+            values = [p.nominal + step for p, step in zip(told, change.tolist(), strict=True)]
+            stds = np.sqrt(np.diag(covariance)).tolist()
+            yield Contradicted(tuple(told), tuple(values), tuple(stds), believed[told[0].name][1])
