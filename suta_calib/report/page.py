@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from datetime import UTC, datetime
-from html import unescape
+from html import escape, unescape
 from typing import Final
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -61,6 +61,8 @@ def page_with(answer: Document, page: str | None, job: str = "") -> str:
     """
     templates = environment()
     begins = answer.written in BEGINS or page is None or not belongs(page, job)
+    # A page that told of this alone is dated anew.
+    begins = begins or (page is not None and _SECTION.findall(page) == [escape(answer.name)])
     if begins or page is None or not _place(page):
         now = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")
         page = templates.get_template("analyses.html.j2").render(

@@ -15,14 +15,16 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
 from suta_calib.arrays import FloatArray
-from suta_calib.plotting.style import style
+from suta_calib.plotting.style import WIDTH, style
 from suta_calib.units import Unit, shown
 
-# Pixels on a page per point of the figure, at most and at least: one as wide as `WIDTH` fills the
-# text, fits a page of 500, and on a telephone it can still be read, and moved aside.
+# Pixels on a page per point of the figure, at most and at least. One as wide as `WIDTH` fills the
+# text and fits a page of 500, where what is written in it is enlarged; one of several panels that
+# is wider, or either on a telephone, can be read, and moved aside.
 _ENLARGED: Final = 1.8
-_REDUCED: Final = 0.87
-# A figure of more points than this gets smaller on a narrow page, where its text is enlarged.
+_REDUCED: Final = 1.1
+_FITTED: Final = 0.87
+# Width from which on a figure does not fit such a page anyway, points.
 _WIDE: Final = 400.0
 # Width of a letter on average, as a part of its height.
 _LETTER: Final = 0.6
@@ -136,9 +138,11 @@ def svg_text(figure: Figure, name: str, description: str) -> str:
             del element.attrib["id"]
     width = float(root.attrib.pop("width").removesuffix("pt"))
     del root.attrib["height"]
-    most, least = (f"{width * pixels:.0f}px" for pixels in (_ENLARGED, _REDUCED))
-    if width > _WIDE:
+    fits = _WIDE < width < 72.0 * WIDTH + 1.0
+    if fits:
         root.set("data-wide", "")
+    reduced = _FITTED if fits else _REDUCED
+    most, least = (f"{width * pixels:.0f}px" for pixels in (_ENLARGED, reduced))
     root.set("style", f"max-width:{most};min-width:{least}")
     root.set("id", name)
     root.set("role", "img")

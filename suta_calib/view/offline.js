@@ -87,8 +87,11 @@ class Offline {
     }
   }
 
-  hear({ type, uuid, updates, name, instance_index: instance }) {
-    if (type === "SceneNodeClickMessage" && name === "/samples") this.choose(instance || 0);
+  hear({ type, uuid, updates, name, ...clicked }) {
+    if (type === "SceneNodeClickMessage" && name === "/samples") {
+      const row = clicked.instance_index ?? this.along(clicked.ray_origin, clicked.ray_direction);
+      if (row !== null) this.choose(row);
+    }
     if (type !== "GuiUpdateMessage" || !("value" in updates)) return;
     const { controls, scene } = this, label = this.labels[uuid], { value } = updates;
     const factor = controls.factors[label], joint = this.joints.findIndex(([each]) => each === label);
@@ -101,6 +104,16 @@ class Offline {
       { type: "SetSceneNodeVisibilityMessage", name: controls.switches[label], visible: value, owner: "" }]);
     else if (label === controls.sample) this.show(value);
     else if (label === controls.play) this.play(value);
+  }
+
+  // `Rows.along`
+  along(origin, [x, y, z]) {
+    const off = this.scene.rows.at.map((place) => {
+      const [a, b, c] = sum(place, origin.map((value) => -value));
+      return Math.hypot(b * z - c * y, c * x - a * z, a * y - b * x);
+    });
+    const least = Math.min(...off);
+    return least <= this.scene.near ? off.indexOf(least) : null;
   }
 
   show(row) {

@@ -20,7 +20,7 @@ import numpy as np
 
 from suta_calib.extras import load
 from suta_calib.view.scene import Arrows, Ellipsoids, Scene
-from suta_calib.view.server import Viewer, headline
+from suta_calib.view.server import NEAR, Viewer, headline
 
 if TYPE_CHECKING:
     from suta_calib.view.drawing import ShownArm
@@ -115,6 +115,7 @@ def _moved(viewer: Viewer) -> dict[str, Any]:
         "controls": viewer.controls,
         "q": _rounded(scene.q),
         "rows": {"q": _rounded(rows.q), "at": _rounded(rows.at), "names": rows.names},
+        "near": NEAR * viewer.mark,
         "arms": [_arm(arm) for arm in viewer.arms],
         "arrows": [
             {"node": f"/{thing.name}", "at": _rounded(thing.at), "vector": _rounded(thing.vector)}

@@ -178,6 +178,18 @@ class Rows:
     def __len__(self) -> int:
         return len(self.names)
 
+    def along(self, origin: FloatArray, direction: FloatArray, within: float) -> int | None:
+        """The sample that a ray passes nearest to; None where it passes all of them farther off.
+
+        Args:
+            origin: (3,) where the ray begins, m.
+            direction: (3,) unit vector.
+            within: how near it must pass, m.
+        """
+        off = np.linalg.norm(np.cross(self.at - origin, direction), axis=1)
+        nearest = int(np.argmin(off))
+        return nearest if off[nearest] <= within else None
+
 
 @dataclass(frozen=True, eq=False)
 class Scene:

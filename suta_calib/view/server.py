@@ -36,6 +36,8 @@ if TYPE_CHECKING:
 
 # How long a sample is shown, s.
 EACH_S: Final = 0.25
+# How near a click must pass a sample, in radii of its mark.
+NEAR: Final = 3.0
 _WELL: Final = (150, 150, 150)
 # A joint without limits turns once; a slide without them goes a metre each way.
 _UNLIMITED: Final = {"rad": np.pi, "m": 1.0}
@@ -101,6 +103,11 @@ class Viewer:
         self.close()
 
     @property
+    def mark(self) -> float:
+        """Radius of a sample's mark, m."""
+        return 0.003 * float(np.linalg.norm(np.ptp(self.scene.extent, axis=0)))
+
+    @property
     def url(self) -> str:
         """Where to look."""
         return f"http://{self.server.get_host()}:{self.server.get_port()}"
@@ -151,11 +158,20 @@ class Viewer:
 
     def _draw_rows(self) -> None:
         api, rows = self.server.scene, self.scene.rows
-        size = 0.003 * float(np.linalg.norm(np.ptp(self.scene.extent, axis=0)))
+        size = self.mark
         colours = np.where(rows.outlying[:, None], OUTLYING, _WELL)
         marks = spheres(api, "/samples", rows.at, np.full(3, size), colours)
-        marks.on_click(lambda event: self.choose(event.instance_index or 0))
+        marks.on_click(self._clicked)
         self._chosen = api.add_label("/name of the sample", rows.names[0], position=rows.at[0])
+
+    def _clicked(self, event: Any) -> None:
+        """Viser does not always know which of the marks was hit, nor whether one was."""
+        row = event.instance_index
+        if row is None:
+            ray = np.array(event.ray_origin), np.array(event.ray_direction)
+            row = self.scene.rows.along(*ray, NEAR * self.mark)
+        if row is not None:
+            self.choose(row)
 
     # ── the panel ───────────────────────────────────────────────────────────────────────────
     def add_panel(self) -> None:

@@ -121,6 +121,20 @@ def test_labels_to_paste_are_read_back_as_they_are() -> None:
     assert YAML(typ="safe").load(f"exclude: {flow_yaml(levels)}") == {"exclude": levels}
 
 
+def test_a_page_is_dated_by_what_it_is_of() -> None:
+    """Of one answer alone by that answer's last run; of several by that of the first."""
+    old = "2001-01-01 00:00 UTC"
+
+    def aged(page: str) -> str:
+        return re.sub(r"\d{4}-\d\d-\d\d \d\d:\d\d UTC", old, page)
+
+    alone = aged(page_with(SECTION, None))
+    assert old in alone
+    assert old not in page_with(SECTION, alone)
+    both = aged(page_with(replace(SECTION, name="study"), alone))
+    assert old in page_with(SECTION, both)
+
+
 def test_figures_are_as_wide_as_the_text_and_no_narrower_than_can_be_read() -> None:
     with picture_of("plot", (WIDTH, 2.0)) as figure:
         figure.subplots()

@@ -8,6 +8,7 @@ import re
 import shutil
 import subprocess
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 from urllib.request import urlopen
 
@@ -122,6 +123,14 @@ def test_factors_joints_and_samples_are_chosen_in_the_panel(scene: Scene) -> Non
         arm = scene.arms[0]
         expected = arm.arm.forward(scene.rows.q[3], arm.values)[1]
         np.testing.assert_allclose(tip.position, expected, atol=1e-6)
+        # A click that viser cannot tell is the sample it passes, or none.
+        passed = scene.rows.at[9] + np.array([0.0, 0.0, 2.0])
+        for origin, row in ((passed, 9), (passed + 50.0, 9), (scene.rows.at[3], 3)):
+            event = SimpleNamespace(
+                instance_index=None, ray_origin=origin, ray_direction=(0, 0, -1)
+            )
+            viewer._clicked(event)
+            assert viewer.shown == row
         # A slider in degrees moves the arm in radians, from where it is.
         assert viewer.joints[0].value == pytest.approx(np.degrees(scene.rows.q[3, 0]), abs=0.0051)
         viewer.joints[1].value = 30.0
@@ -198,9 +207,14 @@ def test_what_is_moved_and_clicked_in_the_page_is_answered_as_by_the_viewer(
     arms = [
         {"arm": numbers_of(each), "q": q.tolist()} for each, q in zip(drawn, postures, strict=True)
     ]
+    ray = {"ray_origin": [0.0, 0.0, 5.0]}
+    towards = scene.rows.at[5] - ray["ray_origin"]
+    hit = {**ray, "ray_direction": (towards / np.linalg.norm(towards)).tolist()}
+    missed = {**ray, "ray_direction": [0.0, 0.0, 1.0]}
     turned = list(held.scene["controls"]["joints"])[1]
     asked = [
         {"type": "SceneNodeClickMessage", "name": "/samples", "instance_index": 7},
+        *({"type": "SceneNodeClickMessage", "name": "/samples", **ray} for ray in (hit, missed)),
         {"label": turned, "value": 30.0},
         {"label": "errors ×", "value": 7.0},
         {"label": "uncertainty ×", "value": 3.0},
@@ -224,9 +238,10 @@ def test_what_is_moved_and_clicked_in_the_page_is_answered_as_by_the_viewer(
         np.testing.assert_allclose([link[0] for link in links], R, atol=1e-8)
         np.testing.assert_allclose([link[1] for link in links], p, atol=1e-8)
 
-    clicked, joint, errors, uncertainty, hidden, chosen, _ = told["answers"]
+    clicked, at_ray, nowhere, joint, errors, uncertainty, hidden, chosen, _ = told["answers"]
     arm, rows = scene.arms[0], scene.rows
-    for answer, row in ((clicked, 7), (chosen, 2)):
+    assert nowhere == []
+    for answer, row in ((clicked, 7), (at_ray, 5), (chosen, 2)):
         R, p = arm.arm.forward(rows.q[row], arm.values)
         node = {"name": "/calibrated/links/tip"}
         np.testing.assert_allclose(only(answer, "SetPosition", **node)["position"], p, atol=1e-7)
@@ -238,7 +253,7 @@ def test_what_is_moved_and_clicked_in_the_page_is_answered_as_by_the_viewer(
     assert only(clicked, "GuiUpdate", uuid=sliders["sample"])["updates"]["value"] == 7
     degrees = only(clicked, "GuiUpdate", uuid=sliders[turned])["updates"]["value"]
     assert degrees == pytest.approx(np.degrees(rows.q[7, 1]), abs=0.0051)
-    q = rows.q[7].copy()
+    q = rows.q[5].copy()
     q[1] = np.radians(30.0)
     tip = only(joint, "SetPosition", name="/calibrated/links/tip")["position"]
     np.testing.assert_allclose(tip, arm.arm.forward(q, arm.values)[1], atol=1e-7)

@@ -10,7 +10,7 @@ from matplotlib.patches import Polygon
 
 from suta_calib.analysis.planning import Candidate, Placement, Plan, Point
 from suta_calib.plotting.planar import draw_arm, outline
-from suta_calib.plotting.style import BLUE, GREY, ORANGE, plain_log
+from suta_calib.plotting.style import BLUE, GREY, ORANGE, TINT, plain_log
 from suta_calib.units import mm, shown
 
 VIEWS: Final = {"seen from above": (0, 1), "seen from the side": (0, 2)}
@@ -69,7 +69,7 @@ def draw_gain(axes: Axes, found: Plan) -> None:
     axes.set_xlabel("further placements, points or poses")
     axes.set_ylabel("tip uncertainty, mm (3-D RMS)")
     axes.grid(axis="y")
-    axes.legend(fontsize=8, loc="upper right", frameon=False)
+    axes.legend(fontsize=8, loc="upper right", bbox_to_anchor=(0.94, 1), frameon=False)
 
 
 def _view(axes: Axes, found: Plan, plane: tuple[int, int]) -> None:
@@ -128,7 +128,7 @@ def _artefact(
     body = np.vstack([marks, marks * [1.0, 1.0, 0.0]]) @ place.rotation.T + place.position
     look: dict[str, Any] = {"facecolor": "none", "lw": 0.9, "hatch": "////", "zorder": 2}
     if colour == BLUE:
-        look = {"facecolor": "#cfe3f1", "alpha": 0.8, "lw": 1.6, "zorder": 3}
+        look = {"facecolor": TINT, "alpha": 0.8, "lw": 1.6, "zorder": 3}
     hull = outline(mm(body[:, list(plane)]))
     axes.add_patch(Polygon(hull, edgecolor=colour, label=label or None, **look))
     tip = tuple(mm((place.position + _ARROW * place.rotation[:, 0])[list(plane)]))
