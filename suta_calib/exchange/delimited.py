@@ -108,11 +108,12 @@ def _plain_numbers(text: str, separator: str, begin: int, width: int) -> FloatAr
 
     Programs write such files of a million rows. None where there is anything else.
     """
-    lines = text.replace("\r\n", "\n").split("\n")[begin - 1 :]
-    if not lines[-1]:
-        lines.pop()
+    text = text.replace("\r\n", "\n")
+    if "\r" in text:
+        return None
+    lines = text.removesuffix("\n").split("\n")[begin - 1 :]
     # Blank lines, which the parser leaves out, would make the others' numbers wrong.
-    if not lines or not all(lines) or "\r" in text.replace("\r\n", ""):
+    if not all(lines):
         return None
     delimiter = None if separator == " " else separator
     try:

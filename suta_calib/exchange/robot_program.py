@@ -6,9 +6,10 @@ import re
 from abc import abstractmethod
 from collections.abc import Sequence
 from pathlib import Path
-from typing import ClassVar, Final
+from typing import Any, ClassVar, Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import ForeignFileError
@@ -23,11 +24,21 @@ WHAT: Final = Option("what", "Which positions, where there are both.", choices=(
 NAMES: Final = Option(
     "joint_names", "What the joints are called, in their order.", "joint_1,…", several=True
 )
-# A number as all of these languages write it.
-NUMBER: Final = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
+# A number as all of these languages write it; one way only, or long ones would take for ever.
+NUMBER: Final = r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?"
 # The digit of a name, as in A1, is no number.
 _NUMBERS: Final = re.compile(rf"(?<![A-Za-z\d.]){NUMBER}", re.ASCII)
 _LONGEST: Final = 20_000
+# What a position is given to: ``p10 := ``, ``XP1=``.
+_NAME: Final = re.compile(r"(\w+)\s*:?=\s*$")
+
+
+class _Found(NamedTuple):
+    """Positions of one kind: lines, names (empty where they have none), and their numbers."""
+
+    lines: list[int]
+    names: list[str]
+    numbers: FloatArray
 
 
 class ProgramReader(Reader):
@@ -37,12 +48,14 @@ class ProgramReader(Reader):
         joint_pattern: matches one joint position; its first group holds the numbers.
         pose_pattern: the same for a pose.
         comment: begins a comment.
+        settings: matches what sets something other than a position, up to its end.
     """
 
     options: ClassVar[tuple[Option, ...]] = (WHAT, NAMES)
     joint_pattern: ClassVar[re.Pattern[str]]
     pose_pattern: ClassVar[re.Pattern[str]]
     comment: ClassVar[str]
+    settings: ClassVar[re.Pattern[str] | None] = None
 
     @abstractmethod
     def joints(self, numbers: FloatArray) -> FloatArray:
@@ -59,24 +72,26 @@ class ProgramReader(Reader):
         """
 
     def read(self, path: Path, given: Given) -> ImportedRows:
-        """A row for each position, in the program's order, with its line."""
+        """A row for each position, in the program's order, with its line and its name."""
         text = read_foreign_text(path)
         found = {
             "joints": self._found(path, text, self.joint_pattern),
             "poses": self._found(path, text, self.pose_pattern),
         }
-        there = [what for what, (lines, _) in found.items() if lines]
+        there = [what for what, each in found.items() if each.lines]
         what = given.text(WHAT)
         if not what and len(there) > 1:
-            counts = " and ".join(f"{len(found[each][0])} {each}" for each in there)
+            counts = " and ".join(f"{len(found[each].lines)} {each}" for each in there)
             hint = f"say which with {WHAT.switch} joints or {WHAT.switch} poses"
             raise ForeignFileError(counts, "one of them", file=path, hint=hint)
         what = what or next(iter(there), "")
         if what not in there:
             said = f"no {what or 'positions'}"
             raise ForeignFileError(said, f"positions as {self.summary} has them", file=path)
-        lines, numbers = found[what]
-        beside = {"line": np.array(lines)}
+        lines, labels, numbers = found[what]
+        beside: dict[str, NDArray[Any]] = {"line": np.array(lines)}
+        if any(labels):
+            beside["name"] = np.array(labels)
         if what == "poses":
             rotation, position = self.poses(numbers, path, lines)
             position = checked_places(path, lines, position)
@@ -93,17 +108,18 @@ class ProgramReader(Reader):
             columns={**dict(zip(names, angles.T, strict=True)), **beside},
         )
 
-    def _found(
-        self, path: Path, text: str, pattern: re.Pattern[str]
-    ) -> tuple[list[int], FloatArray]:
-        """Lines, and the numbers of each match; all must have as many."""
-        lines, rows = list[int](), list[list[float]]()
+    def _found(self, path: Path, text: str, pattern: re.Pattern[str]) -> _Found:
+        """Each match; all must have as many numbers."""
+        lines, names, rows = list[int](), list[str](), list[list[float]]()
         for number, line in enumerate(lines_of(text), 1):
             if len(line) > _LONGEST:
                 raise ForeignFileError(
                     f"a line of {len(line)} characters", "a program", file=path, line=number
                 )
-            for match in pattern.finditer(line.partition(self.comment)[0]):
+            content = line.partition(self.comment)[0]
+            if self.settings is not None:
+                content = self.settings.sub("", content)
+            for match in pattern.finditer(content):
                 row = [number_in(each) for each in _NUMBERS.findall(match[1])]
                 if not np.isfinite(row).all():
                     said = repr(match[1][:40])
@@ -112,6 +128,8 @@ class ProgramReader(Reader):
                     said = f"{len(row)} numbers"
                     expected = f"{len(rows[0])}, as in line {lines[0]}"
                     raise ForeignFileError(said, expected, file=path, line=number)
+                name = _NAME.search(content[: match.start()])
                 lines.append(number)
+                names.append("" if name is None else name[1])
                 rows.append(row)
-        return lines, np.array(rows)
+        return _Found(lines, names, np.array(rows))

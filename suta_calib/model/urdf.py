@@ -29,42 +29,47 @@ Origin = tuple[ArrayLike, ArrayLike]
 
 # A quoted value is swallowed whole, so neither '>' nor 'xyz=' inside one is taken for markup.
 _ATTRIBUTE: Final = re.compile(rb"""([^\s=<>"'/]+)\s*=\s*("[^"]*"|'[^']*')""")
+# What xacro puts a text in place of.
+_EXPRESSION: Final = re.compile(r"\$\{[^}]*\}|\$\([^)]*\)")
+_OTHERWISE: Final = "the formats xacro and xacro-yaml tell joints apart by their whole names"
 _TAG: Final = re.compile(rb"""<[^\s<>"'/]+(?:[^<>"']|"[^"]*"|'[^']*')*>""")
 
 
 @dataclass
 class _JointTags:
-    """Where a joint's start tag and its first origin's start tag begin, in bytes."""
+    """Where a joint's start tag and its first origin's start tag begin, in bytes.
+
+    And its line, its depth below the root, and whether xacro puts something into it.
+    """
 
     joint: int
+    line: int = 0
+    depth: int = 1
     origin: int | None = None
+    filled: bool = False
 
 
 # ``data[start:stop]`` becomes the text.
 _Splice = tuple[int, int, bytes]
 
 
-def _joint_tags(path: Path, data: bytes) -> dict[str, _JointTags]:
-    """The tags of every joint directly under the root, by its name, as Expat comes by them."""
-    found: dict[str, _JointTags] = {}
+def _joint_tags(path: Path, data: bytes) -> list[tuple[str, _JointTags]]:
+    """The tags of every joint with its name, as Expat comes by them."""
+    found: list[tuple[str, _JointTags]] = []
     around: list[_JointTags | None] = []  # every open element: the joint that it is, if it is one
     parser = expat.ParserCreate()
 
     def start(tag: str, attributes: dict[str, str]) -> None:
         joint, position = None, parser.CurrentByteIndex
-        if tag == "joint" and len(around) == 1:
-            name = attributes.get("name", "")
-            if name in found:
-                raise UrdfError(
-                    f"the joint name {quoted(name)} a second time",
-                    "one joint of that name",
-                    file=path,
-                    line=parser.CurrentLineNumber,
-                )
-            joint = found[name] = _JointTags(position)
-        elif tag == "origin" and around and (inside := around[-1]) and inside.origin is None:
+        inside = around[-1] if around else None
+        if tag == "joint":
+            joint = _JointTags(position, parser.CurrentLineNumber, len(around))
+            found.append((attributes.get("name", ""), joint))
+        elif tag == "origin" and inside and inside.origin is None:
             # The first counts where there are several, as in URDF readers.
             inside.origin = position
+        elif tag.startswith("xacro:") and inside:
+            inside.filled = True
         around.append(joint)
 
     parser.StartElementHandler = start
@@ -77,6 +82,23 @@ def _joint_tags(path: Path, data: bytes) -> dict[str, _JointTags]:
         line = getattr(error, "lineno", None)
         problem = f"text that cannot be edited in place ({error})"
         raise UrdfError(problem, "XML in UTF-8 or Latin-1", file=path, line=line) from None
+    return found
+
+
+def _urdf_tags(path: Path, data: bytes) -> dict[str, _JointTags]:
+    """The tags of every joint directly under the root, by its name."""
+    found: dict[str, _JointTags] = {}
+    for name, tags in _joint_tags(path, data):
+        if tags.depth != 1:
+            continue
+        if name in found:
+            raise UrdfError(
+                f"the joint name {quoted(name)} a second time",
+                "one joint of that name",
+                file=path,
+                line=tags.line,
+            )
+        found[name] = tags
     return found
 
 
@@ -97,7 +119,7 @@ def urdf_bytes(source: str | Path, origins: Mapping[str, Origin]) -> bytes:
     """
     source = Path(source)
     data = read_urdf_bytes(source)
-    tags = _joint_tags(source, data)
+    tags = _urdf_tags(source, data)
     splices: list[_Splice] = []
     for name, (xyz, rpy) in origins.items():
         if name not in tags:
@@ -105,6 +127,66 @@ def urdf_bytes(source: str | Path, origins: Mapping[str, Origin]) -> bytes:
             raise UrdfError("no joint of that name", file=source, where=quoted(name), hint=hint)
         values = {b"xyz": _finite(name, xyz), b"rpy": _finite(name, rpy)}
         splices += _origin_splices(data, tags[name], values)
+    return _spliced(data, splices)
+
+
+def xacro_bytes(
+    source: Path, data: bytes, origins: Mapping[str, Origin]
+) -> tuple[bytes, frozenset[str]]:
+    """A xacro file byte for byte, with numbers in the ``<origin>`` of the joints that it makes.
+
+    A joint stands at any depth, in a macro too; ``${prefix}`` in its name stands for any text.
+
+    Args:
+        source: the file, for messages.
+        data: its bytes.
+        origins: as for `urdf_bytes`.
+
+    Returns:
+        The new bytes, and which of the joints are in this file.
+
+    Raises:
+        UrdfError: a joint that may be several of these, or the other way round; or one whose
+            origin a macro puts in.
+        OutputError: a number is not finite.
+    """
+    splices, placed = list[_Splice](), dict[str, int]()
+    for pattern, tags in _joint_tags(source, data):
+        parts = [re.escape(part) for part in _EXPRESSION.split(pattern)]
+        made = [name for name in origins if re.fullmatch(".*".join(parts), name, re.DOTALL)]
+        if not made:
+            continue
+        where = f"joint {quoted(pattern)}"
+        if len(made) > 1:
+            raise UrdfError(
+                f"what may be the joints {quoted(made[0])} and {quoted(made[1])}",
+                "a joint of its own for each",
+                file=source,
+                line=tags.line,
+                where=where,
+                hint=_OTHERWISE,
+            )
+        (name,) = made
+        if name in placed:
+            found = f"what may be {quoted(name)}, as line {placed[name]} may"
+            expected = "one joint of that name"
+            raise UrdfError(
+                found, expected, file=source, line=tags.line, where=where, hint=_OTHERWISE
+            )
+        placed[name] = tags.line
+        if tags.filled and tags.origin is None:
+            found, expected = "an origin that a macro puts in", "an <origin> of its own"
+            raise UrdfError(
+                found, expected, file=source, line=tags.line, where=where, hint=_OTHERWISE
+            )
+        xyz, rpy = origins[name]
+        splices += _origin_splices(
+            data, tags, {b"xyz": _finite(name, xyz), b"rpy": _finite(name, rpy)}
+        )
+    return _spliced(data, splices), frozenset(placed)
+
+
+def _spliced(data: bytes, splices: list[_Splice]) -> bytes:
     pieces, position = [], 0
     for start, stop, text in sorted(splices, key=lambda splice: splice[0]):
         pieces += [data[position:start], text]

@@ -5,6 +5,8 @@ from __future__ import annotations
 import io
 import json
 import re
+import shutil
+import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +15,7 @@ import yaml
 from lxml import etree
 
 from suta_calib.arrays import FloatArray
+from suta_calib.errors import InputError
 from suta_calib.exchange import Result, write_foreign
 from suta_calib.geometry.numbers import homogeneous, rotation_from_rpy
 from suta_calib.job.dh_file import read_dh_table
@@ -196,3 +199,84 @@ def test_numpy_and_json_hold_everything(result: Result, tmp_path: Path) -> None:
         origin = np.asarray(data["T_parent_joint"])[at]
         xyz, rpy = result.arm.model.origins(result.arm.values)["joint_4"]
         np.testing.assert_allclose(origin, homogeneous(rotation_from_rpy(rpy), xyz), atol=1e-15)
+
+
+# ── A patch of one's own xacro ───────────────────────────────────────────────────────────────
+SPACE = 'xmlns:xacro="http://www.ros.org/wiki/xacro"'
+
+
+def as_macro(result: Result, prefix: str = "${prefix}") -> str:
+    """The nominal URDF as descriptions have it: joints in a macro, names with a prefix."""
+    assert result.arm is not None
+    text = result.arm.model.chain.path.read_text(encoding="utf-8")
+    inside = re.search(r"<robot [^>]*>(.*)</robot>", text, re.DOTALL)
+    assert inside is not None
+    named = re.sub(r'(<joint\s+name=")', rf"\1{prefix}", inside[1])
+    macro = f'<xacro:macro name="arm" params="prefix">{named}</xacro:macro>'
+    return f'<robot name="r" {SPACE}>\n{macro}\n<xacro:arm prefix=""/>\n</robot>'
+
+
+@pytest.mark.parametrize("end", ["\n", "\r\n", ""])
+def test_xacro_patch(end: str, result: Result, tmp_path: Path) -> None:
+    """What patch makes of the files, and xacro of that, is the calibrated arm."""
+    (tmp_path / "urdf").mkdir()
+    source = tmp_path / "urdf" / "arm.xacro"
+    text = as_macro(result).replace("\n", end or "\n") + end
+    source.write_bytes(text.encode())
+    path = exported(result, "xacro-patch", tmp_path, source=str(source))
+    if (patch := shutil.which("patch")) is None:
+        pytest.skip("there is no program patch")
+    command = [patch, "-p1", "--binary", "-i", str(path)]
+    subprocess.run(command, cwd=source.parent, check=True, capture_output=True)
+    changed = source.read_bytes()
+    assert changed != text.encode()
+    # Nothing but numbers of origins changed.
+    numbers = re.compile(rb"(<origin)[^>]*>")
+    assert numbers.sub(rb"\1", changed) == numbers.sub(rb"\1", text.encode())
+    poses = through_pinocchio(result, expanded(source))
+    np.testing.assert_allclose(poses, wanted(result), atol=SAME)
+
+
+def test_xacro_patch_of_several_files(result: Result, tmp_path: Path) -> None:
+    """Joints are looked for where they are said to be, and none is left out."""
+    whole = as_macro(result)
+    joints = re.findall(r"<joint\b.*?</joint>", whole, re.DOTALL)
+    here, there = tmp_path / "a.xacro", tmp_path / "sub" / "b.xacro"
+    there.parent.mkdir()
+    kept = whole
+    for joint in joints[3:]:
+        kept = kept.replace(joint, "")
+    here.write_text(kept)
+    with pytest.raises(InputError, match=r"no joint .*joint_4.*--source"):
+        write_foreign(result, "xacro-patch", source=str(here))
+    there.write_text(f"<robot {SPACE}>{''.join(joints[3:])}</robot>")
+    text = write_foreign(result, "xacro-patch", source=(str(here), str(there))).content.decode()
+    assert "+++ b/sub/b.xacro" in text
+    there.write_text(whole)
+    with pytest.raises(InputError, match="each joint in one of the files"):
+        write_foreign(result, "xacro-patch", source=(str(here), str(there)))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ('"${prefix}joint_4"', '"${prefix}joint_${k}"', "what may be"),
+        ('<joint name="${prefix}joint_3"', '<joint name="${prefix}joint_4"', "as line"),
+        ("<origin", '<xacro:insert_block name="origin"/><x', "an origin that a macro puts in"),
+        ("</robot>", "", "cannot be edited in place"),
+    ],
+)
+def test_what_a_patch_cannot_tell_apart(
+    old: str, new: str, says: str, result: Result, tmp_path: Path
+) -> None:
+    source = tmp_path / "arm.xacro"
+    text = as_macro(result)
+    assert old in text
+    source.write_text(text.replace(old, new))
+    with pytest.raises(InputError, match=says):
+        write_foreign(result, "xacro-patch", source=str(source))
+
+
+def test_a_patch_needs_a_xacro_file(result: Result) -> None:
+    with pytest.raises(InputError, match=r"--source: found no .xacro file to patch"):
+        write_foreign(result, "xacro-patch")

@@ -153,3 +153,40 @@ def test_a_place_beyond_any_is_refused_with_its_line(tmp_path: Path) -> None:
     path.write_text("x,y,z\n1,2,3\n1,1e300,3\n")
     with pytest.raises(InputError, match=r":3: found a position 1e\+300 m away"):
         imported(path)
+
+
+def test_qualisys_markers_that_were_not_seen(tmp_path: Path) -> None:
+    """All zeros: at the origin there is no marker; and a row of names may stand above the data."""
+    path = tmp_path / "run.tsv"
+    head = "NO_OF_FRAMES\t3\nNO_OF_CAMERAS\t13\nNO_OF_MARKERS\t2\nFREQUENCY\t120\nDESCRIPTION\t--\n"
+    head += "TIME_STAMP\t2024-04-15, 10:39:38.777\t406646.66\nDATA_INCLUDED\t3D\n"
+    names = "MARKER_NAMES\tTip\tBase\nTRAJECTORY_TYPES\tMeasured\tMeasured\n"
+    columns = "Frame\tTime\tTip X\tTip Y\tTip Z\tBase X\tBase Y\tBase Z\n"
+    rows = ("1\t0.0\t-473.5\t0.000\t613.3\t-677.0\t164.8\t615.4\n",)
+    rows += ("2\t0.00833\t-473.5\t191.9\t613.3\t0.000\t0.000\t0.000\n",)
+    path.write_text(head + names + columns + "".join(rows))
+    found = imported(path, body="Base")
+    assert (len(found), found.dropped) == (1, 1)
+    tip = imported(path, body="Tip")
+    np.testing.assert_allclose(tip.columns["y"], [0.0, 0.1919])
+
+
+def test_motive_keeps_solved_and_measured_markers_apart(tmp_path: Path) -> None:
+    """Of one name: what was measured counts, not where the rigid body says it should be."""
+    kinds = ["Rigid Body"] * 8 + ["Rigid Body Marker"] * 4 + ["Marker"] * 3
+    names = ["RB"] * 8 + ["RB:Marker1"] * 7
+    what = ["Rotation"] * 4 + ["Position"] * 3 + ["Mean Marker Error"]
+    what += ["Position"] * 3 + ["Marker Quality"] + ["Position"] * 3
+    axes = [*"XYZWXYZ", "", *"XYZ", "", *"XYZ"]
+    first = "Format Version,1.23,Take Name,S_04,Take Notes,,Rotation Type,Quaternion,"
+    lines = [first + "Length Units,Meters,Coordinate Space,Global", ""]
+    lines += [f",{word},{','.join(row)}" for word, row in (("Type", kinds), ("Name", names))]
+    lines += [",ID," + ",".join(['"1"'] * 15), ",," + ",".join(what)]
+    lines += ["Frame,Time (Seconds)," + ",".join(axes)]
+    lines += ["0,0.0,0,0,0,1,0.1,0.2,0.3,0.0001,1,2,3,1.0,0.11,0.21,0.31"]
+    lines += ["1,0.1,,,,,,,,,,,,,0.12,0.22,0.32"]
+    path = tmp_path / "take.csv"
+    path.write_text("\r\n".join(lines) + "\r\n")
+    assert (len(imported(path, body="RB")), imported(path, body="RB").dropped) == (1, 1)
+    marker = imported(path, body="RB:Marker1")
+    np.testing.assert_allclose(marker.columns["x"], [0.11, 0.12])

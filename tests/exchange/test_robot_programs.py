@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 
 import numpy as np
@@ -40,3 +41,66 @@ def test_which_positions_is_asked(form: str, tmp_path: Path) -> None:
     path.write_text("MODULE\nDEF a()\nmovej(here)\n")
     with pytest.raises(InputError, match="found no positions; expected positions as"):
         imported(path, form)
+
+
+# ── As controllers write them ────────────────────────────────────────────────────────────────
+UR = """\
+def program():
+  set_gravity([0.0, 0.0, 9.82])
+  set_tcp(p[0.0,0.0,0.15,0.0,0.0,0.0])
+  set_target_payload(0.5, [0.0, 0.0, 0.05], [0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+  global Waypoint_1_p=p[-.1439, -.4356, .2020, -.0012, 3.1162, .0388]
+  global Waypoint_1_q=[-1.6, -1.7271, -2.2, -0.8, 1.5951, -0.031]
+  movej(get_inverse_kin(Waypoint_1_p, qnear=Waypoint_1_q), a=1.39, v=1.04)
+  movel(p[.1, .2, .3, 0, 0, 0], a=1.2)
+end
+"""
+ABB = """\
+MODULE MainModule
+  TASK PERS tooldata pen:=[TRUE,[[89.08,1.02,182.5],[1,0,0,0]],[2,[0,50,88],[1,0,0,0],0,0,0]];
+  CONST robtarget p10:=[[10,-350,199],[1,0,0,0],[0,0,0,4],[-101.6,9E+9,9E+9,9E+9,9E+9,9E+9]];
+  PROC main()
+    MoveL [[301,-138,627],[1,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]], v200, fine, tool0;
+  ENDPROC
+ENDMODULE
+"""
+KUKA = """\
+&ACCESS RV
+DEFDAT Points PUBLIC
+DECL BASIS_SUGG_T LAST_BASIS={POINT1[] "P6 ",CP_PARAMS[] "CPDAT1"}
+DECL E6POS XP1={X 27.0,Y 1220.2,Z 669.8,A -90.0,B 53.4,C -178.5,S 2,T 35,E1 0.0,E2 0.0}
+DECL FDAT FP1={TOOL_NO 1,BASE_NO 0,IPO_FRAME #BASE,POINT2[] " ",TQ_STATE FALSE}
+DECL E6POS XP2={X 40, Y 50, Z 60, A 0, B 90, C 180, S 2, T 1}
+ENDDAT
+"""
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "what", "names", "first"),
+    [
+        ("a.script", UR, "poses", ["Waypoint_1_p", ""], -0.1439),
+        ("a.script", UR, "joints", ["Waypoint_1_q"], None),
+        ("a.mod", ABB, "poses", ["p10", ""], 0.01),
+        ("a.dat", KUKA, "poses", ["XP1", "XP2"], 0.027),
+    ],
+)
+def test_positions_have_their_names_and_settings_are_none(
+    name: str, text: str, what: str, names: list[str], first: float | None, tmp_path: Path
+) -> None:
+    """A tool, a payload or what was moved to last is no position, whatever its numbers are."""
+    path = tmp_path / name
+    path.write_text(text)
+    found = imported(path, what=what)
+    assert found.columns["name"].tolist() == names
+    if first is not None:
+        assert found.columns["x"][0] == pytest.approx(first)
+
+
+def test_a_long_number_takes_no_time(tmp_path: Path) -> None:
+    """One way to read it: 19,000 digits would else be read in as many ways."""
+    path = tmp_path / "a.mod"
+    path.write_text("MODULE a\nCONST jointtarget q:=[[" + "1" * 19_000 + "x\n")
+    begin = time.process_time()
+    with pytest.raises(InputError, match="no positions"):
+        imported(path, "rapid")
+    assert time.process_time() - begin < 1.0

@@ -396,6 +396,13 @@ def test_rows_are_the_same_however_they_are_read(odd: str, tmp_path: Path) -> No
         imported(path, "table")
 
 
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
+def test_lines_may_end_in_any_way(end: str, tmp_path: Path) -> None:
+    path = tmp_path / "t.csv"
+    path.write_bytes(end.join(["joint_1,joint_2", "0.1,0.2", "0.3,0.4", ""]).encode())
+    assert imported(path, "table").columns["joint_2"].tolist() == [0.2, 0.4]
+
+
 def test_text_behind_many_numbers_is_kept_as_it_is(tmp_path: Path) -> None:
     """A column is text as a whole, from its first row on, whatever row says so."""
     path, count = tmp_path / "t.csv", 10_100

@@ -18,6 +18,7 @@ from suta_calib.exchange.imported import ImportedFile
 from suta_calib.exchange.option import Given
 from suta_calib.exchange.reader import Reader
 from suta_calib.geometry.numbers import rpy_from_rotation
+from suta_calib.words import listed
 
 # What Pinocchio calls joints of one axis that turn, and that slide.
 _TURN: Final = ("JointModelR", "JointModelH")
@@ -25,6 +26,8 @@ _SLIDE: Final = "JointModelP"
 # URDF asks for limits of a slide, m.
 _FAR: Final = 10.0
 _WORLD: Final = "world"
+# Characters of a name that a message shows.
+_LONGEST: Final = 80
 
 
 class MjcfReader(Reader):
@@ -54,7 +57,7 @@ class MjcfReader(Reader):
             raise ForeignFileError(f"a model it refuses ({said})", expected, file=path) from None
         text = "\n".join(_urdf(path, model, pin))
         slides = [n for n, j in zip(model.names, model.joints, strict=True) if _slides(j)]
-        note = f"The limits of {', '.join(slides)} are not the model's: ±{_FAR:g} m."
+        note = f"The limits of {listed(slides)} are not the model's: ±{_FAR:g} m."
         return ImportedFile(
             source=path,
             form=self.name,
@@ -101,7 +104,7 @@ def _urdf(path: Path, model: Any, pin: Any) -> Iterator[str]:
     names += [frame.name for frame in frames if frame.name not in names]
     if len(set(names)) < len(names):
         twice = next(name for name in names if names.count(name) > 1)
-        raise ForeignFileError(f"the body {twice!r} twice", "each name once", file=path)
+        raise ForeignFileError(f"the body {twice[:_LONGEST]!r} twice", "each name once", file=path)
     yield f'<?xml version="1.0" encoding="utf-8"?>\n<robot name={quoteattr(model.name or "arm")}>'
     yield from (f"  <link name={quoteattr(name)}/>" for name in names)
     data, neutral = model.createData(), pin.neutral(model)
@@ -110,7 +113,7 @@ def _urdf(path: Path, model: Any, pin: Any) -> Iterator[str]:
         kind = joint.shortname()
         if joint.nv != 1 or not kind.startswith((*_TURN, _SLIDE)):
             raise ForeignFileError(
-                f"the joint {model.names[k]!r} ({kind.removeprefix('JointModel')})",
+                f"the joint {model.names[k][:_LONGEST]!r} ({kind.removeprefix('JointModel')})",
                 "joints of one axis, one in each body",
                 file=path,
             )

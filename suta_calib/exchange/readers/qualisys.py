@@ -59,12 +59,13 @@ class QualisysReader(InstrumentReader):
         for k, name in enumerate(names):
             start = ahead + k * width
             position = range(start, start + 3)
+            # What was not seen is all zeros in older exports, and empty in newer ones.
             if width == _OF_MARKER:
-                bodies[name] = body_of(path, data, position, (), "", from_mm(1.0))
+                blank = [_unseen(row, start, start, start + _OF_MARKER) for row in data]
+                bodies[name] = body_of(path, blank, position, (), "", from_mm(1.0))
                 continue
             matrix = range(start + _MATRIX, start + _OF_BODY)
-            # What was not seen is all zeros in older exports, and empty in newer ones.
-            blank = [_unseen(row, start) for row in data]
+            blank = [_unseen(row, start, start + _MATRIX, start + _OF_BODY) for row in data]
             bodies[name] = body_of(path, blank, position, matrix, "columns", from_mm(1.0))
         rate = number_in(next(iter(told.get("FREQUENCY", ())), ""))
         time = np.arange(len(data)) / rate if rate > 0 else None
@@ -78,10 +79,9 @@ def _is_data(row: Row) -> bool:
     return number_in(row.cells[0]) == number_in(row.cells[0])
 
 
-def _unseen(row: Row, start: int) -> Row:
-    """The row, without numbers of a body whose numbers are all zero."""
-    cells = row.cells[start : start + _OF_BODY]
-    if any(number_in(cell) != 0.0 for cell in cells[_MATRIX:]):
+def _unseen(row: Row, start: int, first: int, stop: int) -> Row:
+    """The row, without the numbers from ``start`` on where those from ``first`` on are zero."""
+    if any(number_in(cell) != 0.0 for cell in row.cells[first:stop]):
         return row
-    gone = ("",) * len(cells)
-    return Row(row.line, (*row.cells[:start], *gone, *row.cells[start + _OF_BODY :]))
+    gone = ("",) * (stop - start)
+    return Row(row.line, (*row.cells[:start], *gone, *row.cells[stop:]))

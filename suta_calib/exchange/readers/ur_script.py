@@ -24,6 +24,8 @@ class UrScriptReader(ProgramReader):
     joint_pattern: ClassVar[re.Pattern[str]] = re.compile(rf"(?<![\w.]){_SIX}", re.ASCII)
     pose_pattern: ClassVar[re.Pattern[str]] = re.compile(rf"(?<!\w)p{_SIX}", re.ASCII)
     comment: ClassVar[str] = "#"
+    # A tool's frame and a payload's inertia have as many numbers as a position.
+    settings: ClassVar[re.Pattern[str] | None] = re.compile(r"\bset_\w+\s*\([^()]*\)")
 
     def recognises(self, path: Path, head: str) -> bool:
         """A motion, or a pose."""
