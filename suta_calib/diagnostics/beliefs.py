@@ -78,7 +78,7 @@ def contradicted_beliefs(solution: Solution) -> Iterator[Contradicted]:
         return
     terms = [more or term for more, term in zip(freed, problem.terms, strict=True)]
     try:
-        again = solve(Problem(terms, problem.arm_parameters), SolverOptions(starts=1))
+        again = solve(Problem(terms, problem.arm_parameters), SolverOptions(confirm=False))
     except SutaCalibError:  # Too few data for so many unknowns contradict nothing.
         return
     if not again.converged:

@@ -112,7 +112,7 @@ def find_cause(solution: Solution, options: CauseOptions = CauseOptions()) -> Ca
     # cause, for it leaves more open, what was moved.
     tried += [(*each, _UNRANKED) for each in elsewhere(problem.terms)]
     tried += [(*each, math.inf) for each in moved_half_way(problem.terms)]
-    few = SolverOptions(starts=1, max_iterations=25, weights=None)
+    few = SolverOptions(starts=1, max_iterations=25, weights=None, confirm=False)
     causes, worst = list[Cause](), math.inf
     for sentence, terms, score in tried:
         if causes and score > worst:

@@ -247,7 +247,7 @@ def _settled(
         noises = [Noise(s, THRESHOLD * s) if robust else Noise(s) for s in assumed]
         # The levels that weigh the blocks are learned here, round by round.
         problem = Problem([make(np.flatnonzero(inliers), noises)])
-        options = SolverOptions(weights=None)
+        options = SolverOptions(weights=None, confirm=False)
         solution = (
             solve(problem, options, spread=False)
             if last is None

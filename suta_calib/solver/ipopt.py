@@ -1,4 +1,4 @@
-"""The problem as a nonlinear program: Gauss-Newton steps, and CasADi's IPOPT where they fail.
+"""The problem as a nonlinear program: Gauss-Newton steps, and CasADi's IPOPT from where they end.
 
 Both work on x divided by the parameters' scales, within their bounds. IPOPT asks for cost, gradient
 and Hessian by three CasADi callbacks that share one evaluation.
@@ -55,6 +55,8 @@ class SolverOptions:
         max_iterations: of each method, per start.
         weights: how far learned noise levels and prior sizes may be from given ones; None to take
             what was given.
+        confirm: whether IPOPT goes on from the lowest end of Gauss-Newton steps. It is another
+            method's word for the minimum, which refits by the thousand can do without.
     """
 
     starts: int = 1
@@ -62,6 +64,7 @@ class SolverOptions:
     hessian: str = "gauss-newton"
     max_iterations: int = 200
     weights: WeightOptions | None = field(default_factory=WeightOptions)
+    confirm: bool = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,8 +74,8 @@ class Minimum:
     Attributes:
         x: the whole parameter vector, fixed entries included.
         cost: robust cost with priors.
-        status: `SETTLED`, `JOINED`, or IPOPT's own word where Gauss-Newton steps did not settle.
-        iterations: how many it took.
+        status: `SETTLED`, `JOINED`, or IPOPT's own word where it went on from there.
+        iterations: how many it took, of both methods.
     """
 
     x: FloatArray
@@ -192,6 +195,20 @@ class RobustNlp:
             if last.cost <= found.cost:
                 found = replace(found, x=self._filled(x, last.z), cost=last.cost)
         return found
+
+    def confirmed(self, minimum: Minimum) -> Minimum:
+        """The same minimum with IPOPT's word for it, or the lower one that IPOPT went on to.
+
+        Left as it is where it is IPOPT's already, or where rounding keeps IPOPT from an answer.
+        """
+        if not len(self._free) or minimum.status != SETTLED:
+            return minimum
+        found = self.minimise_by_ipopt(minimum.x)
+        if not found.converged:
+            return minimum
+        lower = found if found.cost < minimum.cost else minimum
+        steps = minimum.iterations + found.iterations
+        return replace(lower, status=found.status, iterations=steps)
 
     def _minimise(
         self, start: FloatArray, known: Sequence[Basin], settled: float = SHARE

@@ -218,6 +218,8 @@ def _fit(
         again = minimum.x.copy()
         again[list(fixed)] = nominal[list(fixed)]
         starts = [again]
+    if options.confirm:
+        minimum = nlp.confirmed(minimum)
     return minimum, attempts, identification, free
 
 

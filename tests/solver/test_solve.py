@@ -29,6 +29,7 @@ from suta_calib.measurements import Artefact, Samples
 from suta_calib.measurements import Landmark as Mark
 from suta_calib.model.parameters import ParameterSet, Selection
 from suta_calib.solver.ipopt import (
+    SETTLED,
     STALLED,
     Minimum,
     RobustNlp,
@@ -103,6 +104,30 @@ def test_the_gradient_vanishes_at_the_solution() -> None:
     free = solution.free
     step = np.linalg.solve(hessian[np.ix_(free, free)], gradient[free])
     assert np.all(np.abs(step) < 1e-3 * np.sqrt(np.diag(solution.covariance)[free]))
+
+
+@pytest.mark.parametrize("spread", [Spread(position=SIGMA), DIRTY])
+def test_an_answer_is_ipopts(spread: Spread) -> None:
+    """It goes on from where Gauss-Newton steps ended, and finds nothing lower."""
+    scene = distances()
+    problem = Problem([scene.term(scene.samples(spread)[0], HUBER)], dh_parameters(scene.arm))
+    by_steps, found = (solve(problem, SolverOptions(2, confirm=c)) for c in (False, True))
+    assert (by_steps.minimum.solver, found.minimum.solver) == ("Gauss-Newton", "IPOPT")
+    assert found.minimum.cost <= by_steps.minimum.cost
+    std = np.sqrt(np.diag(found.covariance)[found.free])
+    np.testing.assert_allclose((found.x - by_steps.x)[found.free] / std, 0.0, atol=1e-3)
+
+
+def test_where_steps_stopped_short_ipopt_goes_on() -> None:
+    scene = distances()
+    problem = Problem([scene.term(scene.samples()[0], HUBER)], dh_parameters(scene.arm))
+    lowest = solve(problem)
+    nlp = RobustNlp(problem, lowest.free, lowest.sigmas, SolverOptions())
+    short = replace(lowest.minimum, x=problem.start(), cost=np.inf, status=SETTLED)
+    found = nlp.confirmed(short)
+    assert found.solver == "IPOPT"
+    assert found.iterations > short.iterations
+    assert found.cost == pytest.approx(lowest.minimum.cost, rel=1e-9)
 
 
 @pytest.mark.parametrize("spread", [Spread(position=SIGMA), DIRTY])

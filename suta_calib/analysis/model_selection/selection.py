@@ -406,7 +406,7 @@ class _Search:
 
     def _fitted(self, unknown: ParameterSet) -> Solution | None:
         try:
-            solution = solve(Problem(self.terms, unknown), SolverOptions(starts=1))
+            solution = solve(Problem(self.terms, unknown), SolverOptions(confirm=False))
         except SamplesError:
             return None
         return solution if solution.converged else None

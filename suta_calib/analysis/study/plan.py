@@ -113,7 +113,7 @@ def plan_study(
         JobError: the calibration with all data does not converge: nothing to compare trials with.
     """
     sets = sets_of(terms, request.unit)
-    once = SolverOptions(1, 0, options.hessian, options.max_iterations)
+    once = replace(options, starts=1, seed=0, confirm=False)
     data = StudyData(
         request.kind, request.seed, parameters, tuple(terms), tuple(validation), sets, once
     )
