@@ -28,7 +28,6 @@ from suta_calib.measurements import (
 )
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import Parameter, ParameterSet
-from suta_calib.plotting.scene import Scene
 from suta_calib.showing import Shown
 from suta_calib.solver.ipopt import SolverOptions
 from suta_calib.solver.problem import Problem
@@ -40,6 +39,7 @@ from suta_calib.units import shown, unit_name
 
 if TYPE_CHECKING:
     from suta_calib.diagnostics.repeats import TouchRepeatability
+    from suta_calib.plotting.scene import Scene
     from suta_calib.view.calibrated import Calibrated
     from suta_calib.view.server import Viewer
 

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import SamplesError
-from suta_calib.plotting.limits import MOST_LABELLED
-from suta_calib.plotting.scene import Points, Posable, Scene, drawn_rows
 from suta_calib.showing import Shown
 from suta_calib.units import REFERENCE_TEMPERATURE
+
+if TYPE_CHECKING:
+    from suta_calib.plotting.scene import Posable, Scene
 
 Array = TypeVar("Array", bound=NDArray[Any])
 
@@ -135,6 +136,9 @@ class Samples(Shown):
         Raises:
             SamplesError: the samples are of another arm.
         """
+        from suta_calib.plotting.limits import MOST_LABELLED
+        from suta_calib.plotting.scene import Points, Scene, drawn_rows
+
         if set(arm.joints) != set(self.joints):
             raise SamplesError(
                 f"samples of {', '.join(self.joints)}", f"samples of {', '.join(arm.joints)}"

@@ -8,7 +8,7 @@ from copy import copy
 from dataclasses import replace
 from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 import pinocchio as pin
@@ -34,12 +34,14 @@ from suta_calib.model.parameters import (
     select_parameters,
 )
 from suta_calib.model.segments import geometric_parameters, nongeometric_parameters, segment_of
-from suta_calib.model.skeleton import Skeleton
 from suta_calib.model.urdf import folded_origin, urdf_bytes
 from suta_calib.model.xacro_file import plain_urdf
-from suta_calib.plotting.scene import Scene
 from suta_calib.showing import Shown
 from suta_calib.units import Unit
+
+if TYPE_CHECKING:
+    from suta_calib.model.skeleton import Skeleton
+    from suta_calib.plotting.scene import Scene
 
 # Before a link's name, for as long as joints may be called the same.
 _LINK: Final = "link "
@@ -323,6 +325,8 @@ class ArmModel(Shown):
 
     def skeleton(self, q: ArrayLike) -> Skeleton:
         """Joints and tip for readings (joints,), rad or m, in the base: the nominal geometry."""
+        from suta_calib.model.skeleton import Skeleton
+
         moving = tuple(joint.name for joint in self.chain.joints if joint.moving)
         tip = self.forward(q)[1]
         return Skeleton.of(self.model, self.chain.base, moving, self.configuration(q), tip)

@@ -9,11 +9,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from suta_calib.assessment import Assessment
-from suta_calib.plotting.scene import Scene
 from suta_calib.report.listing import Json, Table, plain
+
+if TYPE_CHECKING:
+    from suta_calib.plotting.scene import Scene
 
 Place = Literal["everywhere", "console", "page"]
 # NAME.json and a section of report.html; result.json and a report.html that begins anew with it;

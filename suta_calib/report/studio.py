@@ -8,16 +8,18 @@ or it fails, the picture is drawn here when a page asks for it, and whatever is 
 from __future__ import annotations
 
 import gc
+import os
 import pickle
 import signal
 import sys
 from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from contextvars import ContextVar
 from dataclasses import dataclass
 from importlib import import_module
-from typing import Any, Self
+from queue import SimpleQueue
+from threading import Thread
+from typing import IO, Any, Self
 
 from suta_calib.processes import started
 
@@ -69,44 +71,41 @@ class Studio:
 
     def __enter__(self) -> Self:
         self.process = started(__name__, self._module)
-        # One order after the other: pipes hold less than a picture.
-        self._clerk = ThreadPoolExecutor(1)
+        assert self.process.stdin is not None
+        assert self.process.stdout is not None
+        self._orders, self._pictures = self.process.stdin, self.process.stdout
+        # In the order in which they were asked for; None for what it does not draw.
+        self._asked, self._drawn = 0, list[str | None]()
         self._token = _open.set(self)
         return self
 
     def __exit__(self, *_: object) -> None:
         _open.reset(self._token)
-        # Whoever waits for a picture by now is told that there will be none.
         self.process.kill()
-        self._clerk.shutdown(cancel_futures=True)
-        for pipe in (self.process.stdin, self.process.stdout):
+        for pipe in (self._orders, self._pictures):
             with suppress(OSError):
-                pipe.close()  # type: ignore[union-attr]  # both were asked for
+                pipe.close()
         self.process.wait()
 
     def order(self, drawing: Drawing) -> Callable[[], str]:
-        """What gives the picture, once it is drawn."""
-        picture: Future[str | None] = self._clerk.submit(self._ask, drawing)
-
-        def given() -> str:
-            return picture.result() or drawing()
-
-        return given
-
-    def _ask(self, drawing: Drawing) -> str | None:
-        """The picture; None where the studio does not draw it."""
-        orders, pictures = self.process.stdin, self.process.stdout
-        assert orders is not None
-        assert pictures is not None
+        """What gives the picture, and waits for it."""
         try:
             # Whole or not at all: what cannot be pickled must leave nothing in the pipe.
             order = pickle.dumps((drawing.module, drawing.function, drawing.arguments))
-            orders.write(order)
-            orders.flush()
-            found: str | None = pickle.load(pictures)
-        except (OSError, ValueError, EOFError, TypeError, AttributeError, pickle.PickleError):
-            return None
-        return found
+            self._orders.write(order)
+            self._orders.flush()
+        except (OSError, ValueError, TypeError, AttributeError, pickle.PickleError):
+            return drawing
+        number, self._asked = self._asked, self._asked + 1
+        return lambda: self._picture(number) or drawing()
+
+    def _picture(self, number: int) -> str | None:
+        while len(self._drawn) <= number:
+            try:
+                self._drawn.append(pickle.load(self._pictures))
+            except (OSError, ValueError, EOFError, pickle.PickleError):
+                return None
+        return self._drawn[number]
 
 
 def main() -> None:
@@ -115,18 +114,36 @@ def main() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     # It lives for a few pictures, and looking for garbage takes a tenth of its time.
     gc.set_threshold(100_000, 20, 20)
-    orders, pictures = sys.stdin.buffer, sys.stdout.buffer
+    orders, pictures = SimpleQueue[tuple[Any, ...]](), SimpleQueue[str | None]()
+    # Who orders goes on at once, and comes for the pictures when all else is done.
+    Thread(target=_take, args=(sys.stdin.buffer, orders), daemon=True).start()
+    Thread(target=_hand_out, args=(sys.stdout.buffer, pictures), daemon=True).start()
     sys.stdout = sys.stderr
-    with suppress(EOFError, OSError):
-        import_module(sys.argv[1])
+    import_module(sys.argv[1])
+    while True:
+        try:
+            pictures.put(Drawing(*orders.get())())
+        except Exception:  # noqa: BLE001 (whoever ordered it draws it himself, and sees)
+            pictures.put(None)
+
+
+def _take(pipe: IO[bytes], orders: SimpleQueue[tuple[Any, ...]]) -> None:
+    """Queue orders; whoever gave them is gone when there are no more, or draws what is no order."""
+    try:
         while True:
-            order = Drawing(*pickle.load(orders))
-            try:
-                picture = order()
-            except Exception:  # noqa: BLE001 (whoever ordered it draws it himself, and sees)
-                picture = None
-            pickle.dump(picture, pictures)
-            pictures.flush()
+            orders.put(pickle.load(pipe))
+    finally:
+        os._exit(0)
+
+
+def _hand_out(pipe: IO[bytes], pictures: SimpleQueue[str | None]) -> None:
+    """Write pictures as far as somebody takes them."""
+    try:
+        while True:
+            pickle.dump(pictures.get(), pipe)
+            pipe.flush()
+    finally:
+        os._exit(0)
 
 
 if __name__ == "__main__":

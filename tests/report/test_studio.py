@@ -13,6 +13,10 @@ PLOTS = "suta_calib.report.calibration_plots"
 VALUES = PLOTS, "singular_values", np.array([1e3, 1.0, 0.0]), 10.0, ["a.z"], "s"
 
 
+class OnlyHere:
+    """Of a module that the studio cannot import."""
+
+
 def alive(pid: int) -> bool:
     try:
         os.kill(pid, 0)
@@ -49,6 +53,14 @@ def test_what_the_studio_cannot_draw_is_drawn_here() -> None:
         assert drawn(*VALUES)().startswith("<svg")
         with pytest.raises(AttributeError, match="no_such_picture"):
             drawn(PLOTS, "no_such_picture")()
+
+
+def test_who_orders_what_the_studio_cannot_read_does_not_wait_for_it() -> None:
+    with Studio(PLOTS) as studio:
+        draw = studio.order(Drawing(PLOTS, "singular_values", (OnlyHere(), *VALUES[3:])))
+        with pytest.raises(AttributeError, match="OnlyHere"):
+            draw()
+        assert drawn(*VALUES)().startswith("<svg")
 
 
 def test_what_cannot_be_sent_is_drawn_here() -> None:
