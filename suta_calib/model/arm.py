@@ -16,12 +16,18 @@ from numpy.typing import ArrayLike
 
 from suta_calib.arrays import FloatArray
 from suta_calib.atomic import write_bytes_atomically
-from suta_calib.batched import Batched
+from suta_calib.batched import MANY, Batched
 from suta_calib.errors import ParameterError, UrdfError
 from suta_calib.geometry.symbols import Symbol
 from suta_calib.model.chain import Chain, ChainJoint, Mimic, read_chain
 from suta_calib.model.gravity import Load, beyond
-from suta_calib.model.kinematics import Motion, Segment, Told, forward_kinematics
+from suta_calib.model.kinematics import (
+    Motion,
+    Segment,
+    Told,
+    forward_kinematics,
+    poses_alone,
+)
 from suta_calib.model.parameters import (
     BACKLASH,
     COMPLIANCE,
@@ -307,11 +313,14 @@ class ArmModel(Shown):
                 f"readings of {rows.shape[1]} joints", f"{len(self.joints)}: {self.joints}"
             )
         beside_readings = told or {}
-        batch = Batched(self.function(list(own), beside_readings), len(rows), shared=[0])
+        function = self.function(list(own), beside_readings)
+        if len(rows) >= MANY:
+            function = poses_alone(function)
+        batch = Batched(function, len(rows), shared=[0])
         inputs = (np.array([*own.values()]), rows, *beside_readings.values())
         for place, numbers in zip(batch.inputs, inputs, strict=True):
             place[:] = numbers
-        flat, position, _ = batch()
+        flat, position, *_ = batch()
         rotation = np.swapaxes(flat.reshape(-1, 3, 3), 1, 2).copy()
         if readings.ndim == 1:
             return rotation[0], position[0]

@@ -37,6 +37,7 @@ import math
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Literal
 
 import casadi as ca
@@ -315,6 +316,14 @@ def forward_kinematics(
         ["rotation", "position", "jacobian"],
         {"cse": True},
     )
+
+
+@lru_cache(maxsize=64)
+def poses_alone(kinematics: Symbol) -> Symbol:
+    """What `forward_kinematics` made, without the Jacobian: of many rows that is most of it."""
+    inputs = kinematics.sx_in()
+    rotation, position, _ = kinematics.call(inputs)
+    return ca.Function("poses", inputs, [rotation, position], {"cse": True})
 
 
 def _walked(segments: Sequence[Segment], walk: _Walk, q: Symbol) -> _Walk:
