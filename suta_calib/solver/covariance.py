@@ -26,7 +26,7 @@ from suta_calib.solver.artefact_covariance import (
 from suta_calib.solver.information import (
     Information,
     Rows,
-    robust_jacobian,
+    robust_curvature,
     scaled_inverse,
     whitened_rows,
 )
@@ -106,7 +106,7 @@ def observed_parts(
     """
     rows = whitened_rows(problem, x, sigmas)
     prior = np.diag(problem.prior_precision())
-    curvature = prior + sum(j.T @ j for j in map(robust_jacobian, rows))
+    curvature = prior + sum(map(robust_curvature, rows))
     bread, artefact = np.zeros_like(prior), np.zeros_like(prior)
     bread[np.ix_(free, free)] = scaled_inverse(curvature[np.ix_(free, free)])
     touches = [term.witnesses for term in problem.terms] if touches is None else touches

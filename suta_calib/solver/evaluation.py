@@ -215,19 +215,11 @@ class Evaluation:
         own = line.pattern.by_own(line.by_own)
         if own is not None and not isinstance(own, np.ndarray):
             return self._sparse_normal_equations(line, root, arm_moves)
-        both = [self._arm_columns(line, line.by_pose)] if arm_moves else []
-        both += [] if own is None else [own]
-        if not both:
-            return np.zeros(0), np.zeros((0, 0))
-        size, width = line.residual.shape[1], sum(part.shape[1] for part in both)
+        width = (self.arm_count if arm_moves else 0) + (0 if own is None else self.own_count)
         gradient, hessian = np.zeros(width), np.zeros((width, width))
         outer = line.weight < 1.0
         lost = 1.0 - kept_curvature(np.count_nonzero(outer) / max(len(outer), 1))
-        for first in range(0, len(root), AT_ONCE):
-            some = slice(first, first + AT_ONCE)
-            flat = slice(size * first, size * (first + AT_ONCE))
-            parts = [part[flat] for part in both]
-            jacobian = np.concatenate(parts, axis=1).reshape(-1, size, width)
+        for some, jacobian in self.parts(line, arm=arm_moves):
             jacobian *= root[some, None, None]
             residual, beyond = root[some, None] * line.residual[some], outer[some]
             rows = jacobian.reshape(-1, width)
@@ -239,6 +231,25 @@ class Evaluation:
                 along = np.einsum("nd,ndp->np", unit, jacobian[beyond])
                 hessian -= lost * along.T @ along
         return gradient, hessian
+
+    def parts(self, line: Linearised, *, arm: bool = True) -> Iterator[tuple[slice, FloatArray]]:
+        """Some rows of a block after the other, with their derivatives (k, d, parameters).
+
+        By the arm's parameters, unless these are to be left out, then by own ones, unless the block
+        looks at none. What many rows take at once is slower to find room for than to compute.
+        """
+        own, size = line.pattern.by_own(line.by_own), line.residual.shape[1]
+        arm = arm and self.arm_count > 0
+        for first in range(0, len(line.residual), AT_ONCE):
+            rows = slice(first, min(first + AT_ONCE, len(line.residual)))
+            both = list[FloatArray]()
+            if arm:
+                both.append(line.pattern.some_by_velocity(line.by_pose, rows) @ self.table.velocity)
+            if own is not None:
+                both.append(dense(own[size * rows.start : size * rows.stop]))
+            if both:
+                whole = np.concatenate(both, axis=1)
+                yield rows, whole.reshape(rows.stop - first, size, whole.shape[1])
 
     def _sparse_normal_equations(
         self, line: Linearised, root: FloatArray, arm_moves: bool

@@ -21,7 +21,6 @@ import numpy as np
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.solver.evaluation import AT_ONCE, Linearised
-from suta_calib.solver.kernel import dense
 from suta_calib.solver.problem import Problem
 from suta_calib.terms.poses import ArmPoses, MeasuredPoses
 from suta_calib.units import Unit
@@ -61,13 +60,14 @@ class Rows:
 
 def whitened_rows(problem: Problem, x: FloatArray, sigmas: Sequence[float]) -> list[Rows]:
     """Residual rows of every block with their Jacobians, divided by the noise level."""
-    rows = []
+    rows, evaluation = [], problem.evaluation
+    width = evaluation.arm_count + evaluation.own_count
     for line in problem.linearise(x, sigmas):
-        scale = 1.0 / line.sigma[:, None, None]
-        arm, own = problem.evaluation.columns(line, scale * line.by_pose, scale * line.by_own)
-        width = problem.evaluation.own_count
-        other = np.zeros((len(arm), width)) if own is None else dense(own)
-        rows.append(Rows(line, np.hstack([arm, other]), np.ones(len(line.sigma))))
+        n, size = line.residual.shape
+        jacobian = np.zeros((n, size, width))
+        for some, part in evaluation.parts(line):
+            np.divide(part, line.sigma[some, None, None], jacobian[some, :, : part.shape[2]])
+        rows.append(Rows(line, jacobian.reshape(n * size, width), np.ones(n)))
     return rows
 
 
@@ -261,6 +261,24 @@ def _predicted_variance(rows: Rows, rests: IntArray) -> FloatArray:
         np.add.at(together, at, score.reshape(len(at), -1, width))
         score = together.reshape(-1, width)
     return np.asarray(score.T @ score) * scale
+
+
+def robust_curvature(rows: Rows) -> FloatArray:
+    """Curvature of Huber's loss: the square of `robust_jacobian`."""
+    line, width = rows.line, rows.jacobian.shape[1]
+    n, size = line.residual.shape
+    whole, total = rows.jacobian.reshape(n, size, width), np.zeros((width, width))
+    for first in range(0, n, AT_ONCE):
+        some = slice(first, first + AT_ONCE)
+        weight, residual = line.weight[some], line.residual[some]
+        jacobian = whole[some] * np.sqrt(weight)[:, None, None]
+        rows_of_some = jacobian.reshape(-1, width)
+        total += rows_of_some.T @ rows_of_some
+        if (outer := weight < 1.0).any():
+            unit = residual[outer] / np.linalg.norm(residual[outer], axis=1, keepdims=True)
+            along = np.einsum("nd,ndp->np", unit, jacobian[outer])
+            total -= along.T @ along
+    return total
 
 
 def robust_jacobian(rows: Rows) -> FloatArray:

@@ -60,6 +60,15 @@ class RowPattern:
         self._poses.data[:] = by_pose.reshape(-1)
         return self._poses
 
+    def some_by_velocity(self, by_pose: FloatArray, rows: slice) -> Any:
+        """`by_velocity` of some rows alone, which begin at ``rows.start``."""
+        some = by_pose[rows]
+        flat = slice(rows.start * by_pose[0].size, rows.start * by_pose[0].size + some.size)
+        count, pattern = len(some) * by_pose.shape[1], self._poses
+        # All rows have as many entries, so that each part's pointers are those of the first.
+        parts = some.reshape(-1), pattern.indices[flat], pattern.indptr[: count + 1]
+        return sparse.csr_array(parts, shape=(count, pattern.shape[1]))
+
     def by_own(self, by_own: FloatArray) -> Any:
         """Derivatives (n, d, m) as a matrix (n·d, own), or None; reused likewise.
 

@@ -15,6 +15,7 @@ import pinocchio as pin
 import pytest
 from simulated import ARMS, arm_named, perturbed, random_readings
 
+from suta_calib.batched import MANY
 from suta_calib.errors import ParameterError, UrdfError
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.chain import ChainJoint
@@ -285,3 +286,13 @@ def test_arms_that_are_alike_share_their_kinematics(suta_urdf: Path) -> None:
     longer = again.at({"joint_3.z": 0.5})
     assert longer.function(names) is not first.function(names)
     assert not np.allclose(longer.forward(np.zeros(6))[1], first.forward(np.zeros(6))[1])
+
+
+def test_many_rows_lie_where_each_lies_by_itself(arm: ArmModel) -> None:
+    values = values_of(arm, 0.1, ["*"])
+    q = random_readings(arm, np.random.default_rng(0), MANY)
+    rotation, position = arm.forward(q, values)
+    for row in range(0, MANY, 50):
+        alone = arm.forward(q[row], values)
+        np.testing.assert_allclose(rotation[row], alone[0], atol=1e-14)
+        np.testing.assert_allclose(position[row], alone[1], atol=1e-14)

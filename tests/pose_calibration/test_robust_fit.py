@@ -13,6 +13,8 @@ from registration_scenes import NOISE, simulate
 from suta_calib.pose_calibration import robust_fit as module
 from suta_calib.pose_calibration.registration import Registration, register
 from suta_calib.solver.covariance import observed_covariance
+from suta_calib.solver.problem import Problem
+from suta_calib.terms import HandEye, PoseNoise
 
 
 def registered(correlated: bool) -> Registration:
@@ -53,3 +55,13 @@ def test_what_speaks_against_an_answer() -> None:
         "The solver did not converge: Iteration limit.",
         "50% of the poses do not agree with the rest.",
     ]
+
+
+def test_residuals_without_derivatives_are_those_of_the_solver() -> None:
+    data = HandEye.simulate(20, hand=PoseNoise(1e-3, 1e-2), eye=PoseNoise(1e-3, 1e-2), seed=0)
+    problem = Problem([data.term])
+    x = np.array([data.truth[name] for name in problem.names])
+    lines = problem.linearise(x, problem.assumed_sigmas())
+    found = module.evaluate(data.term, data.truth)
+    for line, residual in zip(lines, found, strict=True):
+        np.testing.assert_allclose(residual, line.residual, atol=1e-15)

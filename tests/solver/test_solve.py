@@ -28,6 +28,9 @@ from suta_calib.errors import ParameterError, SamplesError
 from suta_calib.measurements import Artefact, Samples
 from suta_calib.measurements import Landmark as Mark
 from suta_calib.model.parameters import ParameterSet, Selection
+from suta_calib.solver import evaluation, information
+from suta_calib.solver.covariance import observed_covariance
+from suta_calib.solver.information import predicted_information
 from suta_calib.solver.ipopt import (
     SETTLED,
     STALLED,
@@ -39,7 +42,7 @@ from suta_calib.solver.ipopt import (
 )
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Estimate
-from suta_calib.solver.solve import solve, start_points
+from suta_calib.solver.solve import identify_at, solve, solve_again, start_points
 from suta_calib.terms import ArmPoses, MeasuredPoses, Noise, TouchedLandmark
 
 SIGMA = 1e-4
@@ -403,3 +406,55 @@ def test_problems_of_as_many_unknowns_are_not_confused() -> None:
     with ThreadPoolExecutor(2) as pool:
         together = list(pool.map(deviations, (1, 2)))
     assert np.array_equal(alone, together)
+
+
+def test_nearly_the_same_problem_is_solved_from_where_it_was() -> None:
+    problem = dirty_problem()
+    solution = solve(problem, SolverOptions(weights=None))
+    scene = distances()
+    term = scene.term(scene.samples(DIRTY)[0], Noise(2 * SIGMA, SIGMA))
+    other = Problem([term], problem.arm_parameters)
+    fresh = solve(other, SolverOptions(weights=None))
+    again = solve_again(other, solution, SolverOptions(weights=None))
+    std = np.sqrt(np.diag(fresh.covariance))
+    np.testing.assert_allclose(again.x, fresh.x, atol=1e-4 * std.max())
+    np.testing.assert_allclose(again.covariance, fresh.covariance, atol=1e-5 * std.max() ** 2)
+    np.testing.assert_allclose(again.noise, fresh.noise, rtol=1e-5)
+    assert again.converged
+    assert not {*again.free} ^ {*fresh.free}
+
+
+def test_where_other_things_are_told_it_is_solved_anew() -> None:
+    problem = dirty_problem()
+    solution = solve(problem, SolverOptions(weights=None))
+    nothing = replace(solution.identification, fixed=np.zeros(0, dtype=np.intp))
+    again = solve_again(problem, replace(solution, identification=nothing))
+    np.testing.assert_array_equal(again.identification.fixed, solution.identification.fixed)
+
+
+@pytest.mark.parametrize("kind", ["distances", "tracked"])
+def test_sums_over_parts_of_the_rows_are_those_over_all(
+    kind: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if kind == "distances":
+        problem = dirty_problem()
+    else:
+        scene = tracked_scene(arm_named("suta"), {})
+        samples = scene.samples(DIRTY)[0]
+        problem = Problem([scene.term(samples, HUBER)], dh_parameters(scene.arm))
+    x, sigmas = problem.start(), problem.assumed_sigmas()
+    free = np.setdiff1d(np.arange(len(x)), identify_at(problem, x, sigmas).fixed)
+
+    def sums() -> list[np.ndarray]:
+        _, *derivatives = problem.evaluation.cost_gradient_hessian(x, sigmas)
+        information = predicted_information(problem, x, sigmas, robust=True)
+        parts = information.curvature, information.variance, information.noise_induced
+        return [*derivatives, *parts, observed_covariance(problem, x, sigmas, free)]
+
+    whole = sums()
+    for module in (evaluation, information):
+        monkeypatch.setattr(module, "AT_ONCE", 7)
+    for some, everything in zip(sums(), whole, strict=True):
+        np.testing.assert_allclose(
+            some, everything, rtol=1e-7, atol=1e-12 * np.abs(everything).max()
+        )
