@@ -74,6 +74,7 @@ LIMITS: Final = (
     Limit("budget", "`budget`, shipped job", 3.0, "s", "bench_commands.py"),
     Limit("plan", "`plan -n 4`, shipped job", 4.0, "s", "bench_commands.py"),
     Limit("tip-map", "`tip-map`, shipped job", 4.0, "s", "bench_commands.py"),
+    Limit("study", "1,000 calibrations of a study, one process", 10, "s", "bench_study.py"),
     Limit("trf-posed", "SciPy's TRF, 13 unknowns", 20, "× ours", "bench_solver.py", least=True),
     Limit("trf-found", "SciPy's TRF, 10 unknowns", 8, "× ours", "bench_solver.py", least=True),
     Limit("trf-nine-posed", "SciPy's TRF, 9 unknowns", 10, "× ours", "bench_solver.py", least=True),
