@@ -137,6 +137,17 @@ def _cells(limit: Limit, found: dict[str, list[float] | str]) -> tuple[str, ...]
     )
 
 
+def _busy() -> list[str]:
+    """A line for a page that was written while others worked on the same computer."""
+    load, cores = os.getloadavg()[0], os.cpu_count() or 1
+    if load <= cores:
+        return []
+    return [
+        f"**The computer was busy** (load {load:.0f} on {cores} cores): processor times are then up"
+        " to twice as long, and latencies say nothing."
+    ]
+
+
 def _page(known: dict[str, dict[str, list[float] | str]]) -> str:
     rows = [(limit, known.get(limit.key)) for limit in LIMITS]
     lines = [
@@ -146,6 +157,7 @@ def _page(known: dict[str, dict[str, list[float] | str]]) -> str:
         "linear algebra. Seconds are processor time, user and system. *Bare imports* are",
         f"`{IMPORTS}` in the same run. Whether a limit is kept goes by the median.",
         f"Python {platform.python_version()}, {os.cpu_count()} cores. Much data: `large.md`.",
+        *_busy(),
         "",
         "| what | limit | min | median | max | kept | peer |",
         "|---|--:|--:|--:|--:|---|---|",
