@@ -77,6 +77,7 @@ LIMITS: Final = (
     Limit("budget", "`budget`, shipped job", 3.0, "s", "bench_commands.py"),
     Limit("plan", "`plan -n 4`, shipped job", 4.0, "s", "bench_commands.py"),
     Limit("tip-map", "`tip-map`, shipped job", 4.0, "s", "bench_commands.py"),
+    Limit("study", "1,000 calibrations of a study, one process", 10, "s", "bench_study.py"),
     Limit("trf-posed", "SciPy's TRF, 13 unknowns", 20, "× ours", "bench_solver.py", least=True),
     Limit("trf-found", "SciPy's TRF, 10 unknowns", 8, "× ours", "bench_solver.py", least=True),
     Limit("trf-nine-posed", "SciPy's TRF, 9 unknowns", 10, "× ours", "bench_solver.py", least=True),
@@ -145,6 +146,17 @@ def _cells(limit: Limit, found: dict[str, list[float] | str]) -> tuple[str, ...]
     )
 
 
+def _busy() -> list[str]:
+    """A line for a page that was written while others worked on the same computer."""
+    load, cores = os.getloadavg()[0], os.cpu_count() or 1
+    if load <= cores:
+        return []
+    return [
+        f"**The computer was busy** (load {load:.0f} on {cores} cores): processor times are then up"
+        " to twice as long, and latencies say nothing."
+    ]
+
+
 def _page(known: dict[str, dict[str, list[float] | str]]) -> str:
     rows = [(limit, known.get(limit.key)) for limit in LIMITS]
     lines = [
@@ -155,6 +167,7 @@ def _page(known: dict[str, dict[str, list[float] | str]]) -> str:
         "computer. *Bare imports* are",
         f"`{IMPORTS}` in the same run. Whether a limit is kept goes by the median.",
         f"Python {platform.python_version()}, {os.cpu_count()} cores. Much data: `large.md`.",
+        *_busy(),
         "",
         "| what | limit | min | median | max | kept | peer |",
         "|---|--:|--:|--:|--:|---|---|",

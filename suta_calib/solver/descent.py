@@ -28,6 +28,11 @@ ROUNDED: Final = 1e-10
 FIRST_DAMPING: Final = 1e-2
 FIRST_GROWTH: Final = 2.0
 NO_DAMPING: Final = 1e-4
+# Whitened cost above a known minimum up to which a point may lie in its bowl, a standard deviation
+# or two away; and what share of that the quadratic there may miss: among outliers, Huber's loss is
+# flatter than the matrix that leads to its minimum.
+NEAR: Final = 1.0
+FORETOLD: Final = 0.5
 # Pivot of a matrix with unit diagonal, squared, that is rounding.
 SINGULAR: Final = 1e-12
 
@@ -48,6 +53,11 @@ class Basin:
         away = z - self.z
         return self.cost + float(away @ self.gradient + 0.5 * away @ self.hessian @ away)
 
+    def holds(self, z: FloatArray, cost: float) -> bool:
+        """Whether a point of this cost is about a standard deviation away, by both accounts."""
+        rise, expected = cost - self.cost, self.cost_at(z) - self.cost
+        return 0.0 <= rise <= NEAR and abs(expected - rise) <= FORETOLD * rise
+
 
 @dataclass(frozen=True, eq=False)
 class Descent:
@@ -57,7 +67,8 @@ class Descent:
         z, cost: the point (n,) and its cost.
         settled: whether it is a minimum.
         steps: how many were taken.
-        joined: number of the known minimum that its next step leads to, which it left off at.
+        joined: number of the known minimum that it has come to, or comes to by its next step; it
+            is left there, and the point and its cost are the minimum's.
         basin: of the minimum, if one was found.
     """
 
@@ -97,6 +108,9 @@ def descend(
     if not _finite(cost, gradient, hessian):
         return Descent(z, cost, False, taken)
     for _ in range(MAX_EVALUATIONS):
+        for number, basin in enumerate(known):
+            if basin.holds(z, cost):
+                return Descent(basin.z, basin.cost, True, taken, joined=number)
         room = lower - z, upper - z
         step = boxed_step(hessian, gradient, *room)
         left = promised = _promised(hessian, gradient, step)
@@ -110,8 +124,8 @@ def descend(
             promised = _promised(hessian, gradient, step)
             there = np.clip(z + step, lower, upper)
         for number, basin in enumerate(known):
-            if (found := basin.cost_at(there)) <= basin.cost + joins:
-                return Descent(there, found, True, taken, joined=number)
+            if basin.cost_at(there) <= basin.cost + joins:
+                return Descent(basin.z, basin.cost, True, taken, joined=number)
         if taken >= steps:
             break
         value, *derivatives = evaluate(there)

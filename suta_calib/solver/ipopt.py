@@ -90,7 +90,7 @@ class Minimum:
 
     @property
     def joined(self) -> bool:
-        """Whether its next step leads to an earlier start's minimum, so that it was left there."""
+        """Whether it came to an earlier start's minimum, and was not carried on."""
         return self.status == JOINED
 
     @property
@@ -152,8 +152,9 @@ class RobustNlp:
     ) -> list[Minimum]:
         """What each start (n,) ends in.
 
-        A start whose next step leads to a minimum that one before it has found is left there: what
-        would follow is known. Where two have ended nowhere at the same cost, no others are tried.
+        A start that comes to a minimum which one before it has found, or would by its next step,
+        has that minimum: what would follow is known. Where two
+        have ended nowhere at the same cost, no others are tried.
 
         Args:
             starts: clipped into the bounds.

@@ -102,8 +102,8 @@ def test_only_the_minimum_that_a_step_leads_to_is_joined() -> None:
         joined = descend(counted, np.array([start]), bounds, known=known, joins=1e-4)
         assert joined.joined == number
         assert len(evaluated) - once < once
-        assert joined.cost == pytest.approx(alone.cost, abs=2e-4)
-        assert joined.z == pytest.approx(alone.z, abs=0.05)
+        assert joined.cost == pytest.approx(alone.cost, rel=1e-9)
+        assert joined.z == pytest.approx(alone.z, abs=1e-5)
 
 
 def test_where_nothing_is_finite_no_step_is_taken() -> None:
@@ -127,3 +127,15 @@ def test_a_step_to_where_nothing_is_finite_is_taken_shorter() -> None:
     found = descend(root, np.array([9.0]), (np.array([-np.inf]), np.array([np.inf])))
     assert found.settled
     assert found.z[0] == pytest.approx(0.59, abs=1e-6)
+
+
+def test_a_point_as_low_as_a_minimum_elsewhere_is_not_in_its_bowl() -> None:
+    bounds = np.array([-4.0]), np.array([4.0])
+    left = descend(two_wells, np.array([-2.0]), bounds).basin
+    right = descend(two_wells, np.array([2.0]), bounds).basin
+    assert left is not None
+    assert right is not None
+    assert left.holds(left.z + 0.01, two_wells(left.z + 0.01)[0])
+    assert not left.holds(right.z, right.cost)
+    # Nor is a lower point, whatever the quadratic says.
+    assert not right.holds(right.z, left.cost)

@@ -178,14 +178,17 @@ def test_a_start_that_falls_into_a_minimum_already_found_ends_there() -> None:
     assert left
     assert not solution.minimum.joined
     assert solution.agreeing == len(solution.attempts)
+    # Each carried to its end by itself.
     nlp = RobustNlp(problem, solution.free, solution.sigmas, SolverOptions())
-    for attempt in left:
-        to_the_end = nlp.minimise(attempt.x)
-        assert not to_the_end.joined
-        assert attempt.cost == pytest.approx(to_the_end.cost, abs=1e-3)
-        # The cost that is told is that of where it was left, which nobody evaluated.
-        z = attempt.x[solution.free] / problem.parameters.array("scale")[solution.free]
-        assert attempt.cost == pytest.approx(nlp.cost_gradient_hessian(z)[0], abs=1e-4)
+    held = set(solution.identification.fixed.tolist())
+    starts = start_points(problem, problem.start(), held, SolverOptions(starts=6))
+    std = np.sqrt(np.diag(solution.covariance)[solution.free])
+    for start, attempt in zip(starts, solution.attempts, strict=True):
+        alone = nlp.minimise(start)
+        assert not alone.joined
+        assert attempt.cost == pytest.approx(alone.cost, abs=1e-6)
+        np.testing.assert_allclose((attempt.x - alone.x)[solution.free] / std, 0.0, atol=1e-3)
+        assert attempt.iterations < alone.iterations or not attempt.joined
 
 
 def far_problem() -> Problem:
