@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import re
 from datetime import UTC, datetime
+from functools import cache
 from html import escape, unescape
 from typing import Final
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from suta_calib.plotting.style import BLUE, GREY, ORANGE, STYLE, TINT
 from suta_calib.report.document import Document, Figure, Folded, Space
 from suta_calib.report.listing import Table
 from suta_calib.report.spatial import scene_html
@@ -28,18 +28,6 @@ _CELL: Final = 14.0
 _PROSE: Final = 24
 _ROOM: Final = tuple(range(320, 1000, 60))
 _COLOUR: Final = re.compile(r"#[0-9a-fA-F]{6}\b")
-# What figures are drawn in, and what the page's style calls it; the last is Matplotlib's own, of
-# marks that are covered.
-_THEME: Final = {
-    "#000000": "ink",
-    "#ffffff": "paper",
-    BLUE.lower(): "blue",
-    ORANGE.lower(): "amber",
-    GREY.lower(): "grey",
-    TINT.lower(): "tint",
-    STYLE["grid.color"]: "line",
-    "#1f77b4": "blue",
-}
 _END: Final = "<!-- analyses -->"
 _JOB: Final = re.compile(r'<meta name="job" content="([^"]*)">')
 _SECTION: Final = re.compile(r'<section id="([^"]*)">')
@@ -115,9 +103,28 @@ def themed(svg: str) -> str:
 
     What has others, a map of numbers to colours, says with ``data-mapped`` that it stays.
     """
-    if set(map(str.lower, _COLOUR.findall(svg))) <= set(_THEME):
-        return _COLOUR.sub(lambda found: f"var(--{_THEME[found[0].lower()]})", svg)
+    theme = _theme()
+    if set(map(str.lower, _COLOUR.findall(svg))) <= set(theme):
+        return _COLOUR.sub(lambda found: f"var(--{theme[found[0].lower()]})", svg)
     return svg.replace("<svg ", '<svg data-mapped="" ', 1)
+
+
+@cache
+def _theme() -> dict[str, str]:
+    """What figures are drawn in, and what the page's style calls it."""
+    # Here, for it loads Matplotlib, which a page without a figure does without.
+    from suta_calib.plotting.style import BLUE, GREY, ORANGE, STYLE, TINT
+
+    return {
+        "#000000": "ink",
+        "#ffffff": "paper",
+        BLUE.lower(): "blue",
+        ORANGE.lower(): "amber",
+        GREY.lower(): "grey",
+        TINT.lower(): "tint",
+        STYLE["grid.color"]: "line",
+        "#1f77b4": "blue",  # Matplotlib's own, of marks that are covered
+    }
 
 
 def _stacked(table: Table) -> str:

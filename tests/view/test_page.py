@@ -64,6 +64,14 @@ def test_it_needs_no_network_and_says_whether_to_use_it(
     assert len(html) < 2e6
 
 
+def test_a_proxy_is_not_asked_for_this_computer(
+    scene: Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("http_proxy", "https_proxy", "all_proxy", "ws_proxy", "wss_proxy"):
+        monkeypatch.setenv(name, "http://127.0.0.1:9")  # nobody listens there
+    assert held_by(page(scene)).scene["q"] == pytest.approx(scene.q, abs=1e-9)
+
+
 def test_the_page_begins_at_the_first_sample(
     held: Held, scene: Scene, result: CalibrationResult
 ) -> None:
