@@ -39,13 +39,29 @@ class Row:
     cells: tuple[str, ...]
 
 
+def is_folder(path: Path) -> bool:
+    """Whether it is one; no where that cannot be told, as of a name that is too long."""
+    try:
+        return path.is_dir()
+    except (OSError, ValueError):
+        return False
+
+
+def is_plain_file(path: Path) -> bool:
+    """Whether it is a file and no device; no where that cannot be told."""
+    try:
+        return path.is_file()
+    except (OSError, ValueError):
+        return False
+
+
 def read_bounded(path: Path) -> bytes:
     """Every byte of a file that is not too large.
 
     Raises:
         ForeignFileError: missing, a folder, unreadable, empty, or larger than `MOST_BYTES`.
     """
-    if path.is_dir():
+    if is_folder(path):
         raise ForeignFileError("a folder", "a file", file=path)
     try:
         note_input(path)

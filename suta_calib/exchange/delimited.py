@@ -46,6 +46,7 @@ _DECIMAL_COMMA: Final = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?", re.ASCII)
 # Rows that tell how a file is laid out.
 _ENOUGH: Final = 200
 _MOST_ROWS: Final = 2_000_000
+_MOST_COLUMNS: Final = 10_000
 
 
 def read_sheet(path: Path, given: Given) -> Sheet:
@@ -84,6 +85,10 @@ def read_sheet(path: Path, given: Given) -> Sheet:
     if headed is None:
         headed = _is_header([row for _, row in head])
     line, first = head[0]
+    if len(first) > _MOST_COLUMNS:
+        said, expected = f"{len(first)} columns", f"at most {_MOST_COLUMNS}"
+        hint = "are its rows its columns?"
+        raise ForeignFileError(said, expected, file=path, line=line, hint=hint)
     names = first if headed else tuple(str(k + 1) for k in range(len(first)))
     if headed and len(head) == 1:
         raise ForeignFileError("a header and no data", "at least one row", file=path)

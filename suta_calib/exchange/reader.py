@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, ClassVar, Final
 
 from suta_calib.errors import ForeignFileError
+from suta_calib.exchange.cells import is_folder
 from suta_calib.exchange.description import Described, formats_of, named
 from suta_calib.exchange.imported import Imported
 from suta_calib.exchange.option import Given
@@ -90,7 +91,7 @@ def recognised(path: Path) -> Reader:
         names = ", ".join(reader.name for reader in found)
         hint = "say which with --format NAME"
         raise ForeignFileError(f"what may be {names}", "one format", file=path, hint=hint)
-    if not found and path.is_dir():
+    if not found and is_folder(path):
         said = "a folder of no format that is known"
         hint = "suta-calib import --list names them"
         raise ForeignFileError(said, "a file, or a recording's folder", file=path, hint=hint)
@@ -98,7 +99,7 @@ def recognised(path: Path) -> Reader:
 
 
 def _head(path: Path) -> str:
-    if path.is_dir():
+    if is_folder(path):
         return ""
     try:
         with path.open("rb") as file:

@@ -15,6 +15,7 @@ from suta_calib.analysis.comparison import check_nominal
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import refuse_unusable, says_usable
 from suta_calib.errors import ForeignFileError, InputError
+from suta_calib.exchange.cells import is_folder
 from suta_calib.exchange.rotations import is_rotation
 from suta_calib.geometry.numbers import homogeneous, rotation_from_rpy
 from suta_calib.geometry.pinhole import INTRINSICS
@@ -181,7 +182,7 @@ def read_result(
         NotUsableError: it must not be used.
     """
     path = Path(path)
-    path = path / RECORD if path.is_dir() else path
+    path = path / RECORD if is_folder(path) else path
     data = read_json_object(path)
     refuse_unusable(data, path, anyway=anyway)
     if "parameters" not in data:

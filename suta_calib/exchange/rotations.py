@@ -27,6 +27,8 @@ NUMBERS: Final[dict[str, int]] = {
 }
 # How far a length may be from one, and a matrix from a rotation, that was rounded when written.
 _ROUNDED: Final = 0.01
+# Of no orientation, nor of any that has been counted on; rad.
+_MOST_ANGLE: Final = 1e4
 
 
 def rotations_from(form: str, numbers: FloatArray, path: Path, lines: Sequence[int]) -> FloatArray:
@@ -43,7 +45,8 @@ def rotations_from(form: str, numbers: FloatArray, path: Path, lines: Sequence[i
         (n, 3, 3), rotations to rounding: what was rounded when written is made one.
 
     Raises:
-        ForeignFileError: a quaternion that is not of length 1, or a matrix that is no rotation.
+        ForeignFileError: a quaternion that is not of length 1, a matrix that is no rotation, or an
+            angle of thousands of turns.
     """
     found = np.full((len(numbers), 3, 3), np.nan)
     known = np.asarray(np.isfinite(numbers).all(axis=1))
@@ -64,9 +67,11 @@ def rotations_from(form: str, numbers: FloatArray, path: Path, lines: Sequence[i
         found[known] = _rotation(
             matrix if form == "rows" else matrix.swapaxes(1, 2), known, path, lines
         )
-    elif form == "vector":
-        found[known] = rotation_from_vector(values)
     else:
+        _refuse_angles(values, known, path, lines)
+        if form == "vector":
+            found[known] = rotation_from_vector(values)
+            return found
         from scipy.spatial.transform import Rotation
 
         found[known] = Rotation.from_euler(form, values).as_matrix()
@@ -91,6 +96,15 @@ def _rotation(matrix: FloatArray, known: BoolArray, path: Path, lines: Sequence[
     # The nearest rotation: what a few written decimals leave of one is not orthonormal.
     left, _, right = np.linalg.svd(matrix)
     return np.asarray(left @ right)
+
+
+def _refuse_angles(values: FloatArray, known: BoolArray, path: Path, lines: Sequence[int]) -> None:
+    """Angles of so many turns are none, and their sines no numbers any more."""
+    most = np.abs(values).max(axis=1)
+    for row in np.flatnonzero(most > _MOST_ANGLE):
+        line = lines[int(np.flatnonzero(known)[row])]
+        found = f"an angle of {most[row]:.3g} rad"
+        raise ForeignFileError(found, f"one within {_MOST_ANGLE:g} rad", file=path, line=line)
 
 
 def _refuse(

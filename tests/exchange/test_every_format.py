@@ -75,6 +75,15 @@ def test_a_file_that_is_not_there(name: str, tmp_path: Path) -> None:
         read_foreign(tmp_path / "nothing-there", name)
 
 
+@pytest.mark.parametrize("name", SAMPLES)
+def test_a_name_that_no_file_can_have(name: str, tmp_path: Path) -> None:
+    for path in (tmp_path / ("x" * 300), Path("a\0b")):
+        with pytest.raises(InputError):
+            read_foreign(path, name, **SAMPLES[name](tmp_path).options)
+        with pytest.raises(InputError):
+            read_foreign(path)
+
+
 @cache
 def made(name: str, folder: Path) -> tuple[Sample, Path, bytes]:
     """A sample, the file of it that is spoilt, and what that holds."""

@@ -104,3 +104,10 @@ def test_a_long_number_takes_no_time(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no positions"):
         imported(path, "rapid")
     assert time.process_time() - begin < 1.0
+
+
+def test_an_angle_of_very_many_turns_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.script"
+    path.write_text("movel(p[1, 2, 3, 0, 0, 0])\nmovel(p[1, 2, 3, 0, 1e300, 0])\n")
+    with pytest.raises(InputError, match=r"a\.script:2: found an angle of 1e\+300 rad"):
+        imported(path, what="poses")

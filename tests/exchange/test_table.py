@@ -403,6 +403,13 @@ def test_lines_may_end_in_any_way(end: str, tmp_path: Path) -> None:
     assert imported(path, "table").columns["joint_2"].tolist() == [0.2, 0.4]
 
 
+def test_a_row_of_very_many_cells_is_refused_at_once(tmp_path: Path) -> None:
+    path = tmp_path / "t.csv"
+    path.write_text("1," * 300_000 + "1\n")
+    with pytest.raises(InputError, match="found 300001 columns; expected at most 10000"):
+        imported(path, "table")
+
+
 def test_text_behind_many_numbers_is_kept_as_it_is(tmp_path: Path) -> None:
     """A column is text as a whole, from its first row on, whatever row says so."""
     path, count = tmp_path / "t.csv", 10_100

@@ -11,6 +11,7 @@ import numpy as np
 from suta_calib.arrays import FloatArray
 from suta_calib.atomic import note_input
 from suta_calib.errors import ForeignFileError
+from suta_calib.exchange.cells import is_folder, is_plain_file
 from suta_calib.exchange.imported import ImportedRows
 from suta_calib.exchange.json_input import read_json
 from suta_calib.exchange.lerobot_motors import MOTORS
@@ -47,8 +48,8 @@ class LerobotDatasetReader(Reader):
 
     def read(self, path: Path, given: Given) -> ImportedRows:
         """A samples CSV: joints in rad, and the time in its episode after those before it."""
-        if not path.is_dir():
-            found = "a file" if path.is_file() else "no such file"
+        if not is_folder(path):
+            found = "a file" if is_plain_file(path) else "no such file"
             raise ForeignFileError(found, "the folder of a dataset", file=path)
         names = _motors(path / "meta" / "info.json")
         unit = given.text(STATE_UNIT)

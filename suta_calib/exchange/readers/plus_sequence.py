@@ -12,7 +12,7 @@ import numpy as np
 from suta_calib.atomic import note_input
 from suta_calib.errors import ForeignFileError
 from suta_calib.exchange.bodies import BODY_OPTIONS, Body, Recording
-from suta_calib.exchange.cells import MOST_BYTES, read_bounded
+from suta_calib.exchange.cells import MOST_BYTES, is_plain_file, read_bounded
 from suta_calib.exchange.imported import ImportedRows, checked_places
 from suta_calib.exchange.option import Given, Option
 from suta_calib.exchange.reader import Reader
@@ -90,7 +90,7 @@ def _body(
 
 def _fields(path: Path) -> Iterator[tuple[int, str, str]]:
     """Line, key and value of the header, which ends where the pictures begin."""
-    if not path.is_file():
+    if not is_plain_file(path):
         read_bounded(path)  # says what it is
     note_input(path)
     read = 0

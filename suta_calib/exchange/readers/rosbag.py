@@ -15,6 +15,7 @@ from suta_calib.arrays import FloatArray
 from suta_calib.atomic import note_input
 from suta_calib.errors import ForeignFileError, MissingExtraError
 from suta_calib.exchange.bodies import BODY, INVERT, PREFIX, REFERENCE, Body, Recording
+from suta_calib.exchange.cells import is_folder, is_plain_file
 from suta_calib.exchange.imported import ImportedRows, checked_places
 from suta_calib.exchange.option import Given, Option
 from suta_calib.exchange.reader import Reader
@@ -193,7 +194,7 @@ def _read(path: Path, extra: str) -> _Bag:
         ForeignFileError: it is missing, damaged, or without end.
         MissingExtraError: rosbags is not installed.
     """
-    if not path.exists():
+    if not (is_folder(path) or is_plain_file(path)):
         raise ForeignFileError("no such file", "a recording", file=path)
     load("rosbags", extra)
     folder = _folder_of(path)
@@ -211,7 +212,7 @@ def _read(path: Path, extra: str) -> _Bag:
 
 def _folder_of(path: Path) -> Path:
     """The recording that a path is, or is a part of: its folder tells what is in it."""
-    if path.is_dir() or path.suffix.lower() == ".bag":
+    if is_folder(path) or path.suffix.lower() == ".bag":
         return path
     if not (path.parent / "metadata.yaml").is_file():
         hint = "ros2 bag reindex makes it"

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.errors import ForeignFileError, did_you_mean
 from suta_calib.exchange.bodies import BODY_OPTIONS, REFERENCE, Body, Recording
+from suta_calib.exchange.cells import is_plain_file
 from suta_calib.exchange.delimited import DELIMITED_OPTIONS, read_sheet
 from suta_calib.exchange.imported import (
     ImportedRows,
@@ -95,7 +96,7 @@ class TableReader(Reader):
     def read(self, path: Path, given: Given) -> ImportedRows:
         """Rows in SI; those in which a number is missing are left out and counted."""
         columns, other = _understood(path, given), given.path(REFERENCE)
-        if other is not None and other.is_file():
+        if other is not None and is_plain_file(other):
             columns.relative_to(_understood(other, given), given.text(REFERENCE))
         return columns.imported()
 
