@@ -18,8 +18,14 @@ from peers import LoopDistances, NumpyDistances
 from rich.console import Console
 from tables import number_table
 
-from suta_calib import CalibrationJob, PairwiseDistance, Problem, SolverOptions, solve
-from suta_calib.model.parameters import ParameterSet
+from suta_calib import (
+    CalibrationJob,
+    PairwiseDistance,
+    ParameterSet,
+    Problem,
+    SolverOptions,
+    solve,
+)
 from suta_calib.solver import RobustNlp, start_points
 
 JOB = Path(__file__).parents[1] / "data" / "suta" / "calibration.yaml"
