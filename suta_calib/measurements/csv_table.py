@@ -35,6 +35,8 @@ _ZERO_NORM = 1e-3
 _ENOUGH_LINES = 5
 # What a cell of a plain file does not have: quotes, comments, and blanks of any sort around it.
 _NOT_PLAIN = ('"', "#", ";", "\0", *(c for c in map(chr, range(128)) if c.isspace() and c != "\n"))
+# Characters of a cell that a message shows.
+_LONGEST_QUOTE = 200
 # Characters that the parser takes for one cell at most.
 _LONGEST_LINE = 100_000
 _DECIMAL = re.compile(r"[+-]?\d+\.\d+", re.ASCII)
@@ -139,8 +141,9 @@ class CsvTable:
         self, row: int, name: str, found: str, expected: str, hint: str = ""
     ) -> SamplesError:
         """Error about one cell, to be raised by the caller."""
+        short = found if len(found) <= _LONGEST_QUOTE else f"{found[:_LONGEST_QUOTE]}…"
         return SamplesError(
-            found,
+            short,
             expected,
             file=self.path,
             line=self.lines[row],
