@@ -33,6 +33,8 @@ _UNIT_NORM_TOLERANCE = 0.01
 _ZERO_NORM = 1e-3
 # Rows from which on the length of the last one's numbers says something.
 _ENOUGH_LINES = 5
+# Characters of a cell that a message shows.
+_LONGEST_QUOTE = 200
 _DECIMAL = re.compile(r"[+-]?\d+\.\d+", re.ASCII)
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 
@@ -141,8 +143,9 @@ class CsvTable:
         self, row: int, name: str, found: str, expected: str, hint: str = ""
     ) -> SamplesError:
         """Error about one cell, to be raised by the caller."""
+        short = found if len(found) <= _LONGEST_QUOTE else f"{found[:_LONGEST_QUOTE]}…"
         return SamplesError(
-            found,
+            short,
             expected,
             file=self.path,
             line=self.lines[row],

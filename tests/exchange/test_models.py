@@ -117,3 +117,13 @@ def test_mujoco_models_that_cannot_be_used(old: str, new: str, says: str, tmp_pa
     path.write_text(path.read_text().replace(old, new))
     with pytest.raises(InputError, match=says):
         read_foreign(path, "mjcf")
+
+
+def test_a_cell_of_thousands_of_digits_is_quoted_in_part(tmp_path: Path) -> None:
+    path = SAMPLES["dh"](tmp_path).path
+    path.write_text(
+        path.read_text().replace("joint_2,revolute,", "joint_2,revolute,e" + "0" * 5000)
+    )
+    with pytest.raises(InputError) as refused:
+        read_foreign(path, "dh")
+    assert len(str(refused.value)) < 500
