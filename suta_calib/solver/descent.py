@@ -199,7 +199,7 @@ def _newton(hessian: FloatArray, gradient: FloatArray) -> FloatArray:
     unit, along = hessian / np.outer(scale, scale), gradient / scale
     try:
         root = np.linalg.cholesky(unit)
-        if np.min(np.diag(root)) ** 2 > SINGULAR:
+        if np.min(np.diag(root), initial=np.inf) ** 2 > SINGULAR:
             return np.asarray(-np.linalg.solve(unit, along) / scale)
     except np.linalg.LinAlgError:
         pass

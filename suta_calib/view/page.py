@@ -10,6 +10,7 @@ from __future__ import annotations
 import base64
 import gzip
 import json
+import re
 from dataclasses import asdict
 from html import escape
 from importlib import resources
@@ -31,6 +32,10 @@ DATA: Final = "suta-calib-scene"
 # Longer than any scene takes to come from this computer, s.
 _PATIENCE: Final = 60.0
 _ALIGNED: Final = 8
+# What viser draws by chance, so that one scene would make another file each time.
+_DRAWN: Final = re.compile(
+    r'(?<="run_id": ")[0-9a-f]+|[0-9a-f]{8}(?:-[0-9a-f]{4}){3}-[0-9a-f]{12}', re.ASCII
+)
 
 
 def page(scene: Scene) -> bytes:
@@ -46,7 +51,7 @@ def page(scene: Scene) -> bytes:
             html: str = answer.read().decode()
         messages, buffers = _told(viewer)
         told = {"messages": messages, "scene": _moved(viewer)}
-    data = base64.b64encode(gzip.compress(_packed(told, buffers), 9)).decode()
+    data = base64.b64encode(gzip.compress(_packed(told, buffers), 9, mtime=0)).decode()
     script = resources.files("suta_calib.view").joinpath("offline.js").read_text("utf-8")
     ours = (
         f'<script type="application/octet-stream" id="{DATA}">{data}</script>'
@@ -99,8 +104,13 @@ def _renumbered(value: Any, first: int) -> Any:
 
 
 def _packed(told: dict[str, Any], buffers: list[bytes]) -> bytes:
-    """The length of what is told, 8 bytes; itself as JSON; then the arrays, aligned."""
-    text = json.dumps({**told, "lengths": [len(each) for each in buffers]}).encode()
+    """The length of what is told, 8 bytes; itself as JSON; then the arrays, aligned.
+
+    Names that viser draws become numbers in the order in which they come.
+    """
+    plain = json.dumps({**told, "lengths": [len(each) for each in buffers]})
+    names = {name: str(k) for k, name in enumerate(dict.fromkeys(_DRAWN.findall(plain)))}
+    text = _DRAWN.sub(lambda found: names[found[0]], plain).encode()
     parts = [len(text).to_bytes(_ALIGNED, "little"), text]
     at = _ALIGNED + len(text)
     for each in buffers:
