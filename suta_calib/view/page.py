@@ -32,10 +32,12 @@ DATA: Final = "suta-calib-scene"
 # Longer than any scene takes to come from this computer, s.
 _PATIENCE: Final = 60.0
 _ALIGNED: Final = 8
-# What viser draws by chance, so that one scene would make another file each time.
+# What viser draws by chance or counts from one scene to the next, so that one scene would make
+# another file each time.
 _DRAWN: Final = re.compile(
     r'(?<="run_id": ")[0-9a-f]+|[0-9a-f]{8}(?:-[0-9a-f]{4}){3}-[0-9a-f]{12}', re.ASCII
 )
+_COUNTED: Final = re.compile(r'(?<="order": )\d+', re.ASCII)
 
 
 def page(scene: Scene) -> bytes:
@@ -106,11 +108,13 @@ def _renumbered(value: Any, first: int) -> Any:
 def _packed(told: dict[str, Any], buffers: list[bytes]) -> bytes:
     """The length of what is told, 8 bytes; itself as JSON; then the arrays, aligned.
 
-    Names that viser draws become numbers in the order in which they come.
+    Names that viser draws become numbers in the order in which they come, and its own begin at 0.
     """
     plain = json.dumps({**told, "lengths": [len(each) for each in buffers]})
     names = {name: str(k) for k, name in enumerate(dict.fromkeys(_DRAWN.findall(plain)))}
-    text = _DRAWN.sub(lambda found: names[found[0]], plain).encode()
+    named = _DRAWN.sub(lambda found: names[found[0]], plain)
+    first = min(map(int, _COUNTED.findall(named)), default=0)
+    text = _COUNTED.sub(lambda found: str(int(found[0]) - first), named).encode()
     parts = [len(text).to_bytes(_ALIGNED, "little"), text]
     at = _ALIGNED + len(text)
     for each in buffers:

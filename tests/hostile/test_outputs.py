@@ -213,7 +213,7 @@ def test_help_that_nobody_reads_is_no_error(capsys: Capture) -> None:
 def test_answers_on_narrow_terminals_of_few_letters(
     command: str, answers: Callable[[str], Document]
 ) -> None:
-    """Forty columns and ASCII: every number of a table is in one piece, names but for their dots."""
+    """Forty columns and ASCII: every number is in one piece, every name but for its dots."""
     answer = answers(command)
     stream = io.TextIOWrapper(io.BytesIO(), encoding="ascii", errors="replace")
     Console(file=stream, width=40, markup=False, emoji=False).print(rendered(answer), crop=False)
