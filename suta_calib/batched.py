@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import lru_cache, partial
-from typing import Any, Final
+from typing import Any, Final, NoReturn
 
 import numpy as np
 
@@ -58,6 +58,10 @@ class Batched:
             self._parts: list[Callable[[], object]] = [Elementwise(rule, self.inputs, self.outputs)]
         else:
             self._parts = list(self._mapped(function, n, tuple(shared)))
+
+    def __reduce__(self) -> NoReturn:
+        # A copy's operations would still fill the arrays of the original, or nobody's.
+        raise TypeError("what is bound to its arrays cannot be pickled or copied")
 
     def __call__(self) -> list[FloatArray]:
         """Evaluate at what `inputs` hold now; the answer is `outputs`."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -84,3 +86,9 @@ def test_what_numpy_lacks_is_casadis() -> None:
     many = Batched(asked, batched.MANY)
     many.inputs[0][:] = np.random.default_rng(0).random(many.inputs[0].shape)
     np.testing.assert_allclose(many()[0][:, 0], np.linalg.norm(many.inputs[0], axis=1), rtol=1e-14)
+
+
+@pytest.mark.parametrize("rows", [3, 300])
+def test_a_copy_that_would_fill_the_arrays_of_the_original_is_refused(rows: int) -> None:
+    with pytest.raises(TypeError, match="bound to its arrays"):
+        copy.deepcopy(Batched(function(), rows))

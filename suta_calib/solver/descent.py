@@ -124,7 +124,8 @@ def descend(
             promised = _promised(hessian, gradient, step)
             there = np.clip(z + step, lower, upper)
         for number, basin in enumerate(known):
-            if basin.cost_at(there) <= basin.cost + joins:
+            # A step up, to a minimum above this point, is none that would be taken.
+            if basin.cost <= cost and basin.cost_at(there) <= basin.cost + joins:
                 return Descent(basin.z, basin.cost, True, taken, joined=number)
         if taken >= steps:
             break
@@ -163,13 +164,15 @@ def boxed_step(
     step = _newton(hessian, gradient)
     if np.all((step >= lower) & (step <= upper)):
         return step
-    n = len(gradient)
+    n, scale = len(gradient), _unit(hessian)
+    least = 1e-9 * float(np.linalg.norm(gradient / scale))
     step, held = np.zeros(n), lower >= upper
     for _ in range(10 * n):
         slope = gradient + hessian @ step
         move = np.zeros(n)
         free = np.flatnonzero(~held)
-        move[free] = _newton(hessian[np.ix_(free, free)], slope[free])
+        if len(free):
+            move[free] = _newton(hessian[np.ix_(free, free)], slope[free])
         room = np.full(n, np.inf)
         up, down = move > 0, move < 0
         room[up] = (upper - step)[up] / move[up]
@@ -184,10 +187,10 @@ def boxed_step(
         slope = gradient + hessian @ step
         pull = np.where(step >= upper, slope, -slope)
         pull[~held | (lower >= upper)] = 0.0
-        # In units of the diagonal: by how much the cost would fall, but for rounding.
-        gain = pull / np.sqrt(np.maximum(np.diag(hessian), 1e-300))
+        # The root of what letting go of it alone would win, but for rounding.
+        gain = pull / scale
         most = int(np.argmax(gain))
-        if gain[most] <= 1e-9 * float(np.linalg.norm(gradient) + 1e-300):
+        if gain[most] <= least:
             break
         held[most] = False
     return step
@@ -195,7 +198,7 @@ def boxed_step(
 
 def _newton(hessian: FloatArray, gradient: FloatArray) -> FloatArray:
     """-H⁺ g, of a positive semidefinite matrix whose diagonal may span many magnitudes."""
-    scale = np.sqrt(np.maximum(np.diag(hessian), 1e-300))
+    scale = _unit(hessian)
     unit, along = hessian / np.outer(scale, scale), gradient / scale
     try:
         root = np.linalg.cholesky(unit)
@@ -204,3 +207,9 @@ def _newton(hessian: FloatArray, gradient: FloatArray) -> FloatArray:
     except np.linalg.LinAlgError:
         pass
     return np.asarray(-np.linalg.lstsq(unit, along, rcond=SINGULAR)[0] / scale)
+
+
+def _unit(hessian: FloatArray) -> FloatArray:
+    """(n,) what makes a matrix's diagonal one, and leaves alone what nothing is known of."""
+    scale = np.sqrt(np.maximum(np.diag(hessian), 0.0))
+    return np.where(scale > 0.0, scale, 1.0)

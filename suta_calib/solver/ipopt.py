@@ -153,8 +153,8 @@ class RobustNlp:
         """What each start (n,) ends in.
 
         A start that comes to a minimum which one before it has found, or would by its next step,
-        has that minimum: what would follow is known. Where two
-        have ended nowhere at the same cost, no others are tried.
+        has that minimum: what would follow is known. Where two have ended nowhere at the same
+        cost, no others are tried.
 
         Args:
             starts: clipped into the bounds.
@@ -200,12 +200,13 @@ class RobustNlp:
     def confirmed(self, minimum: Minimum) -> Minimum:
         """The same minimum with IPOPT's word for it, or the lower one that IPOPT went on to.
 
-        Left as it is where it is IPOPT's already, or where rounding keeps IPOPT from an answer.
+        Left as it is where it is IPOPT's already, or where rounding alone keeps IPOPT from an
+        answer: one that goes on to lower costs without an end says that it was no minimum.
         """
         if not len(self._free) or minimum.status != SETTLED:
             return minimum
         found = self.minimise_by_ipopt(minimum.x)
-        if not found.converged:
+        if not found.converged and not found.cost < minimum.cost - SAME_COST:
             return minimum
         lower = found if found.cost < minimum.cost else minimum
         steps = minimum.iterations + found.iterations

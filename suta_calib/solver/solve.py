@@ -204,6 +204,8 @@ def _fit(
         tried = nlp.minimise_all(starts, tell if revision == 0 else lambda _: None)
         attempts = attempts or tuple(tried)
         minimum = _best(tried)
+        if options.confirm:
+            minimum = nlp.confirmed(minimum)
         # What is held adds misfit, which is not noise: the freest fit tells the noise best.
         levels = list(np.minimum(levels, noise_levels(problem, minimum.x, sigmas)))
         if len(_inside(problem, minimum.x, free)) < len(free):
@@ -218,18 +220,17 @@ def _fit(
         again = minimum.x.copy()
         again[list(fixed)] = nominal[list(fixed)]
         starts = [again]
-    if options.confirm:
-        minimum = nlp.confirmed(minimum)
     return minimum, attempts, identification, free
 
 
 def _best(tried: Sequence[Minimum]) -> Minimum:
     """The lowest that was gone down to; of those that are as low but for rounding the first."""
-    lowest = min((m for m in tried if not m.joined), key=lambda m: (not m.converged, m.cost))
+    ends = [m for m in tried if not m.joined]
+    lowest = min(ends, key=lambda m: (not m.converged, math.isnan(m.cost), m.cost))
     same = lowest.cost + SAME * max(lowest.cost, 1.0)
-    return next(
-        m for m in tried if m.converged == lowest.converged and m.cost <= same and not m.joined
-    )
+    alike = (m for m in ends if m.converged == lowest.converged and m.cost <= same)
+    # No cost is as low as one that is no number.
+    return next(alike, lowest)
 
 
 def identify_at(

@@ -43,6 +43,31 @@ def test_what_nothing_is_known_of_stays() -> None:
     np.testing.assert_allclose(boxed_step(np.ones((2, 2)), -np.ones(2), *EVERYWHERE), [0.5, 0.5])
 
 
+@pytest.mark.parametrize("seed", range(10))
+def test_where_all_are_held_a_step_ends_in_the_corner(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    n = int(random.integers(1, 5))
+    hessian, gradient = np.diag(10.0 ** random.uniform(-4, 4, n)), random.standard_normal(n)
+    near = np.abs(gradient) / np.diag(hessian) / 2.0
+    np.testing.assert_array_equal(
+        boxed_step(hessian, gradient, -near, near), -np.sign(gradient) * near
+    )
+    # Nor does one begin where there is no room at all.
+    nowhere = np.zeros(n)
+    np.testing.assert_array_equal(boxed_step(hessian, gradient, nowhere, nowhere), nowhere)
+
+
+def test_what_is_let_go_does_not_depend_on_units() -> None:
+    """Bounds met one by one and left again, the unknowns in units 16 magnitudes apart."""
+    hessian = np.array([[1.0, 0.9, 0.0], [0.9, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    whole, low, up = np.array([4.0, -3.0, 1.0]), [-1.0, -0.5, -5.0], [2.0, 9.0, 5.0]
+    unit = np.array([1.0, 1.0, 1e-10])
+    step = boxed_step(
+        hessian / np.outer(unit, unit), -hessian @ whole / unit, low * unit, up * unit
+    )
+    np.testing.assert_allclose(step / unit, [1.75, -0.5, 1.0])
+
+
 def rosenbrock(z: FloatArray) -> tuple[float, FloatArray, FloatArray]:
     """Least squares along a bent valley, where whole steps leave it."""
     residual = np.array([10.0 * (z[1] - z[0] ** 2), 1.0 - z[0]])
@@ -104,6 +129,18 @@ def test_only_the_minimum_that_a_step_leads_to_is_joined() -> None:
         assert len(evaluated) - once < once
         assert joined.cost == pytest.approx(alone.cost, rel=1e-9)
         assert joined.z == pytest.approx(alone.z, abs=1e-5)
+
+
+def test_a_minimum_above_is_joined_by_no_step() -> None:
+    """Whose quadratic, far from the truth, leads up there."""
+    above = Basin(np.array([1.0]), 2.0, np.zeros(1), np.ones((1, 1)))
+
+    def cost(z: FloatArray) -> tuple[float, FloatArray, FloatArray]:
+        return 1.0 + z[0] ** 2, np.array([2.0 * z[0] - 0.2]), np.full((1, 1), 0.2)
+
+    found = descend(cost, np.zeros(1), (np.array([-9.0]), np.array([9.0])), known=[above], joins=1)
+    assert found.joined is None
+    assert found.cost == 1.0
 
 
 def test_where_nothing_is_finite_no_step_is_taken() -> None:

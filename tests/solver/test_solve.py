@@ -133,6 +133,18 @@ def test_where_steps_stopped_short_ipopt_goes_on() -> None:
     assert found.cost == pytest.approx(lowest.minimum.cost, rel=1e-9)
 
 
+def test_what_ipopt_goes_on_from_without_an_end_was_no_minimum() -> None:
+    problem = far_problem()
+    start = problem.start()
+    free = np.arange(len(start))
+    options = SolverOptions(max_iterations=2, weights=None)
+    nlp = RobustNlp(problem, free, problem.assumed_sigmas(), options)
+    cost, *_ = nlp.cost_gradient_hessian(start / problem.parameters.array("scale"))
+    found = nlp.confirmed(Minimum(start, cost, SETTLED, 1))
+    assert not found.converged
+    assert found.cost < cost
+
+
 @pytest.mark.parametrize("spread", [Spread(position=SIGMA), DIRTY])
 def test_a_refit_ends_in_ipopts_minimum(spread: Spread) -> None:
     """From the minimum with twelve touches more, whether gross errors are none or many."""
