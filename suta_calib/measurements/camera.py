@@ -84,9 +84,9 @@ class Camera:
         return replace(self, width=width, height=height, intrinsics=intrinsics, covariance=None)
 
     def inside(self, pixels: FloatArray) -> BoolArray:
-        """(n,) whether pixels (n, 2) are in the picture; the first one's centre is 0, 0."""
+        """(...) whether pixels (..., 2) are in the picture; the first one's centre is 0, 0."""
         size = np.array([self.width, self.height])
-        return np.asarray(np.all((pixels >= -0.5) & (pixels <= size - 0.5), axis=1))
+        return np.asarray(np.all((pixels >= -0.5) & (pixels <= size - 0.5), axis=-1))
 
 
 def read_camera(path: str | Path) -> Camera:

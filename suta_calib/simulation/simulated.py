@@ -284,7 +284,7 @@ def _pictures(
     temperature: FloatArray | None,
 ) -> SimulatedFile:
     """Corners in pictures, each scattered by itself; an outlier moves all of a picture."""
-    assert ideal.pixels is not None
+    assert ideal.pixels is not None and ideal.camera is not None
     n = len(readings)
     names = np.array([f"{plan.name}-{k:04d}.png" for k in range(n)])
     # As the board would seem displaced: by the pixels that a length covers where it is.
@@ -294,7 +294,8 @@ def _pictures(
     shift = displacement[:, :2] * (across / np.median(apart))[:, None]
     pixels = ideal.pixels + shift[:, None]
     pixels = pixels + plan.noise.corner * rng.standard_normal(pixels.shape)
-    picture, point = np.nonzero(np.isfinite(pixels).all(axis=2))
+    # Nobody finds a corner where there is no picture.
+    picture, point = np.nonzero(ideal.camera.inside(pixels))
     numbers = np.array(list(board.points))
     samples = Samples.from_arrays(
         arm.joints,

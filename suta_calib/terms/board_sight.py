@@ -56,12 +56,11 @@ class BoardSight:
         ahead = self.points[..., 2] > NEAREST
         safe = np.where(ahead[..., None], self.points, [0.0, 0.0, 1.0])
         pixels = projected(safe, self.camera.intrinsics)
-        inside = self.camera.inside(pixels.reshape(-1, 2)).reshape(ahead.shape)
         # Distortion folds back into the picture what is far outside: an ideal lens tells that.
         straight = np.concatenate([self.camera.intrinsics[:4], np.zeros(len(DISTORTION))])
         room = np.array([self.camera.width, self.camera.height])
         near = np.all(np.abs(projected(safe, straight) - room / 2) < room, axis=2)
-        shown = ahead & inside & near & self._faces[:, None]
+        shown = ahead & self.camera.inside(pixels) & near & self._faces[:, None]
         return np.where(shown[..., None], pixels, np.nan)
 
     @property

@@ -356,7 +356,7 @@ class CameraView(FramedTerm):
     def observed(self, values: Mapping[str, float], poses: PoseSource) -> Observed:
         """The board in the camera, and its corners in the picture where they would be found."""
         sight = self._sight(values, poses)
-        return Observed(sight.position, sight.rotation, sight.pixels)
+        return Observed(sight.position, sight.rotation, sight.pixels, sight.camera)
 
     def _camera_at(self, values: Mapping[str, float]) -> Camera:
         """The camera with the intrinsics that these values have, or with its own."""

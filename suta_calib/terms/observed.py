@@ -9,6 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from suta_calib.arrays import BoolArray, FloatArray
+from suta_calib.measurements.camera import Camera
 from suta_calib.terms.poses import PoseSource
 
 
@@ -42,11 +43,13 @@ class Observed:
         rotation: (n, 3, 3) of the same, or None where the observation says nothing of it.
         pixels: (n, points, 2) where a camera sees the points of a board, px, NaN for those that it
             does not; None for who sees no points. What is seen is then these.
+        camera: in whose picture they are.
     """
 
     position: FloatArray
     rotation: FloatArray | None = None
     pixels: FloatArray | None = None
+    camera: Camera | None = None
 
     @property
     def in_sight(self) -> BoolArray:

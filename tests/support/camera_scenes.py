@@ -111,7 +111,7 @@ def pictures(
         R, p = after(inverse_poses(moving), there)
         pixels = projected(np.einsum("nij,kj->nki", R, points) + p[:, None], lens)
         pixels = pixels + pixel * noise.standard_normal(pixels.shape)
-        image, point = np.nonzero(CAMERA.inside(pixels.reshape(-1, 2)).reshape(pixels.shape[:2]))
+        image, point = np.nonzero(CAMERA.inside(pixels))
         numbers = np.array(list(board.points))
         corners = corners_of(names[image], numbers[point], pixels[image, point])
         views.append(View("default" if len(eyes) == 1 else str(k), corners, board, given))

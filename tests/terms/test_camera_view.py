@@ -14,7 +14,8 @@ from simulated import arm_named, camera_scene, dh_parameters, perturbed
 from suta_calib.geometry.numbers import rotation_from_vector
 from suta_calib.geometry.pinhole import projected
 from suta_calib.job.calibration import CalibrationJob
-from suta_calib.measurements import Chessboard
+from suta_calib.measurements import Chessboard, read_board, read_camera
+from suta_calib.simulation import read_simulation, simulate
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solve import solve
 from suta_calib.terms.camera_start import board_pose, closed_form_intrinsics
@@ -70,6 +71,22 @@ def folder(tmp_path_factory: pytest.TempPathFactory, repository: Path) -> Path:
         (path / name).write_text(text)
     assert cli("simulate", path / "simulation.yaml", "--out", path) == 0
     return path
+
+
+def test_corners_that_noise_drives_out_of_the_picture_are_not_seen(folder: Path) -> None:
+    """Whatever a simulation writes can be read."""
+    noisy = SIMULATION.replace("corner_px: 0.2", "corner_px: 30")
+    slipped = "    samples: 16\n    outliers: {fraction: 0.2, size_mm: [100, 200]}\n"
+    (folder / "noisy.yaml").write_text(noisy.replace("    samples: 16\n", slipped))
+    made = simulate(read_simulation(folder / "noisy.yaml"))
+    board, camera = read_board(folder / "board.yaml"), read_camera(folder / "camera.yaml")
+    quiet = simulate(read_simulation(folder / "simulation.yaml"))
+    for file, before in zip(made.files, quiet.files, strict=True):
+        assert file.corners is not None
+        assert before.corners is not None
+        (_, corners), (_, all_of_them) = file.corners, before.corners
+        corners.check(board, camera)
+        assert 0.6 * len(all_of_them) < len(corners) < len(all_of_them)
 
 
 def test_pictures_tell_the_arm(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
