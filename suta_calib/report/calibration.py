@@ -310,8 +310,9 @@ def _noise_and_correlations(result: CalibrationResult) -> Iterator[Part]:
     if priors := priors_of(result):
         yield ShownOnly(PRIORS.of(priors), "page")
         yield Text(
-            "How wide priors are is learned with the noise, from the evidence of the data; "
-            "fixed: true beside a prior or a noise level keeps it.",
+            "How wide priors are is learned with the noise, from the evidence of the data. A factor "
+            "below one draws estimates closer to nominal, but what the data do not tell keeps the "
+            "± of the prior as given; fixed: true beside a prior or a noise level keeps it.",
             place="page",
             look="soft",
         )
