@@ -89,9 +89,9 @@ def observed_parts(
 ) -> tuple[FloatArray, FloatArray]:
     """Covariance of the estimate at x by origin, zero for entries that were not free.
 
-    The sandwich A⁻¹ (M + P) A⁻¹ with the priors' stated precision P in A as well: scatter as the residuals
-    show it, outliers as Huber weighs them, rows of one touch together. What an artefact's stated
-    uncertainty explains of the residuals is taken from them and stands in its own part.
+    The sandwich A⁻¹ (M + P) A⁻¹ with the priors' stated precision P in A as well: scatter as the
+    residuals show it, outliers as Huber weighs them, rows of one touch together. What an artefact's
+    stated uncertainty explains of the residuals is taken from them and stands in its own part.
 
     Args:
         problem: terms and parameters.
