@@ -2,10 +2,13 @@
 
 The shipped jobs and a job of every kind of observation, with bounds and with priors (`sound_jobs`),
 are corrupted in every way of `what_goes_wrong`: the files are written as somebody would have
-written them, read and calibrated. All of it is simulated, so the truth is known. An answer is
-*silently wrong* if it is usable, says nothing that the sound job's answer does not say too, and its
-tip is farther off the truth (after registration, in postures it never saw) than three times what
-it states, and three times what the sound job's is.
+written them, read and calibrated. All of it is simulated, so the truth is known. What an answer
+states of its tip is what its covariance says, and what it says of parameters that are held: how the
+tip moves with them, for as much as they are off in truth. An answer is *silently wrong* if it is
+usable, says nothing that the sound job's answer does not say too, and its tip is farther off the
+truth (after registration, in postures it never saw) than three times what it states. Sound jobs are
+judged by the same rule: *overstated*, or a *false alarm* where they are refused or warned of
+anything but what is held.
 """
 
 from __future__ import annotations
@@ -38,6 +41,8 @@ from suta_calib.units import mm
 # Times what is stated, from which on a tip is wrong; and what no job states less than, m.
 WRONG: Final = 3.0
 FINEST: Final = 1e-4
+# What is said of parameters that the data cannot tell.
+HELD: Final = re.compile("held at nominal", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
@@ -49,7 +54,7 @@ class Outcome:
         level: of the answer's assessment, or ``refused`` where there is no answer.
         said: what is said of it, sentence by sentence.
         error: RMS of the tip's true error, m; NaN without a usable answer.
-        stated: the same as its covariance states it.
+        stated: the same as it states it: by its covariance, and by what it says is held.
     """
 
     job: str
@@ -67,7 +72,8 @@ class Judged:
     Attributes:
         outcome: of the corrupted job.
         fate: ``refused``, ``warned``, ``unharmed``, ``unsaid`` (the tip is right, but its ± or a
-            figure's meaning is not), or ``silently wrong``.
+            figure's meaning is not), or ``silently wrong``; of a sound job ``sound``,
+            ``overstated`` or ``false alarm``.
         named: whether the cause is named.
         note: the first thing that is said beyond what is said of the sound job.
     """
@@ -126,12 +132,17 @@ def outcome(sound: Sound, corruption: Corruption | None) -> Outcome:
             return Outcome(*names, "refused", (str(error),))
     judged = result.assessment
     said = (judged.sentence, *judged.notes)
-    errors = tip_errors(sound.made, result.solution) if judged.usable else ()
+    errors = tip_errors(sound.made, result.solution, judged.notes) if judged.usable else ()
     return Outcome(*names, judged.level, said, *errors)
 
 
-def tip_errors(made: Simulation, solution: Solution) -> tuple[float, float]:
-    """RMS distance of the tip from the truth after registration, and as stated, m."""
+def tip_errors(
+    made: Simulation, solution: Solution, notes: Sequence[str] = ()
+) -> tuple[float, float]:
+    """RMS distance of the tip from the truth after registration, and as stated, m.
+
+    A held parameter is stated if a note names it as held and says what the tip loses by it.
+    """
     rng = np.random.default_rng(0)
     middle = np.array([row.reading for row in made.spec.posture])
     q = middle + rng.uniform(-0.5, 0.5, (200, len(middle)))
@@ -152,7 +163,30 @@ def tip_errors(made: Simulation, solution: Solution) -> tuple[float, float]:
     for step in steps:
         other = {names[k]: arm[names[k]] + more for k, more in zip(free, step, strict=True)}
         drawn.append(apart(tip(arm | other), found))
-    return apart(found, tip(dict(made.values))), float(np.sqrt(np.mean(np.square(drawn))))
+    told = [note for note in notes if HELD.search(note) and "the tip is off by" in note]
+    moved = dict(arm)
+    for held in solution.identification.combinations:
+        if any(re.search(rf"\b{re.escape(held.fixed)}\b", note) for note in told):
+            off = made.values.get(held.fixed, arm[held.fixed]) - arm[held.fixed]
+            for name in held.direction.keys() & arm.keys():
+                moved[name] += off * held.direction[name]
+    stated = np.hypot(np.sqrt(np.mean(np.square(drawn))), apart(tip(moved), found))
+    return apart(found, tip(dict(made.values))), float(stated)
+
+
+def judge_sound(found: Outcome) -> Judged:
+    """Whether a sound job's answer is right, and no more is said against it than is true."""
+    against = [note for note in found.said[1:] if not HELD.search(note)]
+    if found.level in ("refused", "bad") or (found.level == "care" and against):
+        fate = "false alarm"
+    else:
+        fate = "overstated" if wrong(found) else "sound"
+    return Judged(found, fate, fate == "sound", "; ".join(found.said[1:]))
+
+
+def wrong(found: Outcome) -> bool:
+    """Whether the tip is farther off than what is stated allows."""
+    return bool(found.error > WRONG * max(found.stated, FINEST))
 
 
 def judge(found: Outcome, clean: Outcome, corruption: Corruption) -> Judged:
@@ -168,7 +202,7 @@ def judge(found: Outcome, clean: Outcome, corruption: Corruption) -> Judged:
         fate = "refused"
     elif found.level == "care" and any(s in found.said[1:] for s in new):
         fate = "warned"
-    elif found.error > WRONG * max(found.stated, clean.error, FINEST):
+    elif wrong(found):
         fate = "silently wrong"
     else:
         fate = "unsaid" if corruption.right else "unharmed"
@@ -190,7 +224,7 @@ def study(jobs: Sequence[Sound], most: int | None = None, shown: bool = True) ->
         for job, own in suffered:
             progress.update(done, description=job.name)
             clean = outcome(job, None)
-            yield Judged(clean, "sound", True, "; ".join(clean.said[1:]))
+            yield judge_sound(clean)
             progress.advance(done)
             for corruption in own:
                 yield judge(outcome(job, corruption), clean, corruption)
@@ -199,11 +233,12 @@ def study(jobs: Sequence[Sound], most: int | None = None, shown: bool = True) ->
 
 # ── Tables ───────────────────────────────────────────────────────────────────────────────────
 FATES: Final = ("refused", "warned", "unharmed", "unsaid", "silently wrong")
+OF_SOUND: Final = ("sound", "overstated", "false alarm")
 
 
 def show(found: Sequence[Judged], console: Console) -> None:
     """Totals by corruption and by job, and what is wrong or unexplained, one by one."""
-    harmed = [each for each in found if each.fate != "sound"]
+    harmed = [each for each in found if each.fate not in OF_SOUND]
     for title, key in (
         ("by corruption", lambda each: each.outcome.corruption),
         ("by job", lambda each: each.outcome.job),
@@ -219,6 +254,8 @@ def show(found: Sequence[Judged], console: Console) -> None:
         console.print(table)
     for title, own in {
         "Sound jobs": [e for e in found if e.fate == "sound"],
+        "Sound jobs that overstate themselves": [e for e in found if e.fate == "overstated"],
+        "Sound jobs with a false alarm": [e for e in found if e.fate == "false alarm"],
         "Silently wrong": [e for e in harmed if e.fate == "silently wrong"],
         "Unsaid": [e for e in harmed if e.fate == "unsaid"],
         "Refused or warned, cause not named": [

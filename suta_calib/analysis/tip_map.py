@@ -24,6 +24,7 @@ from suta_calib.showing import Shown
 from suta_calib.solver.solution import Solution
 from suta_calib.threads import single_threaded
 from suta_calib.units import Unit, mm, shown, text, unit_name
+from suta_calib.words import listed
 
 # 3-D RMS that laboratories ask of a navigation system, m.
 THRESHOLDS: Final = (0.3e-3, 0.5e-3)
@@ -159,6 +160,11 @@ class TipMap(Shown):
             for each in self.open_directions
             if each.effect > _NOTHING * self.registered.rms
         ]
+        if (held := self.knowledge.fixed) and not self.knowledge.open_directions:
+            care.append(
+                f"Held, not measured, and not in these figures: {listed(held)}. The result does "
+                "not say how the tip depends on them: calibrate again, or map the job."
+            )
         if self.registered.rms > THRESHOLDS[-1]:
             limits = " to ".join(f"{mm(limit):g}" for limit in THRESHOLDS)
             care.append(f"Laboratories ask for {limits} mm of the whole navigation system.")

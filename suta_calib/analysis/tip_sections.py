@@ -76,10 +76,11 @@ class Knowledge:
         names: Sequence[str],
         covariance: FloatArray,
         fixed: Sequence[str],
+        open_directions: Sequence[tuple[str, Mapping[str, float], float]] = (),
     ) -> Knowledge:
         """What a result says of an arm whose samples are not known: anywhere within its limits."""
         q = InverseKinematics(arm, {}).random_readings(np.random.default_rng(0), _ANYWHERE)
-        return cls(arm, values, tuple(names), covariance, tuple(fixed), q)
+        return cls(arm, values, tuple(names), covariance, tuple(fixed), q, tuple(open_directions))
 
     @cached_property
     def kinematics(self) -> InverseKinematics:

@@ -100,6 +100,8 @@ def _of_result(
     arm = ArmModel.from_urdf(urdf, tip, base)
     read = read_uncertainty(result, arm, anyway=anyway)
     check_nominal(arm, result, read.values)
-    known = Knowledge.unvisited(arm, read.values, read.names, read.covariance, read.fixed)
+    known = Knowledge.unvisited(
+        arm, read.values, read.names, read.covariance, read.fixed, read.held
+    )
     with LateProgress("mapping"):
         return tip_map_of_result(known, options)

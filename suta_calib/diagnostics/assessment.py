@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Final
 
 from suta_calib.assessment import Assessment
@@ -15,12 +16,12 @@ from suta_calib.diagnostics.contradictions import (
     gross_rows,
     seen_again,
 )
-from suta_calib.diagnostics.explanation import Told, explain_solution
+from suta_calib.diagnostics.explanation import Explanation, Told, explain_solution
 from suta_calib.diagnostics.repeats import lack_of_fit
 from suta_calib.diagnostics.score_tests import LOOKS_LIKE, effective_unknowns, score_tests
 from suta_calib.diagnostics.thinned import thinned
 from suta_calib.solver.solution import Solution
-from suta_calib.units import stored, text, unit_name
+from suta_calib.units import Unit, stored, text, unit_name
 from suta_calib.words import listed
 
 # Residuals over the scatter of repeats from which a model is said to lack something.
@@ -107,14 +108,15 @@ def _on_gain(accuracy: Accuracy) -> list[str]:
 
 def _on_parameters(solution: Solution) -> list[str]:
     """What other data would tell, by what to measure; and what ended at a bound."""
-    by_remedy: dict[tuple[Told, str], list[str]] = {}
+    by_remedy: dict[tuple[Told, str], list[Explanation]] = {}
     for each in explain_solution(solution):
         if each.told != "redundant":
-            by_remedy.setdefault((each.told, each.remedy), []).append(each.fixed)
+            by_remedy.setdefault((each.told, each.remedy), []).append(each)
     how = {"untold": "do not tell", "badly told": "tell too little to estimate"}
     notes = [
-        f"These data {how[told]} {listed(names)}: held at nominal. To know more: {remedy}."
-        for (told, remedy), names in by_remedy.items()
+        f"These data {how[told]} {listed([each.fixed for each in held])}: held at nominal"
+        f"{_at_stake(solution, held)}. To know more: {remedy}."
+        for (told, remedy), held in by_remedy.items()
     ]
     if bounded := [n for n, e in solution.arm_estimates.items() if e.state == "at_bound"]:
         notes.append(
@@ -126,18 +128,29 @@ def _on_parameters(solution: Solution) -> list[str]:
 
 def _as_drawn(solution: Solution) -> list[str]:
     """What no data of these kinds could tell is no convention where the tip hangs on it."""
-    problem = solution.problem
-    moved = {e.fixed: e for e in explain_solution(solution) if e.told == "redundant" and e.moves}
-    if not moved:
+    held = [each for each in explain_solution(solution) if each.as_drawn]
+    if not held:
         return []
-    name, worst = max(moved.items(), key=lambda item: item[1].moves)
-    unit = problem.parameters[name].unit
-    off = text(worst.moves * stored(1.0, unit), "m", with_unit=True)
     return [
-        f"Held at nominal, because observations of these kinds cannot tell: {listed([*moved])}. "
-        f"The tip is as good as its drawing there (with {name} off by 1 {unit_name(unit)}, by "
-        f"{off})."
+        "Held at nominal, because observations of these kinds cannot tell: "
+        f"{listed([each.fixed for each in held])}. The tip is as good as its drawing there, and "
+        f"no ± of this answer includes that{_at_stake(solution, held)}."
     ]
+
+
+def _at_stake(solution: Solution, held: Sequence[Explanation]) -> str:
+    """What the tip loses where what is held is not as drawn, the worst of each unit."""
+    parameters = solution.problem.parameters
+    worst: dict[Unit, Explanation] = {}
+    for each in sorted(held, key=lambda each: each.moves):
+        if each.moves:
+            worst[parameters[each.fixed].unit] = each
+    losses = [
+        f"with {each.fixed} off by 1 {unit_name(unit)}, the tip is off by "
+        f"{text(each.moves * stored(1.0, unit), 'm', with_unit=True)}"
+        for unit, each in worst.items()
+    ]
+    return f" ({'; '.join(losses)})" if losses else ""
 
 
 def _on_redundancy(solution: Solution) -> list[str]:

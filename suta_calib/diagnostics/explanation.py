@@ -60,6 +60,11 @@ class Explanation:
     told: Told = "untold"
     moves: float = 0.0
 
+    @property
+    def as_drawn(self) -> bool:
+        """Whether it is redundant, and the tip depends on it all the same: no convention."""
+        return self.told == "redundant" and self.moves > 0.0
+
 
 @dataclass(frozen=True, eq=False)
 class _Case:
@@ -102,9 +107,9 @@ class _Case:
     def explained(self, sentence: str, *advice: Advice) -> Explanation:
         """With what of the advice would tell it; any kind that does, where none of it would."""
         good = [words for words, told in advice if self._told_by(told())]
+        moves = 0.0 if self.motion.vanishes else self.motion.registered
         if self.redundant:
             known = f"; to know it, {' or '.join(good)}" if good else ""
-            moves = 0.0 if self.motion.vanishes else self.motion.registered
             remedy = f"{_AS_DRAWN if moves else _NO_REMEDY}{known}"
             return Explanation(self.fixed, sentence, remedy, "redundant", moves)
         if not good:
@@ -112,7 +117,7 @@ class _Case:
             good = [f"add {' or '.join(kinds)}"] if kinds else []
         remedy = " or ".join(good[:_MOST_ADVICE]) or "hold it by a prior"
         told: Told = "badly told" if self.spread < self.parameter.plausible else "untold"
-        return Explanation(self.fixed, sentence, remedy, told)
+        return Explanation(self.fixed, sentence, remedy, told, moves)
 
     def kinds(self, gap: Gap) -> list[Advice]:
         """What kinds of observation say that they close the gap."""
@@ -153,6 +158,11 @@ class _Case:
 def redundant_names(explanations: Iterable[Explanation]) -> tuple[str, ...]:
     """Names of the held parameters that no data of these kinds could tell."""
     return tuple(e.fixed for e in explanations if e.told == "redundant")
+
+
+def as_drawn_names(explanations: Iterable[Explanation]) -> tuple[str, ...]:
+    """Names of those of them that the tip depends on."""
+    return tuple(e.fixed for e in explanations if e.as_drawn)
 
 
 @lru_cache(maxsize=4)

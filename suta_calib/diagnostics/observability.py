@@ -13,7 +13,12 @@ import numpy as np
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.assessment import Assessment
-from suta_calib.diagnostics.explanation import Explanation, explain, redundant_names
+from suta_calib.diagnostics.explanation import (
+    Explanation,
+    as_drawn_names,
+    explain,
+    redundant_names,
+)
 from suta_calib.showing import Shown
 from suta_calib.solver.covariance import predicted_covariance
 from suta_calib.solver.identifiability import WEAK, Identification, schur_complement
@@ -79,7 +84,8 @@ class Prospect:
         std: predicted standard deviation, m or rad; None where it would not be estimated.
         state: what it would come out as: ``identified``, ``unidentified``, ``prior``, ``fixed``.
         given: fixed parameters relative to which its value would have its meaning.
-        redundant: whether no data of these kinds could tell it, so that it is a convention.
+        redundant: whether no data of these kinds could tell it.
+        as_drawn: whether the tip depends on it all the same; otherwise it is a convention.
     """
 
     name: str
@@ -93,6 +99,7 @@ class Prospect:
     state: State
     given: tuple[str, ...] = ()
     redundant: bool = False
+    as_drawn: bool = False
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -133,7 +140,7 @@ class Observability(Shown):
 
     @property
     def redundant(self) -> tuple[str, ...]:
-        """Those of them that no data of these kinds could tell: conventions."""
+        """Those of them that no data of these kinds could tell."""
         return redundant_names(self.explanations)
 
     @property
@@ -203,7 +210,11 @@ def observe(problem: Problem, x: FloatArray | None = None) -> Observability:
     estimated = np.setdiff1d(np.flatnonzero(free), identification.fixed).astype(np.intp)
     explanations = explain(problem, x, identification)
     prospects = _prospects(problem, information, identification, estimated)
-    prospects |= {n: replace(prospects[n], redundant=True) for n in redundant_names(explanations)}
+    as_drawn = as_drawn_names(explanations)
+    prospects |= {
+        n: replace(prospects[n], redundant=True, as_drawn=n in as_drawn)
+        for n in redundant_names(explanations)
+    }
     judged = np.arange(problem.arm_count or len(free))
     asked, fixed = judged[free[judged]], np.intersect1d(judged, identification.fixed)
     singular = _singular_values(problem, information, prospects)

@@ -48,6 +48,7 @@ from suta_calib.report.observability import (
     EXPLANATIONS,
     MOST_SENTENCES,
     explained,
+    held_directions,
     unobservable,
 )
 from suta_calib.report.parameters import MANY, PARAMETERS, left_out, outcomes
@@ -187,7 +188,8 @@ def _parameters(result: CalibrationResult, *, verbose: bool) -> Iterator[Part]:
         yield Text(said, bullet=True, place="page")
     yield Folded(PARAMETERS.of(held, f"Parameters at nominal ({len(held)})"))
     yield Text(
-        "“redundant”: no data of these kinds could tell it; nominal is a convention. "
+        "“redundant”: no data of these kinds could tell it; nominal is a convention. “as drawn”: "
+        "no data of these kinds could tell it either, but the tip is as good as its drawing there. "
         "“unidentified”: other data would tell it; it stays at nominal. “prior”: mostly known "
         "beforehand. A value with an entry under “given” has its meaning only relative to the "
         "parameters named there.",
@@ -310,8 +312,10 @@ def _noise_and_correlations(result: CalibrationResult) -> Iterator[Part]:
     if priors := priors_of(result):
         yield ShownOnly(PRIORS.of(priors), "page")
         yield Text(
-            "How wide priors are is learned with the noise, from the evidence of the data; "
-            "fixed: true beside a prior or a noise level keeps it.",
+            "How wide priors are is learned with the noise, from the evidence of the data. A "
+            "factor below one draws estimates closer to nominal, but what the data do not tell "
+            "keeps the ± of the prior as given; fixed: true beside a prior or a noise level keeps "
+            "it.",
             place="page",
             look="soft",
         )
@@ -381,6 +385,7 @@ def _data(result: CalibrationResult) -> Json:
         "unidentified": solution.unidentified,
         "redundant": redundant_names(result.explanations),
         "unobservable": unobservable(solution.identification),
+        "held": held_directions(solution),
         # Samples that rows of the job leave out by name.
         "excluded": [
             {"in": f"{name}[{k}]", "kind": row.kind, **row.exclude.as_dict()}

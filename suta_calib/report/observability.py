@@ -8,9 +8,10 @@ from typing import Final
 from suta_calib.diagnostics.explanation import Explanation
 from suta_calib.diagnostics.observability import Observability
 from suta_calib.report.document import Document, Part, Place, Text
-from suta_calib.report.listing import Column, Listing
+from suta_calib.report.listing import Column, Json, Listing
 from suta_calib.report.parameters import PROSPECTS, left_out
 from suta_calib.solver.identifiability import Identification
+from suta_calib.solver.solution import Solution
 from suta_calib.words import listed
 
 NAME: Final = "observability"
@@ -74,7 +75,8 @@ def conditioning(found: Observability) -> str:
 def explained(found: Iterable[Explanation], place: Place, most: int | None = None) -> list[Text]:
     """Why parameters are held, and below those that share a remedy, the remedy.
 
-    What is redundant is one line: nothing is to be done about it.
+    What is redundant is one line: nothing is to be done about it. Another names what no data of
+    these kinds could tell either, but the tip depends on.
 
     Args:
         found: explanations.
@@ -82,10 +84,10 @@ def explained(found: Iterable[Explanation], place: Place, most: int | None = Non
         most: of one remedy; the others are counted.
     """
     together: dict[str, list[str]] = {}
-    redundant = []
+    redundant, as_drawn = list[str](), list[str]()
     for each in found:
         if each.told == "redundant":
-            redundant.append(each.fixed)
+            (as_drawn if each.as_drawn else redundant).append(each.fixed)
         else:
             together.setdefault(each.remedy, []).append(each.sentence)
     parts = []
@@ -100,7 +102,30 @@ def explained(found: Iterable[Explanation], place: Place, most: int | None = Non
             "could tell them, and nothing but where frames are drawn depends on them."
         )
         parts.append(Text(said_once, place=place))
+    if as_drawn:
+        said_once = (
+            f"Held at nominal too, and no convention: {listed(as_drawn)}. No data of these kinds "
+            "could tell them, but the tip depends on them: it is as good as its drawing there."
+        )
+        parts.append(Text(said_once, place=place))
     return parts
+
+
+def held_directions(solution: Solution) -> list[Json]:
+    """Of each parameter of the arm that is held: how far off it may be, and what follows it.
+
+    Whoever reads the answer back learns from it what the covariance leaves out, SI.
+    """
+    arm = solution.problem.arm_parameters if solution.converged else {}
+    return [
+        {
+            "parameter": c.fixed,
+            "plausible": arm[c.fixed].plausible,
+            "direction": {n: v for n, v in c.direction.items() if n in arm},
+        }
+        for c in solution.identification.combinations
+        if c.fixed in arm
+    ]
 
 
 def unobservable(identification: Identification) -> list[dict[str, float]]:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from suta_calib.diagnostics.explanation import explain_solution, redundant_names
+from suta_calib.diagnostics.explanation import as_drawn_names, explain_solution, redundant_names
 from suta_calib.diagnostics.observability import Prospect
 from suta_calib.model.parameters import Parameter
 from suta_calib.report.document import Text
@@ -35,13 +35,15 @@ class Outcome:
         estimate: what came out.
         known: what went in.
         converged: whether the estimate is one.
-        redundant: whether no data of these kinds could tell it: a convention.
+        redundant: whether no data of these kinds could tell it.
+        as_drawn: whether the tip depends on it all the same; otherwise it is a convention.
     """
 
     estimate: Estimate
     known: Parameter
     converged: bool
     redundant: bool = False
+    as_drawn: bool = False
 
     @property
     def unit(self) -> Unit:
@@ -71,7 +73,7 @@ class Outcome:
 
     @property
     def state_shown(self) -> str:
-        """The state in words; ``redundant`` where no data of these kinds could tell it."""
+        """The state in words; ``redundant`` or ``as drawn`` where no such data could tell it."""
         return _state(self)
 
     @property
@@ -103,7 +105,13 @@ def _unit(row: Outcome | Prospect) -> Unit:
 
 
 def _state(row: Outcome | Prospect) -> str:
+    if row.as_drawn:
+        return "as drawn"
     return "redundant" if row.redundant else row.state.replace("_", " ")
+
+
+def _tone(row: Outcome | Prospect, state: State) -> Tone:
+    return "note" if row.as_drawn else "soft" if row.redundant else TONE[state]
 
 
 PARAMETERS: Final = Listing[Outcome](
@@ -118,7 +126,7 @@ PARAMETERS: Final = Listing[Outcome](
         "state",
         "state",
         cell=_state,
-        tone=lambda row: "soft" if row.redundant else TONE[row.estimate.state],
+        tone=lambda row: _tone(row, row.estimate.state),
     ),
     Column("given", "given", cell=lambda row: listed(row.given, 3), optional=True),
     Column("scale", None, lambda _: 1.0),
@@ -135,7 +143,7 @@ PROSPECTS: Final = Listing[Prospect](
     Column("prior"),
     Column("std", "predicted ± std", unit=_unit, si=True),
     Column("unit", "unit", cell=lambda p: unit_name(p.unit)),
-    Column("state", "state", cell=_state, tone=lambda p: "soft" if p.redundant else TONE[p.state]),
+    Column("state", "state", cell=_state, tone=lambda p: _tone(p, p.state)),
     Column("given", "given", cell=lambda p: listed(p.given, 3), optional=True),
     named=True,
 )
@@ -144,9 +152,11 @@ PROSPECTS: Final = Listing[Prospect](
 def outcomes(solution: Solution) -> list[Outcome]:
     """Every parameter's, in the problem's order."""
     parameters = solution.problem.parameters
-    redundant = redundant_names(explain_solution(solution))
+    redundant, as_drawn = (
+        names(explain_solution(solution)) for names in (redundant_names, as_drawn_names)
+    )
     return [
-        Outcome(estimate, parameters[name], solution.converged, name in redundant)
+        Outcome(estimate, parameters[name], solution.converged, name in redundant, name in as_drawn)
         for name, estimate in solution.estimates.items()
     ]
 

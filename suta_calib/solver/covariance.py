@@ -3,9 +3,9 @@
     Cov = A⁻¹ (M + P) A⁻¹ + G Σ Gᵀ
 
 with A the curvature of the robust cost and priors, M the variance of its gradient by touch, P the
-priors' precision, and G Σ Gᵀ what the artefact's uncertainty adds (`artefact_covariance`). Rows
-that share samples are not independent: the (JᵀJ)⁻¹ of pairwise distances understates standard
-deviations by two to four times.
+priors' precision (`Problem.stated_precision`), and G Σ Gᵀ what the artefact's uncertainty adds
+(`artefact_covariance`). Rows that share samples are not independent: the (JᵀJ)⁻¹ of pairwise
+distances understates standard deviations by two to four times.
 """
 
 from __future__ import annotations
@@ -89,9 +89,9 @@ def observed_parts(
 ) -> tuple[FloatArray, FloatArray]:
     """Covariance of the estimate at x by origin, zero for entries that were not free.
 
-    The sandwich A⁻¹ (M + P) A⁻¹ with the priors' precision P in A as well: scatter as the residuals
-    show it, outliers as Huber weighs them, rows of one touch together. What an artefact's stated
-    uncertainty explains of the residuals is taken from them and stands in its own part.
+    The sandwich A⁻¹ (M + P) A⁻¹ with the priors' stated precision P in A as well: scatter as the
+    residuals show it, outliers as Huber weighs them, rows of one touch together. What an artefact's
+    stated uncertainty explains of the residuals is taken from them and stands in its own part.
 
     Args:
         problem: terms and parameters.
@@ -105,7 +105,7 @@ def observed_parts(
         and of certified coordinates, whose errors all touches share.
     """
     rows = whitened_rows(problem, x, sigmas)
-    prior = np.diag(problem.prior_precision())
+    prior = np.diag(problem.stated_precision())
     curvature = prior + sum(map(robust_curvature, rows))
     bread, artefact = np.zeros_like(prior), np.zeros_like(prior)
     bread[np.ix_(free, free)] = scaled_inverse(curvature[np.ix_(free, free)])
@@ -123,7 +123,7 @@ def observed_parts(
 
 def predicted_covariance(problem: Problem, information: Information, free: IntArray) -> FloatArray:
     """Covariance (n, n) before any residual is known, from `predicted_information`."""
-    prior = np.diag(problem.prior_precision())
+    prior = np.diag(problem.stated_precision())
     bread = np.zeros_like(prior)
     inverse = scaled_inverse((information.curvature + prior)[np.ix_(free, free)])
     bread[np.ix_(free, free)] = inverse

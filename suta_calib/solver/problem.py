@@ -106,6 +106,15 @@ class Problem:
         prior = self.parameters.array("prior") * self._prior_scale
         return np.nan_to_num(prior**-2.0, nan=0.0, posinf=np.inf)
 
+    def stated_precision(self) -> FloatArray:
+        """1/prior² per parameter (n,) of what may be said to be known before any data.
+
+        A factor below one that was learned of a group makes better estimates, but data that find
+        other members of the group right are silent on one that they cannot tell: of that one no
+        more is known than the job says.
+        """
+        return self.with_priors_scaled(np.maximum(self._prior_scale, 1.0)).prior_precision()
+
     def with_priors_scaled(self, scale: FloatArray) -> Problem:
         """The same problem with priors that are wider by a factor per parameter (n,)."""
         other = copy(self)

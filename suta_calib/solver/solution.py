@@ -157,7 +157,7 @@ class Solution(Shown):
         """Every parameter with its standard deviation and state, in the problem's order."""
         variance = np.maximum(np.diag(self.covariance), 0.0)
         with np.errstate(divide="ignore"):
-            prior = 1.0 / self.problem.prior_precision()
+            prior = 1.0 / self.problem.stated_precision()
         if self.weights is not None:
             prior = prior + np.diag(self.weights.covariance)
         # A misfit may scatter an estimate more, but nobody knows less than before the data.

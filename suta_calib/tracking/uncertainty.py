@@ -8,7 +8,7 @@ of the one is a small error of the other: `CalibrationUncertainty.folded` gives 
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final, Literal
@@ -57,6 +57,8 @@ class CalibrationUncertainty:
         fixed: parameters the data could not tell: what is said holds relative to them.
         beside_geometry: gains, eccentricities and compliances that are not zero: no URDF holds
             them.
+        held: of the fixed ones, how each parameter changes with it, and how far off it may be, m
+            and rad; empty where the file does not say.
     """
 
     path: Path
@@ -66,6 +68,7 @@ class CalibrationUncertainty:
     source: Source
     fixed: tuple[str, ...]
     beside_geometry: dict[str, float]
+    held: tuple[tuple[str, Mapping[str, float], float], ...] = ()
 
     def folded(self, arm: ArmModel) -> tuple[tuple[str, ...], FloatArray]:
         """The same errors as parameters of the calibrated URDF.
@@ -175,7 +178,25 @@ def read_uncertainty(
     values = {n: float(numbers(e.get("value"), (), path, n)) for n, e in own.items()}
     fixed = tuple(str(n) for n in data.get("unidentified", []) if n in known)
     beside = {n: v for n, v in values.items() if v and not arm.offered[n].geometric}
-    return CalibrationUncertainty(path, names, covariance, values, source, fixed, beside)
+    held = tuple(_held(data, fixed, path))
+    return CalibrationUncertainty(path, names, covariance, values, source, fixed, beside, held)
+
+
+def _held(
+    data: dict[str, Any], fixed: Sequence[str], path: Path
+) -> Iterator[tuple[str, Mapping[str, float], float]]:
+    """What the file says of each fixed parameter; earlier versions wrote nothing."""
+    for entry in data.get("held", []):
+        where = "held"
+        if not (isinstance(entry, dict) and isinstance(entry.get("direction"), dict)):
+            expected = "parameter, plausible and direction of each that is held"
+            raise InputError(repr(entry), expected, file=path, where=where)
+        if entry.get("parameter") in fixed:
+            plausible = float(numbers(entry.get("plausible"), (), path, where))
+            direction = {
+                str(n): float(numbers(v, (), path, where)) for n, v in entry["direction"].items()
+            }
+            yield str(entry["parameter"]), direction, plausible
 
 
 def _covariance(

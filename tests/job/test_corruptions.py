@@ -51,6 +51,28 @@ def test_a_sound_job_is_usable_and_as_right_as_it_states(clean: Any) -> None:
     assert clean.error < 3 * clean.stated
 
 
+@pytest.mark.parametrize(
+    ("kind", "parameters"), [("landmark", 0), ("landmark", 1), ("hand_eye", 0)]
+)
+def test_a_tip_that_these_data_cannot_tell_is_not_stated_as_sure(
+    study: ModuleType, kind: str, parameters: int
+) -> None:
+    """Its drawing is off by 1.6 mm, and the tip by one: with bounds it is said, with priors ±."""
+    job = [*study.sound_jobs([kind], shipped=False, starts=1)][parameters]
+    found = study.outcome(job, None)
+    assert found.error > 0.5e-3
+    assert study.judge_sound(found).fate == "sound"
+
+
+def test_sound_jobs_are_judged_too(study: ModuleType, clean: Any) -> None:
+    assert study.judge_sound(clean).fate == "sound"
+    far = replace(clean, level="good", error=1e-2, stated=1e-4)
+    assert study.judge_sound(far).fate == "overstated"
+    alarmed = replace(clean, level="care", said=(*clean.said, "joint_2 counts the other way."))
+    assert study.judge_sound(alarmed).fate == "false alarm"
+    assert study.judge_sound(replace(clean, level="refused")).fate == "false alarm"
+
+
 @pytest.mark.parametrize("name", CHECKED)
 def test_what_went_wrong_is_named(study: ModuleType, sound: Any, clean: Any, name: str) -> None:
     corruption = next(c for c in study.CORRUPTIONS if c.name == name)

@@ -157,6 +157,25 @@ def test_parameters_scatter_as_predicted_where_weights_are_learned() -> None:
     assert 0.85 < np.sqrt(np.mean(np.square(errors))) < 1.15
 
 
+def test_of_what_no_data_tell_no_more_is_known_than_was_said() -> None:
+    """An arm that is far better than its priors, but for where it stands: as wrong as they say."""
+    untold, factors = [], []
+    for seed in range(2 * ARMS):
+        elsewhere = {k: v for k, v in drawn(1.0, 100 + seed).items() if k.startswith("joint_1.")}
+        truth = drawn(0.2, seed) | elsewhere
+        scene = tracked_scene(arm_named("suta"), truth, 30)
+        term = scene.term(scene.samples(Spread(position=3e-4), seed)[0], LEARNT)
+        solution = solve(Problem([term], unknowns()), SolverOptions())
+        assert solution.weights is not None
+        factors += [learned.value for learned in solution.weights.priors.values()]
+        found = solution.arm_estimates
+        untold += [
+            (found[name].value - truth[name]) / (found[name].std or math.nan) for name in elsewhere
+        ]
+    assert max(factors) < 0.5
+    assert 0.8 < np.sqrt(np.mean(np.square(untold))) < 1.2
+
+
 def test_what_is_fixed_stays() -> None:
     stated = Noise(5e-4, fixed=True)
     parameters = unknowns(fixed=True)

@@ -182,6 +182,26 @@ def test_the_command_reads_a_result(job: Path, capsys: pytest.CaptureFixture[str
     cool = json.loads(capsys.readouterr().out)
     assert cool["absolute"]["rms_mm"] > 0
     assert not any("how warm" in note for note in cool["verdict"]["notes"])
+    # What is held is not forgotten on the way.
+    written = json.loads(result.read_text())
+    assert [each["parameter"] for each in written["held"]] == written["unidentified"]
+    assert not any("held" in note for note in cool["verdict"]["notes"])
+    name = written["covariance"]["parameters"][-1]
+    written["parameters"][name] |= {"std": None, "state": "unidentified"}
+    for table in ("covariance", "correlations"):
+        del written[table]
+    written["unidentified"].append(name)
+    held = {"parameter": name, "plausible": 0.03, "direction": {name: 1.0}}
+    for kept, said in (
+        ([*written["held"], held], f"{name} is held, not measured, and not in these figures: if"),
+        ([], f"{name}. The result does not say how the tip depends on them"),
+    ):
+        other = result.with_name("held.json")
+        other.write_text(json.dumps(written | {"held": kept}))
+        assert cli("tip-map", other, *options, "--grid", 5) == 0
+        verdict = json.loads(capsys.readouterr().out)["verdict"]
+        assert verdict["level"] == "care"
+        assert any(said in note for note in verdict["notes"])
     # What was found of its lengths says nothing of how warm it is.
     written = json.loads(result.read_text())
     written["parameters"]["links.expansion"] = {"value": 23e-6, "std": None, "state": "fixed"}
