@@ -129,7 +129,7 @@ class DrawnArm:
             np.array([joint.type == "prismatic" for joint in joints]),
             arm.gearing[order],
             np.array([segment.shift for segment in arm.movers])[order],
-            np.array([frame.parentJoint for frame in frames], dtype=np.intp) - 1,
+            np.array([_joint_of(frame) for frame in frames], dtype=np.intp) - 1,
             np.array([frame.placement.rotation for frame in frames]),
             np.array([frame.placement.translation for frame in frames]),
             self.links.index(arm.chain.base),
@@ -138,3 +138,8 @@ class DrawnArm:
     @cached_property
     def _data(self) -> pin.Data:
         return self._model.createData()
+
+
+def _joint_of(frame: pin.Frame) -> int:
+    """Number of the joint that carries a frame, which Pinocchio 2 calls otherwise."""
+    return int(frame.parentJoint if hasattr(frame, "parentJoint") else frame.parent)

@@ -49,6 +49,9 @@ class MjcfReader(Reader):
         _check(path, read_bounded(path))
         import pinocchio as pin
 
+        if not hasattr(pin, "buildModelFromMJCF"):
+            found = f"Pinocchio {pin.__version__}, which reads no MJCF"
+            raise ForeignFileError(found, "3.0 or newer: pip install 'pin>=3'", file=path)
         try:
             model = pin.buildModelFromMJCF(str(path))
         except (ValueError, RuntimeError, IndexError) as problem:
