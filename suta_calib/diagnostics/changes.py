@@ -359,7 +359,7 @@ def _widened(fit: _Fit, velocity: FloatArray) -> list[Rows]:
     wide = []
     for r in fit.rows:
         by_pose = r.line.by_pose / r.line.sigma[:, None, None]
-        columns = r.line.pattern.by_velocity(by_pose) @ velocity
+        columns = r.line.pattern.by_parameters(by_pose, velocity)
         wide.append(replace(r, jacobian=np.hstack([r.jacobian, columns])))
     return wide
 

@@ -6,6 +6,7 @@ against the solution, solve again without the outliers, until nothing changes.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
@@ -195,8 +196,6 @@ def robust_fit(
     count, suspects = len(fit.inliers), np.flatnonzero(~fit.inliers)
     if not robust or not len(suspects) or count > MOST_ROWS:
         return fit
-    from scipy.special import comb
-
     everyone = np.ones(count, dtype=np.bool_)
     needed = len(fit.solution.free) / (DIMENSION * len(fit.sigmas))
     plain = plainly(everyone)
@@ -212,7 +211,8 @@ def robust_fit(
         rest = max(float(_misfit(found, fit.sigmas)[found.inliers].sum()), ROUNDING**2)
         gain = (total / rest - 1.0) * freedom / dropped
         # Any choice of as many rows might have been the suspicious one.
-        chance = f.sf(gain, dropped, freedom) * comb(count, dropped) if freedom > 0 else 1.0
+        alone = f.sf(gain, dropped, freedom) if freedom > 0 else 1.0
+        chance = min(alone * _choices(count, dropped), 1.0)
         least = min(least, chance)
         if chance < FALSE_ALARM:
             break
@@ -221,6 +221,12 @@ def robust_fit(
         found = plainly(believed)
     told = least < REMARKABLE and found is not fit
     return replace(found, suspects=found.inliers & ~fit.inliers) if told else found
+
+
+def _choices(count: int, chosen: int) -> float:
+    """In how many ways one may choose, or the largest such number that is one."""
+    ways = math.lgamma(count + 1) - math.lgamma(chosen + 1) - math.lgamma(count - chosen + 1)
+    return math.exp(min(ways, 700.0))
 
 
 def _misfit(fit: RobustFit, sigmas: Sequence[float]) -> FloatArray:

@@ -244,7 +244,8 @@ class Evaluation:
             rows = slice(first, min(first + AT_ONCE, len(line.residual)))
             both = list[FloatArray]()
             if arm:
-                both.append(line.pattern.some_by_velocity(line.by_pose, rows) @ self.table.velocity)
+                velocity = self.table.velocity
+                both.append(line.pattern.by_parameters(line.by_pose, velocity, rows))
             if own is not None:
                 both.append(dense(own[size * rows.start : size * rows.stop]))
             if both:
@@ -271,7 +272,7 @@ class Evaluation:
     def _arm_columns(self, line: Linearised, by_pose: FloatArray) -> Any:
         if not self.arm_count:
             return np.zeros((line.residual.size, 0))
-        return line.pattern.by_velocity(by_pose) @ self.table.velocity
+        return line.pattern.by_parameters(by_pose, self.table.velocity)
 
     @staticmethod
     def _cost(line: Linearised) -> float:

@@ -254,8 +254,8 @@ def _predicted_variance(rows: Rows, rests: IntArray) -> FloatArray:
     else:
         poses = line.by_pose / line.sigma[:, None, None]
         scale = len(rows.jacobian) / float(np.sum(poses**2))
-        believed = line.pattern.by_velocity(poses * rows.belief[:, None, None])
-        score, at = believed.T @ rows.jacobian, rests
+        believed = poses * rows.belief[:, None, None]
+        score, at = line.pattern.summed(believed, rows.jacobian), rests
     if len(np.unique(at)) < len(at):
         together = np.zeros((len(rests), len(score) // len(at), width))
         np.add.at(together, at, score.reshape(len(at), -1, width))

@@ -7,7 +7,7 @@ with each parameter (the forward kinematics). Only the first depends on the kind
 
 from __future__ import annotations
 
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any, Final
 
 import casadi as ca
@@ -20,6 +20,9 @@ from suta_calib.terms.block import Block, Pose, Residual, flat
 # Multiplications of a normal matrix up to which an array beats a sparse matrix: these take a
 # millisecond, and so does what SciPy checks in a sparse product.
 DENSE: Final = 2_000_000
+# Numbers that are gathered as fast as a sparse product finds them, for which SciPy would have to be
+# imported: they stay in the cache.
+GATHERED: Final = 500_000
 
 
 class RowPattern:
@@ -38,7 +41,7 @@ class RowPattern:
         own_count: int,
     ) -> None:
         self.angular = pose_columns[:1].reshape(-1) % 6 >= 3
-        self._poses = _sparse(pose_columns, block.size, velocity_rows)
+        self._columns, self._shape = pose_columns, (block.size, velocity_rows)
         self._own: Any = None
         self._places: IntArray | None = None
         rows, looked_at = len(block) * block.size, own_columns.shape[1]
@@ -55,21 +58,57 @@ class RowPattern:
         elif looked_at:
             self._own = _sparse(own_columns, block.size, own_count)
 
+    @cached_property
+    def _poses(self) -> Any:
+        return _sparse(self._columns, *self._shape)
+
     def by_velocity(self, by_pose: FloatArray) -> Any:
         """Derivatives (n, d, c) as a sparse matrix (n·d, 6·samples), reused by every call."""
         self._poses.data[:] = by_pose.reshape(-1)
         return self._poses
 
-    def some_by_velocity(self, by_pose: FloatArray, rows: slice) -> Any:
-        """`by_velocity` of some rows alone, which begin at ``rows.start``."""
+    def by_parameters(
+        self, by_pose: FloatArray, velocity: FloatArray, rows: slice | None = None
+    ) -> FloatArray:
+        """Derivatives (k·d, p) by what moves the poses.
+
+        Args:
+            by_pose: (n, d, c) derivatives.
+            velocity: (6·samples, p) of the poses.
+            rows: the k rows that are asked for, as ``slice(first, end)``; all by default.
+        """
+        columns = self._columns if rows is None else self._columns[rows]
+        some = by_pose if rows is None else by_pose[rows]
+        if columns.size * velocity.shape[1] <= GATHERED:
+            moved = some @ velocity.take(columns, axis=0)
+            return np.asarray(moved.reshape(len(columns) * by_pose.shape[1], velocity.shape[1]))
+        if rows is None:
+            return np.asarray(self.by_velocity(by_pose) @ velocity)
         from scipy import sparse
 
-        some = by_pose[rows]
-        flat = slice(rows.start * by_pose[0].size, rows.start * by_pose[0].size + some.size)
+        first = rows.start * by_pose[0].size
+        flat = slice(first, first + some.size)
         count, pattern = len(some) * by_pose.shape[1], self._poses
         # All rows have as many entries, so that each part's pointers are those of the first.
         parts = some.reshape(-1), pattern.indices[flat], pattern.indptr[: count + 1]
-        return sparse.csr_array(parts, shape=(count, pattern.shape[1]))
+        matrix = sparse.csr_array(parts, shape=(count, pattern.shape[1]))
+        return np.asarray(matrix @ velocity)
+
+    def summed(self, by_pose: FloatArray, rows: FloatArray) -> FloatArray:
+        """For each velocity the sum (6·samples, p) of all rows, times what each changes with it.
+
+        Args:
+            by_pose: (n, d, c) derivatives.
+            rows: (n·d, p).
+        """
+        (n, size, _), width = by_pose.shape, rows.shape[1]
+        if self._columns.size * width > GATHERED:
+            return np.asarray(self.by_velocity(by_pose).T @ rows)
+        terms = np.swapaxes(by_pose, 1, 2) @ rows.reshape(n, size, width)
+        places, sums = self._columns.reshape(-1), np.zeros((self._shape[1], width))
+        for column, each in zip(sums.T, terms.reshape(len(places), width).T, strict=True):
+            column[:] = np.bincount(places, each, len(sums))
+        return sums
 
     def by_own(self, by_own: FloatArray) -> Any:
         """Derivatives (n, d, m) as a matrix (n·d, own), or None; reused likewise.

@@ -1,0 +1,60 @@
+"""Derivatives by pose velocities become those by parameters, gathered or by a sparse product."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from suta_calib.solver import kernel
+from suta_calib.solver.kernel import RowPattern
+from suta_calib.terms.block import Block, Noise
+
+SAMPLES, ROWS, SIZE = 7, 40, 2
+
+
+@pytest.fixture
+def pattern() -> RowPattern:
+    random = np.random.default_rng(3)
+    # Many rows look at one sample, and one row at the same sample twice.
+    samples = random.integers(0, SAMPLES, (ROWS, 2))
+    columns = (6 * samples[:, :, None] + np.arange(3)).reshape(ROWS, 6)
+    none = np.zeros((ROWS, 0), dtype=np.intp)
+    block = Block(
+        name="distance",
+        unit="m",
+        size=SIZE,
+        residual=lambda tools, *_: (tools[0].p - tools[1].p)[:SIZE],
+        samples=samples,
+        own=none,
+        data=np.zeros((ROWS, 0)),
+        noise=Noise(1e-3),
+        known_sigma=np.zeros(ROWS),
+        labels=("",) * ROWS,
+    )
+    return RowPattern(block, columns.astype(np.intp), none, 6 * SAMPLES, 0)
+
+
+@pytest.mark.parametrize("width", [0, 1, 5])
+def test_what_is_gathered_is_the_sparse_product(
+    pattern: RowPattern, width: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    random = np.random.default_rng(4)
+    by_pose = random.normal(size=(ROWS, SIZE, 6))
+    velocity = random.normal(size=(6 * SAMPLES, width))
+    rows = random.normal(size=(ROWS * SIZE, width))
+    part = slice(10, 25)
+
+    def found() -> list[object]:
+        return [
+            pattern.by_parameters(by_pose, velocity),
+            pattern.by_parameters(by_pose, velocity, part),
+            pattern.summed(by_pose, rows),
+        ]
+
+    gathered = found()
+    monkeypatch.setattr(kernel, "GATHERED", -1)
+    for one, other in zip(gathered, found(), strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-14)
+    matrix = pattern.by_velocity(by_pose).toarray()
+    np.testing.assert_allclose(gathered[0], matrix @ velocity, rtol=1e-12, atol=1e-14)
+    np.testing.assert_allclose(gathered[2], matrix.T @ rows, rtol=1e-12, atol=1e-14)
