@@ -130,7 +130,7 @@ def named_poses(sheet: Sheet, names: Sequence[str], given: Given) -> list[PoseCo
         plain.setdefault(bare.lower(), (k, unit))
     kept = {k for k, _ in plain.values()}
     twice = {plain_name(name)[0].lower() for k, name in enumerate(names) if k not in kept}
-    found = []
+    found = list[PoseColumns]()
     # The x of ``orientation.x`` is no position, nor is that of ``sigma_x``.
     other = {name for _, whole in _with_prefix(plain, _ORIENTATIONS) for name in whole}
     other |= {*SIGMAS}
