@@ -87,21 +87,28 @@ def exchange_files(
 
     Args:
         folder: exists.
-        contents: of the files by name, the record last.
+        contents: of the files by name, the record last; ``pictures/1.png`` is in a folder of this
+            one, which is made where it is not there.
         stale: names of files of an earlier run that these do not replace; removed.
 
     Raises:
         OutputError: a file could not be written, or is an input (`inputs_kept`). Where the disk or
-            the folder is why, what was there before is untouched, and no temporary file is left.
+            the folder is why, what was there before is untouched, and neither a temporary file nor
+            a new folder is left.
     """
     files = {folder / name: data for name, data in contents.items()}
     refuse_inputs({**dict.fromkeys(folder / name for name in stale), **files})
     # Not tempfile: it makes files only their owner may read, and the rename would keep that.
     staged = {
-        folder / name: folder / f".{name[:40]}.{secrets.token_hex(6)}.tmp" for name in contents
+        path: path.with_name(f".{path.name[:40]}.{secrets.token_hex(6)}.tmp")
+        for path in (folder / name for name in contents)
     }
+    inner = {path.parent: None for path in staged if path.parent != folder}
+    made = [each for each in inner if not os.path.lexists(each)]
     at = folder
     try:
+        for at in made:
+            at.mkdir()
         for name, data in contents.items():
             at = folder / name
             with staged[at].open("xb") as file:
@@ -123,6 +130,10 @@ def exchange_files(
         for temporary in staged.values():
             with contextlib.suppress(OSError, ValueError):
                 temporary.unlink(missing_ok=True)
+        # Only where nothing came into them.
+        for each in made:
+            with contextlib.suppress(OSError):
+                each.rmdir()
 
 
 def check_outputs(outputs: Iterable[Path], inputs: Iterable[Path | None]) -> None:

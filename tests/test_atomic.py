@@ -34,6 +34,26 @@ def test_writing_is_all_or_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     assert list(tmp_path.iterdir()) == [path]
 
 
+def test_files_in_a_folder_of_the_folder_come_with_the_others(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where the last of them does not fit, neither the first is there nor its folder."""
+    contents = {"pictures/1.png": b"one", "pictures/2.png": b"two", "rows.csv": b"rows"}
+
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr("suta_calib.atomic.os.fsync", full)
+        with pytest.raises(OutputError, match="No space left on device"):
+            exchange_files(tmp_path, contents)
+    assert list(tmp_path.iterdir()) == []
+    exchange_files(tmp_path, contents)
+    exchange_files(tmp_path, {"pictures/1.png": b"new", "rows.csv": b"less"}, ["pictures/2.png"])
+    assert sorted(tmp_path.rglob("*.*")) == [tmp_path / "pictures/1.png", tmp_path / "rows.csv"]
+    assert (tmp_path / "pictures/1.png").read_bytes() == b"new"
+
+
 def test_places_that_cannot_be_written_are_named(tmp_path: Path) -> None:
     (tmp_path / "file").write_bytes(b"")
     for place in (tmp_path / "no" / "x", tmp_path / "file" / "x", tmp_path):

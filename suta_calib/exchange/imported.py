@@ -112,22 +112,22 @@ class ImportedRows(Imported):
         """Write it, its pictures into the folder ``…_images`` and the camera ``…_camera.yaml``.
 
         Raises:
-            OutputError: a file cannot be written. The rows come last.
+            OutputError: a file cannot be written; then none is.
         """
         path = Path(path)
         folder, camera = self.beside(path)
+        contents, stale = dict[str, bytes](), list[str]()
         if folder is not None:
             check_folder(path.parent)
             check_folder(folder)
-            folder.mkdir(exist_ok=True)
-            earlier = {file.name for file in folder.iterdir()} - set(self.pictures)
+            contents = {f"{folder.name}/{name}": data for name, data in self.pictures.items()}
             ours = re.compile(rf"{re.escape(self.source.stem)}_\d{{3,}}\.(png|jpg)")
-            stale = [name for name in earlier if ours.fullmatch(name)]
-            exchange_files(folder, self.pictures, stale)
-        contents = {path.name: self.text().encode()}
+            earlier = sorted(file.name for file in folder.iterdir()) if folder.is_dir() else ()
+            stale = [f"{folder.name}/{name}" for name in earlier if ours.fullmatch(name)]
         if camera is not None and self.camera is not None:
-            contents = {camera.name: camera_text(self.camera).encode(), **contents}
-        exchange_files(path.parent, contents)
+            contents[camera.name] = camera_text(self.camera).encode()
+        contents[path.name] = self.text().encode()
+        exchange_files(path.parent, contents, [name for name in stale if name not in contents])
 
     def beside(self, path: Path) -> tuple[Path | None, Path | None]:
         """Where the pictures and the camera are written with it; None where there are none."""

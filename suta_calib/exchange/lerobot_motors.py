@@ -51,3 +51,8 @@ def counts_of(given: Given) -> int:
     if not (text.isascii() and text.isdigit() and 1 < int(text[:12]) < _LARGEST):
         raise given.refuse(COUNTS, repr(text), "a whole number, such as 4096")
     return int(text)
+
+
+def sign_of(motor: dict[str, Any]) -> int:
+    """Which way a motor counts: -1 backwards, as its ``drive_mode`` says."""
+    return -1 if motor["drive_mode"] else 1

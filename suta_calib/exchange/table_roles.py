@@ -52,18 +52,35 @@ _QUATERNIONS: Final = (
     ("orientation.x", "orientation.y", "orientation.z", "orientation.w"),
     ("rotation.x", "rotation.y", "rotation.z", "rotation.w"),
 )
+# Names that only count: the scalar is the first of them or the last, or they are no quaternion.
+_COUNTED: Final = (
+    ("q0", "q1", "q2", "q3"),
+    ("q1", "q2", "q3", "q4"),
+    ("quat_0", "quat_1", "quat_2", "quat_3"),
+    ("quat_1", "quat_2", "quat_3", "quat_4"),
+)
 _ANGLES: Final = (("rx", "ry", "rz"), ("roll", "pitch", "yaw"), ("a", "b", "c"))
 _MATRICES: Final = tuple(
     tuple(f"{letter}{row}{column}" for row in range(k, k + 3) for column in range(k, k + 3))
-    for letter in ("r", "m")
+    for letter in ("r", "m", "t")
     for k in (0, 1)
 )
-_ORIENTATIONS: Final = (*_QUATERNIONS, *_MATRICES, *_ANGLES)
+# Where the position stands in such a matrix, if it is one of a transform.
+_FOURTH: Final = tuple(
+    tuple(f"{letter}{row}{k + 3}" for row in range(k, k + 3))
+    for letter in ("r", "m", "t")
+    for k in (0, 1)
+)
+# The columns of a rotation as robotics calls them: normal, orientation, approach.
+_AXES: Final = (tuple(letter + axis for letter in "noa" for axis in "xyz"),)
+_ORIENTATIONS: Final = (*_QUATERNIONS, *_MATRICES, *_AXES, *_ANGLES)
 # In front of x, y, z that say how sure a position is.
 _SPREADS: Final = ("sigma_", "std_")
 # How far the length of a quaternion may be from one.
 _UNIT_LENGTH: Final = 0.01
 _MOST_CHOICES: Final = 8
+# Numbers of a transform, which may have names that say nothing.
+OF_MATRIX: Final = (12, 16)
 
 
 @dataclass(frozen=True)
@@ -113,14 +130,20 @@ def named_poses(sheet: Sheet, names: Sequence[str], given: Given) -> list[PoseCo
         plain.setdefault(bare.lower(), (k, unit))
     kept = {k for k, _ in plain.values()}
     twice = {plain_name(name)[0].lower() for k, name in enumerate(names) if k not in kept}
-    found = []
+    found = list[PoseColumns]()
     # The x of ``orientation.x`` is no position, nor is that of ``sigma_x``.
     other = {name for _, whole in _with_prefix(plain, _ORIENTATIONS) for name in whole}
     other |= {*SIGMAS}
     places = {name: at for name, at in plain.items() if name not in other}
-    for prefix, triple in _with_prefix(places, _POSITIONS):
+    # A transform and nothing else is looked at as numbers: whatever its columns are called, its
+    # last row or column tells how it stands.
+    sets = _POSITIONS if len(names) in OF_MATRIX else (*_POSITIONS, *_FOURTH)
+    for prefix, triple in _with_prefix(places, sets):
         if prefix in _SPREADS:
             continue
+        if any(prefix == each.prefix for each in found):
+            earlier = [names[k] for each in found if each.prefix == prefix for k in each.position]
+            raise _refused(sheet, f"{', '.join(earlier)} and {', '.join(triple)}, both a position")
         position, unit = _numbers(sheet, plain, triple)
         rotation, angle, form = _named_rotation(sheet, plain, prefix, given)
         found.append(PoseColumns(prefix, position, rotation, form, unit, angle))
@@ -165,14 +188,15 @@ def _refused(sheet: Sheet, found: str) -> ForeignFileError:
         "each number of a pose once, all of a kind in one unit",
         file=sheet.path,
         line=sheet.lines[0],
-        hint="name the columns that are meant with --columns 1=x,2=y,…, and others by other names",
+        hint="name the columns that are meant with --columns 1=x,2=qx,…, and others by other names",
     )
 
 
 def _named_rotation(
     sheet: Sheet, plain: Mapping[str, tuple[int, str]], prefix: str, given: Given
 ) -> tuple[tuple[int, ...], str, str]:
-    for sets, form in ((_QUATERNIONS, "xyzw"), (_MATRICES, "rows"), (_ANGLES, "")):
+    kinds = ((_QUATERNIONS, "xyzw"), (_MATRICES, "rows"), (_AXES, "columns"), (_ANGLES, ""))
+    for sets, form in kinds:
         for names in sets:
             whole = [prefix + name for name in names]
             if not all(name in plain for name in whole):
@@ -183,6 +207,13 @@ def _named_rotation(
             seen = f"orientations in columns {', '.join(whole)}, which may be any of many angles"
             asked = [each for each, count in NUMBERS.items() if count == 3]
             return columns, angle, settled(sheet, given, ROTATION, asked, seen, likeliest="xyz")
+    for names in _COUNTED:
+        whole = [prefix + name for name in names]
+        if not all(name in plain for name in whole) or not _is_quaternion(sheet, plain, whole):
+            continue
+        seen = f"a quaternion in columns {', '.join(whole)}, whose scalar may be the first or last"
+        columns, angle = _numbers(sheet, plain, whole)
+        return columns, angle, settled(sheet, given, ROTATION, ["wxyz", "xyzw"], seen)
     for names in _QUATERNIONS:
         gone = [prefix + name for name in names if prefix + name not in plain]
         if len(gone) == 1:
@@ -195,6 +226,18 @@ def _named_rotation(
                 hint=f"name it with --columns NAME={gone[0]}",
             )
     return (), "", ""
+
+
+def _is_quaternion(
+    sheet: Sheet, plain: Mapping[str, tuple[int, str]], names: Sequence[str]
+) -> bool:
+    """Whether the numbers of some columns, all of them numbers, have together the length one."""
+    columns = [plain[name][0] for name in names]
+    if any(sheet.values[k] is None for k in columns):
+        return False
+    length = np.linalg.norm(sheet.numbers(columns), axis=1)
+    known = length[np.isfinite(length)]
+    return bool(len(known) and np.all(np.abs(known - 1.0) < _UNIT_LENGTH))
 
 
 def settled(

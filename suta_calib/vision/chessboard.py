@@ -110,14 +110,14 @@ class ChessboardFinder(Finder):
     def _otherwise(self, grey: Grey, copy: Grey, scale: float) -> _Grid | None:
         """A board that is blurred or has small squares; else any that is there instead."""
         size = (self.board.columns, self.board.rows)
-        grid = _by_sectors(grey, copy, scale, size)
-        if grid is not None:
-            return grid
-        for other in _wrongly_counted(size):
-            grid = _by_squares(grey, copy, scale, other)
+        # Asked for a board smaller than what is there, as where a part of one is in the picture,
+        # OpenCV's search from square to square tries subsets of the squares for hours: it is last.
+        for each in (size, None):
+            grid = _by_sectors(grey, copy, scale, each)
             if grid is not None:
                 return grid
-        return _by_sectors(grey, copy, scale, None)
+        others = (_by_squares(grey, copy, scale, other) for other in _wrongly_counted(size))
+        return next((grid for grid in others if grid is not None), None)
 
     def _numbered(self, grey: Grey, grid: _Grid) -> Found:
         """Numbers as the board's file has them, whichever way the search went."""

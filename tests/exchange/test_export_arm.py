@@ -15,8 +15,10 @@ import yaml
 from lxml import etree
 
 from suta_calib.arrays import FloatArray
+from suta_calib.device import read_device
+from suta_calib.device.formats import decoder_for
 from suta_calib.errors import InputError
-from suta_calib.exchange import Result, write_foreign
+from suta_calib.exchange import Result, read_foreign, write_foreign
 from suta_calib.geometry.numbers import homogeneous, rotation_from_rpy
 from suta_calib.job.dh_file import read_dh_table
 from suta_calib.model.arm import ArmModel
@@ -183,6 +185,36 @@ def test_lerobot(result: Result, tmp_path: Path) -> None:
         offset = np.rad2deg(result.arm.values.get(f"{joint}.offset", 0.0))
         assert change == pytest.approx(offset, abs=0.5 * 360 / 4096 + 1e-9)
         assert {**after[motor], "homing_offset": 0} == {**motors[motor], "homing_offset": 0}
+
+
+def test_lerobot_in_and_out_again(result: Result, tmp_path: Path) -> None:
+    """The device of the new file reads what the old one's did and the offset, either way round.
+
+    A gripper, which is no joint of the chain, stays as it is.
+    """
+    assert result.arm is not None
+    joints, values = result.arm.model.joints, result.arm.values
+    numbers = {"homing_offset": 120, "range_min": 700, "range_max": 3300}
+    motors = {
+        name: {"id": k, "drive_mode": k % 2, **numbers}
+        for k, name in enumerate((*joints, "gripper"), 1)
+    }
+    before = tmp_path / "before.json"
+    before.write_text(json.dumps(motors))
+    after = exported(result, "lerobot", tmp_path, calibration=str(before))
+    changed = json.loads(after.read_text())
+    encoder = np.linspace(1500, 2700, len(motors)).round()
+    readings = []
+    for path, held in ((before, motors), (after, changed)):
+        read_foreign(path, bus="lines").write(tmp_path / "device.yaml")
+        decoder = decoder_for(read_device(tmp_path / "device.yaml"))
+        ticks = [e - m["homing_offset"] for e, m in zip(encoder, held.values(), strict=True)]
+        (reading,) = decoder.feed(f"\n{','.join(map(str, ticks))}\n".encode(), 0.0)
+        readings.append(reading.angles)
+    offsets = [*(values.get(f"{joint}.offset", 0.0) for joint in joints), 0.0]
+    np.testing.assert_allclose(readings[1] - readings[0], offsets, atol=0.51 * np.pi / 2048)
+    assert sum(abs(offset) > 0.005 for offset in offsets) >= 2
+    assert changed["gripper"] == motors["gripper"]
 
 
 def test_numpy_and_json_hold_everything(result: Result, tmp_path: Path) -> None:

@@ -87,3 +87,10 @@ def test_a_file_of_a_recording_stands_for_it(storage: str, tmp_path: Path) -> No
     (path / "metadata.yaml").unlink()
     with pytest.raises(InputError, match=r"no metadata.yaml beside it.*reindex"):
         imported(file)
+
+
+def test_joints_that_tell_of_themselves_in_messages_of_their_own(tmp_path: Path) -> None:
+    """An arm and its gripper on one topic: the rests are those of both."""
+    found = imported(write_recording(tmp_path / "run", parted=True), pose_topic="/tool")
+    readings = np.stack([found.columns[name] for name in JOINTS], axis=1)
+    np.testing.assert_allclose(readings, POSTURES, atol=1e-9)

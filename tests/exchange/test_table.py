@@ -94,6 +94,22 @@ NAMED: dict[str, tuple[str, FloatArray, dict[str, object]]] = {
         np.hstack([P, euler("xyz")]),
         {"rotation": "xyz"},
     ),
+    "counted": ("x,y,z,q0,q1,q2,q3", np.hstack([P, WXYZ]), {"rotation": "wxyz"}),
+    "counted from one": (
+        "X,Y,Z,Q1,Q2,Q3,Q4",
+        np.hstack([1e3 * P, XYZW]),
+        {"rotation": "xyzw", "unit": "mm"},
+    ),
+    "normal, orientation, approach": (
+        ",".join(letter + axis for letter in "noap" for axis in "xyz"),
+        np.hstack([R[..., 0], R[..., 1], R[..., 2], P]),
+        {},
+    ),
+    "joints and a matrix": (
+        ",".join(["joint_1", *(f"m{i}{j}" for i in range(4) for j in range(4))]),
+        np.hstack([P[:, :1], T.reshape(-1, 16)]),
+        {},
+    ),
     "given": (
         "one,two,three,four,five,six,seven",
         np.hstack([XYZW, P]),
@@ -249,6 +265,10 @@ ASKED: dict[str, tuple[Callable[[Path], Path], str]] = {
         lambda path: written(path, np.hstack([P, XYZW])),
         "--rotation xyzw|wxyz, or --guess",
     ),
+    "scalar of a counted quaternion": (
+        lambda path: written(path, np.hstack([P, WXYZ]), header="x,y,z,q0,q1,q2,q3"),
+        "columns q0, q1, q2, q3.*--rotation wxyz|xyzw, or --guess",
+    ),
     "which angles": (
         lambda path: written(path, np.hstack([P, euler("xyz")])),
         "any angles.*--rotation vector",
@@ -287,6 +307,19 @@ def test_a_guess_is_told(tmp_path: Path) -> None:
     assert read_back(found, tmp_path / "o.csv")[1].shape == P.shape
 
 
+def test_four_joints_that_are_counted_are_no_quaternion(tmp_path: Path) -> None:
+    path = written(tmp_path / "t.csv", np.hstack([P, 2 * XYZW]), header="x,y,z,q1,q2,q3,q4")
+    assert {"q1", "q2", "q3", "q4"} < set(imported(path).columns)
+
+
+def test_the_unit_that_angles_were_taken_in_is_told(tmp_path: Path) -> None:
+    """Few degrees may be rad: nothing in the file says."""
+    path = written(tmp_path / "t.csv", np.hstack([P, 0.01 * euler("xyz")]))
+    found = imported(path, rotation="xyz")
+    assert any("were taken for rad" in each for each in found.assessment.notes)
+    assert not any("for rad" in each for each in imported(path, rotation="xyz", unit="rad").seen)
+
+
 def test_lengths_are_questioned_and_never_scaled(tmp_path: Path) -> None:
     path = written(tmp_path / "t.txt", 1e3 * P)
     found = imported(path, unit="m")
@@ -321,6 +354,11 @@ REFUSED: dict[str, tuple[str, dict[str, object], str]] = {
     ),
     "a length of nothing": ("joint_1,v\n1,2\n", {"unit": "mm"}, "--unit mm, and no columns of a p"),
     "lengths in two units": ("x,y,z\n1,2,3\n", {"unit": ("mm", "m")}, "--unit: found mm and m"),
+    "two positions": (
+        "tx,ty,tz,w,x,y,z\n1,2,3,1,0,0,0\n",
+        {},
+        r":2: found tx, ty, tz and x, y, z, both a position.*--columns",
+    ),
     "a quaternion of three": (
         "x,y,z,qx,qy,qz\n1,2,3,0,0,0\n",
         {},

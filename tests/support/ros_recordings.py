@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import shutil
+from collections.abc import Sequence
 from pathlib import Path
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from suta_calib.arrays import FloatArray
+from suta_calib.measurements import Camera
 
 JOINTS = ("joint_1", "joint_2")
 POSTURES = np.array([[0.1, -0.4], [0.9, 0.2], [-0.6, 0.8]])
@@ -18,12 +19,12 @@ POSTURES = np.array([[0.1, -0.4], [0.9, 0.2], [-0.6, 0.8]])
 STEP, REST, MOTION = 0.02, 2.0, 0.6
 
 
-def motion() -> tuple[FloatArray, FloatArray]:
-    """Times (n,), s, and readings (n, 2), rad: at rest at every posture, in between under way."""
+def motion(postures: FloatArray = POSTURES) -> tuple[FloatArray, FloatArray]:
+    """Times (n,), s, and readings, rad: at rest at every posture, in between under way."""
     time, q = list[float](), list[FloatArray]()
-    for k, posture in enumerate(POSTURES):
+    for k, posture in enumerate(postures):
         begin = k * (REST + MOTION)
-        following = POSTURES[min(k + 1, len(POSTURES) - 1)]
+        following = postures[min(k + 1, len(postures) - 1)]
         for at in np.arange(0, REST + MOTION, STEP):
             share = np.clip((at - REST) / MOTION, 0, 1)
             time.append(begin + at)
@@ -33,13 +34,13 @@ def motion() -> tuple[FloatArray, FloatArray]:
 
 def seen(q: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Rotations (n, 3, 3) and positions (n, 3), m, that belong to readings."""
-    rotation = Rotation.from_euler("zy", q).as_matrix()
+    rotation = Rotation.from_euler("zy", q[:, :2]).as_matrix()
     return rotation, np.stack([q[:, 0], q[:, 1], 1 + q[:, 0] * q[:, 1]], axis=1)
 
 
 # Size of the pictures, px, and what lies behind each row of their pixels.
 WIDTH, HEIGHT, PADDING = 8, 6, 3
-
+CAMERA = Camera(WIDTH, HEIGHT, np.array([9.0, 9.0, 4.0, 3.0, 0.1, -0.2, 0.001, 0.002, 0.0]))
 
 _CAMERA_INFO = ("/camera/camera_info", "sensor_msgs/msg/CameraInfo")
 # By whether there are pictures, and whether they are compressed.
@@ -82,10 +83,15 @@ def write_recording(
     ros1: bool = False,
     encoding: str = "",
     camera_model: str = "plumb_bob",
+    joints: Sequence[str] = JOINTS,
+    postures: FloatArray = POSTURES,
+    taken: tuple[Camera, Sequence[NDArray[np.uint8]]] | None = None,
+    parted: bool = False,
 ) -> Path:
     """Joint states, the tool in the base and the base in the tracker by tf, and as a topic.
 
-    With an encoding also pictures at 10 Hz: raw, or ``png``, compressed.
+    With an encoding also pictures at 10 Hz: raw, or ``png``, compressed; with a camera and what it
+    saw at each posture, greys, those. Parted, the last joint tells of itself by itself.
     """
     from rosbags.rosbag1 import Writer as Writer1
     from rosbags.rosbag2 import StoragePlugin, Writer
@@ -99,7 +105,7 @@ def write_recording(
         kind = "tf2_msgs/msg/TFMessage"
         store.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms\n", kind))
     t = store.types
-    time, q = motion()
+    time, q = motion(postures)
     rotation, position = seen(q)
     quaternion = Rotation.from_matrix(rotation).as_quat()
     plugin = StoragePlugin.MCAP if storage == "mcap" else StoragePlugin.SQLITE3
@@ -137,20 +143,29 @@ def write_recording(
 
         def image(at: float, posture: int) -> object:
             if encoding == "png":
+                import cv2
+
                 data = cv2.imencode(".png", picture(posture))[1]
                 kind = t["sensor_msgs/msg/CompressedImage"]
                 return kind(header(at, "camera"), "bgr8; png compressed bgr8", data)
+            kind = t["sensor_msgs/msg/Image"]
+            if taken is not None:
+                grey = taken[1][posture]
+                size = *grey.shape, "mono8", 0, grey.shape[1]
+                return kind(header(at, "camera"), *size, grey.ravel())
             data, step = raw_picture(posture, encoding)
             pixels = np.frombuffer(data, dtype=np.uint8)
-            kind = t["sensor_msgs/msg/Image"]
             return kind(header(at, "camera"), HEIGHT, WIDTH, encoding, 0, step, pixels)
 
         def camera(at: float) -> object:
-            k, d = np.array([9.0, 0, 4, 0, 9, 3, 0, 0, 1]), np.array([0.1, -0.2, 0.001, 0.002, 0.0])
+            used = CAMERA if taken is None else taken[0]
+            fx, fy, cx, cy, *of_lens = used.intrinsics
+            k, d = np.array([fx, 0, cx, 0, fy, cy, 0, 0, 1]), np.array(of_lens)
             region = t["sensor_msgs/msg/RegionOfInterest"](0, 0, 0, 0, False)
             kind = t["sensor_msgs/msg/CameraInfo"]
             matrices = d, k, np.eye(3).ravel(), np.zeros(12)
-            return kind(header(at, "camera"), HEIGHT, WIDTH, camera_model, *matrices, 0, 0, region)
+            size = used.height, used.width
+            return kind(header(at, "camera"), *size, camera_model, *matrices, 0, 0, region)
 
         start = 100.0
         if encoding:
@@ -160,10 +175,11 @@ def write_recording(
             "/tf_static", start, transform(start, "tracker", "base", (0, 0, 2), (0, 0, half, half))
         )
         for at, row, xyz, turn in zip(time + start, q, position, quaternion, strict=True):
-            state = t["sensor_msgs/msg/JointState"](
-                header(at, ""), list(JOINTS), row, np.zeros(0), np.zeros(0)
-            )
-            write("/joint_states", at, state)
+            for some in (slice(-1), slice(-1, None)) if parted else (slice(None),):
+                state = t["sensor_msgs/msg/JointState"](
+                    header(at, ""), list(joints[some]), row[some], np.zeros(0), np.zeros(0)
+                )
+                write("/joint_states", at, state)
             write("/tf", at, transform(at, "base", "tool", xyz, turn))
             place = t["geometry_msgs/msg/Point"](*map(float, xyz))
             pose = t["geometry_msgs/msg/Pose"](

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, ClassVar, Final
 
 from suta_calib.exchange.imported import ImportedFile
-from suta_calib.exchange.lerobot_motors import COUNTS, KEYS, MOTORS, counts_of, read_motors
+from suta_calib.exchange.lerobot_motors import COUNTS, KEYS, MOTORS, counts_of, read_motors, sign_of
 from suta_calib.exchange.option import Given, Option
 from suta_calib.exchange.reader import Reader
 from suta_calib.exchange.yaml_text import yaml_bytes
@@ -51,7 +51,7 @@ class LerobotCalibrationReader(Reader):
         for name, motor in motors.items():
             # Whole counts: half a tick is less than any servo repeats.
             zero = (motor["range_min"] + motor["range_max"]) // 2
-            sign = -1 if motor["drive_mode"] else 1
+            sign = sign_of(motor)
             number = {} if bus == LINES else {"id": _number(motor)}
             joints.append({"name": names.get(name, name), **number, "sign": sign, "zero": zero})
         device = {

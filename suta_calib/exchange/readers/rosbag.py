@@ -54,6 +54,8 @@ _POSES: Final = {
 }
 _PICTURES: Final = frozenset({IMAGE, COMPRESSED})
 _MOST_MESSAGES: Final = 5_000_000
+# How long a joint is where it was said to be last, s.
+_HELD: Final = 0.5
 # Steps from a frame to the root; more is a loop.
 _DEEPEST: Final = 100
 
@@ -116,13 +118,7 @@ class RosbagReader(Reader):
             # Whose pose it is was said when it was put together.
             left = {"prefix": given.text(PREFIX) or None, "invert": INVERT in given}
             return recording.imported(self.name, Given(self.options, left, self.name))
-        names = sorted({name for _, row in bag.joints[joints] for name in row})
-        told = [(at, row) for at, row in bag.joints[joints] if len(row) == len(names)]
-        if not told:
-            said = f"no message of {joints} that tells every joint of {listed(names)}"
-            raise ForeignFileError(said, "one of them", file=path)
-        time = np.array([at for at, _ in told])
-        angles = np.array([[row[name] for name in names] for _, row in told])
+        names, time, angles = _together(path, joints, bag.joints[joints])
         seen = poses
         if seen is not None and INVERT in given:
             seen = (seen[0], seen[1].inverse())
@@ -145,6 +141,34 @@ class RosbagReader(Reader):
         places = checked_places(path, lines, numbers[:, :3])
         body = Body(places, rotations_from("xyzw", numbers[:, 3:], path, lines))
         return np.array([at for at, _ in rows]), body
+
+
+def _together(
+    path: Path, topic: str, messages: Sequence[tuple[float, dict[str, float]]]
+) -> tuple[list[str], FloatArray, FloatArray]:
+    """Names of all joints, times (n,), s, and their readings (n, joints) whenever one was told.
+
+    An arm and its gripper often tell of theirs in messages of their own on one topic. What was
+    told last holds for `_HELD`; no longer, or a joint whose driver died would rest.
+
+    Raises:
+        ForeignFileError: never were all of them told at once.
+    """
+    names = sorted({name for _, row in messages for name in row})
+    latest = dict[str, tuple[float, float]]()
+    time, angles = list[float](), list[list[float]]()
+    for at, row in messages:
+        latest |= {name: (at, value) for name, value in row.items()}
+        told = len(row) == len(names) or (
+            len(latest) == len(names) and all(abs(at - when) < _HELD for when, _ in latest.values())
+        )
+        if told:
+            time.append(at)
+            angles.append([latest[name][1] for name in names])
+    if not time:
+        said = f"no time at which {topic} tells every joint of {listed(names)}"
+        raise ForeignFileError(said, f"each of them within {_HELD:g} s", file=path)
+    return names, np.array(time), np.array(angles)
 
 
 def _pictures(

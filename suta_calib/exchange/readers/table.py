@@ -29,6 +29,7 @@ from suta_calib.exchange.rotations import NUMBERS, rotations_from
 from suta_calib.exchange.sheet import Sheet
 from suta_calib.exchange.table_roles import (
     GUESS,
+    OF_MATRIX,
     ROLE_OPTIONS,
     PoseColumns,
     named_poses,
@@ -65,8 +66,6 @@ _PAIR: Final = ("a_", "b_")
 # More than any joint turns that is read in rad, twice round and a little.
 _FEW_TURNS: Final = 13.0
 _LENGTHS: Final = ("m", "mm")
-# Numbers of a transform, which may have names that say nothing.
-_OF_MATRIX: Final = (12, 16)
 
 
 class TableReader(Reader):
@@ -112,7 +111,7 @@ def _understood(path: Path, given: Given) -> _Columns:
     names = _renamed(sheet, given)
     poses = named_poses(sheet, names, given)
     told = COLUMNS in given or JOINTS in given
-    bare = not sheet.headed or FROM in given or len(names) in _OF_MATRIX
+    bare = not sheet.headed or FROM in given or len(names) in OF_MATRIX
     if not poses and not told and bare:
         pose, sheet = nameless_pose(sheet, given)
         names, poses = list(sheet.names), [pose] if pose is not None else []
@@ -231,6 +230,8 @@ class _Columns:
                     raise self._degrees("angles of an orientation", most)
                 numbers = from_deg(numbers)
                 self._seen.append(f"Angles up to {most:.4g} were taken for degrees.")
+            else:
+                self._seen.append(f"Angles up to {most:.4g} were taken for rad; --unit says else.")
         return Body(position, rotations_from(pose.form, numbers, path, self._sheet.lines))
 
     def _question(self, position: FloatArray, pose: PoseColumns) -> None:

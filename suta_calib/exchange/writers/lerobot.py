@@ -6,7 +6,7 @@ import math
 from typing import ClassVar, Final
 
 from suta_calib.errors import InputError
-from suta_calib.exchange.lerobot_motors import COUNTS, MOTORS, counts_of, read_motors
+from suta_calib.exchange.lerobot_motors import COUNTS, MOTORS, counts_of, read_motors, sign_of
 from suta_calib.exchange.option import Given, Option
 from suta_calib.exchange.result import CalibratedArm, Result, json_bytes
 from suta_calib.exchange.writer import Writer
@@ -29,13 +29,16 @@ class LerobotWriter(Writer):
     notes: ClassVar[tuple[str, ...]] = (
         "Homing offsets are whole ticks: what is less than half of one is lost.",
         "Write them to the motors: LeRobot's own check of a calibration does.",
+        "A motor of drive_mode 1 counts backwards in a device.yaml that import made, not in "
+        "LeRobot's own degrees: the offset of such a joint must be of the former's readings.",
     )
 
     def content(self, result: Result, given: Given) -> bytes:
         """The calibration, every other number as it was.
 
-        A servo reports its position less its homing offset: to read more, the offset is less. The
-        range stays, because LeRobot counts degrees from its middle.
+        A servo reports its position less its homing offset: to read more, the offset is less, or
+        more where the motor counts backwards. The range stays, because LeRobot counts degrees from
+        its middle.
         """
         arm = result.need_arm(self.name)
         path = given.path(CALIBRATION)
@@ -56,7 +59,8 @@ class LerobotWriter(Writer):
             if arm.model.units[joint] != "rad":
                 raise InputError(f"{joint}, which slides", "joints that turn", file=path)
             ticks = arm.values.get(f"{joint}.{OFFSET}", 0.0) * counts / math.tau
-            motors[joints[joint]]["homing_offset"] -= round(ticks)
+            motor = motors[joints[joint]]
+            motor["homing_offset"] -= sign_of(motor) * round(ticks)
         return json_bytes(motors)
 
     def lost(self, arm: CalibratedArm) -> list[str]:
