@@ -17,6 +17,7 @@ from markupsafe import Markup
 
 from suta_calib.report.document import Document, Figure, Folded, Space
 from suta_calib.report.listing import Table
+from suta_calib.report.panels import apart
 from suta_calib.report.spatial import scene_html
 
 # Documents that a report begins anew with.
@@ -89,7 +90,7 @@ def environment() -> Environment:
     templates.tests["space"] = lambda part: isinstance(part, Space)
     templates.tests["folded"] = lambda part: isinstance(part, Folded)
     templates.tests["table"] = lambda part: isinstance(part, Table)
-    templates.filters["drawn"] = lambda figure: Markup(themed(figure.svg))
+    templates.filters["drawn"] = lambda figure: Markup(apart(themed(figure.svg)))
     templates.filters["stacked"] = _stacked
     templates.globals["room"] = _ROOM
     templates.filters["turnable"] = lambda space: Markup(
