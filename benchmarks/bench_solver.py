@@ -19,7 +19,7 @@ from rich.console import Console
 from tables import number_table
 
 from suta_calib import CalibrationJob, PairwiseDistance, Problem, SolverOptions, solve
-from suta_calib.model.parameters import ParameterSet
+from suta_calib.model import ParameterSet
 from suta_calib.solver import RobustNlp, start_points
 
 JOB = Path(__file__).parents[1] / "data" / "suta" / "calibration.yaml"
