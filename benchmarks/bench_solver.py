@@ -18,14 +18,8 @@ from peers import LoopDistances, NumpyDistances
 from rich.console import Console
 from tables import number_table
 
-from suta_calib import (
-    CalibrationJob,
-    PairwiseDistance,
-    ParameterSet,
-    Problem,
-    SolverOptions,
-    solve,
-)
+from suta_calib import CalibrationJob, PairwiseDistance, Problem, SolverOptions, solve
+from suta_calib.model import ParameterSet
 from suta_calib.solver import RobustNlp, start_points
 
 JOB = Path(__file__).parents[1] / "data" / "suta" / "calibration.yaml"

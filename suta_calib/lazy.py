@@ -23,6 +23,8 @@ _NAME: Final = re.compile(r"\b(\w+) as \1\b")
 def public(package: str) -> tuple[Attribute, list[str]]:
     """``__getattr__`` and ``__all__`` of a package (PEP 562), from what type checkers see of it.
 
+    The package's ``__dir__`` lists the same names, for whoever completes them with the tab key.
+
     The names stand once in the package's ``__init__``, as imports that are never executed::
 
         if TYPE_CHECKING:
@@ -46,6 +48,12 @@ def public(package: str) -> tuple[Attribute, list[str]]:
             raise AttributeError(f"module '{package}' has no attribute '{name}'")
         return getattr(import_module(home[name]), name)
 
+    def listed() -> list[str]:
+        own = vars(sys.modules[package])
+        inside = [name for name in own if f"{package}.{name}" in sys.modules]
+        return sorted({*home, *inside, *(name for name in own if name.startswith("__"))})
+
+    vars(sys.modules[package])["__dir__"] = listed
     return attribute, sorted(home)
 
 

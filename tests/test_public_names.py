@@ -54,6 +54,15 @@ def is_public(module: str) -> bool:
     return module == "suta_calib" or module in PACKAGES
 
 
+@pytest.mark.parametrize("package", ["suta_calib", *PACKAGES])
+def test_the_tab_key_completes_what_is_public_and_nothing_else(package: str) -> None:
+    module = import_module(package)
+    names = {name for name in dir(module) if not name.startswith("__")}
+    assert set(getattr(module, "__all__", ())) - {"__version__"} <= names
+    if "__dir__" in vars(module):
+        assert not names & {"Any", "TYPE_CHECKING", "annotations", "public"}
+
+
 def source_of(path: Path) -> str:
     if path.suffix == ".py":
         return path.read_text(encoding="utf-8")

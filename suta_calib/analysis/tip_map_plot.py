@@ -46,7 +46,7 @@ def draw_tip_map(figure: Any, found: TipMap, *, absolute: bool = False) -> list[
     )
     bar.set_label("uncertainty of the tip, mm (3-D standard); blank: out of reach")
     bar.ax.set_xticklabels([f"{level:g}" for level in levels])
-    look: dict[str, Any] = {"ncols": 5, "fontsize": 8, "frameon": False}
+    look: dict[str, Any] = {"ncols": 5, "columnspacing": 6.0, "fontsize": 8, "frameon": False}
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", **look)
     return panels
 

@@ -67,7 +67,7 @@ class Landmark:
     sigma: float = 0.0
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Artefact:
     """A named set of landmarks.
 
@@ -83,6 +83,9 @@ class Artefact:
             raise ArtefactError("no landmarks", "at least one", where=f"artefact {self.name!r}")
         if pair := coincident_landmarks(self.landmarks.values()):
             raise ArtefactError(f"{pair[0]!r} and {pair[1]!r} in the same place", "distinct places")
+
+    def __repr__(self) -> str:
+        return f"<Artefact: {self.name}, {len(self.landmarks)} landmarks>"
 
     def landmark(self, name: str) -> Landmark:
         """The landmark of this name.

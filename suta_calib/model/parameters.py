@@ -209,7 +209,7 @@ class Selection:
     """One row of a job's ``parameters``: which ones, and how far they may go.
 
     Attributes:
-        select: names, globs, or the word ``geometric``.
+        select: names, globs, or the word ``geometric``; one alone may be given as it is.
         bound_m, bound_rad, bound_rad_per_nm: half-width of the bounds about nominal, for lengths,
             for angles and for compliances.
         bound_per_k, bound_ratio: the same for expansions, 1/K, and of gains and couplings, 1.
@@ -220,7 +220,7 @@ class Selection:
         line: line of the job file, for messages.
     """
 
-    select: tuple[str, ...]
+    select: tuple[str, ...] | str
     bound_m: float | None = None
     bound_rad: float | None = None
     prior_m: float | None = None
@@ -233,6 +233,10 @@ class Selection:
     prior_ratio: float | None = None
     bound_per_k: float | None = None
     prior_per_k: float | None = None
+
+    def __post_init__(self) -> None:
+        if isinstance(self.select, str):
+            object.__setattr__(self, "select", (self.select,))
 
     def sizes(self, unit: Unit) -> tuple[float | None, float | None]:
         """Bound and prior of what is measured in ``unit``."""
@@ -312,7 +316,7 @@ def _matches(
         "names like joint.offset, joint.x|y|z|rx|ry|rz, joint.gain, "
         "joint.ecc_c1|ecc_s1|ecc_c2|ecc_s2, joint.compliance, joint.backlash, joint.expansion, "
         "joint.coupling[joint], globs of them, links.expansion, or 'geometric'",
-        hint=_did_you_mean(pattern, available),
+        hint=_did_you_mean(pattern, [*available, GEOMETRIC]),
         **place,
     )
 

@@ -40,7 +40,7 @@ from suta_calib.report.errors import (
     groups,
     residual_rows,
 )
-from suta_calib.report.external_poses import EXTERNAL_POSES, NOTE
+from suta_calib.report.external_poses import EXTERNAL_POSES, IN_SHORT, NOTE
 from suta_calib.report.held_out import HELD_OUT, held_out_rows
 from suta_calib.report.listing import Column, Json, Listing, csv_of_groups
 from suta_calib.report.noise import NOISE, PRIORS, noise_of, priors_of
@@ -207,7 +207,8 @@ def _parameters(result: CalibrationResult, *, verbose: bool) -> Iterator[Part]:
 def _external_poses(result: CalibrationResult) -> Iterator[Part]:
     """What many came for: where cameras, instruments and artefacts are."""
     if poses := external_poses(result.solution):
-        yield EXTERNAL_POSES.of(poses)
+        yield ShownOnly(IN_SHORT.of(poses), "console")
+        yield ShownOnly(EXTERNAL_POSES.of(poses), "page")
         yield Text(NOTE, place="page", look="soft")
 
 

@@ -55,6 +55,15 @@ EXTERNAL_POSES: Final = Listing[ExternalPose](
     key="external_poses",
     named=True,
 )
+# A terminal has no room for what says the same again.
+IN_SHORT: Final = Listing[ExternalPose](
+    EXTERNAL_POSES.title,
+    *(
+        column
+        for column in EXTERNAL_POSES.columns
+        if column.heading not in ("quaternion x  y  z  w", "± std")
+    ),
+)
 NOTE: Final = (
     "A pose is T_within_what, in metres in result.json, where its inverse is too. ± of a turn is "
     "about the frame's own axes. Where parameters, or a key of the job, are given, it has its "

@@ -148,7 +148,7 @@ def rule_text(found: AcceptanceTest) -> str:
         f"Decision rule: guarded (ISO 14253-1), guard band {found.rule.factor:g} standard "
         "uncertainties: pass below the limit less the guard band, fail above the limit and the "
         "guard band, undecided between them. U is the test's expanded uncertainty (k = 2): the "
-        "artefact's, and what the job states."
+        "artefact's, and what the job states; where neither says anything there is no guard band."
     )
 
 
@@ -197,6 +197,8 @@ _LEGEND: Final[dict[str, Any]] = {
     **{"fontsize": 7, "ncols": 2, "loc": "lower left", "bbox_to_anchor": (0, 1)},
     **{"borderaxespad": 0.2, "handletextpad": 0.2, "columnspacing": 1.0},
 }
+# Placements of a legend above a panel as wide as the figure.
+_IN_A_ROW: Final = 7
 _LOOKS: Final = ((BLUE, "o"), (ORANGE, "s"), ("black", "D"), (GREY, "^"), (BLUE, "P"))
 
 
@@ -238,11 +240,11 @@ def _lengths(axes: Axes, found: AcceptanceTest, lengths: LengthErrors) -> None:
                 ends = sign * (limit - guard), sign * (limit + guard)
                 axes.fill_between(length, *ends, color=GREY, alpha=0.35, lw=0, label=unproved)
     axes.axhline(0, color=GREY, lw=0.8)
-    axes.set_title("Errors of length, one mark for every pair of landmarks")
+    axes.set_title("Errors of length, one mark for every pair of landmarks", pad=_ABOVE)
     axes.set_xlabel("calibrated length, mm")
     axes.set_ylabel("measured − calibrated, mm")
     axes.grid(axis="y")
-    axes.legend(fontsize=7, loc="center left", bbox_to_anchor=(1, 0.5), borderaxespad=0.3)
+    axes.legend(**_LEGEND | {"ncols": _IN_A_ROW, "columnspacing": 3.5})
 
 
 def _articulations(axes: Axes, found: AcceptanceTest) -> None:

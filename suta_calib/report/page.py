@@ -89,13 +89,20 @@ def environment() -> Environment:
     templates.tests["space"] = lambda part: isinstance(part, Space)
     templates.tests["folded"] = lambda part: isinstance(part, Folded)
     templates.tests["table"] = lambda part: isinstance(part, Table)
-    templates.filters["drawn"] = lambda figure: Markup(themed(figure.svg))
+    templates.filters["drawn"] = _drawn
     templates.filters["stacked"] = _stacked
     templates.globals["room"] = _ROOM
     templates.filters["turnable"] = lambda space: Markup(
         scene_html(space.scene(), "scene", templates)
     )
     return templates
+
+
+def _drawn(figure: Figure) -> Markup:
+    # Here, for it loads Matplotlib, which a page without a figure does without.
+    from suta_calib.report.panels import apart
+
+    return Markup(apart(themed(figure.svg)))
 
 
 def themed(svg: str) -> str:
@@ -112,7 +119,7 @@ def themed(svg: str) -> str:
 @cache
 def _theme() -> dict[str, str]:
     """What figures are drawn in, and what the page's style calls it."""
-    # Here, for it loads Matplotlib, which a page without a figure does without.
+    # Here for the same reason.
     from suta_calib.plotting.style import BLUE, GREY, ORANGE, STYLE, TINT
 
     return {

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from functools import partial
 from typing import Final
@@ -214,6 +215,15 @@ def _small(value: float | None, unit: Unit) -> str:
     return NOTHING if value is None else f"{thousandths(value, unit):.{_DIGITS}g}"
 
 
+def _with_half(value: float | None, half: float | None, unit: Unit) -> str:
+    """Thousandths with the half-width of their interval: no digit that it makes meaningless."""
+    if value is None or half is None or not 0 < half < math.inf:
+        return " ± ".join(_small(each, unit) for each in (value, half))
+    told = thousandths(half, unit)
+    places = max(0, 1 - math.floor(math.log10(told)))
+    return f"{thousandths(value, unit):.{places}f} ± {told:.{places}f}"
+
+
 def _fine(key: str, heading: str) -> Column[JointNoise]:
     """A column that shows thousandths."""
     return Column(key, heading, unit=_unit, cell=lambda each: _small(getattr(each, key), each.unit))
@@ -235,7 +245,7 @@ NOISE: Final = Listing[JointNoise](
         "drift",
         "drift per h",
         unit=_rate,
-        cell=lambda e: " ± ".join(_small(value, _rate(e)) for value in (e.drift, e.drift_half)),
+        cell=lambda each: _with_half(each.drift, each.drift_half, _rate(each)),
     ),
     Column("drift_half_interval", value=lambda each: each.drift_half, unit=_rate),
     *written("drifts", "moved", "stuck", "levels", "left_out"),

@@ -16,6 +16,7 @@ from matplotlib.figure import Figure
 
 from suta_calib.arrays import FloatArray
 from suta_calib.plotting.style import WIDTH, style
+from suta_calib.report.panels import mark, numbered
 from suta_calib.units import Unit, shown
 
 # Pixels on a page per point of the figure, at most and at least. One as wide as `WIDTH` fills the
@@ -122,15 +123,20 @@ def svg_text(figure: Figure, name: str, description: str) -> str:
     buffer = io.BytesIO()
     # `Figure.savefig` draws everything one time more, only to lay it out.
     canvas, engine = cast("Any", FigureCanvasSVG(figure)), cast("Any", figure.get_layout_engine())
+    parts = ""
     if engine is not None:
         resolution, figure.dpi = figure.dpi, canvas.fixed_dpi
         engine.execute(figure)
         figure.set_layout_engine("none")
+        if figure.get_figwidth() > WIDTH:
+            parts = mark(figure, name)
         figure.dpi = resolution
     canvas.print_svg(buffer, metadata=_METADATA)
     root = etree.fromstring(buffer.getvalue())
     for metadata in root.findall(f"{_SVG}metadata"):
         root.remove(metadata)
+    if parts:
+        numbered(root, name, parts)
     # Groups are numbered alike in every figure: only what is referred to keeps its id.
     values = " ".join(str(v) for e in root.iter() for v in e.attrib.values() if "#" in str(v))
     for element in root.iter():

@@ -65,7 +65,7 @@ _BOARD: Final = Chessboard(7, 5, 0.03)
 _CAMERA: Final = Camera(1280, 960, np.array([1000.0, 1000.0, 639.5, 479.5, 0, 0, 0, 0, 0]))
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class CameraView(FramedTerm):
     """``π((T_base_hand,i X)⁻¹ Z p_k) - u_ik`` for every corner k that is seen in picture i.
 

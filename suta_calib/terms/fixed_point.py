@@ -43,7 +43,7 @@ def _position(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
     return touched - own[:3] if own.numel() > 3 else touched
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class FixedPoint(Term):
     """``R_iᵀ (c - p_i) - t`` for every touch of the unknown point c.
 

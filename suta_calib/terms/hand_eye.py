@@ -65,7 +65,7 @@ def _rotation(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
     return symbolic_chordal_log(seen.T @ _target_in_eye(poses, own).R)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class HandEye(SeenTerm):
     """``(T_base_hand,i X)⁻¹ Z`` against the measured ``T_eye_target,i``.
 

@@ -57,7 +57,7 @@ def _rotation(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
     return symbolic_chordal_log(seat.T @ pose_of(own).R.T @ poses[0].R)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class TouchedLandmark(Term):
     """``T_base_artefact⁻¹ p_i - l_i`` for every touched landmark; each placement's pose is unknown.
 

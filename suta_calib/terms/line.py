@@ -60,7 +60,7 @@ class LineFrame(OutsideFrame):
         return rotation, rotation[:, :2] @ [x, y]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class TouchedLine(Term):
     """Two offsets of every touch from an unknown straight line.
 

@@ -46,7 +46,7 @@ def _distance(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
     return norm(poses[0].p - poses[1].p) - length
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class PairwiseDistance(Term):
     """``|p_i - p_j| - |l_i - l_j|`` for every two different landmarks of one placement and repeat.
 

@@ -56,7 +56,7 @@ class PlaneFrame(OutsideFrame):
         return rotation, z * rotation[:, 2]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class TouchedPlane(Term):
     """``nᵀ p_i - d ∓ r`` for every touch of an unknown plane, with a ball of radius r at the tip.
 

@@ -46,6 +46,9 @@ class PoseSource(ABC):
     def __len__(self) -> int:
         return len(self.samples)
 
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__}: {len(self)} poses>"
+
     @cached_property
     def rests(self) -> IntArray:
         """(n,) one number, from 0, for all samples that were read at one rest of the arm.

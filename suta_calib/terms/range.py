@@ -40,7 +40,7 @@ def _excess(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
     return norm(poses[0].p - own[:3]) - (own[3] if own.numel() > 3 else data[0])
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class MeasuredRange(Term):
     """``‖p_i - a‖ - l_i`` for the distance of the tip from an anchor a that stands somewhere.
 

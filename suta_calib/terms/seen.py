@@ -22,7 +22,7 @@ SEEN_UNIT: Final = (
 )
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class FramedTerm(Term):
     """What is seen from frames, or of frames, that stand somewhere unknown: its `frames`."""
 
@@ -75,7 +75,7 @@ class FramedTerm(Term):
             self._check_in_mm(label, known)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class SeenTerm(FramedTerm):
     """What an instrument, or a camera, sees: positions and perhaps orientations.
 

@@ -48,7 +48,7 @@ Gap = Literal["base", "tool", "place"]
 _IN_METRES: Final = (700.0, 1400.0)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Term(ABC):
     """One set of observations of one kind.
 
@@ -117,6 +117,9 @@ class Term(ABC):
     def __post_init__(self) -> None:
         # What cannot be used is refused where the term is made, not where it is first looked at.
         _ = self.blocks
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__}: {len(self.poses)} samples>"
 
     @property
     @abstractmethod

@@ -61,7 +61,7 @@ def _rotation(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
     return symbolic_chordal_log(ca.reshape(data, 3, 3).T @ pose_of(own).R @ target)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class TrackedPoint(SeenTerm):
     """``T_instrument_base (p_i + R_i t) - z_i``; the instrument-to-base pose is unknown.
 

@@ -60,6 +60,14 @@ def test_an_arm_offers_six_parameters_a_joint_and_an_offset_where_it_moves() -> 
     assert "tip.offset" not in arm.parameters
 
 
+def test_one_glob_may_stand_alone_and_a_misspelt_word_is_recognised() -> None:
+    arm = arm_named("panda")
+    alone, listed = Selection("*.offset", bound_rad=0.1), Selection(("*.offset",), bound_rad=0.1)
+    assert arm.select(alone) == arm.select(listed)
+    with pytest.raises(ParameterError, match="did you mean geometric"):
+        arm.select("geometrc")
+
+
 def test_a_prismatic_joints_offset_is_a_length() -> None:
     tiago = arm_named("tiago")
     assert tiago.parameters["torso_lift_joint.offset"].unit == "m"

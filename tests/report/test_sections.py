@@ -7,6 +7,7 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from lxml import etree, html
 from ruamel.yaml import YAML
@@ -20,6 +21,7 @@ from suta_calib.report.files import write_document
 from suta_calib.report.listing import Column, Listing
 from suta_calib.report.outliers import flow_yaml
 from suta_calib.report.page import page_with, themed
+from suta_calib.report.panels import apart
 from suta_calib.report.svg import picture as picture_of
 from suta_calib.report.svg import svg_text
 
@@ -147,10 +149,43 @@ def test_figures_are_as_wide_as_the_text_and_no_narrower_than_can_be_read() -> N
     style = (Path(page_module.__file__).parent / "templates" / "style.css").read_text(
         encoding="utf-8"
     )
-    (enlarged,) = re.findall(r'size: 9px"\] { font-size: ([0-9.]+)px', style)
+    (enlarged,) = re.findall(r'svg\[data-wide\]:[^@]*?size: 9px"\] { font-size: ([0-9.]+)px', style)
     letters = float(enlarged) * narrowest / (72 * WIDTH)
     assert narrowest <= 500 - 2 * 0.8 * 15  # less its padding
     assert letters >= 9.5
+
+
+def test_a_wide_figure_is_cut_between_its_panels_and_loses_nothing() -> None:
+    """Two rows of a legend and two panels, and of one: a page has each alone, all in place."""
+    with picture_of("plot", (1.3 * WIDTH, 4.0)) as figure:
+        panels = figure.subplot_mosaic([["a", "b"], ["c", "c"]])
+        for key, axes in panels.items():
+            axes.plot([0, 1], label="a line")
+            axes.set_title(f"panel {key}")
+        figure.legend(*panels["a"].get_legend_handles_labels(), loc="outside upper left")
+        drawn = svg_text(figure, "plot", "Three of <them>")
+    (shown,) = html.fragments_fromstring(apart(drawn))
+    assert (shown.get("id"), shown.get("aria-label")) == ("plot", "Three of <them>")
+    rows = [row.findall("svg") for row in shown.findall("div")]
+    assert [len(row) for row in rows] == [1, 2, 1]
+    pieces = [piece for row in rows for piece in row]
+    texts = ["".join(piece.itertext()) for piece in pieces]
+    for words, at in (("a line", 0), ("panel a", 1), ("panel b", 2), ("panel c", 3)):
+        assert [words in text for text in texts] == [k == at for k in range(4)]
+    # Without a seam: every point of the figure in one part.
+    boxes = np.array([[float(v) for v in piece.get("viewbox").split()] for piece in pieces])
+    _, _, width, height = map(float, etree.fromstring(drawn.encode()).get("viewBox", "").split())
+    assert (boxes[:, 2] * boxes[:, 3]).sum() == pytest.approx(width * height, rel=1e-3)
+    assert boxes[1, :2] + [boxes[1, 2], 0.0] == pytest.approx(boxes[2, :2], abs=0.11)
+    # What is referred to is there, once.
+    ids = shown.xpath(".//@id")
+    assert len(ids) == len(set(ids))
+    assert set(re.findall(r"url\(#([^)]*)\)", apart(drawn))) <= set(ids)
+    # One panel, or several below each other, are as they were.
+    with picture_of("plot", (1.3 * WIDTH, 4.0)) as figure:
+        figure.subplots(2, 1)
+        single = svg_text(figure, "plot", "A plot")
+    assert apart(single) == single
 
 
 def test_a_table_says_how_wide_a_page_it_needs_and_names_its_cells_where_it_has_less() -> None:

@@ -41,6 +41,14 @@ def test_names_are_unique_and_nominal_is_inside_the_bounds(name: str) -> None:
 
 
 @each_case
+def test_it_shows_itself_in_a_line_without_arrays(name: str) -> None:
+    term = scene(name).exact()
+    count = len(term.poses)
+    assert repr(term) == f"<{type(term).__name__}: {count} samples>"
+    assert repr(term.poses) == f"<{type(term.poses).__name__}: {count} poses>"
+
+
+@each_case
 def test_blocks_fit_together(name: str) -> None:
     term = scene(name).exact()
     for block in term.blocks:

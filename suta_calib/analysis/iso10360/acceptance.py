@@ -111,7 +111,7 @@ class Characteristic:
         where: what it was measured on.
         value: with its sign, m.
         limit: maximum permissible error there, m; None where none is given.
-        expanded: uncertainty of the test there, k = 2, m.
+        expanded: uncertainty of the test there, k = 2, m; None where none is known.
         decision: on all of them, not on the worst alone.
         count: how many there are.
         missing: what the standard asks for and was not measured; empty where nothing is.
@@ -121,7 +121,7 @@ class Characteristic:
     where: str
     value: float
     limit: float | None
-    expanded: float
+    expanded: float | None
     decision: Decision
     count: int
     missing: str = ""
@@ -201,9 +201,10 @@ class AcceptanceTest:
                     "times less sure than a touch; spread them over a pole and the equator."
                 )
         for found in self.characteristics:
-            if found.limit is not None and self.rule.guard(found.expanded) >= found.limit:
+            unsure = found.expanded or 0.0
+            if found.limit is not None and self.rule.guard(unsure) >= found.limit:
                 notes.append(
-                    f"{found.symbol}: the test is less sure (U {mm(found.expanded):.4f} mm) than "
+                    f"{found.symbol}: the test is less sure (U {mm(unsure):.4f} mm) than "
                     "the limit: nothing can pass it."
                 )
             if found.limit is None and self.limits.given:
@@ -274,7 +275,8 @@ def accept(
         if values:
             where, value = max(values, key=lambda each: abs(each[1]))
             decision = rule.decide(value, limit, expanded)
-            judged = Characteristic(symbol, where, value, limit, expanded, decision, len(values))
+            known, count = expanded or None, len(values)
+            judged = Characteristic(symbol, where, value, limit, known, decision, count)
             found.append(
                 judged.but_for(missing.get(symbol, ""), amplified=amplified.get(symbol, False))
             )
@@ -333,7 +335,7 @@ def _worst_length(
         place,
         float(lengths.error[row]),
         None if limit is None else float(limit[row]),
-        float(expanded[row]),
+        float(expanded[row]) or None,
         worst(decisions),
         len(lengths),
     ).but_for(missing)

@@ -33,7 +33,7 @@ def draw_bench(figure: Any, found: Plan) -> list[Axes]:
     for axes, (title, plane) in zip(panels, VIEWS.items(), strict=True):
         _view(axes, found, plane)
         axes.set_title(title)
-    look: dict[str, Any] = {"ncols": 4, "fontsize": 8, "frameon": False}
+    look: dict[str, Any] = {"ncols": 2, "columnspacing": 12.0, "fontsize": 8, "frameon": False}
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", **look)
     return panels
 
