@@ -171,8 +171,7 @@ def boxed_step(
         slope = gradient + hessian @ step
         move = np.zeros(n)
         free = np.flatnonzero(~held)
-        if len(free):
-            move[free] = _newton(hessian[np.ix_(free, free)], slope[free])
+        move[free] = _newton(hessian[np.ix_(free, free)], slope[free])
         room = np.full(n, np.inf)
         up, down = move > 0, move < 0
         room[up] = (upper - step)[up] / move[up]

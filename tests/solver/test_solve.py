@@ -447,6 +447,20 @@ def test_where_other_things_are_told_it_is_solved_anew() -> None:
     np.testing.assert_array_equal(again.identification.fixed, solution.identification.fixed)
 
 
+def test_over_other_unknowns_it_is_solved_anew() -> None:
+    """Where rows of one placement are all left out, it is an unknown no more."""
+    arm = arm_named("suta")
+    truth = perturbed(dh_parameters(arm), seed=1)
+    scene = artefact_scene("landmark", arm, truth, artefact(8), placements(4))
+    term, options = scene.term(scene.samples()[0], HUBER), SolverOptions(weights=None)
+    solution = solve(Problem([term], dh_parameters(arm)), options)
+    placement = np.array(term.poses.samples.labels["placement"])
+    fewer = Problem([term.take(np.flatnonzero(placement != placement[0]))], dh_parameters(arm))
+    assert fewer.names != solution.problem.names
+    again = solve_again(fewer, solution, options)
+    np.testing.assert_array_equal(again.x, solve(fewer, options).x)
+
+
 @pytest.mark.parametrize("kind", ["distances", "tracked"])
 def test_sums_over_parts_of_the_rows_are_those_over_all(
     kind: str, monkeypatch: pytest.MonkeyPatch
