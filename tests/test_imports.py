@@ -118,14 +118,14 @@ JOB = "data/suta/calibration.yaml"
 NO_ARM = ("pinocchio", "lxml", "ruamel.yaml")
 STARTUP: dict[str, tuple[tuple[str, ...], int, tuple[str, ...]]] = {
     "--help": ((), 6, ("numpy",)),
-    "calibrate": ((JOB, "--no-report"), 132, ("jinja2",)),
-    "observe": ((JOB,), 112, ("jinja2", "scipy.special")),
-    "validate": (("urdf/suta.urdf", JOB), 115, ("jinja2", "scipy.special")),
-    "pivot": (("data/poses/pivot.csv",), 75, ("jinja2", *NO_ARM)),
-    "hand-eye": (("data/poses/hand_eye.csv",), 81, ("jinja2", *NO_ARM)),
+    "calibrate": ((JOB, "--no-report"), 140, ("jinja2",)),
+    "observe": ((JOB,), 118, ("jinja2", "scipy.special")),
+    "validate": (("urdf/suta.urdf", JOB), 121, ("jinja2", "scipy.special")),
+    "pivot": (("data/poses/pivot.csv",), 79, ("jinja2", *NO_ARM)),
+    "hand-eye": (("data/poses/hand_eye.csv",), 85, ("jinja2", *NO_ARM)),
     "register": (
         ("data/poses/register_a.csv", "data/poses/register_b.csv"),
-        77,
+        82,
         ("jinja2", *NO_ARM),
     ),
 }
