@@ -323,7 +323,7 @@ def _run(
     return answer, stats
 
 
-class _GaussNewton:
+class Ipopt:
     """IPOPT over ``n`` variables, whatever they are: what is minimised is said solve by solve."""
 
     def __init__(self, n: int, limits: tuple[int, float]) -> None:
@@ -378,10 +378,10 @@ class _GaussNewton:
 
 
 @lru_cache(maxsize=32)
-def _gauss_newton(n: int, limits: tuple[int, float], thread: int) -> _GaussNewton:
+def _gauss_newton(n: int, limits: tuple[int, float], thread: int) -> Ipopt:
     """One that is made already: that takes as long as many a solve. Each thread has its own."""
     del thread
-    return _GaussNewton(n, limits)
+    return Ipopt(n, limits)
 
 
 class _Shared:
