@@ -6,7 +6,7 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import wraps
 from hashlib import sha256
 from pathlib import Path
@@ -100,7 +100,9 @@ def draw_beside(module: str) -> None:
     context = click.get_current_context()
     # Who runs many commands in one process imports Matplotlib once.
     if context.obj and usable_cores() > 1:
-        context.with_resource(Studio(module))
+        # Where none can be started, pictures are drawn here.
+        with suppress(OSError):
+            context.with_resource(Studio(module))
 
 
 def results_folder() -> Path:

@@ -117,7 +117,8 @@ def _of_joints(arm: ArmModel) -> Iterator[tuple[str, Change]]:
         swapped[[a, b]] = one[[b, a]]
         sentence = f"the columns of {names[a]} and {names[b]} are exchanged"
         yield sentence, partial(_mapped, swapped, 0.0)
-    for step, other in ((1, "next"), (-1, "one before")):
+    # Of two columns that is their exchange, and of one nothing.
+    for step, other in ((1, "next"), (-1, "one before")) if len(names) > 2 else ():
         sentence = f"the joints' columns each stand under the name of the {other}"
         yield sentence, partial(_mapped, np.roll(one, -step, axis=1), 0.0)
     in_degrees = one * np.where(turning, from_deg(1.0), 1.0)

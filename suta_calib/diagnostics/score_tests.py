@@ -276,7 +276,8 @@ def noise_ratio(solution: Solution) -> float:
     return float(np.mean([(noise / sigma) ** 2 for noise, sigma in pairs]))
 
 
-@lru_cache(maxsize=4)
+# One: who judges a solution asks twice, and of many rows it takes much memory.
+@lru_cache(maxsize=1)
 def problem_beside(solution: Solution) -> tuple[Problem, FloatArray]:
     """The `extended_problem` with all that the arm can be given beside geometry."""
     arm = solution.problem.arm

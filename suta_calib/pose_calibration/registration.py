@@ -32,7 +32,8 @@ from suta_calib.pose_calibration.consensus import (
 )
 from suta_calib.pose_calibration.inputs import checked_points, checked_sigmas, error_context
 from suta_calib.pose_calibration.robust_fit import ROUNDING, RobustAnswer, RobustFit, robust_fit
-from suta_calib.pose_calibration.stated import Agreement, StatedSpread, WeighedPoint
+from suta_calib.pose_calibration.stated import Agreement, StatedSpread
+from suta_calib.pose_calibration.weighed_point import WeighedPoint
 from suta_calib.showing import Shown
 from suta_calib.terms.block import Noise
 from suta_calib.terms.outside import pose_named

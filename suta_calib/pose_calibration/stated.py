@@ -1,21 +1,16 @@
-"""What instruments state of the points they measured: how rows weigh, and whether it is true."""
+"""What instruments state of the points they measured, and whether it is true."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
-from typing import Final, Self
+from typing import Final
 
-import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
 from suta_calib.arrays import FloatArray
 from suta_calib.distributions import chi2
-from suta_calib.geometry.symbols import Symbol
-from suta_calib.terms.block import Block, Pose, flat, pose_of
-from suta_calib.terms.tracked_point import TrackedPoint
 
 # Chance of residuals as large, or as small, below which what was stated is contradicted.
 SURPRISING: Final = 0.01
@@ -115,33 +110,4 @@ class Agreement:
         return (
             f"The residuals are {self.factor:.2g} times as large as the stated σ have them "
             f"(chance {chance}): {because}."
-        )
-
-
-def _whitened(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
-    base = pose_of(own)
-    return ca.reshape(data[3:], 3, 3) @ (base.R @ poses[0].p + base.p - data[:3])
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class WeighedPoint(TrackedPoint):
-    """`TrackedPoint` of which every row has a covariance of its own.
-
-    Attributes:
-        whitening: (n, 3, 3) that makes residuals scatter alike in every row and direction.
-    """
-
-    whitening: FloatArray
-
-    @cached_property
-    def blocks(self) -> tuple[Block, ...]:
-        """Positions, weighed."""
-        (block,) = super().blocks
-        data = np.hstack([block.data, flat(self.whitening)])
-        return (replace(block, residual=_whitened, data=data),)
-
-    def take(self, rows: ArrayLike) -> Self:
-        """The term over some of its samples."""
-        return replace(
-            self, poses=self.poses.take(rows), whitening=self.whitening[np.asarray(rows)]
         )

@@ -20,7 +20,7 @@ from suta_calib.arrays import FloatArray
 MAX_EVALUATIONS: Final = 40
 # Of the cost: what it could still fall by where the next step is the last: 1e-5 of a standard
 # deviation, of which that step leaves next to nothing.
-SETTLED: Final = 1e-12
+NEGLIGIBLE: Final = 1e-12
 # And what it could still fall by where rounding alone keeps it from falling.
 ROUNDED: Final = 1e-10
 # Damping, of the matrix's diagonal, where a full step fails for the first time, what a further
@@ -85,7 +85,7 @@ def descend(
     start: FloatArray,
     bounds: tuple[FloatArray, FloatArray],
     *,
-    settled: float = SETTLED,
+    settled: float = NEGLIGIBLE,
     steps: int = MAX_EVALUATIONS,
     known: Sequence[Basin] = (),
     joins: float = 0.0,
@@ -171,8 +171,7 @@ def boxed_step(
         slope = gradient + hessian @ step
         move = np.zeros(n)
         free = np.flatnonzero(~held)
-        if len(free):
-            move[free] = _newton(hessian[np.ix_(free, free)], slope[free])
+        move[free] = _newton(hessian[np.ix_(free, free)], slope[free])
         room = np.full(n, np.inf)
         up, down = move > 0, move < 0
         room[up] = (upper - step)[up] / move[up]

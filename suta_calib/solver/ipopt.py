@@ -17,8 +17,7 @@ import casadi as ca
 import numpy as np
 
 from suta_calib.arrays import FloatArray, IntArray
-from suta_calib.solver.descent import SETTLED as SHARE
-from suta_calib.solver.descent import Basin, Descent, descend
+from suta_calib.solver.descent import NEGLIGIBLE, Basin, Descent, descend
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.symbolic import symbolic_cost
 from suta_calib.solver.weights import WeightOptions
@@ -138,7 +137,7 @@ class RobustNlp:
         hessian[np.diag_indices_from(hessian)] += self._precision[self._free]
         return cost, gradient, hessian * np.outer(self._scale, self._scale)
 
-    def minimise(self, start: FloatArray, settled: float = SHARE) -> Minimum:
+    def minimise(self, start: FloatArray, settled: float = NEGLIGIBLE) -> Minimum:
         """The minimum beside one start (n,), clipped into the bounds.
 
         Args:
@@ -213,7 +212,7 @@ class RobustNlp:
         return replace(lower, status=found.status, iterations=steps)
 
     def _minimise(
-        self, start: FloatArray, known: Sequence[Basin], settled: float = SHARE
+        self, start: FloatArray, known: Sequence[Basin], settled: float = NEGLIGIBLE
     ) -> tuple[Minimum, Basin | None]:
         if not len(self._free):
             self._base = start.copy()
@@ -229,7 +228,7 @@ class RobustNlp:
         return self.minimise_by_ipopt(x), None
 
     def _descend(
-        self, start: FloatArray, known: Sequence[Basin] = (), settled: float = SHARE
+        self, start: FloatArray, known: Sequence[Basin] = (), settled: float = NEGLIGIBLE
     ) -> Descent:
         self._base = start.copy()
         return descend(
@@ -323,7 +322,7 @@ def _run(
     return answer, stats
 
 
-class _GaussNewton:
+class Ipopt:
     """IPOPT over ``n`` variables, whatever they are: what is minimised is said solve by solve."""
 
     def __init__(self, n: int, limits: tuple[int, float]) -> None:
@@ -378,10 +377,10 @@ class _GaussNewton:
 
 
 @lru_cache(maxsize=32)
-def _gauss_newton(n: int, limits: tuple[int, float], thread: int) -> _GaussNewton:
+def _gauss_newton(n: int, limits: tuple[int, float], thread: int) -> Ipopt:
     """One that is made already: that takes as long as many a solve. Each thread has its own."""
     del thread
-    return _GaussNewton(n, limits)
+    return Ipopt(n, limits)
 
 
 class _Shared:

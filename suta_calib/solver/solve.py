@@ -93,10 +93,17 @@ def solve_again(
     Noise levels are taken as given; the covariance is computed when it is asked for.
 
     Args:
-        problem: with the same unknowns.
+        problem: over the same arm; where it has other unknowns, `solve` takes it.
         like: the solution of nearly the same data, or for other noise levels.
         options: of the solver.
+
+    Raises:
+        SamplesError: too few samples for a term, or for the unknowns.
     """
+    if problem.names != like.problem.names:
+        return solve(problem, options)
+    for term in problem.terms:
+        term.check_enough()
     began, sigmas = perf_counter(), problem.assumed_sigmas()
     fixed = like.identification.fixed
     free = np.setdiff1d([k for k, p in enumerate(problem.parameters.values()) if p.free], fixed)

@@ -5,13 +5,11 @@ from __future__ import annotations
 import math
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
 from simulated import (
-    Scene,
     Spread,
     arm_named,
     artefact,
@@ -22,44 +20,20 @@ from simulated import (
     placements,
     tracked_scene,
 )
+from solver_problems import DIRTY, HUBER, SIGMA, dirty_problem, distances, far_problem
 
-from suta_calib.arrays import FloatArray
 from suta_calib.errors import ParameterError, SamplesError
 from suta_calib.measurements import Artefact, Samples
 from suta_calib.measurements import Landmark as Mark
-from suta_calib.model.parameters import ParameterSet, Selection
+from suta_calib.model.parameters import Selection
 from suta_calib.solver import evaluation, information
 from suta_calib.solver.covariance import observed_covariance
 from suta_calib.solver.information import predicted_information
-from suta_calib.solver.ipopt import (
-    SETTLED,
-    STALLED,
-    Minimum,
-    RobustNlp,
-    SolverOptions,
-    _GaussNewton,
-    hopeless,
-)
+from suta_calib.solver.ipopt import RobustNlp, SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Estimate
 from suta_calib.solver.solve import identify_at, solve, solve_again, start_points
 from suta_calib.terms import ArmPoses, MeasuredPoses, Noise, TouchedLandmark
-
-SIGMA = 1e-4
-DIRTY = Spread(position=SIGMA, outliers=0.1, gross=0.01)
-HUBER = Noise(SIGMA, 1.35 * SIGMA)
-
-
-@cache
-def distances() -> Scene:
-    arm = arm_named("suta")
-    truth = perturbed(dh_parameters(arm), seed=1)
-    return artefact_scene("pairwise_distance", arm, truth, artefact(8), placements(4))
-
-
-def dirty_problem() -> Problem:
-    scene = distances()
-    return Problem([scene.term(scene.samples(DIRTY)[0], HUBER)], dh_parameters(scene.arm))
 
 
 def test_the_minimum_is_scipys_or_lower() -> None:
@@ -109,79 +83,6 @@ def test_the_gradient_vanishes_at_the_solution() -> None:
     assert np.all(np.abs(step) < 1e-3 * np.sqrt(np.diag(solution.covariance)[free]))
 
 
-@pytest.mark.parametrize("spread", [Spread(position=SIGMA), DIRTY])
-def test_an_answer_is_ipopts(spread: Spread) -> None:
-    """It goes on from where Gauss-Newton steps ended, and finds nothing lower."""
-    scene = distances()
-    problem = Problem([scene.term(scene.samples(spread)[0], HUBER)], dh_parameters(scene.arm))
-    by_steps, found = (solve(problem, SolverOptions(2, confirm=c)) for c in (False, True))
-    assert (by_steps.minimum.solver, found.minimum.solver) == ("Gauss-Newton", "IPOPT")
-    assert found.minimum.cost <= by_steps.minimum.cost
-    std = np.sqrt(np.diag(found.covariance)[found.free])
-    np.testing.assert_allclose((found.x - by_steps.x)[found.free] / std, 0.0, atol=1e-3)
-
-
-def test_where_steps_stopped_short_ipopt_goes_on() -> None:
-    scene = distances()
-    problem = Problem([scene.term(scene.samples()[0], HUBER)], dh_parameters(scene.arm))
-    lowest = solve(problem)
-    nlp = RobustNlp(problem, lowest.free, lowest.sigmas, SolverOptions())
-    short = replace(lowest.minimum, x=problem.start(), cost=np.inf, status=SETTLED)
-    found = nlp.confirmed(short)
-    assert found.solver == "IPOPT"
-    assert found.iterations > short.iterations
-    assert found.cost == pytest.approx(lowest.minimum.cost, rel=1e-9)
-
-
-def test_what_ipopt_goes_on_from_without_an_end_was_no_minimum() -> None:
-    problem = far_problem()
-    start = problem.start()
-    free = np.arange(len(start))
-    options = SolverOptions(max_iterations=2, weights=None)
-    nlp = RobustNlp(problem, free, problem.assumed_sigmas(), options)
-    cost, *_ = nlp.cost_gradient_hessian(start / problem.parameters.array("scale"))
-    found = nlp.confirmed(Minimum(start, cost, SETTLED, 1))
-    assert not found.converged
-    assert found.cost < cost
-
-
-@pytest.mark.parametrize("spread", [Spread(position=SIGMA), DIRTY])
-def test_a_refit_ends_in_ipopts_minimum(spread: Spread) -> None:
-    """From the minimum with twelve touches more, whether gross errors are none or many."""
-    scene = distances()
-    whole = Problem([scene.term(scene.samples(spread)[0], HUBER)], dh_parameters(scene.arm))
-    solution = solve(whole)
-    term = whole.terms[0]
-    fewer = Problem([term.take(np.arange(12, len(term.poses)))], whole.arm_parameters)
-    nlp = RobustNlp(fewer, solution.free, solution.sigmas, SolverOptions())
-    near, witness = nlp.minimise(solution.x), nlp.minimise_by_ipopt(solution.x)
-    assert near.converged
-    assert (near.solver, witness.solver) == ("Gauss-Newton", "IPOPT")
-    assert near.cost == pytest.approx(witness.cost, rel=1e-10)
-    std = np.sqrt(np.diag(solution.covariance)[solution.free])
-    found, moved = ((to - witness.x)[solution.free] for to in (near.x, solution.x))
-    assert np.abs(moved / std).max() > 0.1
-    np.testing.assert_allclose(found / std, 0.0, atol=1e-3)
-
-
-def test_a_minimum_on_a_bound_is_ipopts() -> None:
-    whole = dirty_problem()
-    solution = solve(whole)
-    k = int(solution.free[0])
-    name, found = whole.names[k], float(solution.x[k])
-    short = replace(whole.arm_parameters[name], upper=found - 1e-3)
-    arm = ParameterSet([short if p.name == name else p for p in whole.arm_parameters.values()])
-    bounded = Problem(whole.terms, arm)
-    nlp = RobustNlp(bounded, solution.free, solution.sigmas, SolverOptions())
-    start = solution.x.copy()
-    start[k] = found - 2e-3
-    near, witness = nlp.minimise(start), nlp.minimise_by_ipopt(start)
-    assert (near.solver, witness.solver) == ("Gauss-Newton", "IPOPT")
-    np.testing.assert_allclose(near.x, witness.x, atol=1e-7)
-    assert near.x[k] == short.upper
-    assert near.cost == pytest.approx(witness.cost, rel=1e-10)
-
-
 def test_a_start_that_falls_into_a_minimum_already_found_ends_there() -> None:
     """The same minimum, the same count and verdict as when every start is carried to its end."""
     problem = dirty_problem()
@@ -201,14 +102,6 @@ def test_a_start_that_falls_into_a_minimum_already_found_ends_there() -> None:
         assert attempt.cost == pytest.approx(alone.cost, abs=1e-6)
         np.testing.assert_allclose((attempt.x - alone.x)[solution.free] / std, 0.0, atol=1e-3)
         assert attempt.iterations < alone.iterations or not attempt.joined
-
-
-def far_problem() -> Problem:
-    """Offsets up to 2.25 rad from nominal: one start is not enough."""
-    arm = arm_named("suta")
-    parameters = arm.select(Selection(("joint_[2-6].offset",), bound_rad=2.5))
-    far = dict(zip(parameters.names, (1.5, -1.5, 1.5, 2.1, -2.25), strict=True))
-    return Problem([tracked_scene(arm, far, 25).exact(Noise(1e-3))], parameters)
 
 
 def test_other_starts_find_what_the_first_one_misses() -> None:
@@ -260,33 +153,6 @@ def test_every_value_is_within_its_bounds() -> None:
     parameters = solution.problem.parameters
     assert np.all(solution.x >= parameters.array("lower"))
     assert np.all(solution.x <= parameters.array("upper"))
-
-
-def test_a_slope_that_never_vanishes_is_given_up_early() -> None:
-    """At a fold no step helps, and every iteration would be fifty evaluations."""
-    count = 0
-
-    def fold(z: FloatArray) -> tuple[float, FloatArray, FloatArray]:
-        nonlocal count
-        count += 1
-        slope = np.where(z[0] > 0.0, 3e3, -2e3)
-        return 1e5 + float(slope * z[0]), np.array([slope]), np.array([[1e3]])
-
-    where = {"x0": np.array([0.7]), "lbx": np.array([-9.0]), "ubx": np.array([9.0])}
-    _, stats = _GaussNewton(1, (200, 1.0))(fold, where)
-    assert stats["return_status"] == STALLED
-    assert stats["iter_count"] < 60
-    assert count < 2500
-
-
-def test_starts_that_end_nowhere_together_are_no_reason_for_more() -> None:
-    def ended(cost: float, status: str = STALLED) -> Minimum:
-        return Minimum(np.zeros(1), cost, status, 200)
-
-    assert hopeless([ended(5.0), ended(9.0), ended(5.0001)])
-    assert not hopeless([ended(5.0)])
-    assert not hopeless([ended(5.0), ended(5.1)])
-    assert not hopeless([ended(5.0), ended(5.0, "Solve_Succeeded")])
 
 
 @pytest.mark.parametrize("hessian", ["gauss-newton", "exact"])
@@ -445,6 +311,20 @@ def test_where_other_things_are_told_it_is_solved_anew() -> None:
     nothing = replace(solution.identification, fixed=np.zeros(0, dtype=np.intp))
     again = solve_again(problem, replace(solution, identification=nothing))
     np.testing.assert_array_equal(again.identification.fixed, solution.identification.fixed)
+
+
+def test_over_other_unknowns_it_is_solved_anew() -> None:
+    """Where rows of one placement are all left out, it is an unknown no more."""
+    arm = arm_named("suta")
+    truth = perturbed(dh_parameters(arm), seed=1)
+    scene = artefact_scene("landmark", arm, truth, artefact(8), placements(4))
+    term, options = scene.term(scene.samples()[0], HUBER), SolverOptions(weights=None)
+    solution = solve(Problem([term], dh_parameters(arm)), options)
+    placement = np.array(term.poses.samples.labels["placement"])
+    fewer = Problem([term.take(np.flatnonzero(placement != placement[0]))], dh_parameters(arm))
+    assert fewer.names != solution.problem.names
+    again = solve_again(fewer, solution, options)
+    np.testing.assert_array_equal(again.x, solve(fewer, options).x)
 
 
 @pytest.mark.parametrize("kind", ["distances", "tracked"])

@@ -20,7 +20,7 @@ EXTRA: Final = "servo"
 # How long bytes of an answer may be waited for at once, s; what the library does else is to look
 # again and again.
 _WAIT_S: Final = 0.002
-# So long all of them must have been silent to be gone, s: a packet is lost now and then.
+# So long one may be silent before it is gone, s: a packet is lost now and then.
 _SILENT_S: Final = 1.0
 # Attempts to hear a servo at first.
 _TRIES: Final = 3

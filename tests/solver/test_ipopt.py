@@ -1,0 +1,124 @@
+"""Gauss-Newton steps and IPOPT on the same nonlinear program: who stops where."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from simulated import Spread, dh_parameters
+from solver_problems import DIRTY, HUBER, SIGMA, dirty_problem, distances, far_problem
+
+from suta_calib.arrays import FloatArray
+from suta_calib.model.parameters import ParameterSet
+from suta_calib.solver.ipopt import (
+    SETTLED,
+    STALLED,
+    Ipopt,
+    Minimum,
+    RobustNlp,
+    SolverOptions,
+    hopeless,
+)
+from suta_calib.solver.problem import Problem
+from suta_calib.solver.solve import solve
+
+
+@pytest.mark.parametrize("spread", [Spread(position=SIGMA), DIRTY])
+def test_an_answer_is_ipopts(spread: Spread) -> None:
+    """It goes on from where Gauss-Newton steps ended, and finds nothing lower."""
+    scene = distances()
+    problem = Problem([scene.term(scene.samples(spread)[0], HUBER)], dh_parameters(scene.arm))
+    by_steps, found = (solve(problem, SolverOptions(2, confirm=c)) for c in (False, True))
+    assert (by_steps.minimum.solver, found.minimum.solver) == ("Gauss-Newton", "IPOPT")
+    assert found.minimum.cost <= by_steps.minimum.cost
+    std = np.sqrt(np.diag(found.covariance)[found.free])
+    np.testing.assert_allclose((found.x - by_steps.x)[found.free] / std, 0.0, atol=1e-3)
+
+
+def test_where_steps_stopped_short_ipopt_goes_on() -> None:
+    scene = distances()
+    problem = Problem([scene.term(scene.samples()[0], HUBER)], dh_parameters(scene.arm))
+    lowest = solve(problem)
+    nlp = RobustNlp(problem, lowest.free, lowest.sigmas, SolverOptions())
+    short = replace(lowest.minimum, x=problem.start(), cost=np.inf, status=SETTLED)
+    found = nlp.confirmed(short)
+    assert found.solver == "IPOPT"
+    assert found.iterations > short.iterations
+    assert found.cost == pytest.approx(lowest.minimum.cost, rel=1e-9)
+
+
+def test_what_ipopt_goes_on_from_without_an_end_was_no_minimum() -> None:
+    problem = far_problem()
+    start = problem.start()
+    free = np.arange(len(start))
+    options = SolverOptions(max_iterations=2, weights=None)
+    nlp = RobustNlp(problem, free, problem.assumed_sigmas(), options)
+    cost, *_ = nlp.cost_gradient_hessian(start / problem.parameters.array("scale"))
+    found = nlp.confirmed(Minimum(start, cost, SETTLED, 1))
+    assert not found.converged
+    assert found.cost < cost
+
+
+@pytest.mark.parametrize("spread", [Spread(position=SIGMA), DIRTY])
+def test_a_refit_ends_in_ipopts_minimum(spread: Spread) -> None:
+    """From the minimum with twelve touches more, whether gross errors are none or many."""
+    scene = distances()
+    whole = Problem([scene.term(scene.samples(spread)[0], HUBER)], dh_parameters(scene.arm))
+    solution = solve(whole)
+    term = whole.terms[0]
+    fewer = Problem([term.take(np.arange(12, len(term.poses)))], whole.arm_parameters)
+    nlp = RobustNlp(fewer, solution.free, solution.sigmas, SolverOptions())
+    near, witness = nlp.minimise(solution.x), nlp.minimise_by_ipopt(solution.x)
+    assert near.converged
+    assert (near.solver, witness.solver) == ("Gauss-Newton", "IPOPT")
+    assert near.cost == pytest.approx(witness.cost, rel=1e-10)
+    std = np.sqrt(np.diag(solution.covariance)[solution.free])
+    found, moved = ((to - witness.x)[solution.free] for to in (near.x, solution.x))
+    assert np.abs(moved / std).max() > 0.1
+    np.testing.assert_allclose(found / std, 0.0, atol=1e-3)
+
+
+def test_a_minimum_on_a_bound_is_ipopts() -> None:
+    whole = dirty_problem()
+    solution = solve(whole)
+    k = int(solution.free[0])
+    name, found = whole.names[k], float(solution.x[k])
+    short = replace(whole.arm_parameters[name], upper=found - 1e-3)
+    arm = ParameterSet([short if p.name == name else p for p in whole.arm_parameters.values()])
+    bounded = Problem(whole.terms, arm)
+    nlp = RobustNlp(bounded, solution.free, solution.sigmas, SolverOptions())
+    start = solution.x.copy()
+    start[k] = found - 2e-3
+    near, witness = nlp.minimise(start), nlp.minimise_by_ipopt(start)
+    assert (near.solver, witness.solver) == ("Gauss-Newton", "IPOPT")
+    np.testing.assert_allclose(near.x, witness.x, atol=1e-7)
+    assert near.x[k] == short.upper
+    assert near.cost == pytest.approx(witness.cost, rel=1e-10)
+
+
+def test_a_slope_that_never_vanishes_is_given_up_early() -> None:
+    """At a fold no step helps, and every iteration would be fifty evaluations."""
+    count = 0
+
+    def fold(z: FloatArray) -> tuple[float, FloatArray, FloatArray]:
+        nonlocal count
+        count += 1
+        slope = np.where(z[0] > 0.0, 3e3, -2e3)
+        return 1e5 + float(slope * z[0]), np.array([slope]), np.array([[1e3]])
+
+    where = {"x0": np.array([0.7]), "lbx": np.array([-9.0]), "ubx": np.array([9.0])}
+    _, stats = Ipopt(1, (200, 1.0))(fold, where)
+    assert stats["return_status"] == STALLED
+    assert stats["iter_count"] < 60
+    assert count < 2500
+
+
+def test_starts_that_end_nowhere_together_are_no_reason_for_more() -> None:
+    def ended(cost: float, status: str = STALLED) -> Minimum:
+        return Minimum(np.zeros(1), cost, status, 200)
+
+    assert hopeless([ended(5.0), ended(9.0), ended(5.0001)])
+    assert not hopeless([ended(5.0)])
+    assert not hopeless([ended(5.0), ended(5.1)])
+    assert not hopeless([ended(5.0), ended(5.0, "Solve_Succeeded")])
