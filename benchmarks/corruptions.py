@@ -174,9 +174,14 @@ def tip_errors(
     return apart(found, tip(dict(made.values))), float(stated)
 
 
-def judge_sound(found: Outcome) -> Judged:
-    """Whether a sound job's answer is right, and no more is said against it than is true."""
-    against = [note for note in found.said[1:] if not HELD.search(note)]
+def judge_sound(found: Outcome, says: str | None = None) -> Judged:
+    """Whether a sound job's answer is right, and nothing said against it but what is held.
+
+    ``says``: words of what is true besides.
+    """
+    against = [
+        note for note in found.said[1:] if not HELD.search(note) and not (says and says in note)
+    ]
     if found.level in ("refused", "bad") or (found.level == "care" and against):
         fate = "false alarm"
     else:
@@ -224,7 +229,7 @@ def study(jobs: Sequence[Sound], most: int | None = None, shown: bool = True) ->
         for job, own in suffered:
             progress.update(done, description=job.name)
             clean = outcome(job, None)
-            yield judge_sound(clean)
+            yield judge_sound(clean, job.says)
             progress.advance(done)
             for corruption in own:
                 yield judge(outcome(job, corruption), clean, corruption)

@@ -147,7 +147,7 @@ def _at_stake(solution: Solution, held: Sequence[Explanation]) -> str:
             worst[parameters[each.fixed].unit] = each
     losses = [
         f"with {each.fixed} off by 1 {unit_name(unit)}, the tip is off by "
-        f"{text(each.moves * stored(1.0, unit), 'm', with_unit=True)}"
+        f"{text(each.moves * stored(1.0, unit), 'm', with_unit=True)} in other postures"
         for unit, each in worst.items()
     ]
     return f" ({'; '.join(losses)})" if losses else ""

@@ -50,8 +50,8 @@ class Explanation:
         sentence: what the undetermined direction does, so that no observation sees it.
         remedy: what to measure, or to decide, to get rid of it.
         told: whether it is redundant, or how far the data tell it.
-        moves: by how much the registered tip is off per unit by which the parameter is, with what
-            makes up for it to the data; m per m or rad.
+        moves: by how much the registered tip is off in postures all over the range, per unit by
+            which the parameter is, with what makes up for it to the data; m per m or rad.
     """
 
     fixed: str
@@ -107,7 +107,9 @@ class _Case:
     def explained(self, sentence: str, *advice: Advice) -> Explanation:
         """With what of the advice would tell it; any kind that does, where none of it would."""
         good = [words for words, told in advice if self._told_by(told())]
-        moves = 0.0 if self.motion.vanishes else self.motion.registered
+        # Where the samples are, an open direction may hardly move the tip: that is why it is open.
+        direction = self.directions[:, 0] / self.parameter.plausible
+        moves = 0.0 if self.motion.vanishes else self.rich.registered(direction)
         if self.redundant:
             known = f"; to know it, {' or '.join(good)}" if good else ""
             remedy = f"{_AS_DRAWN if moves else _NO_REMEDY}{known}"

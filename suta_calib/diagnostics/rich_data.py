@@ -16,7 +16,8 @@ from typing import Any, Final
 import numpy as np
 
 from suta_calib.arrays import BoolArray, FloatArray
-from suta_calib.geometry.numbers import random_rotations, skew
+from suta_calib.diagnostics.tip_uncertainty import Sensitivity, sensitivity
+from suta_calib.geometry.numbers import random_rotations, rms_length, skew
 from suta_calib.measurements import Artefact, Landmark, Samples
 from suta_calib.simulation.inverse_kinematics import InverseKinematics, Targets
 from suta_calib.solver.identifiability import WEAK, schur_complement
@@ -127,6 +128,22 @@ class RichData:
         self._known = problem.arm.at(self._values)
         self._kinematics = InverseKinematics(self._known, {})
         self._told: dict[tuple[type[Term], bool] | int, FloatArray] = {}
+
+    def registered(self, direction: FloatArray) -> float:
+        """How far the tip moves along a direction (n,), m per unit: RMS in postures all over.
+
+        A rigid registration takes out what is common to all of them: zero where nothing is left,
+        or the parts of the direction cancel.
+        """
+        step = direction * self.unit
+        parts = np.swapaxes(self._anywhere.jacobian * step, 0, 2).reshape(len(step), -1)
+        left = rms_length(self._anywhere.registered() @ step)
+        return left if left > STILL * np.linalg.norm(parts) / math.sqrt(PLACES * ROWS) else 0.0
+
+    @cached_property
+    def _anywhere(self) -> Sensitivity:
+        q = self._kinematics.random_readings(np.random.default_rng(0), PLACES * ROWS)
+        return sensitivity(self._arm, self._values, self.names, q)
 
     def tells(self, kind: type[Term], oriented: bool) -> FloatArray:
         """Information (n, n) that data of one sort add, with whatever they leave unknown."""

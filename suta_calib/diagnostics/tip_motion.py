@@ -81,16 +81,6 @@ class TipMotion:
 
     def rigid_per_group(self, groups: FloatArray) -> float:
         """Misfit of one rigid motion per group (n,): what the touched points alone would show."""
-        return _rms(self._left_per_group(groups)) / max(_rms(self.linear), 1e-300)
-
-    @property
-    def registered(self) -> float:
-        """Root mean square of the tip's motion that registration leaves, m per unit."""
-        left = _rms(self._left_per_group(np.zeros(len(self.linear))))
-        return left if left > NOISE * self.size else 0.0
-
-    def _left_per_group(self, groups: FloatArray) -> FloatArray:
-        """What one rigid motion per group leaves of the linear velocities (n, 3)."""
         left = np.zeros_like(self.linear)
         for group in np.unique(groups):
             rows = np.flatnonzero(groups == group)
@@ -101,7 +91,7 @@ class TipMotion:
             flat = self.linear[rows].reshape(-1)
             twist = np.linalg.lstsq(design, flat, rcond=1e-9)[0]
             left[rows] = (flat - design @ twist).reshape(-1, 3)
-        return left
+        return _rms(left) / max(_rms(self.linear), 1e-300)
 
     def _misfit(self, linear: FloatArray, angular: FloatArray) -> float:
         left = float(np.hypot(_rms(linear), LEVER * _rms(angular)))

@@ -104,7 +104,7 @@ def explained(found: Iterable[Explanation], place: Place, most: int | None = Non
         parts.append(Text(said_once, place=place))
     if as_drawn:
         said_once = (
-            f"Held at nominal too, and no convention: {listed(as_drawn)}. No data of these kinds "
+            f"Held at nominal, and no convention: {listed(as_drawn)}. No data of these kinds "
             "could tell them, but the tip depends on them: it is as good as its drawing there."
         )
         parts.append(Text(said_once, place=place))

@@ -14,9 +14,11 @@ from suta_calib.arrays import FloatArray
 from suta_calib.diagnostics.observability import Indices, Observability, observe
 from suta_calib.diagnostics.rich_data import RichData, Sort
 from suta_calib.diagnostics.tip_motion import tip_motion
+from suta_calib.geometry.numbers import register_points, rms_length
 from suta_calib.measurements import Artefact, Landmark, Samples
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import Selection
+from suta_calib.report.observability import explained
 from suta_calib.simulation.inverse_kinematics import InverseKinematics, Targets
 from suta_calib.solver.problem import Problem
 from suta_calib.terms import (
@@ -197,6 +199,25 @@ def test_a_camera_that_sees_orientations_is_not_asked_for_them(arm: ArmModel) ->
     for each in of_tip:
         assert "no observation looks" not in each.sentence
         assert "fixed_point" not in each.remedy or not each.fixed.startswith("tip.r")
+
+
+def test_what_the_tip_depends_on_is_no_convention(arm: ArmModel) -> None:
+    """The tip moves as is said, in postures that no sample visited; not so where the arm stands."""
+    found = seen(arm, [hand_eye_scene(arm, {}, 40).exact()], *THESIS)
+    stakes = {e.fixed: e.moves for e in found.explanations if e.as_drawn}
+    assert set(stakes) < set(found.redundant)
+    assert {n for n, p in found.prospects.items() if p.as_drawn} == set(stakes)
+    assert {"tip.y", "tip.z"} <= set(stakes)
+    assert not {"joint_1.offset", "joint_2.z"} & set(stakes)
+    q = random_readings(arm, np.random.default_rng(5), 400)
+    here, there = (arm.forward(q, {"tip.y": value})[1] for value in (0.0, 1e-4))
+    rotation, position = register_points(there, here)
+    moved = rms_length(there @ rotation.T + position - here) / 1e-4
+    assert stakes["tip.y"] == pytest.approx(moved, rel=0.02)
+    text = " ".join(part.text for part in explained(found.explanations, "everywhere"))
+    convention, drawn = text.split("Held at nominal, and no convention: ")
+    assert "joint_2.z" in convention
+    assert all(name in drawn and name not in convention for name in stakes)
 
 
 def test_advice_that_is_followed_tells_the_parameter(
