@@ -195,6 +195,8 @@ def boxed_step(
 
 def _newton(hessian: FloatArray, gradient: FloatArray) -> FloatArray:
     """-H⁺ g, of a positive semidefinite matrix whose diagonal may span many magnitudes."""
+    if not len(gradient):
+        return np.zeros(0)  # Every bound is met.
     scale = np.sqrt(np.maximum(np.diag(hessian), 1e-300))
     unit, along = hessian / np.outer(scale, scale), gradient / scale
     try:
