@@ -9,13 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from suta_calib.arrays import FloatArray
+from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.batched import Batched
 from suta_calib.geometry.numbers import vector_from_rotation, vector_turning_z_to
 from suta_calib.model.arm import ArmModel
@@ -31,6 +31,8 @@ _KEPT: Final[dict[Matching, FloatArray]] = {
 # Weighs angles against lengths (m): the size of a tool.
 _LENGTH: Final = 0.25
 _TOLERANCE: Final = 1e-12
+# Rounding may keep the last step from the tolerance; nobody notices a nanometre.
+_ARRIVED: Final = 1e3 * _TOLERANCE
 _ITERATIONS: Final = 80
 # Share of targets still sought from which on the others are let go, which takes a moment, too.
 _FEWER: Final = 0.75
@@ -76,12 +78,14 @@ class Postures:
     Attributes:
         q: (n, joints) readings, rad (m for prismatic joints), the closest found.
         reached: (n,) whether they bring the tip to the target to rounding.
+        failed: (n,) whether all starts have failed; neither, where not all were tried.
         distance: (n,) how far from the target's position the tip stays, m.
         angle: (n,) how far from what counts of its orientation, rad.
     """
 
     q: FloatArray
     reached: NDArray[np.bool_]
+    failed: NDArray[np.bool_]
     distance: FloatArray
     angle: FloatArray
 
@@ -149,7 +153,12 @@ class InverseKinematics:
         return rng.uniform(lower, upper, (n, len(lower)))
 
     def solve(
-        self, targets: Targets, start: FloatArray, rng: np.random.Generator, starts: int = 40
+        self,
+        targets: Targets,
+        start: FloatArray,
+        rng: np.random.Generator,
+        starts: int = 40,
+        together: IntArray | None = None,
     ) -> Postures:
         """Readings that bring the tip to each target.
 
@@ -158,6 +167,8 @@ class InverseKinematics:
             start: (joints,) or (n, joints) readings to search from first.
             rng: of the starts that follow.
             starts: how many are tried in all.
+            together: (n,) groups of targets that count only together: where all starts have failed
+                for one of a group, the others are not tried again. Each is by itself by default.
 
         Returns:
             For each target the first posture found that reaches it, or the closest one.
@@ -165,23 +176,42 @@ class InverseKinematics:
         first = np.broadcast_to(start, (len(targets), len(self.arm.joints)))
         q = np.clip(first, self._lower, self._upper)
         error = np.full((len(targets), 6), np.inf)
-        for attempt in range(starts):
-            rows = np.flatnonzero(np.linalg.norm(error, axis=1) > _TOLERANCE)
-            if not len(rows):
-                break
-            begin = q
-            if attempt:
-                share = min(1.0, attempt / _WIDEST_START)
-                begin = first + share * (self.random_readings(rng, len(first)) - first)
-            found, left = self._descend(targets.take(rows), begin[rows])
-            better = np.linalg.norm(left, axis=1) < np.linalg.norm(error[rows], axis=1)
-            q[rows[better]], error[rows[better]] = found[better], left[better]
-        # Rounding may keep the last step from the tolerance; nobody notices a nanometre.
-        reached = np.linalg.norm(error, axis=1) <= 1e3 * _TOLERANCE
+
+        @cache
+        def begin(attempt: int) -> FloatArray:
+            share = min(1.0, attempt / _WIDEST_START)
+            return first + share * (self.random_readings(rng, len(first)) - first)
+
+        def search(attempts: range, rows: NDArray[np.intp]) -> NDArray[np.intp]:
+            """From further starts, all at once; which of the rows are left."""
+            if not len(rows) or not attempts:
+                return rows
+            begins = np.concatenate([begin(k)[rows] if k else q[rows] for k in attempts])
+            each = np.tile(rows, len(attempts))
+            answers = self._descend(targets.take(each), begins)
+            for found, left in zip(*(np.split(a, len(attempts)) for a in answers), strict=True):
+                before = np.linalg.norm(error[rows], axis=1)
+                better = (np.linalg.norm(left, axis=1) < before) & (before > _TOLERANCE)
+                q[rows[better]], error[rows[better]] = found[better], left[better]
+            return rows[np.linalg.norm(error[rows], axis=1) > _TOLERANCE]
+
+        left, given_up = search(range(1), np.arange(len(targets))), np.zeros(len(q), dtype=bool)
+        if together is not None:
+            # The farthest of each group first: where it fails, the others need not be asked.
+            order = left[np.argsort(-np.linalg.norm(error[left], axis=1), kind="stable")]
+            asked = np.sort(order[np.unique(together[order], return_index=True)[1]])
+            sought = search(range(2, starts), search(range(1, min(2, starts)), asked))
+            sought = sought[np.linalg.norm(error[sought], axis=1) > _ARRIVED]
+            given_up = np.isin(together, together[sought])
+            given_up[sought] = False
+            left = left[~np.isin(left, asked) & ~given_up[left]]
+        for attempt in range(1, starts):
+            left = search(range(attempt, attempt + 1), left)
+        reached = np.linalg.norm(error, axis=1) <= _ARRIVED
         distance = np.linalg.norm(error[:, :3], axis=1) * _LENGTH
-        return Postures(
-            wrapped(self.true, q), reached, distance, np.linalg.norm(error[:, 3:], axis=1)
-        )
+        angle = np.linalg.norm(error[:, 3:], axis=1)
+        failed = ~reached & ~given_up
+        return Postures(wrapped(self.true, q), reached, failed, distance, angle)
 
     def _range(self) -> tuple[FloatArray, FloatArray]:
         """Finite limits to draw readings from."""

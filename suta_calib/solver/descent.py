@@ -197,11 +197,13 @@ def boxed_step(
 
 def _newton(hessian: FloatArray, gradient: FloatArray) -> FloatArray:
     """-H⁺ g, of a positive semidefinite matrix whose diagonal may span many magnitudes."""
+    if not len(gradient):
+        return np.zeros(0)  # Every bound is met.
     scale = _unit(hessian)
     unit, along = hessian / np.outer(scale, scale), gradient / scale
     try:
         root = np.linalg.cholesky(unit)
-        if np.min(np.diag(root), initial=np.inf) ** 2 > SINGULAR:
+        if np.min(np.diag(root)) ** 2 > SINGULAR:
             return np.asarray(-np.linalg.solve(unit, along) / scale)
     except np.linalg.LinAlgError:
         pass

@@ -246,6 +246,25 @@ def test_out_of_reach_is_reported_with_the_distance_that_is_left(suta_urdf: Path
     assert found.distance[0] == pytest.approx(3.0 - reach, abs=1e-3)
 
 
+def test_targets_that_count_together_are_given_up_together(suta_urdf: Path) -> None:
+    """The same postures as one by one, but where one of a group fails from all starts."""
+    arm, rng = ArmModel.from_urdf(suta_urdf, "tip"), np.random.default_rng(3)
+    kinematics = InverseKinematics(arm, {})
+    rotation, position = arm.forward(kinematics.random_readings(rng, 12))
+    position[7] += [0.0, 0.0, 3.0]
+    targets, together = Targets(position, rotation), np.repeat(np.arange(4), 3)
+    alone, found = (
+        kinematics.solve(targets, kinematics.middle, np.random.default_rng(0), 8, groups)
+        for groups in (None, together)
+    )
+    assert not alone.reached[7]
+    kept = together != together[7]
+    np.testing.assert_array_equal(found.q[kept], alone.q[kept])
+    np.testing.assert_array_equal(found.reached[kept], alone.reached[kept])
+    np.testing.assert_array_equal(np.flatnonzero(found.failed), np.flatnonzero(alone.failed))
+    assert not found.reached[6:9].all()
+
+
 def test_a_search_that_stalls_ends(suta_urdf: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[int] = []
     evaluate = inverse_kinematics._residuals

@@ -23,12 +23,12 @@ from suta_calib.analysis.planning.candidates import (
 )
 from suta_calib.analysis.planning.region import directions, nearest, turning_z_to
 from suta_calib.analysis.planning.situation import Situation
-from suta_calib.arrays import FloatArray
+from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.errors import JobError
 from suta_calib.measurements import Artefact
 from suta_calib.model.arm import ArmModel, reduced_model
 from suta_calib.model.xacro_file import plain_urdf
-from suta_calib.simulation.inverse_kinematics import Matching, Targets
+from suta_calib.simulation.inverse_kinematics import Matching, Postures, Targets
 from suta_calib.terms import KINDS, Term
 from suta_calib.terms.landmark import seated
 
@@ -111,27 +111,32 @@ class Reach:
         artefact = self.situation.artefact
         if artefact is None or not places:
             return {}
-        q, ok = self._touch(places, artefact)
+        q, ok, failed = self._touch(places, artefact)
         found: dict[str, Candidate | Unreachable] = {}
         names = tuple(mark.name for mark in artefact.landmarks.values())
-        for place, readings, good in zip(places, q, ok, strict=True):
+        for place, readings, good, lost in zip(places, q, ok, failed, strict=True):
             if good.all():
                 found[place.name] = Candidate(place, readings, names, self.repeats)
             else:
-                missed = [name for name, reached in zip(names, good, strict=True) if not reached]
-                reason = f"{len(missed)} of {len(names)} landmarks out of reach ({missed[0]}, …)"
-                found[place.name] = Unreachable(place.name, place.kind, reason)
+                # One is enough: the others are not all looked for any more.
+                missed = names[int(np.argmax(lost))]
+                found[place.name] = Unreachable(
+                    place.name, place.kind, f"landmark {missed} out of reach"
+                )
         return found
 
     def _touch(
         self, places: Sequence[Placement], artefact: Artefact
-    ) -> tuple[FloatArray, NDArray[np.bool_]]:
-        """Postures (places, marks, joints) and whether they reach; seats fix the orientation."""
+    ) -> tuple[FloatArray, NDArray[np.bool_], NDArray[np.bool_]]:
+        """Postures (places, marks, joints), whether they reach, and whether none was found that do.
+
+        Seats fix the orientation. Of a place that is out of reach, not all marks are looked for.
+        """
         tips = [seated(artefact, [*artefact.landmarks], p.rotation, p.position) for p in places]
         position = np.array([tip.position for tip in tips])
         rotation = np.array([tip.rotation for tip in tips])
         q = np.zeros((*position.shape[:2], len(self.situation.arm.joints)))
-        ok = np.zeros(position.shape[:2], dtype=bool)
+        ok, failed = (np.zeros(position.shape[:2], dtype=bool) for _ in range(2))
         oriented = np.array([mark.rotation is not None for mark in artefact.landmarks.values()])
         touching = self.situation.touching
         if touching is not None and not touching.has_angles:
@@ -142,10 +147,11 @@ class Reach:
                 targets = Targets(
                     position[:, rows].reshape(-1, 3), rotation[:, rows].reshape(-1, 3, 3), matching
                 )
-                answer, reached = self._solve(targets)
-                q[:, rows] = answer.reshape(len(places), -1, q.shape[2])
-                ok[:, rows] = reached.reshape(len(places), -1)
-        return q, ok
+                found = self._solve(targets, np.repeat(np.arange(len(places)), rows.sum()))
+                q[:, rows] = found.q.reshape(len(places), -1, q.shape[2])
+                ok[:, rows] = found.reached.reshape(len(places), -1)
+                failed[:, rows] = found.failed.reshape(len(places), -1)
+        return q, ok, failed
 
     def _points(self, places: Sequence[Point]) -> dict[str, Candidate | Unreachable]:
         if not places:
@@ -165,11 +171,11 @@ class Reach:
         # An arm of few joints comes as it can.
         matching = self.situation.kinematics.most("axis")
         targets = Targets(np.concatenate(position), np.concatenate(rotation), matching)
-        answer, reached = self._solve(targets)
+        there = self._solve(targets)
         found: dict[str, Candidate | Unreachable] = {}
         ends = np.cumsum(counts)
         for place, end, count in zip(places, ends, counts, strict=True):
-            q = answer[end - count : end][reached[end - count : end]]
+            q = there.q[end - count : end][there.reached[end - count : end]]
             if len(q) < _ENOUGH * count:
                 reason = f"{len(q)} of {count} directions within reach"
                 found[place.name] = Unreachable(place.name, place.kind, reason)
@@ -178,12 +184,11 @@ class Reach:
             found[place.name] = Candidate(place, q[spread], (), 1)
         return found
 
-    def _solve(self, targets: Targets) -> tuple[FloatArray, NDArray[np.bool_]]:
+    def _solve(self, targets: Targets, together: IntArray | None = None) -> Postures:
         """Postures near those the arm had: whoever measures will not fold it another way."""
         visited = self.situation.readings[nearest(self.situation.tips[1], targets.position)]
         rng = np.random.default_rng(self.seed)
-        found = self.situation.kinematics.solve(targets, visited, rng, _STARTS)
-        return found.q, found.reached
+        return self.situation.kinematics.solve(targets, visited, rng, _STARTS, together)
 
     @staticmethod
     def _colliding(
