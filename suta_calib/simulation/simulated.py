@@ -284,7 +284,8 @@ def _pictures(
     temperature: FloatArray | None,
 ) -> SimulatedFile:
     """Corners in pictures, each scattered by itself; an outlier moves all of a picture."""
-    assert ideal.pixels is not None and ideal.camera is not None
+    assert ideal.pixels is not None
+    assert ideal.camera is not None
     n = len(readings)
     names = np.array([f"{plan.name}-{k:04d}.png" for k in range(n)])
     # As the board would seem displaced: by the pixels that a length covers where it is.
