@@ -451,7 +451,7 @@ class CameraView(FramedTerm):
 
     @property
     def doubts(self) -> Mapping[str, Level]:
-        """Corners numbered mirrored or from the other end, or a file of pictures of another size."""
+        """Corners numbered mirrored or from the other end; a camera's file of another size."""
         hand = self.poses.at({})
         found: dict[str, Level] = {}
         if self.pictures.behind:
