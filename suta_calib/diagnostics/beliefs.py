@@ -2,7 +2,8 @@
 
 What is believed is estimated too (`Term.freed`), from the same start and with hardly any prior,
 and held against what was believed (Wald 1943, doi:10.1090/S0002-9947-1943-0012401-3): a score test
-at the fit would need more pictures than a calibration has, for each is one witness.
+at the fit would need more pictures than a calibration has, for each is one witness. The test allows
+for how badly so few tell a covariance (`few_witnesses`).
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from typing import Final
 
 import numpy as np
 
-from suta_calib.distributions import chi2
+from suta_calib.diagnostics.few_witnesses import chance_of, freedom_of
 from suta_calib.errors import SutaCalibError
 from suta_calib.model.parameters import Parameter
 from suta_calib.solver.ipopt import SolverOptions
@@ -23,7 +24,7 @@ from suta_calib.solver.solve import solve
 from suta_calib.units import text
 
 # Chance that right beliefs are contradicted.
-LEVEL: Final = 1e-3
+LEVEL: Final = 0.01
 # Part of its prior up to which a standard deviation is the data's doing.
 LOOSE: Final = 0.5
 
@@ -97,7 +98,7 @@ def contradicted_beliefs(solution: Solution) -> Iterator[Contradicted]:
             continue
         change, covariance = change[loose], covariance[np.ix_(loose, loose)]
         squared = float(change @ np.linalg.solve(covariance, change))
-        if squared > float(chi2.isf(LEVEL, len(told))):
+        if chance_of(squared, len(told), freedom_of(again, np.array(at)[loose])) < LEVEL:
             values = [p.nominal + step for p, step in zip(told, change.tolist(), strict=True)]
             stds = np.sqrt(np.diag(covariance)).tolist()
             yield Contradicted(tuple(told), tuple(values), tuple(stds), believed[told[0].name][1])

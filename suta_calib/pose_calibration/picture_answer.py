@@ -57,6 +57,8 @@ class SeenCamera(EyePoses):
         corners: (m, 7) of every corner: picture, point, u, v, and error in u, in v (px), and
             whether its picture was fitted.
         behind: whether the board is seen from behind, which its numbering alone decides.
+        other_size: what in the camera's file denies the size of picture that it says, in a
+            sentence, or empty.
         turned: pictures that were left out and agree with the others once the ``board`` or the
             ``picture`` is turned by half a turn.
     """
@@ -78,6 +80,7 @@ class SeenCamera(EyePoses):
     turns: FloatArray
     corners: FloatArray
     behind: bool
+    other_size: str
     turned: Mapping[str, tuple[str, ...]]
 
     @property
@@ -244,6 +247,8 @@ def _judged(seen: SeenCamera) -> tuple[list[str], list[str]]:
     ]
     if seen.behind:
         care.append(f"{MIRRORED} X does not depend on it; Z does.")
+    if seen.other_size:
+        care.append(seen.other_size)
     if seen.inverted != "good":
         where = "beside the robot" if seen.setup == EYE_IN_HAND else "on the hand"
         (bad if seen.inverted == "bad" else care).append(

@@ -328,5 +328,6 @@ def _seen(
         turns=turns,
         corners=corners,
         behind=refined.pictures.behind,
+        other_size=term.pictures.other_size,
         turned={what: tuple(images[those & ~good].tolist()) for what, those in upside_down.items()},
     )

@@ -27,6 +27,8 @@ FINE: Final = 1e-3
 ENOUGH: Final = 8
 # Sizes of a picture against the one that the camera's file is of.
 RESIZED: Final = (1 / 4, 1 / 3, 1 / 2, 2 / 3, 3 / 4, 4 / 3, 3 / 2, 2.0, 3.0, 4.0)
+# Part of a picture's size up to which twice its principal point comes near it in any camera.
+CENTRED: Final = 0.8
 # Turn of a loop, rad, of a picture that is read upside down, and of one that is read well.
 HALF_TURNED: Final = np.radians(120.0)
 UPRIGHT: Final = np.radians(30.0)
@@ -90,6 +92,29 @@ class BoardPictures:
         rotation, position = some_poses(self.poses, self.told)
         facing = np.einsum("ni,ni->n", rotation[:, :, 2], position)
         return bool(len(facing) and np.median(facing) < 0)
+
+    @property
+    def other_size(self) -> str:
+        """That the camera's file tells a size that its principal point and all corners deny.
+
+        Empty where they do not: a principal point may be far from the middle of pictures that were
+        cut out of larger ones, but then corners are beyond twice of it.
+        """
+        camera = self.camera
+        size = np.array([camera.width, camera.height])
+        # Pixels are counted from the centre of the first one.
+        middle = camera.intrinsics[2:4]
+        whole = 2.0 * middle + 1.0
+        small = whole < CENTRED * size
+        seen = self.pixels[np.isfinite(self.pixels).all(axis=2)]
+        if not small.any() or (seen + 0.5 > whole)[:, small].any():
+            return ""
+        return (
+            f"The camera's file says {camera.width} x {camera.height} px, but its principal point "
+            f"({middle[0]:.1f}, {middle[1]:.1f}) px is the middle of some {whole[0]:.0f} x "
+            f"{whole[1]:.0f} px, and no corner is beyond: image_width and image_height, or "
+            "camera_matrix, are of pictures of another size."
+        )
 
     @cached_property
     def misfit(self) -> float:

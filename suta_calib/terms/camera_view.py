@@ -451,11 +451,13 @@ class CameraView(FramedTerm):
 
     @property
     def doubts(self) -> Mapping[str, Level]:
-        """Corners that are numbered mirrored, or from the other end in some pictures."""
+        """Corners numbered mirrored or from the other end; a camera's file of another size."""
         hand = self.poses.at({})
         found: dict[str, Level] = {}
         if self.pictures.behind:
             found[f"{MIRRORED} The camera's pose does not depend on it; the board's does."] = "care"
+        if other := self.pictures.other_size:
+            found[other] = "care"
         turned = self.pictures.upside_down(
             inverse_poses(hand) if self.setup == EYE_TO_HAND else hand
         )

@@ -262,6 +262,13 @@ def test_pictures_of_a_camera_that_was_upside_down_are_left_out_and_named() -> N
     assert np.linalg.norm(errors(seen)[:3]) < 1e-3
 
 
+@pytest.mark.parametrize("intrinsics", ["fixed", "free"])
+def test_a_size_of_other_pictures_in_the_file_is_named(intrinsics: str) -> None:
+    scene = pictures(16, pixel=0.1, given=replace(CAMERA, width=2560, height=1920))
+    (note,) = solved(scene, intrinsics=intrinsics).assessment.notes
+    assert "says 2560 x 1920 px" in note
+
+
 def test_a_board_that_is_numbered_mirrored_is_named() -> None:
     scene = pictures(pixel=0.1)
     corners = scene.views[0].corners

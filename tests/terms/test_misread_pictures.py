@@ -67,6 +67,23 @@ def test_a_camera_of_larger_pictures_is_refused_by_name(factor: float, said: str
         seen.check()
 
 
+@pytest.mark.parametrize("factor", [1.5, 2.0])
+def test_a_size_of_other_pictures_beside_the_right_matrix_is_named(factor: float) -> None:
+    seen = board_pictures()
+    larger = Camera(round(factor * 1280), round(factor * 960), CAMERA.intrinsics)
+    said = replace(seen, camera=larger)
+    said.check()
+    assert f"says {larger.width} x {larger.height} px" in said.other_size
+    assert "the middle of some 1285 x 953 px" in said.other_size
+    assert not seen.other_size
+    # Cut out of larger pictures: corners are everywhere in what is left of them.
+    shift = np.array([500.0, 300.0])
+    cut = Camera(780, 660, CAMERA.intrinsics - [0, 0, *shift, 0, 0, 0, 0, 0])
+    pixels = seen.pixels - shift
+    pixels[~cut.inside(pixels)] = np.nan
+    assert not replace(seen, camera=cut, pixels=pixels).other_size
+
+
 def test_numbers_of_another_board_are_refused() -> None:
     seen = board_pictures()
     shuffled = np.random.default_rng(0).permutation(len(BOARD.points))
@@ -136,6 +153,13 @@ def test_what_nothing_converges_with_is_named_too() -> None:
     answer = assess_calibration(lost, assess(lost, []))
     assert answer.level == "bad"
     assert any("turned by half a turn" in note for note in answer.notes)
+
+
+def test_a_size_of_other_pictures_is_a_doubt() -> None:
+    large = replace(_CAMERA, width=2560, height=1920)
+    ((sentence, level),) = replace(TERM, camera=large).doubts.items()
+    assert "2560 x 1920 px" in sentence
+    assert level == "care"
 
 
 def test_all_pictures_the_other_way_round_are_as_good() -> None:
