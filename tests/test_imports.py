@@ -118,10 +118,10 @@ JOB = "data/suta/calibration.yaml"
 NO_ARM = ("jinja2", "scipy", "pinocchio", "lxml", "ruamel.yaml")
 STARTUP: dict[str, tuple[tuple[str, ...], int, tuple[str, ...]]] = {
     "--help": ((), 6, ("numpy",)),
-    "calibrate": ((JOB, "--no-report"), 141, ("jinja2", "scipy.special")),
-    "observe": ((JOB,), 119, ("jinja2", "scipy")),
-    "validate": (("urdf/suta.urdf", JOB), 122, ("jinja2", "scipy")),
-    "pivot": (("data/poses/pivot.csv",), 84, NO_ARM),
+    "calibrate": ((JOB, "--no-report"), 143, ("jinja2", "scipy.special")),
+    "observe": ((JOB,), 120, ("jinja2", "scipy")),
+    "validate": (("urdf/suta.urdf", JOB), 123, ("jinja2", "scipy")),
+    "pivot": (("data/poses/pivot.csv",), 80, NO_ARM),
     "hand-eye": (("data/poses/hand_eye.csv",), 88, NO_ARM),
     "register": (
         ("data/poses/register_a.csv", "data/poses/register_b.csv"),
