@@ -71,10 +71,10 @@ def where(beyond: Callable[[float], bool]) -> float:
     """The least x above zero that is beyond a bound, to the last digit.
 
     Args:
-        beyond: whether an x is; so is all above it, and some x is.
+        beyond: whether an x is; so is all above it. Infinity is the answer where no number is.
     """
     low, high = 0.0, 1.0
-    while not beyond(high):
+    while high < math.inf and not beyond(high):
         low, high = high, 2.0 * high
     while low < (middle := 0.5 * (low + high)) < high:
         if beyond(middle):
