@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Final
 
 from suta_calib.arrays import FloatArray
@@ -55,11 +56,11 @@ EXTERNAL_POSES: Final = Listing[ExternalPose](
     key="external_poses",
     named=True,
 )
-# A terminal has no room for what says the same again.
+# A terminal has no room for what says the same again, and angles may stand below their row.
 IN_SHORT: Final = Listing[ExternalPose](
     EXTERNAL_POSES.title,
     *(
-        column
+        replace(column, numeric=False) if "  " in (column.heading or "") else column
         for column in EXTERNAL_POSES.columns
         if column.heading not in ("quaternion x  y  z  w", "± std")
     ),
