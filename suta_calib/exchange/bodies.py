@@ -70,6 +70,10 @@ class Body:
         return Body(np.zeros_like(self.position), _identity(len(self.position))).relative_to(self)
 
 
+def _bare(name: str) -> str:
+    return name.rstrip("_. :/").lower()
+
+
 def _identity(n: int) -> FloatArray:
     return np.broadcast_to(np.eye(3), (n, 3, 3))
 
@@ -159,6 +163,10 @@ class Recording:
         return names
 
     def _one(self, name: str) -> str:
+        # Of a table they are what stands in front of the columns' names: Tool of Tool.x.
+        alike = [each for each in self.bodies if _bare(each) == _bare(name)]
+        if name not in self.bodies and len(alike) == 1:
+            return alike[0]
         if name not in self.bodies:
             raise ForeignFileError(
                 f"no body or marker {name!r}",

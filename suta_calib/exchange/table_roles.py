@@ -395,11 +395,17 @@ def _matrix(sheet: Sheet, numbers: FloatArray, given: Given) -> PoseColumns:
 
 def _stacked(sheet: Sheet, numbers: FloatArray, rows: int) -> tuple[PoseColumns | None, Sheet]:
     """4x4 matrices one below the other: a row for each, in which they stand by rows."""
-    if len(numbers) != rows or rows % 4 or not np.allclose(numbers[3::4], [0, 0, 0, 1], atol=1e-6):
+    if len(numbers) != rows or rows % 4:
+        return None, sheet
+    blocks = numbers.reshape(-1, 4, 4)
+    told = "4x4 matrices, stacked."
+    if not np.allclose(blocks[:, 3], [0, 0, 0, 1], atol=1e-6):
+        blocks, told = blocks.swapaxes(1, 2), "4x4 matrices, stacked, each by columns."
+    if not np.allclose(blocks[:, 3], [0, 0, 0, 1], atol=1e-6):
         return None, sheet
     names = tuple(str(k + 1) for k in range(16))
-    columns = tuple(numbers.reshape(-1, 16).T)
-    seen = (*sheet.seen, "4x4 matrices, stacked.")
+    columns = tuple(blocks.reshape(-1, 16).T)
+    seen = (*sheet.seen, told)
     whole = replace(sheet, names=names, lines=sheet.lines[::4], values=columns, seen=seen)
     rotation = tuple(4 * row + column for row in range(3) for column in range(3))
     return PoseColumns("", (3, 7, 11), rotation, "rows"), whole

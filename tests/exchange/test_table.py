@@ -36,6 +36,7 @@ FORMS: dict[str, tuple[FloatArray, dict[str, object]]] = {
     "16 by rows": (T.reshape(-1, 16), {}),
     "16 by columns": (T.swapaxes(1, 2).reshape(-1, 16), {}),
     "stacked": (T.reshape(-1, 4), {}),
+    "stacked by columns": (T.swapaxes(1, 2).reshape(-1, 4), {}),
     "rotation vector": (
         np.hstack([P, Rotation.from_matrix(R).as_rotvec()]),
         {"rotation": "vector"},
@@ -143,40 +144,6 @@ def test_pairs_of_poses_for_hand_eye(tmp_path: Path) -> None:
     found = imported(written(tmp_path / "t.csv", rows, header=header))
     check(found, tmp_path / "o.csv", R, P, "a_")
     check(found, tmp_path / "o.csv", R, P + 0.1, "b_")
-
-
-def test_a_tool_relative_to_a_reference_body(tmp_path: Path) -> None:
-    """T_reference_tool of two sets of columns, as navigation laboratories record them."""
-    reference = transforms(*poses(seed=3))
-    seen = reference @ T
-    quaternion = Rotation.from_matrix(seen[:, :3, :3]).as_quat()
-    other = Rotation.from_matrix(reference[:, :3, :3]).as_quat()
-    header = ",".join(
-        f"{body}_{n}" for body in ("tool", "ref") for n in ("x", "y", "z", "qx", "qy", "qz", "qw")
-    )
-    rows = np.hstack([seen[:, :3, 3], quaternion, reference[:, :3, 3], other])
-    path = written(tmp_path / "t.csv", rows, header=header)
-    found = imported(path, body="tool_", reference="ref_")
-    check(found, tmp_path / "o.csv", R, P)
-    with pytest.raises(InputError, match=r"2 bodies or markers: tool_, ref_.*--body"):
-        imported(path)
-
-
-def test_a_tool_relative_to_a_reference_body_in_another_file(tmp_path: Path) -> None:
-    """Rows correspond; one in which either was not seen is left out."""
-    reference = transforms(*poses(seed=3))
-    tool = written(tmp_path / "tool.txt", (reference @ T).reshape(-1, 16))
-    other = written(tmp_path / "reference.txt", reference.reshape(-1, 16))
-    lines = other.read_text().splitlines()
-    lines[4] = ",".join(["MISSING"] * 16)
-    other.write_text("\n".join(lines) + "\n")
-    found = imported(tool, reference=str(other))
-    kept = np.delete(np.arange(len(P)), 4)
-    assert found.dropped == 1
-    check(found, tmp_path / "o.csv", R[kept], P[kept])
-    other.write_text("\n".join(lines[:-1]) + "\n")
-    with pytest.raises(InputError, match=r"reference.txt: found 11 rows; expected 12, as in"):
-        imported(tool, reference=str(other))
 
 
 def test_inverted_poses(tmp_path: Path) -> None:

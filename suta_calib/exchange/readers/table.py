@@ -61,6 +61,8 @@ FROM: Final = Option(
 _JOINTS: Final = ("*joint*", "*axis*", "q[0-9]", "q[0-9][0-9]", "j[0-9]", "j[0-9][0-9]")
 # Behind the name of a joint: which way it came, which is no reading.
 _DIRECTION: Final = ".direction"
+# What a column with the time of its row is called.
+_CLOCKS: Final = ("time", "timestamp", "frame")
 # Poses of hand-eye files, which stand side by side.
 _PAIR: Final = ("a_", "b_")
 # More than any joint turns that is read in rad, twice round and a little.
@@ -162,7 +164,23 @@ class _Columns:
             found = f"{len(other._sheet)} rows"
             expected = f"{rows}, as in {self._sheet.path}: rows correspond"
             raise ForeignFileError(found, expected, file=other._sheet.path)
+        clocks = self._clock(), other._clock()
+        if (row := _apart(*clocks)) is not None:
+            raise ForeignFileError(
+                "a row of another time",
+                f"the times of {self._sheet.path}: rows correspond",
+                file=other._sheet.path,
+                line=other._sheet.lines[row],
+                hint="leave out the rows that only one of the files has",
+            )
         self._others[name] = other._body(other._poses[0])
+
+    def _clock(self) -> FloatArray | None:
+        """(n,) when the rows were taken, in whatever unit; None where they do not say."""
+        for k, name in enumerate(self._names):
+            if plain_name(name)[0].lower() in _CLOCKS:
+                return self._sheet.values[k]
+        return None
 
     def imported(self) -> ImportedRows:
         """The rows, in SI."""
@@ -349,6 +367,19 @@ class _Columns:
             hint="say what they are with --columns NAME=joint_1,…, with x, y, z, qx, qy, qz, qw "
             f"for a pose, or with {FROM.switch} N where a pose begins",
         )
+
+
+def _apart(a: FloatArray | None, b: FloatArray | None) -> int | None:
+    """The first row at which two clocks (n,) are more than half a step apart; None where none is.
+
+    They may have begun at other times.
+    """
+    if a is None or b is None or len(a) < 2:
+        return None
+    step = float(np.nanmedian(np.abs(np.diff(a))))
+    off = np.abs((a - a[0]) - (b - b[0]))
+    apart = np.flatnonzero(off > step / 2)
+    return int(apart[0]) if len(apart) else None
 
 
 def _metres(unit: str) -> float:
