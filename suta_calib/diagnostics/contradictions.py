@@ -18,6 +18,7 @@ from suta_calib.diagnostics.accuracy import Accuracy
 from suta_calib.diagnostics.common_scale import common_scales
 from suta_calib.diagnostics.held_out import HeldOutErrors, held_out_errors, robust_level
 from suta_calib.measurements import Samples
+from suta_calib.measurements.samples import hashed
 from suta_calib.solver.evaluation import Linearised
 from suta_calib.solver.solution import Solution
 from suta_calib.terms import ArmPoses, Term
@@ -335,15 +336,12 @@ def seen_again(
         samples = term.poses.samples
         if samples.position is None or not isinstance(term.poses, ArmPoses):
             continue
-        tip = term.poses.at({})[1]
-        first: dict[bytes, int] = {}
-        again = [
-            row
-            for row, seen in enumerate(samples.position)
-            if np.linalg.norm(tip[row] - tip[first.setdefault(seen.tobytes(), row)])
-            > options.stride
-        ]
-        if again:
+        tip, seen = term.poses.at({})[1], samples.position
+        _, first, which = np.unique(hashed(seen), return_index=True, return_inverse=True)
+        before = first[which.reshape(-1)]
+        moved = np.linalg.norm(tip - tip[before], axis=1) > options.stride
+        again = np.flatnonzero(moved & np.all(seen == seen[before], axis=1))
+        if len(again):
             yield Contradiction(
                 False,
                 f"{len(again)} rows of {term.kind.replace('_', ' ')}, {samples.origin[again[0]]} "

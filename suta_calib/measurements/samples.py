@@ -188,10 +188,7 @@ class Samples(Shown):
 
     def hashes(self) -> NDArray[np.uint64]:
         """(n,) equal where `as_keys` are, and hardly ever elsewhere; much faster."""
-        odd = (
-            np.random.default_rng(0).integers(0, 2**63, self._compared.shape[1], np.uint64) * 2 + 1
-        )
-        return np.asarray(self._compared.view(np.uint64) @ odd)
+        return hashed(self._compared)
 
     @property
     def _compared(self) -> FloatArray:
@@ -256,6 +253,12 @@ class Samples(Shown):
             None if self.temperature is None else _frozen(self.temperature[rows]),
             None if self.position_sigma is None else _frozen(self.position_sigma[rows]),
         )
+
+
+def hashed(rows: FloatArray) -> NDArray[np.uint64]:
+    """(n,) equal where rows (n, k) are to the last digit, and hardly ever elsewhere."""
+    odd = np.random.default_rng(0).integers(0, 2**63, rows.shape[1], np.uint64) * 2 + 1
+    return np.asarray(np.ascontiguousarray(rows).view(np.uint64) @ odd)
 
 
 def joined(labels: Mapping[str, NDArray[np.str_]], columns: Sequence[str]) -> NDArray[np.str_]:

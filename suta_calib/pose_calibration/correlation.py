@@ -19,6 +19,7 @@ import numpy as np
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.pose_calibration.serial_correlation import correlation_length
+from suta_calib.solver.information import summed
 
 # Part of the variance that neighbours may share. An arm repeats some fifteen times better than it
 # is accurate: what its neighbouring poses do not share may be that little.
@@ -100,9 +101,8 @@ def _variances(
     first = np.unique(rests, return_index=True)[1]
 
     def of_rests(rows: FloatArray) -> FloatArray:
-        total = np.zeros((groups, *rows.shape[1:]))
-        np.add.at(total, rests, rows)
-        return np.asarray(total / count.reshape(-1, *[1] * (rows.ndim - 1)))
+        total = summed(rows.reshape(n, -1), rests, groups) / count[:, None]
+        return np.asarray(total.reshape(groups, *rows.shape[1:]))
 
     mean, slope = of_rests(residual), of_rests(jacobian)
     followed = _rank(jacobian)

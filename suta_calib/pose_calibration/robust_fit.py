@@ -22,7 +22,13 @@ from suta_calib.pose_calibration.correlation import common_covariance, embedded
 from suta_calib.pose_calibration.serial_correlation import blocks
 from suta_calib.pose_calibration.stated import Agreement
 from suta_calib.solver.covariance import observed_covariance, predicted_covariance
-from suta_calib.solver.information import Information, Rows, scaled_inverse, whitened_rows
+from suta_calib.solver.information import (
+    Information,
+    Rows,
+    block_information,
+    scaled_inverse,
+    whitened_rows,
+)
 from suta_calib.solver.ipopt import SolverOptions
 from suta_calib.solver.kernel import block_residuals
 from suta_calib.solver.losses import huber_threshold
@@ -313,8 +319,9 @@ def evaluate(term: Term, values: Mapping[str, float]) -> tuple[FloatArray, ...]:
 
 def _followed(solution: Solution) -> FloatArray:
     """(blocks,) how many unknowns each block's residuals determine: traces of its hat matrix."""
-    rows, free = whitened_rows(solution.problem, solution.x, solution.sigmas), solution.free
-    parts = [r.jacobian[:, free].T @ r.jacobian[:, free] for r in rows]
+    free = solution.free
+    told = block_information(solution.problem, solution.x, solution.sigmas)
+    parts = [part[np.ix_(free, free)] for part in told]
     bread = scaled_inverse(sum(parts, np.zeros((len(free), len(free)))))
     return np.array([float(np.sum(bread * part)) for part in parts])
 

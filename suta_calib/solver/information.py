@@ -71,6 +71,19 @@ def whitened_rows(problem: Problem, x: FloatArray, sigmas: Sequence[float]) -> l
     return rows
 
 
+def block_information(problem: Problem, x: FloatArray, sigmas: Sequence[float]) -> list[FloatArray]:
+    """JᵀJ (n, n) of every block's whitened rows: without room for the rows of all."""
+    found, evaluation = [], problem.evaluation
+    for line in problem.linearise(x, sigmas):
+        total = np.zeros((len(x), len(x)))
+        for some, part in evaluation.parts(line):
+            width = part.shape[2]
+            rows = (part / line.sigma[some, None, None]).reshape(-1, width)
+            total[:width, :width] += rows.T @ rows
+        found.append(total)
+    return found
+
+
 def predicted_information(
     problem: Problem, x: FloatArray, sigmas: Sequence[float], *, robust: bool = False
 ) -> Information:
@@ -84,17 +97,20 @@ def predicted_information(
             makes residuals large; needed after it, where gross errors would make up information
             (an outlier tells the scale of an arm that touched one point, and tells it wrongly).
     """
-    plain = rows = whitened_rows(problem, x, sigmas)
+    rows = whitened_rows(problem, x, sigmas)
     if robust:
-        rows = [
-            replace(r, jacobian=robust_jacobian(r), belief=np.sqrt(r.line.weight)) for r in rows
-        ]
+        rows = [replace(r, belief=np.sqrt(r.line.weight)) for r in rows]
     rests = _numbered(problem, [term.poses.rests for term in problem.terms])
-    curvature = sum(r.jacobian.T @ r.jacobian for r in rows)
-    variance = sum(_predicted_variance(r, rests) for r in rows)
-    beliefs = [r.belief for r in rows]
-    noise_induced = _noise_induced_information(problem, x, sigmas, plain, beliefs)
-    return Information(np.asarray(curvature), np.asarray(variance), noise_induced)
+    curvature, variance = (np.zeros((len(x), len(x))) for _ in range(2))
+    for r in rows:
+        told = robust_curvature(r) if robust else r.jacobian.T @ r.jacobian
+        curvature += told
+        if _each_for_itself(r.line, rests):
+            variance += told
+        else:
+            believed = replace(r, jacobian=robust_jacobian(r)) if robust else r
+            variance += _predicted_variance(believed, rests)
+    return Information(curvature, variance, _noise_induced_information(problem, x, sigmas, rows))
 
 
 def noise_levels(problem: Problem, x: FloatArray, sigmas: Sequence[float]) -> list[float]:
@@ -135,19 +151,14 @@ def _design_effect(residual: FloatArray, group: IntArray, count: IntArray) -> fl
     total = float(np.sum(residual**2))
     if groups == n or total == 0.0:
         return 1.0
-    sums = np.zeros((groups, residual.shape[1]))
-    np.add.at(sums, group, residual)
+    sums = summed(residual, group, groups)
     within = (total - float(np.sum(sums**2 / count[:, None]))) / (n - groups)
     shared = min(max(1.0 - within / (total / n), 0.0), 1.0)
     return 1.0 + (float(np.sum(count**2)) / n - 1.0) * shared
 
 
 def _noise_induced_information(
-    problem: Problem,
-    x: FloatArray,
-    sigmas: Sequence[float],
-    before: Sequence[Rows],
-    beliefs: Sequence[FloatArray],
+    problem: Problem, x: FloatArray, sigmas: Sequence[float], before: Sequence[Rows]
 ) -> FloatArray:
     """F: how much the Jacobian changes when the readings change by their own noise.
 
@@ -155,8 +166,7 @@ def _noise_induced_information(
     and the turn of every measured pose, gets its share of it. Information that only the size of the
     residuals makes counts as well.
 
-    ``before`` are the rows of the latest evaluation, whose lines are still its own; ``beliefs`` the
-    factor of each row, by block.
+    ``before`` are the rows of the latest evaluation, whose lines are still its own.
     """
     n = problem.arm_count + problem.evaluation.own_count
     total = np.zeros((n, n))
@@ -166,14 +176,15 @@ def _noise_induced_information(
     if not any(np.any(shift) for shift in shifts):
         return total
     with problem.evaluation.table.shifted(shifts):
-        after = whitened_rows(problem, x, sigmas)
-    for old, new, believed in zip(before, after, beliefs, strict=True):
-        # Some at a time: the change of all is as large as all that it is made from.
-        belief = np.repeat(believed, len(old.jacobian) // len(believed))
-        for first in range(0, len(belief), AT_ONCE):
-            some = slice(first, first + AT_ONCE)
-            change = belief[some, None] * (new.jacobian[some] - old.jacobian[some])
-            total += change.T @ change
+        for old, line in zip(before, problem.linearise(x, sigmas), strict=True):
+            was = old.jacobian.reshape(*line.residual.shape, n)
+            # Some at a time: the change of all is as large as all that it is made from.
+            for some, part in problem.evaluation.parts(line):
+                width = part.shape[2]
+                change = part / line.sigma[some, None, None] - was[some, :, :width]
+                change *= old.belief[some, None, None]
+                change = change.reshape(-1, width)
+                total[:width, :width] += change.T @ change
     return total
 
 
@@ -183,12 +194,14 @@ def _by_residual_alone(problem: Problem, row: Rows) -> FloatArray:
     Rᵀ(c - p) turns with the tool, so its derivative by the tool's orientation is as long as the
     residual itself, and vanishes with it: no such residual can tell where the tool points.
     """
-    line = row.line
+    line, nothing = row.line, np.zeros((row.jacobian.shape[1],) * 2)
+    # In units of σ both, which is left out.
+    turning = line.by_pose[:, :, line.pattern.angular]
+    by_turn = np.sqrt(np.einsum("ndc,ndc->n", turning, turning))
+    size = np.linalg.norm(line.residual, axis=1)
+    if np.any(by_turn > 1.5 * size + 1e-9 * line.sigma) or not by_turn.any():
+        return nothing
     turns = line.by_pose * line.pattern.angular / line.sigma[:, None, None]
-    size = np.linalg.norm(line.residual, axis=1) / line.sigma
-    by_turn = np.linalg.norm(turns, axis=(1, 2))
-    if np.any(by_turn > 1.5 * size + 1e-9) or not by_turn.any():
-        return np.zeros((row.jacobian.shape[1],) * 2)
     arm, _ = problem.evaluation.columns(line, turns, line.by_own)
     whole = np.hstack([arm, np.zeros((len(arm), problem.evaluation.own_count))])
     return np.asarray(whole.T @ whole) * RESIDUAL_MADE
@@ -244,6 +257,12 @@ def _reach(source: ArmPoses, values: dict[str, float]) -> float:
     return float(np.sqrt(np.sum(levers**2) / len(q))) or 1.0
 
 
+def _each_for_itself(line: Linearised, rests: IntArray) -> bool:
+    """Whether every row looks at one sample, and no two at one rest."""
+    samples = line.view.block.samples + line.view.first_sample
+    return samples.shape[1] == 1 and int(np.bincount(rests[samples[:, 0]]).max(initial=0)) <= 1
+
+
 def _predicted_variance(rows: Rows, rests: IntArray) -> FloatArray:
     """Variance of the gradient if the pose at every rest scatters alike and rows share rests."""
     line = rows.line
@@ -256,11 +275,16 @@ def _predicted_variance(rows: Rows, rests: IntArray) -> FloatArray:
         scale = len(rows.jacobian) / float(np.sum(poses**2))
         believed = poses * rows.belief[:, None, None]
         score, at = line.pattern.summed(believed, rows.jacobian), rests
-    if len(np.unique(at)) < len(at):
-        together = np.zeros((len(rests), len(score) // len(at), width))
-        np.add.at(together, at, score.reshape(len(at), -1, width))
-        score = together.reshape(-1, width)
+    if np.bincount(at).max(initial=0) > 1:
+        score = summed(score.reshape(len(at), -1), at, len(rests)).reshape(-1, width)
     return np.asarray(score.T @ score) * scale
+
+
+def summed(rows: FloatArray, group: IntArray, count: int) -> FloatArray:
+    """Sums (count, w) of rows (n, w) over each of ``count`` groups (n,)."""
+    # A column at a time: `np.add.at` takes ten times as long.
+    columns = [np.bincount(group, column, count) for column in rows.T]
+    return np.stack(columns, axis=1) if columns else np.zeros((count, 0))
 
 
 def robust_curvature(rows: Rows) -> FloatArray:

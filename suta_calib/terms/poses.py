@@ -9,6 +9,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from functools import cached_property
+from itertools import product
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -32,6 +33,16 @@ FLICKER: Final = 2.0
 COARSEST: Final = 2e-3
 # Rows of which every pair is looked at.
 FEW: Final = 1000
+# Rows that are compared at once sooner than they are sorted into cells.
+FEWEST: Final = 100
+# Joints of a grid, which is moved in every combination of them, and the width of its cells in
+# distances of neighbours: twice that, and room for rounding.
+GRID: Final = 3
+CELL: Final = 2.0 + 1e-6
+# What makes one number of a cell's: large and odd, so that hardly any two cells have the same.
+MIXED: Final = np.array(
+    [0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], np.uint64
+).view(np.int64)
 
 
 class PoseSource(ABC):
@@ -171,6 +182,40 @@ def together(q: FloatArray, apart: float = WANDER) -> IntArray:
 
 def _neighbours(steps: FloatArray) -> tuple[BoolArray, Callable[[int], IntArray]]:
     """Which rows (n, joints) have another within one in every joint; what finds all of a row's."""
+    some, place = _not_alone(steps), np.zeros(len(steps), dtype=np.intp)
+    place[some] = np.arange(len(some))
+    beside, near_to = _searched(steps[some])
+    found = np.zeros(len(steps), dtype=np.bool_)
+    found[some] = beside
+    return found, lambda row: some[near_to(int(place[row]))]
+
+
+def _not_alone(steps: FloatArray) -> IntArray:
+    """Rows (n, joints), among them all that have another within one in every joint.
+
+    Of two that are so near, one grid of some joints has both in a cell: it, or it moved by half a
+    cell in some of them. Where rows are many, most have every cell for themselves.
+    """
+    some = np.arange(len(steps), dtype=np.intp)
+    joints = np.argsort(-np.ptp(steps, axis=0), kind="stable") if len(steps) else some
+    for first in range(0, len(joints), GRID):
+        if len(some) <= FEWEST:
+            break
+        cells = (steps[np.ix_(some, joints[first : first + GRID])]) / CELL
+        shared = np.zeros(len(some), dtype=np.bool_)
+        for moved in product((0.0, 0.5), repeat=cells.shape[1]):
+            number = np.floor(cells + moved).astype(np.int64) @ MIXED[: cells.shape[1]]
+            ordered = np.sort(number)
+            twice = ordered[1:][ordered[1:] == ordered[:-1]]
+            if len(twice):
+                at = np.minimum(np.searchsorted(twice, number), len(twice) - 1)
+                shared |= twice[at] == number
+        some = some[shared]
+    return some
+
+
+def _searched(steps: FloatArray) -> tuple[BoolArray, Callable[[int], IntArray]]:
+    """`_neighbours` where none can be left out."""
     if len(steps) <= FEW:
         # In less time than it takes to import the tree.
         apart = np.zeros((len(steps), len(steps)))
@@ -189,6 +234,9 @@ def _neighbours(steps: FloatArray) -> tuple[BoolArray, Callable[[int], IntArray]
 
 def resolution(readings: FloatArray) -> float:
     """Step of an encoder, as its readings (n,) show it; zero where they show none."""
+    # A few readings of a fine encoder show that it is, and many take long to sort.
+    if np.diff(np.unique(readings[:FEW])).min(initial=np.inf) <= WANDER:
+        return 0.0
     steps = np.diff(np.unique(readings))
     smallest = float(steps.min(initial=np.inf))
     whole = steps / smallest
