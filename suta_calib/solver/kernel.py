@@ -62,9 +62,11 @@ class RowPattern:
 
     def some_by_velocity(self, by_pose: FloatArray, rows: slice) -> Any:
         """`by_velocity` of some rows alone, which begin at ``rows.start``."""
+        some = by_pose[rows]
+        if len(some) == len(by_pose):
+            return self.by_velocity(by_pose)
         from scipy import sparse
 
-        some = by_pose[rows]
         flat = slice(rows.start * by_pose[0].size, rows.start * by_pose[0].size + some.size)
         count, pattern = len(some) * by_pose.shape[1], self._poses
         # All rows have as many entries, so that each part's pointers are those of the first.
