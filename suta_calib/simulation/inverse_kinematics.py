@@ -193,7 +193,8 @@ class InverseKinematics:
                 before = np.linalg.norm(error[rows], axis=1)
                 better = (np.linalg.norm(left, axis=1) < before) & (before > _TOLERANCE)
                 q[rows[better]], error[rows[better]] = found[better], left[better]
-            return np.asarray(rows[np.linalg.norm(error[rows], axis=1) > _TOLERANCE])
+            away = np.linalg.norm(error[rows], axis=1) > _TOLERANCE
+            return np.asarray(rows[away], dtype=np.intp)
 
         left, given_up = search(range(1), np.arange(len(targets))), np.zeros(len(q), dtype=bool)
         if together is not None:

@@ -86,7 +86,9 @@ class PoseTable:
                 (n, 6), displacements, m, and turns about the base's axes, rad.
         """
         kept = [b.inputs[1].copy() if b else None for _, b in self._sources]
-        poses = self.rotation.copy(), self.position.copy()
+        poses, theta = (self.rotation.copy(), self.position.copy()), self._theta
+        # Of few samples keeping what is known takes less than to find it again.
+        velocity = self.velocity.copy() if len(self.position) <= AT_ONCE else None
         self._theta = None
         try:
             for (rows, batch), shift in zip(self._sources, shifts, strict=True):
@@ -101,6 +103,9 @@ class PoseTable:
         finally:
             self._theta = None
             self.rotation[:], self.position[:] = poses
+            if velocity is not None:
+                self.velocity[:], self._theta = velocity, theta
+                self.changes += 1
             for (_, batch), q in zip(self._sources, kept, strict=True):
                 if batch is not None:
                     batch.inputs[1][:] = q

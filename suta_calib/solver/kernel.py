@@ -82,7 +82,7 @@ class RowPattern:
         if columns.size * velocity.shape[1] <= GATHERED:
             moved = some @ velocity.take(columns, axis=0)
             return np.asarray(moved.reshape(len(columns) * by_pose.shape[1], velocity.shape[1]))
-        if rows is None:
+        if rows is None or len(some) == len(by_pose):
             return np.asarray(self.by_velocity(by_pose) @ velocity)
         from scipy import sparse
 
