@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
 from suta_calib.arrays import BoolArray, FloatArray
-from suta_calib.measurements.camera import Camera
 from suta_calib.terms.poses import PoseSource
+
+if TYPE_CHECKING:
+    from suta_calib.measurements.camera import Camera
 
 
 @dataclass(frozen=True)
