@@ -41,7 +41,8 @@ RESULT_KEYS = {
     "external_poses": "What stands outside the arm: as a 4x4 matrix in m, and as position, roll "
     "pitch yaw and quaternion with standard deviations.",
     "unidentified": "Parameters that the data cannot tell.",
-    "redundant": "Those of them that no data of these kinds could tell: conventions.",
+    "redundant": "Those of them that no data of these kinds could tell.",
+    "held": "How far off each held parameter of the arm may be, and what changes with it.",
     "unobservable": "Combinations of parameters that the data leave open.",
     "excluded": "What the job leaves out by name.",
     "metrics": "Errors before and after, on fitted and on held-out data; every residual counts, "

@@ -14,7 +14,6 @@ from typing import Final
 
 import numpy as np
 
-from suta_calib.diagnostics.few_witnesses import chance_of, freedom_of
 from suta_calib.errors import SutaCalibError
 from suta_calib.model.parameters import Parameter
 from suta_calib.solver.ipopt import SolverOptions
@@ -77,6 +76,8 @@ def contradicted_beliefs(solution: Solution) -> Iterator[Contradicted]:
     }
     if not believed:
         return
+    from suta_calib.diagnostics.few_witnesses import chance_of, freedom_of
+
     terms = [more or term for more, term in zip(freed, problem.terms, strict=True)]
     try:
         again = solve(Problem(terms, problem.arm_parameters), SolverOptions(confirm=False))
