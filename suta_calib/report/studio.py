@@ -19,9 +19,12 @@ from dataclasses import dataclass
 from importlib import import_module
 from queue import SimpleQueue
 from threading import Thread
-from typing import IO, Any, Self
+from typing import IO, Any, Final, Self
 
 from suta_calib.processes import started
+
+# Bytes that say how long an order is.
+_LENGTH: Final = 8
 
 _open: ContextVar[Studio | None] = ContextVar("studio", default=None)
 
@@ -92,7 +95,7 @@ class Studio:
         try:
             # Whole or not at all: what cannot be pickled must leave nothing in the pipe.
             order = pickle.dumps((drawing.module, drawing.function, drawing.arguments))
-            self._orders.write(order)
+            self._orders.write(len(order).to_bytes(_LENGTH, "big") + order)
             self._orders.flush()
         except (OSError, ValueError, TypeError, AttributeError, pickle.PickleError):
             return drawing
@@ -114,7 +117,7 @@ def main() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     # It lives for a few pictures, and looking for garbage takes a tenth of its time.
     gc.set_threshold(100_000, 20, 20)
-    orders, pictures = SimpleQueue[tuple[Any, ...]](), SimpleQueue[str | None]()
+    orders, pictures = SimpleQueue[bytes](), SimpleQueue[str | None]()
     # Who orders goes on at once, and comes for the pictures when all else is done.
     Thread(target=_take, args=(sys.stdin.buffer, orders), daemon=True).start()
     Thread(target=_hand_out, args=(sys.stdout.buffer, pictures), daemon=True).start()
@@ -122,16 +125,17 @@ def main() -> None:
     import_module(sys.argv[1])
     while True:
         try:
-            pictures.put(Drawing(*orders.get())())
+            # Here, not where it is taken: what two threads import at once is there in part only.
+            pictures.put(Drawing(*pickle.loads(orders.get()))())
         except Exception:  # noqa: BLE001 (whoever ordered it draws it himself, and sees)
             pictures.put(None)
 
 
-def _take(pipe: IO[bytes], orders: SimpleQueue[tuple[Any, ...]]) -> None:
-    """Queue orders; whoever gave them is gone when there are no more, or draws what is no order."""
+def _take(pipe: IO[bytes], orders: SimpleQueue[bytes]) -> None:
+    """Queue orders; whoever gave them is gone when there are no more."""
     try:
-        while True:
-            orders.put(pickle.load(pipe))
+        while length := int.from_bytes(pipe.read(_LENGTH), "big"):
+            orders.put(pipe.read(length))
     finally:
         os._exit(0)
 

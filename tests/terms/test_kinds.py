@@ -24,7 +24,7 @@ BY_NAME = {
     "pose_calibration/pivot.py": {"FixedPoint"},
     "pose_calibration/registration.py": {"TrackedPoint"},
     "pose_calibration/robot_noise.py": {"HandEye"},
-    "pose_calibration/stated.py": {"TrackedPoint"},
+    "pose_calibration/weighed_point.py": {"TrackedPoint"},
 }
 # Kinds that are called like something else too: a label column, a figure of a report.
 COLUMNS = {column for kind in KINDS.values() for column in kind.columns.labels}

@@ -45,6 +45,17 @@ def postures(n: int) -> np.ndarray:
     return np.random.default_rng(0).uniform(-1.5, 1.5, (n, 6))
 
 
+@pytest.mark.parametrize("spread", [2.0, 8.0, 60.0])
+def test_neighbours_are_those_of_every_pair(spread: float) -> None:
+    steps = np.random.default_rng(3).uniform(-spread, spread, (400, 4))
+    apart = np.abs(steps[:, None] - steps).max(axis=2)
+    expected = np.sum(apart < 1.0, axis=1) > 1
+    found, near_to = poses._neighbours(steps)
+    np.testing.assert_array_equal(found, expected)
+    for row in np.flatnonzero(found):
+        np.testing.assert_array_equal(np.sort(near_to(int(row))), np.flatnonzero(apart[row] <= 1.0))
+
+
 def test_rows_read_at_one_rest_are_found_in_any_order() -> None:
     rng = np.random.default_rng(1)
     order = rng.permutation(np.repeat(np.arange(30), 25))
