@@ -44,9 +44,12 @@ def public(package: str) -> tuple[Attribute, list[str]]:
     }
 
     def attribute(name: str) -> Any:
-        if name not in home:
-            raise AttributeError(f"module '{package}' has no attribute '{name}'")
-        return getattr(import_module(home[name]), name)
+        if name in home:
+            return getattr(import_module(home[name]), name)
+        # Its own modules, such as `suta_calib.robots`, need no import of their own.
+        if not name.startswith("_") and util.find_spec(f"{package}.{name}") is not None:
+            return import_module(f"{package}.{name}")
+        raise AttributeError(f"module '{package}' has no attribute '{name}'")
 
     def listed() -> list[str]:
         own = vars(sys.modules[package])

@@ -6,6 +6,8 @@ import ast
 import json
 import pkgutil
 import re
+import subprocess
+import sys
 from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path
@@ -94,6 +96,12 @@ def test_what_is_public_is_there_and_is_no_module(package: str) -> None:
 def test_an_unknown_name_is_refused() -> None:
     with pytest.raises(AttributeError, match="'suta_calib' has no attribute 'Calibration'"):
         _ = suta_calib.Calibration  # type: ignore[attr-defined]
+
+
+def test_a_module_of_the_package_needs_no_import_of_its_own() -> None:
+    code = "import suta_calib; print(suta_calib.robots.__name__)"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert run.stdout.strip() == "suta_calib.robots"
 
 
 def test_pages_use_public_names_only() -> None:
