@@ -77,10 +77,6 @@ class _F:
         return _special().fdtrc(dfn, dfd, x)
 
     @staticmethod
-    def ppf(q: Any, dfn: Any, dfd: Any) -> Any:
-        return _special().fdtri(dfn, dfd, q)
-
-    @staticmethod
     def isf(q: Any, dfn: Any, dfd: Any) -> Any:
         # By the beta distribution's lower end: 1 - q has no digits of a small q.
         y = _special().betaincinv(np.divide(dfd, 2.0), np.divide(dfn, 2.0), q)
@@ -114,8 +110,10 @@ class _Normal:
 
     @staticmethod
     def ppf(q: Any) -> Any:
+        from statistics import NormalDist
+
         if _single(q) and 0.0 < q < 1.0:
-            return -_normal_above(float(q)) if q < 0.5 else _normal_above(1.0 - float(q))
+            return NormalDist().inv_cdf(float(q))
         return _special().ndtri(q)
 
     def isf(self, q: Any) -> Any:
@@ -135,12 +133,6 @@ def _chi_squared_below(q: float, df: float) -> float:
 def _chi_squared_above(q: float, df: float) -> float:
     """Above which chi-squared is with a chance."""
     return where(lambda x: gamma_tails(0.5 * df, 0.5 * x)[1] <= q)
-
-
-@lru_cache(maxsize=256)
-def _normal_above(q: float) -> float:
-    """Above which a normal number is with a chance of a half or less."""
-    return where(lambda x: math.erfc(x * math.sqrt(0.5)) <= 2.0 * q)
 
 
 @lru_cache(maxsize=256)

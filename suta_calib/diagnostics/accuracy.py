@@ -164,7 +164,7 @@ class Gain:
         freedom = self.witnesses - 1
         if freedom < 1:
             return False
-        return larger**2 > float(f.ppf(1.0 - CHANCE, freedom, freedom)) * smaller**2
+        return larger**2 > float(f.isf(CHANCE, freedom, freedom)) * smaller**2
 
     @property
     def _unsure_at_most(self) -> float:

@@ -317,7 +317,7 @@ class ArmModel(Shown):
         inputs = (np.array([*own.values()]), rows, *beside_readings.values())
         for place, numbers in zip(batch.inputs, inputs, strict=True):
             place[:] = numbers
-        flat, position, *_ = batch()
+        flat, position, _ = batch()
         rotation = np.swapaxes(flat.reshape(-1, 3, 3), 1, 2).copy()
         if readings.ndim == 1:
             return rotation[0], position[0]

@@ -28,11 +28,10 @@ from suta_calib.solver.information import (
     Rows,
     robust_curvature,
     scaled_inverse,
-    summed,
     whitened_rows,
 )
 from suta_calib.solver.problem import Problem
-from suta_calib.terms.block import grouped_rows
+from suta_calib.terms.block import grouped_rows, summed
 
 # Touches from which on none has leverage worth freeing residuals of.
 MANY_TOUCHES: Final = 2000

@@ -13,7 +13,7 @@ from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.batched import Batched
 from suta_calib.geometry.numbers import rotation_from_vector
 from suta_calib.solver.kernel import Kernel, RowPattern, dense
-from suta_calib.solver.losses import huber, huber_weight, kept_curvature
+from suta_calib.solver.losses import huber, huber_weight, kept_curvature, radial
 from suta_calib.terms.block import Block
 from suta_calib.terms.poses import ArmPoses, PoseSource
 
@@ -231,9 +231,7 @@ class Evaluation:
             gradient += rows.T @ residual.reshape(-1)
             hessian += rows.T @ rows
             if beyond.any():
-                far = residual[beyond]
-                unit = far / np.linalg.norm(far, axis=1, keepdims=True)
-                along = np.einsum("nd,ndp->np", unit, jacobian[beyond])
+                _, along = radial(residual[beyond], jacobian[beyond])
                 hessian -= lost * along.T @ along
         return gradient, hessian
 
@@ -297,10 +295,8 @@ def _corrected(line: Linearised, root: FloatArray) -> tuple[FloatArray, FloatArr
     outer = np.flatnonzero(line.weight < 1.0)
     if len(outer):
         keep = np.sqrt(kept_curvature(len(outer) / len(root)))
-        r = line.residual[outer]
-        unit = r / np.linalg.norm(r, axis=1, keepdims=True)
         for derivative in (by_pose, by_own):
-            along = np.einsum("nd,ndc->nc", unit, derivative[outer])
+            unit, along = radial(line.residual[outer], derivative[outer])
             derivative[outer] -= (1 - keep) * unit[:, :, None] * along[:, None, :]
         residual[outer] /= keep
     return residual, by_pose, by_own

@@ -21,7 +21,9 @@ import numpy as np
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.solver.evaluation import AT_ONCE, Linearised
+from suta_calib.solver.losses import radial
 from suta_calib.solver.problem import Problem
+from suta_calib.terms.block import summed
 from suta_calib.terms.poses import ArmPoses, MeasuredPoses
 from suta_calib.units import Unit
 
@@ -280,13 +282,6 @@ def _predicted_variance(rows: Rows, rests: IntArray) -> FloatArray:
     return np.asarray(score.T @ score) * scale
 
 
-def summed(rows: FloatArray, group: IntArray, count: int) -> FloatArray:
-    """Sums (count, w) of rows (n, w) over each of ``count`` groups (n,)."""
-    # A column at a time: `np.add.at` takes ten times as long.
-    columns = [np.bincount(group, column, count) for column in rows.T]
-    return np.stack(columns, axis=1) if columns else np.zeros((count, 0))
-
-
 def robust_curvature(rows: Rows) -> FloatArray:
     """Curvature of Huber's loss: the square of `robust_jacobian`."""
     line, width = rows.line, rows.jacobian.shape[1]
@@ -299,8 +294,7 @@ def robust_curvature(rows: Rows) -> FloatArray:
         rows_of_some = jacobian.reshape(-1, width)
         total += rows_of_some.T @ rows_of_some
         if (outer := weight < 1.0).any():
-            unit = residual[outer] / np.linalg.norm(residual[outer], axis=1, keepdims=True)
-            along = np.einsum("nd,ndp->np", unit, jacobian[outer])
+            _, along = radial(residual[outer], jacobian[outer])
             total -= along.T @ along
     return total
 
@@ -312,8 +306,7 @@ def robust_jacobian(rows: Rows) -> FloatArray:
     jacobian = rows.jacobian.reshape(n, size, -1) * np.sqrt(line.weight)[:, None, None]
     outer = np.flatnonzero(line.weight < 1.0)
     if len(outer):
-        unit = line.residual[outer] / np.linalg.norm(line.residual[outer], axis=1, keepdims=True)
-        along = np.einsum("nd,ndp->np", unit, jacobian[outer])
+        unit, along = radial(line.residual[outer], jacobian[outer])
         jacobian[outer] -= unit[:, :, None] * along[:, None, :]
     return jacobian.reshape(n * size, -1)
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.batched import Batched
-from suta_calib.terms.block import Block, Pose, Residual, flat
+from suta_calib.terms.block import Block, Pose, Residual, flat, summed
 
 # Multiplications of a normal matrix up to which an array beats a sparse matrix: these take a
 # millisecond, and so does what SciPy checks in a sparse product.
@@ -105,10 +105,8 @@ class RowPattern:
         if self._columns.size * width > GATHERED:
             return np.asarray(self.by_velocity(by_pose).T @ rows)
         terms = np.swapaxes(by_pose, 1, 2) @ rows.reshape(n, size, width)
-        places, sums = self._columns.reshape(-1), np.zeros((self._shape[1], width))
-        for column, each in zip(sums.T, terms.reshape(len(places), width).T, strict=True):
-            column[:] = np.bincount(places, each, len(sums))
-        return sums
+        places = self._columns.reshape(-1)
+        return summed(terms.reshape(len(places), width), places, self._shape[1])
 
     def by_own(self, by_own: FloatArray) -> Any:
         """Derivatives (n, d, m) as a matrix (n·d, own), or None; reused likewise.

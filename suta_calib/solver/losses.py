@@ -46,6 +46,17 @@ def huber_weight(squared: FloatArray, threshold: FloatArray) -> FloatArray:
     return np.minimum(1.0, threshold / np.sqrt(np.maximum(squared, 1e-300)))
 
 
+def radial(residual: FloatArray, derivative: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Which way residuals (n, d) point, (n, d), and how their lengths change, (n, p).
+
+    Args:
+        residual: none of them zero.
+        derivative: (n, d, p) of them.
+    """
+    unit = residual / np.linalg.norm(residual, axis=1, keepdims=True)
+    return unit, np.einsum("nd,ndp->np", unit, derivative)
+
+
 def kept_curvature(share: float) -> float:
     """Curvature kept along the residual of rows in the linear part, which are ``share`` of all.
 

@@ -33,7 +33,7 @@ from suta_calib.model.parameters import COMPLIANCE, EXPANSION, GAIN, OFFSET
 from suta_calib.solver.information import Rows, whitened_rows
 from suta_calib.solver.level_uncertainty import covariance_of_levels
 from suta_calib.solver.problem import Problem
-from suta_calib.terms.block import grouped_rows
+from suta_calib.terms.block import grouped_rows, summed
 
 # The group of what is known of a camera's intrinsics.
 CAMERA: Final = "camera"
@@ -258,8 +258,7 @@ def _independent_shares(problem: Problem, rows: Sequence[Rows]) -> list[float]:
             np.add.at(residual, rest.reshape(-1), line.residual * line.weight[:, None])
             residual /= read[:, None]
             group, size = grouped_rows(touch[block.samples[first]])
-            together = np.zeros((len(size), block.size))
-            np.add.at(together, group, residual)
+            together = summed(residual, group, len(size))
             own, pairs = float(np.sum(residual**2)), float(np.sum(size * (size - 1.0)))
             alike = len(first) * (float(np.sum(together**2)) - own) / max(pairs * own, 1e-300)
             effect = 1.0 + pairs / len(first) * min(max(alike, 0.0), 1.0)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -18,6 +17,7 @@ from suta_calib.errors import InputError, SamplesError
 from suta_calib.measurements.board import Board, Charuco, Chessboard, Markers
 from suta_calib.measurements.camera import Camera
 from suta_calib.measurements.corners import Corners, corners_of
+from suta_calib.processes import usable_cores
 from suta_calib.vision.camera_fit import (
     CameraFit,
     CameraFitOptions,
@@ -199,7 +199,7 @@ def _searched(
             return View(picture, size, reason=_said(problem)), content
 
     views = []
-    with ThreadPoolExecutor(workers or os.cpu_count()) as pool:
+    with ThreadPoolExecutor(workers or usable_cores()) as pool:
         try:
             for done, (view, content) in enumerate(pool.map(searched, pictures), 1):
                 name = view.picture.name
