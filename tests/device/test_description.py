@@ -5,6 +5,8 @@ from pathlib import Path
 import pytest
 
 from suta_calib.device import JointSpec, read_device
+from suta_calib.device.description import UNASKED
+from suta_calib.device.formats import FORMATS
 from suta_calib.errors import DeviceFileError
 
 GOOD = """\
@@ -103,3 +105,7 @@ def test_a_joint_may_have_its_own_zero_gear_and_encoder(tmp_path: Path) -> None:
     assert read(tmp_path, frames).joints == (JointSpec("a", 1, 7.0),)
     with pytest.raises(DeviceFileError, match=r":2: joints\[0\].ratio: .*frames are one turn"):
         read(tmp_path, frames.replace("zero: 7", "ratio: 2"))
+
+
+def test_formats_of_devices_that_speak_by_themselves_are_those_that_are_not_asked() -> None:
+    assert set(UNASKED) == {name for name, form in FORMATS.items() if not form.asked}
