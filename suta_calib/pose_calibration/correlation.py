@@ -128,21 +128,33 @@ def _variances(
         order[first].astype(float) if correlation_length(mean[np.argsort(first)]) > 1.0 else None
     )
     some = np.unique(np.linspace(0, groups - 1, min(groups, ENOUGH)).astype(np.intp))
-    likelihoods, variances = list[float](), list[FloatArray]()
-    for prior, kernel in _kernels(spaces, series, groups):
-        covariance = np.diag(single) + shared * kernel
-        for seen, slopes, pulls in views:
-            found = _restricted(covariance[np.ix_(some, some)], slopes[some], seen[some])
-            if found is None:
-                continue
-            likelihood, scale = found
-            along = (covariance @ pulls.reshape(groups, -1)).reshape(groups * size, unknowns)
-            variances.append(scale * pulls.reshape(groups * size, unknowns).T @ along)
-            likelihoods.append(np.log(prior / len(views)) + likelihood)
-    if not variances:
+    seen, slopes, pulls = (np.array(each) for each in zip(*views, strict=True))
+    pulls = pulls.reshape(len(views), groups, size * unknowns)
+
+    def of_pulls(rows: FloatArray) -> FloatArray:
+        """(views, p, p) of their products with what a covariance makes of them."""
+        left, right = (each.reshape(len(views), -1, unknowns) for each in (pulls, rows))
+        return np.asarray(left.transpose(0, 2, 1) @ right)
+
+    alone, by_itself = of_pulls(single[:, None] * pulls), of_pulls(pulls)
+    likelihoods, variances = list[FloatArray](), list[FloatArray]()
+    for prior, shape, parts in _kernels(spaces, series, groups):
+        part = np.array(parts)[:, None, None]
+        kernel = (1.0 - part) * np.eye(len(some)) + part * shape[np.ix_(some, some)]
+        found, scale = _restricted(
+            np.diag(single[some]) + shared * kernel, slopes[:, some], seen[:, some]
+        )
+        part = part[..., None]
+        common = (1.0 - part) * by_itself + part * of_pulls(shape @ pulls)
+        variances.append(
+            (scale[..., None, None] * (alone + shared * common)).reshape(-1, *white.shape)
+        )
+        likelihoods.append(np.log(prior / len(views)) + found.ravel())
+    likelihood = np.concatenate(likelihoods)
+    if not np.isfinite(likelihood).any():
         return None
-    belief = np.exp(np.array(likelihoods) - max(likelihoods))
-    return np.tensordot(belief / belief.sum(), np.array(variances), axes=1), white
+    belief = np.exp(likelihood - likelihood.max())
+    return np.tensordot(belief / belief.sum(), np.concatenate(variances), axes=1), white
 
 
 def _turned(rotation: FloatArray, rows: FloatArray) -> FloatArray:
@@ -169,10 +181,10 @@ def embedded(rotation: FloatArray, position: FloatArray) -> FloatArray:
 
 def _kernels(
     spaces: Sequence[FloatArray], series: FloatArray | None, count: int
-) -> Iterator[tuple[float, FloatArray]]:
-    """Probabilities beforehand, and correlation matrices (count, count)."""
-    identity, shapes = np.eye(count), list[FloatArray]()
-    yield INDEPENDENT, identity
+) -> Iterator[tuple[float, FloatArray, Sequence[float]]]:
+    """What neighbours may share (count, count), by which parts, and how probable each part is."""
+    yield INDEPENDENT, np.eye(count), (0.0,)
+    shapes = list[FloatArray]()
     if series is not None:
         steps = np.abs(series[:, None] - series[None])
         shapes += [np.exp(-steps / lag) for lag in LAGS]
@@ -183,40 +195,48 @@ def _kernels(
             far = np.sqrt(3.0) * apart / reach
             shapes.append((1.0 + far) * np.exp(-far))
     for shape in shapes:
-        for part in PARTS:
-            prior = (1.0 - INDEPENDENT) / (len(shapes) * len(PARTS))
-            yield prior, (1.0 - part) * identity + part * shape
+        yield (1.0 - INDEPENDENT) / (len(shapes) * len(PARTS)), shape, PARTS
 
 
 def _restricted(
     covariance: FloatArray, slope: FloatArray, mean: FloatArray
-) -> tuple[float, float] | None:
-    """Logarithm of the restricted likelihood of rows (n, d), and the factor on their covariance.
+) -> tuple[FloatArray, FloatArray]:
+    """Logarithm of the restricted likelihood of rows, and the factor on their covariance.
 
-    None where the rows leave nothing.
+    Args:
+        covariance: (k, n, n) that may be.
+        slope: (v, n, d, p) of the rows, as they may be seen.
+        mean: (v, n, d) of them.
+
+    Returns:
+        (k, v) each; a likelihood of nothing where the rows leave nothing.
     """
-    n, size, unknowns = slope.shape
+    views, n, size, unknowns = slope.shape
     # NumPy's for all of it: to import SciPy's triangular solver takes longer than it would save.
     factor = np.linalg.cholesky(covariance)
-    solved = np.linalg.solve(covariance, np.hstack([slope.reshape(n, -1), mean.reshape(n, -1)]))
-    told = solved[:, : size * unknowns].reshape(n * size, unknowns)
-    flat = slope.reshape(n * size, unknowns)
-    information = flat.T @ told
-    unit = 1.0 / np.sqrt(np.maximum(np.diag(information), 1e-300))
-    values, vectors = np.linalg.eigh(information * np.outer(unit, unit))
+    columns = np.concatenate([slope.reshape(views, n, -1), mean], axis=2)
+    solved = np.linalg.solve(covariance, columns.transpose(1, 0, 2).reshape(n, -1))
+    solved = solved.reshape(len(covariance), n, *columns.shape[::2]).transpose(0, 2, 1, 3)
+    ends = size * unknowns
+    told = solved[..., :ends].reshape(len(covariance), views, n * size, unknowns)
+    information = slope.reshape(views, n * size, unknowns).transpose(0, 2, 1) @ told
+    diagonal = np.diagonal(information, axis1=2, axis2=3)
+    unit = 1.0 / np.sqrt(np.maximum(diagonal, 1e-300))
+    values, vectors = np.linalg.eigh(information * unit[..., None] * unit[..., None, :])
     # Unknowns of which these rows say nothing take nothing from them.
-    kept = values > DEPENDENT**2 * values.max()
-    freedom = n * size - int(kept.sum())
-    if freedom < 1:
-        return None
-    sums = vectors[:, kept].T @ (unit * (told.T @ mean.reshape(-1)))
-    power = float(np.sum(mean.reshape(n, -1) * solved[:, size * unknowns :])) - float(
-        sums @ (sums / values[kept])
-    )
-    scale = max(power, 1e-300) / freedom
-    whole = 2.0 * size * float(np.log(np.diag(factor)).sum())
-    fitted = float(np.log(values[kept]).sum() - 2.0 * np.log(unit[unit < UNTOLD]).sum())
-    return -0.5 * (whole + fitted + freedom * np.log(scale)), scale
+    kept = values > DEPENDENT**2 * values.max(axis=2, keepdims=True)
+    values = np.where(kept, values, 1.0)
+    freedom = n * size - kept.sum(axis=2)
+    pull = unit * np.einsum("kvnp,vn->kvp", told, mean.reshape(views, -1))
+    sums = np.einsum("kvpq,kvp->kvq", vectors, pull)
+    power = np.einsum("kvnd,vnd->kv", solved[..., ends:], mean)
+    power -= np.sum(np.where(kept, sums**2 / values, 0.0), axis=2)
+    scale = np.maximum(power, 1e-300) / np.maximum(freedom, 1)
+    whole = 2.0 * size * np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(axis=1)[:, None]
+    lengths = np.log(np.where(unit < UNTOLD, unit, 1.0)).sum(axis=2)
+    fitted = np.log(values).sum(axis=2) - 2.0 * lengths
+    likelihood = -0.5 * (whole + fitted + freedom * np.log(scale))
+    return np.where(freedom < 1, -np.inf, likelihood), scale
 
 
 def _positive(matrix: FloatArray, scale: FloatArray) -> FloatArray:
