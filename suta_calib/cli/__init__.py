@@ -15,8 +15,8 @@ if TYPE_CHECKING:
 PROGRAM: Final = "suta-calib"
 INTERRUPTED: Final = 130
 
-__getattr__, _names = public(__name__)
-__all__ = ["main", *_names]
+__getattr__, __all__ = public(__name__)
+__all__ += ["main"]
 
 
 def main() -> None:

@@ -16,13 +16,13 @@ import sys
 # ends itself by that signal, even where it was caught.
 TEXT = "os.kill(os.getpid(), signal.SIGINT)"
 
-moment = sys.argv.pop(1)
+# Not yet come; emptied when it has.
+MOMENTS = [sys.argv.pop(1)]
 
 
 def interrupt_once(event: str, arguments: tuple[object, ...]) -> None:
-    global moment
-    if event == "import" and arguments[0] == moment:
-        moment = ""
+    if event == "import" and arguments[0] in MOMENTS:
+        MOMENTS.clear()
         exec(TEXT)
 
 
@@ -32,6 +32,6 @@ if __name__ == "__main__":
     sys.addaudithook(interrupt_once)
     from suta_calib.cli import main
 
-    if moment == "end":
+    if MOMENTS == ["end"]:
         atexit.register(os.kill, os.getpid(), signal.SIGINT)
     main()
