@@ -19,7 +19,7 @@ WORD: Final[dict[Level, str]] = {"good": "Good", "care": "Take care", "bad": "Do
 NOT_USABLE: Final = 1
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Assessment:
     """The first thing a reader needs.
 
@@ -32,6 +32,10 @@ class Assessment:
     level: Level
     sentence: str = ""
     notes: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        notes = f"{len(self.notes)} note{'s' * (len(self.notes) != 1)}" if self.notes else ""
+        return f"<Assessment: {self.level}{'; '.join(['', *filter(None, [self.sentence, notes])])}>"
 
     @classmethod
     def of(

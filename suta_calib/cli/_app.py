@@ -6,7 +6,6 @@ Commands are imported only when they are called: ``--help`` must not wait for Pi
 from __future__ import annotations
 
 import codecs
-import gc
 import importlib
 import io
 import os
@@ -20,10 +19,9 @@ from typing import Any, Final
 import click
 
 from suta_calib.atomic import inputs_kept
+from suta_calib.cli import INTERRUPTED, PROGRAM, say_interrupted
 from suta_calib.errors import SutaCalibError, did_you_mean
 
-PROGRAM: Final = "suta-calib"
-INTERRUPTED: Final = 130
 # What --help says of each; the module of its name holds the click command.
 COMMANDS: Final = {
     "calibrate": "Calibrate an arm: everything a job asks for.",
@@ -133,7 +131,7 @@ def run(arguments: Sequence[str] | None = None, *, alone: bool = False) -> int:
             # CasADi's calls may put a SystemError around an interrupt.
             if type(error) is SystemError and type(error.__cause__) is not KeyboardInterrupt:
                 raise
-            click.echo(f"{PROGRAM}: interrupted; nothing half-written was left", err=True)
+            say_interrupted()
             return INTERRUPTED
         except BrokenPipeError:
             # The reader went away, as `| head` does; Python would complain again while closing.
@@ -151,14 +149,6 @@ def run(arguments: Sequence[str] | None = None, *, alone: bool = False) -> int:
             )
             return 2
     return code if isinstance(code, int) else 0
-
-
-def main() -> None:
-    """Entry point of the command ``suta-calib``."""
-    # Modules are a hundred thousand objects that all live on: to look through them for garbage, as
-    # often as Python does, takes a twelfth of the time of a short command.
-    gc.set_threshold(100_000, 20, 20)
-    sys.exit(run(alone=True))
 
 
 # What stands for a character that a terminal's encoding lacks; a question mark for any other.

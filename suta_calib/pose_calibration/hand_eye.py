@@ -40,7 +40,7 @@ from suta_calib.terms.hand_eye_start import (
     loop_closures,
     quaternion_hand_eye,
 )
-from suta_calib.units import from_deg, text
+from suta_calib.units import deg, from_deg, text
 
 # Pairs that determine X, and pairs of a minimal sample: one more, against small turns.
 NEEDED: Final = 3
@@ -126,7 +126,12 @@ class HandEyeCalibration(Shown, EyePoses, RobustAnswer):
             )
         # A hand may move by millimetres, a target be seen from them: not both.
         (bad if len(self.notes) > 1 else caution).extend(self.notes)
-        return Assessment.of(bad=bad, care=[*caution, *self.kept("pairs")])
+        agreed = self.agreed("pairs", f"{deg(self.rms_angle):.3f}°")
+        return Assessment.of(
+            "" if bad else f"{self.known}; {agreed}",
+            bad=bad,
+            care=[*caution, *self.kept("pairs")],
+        )
 
 
 def calibrate_hand_eye(

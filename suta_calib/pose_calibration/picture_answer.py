@@ -150,7 +150,17 @@ class PictureCalibration:
             said, level = _against_the_file(seen)
             if said:
                 (care if level == "care" else known).append(which + said)
-        return Assessment.of(bad=bad, care=[*care, *self.notes], known=known)
+        sentence = "; ".join(
+            f"{f'camera {seen.label}: ' if len(self.cameras) > 1 else ''}{seen.known}, by "
+            f"{int(seen.inliers.sum())} of {len(seen.inliers)} pictures"
+            for seen in self.cameras
+        )
+        return Assessment.of(
+            "" if bad else f"{sentence}; their corners agree to {self.rms:.2f} px RMS",
+            bad=bad,
+            care=[*care, *self.notes],
+            known=known,
+        )
 
 
 def _against_the_file(seen: SeenCamera) -> tuple[str, Level]:

@@ -97,7 +97,9 @@ class PivotCalibration(Shown, RobustAnswer):
             )
         unsure = float(np.linalg.norm(self.tip_std))
         if unsure > UNSURE:
-            caution.append(f"The tip is known to ± {mm(unsure):.2f} mm only (one sigma, 3-D).")
+            caution.append(
+                f"The tip is known to ± {mm(unsure):.2f} mm only: add poses, or find what scatters."
+            )
         bad = self.objections("poses", self.inliers)
         long = float(np.linalg.norm(self.tip))
         if max(long, float(np.linalg.norm(self.post))) > LARGEST or long > LONGEST_TIP:
@@ -114,7 +116,13 @@ class PivotCalibration(Shown, RobustAnswer):
                 f"Inverted, they give the tip {_place(self.post)} and the post {_place(self.tip)}."
             )
         # No tracker sees a tool from millimetres or from tens of metres.
-        return Assessment.of(bad=[*bad, *self.notes], care=[*caution, *self.kept("poses")])
+        bad += self.notes
+        known = f"the tip is known to ± {text(unsure, 'm', with_unit=True)} (one sigma, 3-D)"
+        return Assessment.of(
+            "" if bad else f"{known}; {self.agreed('poses')}",
+            bad=bad,
+            care=[*caution, *self.kept("poses")],
+        )
 
     @property
     def inverted(self) -> Level:

@@ -159,7 +159,15 @@ class Registration(Shown, RobustAnswer):
                 f"The points' middle is known to ± {mm(unsure):.2f} mm and the turn to "
                 f"± {deg(turned):.2f}° only (one sigma)."
             )
-        return Assessment.of(bad=bad, care=[*caution, *self.kept("points"), *self.notes])
+        known = (
+            f"the middle of the points is known to ± {text(unsure, 'm', with_unit=True)} and the "
+            f"turn to ± {deg(turned):.3f}° (one sigma, 3-D)"
+        )
+        return Assessment.of(
+            "" if bad else f"{known}; {self.agreed('points')}",
+            bad=bad,
+            care=[*caution, *self.kept("points"), *self.notes],
+        )
 
     @property
     def scaled(self) -> Level:

@@ -38,6 +38,7 @@ from suta_calib.solver.solve import solve, solve_again
 from suta_calib.terms.block import Noise
 from suta_calib.terms.poses import MeasuredPoses, PoseSource
 from suta_calib.terms.term import Term
+from suta_calib.units import text
 from suta_calib.words import listed
 
 MAX_ROUNDS: Final = 12
@@ -128,6 +129,16 @@ class RobustAnswer:
     def outliers(self) -> tuple[int, ...]:
         """Rows judged outliers, from 0."""
         return tuple(int(row) for row in np.flatnonzero(~self.inliers))
+
+    def agreed(self, what: str, *turned: str) -> str:
+        """How well the rows that were fitted agree, as the end of a sentence.
+
+        Args:
+            what: the rows, in the plural.
+            turned: how well they do in orientation too.
+        """
+        to = " and ".join([text(self.rms, "m", with_unit=True), *turned])
+        return f"{int(self.inliers.sum())} of {len(self.inliers)} {what} agree to {to} RMS"
 
     def objections(self, what: str, inliers: BoolArray, size: float = 0.0) -> list[str]:
         """Why it must not be used, one sentence each.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from pathlib import Path
 from typing import Final
 
@@ -21,6 +22,7 @@ def comparison_document(found: ArmComparison, own: Path, given: Path) -> Documen
         own: the job's URDF.
         given: the other one.
     """
+    own, given = plain(own), plain(given)
     terms = found.terms
     by_term = [{"kind": term.term.kind} | accuracy_json([term]) for term in terms]
     told = math.isfinite(found.gain.significance)
@@ -41,3 +43,9 @@ def comparison_document(found: ArmComparison, own: Path, given: Path) -> Documen
         ],
         {"urdf": str(given), "metrics": metrics},
     )
+
+
+def plain(path: Path) -> Path:
+    """A path without the folders that it enters only to leave them, where it is the same file."""
+    short = Path(os.path.normpath(path))
+    return short if short.exists() and short.samefile(path) else path

@@ -38,7 +38,12 @@ def test_pivot_finds_tip_post_and_outliers(pivot_file: Path, capsys: Capture) ->
     assert found["outliers"] == [6, 21]
     assert found["outlier_lines"] == [8, 23]
     assert found["counts"] == {"rows": 40, "inliers": 38, "outliers": 2}
-    assert found["verdict"] == {"level": "good", "usable": True, "sentence": "", "notes": []}
+    unsure = np.linalg.norm(found["tip_std_mm"])
+    sentence = (
+        f"the tip is known to ± {unsure:.3f} mm (one sigma, 3-D); 38 of 40 poses agree to "
+        f"{found['rms_mm']:.3f} mm RMS"
+    )
+    assert found["verdict"] == {"level": "good", "usable": True, "sentence": sentence, "notes": []}
     assert "posts_mm" not in found
     assert "files" not in found
     assert not [path for path in pivot_file.parent.iterdir() if path != pivot_file]
