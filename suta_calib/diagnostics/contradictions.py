@@ -22,7 +22,7 @@ from suta_calib.measurements.samples import hashed
 from suta_calib.solver.evaluation import Linearised
 from suta_calib.solver.solution import Solution
 from suta_calib.terms import ArmPoses, Term
-from suta_calib.terms.poses import resolution
+from suta_calib.terms.poses import resolutions
 from suta_calib.units import text
 from suta_calib.words import listed
 
@@ -382,4 +382,4 @@ def _files(samples: Samples) -> Iterator[tuple[int, str]]:
 def may_read_alike(samples: Samples) -> bool:
     """Whether an arm that comes back may read the same to the last digit: encoders all coarse."""
     moving = samples.q[:, np.ptp(samples.q, axis=0) > 0]
-    return samples.position is None and all(resolution(joint) > 0 for joint in moving.T)
+    return samples.position is None and bool(np.all(resolutions(moving) > 0))

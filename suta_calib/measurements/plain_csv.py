@@ -22,6 +22,8 @@ _NOT_PLAIN: Final = (
     *('"', "#", ";", "\0"),
     *(c for c in map(chr, range(128)) if c.isspace() and c != "\n"),
 )
+# All that decimal numbers consist of, and what stands between them.
+_OF_NUMBERS: Final = b"0123456789+-.eE,\n"
 # Characters that the parser takes for one cell at most.
 _LONGEST_LINE: Final = 100_000
 
@@ -32,23 +34,27 @@ class PlainColumns(Mapping[str, tuple[str, ...]]):
     Args:
         header: names of the columns.
         body: all lines but that, without the end of the last.
+        read: (rows, columns) numbers of all cells, where they have been read.
     """
 
-    def __init__(self, header: list[str], body: str) -> None:
+    def __init__(self, header: list[str], body: str, read: FloatArray | None = None) -> None:
         self._place = {name: k for k, name in enumerate(header)}
-        self._body = body
+        self._body, self._read = body, read
 
     @classmethod
     def of(cls, text: str) -> Self | None:
         """The columns of a plain file; None where something is to be skipped or explained."""
-        text = text.replace("\r\n", "\n")
+        if "\r" in text:
+            text = text.replace("\r\n", "\n")
+        if (numbers := cls._of_numbers(text)) is not None:
+            return numbers
         ended = text.isascii() and text.endswith("\n")
         if not ended or any(mark in text for mark in _NOT_PLAIN):
             return None
         head, _, body = text[:-1].partition("\n")
         header, lines = head.split(","), body.split("\n")
         commas = head.count(",")
-        if not all(header) or len(set(header)) < len(header) or not body:
+        if not _names_columns(header) or not body:
             return None
         # One pass in C over what may be a million lines.
         if set(map(methodcaller("count", ","), lines)) != {commas}:
@@ -59,14 +65,36 @@ class PlainColumns(Mapping[str, tuple[str, ...]]):
             return None
         return cls(header, body)
 
+    @classmethod
+    def _of_numbers(cls, text: str) -> Self | None:
+        """The columns of a file of nothing but decimal numbers: NumPy alone looks at its lines."""
+        head, _, body = text.partition("\n")
+        header = head.split(",")
+        plain = head.isascii() and not any(mark in head for mark in _NOT_PLAIN)
+        first = body[:_LONGEST_LINE].partition("\n")[0].split(",")
+        if not (plain and _names_columns(header) and all(map(_is_number, first))):
+            return None
+        if not body.endswith("\n") or (data := body.encode()).translate(None, _OF_NUMBERS):
+            return None
+        try:
+            # Refuses lines of different lengths, and goes over empty ones.
+            read = np.loadtxt(BytesIO(data), delimiter=",", comments=None, ndmin=2)
+        except ValueError:
+            return None
+        if read.shape != (data.count(b"\n"), len(header)):
+            return None
+        return cls(header, body[:-1], read)
+
     @property
     def rows(self) -> int:
         """How many there are."""
-        return self._body.count("\n") + 1
+        return self._body.count("\n") + 1 if self._read is None else len(self._read)
 
     def numbers(self, name: str) -> FloatArray | None:
         """One column (n,); None where one of its cells is no number."""
         place = self._place[name]
+        if self._read is not None:
+            return self._read[:, place]
         if self._numbers is None or place not in self._numbers:
             return None
         return self._numbers[place]
@@ -105,6 +133,10 @@ class PlainColumns(Mapping[str, tuple[str, ...]]):
 
     def __len__(self) -> int:
         return len(self._place)
+
+
+def _names_columns(header: list[str]) -> bool:
+    return all(header) and len(set(header)) == len(header)
 
 
 def _is_number(cell: str) -> bool:

@@ -223,6 +223,8 @@ class Samples(Shown):
         if len(kinds) != 1:
             raise SamplesError("parts with different columns", "one or more with the same columns")
         first = parts[0]
+        if len(parts) == 1:
+            return first
         return cls(
             first.joints,
             _frozen(np.concatenate([part.q for part in parts])),

@@ -12,7 +12,8 @@ from suta_calib.geometry.numbers import rotation_from_vector
 from suta_calib.measurements.samples import Samples
 from suta_calib.model.parameters import PLACEMENT
 from suta_calib.pose_calibration.consensus import Consensus, some_rows
-from suta_calib.pose_calibration.robust_fit import RobustFit, evaluate, robust_fit
+from suta_calib.pose_calibration.robust_fit import RobustFit, robust_fit
+from suta_calib.solver.kernel import term_residuals
 from suta_calib.terms.block import Noise
 from suta_calib.terms.hand_eye import HandEye
 from suta_calib.terms.hand_eye_start import Poses
@@ -67,7 +68,7 @@ class RobotNoise:
     def revise(self, values: Mapping[str, float], inliers: BoolArray) -> None:
         """Estimate the fraction from the inliers' residuals at the values found."""
         rows = np.flatnonzero(inliers)
-        at_target = evaluate(self._term(rows, (Noise(), Noise()), 0.0), values)
+        at_target = term_residuals(self._term(rows, (Noise(), Noise()), 0.0), values)
         x = np.array([values[f"{EYE}.{key}"] for key in PLACEMENT])
         R_seen, p_seen = self._seen[0][rows], self._seen[1][rows]
         in_eye = np.einsum("nij,nj->ni", R_seen, at_target[1])
@@ -89,7 +90,7 @@ class RobotNoise:
             robust=False,
         )
         term = self._term(rows, (Noise(), Noise()), 0.0)
-        with_robot_noise = [float(np.sum(r**2)) for r in evaluate(term, fit.solution.values)]
+        with_robot_noise = [float(np.sum(r**2)) for r in term_residuals(term, fit.solution.values)]
         without = [float(np.sum(r**2)) for r in plain.residuals]
         allowed = 1.0 + 2.5 * UNKNOWNS / max(2 * len(rows) - UNKNOWNS, 1)
         return all(w <= allowed * p for w, p in zip(with_robot_noise, without, strict=True))

@@ -30,7 +30,7 @@ from suta_calib.solver.information import (
     whitened_rows,
 )
 from suta_calib.solver.ipopt import SolverOptions
-from suta_calib.solver.kernel import block_residuals
+from suta_calib.solver.kernel import term_residuals
 from suta_calib.solver.losses import huber_threshold
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
@@ -283,7 +283,7 @@ def _settled(
             lines = problem.linearise(solution.x, solution.sigmas)
             residuals = tuple(line.residual.copy() for line in lines)
         else:
-            residuals = evaluate(make(everything, noises), solution.values)
+            residuals = term_residuals(make(everything, noises), solution.values)
         # Residuals are smaller than the noise because the unknowns followed it, block by block.
         numbers = DIMENSION * int(inliers.sum())
         left = np.maximum(numbers - _followed(solution), 1.0)
@@ -320,12 +320,6 @@ def _settled(
     none = np.zeros_like(inliers)
     found = tuple(float(s) for s in levels)
     return RobustFit(solution, residuals, inliers, none, found, covariance, agreement)
-
-
-def evaluate(term: Term, values: Mapping[str, float]) -> tuple[FloatArray, ...]:
-    """Residuals (n, d) of every block of a term at parameter values by name."""
-    poses, own = term.poses.at(values), np.array([values[p.name] for p in term.own])
-    return tuple(block_residuals(block, *poses, own) for block in term.blocks)
 
 
 def _followed(solution: Solution) -> FloatArray:

@@ -252,7 +252,8 @@ class Evaluation:
             if own is not None:
                 both.append(dense(own[size * rows.start : size * rows.stop]))
             if both:
-                whole = np.concatenate(both, axis=1)
+                # The arm's have been made for this call; own ones may be what the pattern keeps.
+                whole = both[0] if arm and len(both) == 1 else np.concatenate(both, axis=1)
                 yield rows, whole.reshape(rows.stop - first, size, whole.shape[1])
 
     def _sparse_normal_equations(

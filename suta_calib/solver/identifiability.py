@@ -143,9 +143,12 @@ def _choose_fixed(
         candidates = np.flatnonzero(loading >= 0.8 * loading.max())
         pick = int(candidates[np.argmin(rank[candidates])])
         chosen.append(pick)
-        # What is left of the weak directions once this parameter no longer moves.
-        q, _ = np.linalg.qr(np.column_stack([remaining[pick], np.eye(remaining.shape[1])]))
-        remaining = remaining @ q[:, 1:]
+        # What is left of the weak directions once this parameter no longer moves: Householder's
+        # reflection takes its row to the first axis.
+        mirror = remaining[pick].copy()
+        mirror[0] += np.copysign(np.linalg.norm(mirror), mirror[0])
+        across = remaining @ mirror * (2.0 / (mirror @ mirror))
+        remaining = (remaining - np.outer(across, mirror))[:, 1:]
     return chosen, weak
 
 
@@ -158,7 +161,7 @@ def _weak_directions(matrices: list[FloatArray], prior: FloatArray) -> FloatArra
         )
     values, vectors = np.linalg.eigh(curvature + np.diag(prior))
     floor = ROUNDING * max(float(values[-1]), 1e-300)
-    along = [np.einsum("ik,ij,jk->k", vectors, m, vectors) for m in (variance, noise_induced)]
+    along = [np.sum(vectors * (m @ vectors), axis=0) for m in (variance, noise_induced)]
     known = np.einsum("ik,i->k", vectors**2, prior)
     spread = np.sqrt(np.maximum(np.maximum(along[0] + known, values), 0.0)) / np.maximum(
         values, floor
@@ -183,17 +186,22 @@ def _echelon(
     echelon = weak @ np.linalg.inv(weak[chosen])
     floor = 1e3 * ROUNDING * max(float(np.linalg.eigvalsh(curvature)[-1]), 1e-300)
     for column in echelon.T:
-        known = float(column @ curvature @ column)
+        along = curvature @ column
+        known = left = float(column @ along)
         exact = known <= floor
         still_weak = max(4.0 * known, 1e-3 * floor if exact else 0.25 / WEAK**2)
-        for i in np.argsort(np.abs(column)):
-            kept, column[i] = column[i], 0.0
+        parts = np.argsort(np.abs(column))
+        for i in parts[:-1]:
+            # What is left without this part, and what noise made of it.
+            part, column[i] = column[i], 0.0
+            left += part * (part * curvature[i, i] - 2.0 * along[i])
             by_noise = (
                 0.0 if exact else float(column @ noise_induced @ column) / NOISE_INDUCED_SHARE
             )
-            if column @ curvature @ column > max(still_weak, by_noise) or not column.any():
-                column[i] = kept
+            if left > max(still_weak, by_noise):
+                column[i] = part
                 break
+            along -= part * curvature[:, i]
     return echelon
 
 

@@ -27,8 +27,6 @@ from suta_calib.terms.block import summed
 from suta_calib.terms.poses import ArmPoses, MeasuredPoses
 from suta_calib.units import Unit
 
-# Readings that are looked at to learn how far the tip reaches: an average needs no more.
-REACH_SAMPLES: Final = 50
 # Weight that lets a direction count as noise-induced once half of its information is made by
 # residuals: noise may make up a hundredth (`identifiability.NOISE_INDUCED_SHARE`).
 RESIDUAL_MADE: Final = 0.02
@@ -174,7 +172,7 @@ def _noise_induced_information(
     total = np.zeros((n, n))
     for row in before:
         total += _by_residual_alone(problem, row)
-    shifts = _jitter(problem, x, before)
+    shifts = _jitter(problem, before)
     if not any(np.any(shift) for shift in shifts):
         return total
     with problem.evaluation.table.shifted(shifts):
@@ -209,16 +207,15 @@ def _by_residual_alone(problem: Problem, row: Rows) -> FloatArray:
     return np.asarray(whole.T @ whole) * RESIDUAL_MADE
 
 
-def _jitter(problem: Problem, x: FloatArray, rows: Sequence[Rows]) -> list[FloatArray]:
+def _jitter(problem: Problem, rows: Sequence[Rows]) -> list[FloatArray]:
     """Noise of every source's readings that moves the tip as the residuals say."""
     random = np.random.default_rng(0)
-    values = problem.values(x)
     shifts = list[FloatArray]()
     for term in problem.terms:
         source = term.poses
         mine = [r.line for r in rows if any(r.line.view.block is b for b in term.blocks)]
         if isinstance(source, ArmPoses):
-            share = _levels(mine)["m"] * np.sqrt(3.0) / _reach(source, values)
+            share = _levels(mine)["m"] * np.sqrt(3.0) / source.reach
             shifts.append(share * random.standard_normal(source.samples.q.shape))
         else:
             exact = isinstance(source, MeasuredPoses) and source.exact
@@ -246,17 +243,6 @@ def _pose_noise(lines: Sequence[Linearised]) -> FloatArray:
 def _levels(lines: Sequence[Linearised]) -> dict[Unit, float]:
     """Noise of one component of a term's residuals by unit; every kind has lengths among them."""
     return {line.view.block.unit: float(np.median(line.sigma)) for line in lines}
-
-
-def _reach(source: ArmPoses, values: dict[str, float]) -> float:
-    """Tip motion per unit of noise in every joint, m/rad: root of the summed squared levers."""
-    step = 1e-6
-    q = source.samples.q[:: 1 + len(source) // REACH_SAMPLES]
-    around = q + step * np.eye(q.shape[1])[:, None, :]
-    _, position = source.arm.forward(np.vstack([q, *around]), values)
-    rest, *turned = position.reshape(-1, len(q), 3)
-    levers = (np.array(turned) - rest) / step
-    return float(np.sqrt(np.sum(levers**2) / len(q))) or 1.0
 
 
 def _each_for_itself(line: Linearised, rests: IntArray) -> bool:

@@ -7,6 +7,7 @@ with each parameter (the forward kinematics). Only the first depends on the kind
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from functools import cached_property, lru_cache
 from typing import Any, Final
 
@@ -15,7 +16,9 @@ import numpy as np
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.batched import Batched
+from suta_calib.geometry.symbols import Symbol
 from suta_calib.terms.block import Block, Pose, Residual, flat, summed
+from suta_calib.terms.term import Term
 
 # Multiplications of a normal matrix up to which an array beats a sparse matrix: these take a
 # millisecond, and so does what SciPy checks in a sparse product.
@@ -200,16 +203,28 @@ def block_residuals(
         position: (samples, 3), m.
         own: (own parameters,) of its term.
     """
-    function = _residual(
+    function, used = _residual(
         block.residual, block.samples.shape[1], block.own.shape[1], block.data.shape[1]
     )
     batch = Batched(function, len(block))
     *poses, of_own, data = batch.inputs
-    for k, samples in enumerate(block.samples.T):
-        poses[2 * k][:] = flat(rotation)[samples]
-        poses[2 * k + 1][:] = position[samples]
+    for slot, place in zip(poses, used, strict=True):
+        pose, part = divmod(place, 2)
+        source = position if part else flat(rotation)
+        np.take(source, block.samples[:, pose], axis=0, out=slot)
     of_own[:], data[:] = own[block.own], block.data
     return batch()[0]
+
+
+def term_residuals(term: Term, values: Mapping[str, float]) -> tuple[FloatArray, ...]:
+    """Residuals (n, d) of every block of a term, m or rad, without derivatives.
+
+    Args:
+        term: what is looked at.
+        values: parameters by name, m or rad; the arm's are nominal where none is given.
+    """
+    poses, own = term.poses.at(values), np.array([values[p.name] for p in term.own])
+    return tuple(block_residuals(block, *poses, own) for block in term.blocks)
 
 
 @lru_cache(maxsize=64)
@@ -239,8 +254,7 @@ def _compiled(
     columns = np.flatnonzero(np.diff(at_rest[1].sparsity().colind())).astype(np.intp)
     symbols = [s for pair in zip(rotations, positions, strict=True) for s in pair]
     outputs = [at_rest[0], at_rest[1][:, columns.tolist()].T, at_rest[2].T]
-    everything = ca.veccat(*outputs)
-    used = tuple(k for k, s in enumerate(symbols) if ca.depends_on(everything, ca.vec(s)))
+    used = _looked_at(symbols, ca.veccat(*outputs))
     function = ca.Function(
         residual.__name__.strip("_") or "residual",
         [*(symbols[k] for k in used), own_symbol, data_symbol],
@@ -252,14 +266,20 @@ def _compiled(
     return function, columns, used
 
 
+def _looked_at(symbols: Sequence[Symbol], values: Symbol) -> tuple[int, ...]:
+    return tuple(k for k, s in enumerate(symbols) if ca.depends_on(values, ca.vec(s)))
+
+
 @lru_cache(maxsize=64)
-def _residual(residual: Residual, poses: int, own: int, data: int) -> Any:
-    """CasADi function (R₁, p₁, …, own, data) → residual."""
+def _residual(residual: Residual, poses: int, own: int, data: int) -> tuple[Any, tuple[int, ...]]:
+    """CasADi function (R₁, p₁, …, own, data) → residual, and which poses it has, as `_compiled`."""
     tools = [Pose(ca.SX.sym(f"R{k}", 3, 3), ca.SX.sym(f"p{k}", 3)) for k in range(poses)]
     own_symbol, data_symbol = ca.SX.sym("own", own), ca.SX.sym("data", data)
     value = ca.densify(residual(tools, own_symbol, data_symbol))
-    inputs = [symbol for tool in tools for symbol in (tool.R, tool.p)]
-    return ca.Function("residual", [*inputs, own_symbol, data_symbol], [value], {"cse": True})
+    symbols = [symbol for tool in tools for symbol in (tool.R, tool.p)]
+    used = _looked_at(symbols, value)
+    inputs = [*(symbols[k] for k in used), own_symbol, data_symbol]
+    return ca.Function("residual", inputs, [value], {"cse": True}), used
 
 
 def _sparse(columns: IntArray, size: int, width: int) -> Any:

@@ -182,13 +182,13 @@ def grouped(labels: NDArray[Any]) -> tuple[list[str], IntArray]:
 
 def grouped_rows(members: IntArray) -> tuple[IntArray, IntArray]:
     """Which of the different sets of members (n, k) each row has, (n,), and how often each is."""
-    if members.shape[1] == 1:
-        # Sorting numbers takes a tenth of sorting rows of one.
-        _, group, count = np.unique(members[:, 0], return_inverse=True, return_counts=True)
-    else:
-        _, group, count = np.unique(
-            np.sort(members, axis=1), axis=0, return_inverse=True, return_counts=True
-        )
+    ordered, many = np.sort(members, axis=1), int(members.max(initial=0)) + 1
+    numbers: IntArray = ordered
+    axis: int | None = 0
+    if many ** members.shape[1] < np.iinfo(np.intp).max:
+        # Sorting numbers takes a tenth of sorting rows of them.
+        numbers, axis = ordered @ many ** np.arange(members.shape[1])[::-1], None
+    _, group, count = np.unique(numbers, axis=axis, return_inverse=True, return_counts=True)
     return group.reshape(-1).astype(np.intp), count.astype(np.intp)
 
 

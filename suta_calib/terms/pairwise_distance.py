@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from typing import ClassVar, Final, Literal
+from typing import Any, ClassVar, Final, Literal
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from suta_calib.arrays import FloatArray, IntArray
+from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import register_points
 from suta_calib.geometry.symbols import Symbol
@@ -37,6 +37,8 @@ from suta_calib.terms.term import Term
 # Distances of one term: each costs a kilobyte or two while it is solved, and m touches of one
 # placement make m²/2 of them. From so many on, each touch is paired with some of the others only.
 MOST_PAIRS: Final = 100_000
+# Names of pairs that are made beforehand, so that rows share them.
+MOST_LABELS: Final = 10_000
 
 
 def _distance(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
@@ -126,9 +128,7 @@ class PairwiseDistance(Term):
             data = np.hstack([apart, flat(axes[first] - axes[second])])
         own = np.tile(np.arange(len(self.own)), (len(pairs), 1))
         known = np.hypot(*touched.sigma[touched.marks].T)
-        # Of lists: to take one number after another out of an array takes longer than the rest.
-        plain = names.tolist()
-        labels = [f"{plain[i]}-{plain[j]}" for i, j in pairs.tolist()]
+        labels = _pair_labels(names, pairs)
         block = Block.per_sample("distance", "m", 1, _distance, own, data, self.noise, labels)
         return (replace(block, samples=pairs, known_sigma=known, certified=touched),)
 
@@ -259,10 +259,7 @@ def landmark_pairs(samples: Samples) -> IntArray:
     landmark, placement, repeat = (grouped(samples.labels[name])[1] for name in columns)
     sets = placement * (repeat.max(initial=0) + 1) + repeat
     found = [np.zeros((0, 2), dtype=np.intp)]
-    numbers = np.column_stack([sets, landmark, samples.q])
-    _, first, alike = np.unique(numbers, axis=0, return_index=True, return_inverse=True)
-    origin = np.array(samples.origin)
-    original = origin == origin[first[alike.reshape(-1)]]
+    original = _original(np.column_stack([sets, landmark, samples.q]), samples.origin)
     thinned = _possible_pairs(np.bincount(sets[original])) > MOST_PAIRS
     partners = max(1, MOST_PAIRS // len(sets)) if thinned else len(sets)
     random = np.random.default_rng(0)
@@ -274,6 +271,34 @@ def landmark_pairs(samples: Samples) -> IntArray:
             pairs = rows[_all_pairs(len(rows))]
         found.append(pairs[landmark[pairs[:, 0]] != landmark[pairs[:, 1]]])
     return np.concatenate(found).astype(np.intp)
+
+
+def _original(numbers: FloatArray, origin: Sequence[str]) -> BoolArray:
+    """(n,) rows of which none before, from elsewhere, has the same numbers."""
+    ordered = np.sort(numbers[:, -1])
+    if not np.any(ordered[1:] == ordered[:-1]):
+        return np.ones(len(numbers), dtype=np.bool_)
+    _, first, alike = np.unique(numbers, axis=0, return_index=True, return_inverse=True)
+    places = np.array(origin)
+    return np.asarray(places == places[first[alike.reshape(-1)]])
+
+
+def _pair_labels(names: NDArray[np.str_], pairs: IntArray) -> list[str]:
+    """What every pair (n, 2) of the touched landmarks (samples,) is called."""
+    distinct, number = np.unique(names, return_inverse=True)
+    if len(distinct) ** 2 <= MOST_LABELS:
+        first, second = number[pairs].T
+        return list(_labels_of_all(tuple(distinct.tolist()))[first, second])
+    # Of lists: to take one number after another out of an array takes longer than the rest.
+    plain = names.tolist()
+    return [f"{plain[i]}-{plain[j]}" for i, j in pairs.tolist()]
+
+
+# An artefact is touched again and again, and its few pairs occur in every placement.
+@lru_cache(maxsize=16)
+def _labels_of_all(names: tuple[str, ...]) -> NDArray[Any]:
+    """(names, names) what every two of them are called."""
+    return np.array([[f"{a}-{b}" for b in names] for a in names], dtype=np.object_)
 
 
 # Sets are mostly as large as each other.

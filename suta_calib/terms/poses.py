@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
 from typing import TYPE_CHECKING, Final
@@ -31,6 +32,8 @@ SAME_POSTURE: Final = 1e-3
 # a thousand to the turn it is the operator who chose round numbers.
 FLICKER: Final = 2.0
 COARSEST: Final = 2e-3
+# Readings that are looked at to learn how far the tip reaches: an average needs no more.
+LEVERS: Final = 50
 # Rows of which every pair is looked at.
 FEW: Final = 1000
 # Rows that are compared at once sooner than they are sorted into cells.
@@ -96,6 +99,16 @@ class ArmPoses(PoseSource):
     def __init__(self, arm: ArmModel, samples: Samples) -> None:
         self.arm = arm
         self.samples = samples
+        self._levers = _Levers(arm, samples.q[:: 1 + len(samples) // LEVERS])
+
+    @property
+    def reach(self) -> float:
+        """Tip motion per unit of noise in every joint, m/rad: root of the summed squared levers.
+
+        Of the arm as it is drawn, on average over where it was; some of the samples have that of
+        all.
+        """
+        return self._levers.reach
 
     @cached_property
     def rests(self) -> IntArray:
@@ -117,7 +130,27 @@ class ArmPoses(PoseSource):
 
     def take(self, rows: ArrayLike) -> ArmPoses:
         """The poses of some samples of the same arm."""
-        return ArmPoses(self.arm, self.samples.take(rows))
+        found = ArmPoses(self.arm, self.samples.take(rows))
+        found._levers = self._levers
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class _Levers:
+    """An arm at a few readings q (n, joints)."""
+
+    arm: ArmModel
+    q: FloatArray
+
+    @cached_property
+    def reach(self) -> float:
+        """See `ArmPoses.reach`."""
+        step = 1e-6
+        around = self.q + step * np.eye(self.q.shape[1])[:, None, :]
+        _, position = self.arm.forward(np.vstack([self.q, *around]))
+        rest, *turned = position.reshape(-1, len(self.q), 3)
+        levers = (np.array(turned) - rest) / step
+        return float(np.sqrt(np.sum(levers**2) / len(self.q))) or 1.0
 
 
 class MeasuredPoses(PoseSource):
@@ -170,7 +203,7 @@ def together(q: FloatArray, apart: float = WANDER) -> IntArray:
     Returns:
         (n,) number of the group of each row, by first appearance.
     """
-    steps = q / np.array([max(apart, FLICKER * resolution(joint)) for joint in q.T])
+    steps = q / np.maximum(apart, FLICKER * resolutions(q))
     first, (waiting, near_to) = np.arange(len(q)), _neighbours(steps)
     for row in np.flatnonzero(waiting):
         if waiting[row]:
@@ -198,6 +231,8 @@ def _not_alone(steps: FloatArray) -> IntArray:
     """
     some = np.arange(len(steps), dtype=np.intp)
     joints = np.argsort(-np.ptp(steps, axis=0), kind="stable") if len(steps) else some
+    if len(some) <= FEW:
+        return _not_alone_in_order(steps, joints)
     for first in range(0, len(joints), GRID):
         if len(some) <= FEWEST:
             break
@@ -214,8 +249,26 @@ def _not_alone(steps: FloatArray) -> IntArray:
     return some
 
 
+def _not_alone_in_order(steps: FloatArray, joints: IntArray) -> IntArray:
+    """`_not_alone` of few rows: whoever is alone in one joint's order has nobody beside it."""
+    some = np.arange(len(steps), dtype=np.intp)
+    for joint in joints:
+        if not len(some):
+            break
+        values = steps[some, joint]
+        order = np.argsort(values)
+        near = np.diff(values[order]) <= 1.0
+        beside = np.zeros(len(some), dtype=np.bool_)
+        beside[order[1:]] = near
+        beside[order[:-1]] |= near
+        some = some[beside]
+    return some
+
+
 def _searched(steps: FloatArray) -> tuple[BoolArray, Callable[[int], IntArray]]:
     """`_neighbours` where none can be left out."""
+    if not len(steps):
+        return np.zeros(0, dtype=np.bool_), np.flatnonzero
     if len(steps) <= FEW:
         # In less time than it takes to import the tree.
         apart = np.zeros((len(steps), len(steps)))
@@ -232,11 +285,17 @@ def _searched(steps: FloatArray) -> tuple[BoolArray, Callable[[int], IntArray]]:
     )
 
 
-def resolution(readings: FloatArray) -> float:
-    """Step of an encoder, as its readings (n,) show it; zero where they show none."""
+def resolutions(q: FloatArray) -> FloatArray:
+    """Step (joints,) of every encoder that readings (n, joints) show, zero where they show none."""
     # A few readings of a fine encoder show that it is, and many take long to sort.
-    if np.diff(np.unique(readings[:FEW])).min(initial=np.inf) <= WANDER:
-        return 0.0
+    gaps = np.diff(np.sort(q[:FEW], axis=0), axis=0)
+    coarse = np.min(gaps, axis=0, where=gaps > 0.0, initial=np.inf) > WANDER
+    found = np.zeros(q.shape[1])
+    found[coarse] = [_resolution(joint) for joint in q.T[coarse]]
+    return found
+
+
+def _resolution(readings: FloatArray) -> float:
     steps = np.diff(np.unique(readings))
     smallest = float(steps.min(initial=np.inf))
     whole = steps / smallest

@@ -12,6 +12,7 @@ from suta_calib.measurements import CsvTable, csv_table, read_csv_table
 from suta_calib.measurements.plain_csv import PlainColumns
 
 PLAIN = "a,b,label\n1,-2.5e-3,P1\n0.1,1e400,P2\n"
+NUMBERS = "a,b\n1,-2.5e-3\n.5,+1E5\n"
 # What must be looked at line by line: each differs from a plain file in one thing.
 AWKWARD = (
     PLAIN.replace("1,-2", "1, -2"),
@@ -27,6 +28,10 @@ AWKWARD = (
     "\n" + PLAIN,
     PLAIN.rstrip("\n"),
     "a\n1\n\n2\n",
+    NUMBERS.replace(",+", ", +"),
+    NUMBERS.replace(".5", "# .5"),
+    NUMBERS.replace("\n.5", "\n\n.5"),
+    NUMBERS.rstrip("\n"),
 )
 REFUSED = (
     PLAIN.replace(",P1", ""),
@@ -36,6 +41,9 @@ REFUSED = (
     "a;b\n1;2\n",
     "a,b\n",
     "",
+    NUMBERS.replace(",+1E5", ""),
+    NUMBERS.replace(",+1E5", ",1,2"),
+    NUMBERS.replace("b", "a"),
 )
 
 
@@ -51,7 +59,7 @@ def line_by_line(path: Path, monkeypatch: pytest.MonkeyPatch) -> CsvTable:
         return read_csv_table(path)
 
 
-@pytest.mark.parametrize("text", [PLAIN, PLAIN.replace("\n", "\r\n"), "a\n1\n2\n"])
+@pytest.mark.parametrize("text", [PLAIN, PLAIN.replace("\n", "\r\n"), "a\n1\n2\n", NUMBERS])
 def test_a_plain_file_is_read_at_once_and_says_the_same(
     text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -101,6 +109,24 @@ def test_numbers_of_a_plain_file_are_those_of_its_cells(odd: str, tmp_path: Path
         table.numbers("y")
     with pytest.raises(SamplesError, match="'P0'"):
         table.numbers("label")
+
+
+def test_nothing_but_numbers_are_those_of_their_cells(tmp_path: Path) -> None:
+    random = np.random.default_rng(0)
+    values = random.normal(size=(50, 2)) * 10.0 ** random.integers(-300, 300, (50, 2))
+    lines = [f"{x!r},{y!r}" for x, y in values.tolist()]
+    table = read_csv_table(write(tmp_path, "\r\n".join(["x,y", *lines, ""])))
+    assert isinstance(table.columns, PlainColumns)
+    assert len(table) == 50
+    for k, name in enumerate("xy"):
+        assert table.numbers(name).tobytes() == values[:, k].tobytes()
+        assert table.cells(name) == tuple(map(repr, values[:, k].tolist()))
+    for odd in ("1_000", "nan", "", "one", "1e400", "1e", "1-2"):
+        lines[30] = f"0.5,{odd}"
+        table = read_csv_table(write(tmp_path, "\n".join(["x,y", *lines, ""])))
+        assert table.numbers("x")[30] == 0.5
+        with pytest.raises(SamplesError, match=rf"csv:32: column 'y'.*'{odd}'|'{odd}'"):
+            table.numbers("y")
 
 
 def test_numbers_are_those_of_one_cell_after_another_to_the_last_bit() -> None:

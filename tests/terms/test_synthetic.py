@@ -10,7 +10,7 @@ import pytest
 
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import vector_from_rotation
-from suta_calib.pose_calibration.robust_fit import evaluate
+from suta_calib.solver.kernel import term_residuals
 from suta_calib.terms import FixedPoint, HandEye, TrackedPoint
 from suta_calib.terms.synthetic import SLIP, OutlierModel, PoseNoise, Simulated, random_turns
 
@@ -38,10 +38,10 @@ def changed_rows(first: Simulated[Any], second: Simulated[Any]) -> set[int]:
 @each_maker
 def test_exact_measurements_have_no_residual_at_the_truth(name: str) -> None:
     data = MAKERS[name](20, seed=3)
-    residuals = evaluate(data.term, data.truth)
+    residuals = term_residuals(data.term, data.truth)
     assert max(np.abs(r).max() for r in residuals) < 1e-12
     elsewhere = {key: value + 0.01 for key, value in data.truth.items()}
-    assert max(np.abs(r).max() for r in evaluate(data.term, elsewhere)) > 1e-3
+    assert max(np.abs(r).max() for r in term_residuals(data.term, elsewhere)) > 1e-3
 
 
 @each_maker
@@ -94,7 +94,7 @@ def test_swapped_pairs_are_other_pairs_measurements() -> None:
 def test_a_pose_whose_place_alone_is_swapped_misses_the_post() -> None:
     """Whole poses could be swapped unnoticed: both touch the post."""
     data = FixedPoint.simulate(20, seed=5, gross=OutlierModel(0.3, "swapped"))
-    error = np.linalg.norm(evaluate(data.term, data.truth)[0], axis=1)
+    error = np.linalg.norm(term_residuals(data.term, data.truth)[0], axis=1)
     assert error[list(data.outliers)].min() > 1e-3
     assert error[data.inliers].max() < 1e-12
 

@@ -29,6 +29,7 @@ from suta_calib.solver.information import (
     whitened_rows,
 )
 from suta_calib.solver.ipopt import RobustNlp, SolverOptions
+from suta_calib.solver.kernel import term_residuals
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.terms.term import Term
@@ -218,16 +219,15 @@ class ReferenceFit:
         sigmas = self.block_sigmas(terms)
         nlp = RobustNlp(problem, free, sigmas, SolverOptions())
         minimum = nlp.minimise(start, SETTLED)
-        first = sum(len(t.blocks) for t in terms[: self.index])
-        line = problem.linearise(minimum.x, sigmas)[first]
+        found, block = problem.values(minimum.x), mine.blocks[0]
         return Refit(
             kept,
-            problem.values(minimum.x),
+            found,
             problem,
             minimum.x,
-            line.residual.copy(),
-            line.sigma.copy(),
-            np.flatnonzero(kept)[mine.blocks[0].samples],
+            term_residuals(mine, found)[0],
+            np.hypot(self.sigmas[self.index, block.name], block.known_sigma),
+            np.flatnonzero(kept)[block.samples],
             minimum.converged,
         )
 
@@ -304,10 +304,8 @@ def held_out_errors(
     fitted = arm | own
     if len(own) < len(term.own):
         fitted = fit_own([term], parameters, fitted)
-    problem = Problem([term], parameters)
-    x = np.array([fitted[name] for name in problem.names])
-    line = problem.linearise(x, problem.assumed_sigmas())[0]
-    return np.linalg.norm(line.error, axis=1), np.asarray(term.blocks[0].samples)
+    error = term_residuals(term, fitted)[0] * term.blocks[0].relative
+    return np.linalg.norm(error, axis=1), np.asarray(term.blocks[0].samples)
 
 
 def _summary(parts: Sequence[_Compared]) -> HeldOut | None:
