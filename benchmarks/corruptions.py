@@ -32,6 +32,7 @@ from rich.progress import Progress
 from sound_jobs import KINDS, SUTA, Sound, has, sound_jobs
 from tables import number_table
 from what_goes_wrong import CORRUPTIONS, Corruption
+from wrong_samples import URDF
 
 from suta_calib import CalibrationJob, Samples, Solution, SutaCalibError
 from suta_calib.arrays import FloatArray
@@ -118,6 +119,10 @@ def corrupted(sound: Sound, corruption: Corruption | None, folder: Path) -> Path
     write_simulation(replace(sound.made, files=tuple(files)), folder)
     artefact = read_artefact(SUTA / "artefact.yaml")
     if corruption is not None:
+        if corruption.urdf is not None:
+            arm = folder / URDF.name
+            arm.write_text(corruption.urdf(URDF.read_text(encoding="utf-8")), encoding="utf-8")
+            text = text.replace(str(URDF), str(arm))
         text = text.replace("validation/*.csv", f"{corruption.validation}/*.csv")
         artefact = artefact if corruption.artefact is None else corruption.artefact(artefact)
     write_artefact(folder / "artefact.yaml", artefact)
@@ -154,9 +159,11 @@ def tip_errors(
     middle = np.array([row.reading for row in made.spec.posture])
     q = middle + rng.uniform(-0.5, 0.5, (200, len(middle)))
     arm = {n: solution.values[n] for n in solution.problem.arm_parameters}
+    fitted = solution.problem.arm
+    assert fitted is not None
 
     def tip(values: dict[str, float]) -> FloatArray:
-        return made.arm.forward(q, values)[1]
+        return fitted.forward(q, values)[1]
 
     def apart(one: FloatArray, other: FloatArray) -> float:
         rotation, position = register_points(one, other)
@@ -178,7 +185,7 @@ def tip_errors(
             for name in held.direction.keys() & arm.keys():
                 moved[name] += off * held.direction[name]
     stated = np.hypot(np.sqrt(np.mean(np.square(drawn))), apart(tip(moved), found))
-    return apart(found, tip(dict(made.values))), float(stated)
+    return apart(found, made.arm.forward(q, made.values)[1]), float(stated)
 
 
 def judge_sound(found: Outcome, says: str | None = None) -> Judged:
