@@ -18,10 +18,12 @@ import json
 import os
 import re
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from time import process_time
+from types import MappingProxyType
 from typing import Final
 
 import numpy as np
@@ -30,6 +32,7 @@ from rich.progress import Progress
 from sound_jobs import KINDS, SUTA, Sound, has, sound_jobs
 from tables import number_table
 from what_goes_wrong import CORRUPTIONS, Corruption
+from wrong_samples import URDF
 
 from suta_calib import CalibrationJob, Samples, Solution, SutaCalibError
 from suta_calib.arrays import FloatArray
@@ -55,6 +58,7 @@ class Outcome:
         said: what is said of it, sentence by sentence.
         error: RMS of the tip's true error, m; NaN without a usable answer.
         stated: the same as it states it: by its covariance, and by what it says is held.
+        seconds: of processor time that it took.
     """
 
     job: str
@@ -63,6 +67,7 @@ class Outcome:
     said: tuple[str, ...]
     error: float = np.nan
     stated: float = np.nan
+    seconds: float = np.nan
 
 
 @dataclass(frozen=True)
@@ -114,6 +119,10 @@ def corrupted(sound: Sound, corruption: Corruption | None, folder: Path) -> Path
     write_simulation(replace(sound.made, files=tuple(files)), folder)
     artefact = read_artefact(SUTA / "artefact.yaml")
     if corruption is not None:
+        if corruption.urdf is not None:
+            arm = folder / URDF.name
+            arm.write_text(corruption.urdf(URDF.read_text(encoding="utf-8")), encoding="utf-8")
+            text = text.replace(str(URDF), str(arm))
         text = text.replace("validation/*.csv", f"{corruption.validation}/*.csv")
         artefact = artefact if corruption.artefact is None else corruption.artefact(artefact)
     write_artefact(folder / "artefact.yaml", artefact)
@@ -125,15 +134,18 @@ def corrupted(sound: Sound, corruption: Corruption | None, folder: Path) -> Path
 def outcome(sound: Sound, corruption: Corruption | None) -> Outcome:
     """Calibrate the job from its files, as the command does."""
     names = sound.name, "nothing" if corruption is None else corruption.name
+    began = process_time()
     with TemporaryDirectory() as folder:
         try:
             result = CalibrationJob.load(corrupted(sound, corruption, Path(folder))).run()
         except SutaCalibError as error:
-            return Outcome(*names, "refused", (str(error),))
+            return Outcome(*names, "refused", (str(error),), seconds=process_time() - began)
     judged = result.assessment
     said = (judged.sentence, *judged.notes)
-    errors = tip_errors(sound.made, result.solution, judged.notes) if judged.usable else ()
-    return Outcome(*names, judged.level, said, *errors)
+    errors = (np.nan, np.nan)
+    if judged.usable:
+        errors = tip_errors(sound.made, result.solution, judged.notes)
+    return Outcome(*names, judged.level, said, *errors, process_time() - began)
 
 
 def tip_errors(
@@ -147,9 +159,11 @@ def tip_errors(
     middle = np.array([row.reading for row in made.spec.posture])
     q = middle + rng.uniform(-0.5, 0.5, (200, len(middle)))
     arm = {n: solution.values[n] for n in solution.problem.arm_parameters}
+    fitted = solution.problem.arm
+    assert fitted is not None
 
     def tip(values: dict[str, float]) -> FloatArray:
-        return made.arm.forward(q, values)[1]
+        return fitted.forward(q, values)[1]
 
     def apart(one: FloatArray, other: FloatArray) -> float:
         rotation, position = register_points(one, other)
@@ -171,7 +185,7 @@ def tip_errors(
             for name in held.direction.keys() & arm.keys():
                 moved[name] += off * held.direction[name]
     stated = np.hypot(np.sqrt(np.mean(np.square(drawn))), apart(tip(moved), found))
-    return apart(found, tip(dict(made.values))), float(stated)
+    return apart(found, made.arm.forward(q, made.values)[1]), float(stated)
 
 
 def judge_sound(found: Outcome, says: str | None = None) -> Judged:
@@ -215,24 +229,37 @@ def judge(found: Outcome, clean: Outcome, corruption: Corruption) -> Judged:
     return Judged(found, fate, named, note)
 
 
-def study(jobs: Sequence[Sound], most: int | None = None, shown: bool = True) -> Iterator[Judged]:
+def study(
+    jobs: Sequence[Sound],
+    corruptions: Sequence[Corruption] = CORRUPTIONS,
+    most: int | None = None,
+    shown: bool = True,
+    known: Mapping[tuple[str, str], Outcome] = MappingProxyType({}),
+) -> Iterator[Judged]:
     """Every job, and what became of it with every corruption that can happen to it.
 
     Args:
         jobs: sound ones.
+        corruptions: of them, those that can happen to a job.
         most: only so many corruptions of each.
         shown: whether progress is.
+        known: outcomes by job and corruption that need not be found again.
     """
-    suffered = [(job, [c for c in CORRUPTIONS if job.suffers(c)][:most]) for job in jobs]
+
+    def found(job: Sound, corruption: Corruption | None) -> Outcome:
+        name = "nothing" if corruption is None else corruption.name
+        return known.get((job.name, name)) or outcome(job, corruption)
+
+    suffered = [(job, [c for c in corruptions if job.suffers(c)][:most]) for job in jobs]
     with Progress(disable=not shown) as progress:
         done = progress.add_task("", total=sum(1 + len(own) for _, own in suffered))
         for job, own in suffered:
             progress.update(done, description=job.name)
-            clean = outcome(job, None)
+            clean = found(job, None)
             yield judge_sound(clean, job.says)
             progress.advance(done)
             for corruption in own:
-                yield judge(outcome(job, corruption), clean, corruption)
+                yield judge(found(job, corruption), clean, corruption)
                 progress.advance(done)
 
 
@@ -282,18 +309,37 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="Two kinds, eight corruptions each.")
     parser.add_argument("--kind", action="append", choices=[*KINDS, "shipped"], help="Only these.")
     parser.add_argument("--starts", type=int, default=4, help="Of each calibration.")
-    parser.add_argument("--json", type=Path, help="Write every outcome here, a line each.")
+    parser.add_argument("--corruption", action="append", metavar="WORDS", help="Only such ones.")
+    parser.add_argument(
+        "--json",
+        type=Path,
+        help="Write every outcome here, a line each; those that stand there are not found again.",
+    )
     asked = parser.parse_args()
     kinds = asked.kind or (["tracked_point", "landmark"] if asked.quick else [*KINDS, "shipped"])
     simulated = [kind for kind in kinds if kind != "shipped"]
     jobs = [*sound_jobs(simulated, shipped="shipped" in kinds, starts=asked.starts)]
-    found = []
-    with Path(asked.json or os.devnull).open("w", encoding="utf-8") as file:
-        for each in study(jobs, 8 if asked.quick else None):
+    chosen = [
+        c for c in CORRUPTIONS if not asked.corruption or any(w in c.name for w in asked.corruption)
+    ]
+    found, known = [], read_outcomes(asked.json) if asked.json and asked.json.exists() else {}
+    with Path(asked.json or os.devnull).open("a", encoding="utf-8") as file:
+        for each in study(jobs, chosen, 8 if asked.quick else None, known=known):
             found.append(each)
-            file.write(json.dumps(asdict(each)) + "\n")
-            file.flush()
+            if (each.outcome.job, each.outcome.corruption) not in known:
+                file.write(json.dumps(asdict(each)) + "\n")
+                file.flush()
     show(found, Console(width=180))
+
+
+def read_outcomes(file: Path) -> dict[tuple[str, str], Outcome]:
+    """What a study that was stopped has written, by job and corruption."""
+    known = {}
+    for line in file.read_text(encoding="utf-8").splitlines():
+        told = json.loads(line)["outcome"]
+        found = Outcome(**(told | {"said": tuple(told["said"])}))
+        known[found.job, found.corruption] = found
+    return known
 
 
 if __name__ == "__main__":

@@ -9,12 +9,12 @@ from tempfile import TemporaryDirectory
 from typing import Final
 
 from what_goes_wrong import Corruption
+from wrong_samples import URDF
 
 from suta_calib import Samples, simulate
 from suta_calib.simulation import Simulation, read_simulation
 
 SUTA: Final = Path(__file__).resolve().parents[1] / "data" / "suta"
-URDF: Final = SUTA.parents[1] / "urdf" / "suta.urdf"
 
 SIMULATION: Final = """\
 arm: {{urdf: {urdf}, tip: tip}}
@@ -128,6 +128,8 @@ def has(samples: Samples, needed: str) -> bool:
     """Whether samples have what a corruption needs."""
     if needed == "order":  # in which rows were seen, or landmarks were touched
         return samples.position is not None or "landmark" in samples.labels
+    if needed == "touches":
+        return samples.position is None
     if needed in ("position", "rotation"):
         return getattr(samples, needed) is not None
     return needed in ("", "artefact", *samples.labels)

@@ -128,13 +128,16 @@ def track(context: click.Context, /, **options: Any) -> None:
 
 def _print_end(tracking: Tracking, *, stats: bool) -> None:
     from suta_calib.tracking.uncertainty import SOURCE_WORDS
+    from suta_calib.words import listed
 
     to, session, known = console(), tracking.session, tracking.uncertainty
     to.print(_table(tracking, session.summary()["rate_hz"], stats=stats))
     if known is not None:
         were = "was" if len(known.fixed) == 1 else "were"
         fixed = f"; relative to {', '.join(known.fixed)}, which {were} held" if known.fixed else ""
-        to.print(f"± is from the {SOURCE_WORDS[known.source]}{fixed}.", soft_wrap=True)
+        counted = listed(known.counted)
+        held = f", and from how far off {counted} may be, held at nominal" if counted else ""
+        to.print(f"± is from the {SOURCE_WORDS[known.source]}{held}{fixed}.", soft_wrap=True)
     if tracking.warmth:
         to.print(tracking.warmth, soft_wrap=True)
     for publisher in session.publishers:

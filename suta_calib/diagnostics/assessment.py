@@ -12,11 +12,11 @@ from suta_calib.diagnostics.causes import find_cause
 from suta_calib.diagnostics.changes import changes
 from suta_calib.diagnostics.contradictions import (
     contradictions,
-    dead_joints,
     gross_rows,
     seen_again,
 )
 from suta_calib.diagnostics.explanation import Explanation, Told, explain_solution
+from suta_calib.diagnostics.odd_readings import odd_columns, rounded, sorted_alone
 from suta_calib.diagnostics.repeats import lack_of_fit
 from suta_calib.diagnostics.score_tests import LOOKS_LIKE, effective_unknowns, score_tests
 from suta_calib.diagnostics.thinned import thinned
@@ -46,7 +46,8 @@ def assess_calibration(solution: Solution, accuracy: Accuracy) -> Assessment:
     if not solution.converged:
         wrong = [said for said, level in doubts.items() if level == "bad"]
         notes = wrong or _cause(solution) or [each.sentence for each in gross_rows(solution)]
-        notes = [*(each.sentence for each in seen_again(solution.problem.terms)), *notes]
+        again = [each.sentence for each in seen_again(solution.problem.terms)]
+        notes = [*again, *rounded(solution), *notes]
         return Assessment("bad", solution.sentence, tuple(notes))
     found = contradictions(solution, accuracy)
     worse = "The calibrated arm is worse than the nominal one on the validation data."
@@ -84,11 +85,12 @@ def assess_calibration(solution: Solution, accuracy: Accuracy) -> Assessment:
 
 def _cause(solution: Solution) -> list[str]:
     """The data read in another way, where that explains them far better."""
-    if dead := [each.sentence for each in dead_joints(solution)]:
-        return [] if solution.converged else dead
+    terms = solution.problem.terms
+    if odd := [*odd_columns(terms)]:
+        return [] if solution.converged else odd
     cause = find_cause(solution)
     if cause is None:
-        return []
+        return [*sorted_alone(terms)]
     unit = solution.problem.blocks[0].unit
     before, after = (text(v, unit, with_unit=True) for v in (cause.before, cause.after))
     return [f"The data agree far better ({after} in place of {before}) if {cause.sentence}."]

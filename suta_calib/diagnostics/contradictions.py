@@ -17,6 +17,7 @@ import numpy as np
 from suta_calib.diagnostics.accuracy import Accuracy
 from suta_calib.diagnostics.common_scale import common_scales
 from suta_calib.diagnostics.held_out import HeldOutErrors, held_out_errors, robust_level
+from suta_calib.diagnostics.odd_readings import odd_columns, rounded
 from suta_calib.measurements import Samples
 from suta_calib.measurements.samples import hashed
 from suta_calib.solver.evaluation import Linearised
@@ -53,7 +54,6 @@ class ContradictionOptions:
             in twenty, of arms whose lengths are off by ``scale``.
         scale_gain: share of the priors' pulls or the residuals that it must explain.
         starts: share of the starts that must end in the same minimum.
-        travel: of a joint, rad, below which it is as good as dead where others move ten times more.
         stride: of the tip, m, after which no instrument shows the same to the last digit: none is
             so coarse.
     """
@@ -76,7 +76,6 @@ class ContradictionOptions:
     scale_of_arm: float = 2.0
     scale_gain: float = 0.5
     starts: float = 0.5
-    travel: float = 1e-4
     stride: float = 0.01
 
 
@@ -110,7 +109,8 @@ def contradictions(
         # What does not fit at all has no scale.
         *([] if any(each.bad for each in residuals) else _scales(solution, options)),
         *_priors(solution, options),
-        *dead_joints(solution, options),
+        *(Contradiction(False, sentence) for sentence in odd_columns(solution.problem.terms)),
+        *(Contradiction(False, sentence) for sentence in rounded(solution)),
         *_repeated(solution, [each.term for each in accuracy.validation]),
         *_twice(solution.problem.terms),
         *seen_again(solution.problem.terms, options),
@@ -253,29 +253,6 @@ def _priors(solution: Solution, options: ContradictionOptions) -> Iterator[Contr
         f"{text(values[name] - p.nominal, p.unit, with_unit=True)}, prior "
         f"{text(p.prior, p.unit, with_unit=True)}): the prior is wrong, or the data are.",
     )
-
-
-def dead_joints(
-    solution: Solution, options: ContradictionOptions = ContradictionOptions()
-) -> Iterator[Contradiction]:
-    """Joints that read the same in every row while others move."""
-    problem = solution.problem
-    if problem.arm is None:
-        return
-    q = np.vstack([term.poses.samples.q for term in problem.terms])
-    travel = np.ptp(q, axis=0)
-    dead = [
-        joint
-        for joint, moved in zip(problem.arm.joints, travel, strict=True)
-        if moved < options.travel and np.sort(travel)[-2:].min() > 10 * options.travel
-    ]
-    if dead:
-        yield Contradiction(
-            False,
-            f"{', '.join(dead)} reads the same in every row, to "
-            f"{np.degrees(options.travel):.3f} deg: is its encoder alive? If it was locked, say "
-            "so by leaving its parameters out.",
-        )
 
 
 def _repeated(solution: Solution, validation: Sequence[Term]) -> Iterator[Contradiction]:

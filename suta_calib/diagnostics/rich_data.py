@@ -16,8 +16,8 @@ from typing import Any, Final
 import numpy as np
 
 from suta_calib.arrays import BoolArray, FloatArray
-from suta_calib.diagnostics.tip_uncertainty import Sensitivity, sensitivity
-from suta_calib.geometry.numbers import random_rotations, rms_length, skew
+from suta_calib.diagnostics.tip_uncertainty import STILL, Sensitivity, sensitivity
+from suta_calib.geometry.numbers import random_rotations, skew
 from suta_calib.measurements import Artefact, Landmark, Samples
 from suta_calib.simulation.inverse_kinematics import InverseKinematics, Targets
 from suta_calib.solver.identifiability import WEAK, schur_complement
@@ -36,8 +36,6 @@ APART: Final = 0.1
 LEVER: Final = 0.25
 # Information, relative to the largest, that so much data leaves only to what is null to rounding.
 NULL: Final = 1e-10
-# Of the motion of a direction's parts, what their sum may leave to be no motion.
-STILL: Final = 0.05
 # From a target that a touch may be, m.
 REACHED: Final = 1e-9
 
@@ -135,10 +133,7 @@ class RichData:
         A rigid registration takes out what is common to all of them: zero where nothing is left,
         or the parts of the direction cancel.
         """
-        step = direction * self.unit
-        parts = np.swapaxes(self._anywhere.jacobian * step, 0, 2).reshape(len(step), -1)
-        left = rms_length(self._anywhere.registered() @ step)
-        return left if left > STILL * np.linalg.norm(parts) / math.sqrt(PLACES * ROWS) else 0.0
+        return self._anywhere.moved(direction * self.unit)
 
     @cached_property
     def _anywhere(self) -> Sensitivity:

@@ -9,18 +9,22 @@ its error at the target from the arm alone; where the whole arm stands (the base
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
 from suta_calib.arrays import FloatArray
 from suta_calib.batched import Batched
-from suta_calib.geometry.numbers import skew
+from suta_calib.geometry.numbers import rms_length, skew
 from suta_calib.model.arm import ArmModel
 
 # Relative singular value below which registration points leave a rotation open.
-_OPEN = 1e-6
+_OPEN: Final = 1e-6
+# Of the motion of a direction's parts, what their sum may leave to be no motion.
+STILL: Final = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +61,16 @@ class Sensitivity:
         scale = np.array([1.0] * 3 + [max(float(np.ptp(at.position, axis=0).max()), 1e-9)] * 3)
         fit = np.linalg.pinv(design / scale, _OPEN) @ at.jacobian.reshape(-1, at.jacobian.shape[2])
         return np.asarray(self.jacobian - _rigid(self.position - centre) / scale @ fit)
+
+    def moved(self, step: FloatArray) -> float:
+        """How far a step (p,) of the parameters moves the registered tip, m, RMS.
+
+        Zero where the parts of the step cancel, or all postures move as one: such a step only draws
+        frames elsewhere.
+        """
+        parts = float(np.linalg.norm(self.jacobian * step)) / math.sqrt(len(self.q))
+        left = rms_length(self.registered() @ step)
+        return left if left > STILL * parts else 0.0
 
     def std(self, covariance: FloatArray, jacobian: FloatArray | None = None) -> FloatArray:
         """(n,) 3-D standard uncertainty of the tip, m: root of the summed variances of x, y, z.

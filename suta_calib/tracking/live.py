@@ -84,7 +84,7 @@ class Tracking:
         arm: the calibrated arm.
         device: the device.
         tool: on the tip.
-        uncertainty: of the arm's calibration, or None.
+        uncertainty: of the arm's calibration, the doubt about what that held among it, or None.
         session: counts, latency and the latest poses; there once the context is entered.
         events: everything that went wrong and went on, in order.
         interrupted: whether Ctrl-C ended it.
@@ -113,7 +113,8 @@ class Tracking:
         self.device = read_device(options.device)
         self.uncertainty: CalibrationUncertainty | None = None
         if options.result is not None:
-            self.uncertainty = read_uncertainty(options.result, self.arm, anyway=options.anyway)
+            known = read_uncertainty(options.result, self.arm, anyway=options.anyway)
+            self.uncertainty = known.with_held(self.arm)
         self.tool = NO_TOOL
         if options.tool is not None:
             self.tool = read_tool(options.tool, anyway=options.anyway)
@@ -207,6 +208,7 @@ class Tracking:
             "source": SOURCE_WORDS[known.source],
             "parameters": list(known.names),
             "held": list(known.fixed),
+            "held_within": list(known.counted),
             "tool_included": self.tool.std is not None,
         }
         return {

@@ -122,7 +122,8 @@ class TipKinematics:
 
     The variance of the tip's position is ``J C Jᵀ + R C_tool Rᵀ``, with J the tip's Jacobian by the
     arm's parameters at this very posture, C the calibration's covariance and C_tool the tool's.
-    It says nothing of parameters the calibration held, nor of the encoders' noise.
+    Of parameters that the calibration held it says what the uncertainty was given
+    (`CalibrationUncertainty.with_held`), and nothing of the encoders' noise.
 
     Args:
         arm: the calibrated arm, for raw readings.

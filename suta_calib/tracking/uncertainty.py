@@ -8,6 +8,7 @@ of the one is a small error of the other: `CalibrationUncertainty.folded` gives 
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,6 +18,7 @@ import numpy as np
 
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import refuse_unusable
+from suta_calib.diagnostics.tip_uncertainty import sensitivity
 from suta_calib.errors import InputError
 from suta_calib.geometry.numbers import (
     rotation_from_rpy,
@@ -30,6 +32,7 @@ from suta_calib.model.chain import ChainJoint
 from suta_calib.model.kinematics import Segment
 from suta_calib.model.parameters import OFFSET, PLACEMENT, POSITION
 from suta_calib.model.urdf import folded_origin
+from suta_calib.simulation.inverse_kinematics import InverseKinematics
 from suta_calib.units import FARTHEST
 
 Source = Literal["covariance", "correlations", "std"]
@@ -41,6 +44,8 @@ SOURCE_WORDS: Final[dict[Source, str]] = {
 }
 _STEP: Final = 1e-5
 _SAME: Final = 1e-9
+# All over the arm's range, to see whether the tip hangs on a parameter.
+_POSTURES: Final = 96
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +64,8 @@ class CalibrationUncertainty:
             them.
         held: of the fixed ones, how each parameter changes with it, and how far off it may be, m
             and rad; empty where the file does not say.
+        counted: of those that were fixed, the ones whose doubt stands in the covariance
+            (`with_held`).
     """
 
     path: Path
@@ -69,6 +76,47 @@ class CalibrationUncertainty:
     fixed: tuple[str, ...]
     beside_geometry: dict[str, float]
     held: tuple[tuple[str, Mapping[str, float], float], ...] = ()
+    counted: tuple[str, ...] = ()
+
+    def with_held(self, arm: ArmModel) -> CalibrationUncertainty:
+        """The same, with the doubt about what was held and the tip hangs on.
+
+        A parameter that may be anywhere within ± what is plausible has 1/√3 of that as its standard
+        uncertainty (GUM 4.3.7), and takes what goes with it along. What only draws frames
+        elsewhere, such as where the arm's base is, stays a convention.
+
+        Args:
+            arm: the calibrated arm.
+
+        Raises:
+            InputError: the arm is not the one that was calibrated.
+        """
+        if not self.held:
+            return self
+        random = np.random.default_rng(0)
+        anywhere = InverseKinematics(arm, {}).random_readings(random, _POSTURES)
+        counted, names, spreads = list[str](), list(self.names), list[Mapping[str, float]]()
+        for fixed, direction, plausible in self.held:
+            step = {name: each * plausible for name, each in direction.items()}
+            alone = replace(self, names=tuple(step), covariance=_square(step, tuple(step)))
+            moving, factor = alone.folded(arm)
+            at = sensitivity(arm, self.beside_geometry, moving, anywhere)
+            if at.moved(factor[:, -1]):
+                counted.append(fixed)
+                names += [name for name in step if name not in names]
+                spreads.append({name: each / math.sqrt(3.0) for name, each in step.items()})
+        covariance = np.zeros((len(names),) * 2)
+        covariance[: len(self.names), : len(self.names)] = self.covariance
+        for spread in spreads:
+            covariance += _square(spread, names)
+        return replace(
+            self,
+            names=tuple(names),
+            covariance=covariance,
+            fixed=tuple(name for name in self.fixed if name not in counted),
+            held=tuple(each for each in self.held if each[0] not in counted),
+            counted=tuple(counted),
+        )
 
     def folded(self, arm: ArmModel) -> tuple[tuple[str, ...], FloatArray]:
         """The same errors as parameters of the calibrated URDF.
@@ -77,8 +125,8 @@ class CalibrationUncertainty:
             arm: the calibrated arm.
 
         Returns:
-            Names (m,) of placement parameters of ``arm``, nominal there, then those of
-            `beside_geometry`; and F (m, m') with ``F Fᵀ`` their covariance.
+            Names (m,) of placement parameters of ``arm``, nominal there, then those beside
+            geometry; and F (m, m') with ``F Fᵀ`` their covariance.
 
         Raises:
             InputError: the arm is not the one that was calibrated.
@@ -91,7 +139,8 @@ class CalibrationUncertainty:
                 self._check_same(joint, segment)
                 rows += segment.names(*PLACEMENT)
                 blocks.append(self._of_joint(joint, segment))
-        for name in self.beside_geometry:
+        beside = (p.name for p in estimated if not p.geometric)
+        for name in dict.fromkeys([*self.beside_geometry, *beside]):
             rows.append(name)
             blocks.append(np.array([[float(n == name) for n in self.names]]))
         derivative = np.vstack([np.zeros((0, len(self.names))), *blocks])
@@ -131,6 +180,12 @@ class CalibrationUncertainty:
                     where=name,
                     hint="give the calibrated.urdf beside this file, not the nominal one",
                 )
+
+
+def _square(spread: Mapping[str, float], names: Sequence[str]) -> FloatArray:
+    """Covariance (n, n) of parameters that go with one another."""
+    root = np.array([spread.get(name, 0.0) for name in names])
+    return np.outer(root, root)
 
 
 def read_uncertainty(

@@ -104,6 +104,7 @@ def test_uncertainty_and_tool(device: Path, tmp_path: Path, capsys):
         "source": "covariance of the calibration",
         "parameters": list(TRUTH),
         "held": ["joint_1.offset"],
+        "held_within": [],
         "tool_included": False,
     }
     assert answer["tool_mm"] == [0, 0, 100]
@@ -111,6 +112,24 @@ def test_uncertainty_and_tool(device: Path, tmp_path: Path, capsys):
     assert answer["poses"]["valid"] < 2 + answer["readings"] / 10
     assert answer["readings"] > 20
     assert answer["notes"] == []
+
+
+def test_what_was_held_and_moves_the_tip_is_streamed_and_said(device: Path, tmp_path: Path, capsys):
+    scene = calibrated(tmp_path)
+    drawn = {"value": scene.nominal.offered["joint_6.z"].nominal, "std": None}
+    scene.result["parameters"]["joint_6.z"] = drawn
+    scene.result["unidentified"].append("joint_6.z")
+    within = {"parameter": "joint_6.z", "plausible": 0.06, "direction": {"joint_6.z": 1.0}}
+    scene.path.write_text(json.dumps(scene.result | {"held": [within]}), encoding="utf-8")
+    command = ("track", tmp_path / "calibrated.urdf", "--tip", "tip", "--device", device)
+    options = ("--result", scene.path, "--seconds", 0.3)
+    assert cli(*command, *options, "--json") == 0
+    answer = json.loads(capsys.readouterr().out)
+    assert answer["uncertainty"]["held_within"] == ["joint_6.z"]
+    assert np.linalg.norm(answer["last"]["std"]) == pytest.approx(0.06 / np.sqrt(3.0), rel=1e-3)
+    assert cli(*command, *options) == 0
+    said = "from how far off joint_6.z may be, held at nominal; relative to joint_1.offset, which"
+    assert said in capsys.readouterr().out
 
 
 def test_an_arm_that_grows_with_warmth_is_said_to_be_taken_as_cool(

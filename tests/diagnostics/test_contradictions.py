@@ -45,6 +45,7 @@ from suta_calib.diagnostics.held_out import (
     normal_squared,
     robust_level,
 )
+from suta_calib.diagnostics.odd_readings import rounded, sorted_alone
 from suta_calib.errors import SamplesError
 from suta_calib.measurements import Artefact
 
@@ -217,6 +218,42 @@ def test_a_dead_encoder_is_refused_and_named(scenes: tuple[Scene, Scene]) -> Non
     found = judged(scenes, joint(3, lambda q: np.full_like(q, q.mean())), options=few)
     assert not found.usable
     assert "joint_4 reads the same in every row" in " ".join(found.notes)
+
+
+def test_a_column_that_was_copied_over_another_is_named(scenes: tuple[Scene, Scene]) -> None:
+    def copied(samples: Samples) -> Samples:
+        return replace(samples, q=samples.q[:, [0, 1, 2, 3, 3, 5]])
+
+    found = judged(scenes, copied, options=replace(ONCE, max_iterations=10))
+    assert not found.usable
+    assert "joint_4 and joint_5 read the same as one another" in " ".join(found.notes)
+
+
+def test_a_column_that_was_sorted_by_itself_is_named(scenes: tuple[Scene, Scene]) -> None:
+    found = judged(scenes, joint(2, np.sort), options=replace(ONCE, max_iterations=10))
+    assert not found.usable
+    assert "readings of joint_3 stand in order, those of no other" in " ".join(found.notes)
+    few = scenes[0].samples(NOISE, seed=0)[0].take(np.arange(5))
+    assert not [*sorted_alone([scenes[0].term(joint(2, np.sort)(few))])]
+
+
+def to_the_degree(q: np.ndarray) -> np.ndarray:
+    return np.radians(np.round(np.degrees(q)))
+
+
+def test_readings_that_were_rounded_are_told_from_an_arm_sent_there(
+    scenes: tuple[Scene, Scene],
+) -> None:
+    """Whole degrees scatter the tip by millimetres, unless the arm truly stood there."""
+    found = judged(scenes, lambda s: replace(s, q=to_the_degree(s.q)))
+    said = "joint_5, joint_6 are in steps of 1 deg: so rounded, they scatter the tip by"
+    assert said in " ".join(found.notes)
+    there = replace(scenes[0], q=to_the_degree(scenes[0].q))
+    arm, truth = there.arm, truth_of(there.arm)
+    R, p = arm.forward(there.q, truth)
+    there = replace(there, rotation=R, position=p)
+    sent = Problem([there.term(there.samples(NOISE)[0])], unknowns(arm, priors=True))
+    assert not [*rounded(solve(sent, ONCE))]
 
 
 @pytest.fixture(scope="module")

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import importlib.util
+import json
 import sys
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -117,3 +118,16 @@ def test_silence_is_judged_by_the_tip_and_by_new_words(study: ModuleType, clean:
     assert (judged.fate, judged.named) == ("warned", True)
     refused = replace(said, level="bad", error=np.nan)
     assert study.judge(refused, clean, corruption).fate == "refused"
+
+
+def test_a_study_that_was_stopped_goes_on(study: ModuleType, clean: Any, tmp_path: Path) -> None:
+    """What its file tells is not found again: here a job that could not be."""
+    other, corruption = replace(clean, job="no job"), study.CORRUPTIONS[0]
+    told = [other, replace(other, corruption=corruption.name, level="bad", error=np.nan)]
+    file = tmp_path / "outcomes.json"
+    lines = [json.dumps({"outcome": asdict(each), "fate": ""}) + "\n" for each in told]
+    file.write_text("".join(lines))
+    everything = SimpleNamespace(path="calibration/P.csv", samples=SimpleNamespace(labels={}))
+    nobody = study.Sound("no job", "", SimpleNamespace(files=[everything]))
+    found = study.study([nobody], [corruption], shown=False, known=study.read_outcomes(file))
+    assert [each.fate for each in found] == ["sound", "refused"]

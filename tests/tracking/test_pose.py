@@ -61,6 +61,48 @@ def test_uncertainty_is_that_of_the_nominal_arm_with_its_parameters(scene: Calib
         np.testing.assert_allclose(std, np.sqrt(np.diag(variance)), rtol=1e-6)
 
 
+def test_what_was_held_and_moves_the_tip_is_in_what_is_streamed(scene: Calibrated, tmp_path: Path):
+    """Anywhere within 3 mm, and what the data tie to it goes along; the base is a convention."""
+    held = {
+        "joint_6.z": (3e-3, {"joint_6.z": 1.0, "joint_3.offset": -2.0, "joint_2.gain": 0.1}),
+        "joint_1.offset": (0.2, {"joint_1.offset": 1.0}),
+    }
+    entries = {name: {"value": scene.nominal.offered[name].nominal, "std": None} for name in held}
+    data = scene.result | {
+        "parameters": scene.result["parameters"] | entries,
+        "unidentified": [*held],
+        "held": [
+            {"parameter": name, "plausible": plausible, "direction": direction}
+            for name, (plausible, direction) in held.items()
+        ],
+    }
+    file = tmp_path / "result.json"
+    file.write_text(json.dumps(data))
+    alone = read_uncertainty(file, scene.arm)
+    known = alone.with_held(scene.arm)
+    assert (known.counted, known.fixed) == (("joint_6.z",), ("joint_1.offset",))
+    assert alone.with_held(scene.arm).with_held(scene.arm).names == known.names
+    before, after = (TipKinematics(scene.arm, NO_TOOL, each) for each in (alone, known))
+    plausible, direction = held["joint_6.z"]
+    random, lever = np.random.default_rng(3), 1e-3
+    for q in random_readings(scene.nominal, random, 5):
+        ends = [
+            scene.nominal.forward(
+                q,
+                TRUTH
+                | {
+                    n: TRUTH.get(n, scene.nominal.offered[n].nominal) + sign * lever * d
+                    for n, d in direction.items()
+                },
+            )[1]
+            for sign in (-1, 1)
+        ]
+        within = random.uniform(-plausible, plausible, 20_000)
+        added = (ends[1] - ends[0]) / (2 * lever) * np.std(within)
+        wanted = np.hypot(before(q)[2], added)
+        np.testing.assert_allclose(after(q)[2], wanted, rtol=0.01)
+
+
 def test_offsets_of_joints_that_slide_are_folded_too(tmp_path: Path):
     urdf = tmp_path / "slide.urdf"
     urdf.write_text(
