@@ -32,6 +32,7 @@ class Orders(NamedTuple):
     seconds: float
     wait: bool
     gated: bool
+    patient: bool
     trajectory: Path
 
 
@@ -53,7 +54,14 @@ def main() -> None:
     try:
         with PseudoTerminal(orders.link) as terminal:
             _say(port=terminal.name)
-            player = Player(orders.emulation, terminal, _event, gated=orders.gated, recorded=True)
+            player = Player(
+                orders.emulation,
+                terminal,
+                _event,
+                gated=orders.gated,
+                recorded=True,
+                patient=orders.patient,
+            )
             player.run(orders.seconds, stop.is_set, wait=orders.wait)
         np.savez(orders.trajectory, **vars(player.trajectory))
         _say(played=asdict(player.played))

@@ -44,6 +44,8 @@ class EmulatedArm:
         seconds: how long at most, waiting included.
         wait: for somebody to open the port before anything moves.
         gated: whether the arm waits between rounds; see `RoundClock`.
+        patient: whether it waits for a reader that lags, who then loses nothing however busy the
+            computer is; see `Player`.
 
     Attributes:
         events: what has happened so far, in words.
@@ -57,10 +59,11 @@ class EmulatedArm:
         seconds: float = 3600.0,
         wait: bool = True,
         gated: bool = True,
+        patient: bool = False,
     ) -> None:
         self.emulation = emulation
         self.events: list[str] = []
-        self._link, self._options = link, (seconds, wait, gated)
+        self._link, self._options = link, (seconds, wait, gated, patient)
         self._messages: Queue[dict[str, Any]] = Queue()
         self._process: subprocess.Popen[bytes] | None = None
         self._played: Played | None = None

@@ -63,6 +63,8 @@ class Player:
         on_event: told in words when the port is opened, vanishes or comes back.
         gated: whether the arm waits between rounds; see `RoundClock`.
         recorded: whether the true trajectory is kept, for as long as it plays.
+        patient: whether it waits for whoever has the port open and has not read for so long that
+            the port is full (flow control), and then makes up for it, instead of going on unheard.
     """
 
     def __init__(
@@ -73,10 +75,11 @@ class Player:
         *,
         gated: bool = True,
         recorded: bool = False,
+        patient: bool = False,
     ) -> None:
         self.played = Played()
         self._emulation, self._terminal, self._tell = emulation, terminal, on_event
-        self._gated, self._recorded = gated, recorded
+        self._gated, self._recorded, self._patient = gated, recorded, patient
         self._first = 0
         self._blocks: list[tuple[FloatArray, FloatArray]] = []
 
@@ -113,7 +116,7 @@ class Player:
         clock = RoundClock(self._emulation.motion, self._terminal.heard) if self._gated else None
         log = (lambda *block: self._blocks.append(block)) if self._recorded else None
         stream = packets(self._emulation, self._first, clock, log)
-        sending = ((due, partial(self._send, data)) for due, data in stream)
+        sending = ((due, partial(self._send, data, stopped)) for due, data in stream)
         absences = self._emulation.faults.absences
         vanishing = (
             step for w in absences for step in ((w.start, self._vanish), (w.end, self._return))
@@ -126,13 +129,16 @@ class Player:
             self.played.late = max(self.played.late, time.perf_counter() - opened - due)
             act()
 
-    def _send(self, data: bytes) -> None:
+    def _send(self, data: bytes, stopped: Callable[[], bool]) -> None:
         if not data:
             self.played.silent += 1
-        elif self._terminal.write(data):
-            self.played.sent += 1
-        else:
-            self.played.unheard += 1
+            return
+        while not (went := self._terminal.write(data)) and self._patient:
+            if stopped() or not self._terminal.heard():
+                break
+            time.sleep(_LOOK)
+        self.played.sent += went
+        self.played.unheard += not went
 
     def _vanish(self) -> None:
         self._terminal.close()

@@ -14,7 +14,7 @@ from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import vector_from_rotation
 from suta_calib.geometry.pinhole import projected, undistorted
 from suta_calib.measurements import Board, Camera
-from suta_calib.terms.camera_start import PLANAR, board_pose
+from suta_calib.terms.camera_start import board_poses
 from suta_calib.terms.hand_eye_start import Poses, agreeing_hand_eye, loop_closures, some_poses
 
 # Corners that are off by this part of the board's extent in a picture are of no such board.
@@ -38,6 +38,8 @@ MIRRORED: Final = (
 )
 # Pictures that a sentence names.
 QUOTED: Final = 5
+# Relative difference that is none.
+ROUNDING: Final = 1e-9
 # By what is turned: how pictures are told of which the others say that they are upside down.
 TURNED: Final = {
     "board": "the board is turned by half a turn: its corners are numbered from the other end.",
@@ -68,16 +70,7 @@ class BoardPictures:
     @cached_property
     def poses(self) -> Poses:
         """``T_eye_board`` of every picture, by its own corners; NaN where they do not tell it."""
-        n = len(self.pixels)
-        rotation, position = np.full((n, 3, 3), np.nan), np.full((n, 3), np.nan)
-        straight = undistorted(self.pixels, self.camera.intrinsics)
-        for row, seen in enumerate(straight):
-            there = np.isfinite(seen).all(axis=1)
-            if there.sum() >= PLANAR:
-                found = board_pose(self.points[there], seen[there])
-                if found is not None:
-                    rotation[row], position[row] = found
-        return rotation, position
+        return board_poses(self.points, undistorted(self.pixels, self.camera.intrinsics))
 
     @property
     def told(self) -> BoolArray:
@@ -213,7 +206,8 @@ class BoardPictures:
         board = off((B[0] @ _HALF_TURN, B[1] + B[0] @ (middle - _HALF_TURN @ middle)))
         picture = off((_HALF_TURN @ B[0], B[1] @ _HALF_TURN))
         strange = off(B)[0] > HALF_TURNED
-        nearer = sum(board) < sum(picture)
+        # Of a board straight ahead of the camera the two are one, but for rounding.
+        nearer = sum(board) <= (1.0 + ROUNDING) * sum(picture)
         for name, (turned, _), mine in (("board", board, nearer), ("picture", picture, ~nearer)):
             found[name][rows[strange & mine & (turned < UPRIGHT)]] = True
         return found

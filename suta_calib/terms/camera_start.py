@@ -12,7 +12,7 @@ from typing import Final
 
 import numpy as np
 
-from suta_calib.arrays import FloatArray
+from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.errors import BoardError, SamplesError
 from suta_calib.geometry.numbers import rotation_from_vector, skew
 from suta_calib.geometry.pinhole import DISTORTION
@@ -77,107 +77,156 @@ UNCALIBRATED: Final = IntrinsicsPrior(
 )
 
 
-def board_pose(points: FloatArray, seen: FloatArray) -> tuple[FloatArray, FloatArray] | None:
-    """``T_eye_board`` from one picture; None where its points do not determine it.
+def board_poses(points: FloatArray, seen: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """``T_eye_board`` of pictures, each by its own points; NaN where these do not determine it.
 
     Points in a plane give a homography, whose first columns are the plane's axes; others a
     projection. From the nearest rotation to what is found the reprojection error is minimised.
 
     Args:
         points: (k, 3) in the board's frame, m.
-        seen: (k, 2) where an ideal camera of focal length one sees them.
+        seen: (n, k, 2) where an ideal camera of focal length one sees them; NaN where it does not.
 
     Returns:
-        Rotation (3, 3) and position (3,), m; or None.
+        Rotations (n, 3, 3) and positions (n, 3), m.
     """
-    if len(points) < PLANAR:
-        return None
-    middle = points.mean(axis=0)
-    _, size, axes = np.linalg.svd(points - middle, full_matrices=False)
-    if size[1] <= _LINE * size[0]:
-        return None
-    axes = axes * np.array([1.0, 1.0, np.linalg.det(axes)])[:, None]
-    local = (points - middle) @ axes.T
-    flat = size[2] <= _FLAT * size[0]
-    matrix = _linear(local[:, :2] if flat else local, seen)
-    if matrix is None:
-        return None
-    columns, shift = matrix[:, :-1], matrix[:, -1]
-    if flat:
-        columns = np.column_stack([columns, np.zeros(3)])
-        length = np.linalg.norm(columns[:, :2], axis=0).mean()
-        columns[:, 2] = np.cross(columns[:, 0], columns[:, 1]) / length
-    else:
-        length = np.linalg.svd(columns, compute_uv=False).mean()
-    # A homography has no sign: what is seen is ahead.
-    sign = np.sign(shift[2]) or 1.0
-    columns = columns * (np.array([sign, sign, 1.0]) if flat else sign)
-    u, _, v = np.linalg.svd(columns)
-    turn = (u * np.array([1.0, 1.0, np.linalg.det(u @ v)])) @ v @ axes
-    position = sign * shift / length
-    if not np.isfinite(position).all():
-        return None
-    turn, position = _refined(points - middle, seen, turn, position)
-    return turn, position - turn @ middle
+    rotation, position = np.full((len(seen), 3, 3), np.nan), np.full((len(seen), 3), np.nan)
+    there = np.asarray(np.isfinite(seen).all(axis=2))
+    rows = np.flatnonzero(there.sum(axis=1) >= PLANAR)
+    if not len(rows):
+        return rotation, position
+    middle = _middle(np.broadcast_to(points, (len(rows), *points.shape)), there[rows])
+    apart = np.where(there[rows, :, None], points - middle[:, None], 0.0)
+    _, size, axes = np.linalg.svd(apart, full_matrices=False)
+    axes = axes * np.stack([np.ones(len(rows))] * 2 + [np.linalg.det(axes)], axis=1)[:, :, None]
+    line, flat = size[:, 1] <= _LINE * size[:, 0], size[:, 2] <= _FLAT * size[:, 0]
+    for kind, dimension in ((flat & ~line, 2), (~flat & ~line, 3)):
+        mine = np.flatnonzero(kind)
+        which, local = rows[mine], (apart[mine] @ np.swapaxes(axes[mine], 1, 2))[..., :dimension]
+        matrix = _linear(local, seen[which], there[which])
+        columns, shift = matrix[..., :-1], matrix[..., -1]
+        # A homography has no sign: what is seen is ahead.
+        sign = np.where(shift[:, 2] < 0.0, -1.0, 1.0)
+        columns = sign[:, None, None] * columns
+        if dimension == 2:
+            length = np.linalg.norm(columns, axis=1).mean(axis=1)
+            across = np.cross(columns[..., 0], columns[..., 1]) / length[:, None]
+            columns = np.concatenate([columns, across[..., None]], axis=2)
+        told = np.isfinite(columns).all(axis=(1, 2)) & np.isfinite(shift).all(axis=1)
+        mine, which, columns, shift = mine[told], which[told], columns[told], shift[told]
+        u, singular, v = np.linalg.svd(columns)
+        if dimension == 3:
+            length = singular.mean(axis=1)
+        else:
+            length = length[told]
+        u[..., 2] *= np.linalg.det(u @ v)[:, None]
+        start = sign[told, None] * shift / length[:, None]
+        R, p = _refined(apart[mine], seen[which], there[which], u @ v @ axes[mine], start)
+        rotation[which], position[which] = R, p - (R @ middle[mine, :, None])[..., 0]
+    return rotation, position
 
 
 def _refined(
-    points: FloatArray, seen: FloatArray, rotation: FloatArray, position: FloatArray
+    points: FloatArray,
+    seen: FloatArray,
+    there: BoolArray,
+    rotation: FloatArray,
+    position: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
-    """The pose of least reprojection error, by Gauss and Newton from one that is near.
+    """The poses of least reprojection error, by Gauss and Newton from one that is near.
 
     A step that does not help ends it: what is near is then the answer.
+
+    Args:
+        points: (n, k, 3) about the middle of each picture's points.
+        seen: (n, k, 2) of them.
+        there: (n, k) which are seen.
+        rotation: (n, 3, 3) to begin with.
+        position: (n, 3) of that middle.
     """
-    best, error = (rotation, position), np.inf
+    best = rotation.copy(), position.copy()
+    rows, error = np.arange(len(seen)), np.full(len(seen), np.inf)
     for _ in range(_STEPS):
-        turned = points @ rotation.T
-        x, y, z = (turned + position).T
-        residual = np.column_stack([x / z, y / z]) - seen
-        squared = float(np.sum(residual**2))
-        if not (squared < error and (z > 0).all()):
+        turned = points[rows] @ np.swapaxes(rotation, 1, 2)
+        x, y, z = np.moveaxis(turned + position[:, None], 2, 0)
+        # What is not seen counts as seen where it belongs.
+        z = np.where(there[rows], z, 1.0)
+        residual = np.stack([x / z, y / z], axis=2) - seen[rows]
+        residual[~there[rows]] = 0.0
+        squared = np.sum(residual**2, axis=(1, 2))
+        better = (squared < error[rows]) & (z > 0).all(axis=1)
+        best[0][rows[better]], best[1][rows[better]] = rotation[better], position[better]
+        going = better & ~(error[rows] - squared <= _SETTLED * squared)
+        error[rows] = squared
+        rows, rotation, position = rows[going], rotation[going], position[going]
+        if not len(rows):
             break
-        best, settled = (rotation, position), error - squared <= _SETTLED * squared
-        error = squared
-        if settled:
-            break
-        by_point = np.zeros((len(points), 2, 3))
-        by_point[:, 0, 0] = by_point[:, 1, 1] = 1.0 / z
-        by_point[:, 0, 2], by_point[:, 1, 2] = -x / z**2, -y / z**2
+        x, y, z, turned, residual = (each[going] for each in (x, y, z, turned, residual))
+        by_point = np.zeros((*z.shape, 2, 3))
+        by_point[..., 0, 0] = by_point[..., 1, 1] = 1.0 / z
+        by_point[..., 0, 2], by_point[..., 1, 2] = -x / z**2, -y / z**2
+        by_point[~there[rows]] = 0.0
         # The point moves with the position, and with a turn about the camera's axes.
-        jacobian = np.concatenate([by_point, -by_point @ skew(turned)], axis=2).reshape(-1, 6)
-        step = np.linalg.lstsq(jacobian, -residual.ravel(), rcond=None)[0]
-        rotation, position = rotation_from_vector(step[3:]) @ rotation, position + step[:3]
+        jacobian = np.concatenate([by_point, -by_point @ skew(turned)], axis=3)
+        jacobian = jacobian.reshape(len(rows), -1, 6)
+        transposed = np.swapaxes(jacobian, 1, 2)
+        slope = transposed @ residual.reshape(len(rows), -1, 1)
+        step = -(np.linalg.pinv(transposed @ jacobian, hermitian=True) @ slope)[..., 0]
+        rotation = rotation_from_vector(step[:, 3:]) @ rotation
+        position = position + step[:, :3]
     return best
 
 
-def _linear(points: FloatArray, seen: FloatArray) -> FloatArray | None:
-    """(3, d + 1) that takes points (k, d) to homogeneous coordinates of what is seen (k, 2).
+def _linear(points: FloatArray, seen: FloatArray, there: BoolArray) -> FloatArray:
+    """(n, 3, d + 1) that take points (n, k, d) to homogeneous coordinates of what is seen.
 
-    Up to a factor; None where several do.
+    Up to a factor; NaN where several do.
+
+    Args:
+        points: of each picture.
+        seen: (n, k, 2) of them.
+        there: (n, k) which are seen.
     """
-    k, dimension = points.shape
-    if k < (PLANAR if dimension == 2 else SPATIAL):
-        return None
-    to_points, to_seen = _unit_size(points), _unit_size(seen)
-    source = np.column_stack([points, np.ones(k)]) @ to_points.T
-    target = np.column_stack([seen, np.ones(k)]) @ to_seen.T
+    n, k, dimension = points.shape
     width = dimension + 1
-    rows = np.zeros((k, 2, 3 * width))
-    rows[:, 0, :width] = rows[:, 1, width : 2 * width] = source
-    rows[:, :, 2 * width :] = -target[:, :2, None] * source[:, None, :]
-    _, singular, vectors = np.linalg.svd(rows.reshape(2 * k, -1))
-    if not np.isfinite(singular).all() or singular[3 * width - 2] <= _SINGULAR * singular[0]:
-        return None
-    found = vectors[-1].reshape(3, width)
-    return np.asarray(np.linalg.solve(to_seen, found @ to_points))
+    to_points, to_seen = _unit_size(points, there), _unit_size(seen, there)
+    counted = there[..., None].astype(float)
+    source = np.concatenate([np.where(there[..., None], points, 0.0), counted], axis=2)
+    target = np.concatenate([np.where(there[..., None], seen, 0.0), counted], axis=2)
+    source, target = (
+        rows @ np.swapaxes(to, 1, 2) for rows, to in ((source, to_points), (target, to_seen))
+    )
+    # With as many rows as unknowns at least, all singular vectors are there.
+    rows = np.zeros((n, max(k, -(-3 * width // 2)), 2, 3 * width))
+    rows[:, :k, 0, :width] = rows[:, :k, 1, width : 2 * width] = source
+    rows[:, :k, :, 2 * width :] = -target[:, :, :2, None] * source[:, :, None, :]
+    rows = rows.reshape(n, 2 * rows.shape[1], 3 * width)
+    found = np.full((n, 3, width), np.nan)
+    told = there.sum(axis=1) >= (PLANAR if dimension == 2 else SPATIAL)
+    told &= np.isfinite(rows).all(axis=(1, 2))
+    _, singular, vectors = np.linalg.svd(rows[told], full_matrices=False)
+    several = singular[:, 3 * width - 2] <= _SINGULAR * singular[:, 0]
+    matrix = np.linalg.solve(to_seen[told], vectors[:, -1].reshape(-1, 3, width) @ to_points[told])
+    matrix[several] = np.nan
+    found[told] = matrix
+    return found
 
 
-def _unit_size(points: FloatArray) -> FloatArray:
-    """Homogeneous matrix that brings points (k, d) to their middle and to unit size."""
-    dimension, middle = points.shape[1], points.mean(axis=0)
-    scale = 1.0 / max(float(np.sqrt(np.mean((points - middle) ** 2))), 1e-300)
-    matrix = np.eye(dimension + 1)
-    matrix[:dimension] = scale * np.column_stack([np.eye(dimension), -middle])
+def _middle(points: FloatArray, there: BoolArray) -> FloatArray:
+    """(n, d) mean of those points (n, k, d) that are there."""
+    total = np.where(there[..., None], points, 0.0).sum(axis=1)
+    return np.asarray(total / np.maximum(there.sum(axis=1), 1)[:, None])
+
+
+def _unit_size(points: FloatArray, there: BoolArray) -> FloatArray:
+    """(n, d + 1, d + 1) homogeneous, that bring points (n, k, d) to their middle and unit size."""
+    n, _, dimension = points.shape
+    middle = _middle(points, there)
+    squared = _middle((points - middle[:, None]) ** 2, there).mean(axis=1)
+    scale = 1.0 / np.maximum(np.sqrt(squared), 1e-300)
+    matrix = np.tile(np.eye(dimension + 1), (n, 1, 1))
+    matrix[:, :dimension, :dimension] *= scale[:, None, None]
+    matrix[:, :dimension, dimension] = -scale[:, None] * middle
     return matrix
 
 
@@ -231,8 +280,12 @@ def closed_form_intrinsics(
     """
     every = np.concatenate(pictures)
     middle, size = (every.min(axis=0) + every.max(axis=0)) / 2.0, float(np.ptp(every, axis=0).max())
-    found = (_linear(b[:, :2], (p - middle) / size) for b, p in zip(boards, pictures, strict=True))
-    rows = [row for H in found if H is not None for row in _conic_rows(H / np.linalg.norm(H))]
+    found = (
+        _linear(b[None, :, :2], (p - middle)[None] / size, np.ones((1, len(b)), dtype=np.bool_))[0]
+        for b, p in zip(boards, pictures, strict=True)
+    )
+    told = (H for H in found if np.isfinite(H).all())
+    rows = [row for H in told for row in _conic_rows(H / np.linalg.norm(H))]
     if not rows:
         return None
     for answer in (_free_centre(np.array(rows)), _given_centre(np.array(rows))):

@@ -22,7 +22,8 @@ def bench(tmp_path: Path, repository: Path) -> Bench:
 def test_a_placement_is_measured_by_a_call(bench: Bench) -> None:
     said: list[str] = []
     shown: list[str] = []
-    with EmulatedArm(bench.emulation(bench.stops("O,M1", rest=0.9))) as emulator:
+    emulation = bench.emulation(bench.stops("O,M1", rest=0.9))
+    with EmulatedArm(emulation, patient=True) as emulator:
         options = MeasureOptions(
             job=bench.job,
             device=emulator.write_device(bench.folder / "device.yaml"),

@@ -37,7 +37,8 @@ def test_unattended_it_writes_what_the_arm_truly_did(
     parquet = pytest.importorskip("pyarrow.parquet")
     names, raw = "O,M1", bench.folder / "raw.parquet"
     emulation = bench.emulation(bench.stops(names, rest=0.9))
-    with EmulatedArm(emulation) as emulator:
+    # However long this process and the one at the port wait for their turn on a busy machine.
+    with EmulatedArm(emulation, patient=True) as emulator:
         emulator.write_device(bench.folder / "device.yaml")
         more = ("--placement", "P1", "--sequence", names, "--yes", "--json", "--raw", raw)
         assert cli(*bench.command(*more)) == 0

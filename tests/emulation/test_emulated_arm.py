@@ -2,16 +2,18 @@ from __future__ import annotations
 
 import os
 import time
+from contextlib import suppress
 from pathlib import Path
+from threading import Thread
 
 import numpy as np
 import pytest
 from emulated import TRUTH, angles, device_of, landmark_stops, listen, true_landmarks
 
 from suta_calib.device import Bus, Reading, read_device
-from suta_calib.emulation import EmulatedArm, Emulation, Faults, Still, Sweep
-from suta_calib.emulation.player import RoundClock
-from suta_calib.emulation.stream import STALE_TURN
+from suta_calib.emulation import EmulatedArm, Emulation, Faults, PseudoTerminal, Still, Sweep
+from suta_calib.emulation.player import Player, RoundClock
+from suta_calib.emulation.stream import STALE_TURN, packets
 from suta_calib.errors import SutaCalibError
 from suta_calib.geometry.numbers import wrap
 from suta_calib.model.arm import ArmModel
@@ -55,6 +57,31 @@ def test_a_port_streams_in_real_time_and_tells_the_truth_afterwards(arm: ArmMode
     )
     assert emulator.played.sent >= len(readings)
     assert emulator.events == ["the port was opened"]
+
+
+def test_a_patient_arm_loses_nothing_to_a_reader_that_lags(arm: ArmModel) -> None:
+    """A second of frames is many times what a port holds; nobody reads for a third of it."""
+    emulation = moving(arm)
+    _, frame = next(packets(emulation, 0))
+    with PseudoTerminal() as terminal:
+        listener = os.open(terminal.name, os.O_RDONLY | os.O_NOCTTY | os.O_NONBLOCK)
+        player = Player(emulation, terminal, patient=True)
+        playing = Thread(target=player.run, args=(1.0,))
+        playing.start()
+        time.sleep(0.33)
+        read = b""
+        while playing.is_alive():
+            time.sleep(0.01)
+            with suppress(BlockingIOError):
+                while data := os.read(listener, 65536):
+                    read += data
+        with suppress(BlockingIOError):
+            read += os.read(listener, 65536)
+        os.close(listener)
+    played = player.played
+    assert played.unheard == 0
+    # Of the last one a part may still be on its way.
+    assert 2 * 4096 < len(read) <= played.sent * len(frame) < len(read) + len(frame)
 
 
 def test_a_port_that_vanishes_comes_back_under_its_name(arm: ArmModel, tmp_path: Path) -> None:

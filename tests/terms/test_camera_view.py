@@ -18,7 +18,7 @@ from suta_calib.measurements import Chessboard, read_board, read_camera
 from suta_calib.simulation import read_simulation, simulate
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solve import solve
-from suta_calib.terms.camera_start import board_pose, closed_form_intrinsics
+from suta_calib.terms.camera_start import board_poses, closed_form_intrinsics
 
 SIMULATION = """\
 arm: {urdf: arm.urdf, tip: tip}
@@ -218,11 +218,15 @@ def test_closed_forms_are_exact() -> None:
         pictures.append(projected(points @ R.T + p, lens))
         for body in (points, points + random.normal(size=points.shape) * 0.02):
             there = body @ R.T + p
-            found = board_pose(body, there[:, :2] / there[:, 2:])
-            assert found is not None
-            np.testing.assert_allclose(found[0], R, atol=1e-9)
-            np.testing.assert_allclose(found[1], p, atol=1e-9)
+            seen = np.tile(there[:, :2] / there[:, 2:], (3, 1, 1))
+            seen[1, ::3] = np.nan  # of which not all is seen, and too little
+            seen[2, 3:] = np.nan
+            rotation, position = board_poses(body, seen)
+            np.testing.assert_allclose(rotation[:2], [R, R], atol=1e-9)
+            np.testing.assert_allclose(position[:2], [p, p], atol=1e-9)
+            assert np.isnan(rotation[2]).all()
+            assert np.isnan(position[2]).all()
     found_lens = closed_form_intrinsics([points] * 6, pictures)
     np.testing.assert_allclose(found_lens, lens[:4], rtol=1e-6)
-    assert board_pose(points[:3], points[:3, :2]) is None
-    assert board_pose(points[:5], points[:5, :2]) is None
+    for few in (points[:3], points[:5]):  # the first row of the board: a line
+        assert np.isnan(board_poses(few, few[None, :, :2])[1]).all()
