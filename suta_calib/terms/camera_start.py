@@ -14,7 +14,7 @@ import numpy as np
 
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import BoardError, SamplesError
-from suta_calib.geometry.numbers import rotation_from_vector, skew
+from suta_calib.geometry.numbers import right_singular, rotation_from_vector, skew
 from suta_calib.geometry.pinhole import DISTORTION
 from suta_calib.measurements import Board, Camera, Corners
 
@@ -165,7 +165,7 @@ def _linear(points: FloatArray, seen: FloatArray) -> FloatArray | None:
     rows = np.zeros((k, 2, 3 * width))
     rows[:, 0, :width] = rows[:, 1, width : 2 * width] = source
     rows[:, :, 2 * width :] = -target[:, :2, None] * source[:, None, :]
-    _, singular, vectors = np.linalg.svd(rows.reshape(2 * k, -1))
+    singular, vectors = right_singular(rows.reshape(2 * k, -1))
     if not np.isfinite(singular).all() or singular[3 * width - 2] <= _SINGULAR * singular[0]:
         return None
     found = vectors[-1].reshape(3, width)
@@ -257,7 +257,7 @@ def _free_centre(rows: FloatArray) -> FloatArray | None:
     """fx, fy, cx, cy in units of the picture, from three homographies or more."""
     if len(rows) < 6:
         return None
-    b11, b22, b13, b23, b33 = np.linalg.svd(rows)[2][-1]
+    b11, b22, b13, b23, b33 = right_singular(rows)[1][-1]
     if not (b11 * b22 > 0):
         return None
     cx, cy = -b13 / b11, -b23 / b22
