@@ -30,7 +30,7 @@ from suta_calib.certification.measuring import (
 from suta_calib.certification.plane import agreeing
 from suta_calib.certification.points import CertificationOptions, RawPoints
 from suta_calib.errors import ArtefactError, SamplesError, did_you_mean
-from suta_calib.geometry.numbers import skew, wrap
+from suta_calib.geometry.numbers import right_singular, skew, wrap
 from suta_calib.measurements import Artefact
 
 Source = Literal["side plane", "farthest landmark"]
@@ -105,7 +105,7 @@ def heading_of(raw: RawPoints, measured: MeasuredArtefact, noise: float) -> Head
 def _lined_up(points: FloatArray, middle: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Centre and rotation (2, 2) into a frame along the points, ``middle`` on its left."""
     centre = points.mean(axis=0)
-    along = np.linalg.svd(points - centre)[2][0]
+    along = right_singular(points - centre)[1][0]
     across = np.array([-along[1], along[0]])
     sign = 1.0 if across @ (middle - centre) >= 0 else -1.0
     return centre, sign * np.array([along, across])

@@ -17,6 +17,7 @@ import numpy as np
 
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.distributions import chi2, f, norm, t
+from suta_calib.geometry.numbers import right_singular
 
 # Chance that any touch of a feature without a wrong one is called wrong.
 FALSE_ALARM: Final = 0.001
@@ -132,7 +133,7 @@ def _studentised(
 
 def _principal(points: FloatArray) -> tuple[FloatArray, FloatArray]:
     centre = points.mean(axis=0)
-    axes = np.linalg.svd(points - centre)[2]
+    axes = right_singular(points - centre)[1]
     axes[2] *= np.linalg.det(axes)
     return centre, axes
 

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from suta_calib.geometry.numbers import homogeneous as homogeneous
     from suta_calib.geometry.numbers import quaternion_from_rotation as quaternion_from_rotation
     from suta_calib.geometry.numbers import register_points as register_points
+    from suta_calib.geometry.numbers import right_singular as right_singular
     from suta_calib.geometry.numbers import rms_length as rms_length
     from suta_calib.geometry.numbers import rotation_from_quaternion as rotation_from_quaternion
     from suta_calib.geometry.numbers import rotation_from_rpy as rotation_from_rpy

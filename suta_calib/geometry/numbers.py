@@ -101,6 +101,15 @@ def quaternion_from_rotation(rotation: ArrayLike) -> FloatArray:
     return np.asarray(quaternion.reshape(*rotation.shape[:-2], 4))
 
 
+def right_singular(rows: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Singular values, descending, and all right singular vectors (n, n), rows, of rows (m, n).
+
+    The left ones of many rows, (m, m), take more than all else: they are not made.
+    """
+    _, singular, vectors = np.linalg.svd(rows, full_matrices=len(rows) < rows.shape[1])
+    return singular, vectors
+
+
 def _length(vectors: FloatArray) -> FloatArray:
     """Length of vectors (..., n)."""
     return np.asarray(np.sqrt(np.add.reduce(np.moveaxis(vectors * vectors, -1, 0))))

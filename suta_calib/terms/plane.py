@@ -12,7 +12,7 @@ import numpy as np
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.errors import SamplesError
-from suta_calib.geometry.numbers import rotation_from_vector, vector_turning_z_to
+from suta_calib.geometry.numbers import right_singular, rotation_from_vector, vector_turning_z_to
 from suta_calib.geometry.symbols import Symbol, symbolic_rotation
 from suta_calib.measurements import SampleColumns, YamlSection
 from suta_calib.measurements.keys import Key
@@ -166,7 +166,7 @@ class TouchedPlane(Term):
             return False
         rotation, position = self.poses.at({})
         for rows, centred in self._by_plane(position):
-            normal = np.linalg.svd(centred)[2][2]
+            normal = right_singular(centred)[1][2]
             if np.ptp(np.sign(self._side(normal, rotation[rows]))):
                 return False
         return True
@@ -198,7 +198,7 @@ class TouchedPlane(Term):
         """The plane of least squares through the touches, by singular value decomposition."""
         found = []
         for rows, centred in self._by_plane(position):
-            normal = np.linalg.svd(centred)[2][2]
+            normal = right_singular(centred)[1][2]
             normal = -normal if normal[2] < 0 else normal
             heights = position[rows] @ normal - self._side(normal, rotation[rows])
             found.append([heights.mean(), *vector_turning_z_to(normal)[:2]])

@@ -37,7 +37,11 @@ def with_corners(poses: PoseSource, corners: Corners, board: Board) -> PoseSourc
         SamplesError: no picture has any.
     """
     images: NDArray[np.str_] = poses.samples.labels["image"]
-    there = np.isin(images, corners.image)
+    names = list(dict.fromkeys(images.tolist()))
+    number = {name: k for k, name in enumerate(names)}
+    # Of every corner which of the pictures it is in; one look at each of what may be a million.
+    row = np.array([number.get(name, -1) for name in corners.image.tolist()], dtype=np.intp)
+    there = np.isin([number[name] for name in images.tolist()], row)
     if not there.any():
         raise SamplesError(
             f"images {_quoted(images)} in the samples and {_quoted(corners.image)} in the corners",
@@ -54,13 +58,13 @@ def with_corners(poses: PoseSource, corners: Corners, board: Board) -> PoseSourc
             stacklevel=2,
         )
         poses, images = poses.take(there), images[there]
-    numbers = {number: k for k, number in enumerate(board.points)}
-    table = np.full((len(images), len(numbers), 2), np.nan)
-    columns = np.array([numbers[int(number)] for number in corners.point], dtype=np.intp)
-    for row, image in enumerate(images):
-        mine = corners.image == image
-        table[row, columns[mine]] = corners.pixel[mine]
-    return poses.with_samples(replace(poses.samples, pixels=table))
+    points = np.array(list(board.points), dtype=np.intp)
+    order = np.argsort(points)
+    column = order[np.searchsorted(points[order], corners.point)]
+    table = np.full((len(names), len(points), 2), np.nan)
+    table[row[row >= 0], column[row >= 0]] = corners.pixel[row >= 0]
+    pixels = table[[number[name] for name in images.tolist()]]
+    return poses.with_samples(replace(poses.samples, pixels=pixels))
 
 
 def _quoted(names: NDArray[np.str_]) -> str:

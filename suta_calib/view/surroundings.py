@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from suta_calib.arrays import FloatArray, IntArray
-from suta_calib.geometry.numbers import register_points
+from suta_calib.geometry.numbers import register_points, right_singular
 from suta_calib.terms import Term
 from suta_calib.terms.outside import OutsideFrame
 from suta_calib.view.scene import Colour, Frame, Frustum, Patch, Points, Stroke, Thing
@@ -114,7 +114,7 @@ def _artefact(
 def _span(name: str, touched: FloatArray) -> Iterator[Thing]:
     """The straight line, or the flat rectangle, that touches of one place lie on, if they do."""
     middle = touched.mean(axis=0)
-    axes = np.linalg.svd(touched - middle)[2]
+    axes = right_singular(touched - middle)[1]
     inside = (touched - middle) @ axes.T
     low, high = inside.min(axis=0), inside.max(axis=0)
     dimensions = int(np.sum(high - low > _FLAT))
