@@ -9,6 +9,7 @@ which the most telling is then looked for row by row (Andrews 1993, doi:10.2307/
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -20,6 +21,7 @@ from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.diagnostics.score_tests import (
     SUPPORTED,
     Scores,
+    known_beforehand,
     offered_names,
     problem_beside,
     scores_of,
@@ -43,7 +45,8 @@ class ChangeOptions:
 
     Attributes:
         times: at so many evenly spaced rows something may have changed, at first.
-        most_times: so many rows are tried for the change that was found.
+        most_times: so many rows are tried for the change that was found, and half as many about
+            the most telling of them.
         fewest: rows before and after a change.
         level: chance that one of all tests calls sound data changed.
         share: of a term's squares without its gross errors, which a change must explain: where the
@@ -207,13 +210,9 @@ def _beside_geometry(
     options: ChangeOptions,
 ) -> _Fit:
     """What is left once all of the geometry has followed, as far as is plausible."""
-    fitted = set(solution.problem.names)
-    plausible = problem.parameters.array("plausible") ** -2.0
-    prior = problem.prior_precision()
-    extra = [k for k, name in enumerate(problem.names) if name not in fitted]
-    prior[extra] = plausible[extra]
+    prior = known_beforehand(problem)
     # The job's priors pull where the job's fit has ended.
-    away = x - problem.parameters.array("nominal")
+    away = np.where(problem.prior_precision() > 0, x - problem.parameters.array("nominal"), 0.0)
     rows = whitened_rows(problem, x, solution.sigmas)
     fit = _Fit(problem, rows, prior, lacking, known, 0.0)
     followed = _followed(fit, None, options, away)
@@ -243,13 +242,20 @@ def _in_term(fit: _Fit, term: int, options: ChangeOptions) -> Change | None:
     # A large change saturates the scores of what is like it too: what it leaves tells them apart,
     # each at the row where it explains most.
     kinds = list(dict.fromkeys((s.kind, s.joint) for s, _ in telling))[: options.tried]
-    rows = np.linspace(options.fewest, count - options.fewest, options.most_times)
-    times = np.unique(rows.astype(np.intp))
-    tried = [
-        (_followed(fit, suspect, options), suspect)
-        for suspect in _suspects(fit, term, times, options)
-        if (suspect.kind, suspect.joint) in kinds
-    ]
+    tried = list[tuple[_Followed, _Suspect]]()
+    first, last = options.fewest, count - options.fewest
+    for share in (1.0, 0.5):
+        most = round(share * options.most_times)
+        rows: IntArray = np.unique(np.linspace(first, last, most).astype(np.intp))
+        tried += [
+            (_followed(fit, suspect, options), suspect)
+            for suspect in _suspects(fit, term, rows, options)
+            if (suspect.kind, suspect.joint) in kinds and (share == 1.0 or suspect.start >= 0)
+        ]
+        # Some rows off, some touches are gross: once more between its neighbours.
+        best = min(tried, key=lambda each: (each[1].start < 0, each[0].left))[1].start
+        near = math.ceil((last - first) / max(most - 1, 1))
+        first, last = max(best - near, first), min(best + near, last)
     followed, suspect = min(tried, key=lambda each: each[0].left)
     lowered = _followed(fit, None, options).left - followed.left
     if suspect.kind == "model" or lowered < needed:
