@@ -15,6 +15,7 @@ from simulated import (
     arm_named,
     artefact,
     artefact_scene,
+    fixed_point_scene,
     hand_eye_scene,
     perturbed,
     placements,
@@ -132,6 +133,23 @@ def test_a_slip_is_named_where_nothing_tells_how_large_the_arm_is() -> None:
     (told,) = found(scene, read(3, lambda q: q + 5e-3 * (np.arange(len(q)) >= 60)))
     assert (told.kind, told.joint, told.since) == ("slip", ARM.joints[3], "row 60")
     assert abs(told.size - 5e-3) < 4 * told.std
+
+
+@pytest.mark.parametrize("make", [plane_scene, fixed_point_scene])
+def test_a_tool_that_was_exchanged_between_touches_is_named(make: Callable[..., Scene]) -> None:
+    """Each place has an unknown of its own, which takes as much of the new tool as it can."""
+    before, after = (make(ARM, TRUTH | {"tip.z": z}) for z in (0.0, 4e-3))
+    half = len(before.q) // 2
+
+    def exchanged(samples: Samples) -> Samples:
+        later = after.samples(NOISE, 1)[0]
+        rows = np.arange(len(samples))
+        return Samples.concatenate([samples.take(rows[:half]), later.take(rows[half:])])
+
+    (told,) = found(before, exchanged)
+    assert told.kind == "tip"
+    assert abs(told.size - 4e-3) < 4 * told.std < 2e-3
+    assert not found(before, unchanged)
 
 
 @pytest.mark.parametrize("changed", [False, True])
