@@ -9,6 +9,7 @@ which the most telling is then looked for row by row (Andrews 1993, doi:10.2307/
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -20,6 +21,7 @@ from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.diagnostics.score_tests import (
     SUPPORTED,
     Scores,
+    known_beforehand,
     offered_names,
     problem_beside,
     scores_of,
@@ -43,7 +45,8 @@ class ChangeOptions:
 
     Attributes:
         times: at so many evenly spaced rows something may have changed, at first.
-        most_times: so many rows are tried for the change that was found.
+        most_times: so many rows are tried for the change that was found, and half as many about
+            the most telling of them.
         fewest: rows before and after a change.
         level: chance that one of all tests calls sound data changed.
         share: of a term's squares without its gross errors, which a change must explain: where the
@@ -65,7 +68,7 @@ class ChangeOptions:
     worth_a_look: float = 0.3
     turn: float = 0.01
     travel: float = 2e-3
-    shift: float = 2e-3
+    shift: float = 5e-3
     tried: int = 3
     rounds: int = 20
 
@@ -145,6 +148,7 @@ class _Fit:
         problem: with what a model may lack among its parameters.
         rows: of it, residuals and weights as all of the geometry leaves them.
         prior: (n,) information that all parameters have beforehand.
+        away: (n,) from where that says they are.
         lacking: indices of what a model may lack, by joint and family.
         known: (k,) indices of all that is no geometry: it stays out of the fit.
         spent: how many unknowns the data have told.
@@ -153,6 +157,7 @@ class _Fit:
     problem: Problem
     rows: Sequence[Rows]
     prior: FloatArray
+    away: FloatArray
     lacking: dict[str, IntArray]
     known: IntArray
     spent: float
@@ -207,16 +212,13 @@ def _beside_geometry(
     options: ChangeOptions,
 ) -> _Fit:
     """What is left once all of the geometry has followed, as far as is plausible."""
-    fitted = set(solution.problem.names)
-    plausible = problem.parameters.array("plausible") ** -2.0
-    prior = problem.prior_precision()
-    extra = [k for k, name in enumerate(problem.names) if name not in fitted]
-    prior[extra] = plausible[extra]
+    prior = known_beforehand(problem)
     # The job's priors pull where the job's fit has ended.
-    away = x - problem.parameters.array("nominal")
+    away = np.where(problem.prior_precision() > 0, x - problem.parameters.array("nominal"), 0.0)
     rows = whitened_rows(problem, x, solution.sigmas)
-    fit = _Fit(problem, rows, prior, lacking, known, 0.0)
-    followed = _followed(fit, None, options, away)
+    fit = _Fit(problem, rows, prior, away, lacking, known, 0.0)
+    followed = _followed(fit, None, options)
+    away[followed.free] += followed.step
     moved = []
     for r in rows:
         n, size = r.line.residual.shape
@@ -225,7 +227,7 @@ def _beside_geometry(
         squared = np.einsum("nd,nd->n", residual, residual) / r.line.sigma**2
         weight = huber_weight(squared, r.line.view.block.noise.huber / r.line.sigma)
         moved.append(replace(r, line=replace(r.line, residual=residual, weight=weight)))
-    return _Fit(problem, moved, prior, lacking, known, followed.spent)
+    return _Fit(problem, moved, prior, away.copy(), lacking, known, followed.spent)
 
 
 def _in_term(fit: _Fit, term: int, options: ChangeOptions) -> Change | None:
@@ -243,13 +245,20 @@ def _in_term(fit: _Fit, term: int, options: ChangeOptions) -> Change | None:
     # A large change saturates the scores of what is like it too: what it leaves tells them apart,
     # each at the row where it explains most.
     kinds = list(dict.fromkeys((s.kind, s.joint) for s, _ in telling))[: options.tried]
-    rows = np.linspace(options.fewest, count - options.fewest, options.most_times)
-    times = np.unique(rows.astype(np.intp))
-    tried = [
-        (_followed(fit, suspect, options), suspect)
-        for suspect in _suspects(fit, term, times, options)
-        if (suspect.kind, suspect.joint) in kinds
-    ]
+    tried = list[tuple[_Followed, _Suspect]]()
+    first, last = options.fewest, count - options.fewest
+    for share in (1.0, 0.5):
+        most = round(share * options.most_times)
+        rows: IntArray = np.unique(np.linspace(first, last, most).astype(np.intp))
+        tried += [
+            (_followed(fit, suspect, options), suspect)
+            for suspect in _suspects(fit, term, rows, options)
+            if (suspect.kind, suspect.joint) in kinds and (share == 1.0 or suspect.start >= 0)
+        ]
+        # Some rows off, some touches are gross: once more between its neighbours.
+        best = min(tried, key=lambda each: (each[1].start < 0, each[0].left))[1].start
+        near = math.ceil((last - first) / max(most - 1, 1))
+        first, last = max(best - near, first), min(best + near, last)
     followed, suspect = min(tried, key=lambda each: each[0].left)
     lowered = _followed(fit, None, options).left - followed.left
     if suspect.kind == "model" or lowered < needed:
@@ -368,7 +377,8 @@ def _scores(fit: _Fit, velocity: FloatArray, plausible: FloatArray) -> Scores:
     """Of every column beside the job's unknowns and all of the geometry."""
     count = len(fit.problem.names)
     tested = np.arange(count, count + len(plausible), dtype=np.intp)
-    return scores_of(fit.problem, _widened(fit, velocity), tested, fit.known, plausible)
+    rows = _widened(fit, velocity)
+    return scores_of(fit.problem, rows, tested, fit.known, plausible, fit.away)
 
 
 @dataclass(frozen=True, eq=False)
@@ -379,7 +389,8 @@ class _Followed:
         free: (p,) columns that follow.
         step: (p,) by how much.
         inverse: (p, p) of the curvature.
-        left: cost that is left.
+        left: cost that is left, of rows and priors.
+        scatter: that of the rows.
         spent: how many unknowns the data have told.
     """
 
@@ -387,13 +398,14 @@ class _Followed:
     step: FloatArray
     inverse: FloatArray
     left: float
+    scatter: float
     spent: float
 
     def size(self, fit: _Fit) -> tuple[float, float]:
         """Of the change, and its standard deviation: a number, or the length of a shift."""
         own = self.free >= len(fit.problem.names)
         # Rows that share touches say less than their number.
-        variance = self.left / max(fit.equations - self.spent, 1.0)
+        variance = self.scatter / max(fit.equations - self.spent, 1.0)
         found, covariance = self.step[own], variance * self.inverse[np.ix_(own, own)]
         if len(found) == 1:
             return float(found[0]), float(np.sqrt(covariance[0, 0]))
@@ -402,26 +414,21 @@ class _Followed:
         return size, float(np.sqrt(along @ covariance[:3, :3] @ along))
 
 
-def _followed(
-    fit: _Fit, suspect: _Suspect | None, options: ChangeOptions, away: FloatArray | None = None
-) -> _Followed:
+def _followed(fit: _Fit, suspect: _Suspect | None, options: ChangeOptions) -> _Followed:
     """Everything follows, a change with it, rows weighed anew by what is left of them.
 
     Args:
         fit: where it begins.
         suspect: the change; None for the geometry alone.
         options: how often rows are weighed.
-        away: (n,) from what priors say, where it begins.
     """
     count = len(fit.problem.names)
     velocity = np.zeros((0, 0)) if suspect is None else suspect.velocity
     wide = fit.rows if suspect is None else _widened(fit, velocity)
     free = np.setdiff1d(np.arange(count + velocity.shape[1]), fit.known)
     own = free >= count
-    prior, pull = np.zeros(len(free)), np.zeros(len(free))
-    prior[~own] = fit.prior[free[~own]]
-    if away is not None:
-        pull[~own] = prior[~own] * away[free[~own]]
+    prior, away = np.zeros(len(free)), np.zeros(len(free))
+    prior[~own], away[~own] = fit.prior[free[~own]], fit.away[free[~own]]
     rows = [
         (
             r.jacobian[:, free].reshape(*r.line.residual.shape, len(free)),
@@ -431,8 +438,9 @@ def _followed(
         for r in wide
     ]
     step, left, spent, inverse = np.zeros(len(free)), np.inf, 0.0, np.zeros((len(free),) * 2)
+    scatter = np.inf
     for _ in range(options.rounds):
-        told, gradient, cost = np.zeros((len(free),) * 2), pull.copy(), 0.0
+        told, gradient, cost = np.zeros((len(free),) * 2), prior * away, 0.0
         for jacobian, residual, threshold in rows:
             squared = np.sum((residual + jacobian @ step) ** 2, axis=1)
             cost += float(np.sum(huber(squared, threshold)))
@@ -440,9 +448,10 @@ def _followed(
             believed = (jacobian * root[:, None, None]).reshape(-1, len(free))
             told += believed.T @ believed
             gradient += believed.T @ (residual * root[:, None]).reshape(-1)
-        if cost > (1.0 - SETTLED) * left:
+        pulled = float(prior @ (away + step) ** 2)
+        if cost + pulled > (1.0 - SETTLED) * left:
             break
-        inverse, left = scaled_inverse(told + np.diag(prior)), cost
+        inverse, left, scatter = scaled_inverse(told + np.diag(prior)), cost + pulled, cost
         spent = float(np.sum(inverse * told))
         step = -inverse @ gradient
-    return _Followed(free, step, inverse, left, spent)
+    return _Followed(free, step, inverse, left, scatter, spent)

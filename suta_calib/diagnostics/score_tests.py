@@ -370,6 +370,7 @@ def scores_of(
     columns: IntArray,
     known: IntArray,
     beside: FloatArray | None = None,
+    away: FloatArray | None = None,
 ) -> Scores:
     """Of ``columns``, with every other parameter free to follow but the ``known`` ones.
 
@@ -379,6 +380,8 @@ def scores_of(
         columns: (k,) to be tested.
         known: that stay.
         beside: how large is plausible of what else there is a column for.
+        away: (n,) from what is known of each parameter beforehand, which pulls it back; by default
+            they are there.
     """
     plausible = problem.parameters.array("plausible")
     if beside is not None:
@@ -386,7 +389,8 @@ def scores_of(
     others = np.setdiff1d(np.arange(len(plausible)), np.concatenate([columns, known]))
     curvature = np.asarray(sum(j.T @ j for j in map(robust_jacobian, rows)))
     prior = np.diag_indices(len(problem.names))
-    curvature[prior] += problem.prior_precision()
+    beforehand = known_beforehand(problem)
+    curvature[prior] += beforehand
     follow = _solved(curvature[np.ix_(others, others)], curvature[np.ix_(others, columns)])
     left = np.zeros((len(plausible), len(columns)))
     left[columns, np.arange(len(columns))] = 1.0
@@ -395,6 +399,8 @@ def scores_of(
     plausible = plausible[columns]
     telling = np.diag(reduced) * (TELLING * plausible) ** 2 > 1.0
     score, variance, touches = np.zeros(len(columns)), np.zeros_like(reduced), 0
+    if away is not None:
+        score -= left[: len(away)].T @ (beforehand * away)
     for term in problem.terms:
         mine = [r for r in rows if any(r.line.view.block is b for b in term.blocks)]
         touch = term.witnesses
@@ -406,6 +412,21 @@ def scores_of(
         for line in (r.line for r in rows)
     )
     return Scores(score, reduced, variance, telling, touches, squares)
+
+
+def known_beforehand(problem: Problem) -> FloatArray:
+    """(n,) precision of every parameter without the data: its prior's, or of what is plausible.
+
+    Observations that never meet a length leave an arm's size open: without an end to what is
+    plausible it would shrink to nothing, and take all residuals with it. Where things stand or were
+    touched may be anything. It counts against rows as often as these repeat one another.
+    """
+    precision, terms = problem.prior_precision(), problem.terms
+    rows = sum(len(b) * b.size for term in terms for b in term.blocks)
+    once = problem.parameters.array("plausible") ** -2.0
+    repeated = rows / sum(term.equations() for term in terms)
+    open_ended = (precision == 0) & (np.arange(len(precision)) < problem.arm_count)
+    return np.where(open_ended, repeated * once, precision)
 
 
 def _by_touch(

@@ -15,9 +15,11 @@ from simulated import (
     arm_named,
     artefact,
     artefact_scene,
+    fixed_point_scene,
     hand_eye_scene,
     perturbed,
     placements,
+    plane_scene,
     tracked_scene,
 )
 from suta_simulated import everything, scene
@@ -121,8 +123,33 @@ def test_a_camera_that_creeps_on_its_tool_is_named() -> None:
 def test_an_encoder_that_slips_between_touches_is_named() -> None:
     scene = artefact_scene("pairwise_distance", ARM, TRUTH, artefact(8), placements(5), 2)
     (told,) = found(scene, read(3, lambda q: q + 5e-3 * (np.arange(len(q)) >= 38)))
-    assert (told.kind, told.joint) == ("slip", ARM.joints[3])
+    assert (told.kind, told.joint, told.since) == ("slip", ARM.joints[3], "row 38")
     assert abs(told.size - 5e-3) < 4 * told.std
+
+
+def test_a_slip_is_named_where_nothing_tells_how_large_the_arm_is() -> None:
+    """Planes meet no length: an arm of no size would fit them all."""
+    scene = plane_scene(ARM, TRUTH, touches=30)
+    (told,) = found(scene, read(3, lambda q: q + 5e-3 * (np.arange(len(q)) >= 60)))
+    assert (told.kind, told.joint, told.since) == ("slip", ARM.joints[3], "row 60")
+    assert abs(told.size - 5e-3) < 4 * told.std
+
+
+@pytest.mark.parametrize("make", [plane_scene, fixed_point_scene])
+def test_a_tool_that_was_exchanged_between_touches_is_named(make: Callable[..., Scene]) -> None:
+    """Each place has an unknown of its own, which takes as much of the new tool as it can."""
+    before, after = (make(ARM, TRUTH | {"tip.z": z}) for z in (0.0, 4e-3))
+    half = len(before.q) // 2
+
+    def exchanged(samples: Samples) -> Samples:
+        later = after.samples(NOISE, 1)[0]
+        rows = np.arange(len(samples))
+        return Samples.concatenate([samples.take(rows[:half]), later.take(rows[half:])])
+
+    (told,) = found(before, exchanged)
+    assert told.kind == "tip"
+    assert abs(told.size - 4e-3) < 4 * told.std < 2e-3
+    assert not found(before, unchanged)
 
 
 @pytest.mark.parametrize("changed", [False, True])
