@@ -2,12 +2,20 @@
 
 OpenCV finds a chessboard of a given size, also as a part of a larger one. So what is found is
 grown as far as squares go on: a board of another size is named instead of being taken.
+
+OpenCV's search from square to square (``findChessboardCorners``) is the faster one. But where a
+picture has many more squares than the board, as of a texture or of a part of a larger board, it
+tries subsets of them for hours and cannot be stopped
+(https://github.com/opencv/opencv/issues/23558), so that it is left out there. The search of corners
+by themselves (``findChessboardCornersSB``) takes time in proportion to the picture, whatever is in
+it, and finds more of the small and blurred boards, but fewer that have little white around them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property, partial
 from typing import Final
 
 import numpy as np
@@ -19,7 +27,7 @@ from suta_calib.vision.opencv import opencv
 from suta_calib.vision.pictures import Grey
 
 # Larger pictures are searched in smaller copies first: it is faster, and blur and noise are less.
-_SEARCHED: Final = 1600
+_SEARCHED: Final = (1000, 1600)
 # Smallest board that a search for any board begins from.
 _SEED: Final = 3
 # Share of the corners of a board that must be seen; others may lie in a glare or under a cable.
@@ -33,6 +41,13 @@ _ROW_REACH: Final = 0.15
 # between a rim and what lies behind it there are things that are nearly corners.
 _LESS_CLEAR: Final = 0.1
 _MOST_ROWS: Final = 200
+# Squared number of patches in a picture that may be squares, times those too many for the board:
+# work that the search from square to square does in a second or two.
+_MOST_TRIED: Final = 1e6
+# Area of such a patch, px, and the part of the upright rectangle around it that it fills at least:
+# a square that stands on its corner fills half of it, and one that is seen aslant less.
+_SMALLEST_SQUARE: Final = 25.0
+_LEAST_FILLED: Final = 0.3
 # Other boards that lie about.
 _COMMON: Final = (
     *((4, 3), (5, 4), (6, 4), (6, 5), (7, 5), (7, 6), (8, 5), (8, 6), (9, 6), (9, 7)),
@@ -74,6 +89,32 @@ class _Grid:
 
 
 @dataclass(frozen=True, eq=False)
+class _Copy:
+    """A copy of a picture to search in.
+
+    Attributes:
+        grey: of its pixels.
+        scale: how many times smaller it is.
+    """
+
+    grey: Grey
+    scale: float
+
+    @cached_property
+    def squares(self) -> int:
+        """How many dark patches the search from square to square may take for some, about.
+
+        At the thresholds with which it begins, and as it parts squares that touch.
+        """
+        cv2 = opencv()
+        blocks = [round(part * min(self.grey.shape)) | 1 for part in (0.2, 0.1)]
+        how = (255, cv2.ADAPTIVE_THRESH_MEAN_C, cv2.THRESH_BINARY)
+        levels = [cv2.adaptiveThreshold(self.grey, *how, block, 0) for block in blocks]
+        levels.append(cv2.threshold(self.grey, 0, 255, cv2.THRESH_OTSU)[1])
+        return max(_patches(cv2.bitwise_not(cv2.dilate(level, None))) for level in levels)
+
+
+@dataclass(frozen=True, eq=False)
 class ChessboardFinder(Finder):
     """Finds one chessboard.
 
@@ -91,9 +132,15 @@ class ChessboardFinder(Finder):
         """
         size = (self.board.columns, self.board.rows)
         copies = list(_copies(grey))
-        grid = next((grid for copy in copies if (grid := _by_squares(grey, *copy, size))), None)
-        if grid is None:
-            grid = self._otherwise(grey, *copies[0])
+        grid: _Grid | None = None
+        instead: _Grid | None = None
+        for grid in self._asked_for(grey, copies):
+            if sorted(grid.seen.shape) == sorted(size):
+                break
+            # A row may be lost where another search, or a larger copy, finds it.
+            instead = instead or grid
+        else:
+            grid = instead or self._other(grey, copies[0])
         if grid is None:
             raise nothing_seen(grey, "chessboard")
         if sorted(grid.seen.shape) != sorted(size):
@@ -102,22 +149,28 @@ class ChessboardFinder(Finder):
             told = (longer, shorter) if size[0] >= size[1] else (shorter, longer)
             raise NotSeenError(f"{told[0]}x{told[1]} inner corners instead of {size[0]}x{size[1]}")
         # Squares' widths around the outer corners belong to the board as well.
-        rest, scale = next(_copies(without(grey, grid.pixel.reshape(-1, 2), 1.6 * _widest(grid))))
-        if _by_squares(grey, rest, scale, size):
+        rest = without(grey, grid.pixel.reshape(-1, 2), 1.6 * _widest(grid))
+        if _by_squares(grey, next(_copies(rest)), size):
             raise NotSeenError("two boards")
         return self._numbered(grey, grid)
 
-    def _otherwise(self, grey: Grey, copy: Grey, scale: float) -> _Grid | None:
-        """A board that is blurred or has small squares; else any that is there instead."""
+    def _asked_for(self, grey: Grey, copies: list[_Copy]) -> Iterator[_Grid]:
+        """What is found in the copies when asked for the board."""
         size = (self.board.columns, self.board.rows)
-        # Asked for a board smaller than what is there, as where a part of one is in the picture,
-        # OpenCV's search from square to square tries subsets of the squares for hours: it is last.
-        for each in (size, None):
-            grid = _by_sectors(grey, copy, scale, each)
-            if grid is not None:
-                return grid
-        others = (_by_squares(grey, copy, scale, other) for other in _wrongly_counted(size))
-        return next((grid for grid in others if grid is not None), None)
+        for search in (_by_squares, _by_corners):
+            for copy in copies:
+                found = search(grey, copy, size)
+                if found is not None:
+                    yield found
+
+    def _other(self, grey: Grey, copy: _Copy) -> _Grid | None:
+        """Any board that is there instead."""
+        others = list(_wrongly_counted((self.board.columns, self.board.rows)))
+        found = [
+            *(partial(_by_corners, grey, copy, other) for other in (None, *others)),
+            *(partial(_by_squares, grey, copy, other) for other in others),
+        ]
+        return next((grid for search in found if (grid := search()) is not None), None)
 
     def _numbered(self, grey: Grey, grid: _Grid) -> Found:
         """Numbers as the board's file has them, whichever way the search went."""
@@ -171,30 +224,44 @@ def _wrongly_counted(size: tuple[int, int]) -> Iterator[tuple[int, int]]:
     yield from _COMMON
 
 
-def _by_squares(grey: Grey, copy: Grey, scale: float, size: tuple[int, int]) -> _Grid | None:
-    """By OpenCV's search from square to square: a few hundredths of a second."""
-    cv2 = opencv()
-    how = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_FAST_CHECK
-    found, corners = cv2.findChessboardCorners(copy, size, flags=how)
-    return _whole(grey, corners, size, scale) if found else None
-
-
-def _by_sectors(grey: Grey, copy: Grey, scale: float, size: tuple[int, int] | None) -> _Grid | None:
-    """By OpenCV's search of corners by themselves: a second; any board where no size is given."""
+def _by_corners(grey: Grey, copy: _Copy, size: tuple[int, int] | None) -> _Grid | None:
+    """By OpenCV's search of corners by themselves; any board where no size is given."""
     cv2 = opencv()
     how = cv2.CALIB_CB_NORMALIZE_IMAGE if size else cv2.CALIB_CB_LARGER
-    found, corners, meta = cv2.findChessboardCornersSBWithMeta(copy, size or (_SEED, _SEED), how)
-    return _whole(grey, corners, meta.shape[1::-1], scale) if found else None
+    found, corners, meta = cv2.findChessboardCornersSBWithMeta(
+        copy.grey, size or (_SEED, _SEED), how
+    )
+    return _whole(grey, corners, meta.shape[1::-1], copy.scale) if found else None
 
 
-def _copies(grey: Grey) -> Iterator[tuple[Grey, float]]:
-    """Copies of a picture to search in, and how many times smaller each is."""
+def _by_squares(grey: Grey, copy: _Copy, size: tuple[int, int]) -> _Grid | None:
+    """By OpenCV's search from square to square, in pictures in which it comes to an end."""
     cv2 = opencv()
-    scale = max(grey.shape) / _SEARCHED
-    if scale > 1:
-        size = tuple(round(n / scale) for n in grey.shape[::-1])
-        yield cv2.resize(grey, size, interpolation=cv2.INTER_AREA), scale
-    yield grey, 1.0
+    own = (size[0] + 1) * (size[1] + 1) // 2
+    there = copy.squares
+    if (there - own) * there**2 > _MOST_TRIED:
+        return None
+    how = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_FAST_CHECK
+    found, corners = cv2.findChessboardCorners(copy.grey, size, flags=how)
+    return _whole(grey, corners, size, copy.scale) if found else None
+
+
+def _patches(binary: Grey) -> int:
+    """How many patches of a binary picture may be squares, by their size and how much they fill."""
+    patches = opencv().connectedComponentsWithStats(binary, connectivity=4)[2][1:]
+    width, height, area = patches[:, 2:].T.astype(float)
+    return int(np.sum((area >= _SMALLEST_SQUARE) & (area >= _LEAST_FILLED * width * height)))
+
+
+def _copies(grey: Grey) -> Iterator[_Copy]:
+    """Copies of a picture to search in, small ones first."""
+    cv2 = opencv()
+    for largest in _SEARCHED:
+        scale = max(grey.shape) / largest
+        if scale > 1:
+            size = tuple(round(n / scale) for n in grey.shape[::-1])
+            yield _Copy(cv2.resize(grey, size, interpolation=cv2.INTER_AREA), scale)
+    yield _Copy(grey, 1.0)
 
 
 def _whole(grey: Grey, corners: FloatArray, size: tuple[int, int], scale: float) -> _Grid | None:

@@ -137,3 +137,22 @@ def test_a_board_that_its_dictionary_cannot_have_is_refused():
         finder_of(replace(CHARUCO, dictionary="DICT_4X4_5"))
     with pytest.raises(BoardError, match="marker 77 of DICT_4X4_50, which has 50"):
         finder_of(Markers("DICT_4X4_50", {77: Marker(np.zeros(3), 0.1)}))
+
+
+def test_squares_without_number_are_left_to_the_search_that_ends(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A part of a large board: OpenCV's search from square to square need not come to an end."""
+    tiles = Chessboard(31, 29, 0.012)
+    picture = taken(tiles, facing(tiles, (25, -20, 15), 0.3))
+
+    def endless(*_: object, **__: object) -> None:
+        raise AssertionError("the search from square to square")
+
+    monkeypatch.setattr(cv2, "findChessboardCorners", endless)
+    for size in ((6, 5), (4, 3), (9, 6)):
+        with pytest.raises(NotSeenError, match=r"chessboard|inner corners instead of"):
+            finder_of(Chessboard(*size, 0.03)).find(picture)
+    # The board itself has no more squares than are looked for.
+    with pytest.raises(AssertionError, match="from square to square"):
+        finder_of(CHESSBOARD).find(taken(CHESSBOARD))
