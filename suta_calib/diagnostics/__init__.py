@@ -25,5 +25,6 @@ if TYPE_CHECKING:
     from suta_calib.diagnostics.repeats import TouchRepeatability as TouchRepeatability
     from suta_calib.diagnostics.repeats import touch_repeatability as touch_repeatability
     from suta_calib.diagnostics.score_tests import ScoreTest as ScoreTest
+    from suta_calib.diagnostics.tip_uncertainty import sensitivity as sensitivity
 
 __getattr__, __all__ = public(__name__)

@@ -94,6 +94,9 @@ def sensitivity(
         values: parameter values, m or rad; nominal where not given; names of others are ignored.
         names: p parameters to differentiate by.
         q: (n, joints) readings.
+
+    Returns:
+        Postures, tips in m and the base's frame, and derivatives (n, 3, p), m per m or rad.
     """
     others = [n for n in values if n in arm.offered and n not in names]
     batch = Batched(arm.function([*names, *others]), len(q), shared=[0])
