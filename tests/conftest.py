@@ -3,7 +3,9 @@ from __future__ import annotations
 import gc
 import os
 import signal
+from collections.abc import Iterator
 from pathlib import Path
+from typing import BinaryIO
 
 import pytest
 from hypothesis import settings
@@ -31,19 +33,27 @@ LONG = (
     "test_notebooks",
     "test_every_kind",
     "test_pictures",
-    "test_study_runner",
     "test_spread",
     "test_solve",
-    "test_outliers",
-    "test_camera_view",
-    "test_hand_eye_accuracy",
     "test_outputs",
+    "test_camera_view",
     "test_shown_blocks",
+    "test_hand_eye_refused",
     "test_contradictions",
-    "test_inputs",
-    "test_study",
+    "test_outliers",
     "test_track",
+    "test_study_runner",
+    "test_inputs",
+    "test_hand_eye",
+    "test_pivot",
     "test_clean_jobs",
+    "test_measure",
+    "test_hand_eye_unseen",
+    "test_stereotactic",
+    "test_study",
+    "test_view",
+    "test_plan",
+    "test_hand_eye_accuracy",
     "test_end_to_end",
 )
 
@@ -57,6 +67,49 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 def pytest_collection_finish() -> None:
     """From here on only what tests make is looked through for garbage."""
     gc.freeze()
+
+
+@pytest.fixture(scope="module")
+def undrawn() -> Iterator[None]:
+    """For tests that look at no picture: reports have each figure composed, but not drawn.
+
+    What is composed is ours; how Matplotlib measures and writes it takes a fourth of the time of
+    the commands, and is looked at in ``tests/report`` and ``tests/plotting``.
+    """
+    from matplotlib.figure import Figure
+
+    from suta_calib.report import svg
+
+    class Composed(Figure):
+        def __init__(self, figsize: tuple[float, float], **_: object) -> None:
+            super().__init__(figsize=figsize)
+
+    class Canvas:
+        def __init__(self, figure: Figure) -> None:
+            self.size = tuple(72 * figure.get_size_inches())
+
+        def print_svg(self, file: BinaryIO, **_: object) -> None:
+            size = 'width="{}pt" height="{}pt"'.format(*self.size)
+            file.write(f'<svg xmlns="http://www.w3.org/2000/svg" {size}/>'.encode())
+
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(svg, "FigureCanvasSVG", Canvas)
+        patched.setattr(svg, "Figure", Composed)
+        yield
+
+
+@pytest.fixture
+def drawn() -> Iterator[None]:
+    """For a test that does look, where others of its module do not."""
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
+    from matplotlib.figure import Figure
+
+    from suta_calib.report import svg
+
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(svg, "FigureCanvasSVG", FigureCanvasSVG)
+        patched.setattr(svg, "Figure", Figure)
+        yield
 
 
 @pytest.fixture(scope="session")

@@ -93,6 +93,7 @@ def test_imports_are_seen_however_they_are_written() -> None:
         ("measurements.samples, measurements.sample_files", ("casadi", "scipy", "pinocchio")),
         ("measurements.artefact, measurements.yaml_file", ("casadi", "scipy", "pinocchio")),
         ("geometry.numbers, model.parameters", ("casadi", "scipy", "pinocchio")),
+        ("emulation.child, device.port_process", ("casadi", "scipy", "pinocchio")),
         (
             "job.calibration, pose_calibration.pivot, report.observability, report.calibration, "
             "report.pivot, report.hand_eye, report.registration",

@@ -7,12 +7,11 @@ stands still.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import InputError
@@ -147,11 +146,15 @@ class Curve(Motion):
 
     time: FloatArray
     posture: FloatArray
-    _spline: CubicSpline = field(init=False, repr=False)
+    _spline: Callable[[FloatArray], FloatArray] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         if len(self.time) < 2 or not (np.diff(self.time) > 0).all():
             raise InputError("times that do not increase", "two or more times, each the later")
+        # Imported where a curve is: most arms that are emulated follow none, and start three times
+        # faster without.
+        from scipy.interpolate import CubicSpline
+
         object.__setattr__(self, "_spline", CubicSpline(self.time, self.posture))
 
     @property

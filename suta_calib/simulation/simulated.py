@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import Any, Final
 
 import numpy as np
@@ -98,7 +99,12 @@ def simulate(
     values = true_values(arm, spec, seed)
     kinematics = InverseKinematics(arm, values)
     visitor = Visitor(spec, kinematics, _posture(spec, kinematics), seed)
-    artefacts = {p.name: _true_artefact(p, seed) for p in spec.sets if p.artefact is not None}
+    certified = cache(read_artefact)  # of several sets one file
+    artefacts = {
+        p.name: _true_artefact(p, certified(p.artefact), seed)
+        for p in spec.sets
+        if p.artefact is not None
+    }
     files: list[SimulatedFile] = []
     for plan in spec.sets:
         for label in plan.places or ("samples",):
@@ -185,10 +191,9 @@ def _posture(spec: SimulationSpec, kinematics: InverseKinematics) -> FloatArray:
     return posture
 
 
-def _true_artefact(plan: SetSpec, seed: int) -> Artefact:
+def _true_artefact(plan: SetSpec, certified: Artefact, seed: int) -> Artefact:
     """The certified artefact, or one that departs from it: the same for every set that uses it."""
     assert plan.artefact is not None
-    certified = read_artefact(plan.artefact)
     if not plan.noise.artefact:
         return certified
     landmarks = {

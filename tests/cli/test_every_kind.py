@@ -15,6 +15,8 @@ from simulated import SUTA_URDF
 
 from suta_calib.terms import KINDS, Term
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 ARTEFACT = """\
 name: four pillars
 landmarks:

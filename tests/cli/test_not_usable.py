@@ -11,6 +11,8 @@ from cli_job import TRUTH, cli, simulated, write_simulated_job
 from suta_calib.measurements import write_samples
 from suta_calib.model.arm import ArmModel
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 WHY = "worse than the nominal one on the validation data"
 BOX = ("--region", "150,600,-300,300,0,400", "--grid", "5")
 

@@ -20,6 +20,8 @@ from suta_calib.analysis.planning import Placement, Point, Posture, read_candida
 from suta_calib.errors import InputError, JobError
 from suta_calib.geometry.numbers import rotation_from_rpy
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 ARM = arm_named("suta")
 GOOD = """\
 repeats: 2
@@ -147,6 +149,7 @@ points:
 """
 
 
+@pytest.mark.usefixtures("drawn")
 def test_the_command_chooses_among_the_candidates_and_writes_a_plan(
     suta: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

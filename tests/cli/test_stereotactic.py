@@ -18,6 +18,8 @@ from suta_calib.stereotactic.cis_simulation import SimulatedSet, simulate_stereo
 NAME = "sim"
 MADE = simulate_stereotactic(NAME, seed=2, distortion=3e-3, em_noise=0.05e-3, grid=3)
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 
 @pytest.fixture
 def prefix(tmp_path: Path) -> Path:
@@ -79,6 +81,7 @@ def test_first_assignment(prefix: Path, out: Path, capsys: pytest.CaptureFixture
     assert found["verdict"]["level"] == "care"
 
 
+@pytest.mark.usefixtures("drawn")
 def test_second_assignment(prefix: Path, out: Path, capsys: pytest.CaptureFixture[str]) -> None:
     found = answer(capsys, prefix, "--out", out, "--dewarp")
     assert {f.name for f in out.iterdir()} == {

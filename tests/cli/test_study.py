@@ -13,6 +13,8 @@ from cli_job import cli, write_simulated_job
 from lxml import etree
 from study_scene import SUTA
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 JOB = SUTA / "calibration.yaml"
 FEW = ("--trials", "3", "--jobs", "1")
 
@@ -54,6 +56,7 @@ def test_sizes_as_the_formats_have_them(tmp_path: Path, capsys: pytest.CaptureFi
     assert json.loads((tmp_path / "study.json").read_text()) == found
 
 
+@pytest.mark.usefixtures("drawn")
 @pytest.mark.parametrize(
     ("kind", "name"),
     [("size", "study"), ("bootstrap", "bootstrap"), ("monte-carlo", "monte_carlo")],

@@ -25,6 +25,8 @@ from suta_calib.report.console import rendered
 from suta_calib.report.document import Document
 from suta_calib.report.listing import Table
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 Capture = pytest.CaptureFixture[str]
 # Their answers are as any other's here, and take seconds.
 LONG = ("extend", "outliers", "plan")

@@ -20,6 +20,8 @@ from suta_calib.solver.problem import Problem
 from suta_calib.solver.solve import solve
 from suta_calib.terms.camera_start import board_poses, closed_form_intrinsics
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 SIMULATION = """\
 arm: {urdf: arm.urdf, tip: tip}
 seed: 3
