@@ -15,8 +15,10 @@ from typing import Final
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
+from suta_calib.plotting.look import BLUE, GREY, LINE, ORANGE, TINT
 from suta_calib.report.document import Document, Figure, Folded, Space
 from suta_calib.report.listing import Table
+from suta_calib.report.panels import apart
 from suta_calib.report.spatial import scene_html
 
 # Documents that a report begins anew with.
@@ -99,9 +101,6 @@ def environment() -> Environment:
 
 
 def _drawn(figure: Figure) -> Markup:
-    # Here, for it loads Matplotlib, which a page without a figure does without.
-    from suta_calib.report.panels import apart
-
     return Markup(apart(themed(figure.svg)))
 
 
@@ -119,9 +118,6 @@ def themed(svg: str) -> str:
 @cache
 def _theme() -> dict[str, str]:
     """What figures are drawn in, and what the page's style calls it."""
-    # Here for the same reason.
-    from suta_calib.plotting.style import BLUE, GREY, ORANGE, STYLE, TINT
-
     return {
         "#000000": "ink",
         "#ffffff": "paper",
@@ -129,7 +125,7 @@ def _theme() -> dict[str, str]:
         ORANGE.lower(): "amber",
         GREY.lower(): "grey",
         TINT.lower(): "tint",
-        STYLE["grid.color"]: "line",
+        LINE: "line",
         "#1f77b4": "blue",  # Matplotlib's own, of marks that are covered
     }
 
