@@ -18,6 +18,7 @@ from typing import Any, Final
 
 import click
 
+from suta_calib import __version__
 from suta_calib.atomic import inputs_kept
 from suta_calib.cli import INTERRUPTED, PROGRAM, say_interrupted
 from suta_calib.errors import SutaCalibError, did_you_mean
@@ -95,7 +96,7 @@ class LazyGroup(click.Group):
     invoke_without_command=True,
     context_settings={"help_option_names": ["-h", "--help"], "show_default": True},
 )
-@click.version_option(package_name="suta_calib", prog_name=PROGRAM)
+@click.version_option(__version__, prog_name=PROGRAM)
 @click.pass_context
 def app(context: click.Context) -> None:
     """Calibrate the kinematics of serial arms: URDF and measurements in, calibrated URDF out.

@@ -9,7 +9,7 @@ from __future__ import annotations
 import platform
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cache, partial
-from importlib.metadata import PackageNotFoundError, version
+from importlib import import_module
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -71,7 +71,13 @@ NAME: Final = "result"
 CALIBRATED: Final = "calibrated.urdf"
 # The same of an answer that must not be used, under a name that nobody takes for a calibrated arm.
 NOT_USABLE: Final = "not_usable.urdf"
-DISTRIBUTIONS: Final = ("suta_calib", "pin", "casadi", "numpy")
+# What computes a result, by the name that it is installed under, and as a module.
+COMPUTED_BY: Final = {
+    "suta_calib": "suta_calib",
+    "pin": "pinocchio",
+    "casadi": "casadi",
+    "numpy": "numpy",
+}
 
 
 REPEATABILITY: Final = Listing[tuple[str, TouchRepeatability]](
@@ -124,13 +130,8 @@ def calibration_document(result: CalibrationResult, *, verbose: bool = False) ->
 @cache
 def versions() -> Mapping[str, str]:
     """Versions of what computed the result."""
-    found = {"python": platform.python_version()}
-    for name in DISTRIBUTIONS:
-        try:
-            found[name] = version(name)
-        except PackageNotFoundError:
-            found[name] = "unknown"
-    return found
+    found = {name: str(import_module(it).__version__) for name, it in COMPUTED_BY.items()}
+    return {"python": platform.python_version()} | found
 
 
 # What is shown
