@@ -22,6 +22,8 @@ Shape = Literal["circle", "square", "triangle"]
 _ROOM: Final = 0.05
 # Steps of marks along an axis, of which a power of ten makes all others.
 _STEPS: Final = (1.0, 2.0, 2.5, 5.0, 10.0)
+# Digits behind the point, of more than which a power of ten is written.
+_DIGITS: Final = 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -210,7 +212,7 @@ def ends(
     low, high = float(np.min(span)), float(np.max(span))
     if least is not None:
         low = float(np.log10(least)) if log else least
-    room = _ROOM * (high - low) or _ROOM * max(abs(high), 1e-9)
+    room = _ROOM * (high - low) or _ROOM * (abs(high) or 1.0)
     low, high = low - room * (least is None), high + room
     return (10.0**low, 10.0**high) if log else (low, high)
 
@@ -230,7 +232,8 @@ def _numbers(low: float, high: float, most: int, whole: bool) -> list[tuple[floa
     # Of a step of 0.25 two digits, of one of 0.2 one.
     digits = next(k for k in range(20) if abs(round(step, k) - step) < 1e-6 * step)
     first, last = int(np.ceil(low / step - 1e-9)), int(np.floor(high / step + 1e-9))
-    return [(k * step, f"{k * step:.{digits}f}".replace("-", "−")) for k in range(first, last + 1)]
+    form = f".{digits}f" if digits <= _DIGITS else ".4g"
+    return [(k * step, f"{k * step:{form}}".replace("-", "−")) for k in range(first, last + 1)]
 
 
 def _decades(low: float, high: float, most: int) -> list[tuple[float, str]]:

@@ -41,10 +41,12 @@ def parameter_changes(changes: Sequence[Change]) -> list[Chart]:
     by_unit: dict[Unit, list[Change]] = {}
     for each in changes:
         by_unit.setdefault(each.unit, []).append(each)
-    return [_changes(found, unit) for unit, found in by_unit.items()]
+    # Two columns of a legend are wider than a panel of three.
+    columns = 2 if len(by_unit) < 3 else 1
+    return [_changes(found, unit, columns) for unit, found in by_unit.items()]
 
 
-def _changes(found: Sequence[Change], unit: Unit) -> Chart:
+def _changes(found: Sequence[Change], unit: Unit, columns: int) -> Chart:
     change = shown(np.array([each.change for each in found]), unit)
     std = shown(np.array([each.std for each in found]), unit)
     by_prior = np.array([each.by_prior for each in found])
@@ -66,8 +68,9 @@ def _changes(found: Sequence[Change], unit: Unit) -> Chart:
         if chosen.any():
             marks.append(Points(change[chosen], k[chosen], 4.5, shape, colour, BLUE, name))
     span = np.concatenate([low, high, [0.0]])
-    x = Axis(f"change ± std, {unit_name(unit)}", *ends(span), grid=True)
-    return Chart(marks, x, _rows([each.name for each in found]))
+    label = ", ".join(filter(None, ["change ± std", unit_name(unit)]))
+    x = Axis(label, *ends(span), grid=True)
+    return Chart(marks, x, _rows([each.name for each in found]), columns)
 
 
 def parameter_prospects(

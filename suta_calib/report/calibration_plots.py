@@ -17,11 +17,12 @@ from suta_calib.plotting.parameters import parameter_changes
 from suta_calib.report.chart_svg import chart_svg
 from suta_calib.units import Unit
 
-# Points: heights of panels, of a row of boxes, and of a cell of a map, which is no smaller than its
-# scale can be read; how wide that scale is.
+# Points: heights of panels, of a row of boxes and of few of them; of a cell of a map, which is no
+# smaller than its scale can be read; how wide that scale is.
 _HISTOGRAM: Final = 135.0
 _BARS: Final = 144.0
 _BOX_ROW: Final = 15.0
+_LEAST_BOXES: Final = 50.0
 _CELL: Final = 17.5
 _LEAST_MAP: Final = 150.0
 _SCALE: Final = 11.0
@@ -58,7 +59,7 @@ def groups_svg(groups: Mapping[str, FloatArray], grouping: str, name: str) -> st
         name: id of the plot on its page.
     """
     chart = grouped_errors(groups, grouping)
-    height = _BOX_ROW * (chart.y.first - chart.y.last)
+    height = max(_BOX_ROW * (chart.y.first - chart.y.last), _LEAST_BOXES)
     return chart_svg([chart], name, f"Errors after calibration by {grouping}", height)
 
 
@@ -155,7 +156,11 @@ def correlations_svg(names: Sequence[str], matrix: FloatArray, name: str) -> str
     scale = Chart(
         [Boxes(nothing, one, sizes, sizes + 1.0 / len(sizes), _SHADES)],
         Axis("", 0.0, 1.0, names=[]),
-        Axis("size of the correlation (no unit)", 0.0, 1.0),
+        Axis(
+            "size of the correlation (no unit)",
+            *(0.0, 1.0),
+            names=[(each, f"{each:.1f}") for each in np.linspace(0.0, 1.0, 6)],
+        ),
     )
     side = max(_CELL * len(keep), _LEAST_MAP)
     description = "Correlations of the estimated parameters"

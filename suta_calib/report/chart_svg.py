@@ -38,8 +38,9 @@ _MINOR: Final = 2.0
 _GAP: Final = 5.0
 _ROW: Final = 12.5
 _SAMPLE: Final = 18.0
-# Points per number on an axis, at least.
+# Points per number on an axis, at least, but so many numbers.
 _PER_NUMBER: Final = 38.0, 22.0
+_FEWEST: Final = 3
 # Between the lines of a hatched face, points.
 _HATCH: Final = 2.6
 _DASHES: Final = {
@@ -67,7 +68,7 @@ def chart_svg(
         widths: of each; as wide as the page, alike, by default.
         note: below the charts.
     """
-    abouts = [_About.of(chart) for chart in charts]
+    abouts = [_About.of(chart, height) for chart in charts]
     if widths is None:
         room = 72.0 * WIDTH - sum(each.left + each.right for each in abouts)
         widths = [room / len(charts)] * len(charts)
@@ -120,11 +121,10 @@ class _About:
     top: float
 
     @classmethod
-    def of(cls, chart: Chart) -> _About:
-        beside = width_of((text for _, text in chart.y.marks(6)), chart.y.size)
-        below = chart.x.size
-        if _turned(chart.x):
-            below = width_of((text for _, text in chart.x.marks(6)), chart.x.size)
+    def of(cls, chart: Chart, height: float) -> _About:
+        beside = width_of((text for _, text in chart.y.marks(_most(height, 1))), chart.y.size)
+        names = chart.x.names or ()
+        below = width_of((text for _, text in names), chart.x.size) if names else chart.x.size
         label = _LABEL + 2 * _GAP
         rows = -(-len(chart.legend) // chart.columns)
         return cls(
@@ -135,9 +135,9 @@ class _About:
         )
 
 
-def _turned(axis: Axis) -> bool:
-    """Whether what stands along the lower axis stands upright: names do."""
-    return axis.names is not None and any(text for _, text in axis.names)
+def _most(long: float, which: int) -> int:
+    """How many numbers an axis has room for, that is so long and lies (0) or stands (1)."""
+    return max(int(long / _PER_NUMBER[which]), _FEWEST)
 
 
 @dataclass(frozen=True)
@@ -214,7 +214,7 @@ class _Panel:
     def _marks(self, axis: Axis, which: int) -> list[tuple[float, str]]:
         """Where marks stand along an axis, points, and what they say."""
         long, of = (self.width, self._x) if which == 0 else (self.height, self._y)
-        marks = axis.marks(max(int(long / _PER_NUMBER[which]), 2))
+        marks = axis.marks(_most(long, which))
         places = of(np.array([value for value, _ in marks])).tolist()
         return [(at, text) for at, (_, text) in zip(places, marks, strict=True)]
 
@@ -229,7 +229,8 @@ class _Panel:
         for at, text in self._marks(x, 0):
             lines.append(f"M{at:.1f} {bottom:.1f}v{_TICK}")
             down = bottom + _TICK + _GAP
-            if _turned(x):
+            # Names have no room beside each other.
+            if x.names:
                 texts.append(_text(at + _FOOT * x.size, down, text, x.size, "end", upright=True))
             else:
                 texts.append(_text(at, down + 0.7 * x.size, text, x.size, "middle"))
