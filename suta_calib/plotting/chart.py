@@ -22,8 +22,8 @@ Shape = Literal["circle", "square", "triangle"]
 _ROOM: Final = 0.05
 # Steps of marks along an axis, of which a power of ten makes all others.
 _STEPS: Final = (1.0, 2.0, 2.5, 5.0, 10.0)
-# Digits behind the point, of more than which a power of ten is written.
-_DIGITS: Final = 5
+# Numbers no larger than this are written with a power of ten.
+_SMALL: Final = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -232,7 +232,9 @@ def _numbers(low: float, high: float, most: int, whole: bool) -> list[tuple[floa
     # Of a step of 0.25 two digits, of one of 0.2 one.
     digits = next(k for k in range(20) if abs(round(step, k) - step) < 1e-6 * step)
     first, last = int(np.ceil(low / step - 1e-9)), int(np.floor(high / step + 1e-9))
-    form = f".{digits}f" if digits <= _DIGITS else ".4g"
+    largest = max(abs(low), abs(high))
+    # As many digits as tell a number from the next.
+    form = f".{digits}f" if largest > _SMALL else f".{int(np.log10(largest / step)) + 3}g"
     return [(k * step, f"{k * step:{form}}".replace("-", "−")) for k in range(first, last + 1)]
 
 

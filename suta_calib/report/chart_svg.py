@@ -256,7 +256,7 @@ class _Panel:
                 yield _sample(mark, at, up, hatched)
                 text = at + _SAMPLE + _GAP
                 yield _text(text, up + _FOOT * _LEGEND, mark.label, _LEGEND)
-            at += _SAMPLE + 4 * _GAP + width_of((mark.label for mark in column), _LEGEND)
+            at += _SAMPLE + 6 * _GAP + width_of((mark.label for mark in column), _LEGEND)
 
 
 def _sample(mark: Labelled, left: float, middle: float, hatched: dict[str, str]) -> str:
