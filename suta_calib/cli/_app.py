@@ -107,12 +107,11 @@ def app(context: click.Context) -> None:
         click.echo(context.get_help())
 
 
-def run(arguments: Sequence[str] | None = None, *, alone: bool = False) -> int:
+def run(arguments: Sequence[str] | None = None) -> int:
     """Run one command line.
 
     Args:
         arguments: without the program's name; those of this process by default.
-        alone: whether this process ends with it: then others may work for it.
 
     Returns:
         The exit code. Bad input, bad usage and an interrupt are one line on stderr.
@@ -121,7 +120,7 @@ def run(arguments: Sequence[str] | None = None, *, alone: bool = False) -> int:
     with warnings.catch_warnings(), inputs_kept():
         warnings.showwarning = _show_warning
         try:
-            code = app.main(arguments, prog_name=PROGRAM, standalone_mode=False, obj=alone)
+            code = app.main(arguments, prog_name=PROGRAM, standalone_mode=False)
         except SutaCalibError as error:
             click.echo(f"{PROGRAM}: error: {_one_line(error)}", err=True)
             return error.exit_code
