@@ -15,7 +15,7 @@ Names are imported when they are first used, so that the command line starts qui
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from suta_calib.lazy import public
 
@@ -69,13 +69,7 @@ if TYPE_CHECKING:
     from suta_calib.terms import TouchedLandmark as TouchedLandmark
     from suta_calib.terms import TrackedPoint as TrackedPoint
 
-_public, __all__ = public(__name__)
+# `pyproject.toml` has it from here: to look for it among what is installed takes long.
+__version__ = "0.1.0"
 
-
-def __getattr__(name: str) -> Any:
-    if name == "__version__":
-        # Seldom asked for, and slow to find.
-        from importlib.metadata import version
-
-        return version("suta_calib")
-    return _public(name)
+__getattr__, __all__ = public(__name__)

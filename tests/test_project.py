@@ -42,10 +42,10 @@ def required(project: dict[str, Any], *extras: str) -> list[Requirement]:
     return [r for r in map(Requirement, lines) if r.name != project["name"]]
 
 
-def test_the_version_is_pyprojects(project: dict[str, Any], repository: Path):
+def test_the_version_is_one(project: dict[str, Any], repository: Path):
     citation = YAML(typ="safe").load(repository / "CITATION.cff")
-    assert citation["version"] == project["version"]
-    assert suta_calib.__version__ == version(project["name"])
+    assert project["dynamic"] == ["version"]
+    assert suta_calib.__version__ == citation["version"] == version(project["name"])
 
 
 def test_lower_bounds_are_what_the_lowest_environment_has(

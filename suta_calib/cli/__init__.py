@@ -28,7 +28,7 @@ def main() -> None:
         # Here, for importing takes long enough to be interrupted.
         from suta_calib.cli._app import run
 
-        code = run(alone=True)
+        code = run()
         _end_undisturbed()
     except KeyboardInterrupt:
         _end_undisturbed()

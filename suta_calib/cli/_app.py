@@ -18,6 +18,7 @@ from typing import Any, Final
 
 import click
 
+from suta_calib import __version__
 from suta_calib.atomic import inputs_kept
 from suta_calib.cli import INTERRUPTED, PROGRAM, say_interrupted
 from suta_calib.errors import SutaCalibError, did_you_mean
@@ -95,7 +96,7 @@ class LazyGroup(click.Group):
     invoke_without_command=True,
     context_settings={"help_option_names": ["-h", "--help"], "show_default": True},
 )
-@click.version_option(package_name="suta_calib", prog_name=PROGRAM)
+@click.version_option(__version__, prog_name=PROGRAM)
 @click.pass_context
 def app(context: click.Context) -> None:
     """Calibrate the kinematics of serial arms: URDF and measurements in, calibrated URDF out.
@@ -106,12 +107,11 @@ def app(context: click.Context) -> None:
         click.echo(context.get_help())
 
 
-def run(arguments: Sequence[str] | None = None, *, alone: bool = False) -> int:
+def run(arguments: Sequence[str] | None = None) -> int:
     """Run one command line.
 
     Args:
         arguments: without the program's name; those of this process by default.
-        alone: whether this process ends with it: then others may work for it.
 
     Returns:
         The exit code. Bad input, bad usage and an interrupt are one line on stderr.
@@ -120,7 +120,7 @@ def run(arguments: Sequence[str] | None = None, *, alone: bool = False) -> int:
     with warnings.catch_warnings(), inputs_kept():
         warnings.showwarning = _show_warning
         try:
-            code = app.main(arguments, prog_name=PROGRAM, standalone_mode=False, obj=alone)
+            code = app.main(arguments, prog_name=PROGRAM, standalone_mode=False)
         except SutaCalibError as error:
             click.echo(f"{PROGRAM}: error: {_one_line(error)}", err=True)
             return error.exit_code

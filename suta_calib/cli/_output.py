@@ -6,7 +6,7 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from functools import wraps
 from hashlib import sha256
 from pathlib import Path
@@ -86,23 +86,6 @@ def _inputs(context: click.Context) -> dict[str, str]:
                 note_input(path)
                 hashes[str(path)] = sha256(path.read_bytes()).hexdigest()
     return hashes
-
-
-def draw_beside(module: str) -> None:
-    """From now on pictures are drawn in a process beside, where a core is free for it.
-
-    Args:
-        module: full name of the module with the functions that draw them.
-    """
-    from suta_calib.processes import usable_cores
-    from suta_calib.report.studio import Studio
-
-    context = click.get_current_context()
-    # Who runs many commands in one process imports Matplotlib once.
-    if context.obj and usable_cores() > 1:
-        # Where none can be started, pictures are drawn here.
-        with suppress(OSError):
-            context.with_resource(Studio(module))
 
 
 def results_folder() -> Path:

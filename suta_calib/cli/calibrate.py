@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from suta_calib.cli._options import job_argument, out_option, verbose_option
-from suta_calib.cli._output import LateProgress, answer_command, draw_beside
+from suta_calib.cli._output import LateProgress, answer_command
 from suta_calib.report.document import Document
 
 
@@ -16,9 +16,7 @@ from suta_calib.report.document import Document
 @job_argument
 @out_option
 @verbose_option
-@click.option(
-    "--no-report", is_flag=True, help="Write no report.html, which takes a while to draw."
-)
+@click.option("--no-report", is_flag=True, help="Write no report.html.")
 def calibrate(job: Path, verbose: bool, no_report: bool) -> Document:
     """Calibrate the arm of JOB (a calibration.yaml) from its measurements.
 
@@ -26,8 +24,6 @@ def calibrate(job: Path, verbose: bool, no_report: bool) -> Document:
     answer must not be used: not converged, residuals that swamp the data, or worse than nominal on
     validation data. Then no calibrated.urdf is written.
     """
-    if not no_report:
-        draw_beside("suta_calib.report.calibration_plots")
     from suta_calib.job.calibration import CalibrationJob
     from suta_calib.report.calibration import calibration_document
 

@@ -42,7 +42,8 @@ def plain_data(
         found, expected = f"{len(text):,} characters", f"at most {MOST_BYTES:,}"
         raise error(found, expected, file=path, hint="long tables belong into a CSV file")
     try:
-        yaml = YAML(typ="rt", pure=True)
+        # Comments, which the round-trip reader keeps, are not asked for.
+        yaml = YAML(typ="safe", pure=True)
         yaml.composer.warn_double_anchors = False
         # OpenCV writes its own first line, with a colon, which no YAML reader takes.
         node: Node | None = yaml.compose(

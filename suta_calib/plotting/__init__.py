@@ -12,9 +12,9 @@ from suta_calib.lazy import public
 
 if TYPE_CHECKING:
     from suta_calib.plotting.change import Change as Change
-    from suta_calib.plotting.errors import draw_histogram as draw_histogram
-    from suta_calib.plotting.parameters import draw_changes as draw_changes
-    from suta_calib.plotting.parameters import draw_prospects as draw_prospects
+    from suta_calib.plotting.on_axes import draw_changes as draw_changes
+    from suta_calib.plotting.on_axes import draw_histogram as draw_histogram
+    from suta_calib.plotting.on_axes import draw_prospects as draw_prospects
     from suta_calib.plotting.scene import Arrows as Arrows
     from suta_calib.plotting.scene import Line as Line
     from suta_calib.plotting.scene import Points as Points

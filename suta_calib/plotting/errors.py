@@ -3,31 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.cbook import boxplot_stats
-from matplotlib.collections import PolyCollection
 
 from suta_calib.arrays import FloatArray
+from suta_calib.plotting.chart import Axis, Boxes, Chart, Labelled, Lines, Mark, Points, Steps, ends
 from suta_calib.plotting.limits import MOST_GROUPS
-from suta_calib.plotting.style import BLUE, GREY, ORANGE, TINT, plain_log, shortened
+from suta_calib.plotting.look import BLUE, GREY, ORANGE, TINT, shortened
 from suta_calib.units import Unit, shown, unit_name
 
 # Half the height of a box, of which one stands every unit.
 _BOX: Final = 0.31
+# How far a whisker goes at most, in lengths of its box.
+_WHISKER: Final = 1.5
 # Two histograms whose medians differ by more than this are both visible only on a log axis.
 FAR_APART: Final = 4.0
 
 
-def draw_histogram(
-    axes: Axes, before: FloatArray, after: FloatArray, unit: Unit, what: str
-) -> None:
+def error_histogram(before: FloatArray, after: FloatArray, unit: Unit, what: str) -> Chart:
     """Histogram of error norms before and after, with mean and RMS, in the reader's unit.
 
     Args:
-        axes: to draw on.
         before: (n,) at least one, SI.
         after: the same.
         unit: of both.
@@ -35,31 +32,37 @@ def draw_histogram(
     """
     sizes = {name: np.abs(shown(e, unit)) for name, e in (("before", before), ("after", after))}
     bins, logarithmic = _bins(*sizes.values())
-    looks = (("before", ORANGE, "////", ":"), ("after", BLUE, "", "--"))
-    for name, colour, hatch, line in looks:
+    marks: dict[str, list[Labelled]] = {}
+    most = 1.0
+    for name, colour, hatched in (("before", ORANGE, True), ("after", BLUE, False)):
         values = sizes[name]
-        look: dict[str, Any] = {
-            "facecolor": "none" if hatch else colour,
-            "edgecolor": colour,
-            "hatch": hatch,
-            "linewidth": 1.0,
-        }
-        count = np.histogram(np.clip(values, bins[0], bins[-1]), bins)[0]
-        axes.stairs(count, bins, fill=True, label=name, zorder=2 + bool(hatch), **look)
+        count = np.histogram(np.clip(values, bins[0], bins[-1]), bins)[0].astype(float)
+        most = max(most, float(count.max()))
         rms, mean = float(np.sqrt(np.mean(values**2))), float(values.mean())
-        told = (
+        told = [
             f"{figure} {name} {size:.3g} {unit_name(unit)}"
             for figure, size in (("RMS", rms), ("mean", mean))
-        )
-        axes.axvline(rms, color="black", linestyle=line, linewidth=1.2, label=next(told))
-        mark: dict[str, Any] = {"color": colour, "markeredgecolor": "black", "markersize": 7}
-        axes.plot(mean, 0.0, "^", clip_on=False, label=next(told), **mark)
-    if logarithmic:
-        plain_log(axes.xaxis, axes.set_xscale)
+        ]
+        marks[name] = [
+            Steps(bins, count, "" if hatched else colour, colour, hatched, name),
+            Lines(
+                *(np.array([[rms, rms]]), np.array([[-np.inf, np.inf]])),
+                width=1.2,
+                dash="dotted" if hatched else "dashed",
+                label=told[0],
+            ),
+            Points(np.array([mean]), np.zeros(1), 7.0, "triangle", colour, label=told[1]),
+        ]
     lowest = f" (the first bar: {bins[1]:.2g} and less)" if logarithmic else ""
-    axes.set_xlabel(f"{what} error, {unit_name(unit)}{lowest}")
-    axes.set_ylabel("number of errors")
-    axes.legend(ncols=2, fontsize=8, loc="lower left", bbox_to_anchor=(0, 1), frameon=False)
+    low, high = ends(bins, log=logarithmic)
+    (was, *was_told), (now, *now_told) = marks["before"], marks["after"]
+    return Chart(
+        # What was before stands in front, for one sees through it.
+        [now, was, *was_told, *now_told],
+        Axis(f"{what} error, {unit_name(unit)}{lowest}", low, high, log=logarithmic),
+        Axis("number of errors", *ends(np.array([most]), least=0.0)),
+        told=[was, *was_told, now, *now_told],
+    )
 
 
 def _bins(before: FloatArray, after: FloatArray) -> tuple[FloatArray, bool]:
@@ -74,49 +77,53 @@ def _bins(before: FloatArray, after: FloatArray) -> tuple[FloatArray, bool]:
     return np.geomspace(low, top * 1.001, count + 1), True
 
 
-def draw_groups(axes: Axes, groups: Mapping[str, FloatArray], grouping: str) -> None:
+def grouped_errors(groups: Mapping[str, FloatArray], grouping: str) -> Chart:
     """Box plot of errors, one box a group, worst median first, mm.
 
     Args:
-        axes: to draw on.
         groups: errors, m, by the group's name; those beyond `MOST_GROUPS` are left out.
         grouping: what the groups are, e.g. ``landmark``.
     """
     ranked = sorted(groups.items(), key=lambda item: -float(np.median(item[1])))[:MOST_GROUPS]
-    _boxes(axes, [shown(e, "m") for _, e in ranked])
-    labels = [shortened(f"{n}  ({len(e)})") for n, e in ranked]
-    axes.set_yticks(range(1, 1 + len(ranked)), labels=labels)
-    axes.set_ylim(len(ranked) + 0.5, 0.5)
-    axes.set_xlim(left=0)
-    axes.grid(axis="x")
-    axes.set_xlabel("error after calibration, mm (in brackets: number of errors)")
-    axes.set_ylabel(grouping, labelpad=16)
+    errors = [shown(e, "m") for _, e in ranked]
+    names = [(k, shortened(f"{name}  ({len(e)})")) for k, (name, e) in enumerate(ranked)]
+    return Chart(
+        _boxes(errors),
+        Axis(
+            "error after calibration, mm (in brackets: number of errors)",
+            *ends(np.concatenate(errors), least=0.0),
+            grid=True,
+        ),
+        Axis(grouping, len(ranked) - 0.5, -0.5, names=names),
+    )
 
 
-def _boxes(axes: Axes, groups: Sequence[FloatArray]) -> None:
-    """Lying boxes as Tukey drew them, at 1, 2, …: `Axes.boxplot` with few artists for all.
+def _boxes(groups: Sequence[FloatArray]) -> list[Mark]:
+    """Lying boxes as Tukey drew them, a unit apart from 0 on.
 
     Whiskers end at the last errors within one and a half boxes; what is beyond is a point.
     """
-    found = boxplot_stats(groups)
-    at = np.arange(1.0, len(found) + 1)
-    low, q1, middle, q3, high = (
-        np.array([float(box[key]) for box in found])
-        for key in ("whislo", "q1", "med", "q3", "whishi")
+    at = np.arange(float(len(groups)))
+    q1, middle, q3 = np.array([np.percentile(each, (25, 50, 75)) for each in groups]).T
+    reach = _WHISKER * (q3 - q1)
+    fences = zip(groups, q1 - reach, q3 + reach, strict=True)
+    within = [(each >= low) & (each <= high) for each, low, high in fences]
+    inner = [each[inside] for each, inside in zip(groups, within, strict=True)]
+    beyond = [each[~inside] for each, inside in zip(groups, within, strict=True)]
+    low, high = (np.array([end(each) for each in inner]) for end in (np.min, np.max))
+    thin = [
+        (low, q1, at, at),
+        (q3, high, at, at),
+        *((end, end, at - _BOX / 2, at + _BOX / 2) for end in (low, high)),
+    ]
+    x, y = (
+        np.concatenate([np.column_stack([line[k], line[k + 1]]) for line in thin]) for k in (0, 2)
     )
-    corners = [(q1, -_BOX), (q3, -_BOX), (q3, _BOX), (q1, _BOX)]
-    boxes = np.stack([np.column_stack([x, at + y]) for x, y in corners], axis=1)
-    axes.add_collection(PolyCollection([*boxes], facecolors=TINT, edgecolors=BLUE, linewidths=1))
-    for x, end in ((low, q1), (high, q3)):
-        axes.hlines(at, x, end, color="black", linewidth=1)
-        axes.vlines(x, at - _BOX / 2, at + _BOX / 2, color="black", linewidth=1)
-    axes.vlines(middle, at - _BOX, at + _BOX, color="black", linewidth=1.6)
-    beyond = [np.asarray(box["fliers"]) for box in found]
-    axes.plot(
-        np.concatenate(beyond),
-        np.repeat(at, [len(each) for each in beyond]),
-        "o",
-        markerfacecolor="none",
-        markersize=3,
-        markeredgecolor=GREY,
-    )
+    return [
+        Boxes(q1, q3, at - _BOX, at + _BOX, TINT, BLUE),
+        Lines(x, y),
+        Lines(np.column_stack([middle] * 2), np.column_stack([at - _BOX, at + _BOX]), 1.6),
+        Points(
+            np.concatenate(beyond), np.repeat(at, [len(each) for each in beyond]), 3.0, edge=GREY
+        ),
+    ]

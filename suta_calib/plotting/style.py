@@ -1,4 +1,4 @@
-"""The look that all pictures share: colours, sizes, and axes to draw on."""
+"""Matplotlib in the look that all pictures share, and axes to draw on."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-# Okabe, Ito (2008), https://jfly.uni-koeln.de/color/: told apart by colour-blind people, and these
-# three also by their grey.
-BLUE: Final = "#0072B2"
-ORANGE: Final = "#E69F00"
-GREY: Final = "#999999"
-TINT: Final = "#CFE3F1"  # of surfaces that something stands on
-WIDTH: Final = 7.2  # of a plot on the page, inch
-ROW_HEIGHT: Final = 0.19  # of a name in a list, inch
+from suta_calib.plotting.look import BLUE as BLUE
+from suta_calib.plotting.look import GREY as GREY
+from suta_calib.plotting.look import LINE
+from suta_calib.plotting.look import ORANGE as ORANGE
+from suta_calib.plotting.look import ROW_HEIGHT as ROW_HEIGHT
+from suta_calib.plotting.look import TINT as TINT
+from suta_calib.plotting.look import WIDTH as WIDTH
+
 STYLE: Final[dict[str, Any]] = {
     "svg.fonttype": "none",
     "text.parse_math": False,
@@ -29,7 +29,7 @@ STYLE: Final[dict[str, Any]] = {
     "axes.titleweight": "bold",
     "axes.titlelocation": "left",
     "axes.axisbelow": True,
-    "grid.color": "#dddddd",
+    "grid.color": LINE,
     "hatch.linewidth": 0.6,
     # Room for text that a narrow page enlarges.
     "axes.labelpad": 7.0,
@@ -96,8 +96,3 @@ def plain_log(axis: Any, set_scale: Any) -> None:
     axis.set_minor_locator(LogLocator(subs=(2.0, 5.0)))
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axis.set_minor_formatter(NullFormatter())
-
-
-def shortened(text: str, most: int = 40) -> str:
-    """A label of no more than so many characters."""
-    return text if len(text) <= most else f"{text[: most - 1]}…"

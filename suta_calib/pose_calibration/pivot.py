@@ -97,9 +97,7 @@ class PivotCalibration(Shown, RobustAnswer):
             )
         unsure = float(np.linalg.norm(self.tip_std))
         if unsure > UNSURE:
-            caution.append(
-                f"The tip is known to ± {mm(unsure):.2f} mm only: add poses, or find what scatters."
-            )
+            caution.append(f"The tip is known to ± {mm(unsure):.2f} mm only (one sigma, 3-D).")
         bad = self.objections("poses", self.inliers)
         long = float(np.linalg.norm(self.tip))
         if max(long, float(np.linalg.norm(self.post))) > LARGEST or long > LONGEST_TIP:

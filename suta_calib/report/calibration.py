@@ -9,16 +9,18 @@ from __future__ import annotations
 import platform
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cache, partial
-from importlib.metadata import PackageNotFoundError, version
-from typing import Any, Final
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from suta_calib.arrays import FloatArray
 from suta_calib.diagnostics.accuracy import TermAccuracy
 from suta_calib.diagnostics.explanation import redundant_names
 from suta_calib.diagnostics.external_poses import external_poses
 from suta_calib.diagnostics.repeats import TouchRepeatability
 from suta_calib.job.calibration import CalibrationResult
+from suta_calib.lazy import later
 from suta_calib.plotting.limits import MOST_CORRELATED, MOST_GROUPS
 from suta_calib.report.document import (
     Document,
@@ -34,6 +36,7 @@ from suta_calib.report.document import (
 from suta_calib.report.errors import (
     GROUPINGS,
     RESIDUALS,
+    KindErrors,
     accuracy_json,
     by_kind,
     errors_table,
@@ -52,21 +55,29 @@ from suta_calib.report.observability import (
     unobservable,
 )
 from suta_calib.report.parameters import MANY, PARAMETERS, left_out, outcomes
-from suta_calib.report.studio import drawn
 from suta_calib.solver.identifiability import WEAK
 from suta_calib.solver.ipopt import Minimum
 from suta_calib.solver.solution import Solution
 from suta_calib.terms import Term
 from suta_calib.words import combination
 
-# What draws the pictures, by name: without a report there is nothing to draw.
-_picture: Final = partial(drawn, "suta_calib.report.calibration_plots")
+if TYPE_CHECKING:
+    from suta_calib.report import calibration_plots as plots
+else:
+    # Without a report there is nothing to draw.
+    plots = later("suta_calib.report.calibration_plots")
 
 NAME: Final = "result"
 CALIBRATED: Final = "calibrated.urdf"
 # The same of an answer that must not be used, under a name that nobody takes for a calibrated arm.
 NOT_USABLE: Final = "not_usable.urdf"
-DISTRIBUTIONS: Final = ("suta_calib", "pin", "casadi", "numpy")
+# What computes a result, by the name that it is installed under, and as a module.
+COMPUTED_BY: Final = {
+    "suta_calib": "suta_calib",
+    "pin": "pinocchio",
+    "casadi": "casadi",
+    "numpy": "numpy",
+}
 
 
 REPEATABILITY: Final = Listing[tuple[str, TouchRepeatability]](
@@ -119,13 +130,8 @@ def calibration_document(result: CalibrationResult, *, verbose: bool = False) ->
 @cache
 def versions() -> Mapping[str, str]:
     """Versions of what computed the result."""
-    found = {"python": platform.python_version()}
-    for name in DISTRIBUTIONS:
-        try:
-            found[name] = version(name)
-        except PackageNotFoundError:
-            found[name] = "unknown"
-    return found
+    found = {name: str(import_module(it).__version__) for name, it in COMPUTED_BY.items()}
+    return {"python": platform.python_version()} | found
 
 
 # What is shown
@@ -198,7 +204,7 @@ def _parameters(result: CalibrationResult, *, verbose: bool) -> Iterator[Part]:
     )
     if changes := solution.changes:
         yield Figure(
-            _picture("parameter_changes", changes, "parameter-changes"),
+            lambda: plots.changes_svg(changes, "parameter-changes"),
             "Change from nominal, ± one standard deviation",
         )
     yield Folded(PARAMETERS.of(own, f"The observations' own unknowns ({len(own)})"))
@@ -240,13 +246,14 @@ def _errors(result: CalibrationResult) -> Iterator[Part]:
         for k, errors in enumerate(by_kind(sets[name])):
             if len(errors.before):
                 yield Figure(
-                    _picture(
-                        "error_histogram",
-                        *(errors.before, errors.after, errors.unit, errors.name),
-                        f"histogram-{name}-{k}",
-                    ),
+                    partial(_histogram, errors, f"histogram-{name}-{k}"),
                     f"{name.capitalize()}: {errors.quantity}",
                 )
+
+
+def _histogram(errors: KindErrors, name: str) -> str:
+    told = errors.before, errors.after, errors.unit, errors.name
+    return plots.histogram_svg(*told, name)
 
 
 def _repeatability(result: CalibrationResult) -> list[tuple[str, TouchRepeatability]]:
@@ -280,7 +287,7 @@ def _untold(result: CalibrationResult) -> Iterator[Part]:
     values = solution.identification.singular_values
     if len(values):
         yield Figure(
-            _picture("singular_values", values, 1.0 / WEAK, named, "singular-values"),
+            lambda: plots.singular_values_svg(values, 1.0 / WEAK, named, "singular-values"),
             "Singular values: how strongly the data see each direction",
         )
 
@@ -295,10 +302,14 @@ def _remaining_errors(result: CalibrationResult) -> Iterator[Part]:
             rest = len(of[label]) - MOST_GROUPS
             title = f"{name}: by {label}" + (f" (without the {rest} best)" if rest > 0 else "")
             svg_name = f"errors-{name.lower()}-{label}"
-            found.append(Figure(_picture("grouped_errors", of[label], label, svg_name), title))
+            found.append(Figure(partial(_boxes, of[label], label, svg_name), title))
     if found:
         yield Text("Where the remaining errors are", place="page", look="heading")
         yield from found
+
+
+def _boxes(errors: Mapping[str, FloatArray], label: str, name: str) -> str:
+    return plots.groups_svg(errors, label, name)
 
 
 def _noise_and_correlations(result: CalibrationResult) -> Iterator[Part]:
@@ -327,7 +338,7 @@ def _noise_and_correlations(result: CalibrationResult) -> Iterator[Part]:
     if (less := len(names) - MOST_CORRELATED) > 0:
         said = f"{less} parameters that are less correlated are left out; result.json has all."
         yield Text(said, place="page", look="soft")
-    yield Figure(_picture("correlation_map", names, matrix, "correlations"))
+    yield Figure(lambda: plots.correlations_svg(names, matrix, "correlations"))
 
 
 def _computation(result: CalibrationResult) -> Iterator[Part]:

@@ -2,29 +2,38 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping, Sequence
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
-from matplotlib import colormaps
-from matplotlib.colors import BoundaryNorm
-from matplotlib.ticker import MaxNLocator
 
 from suta_calib.arrays import FloatArray
 from suta_calib.plotting.change import Change
-from suta_calib.plotting.errors import draw_groups, draw_histogram
-from suta_calib.plotting.limits import MOST_CORRELATED, MOST_GROUPS, MOST_WRITTEN
-from suta_calib.plotting.parameters import MOST_LETTERS, draw_changes
-from suta_calib.plotting.style import BLUE, ORANGE, ROW_HEIGHT, WIDTH, plain_log, shortened
-from suta_calib.report.svg import Margins, picture, svg_text, width_of
+from suta_calib.plotting.chart import Axis, Boxes, Chart, Lines, Mark, Words, ends
+from suta_calib.plotting.errors import error_histogram, grouped_errors
+from suta_calib.plotting.limits import MOST_CORRELATED, MOST_WRITTEN
+from suta_calib.plotting.look import BLACK, BLUE, ORANGE, ROW_HEIGHT, WHITE, shortened
+from suta_calib.plotting.parameters import parameter_changes
+from suta_calib.report.chart_svg import chart_svg
 from suta_calib.units import Unit
 
-# Height of the smallest map of correlations, inch: its scale has to be read.
-_LEAST_BAR: Final = 2.4
+# Points: heights of panels, of a row of boxes and of few of them; of a cell of a map, which is no
+# smaller than its scale can be read; how wide that scale is.
+_HISTOGRAM: Final = 135.0
+_BARS: Final = 144.0
+_BOX_ROW: Final = 15.0
+_LEAST_BOXES: Final = 50.0
+_CELL: Final = 17.5
+_LEAST_MAP: Final = 150.0
+_SCALE: Final = 11.0
+# ColorBrewer's Blues (Brewer, 2003, https://colorbrewer2.org), in ten steps: sizes of correlations.
+_SHADES: Final = (
+    *("#f7fbff", "#e3eef8", "#d0e1f2", "#b7d4ea", "#94c4df"),
+    *("#6aaed6", "#4a98c9", "#2e7ebc", "#1764ab", "#08306b"),
+)
 
 
-def error_histogram(
+def histogram_svg(
     before: FloatArray, after: FloatArray, unit: Unit, quantity: str, name: str
 ) -> str:
     """Histogram of the error norms before and after, with mean and RMS; mm or deg.
@@ -36,12 +45,12 @@ def error_histogram(
         quantity: what errs, e.g. ``distance``.
         name: id of the plot on its page.
     """
-    with picture(name, (WIDTH, 3.0), Margins(top=0.6)) as figure:
-        draw_histogram(figure.subplots(), before, after, unit, quantity)
-        return svg_text(figure, name, f"Histogram of the {quantity} errors before and after")
+    chart = error_histogram(before, after, unit, quantity)
+    description = f"Histogram of the {quantity} errors before and after"
+    return chart_svg([chart], name, description, _HISTOGRAM)
 
 
-def grouped_errors(groups: Mapping[str, FloatArray], grouping: str, name: str) -> str:
+def groups_svg(groups: Mapping[str, FloatArray], grouping: str, name: str) -> str:
     """Box plot of the errors after calibration, one box a group, worst median first; mm.
 
     Args:
@@ -49,14 +58,27 @@ def grouped_errors(groups: Mapping[str, FloatArray], grouping: str, name: str) -
         grouping: what the groups are, e.g. ``landmark``.
         name: id of the plot on its page.
     """
-    labels = [f"{shortened(each)}  (9999)" for each in groups]
-    size = WIDTH, 0.6 + 0.21 * min(len(groups), MOST_GROUPS)
-    with picture(name, size, Margins(left=0.5 + width_of(labels, 9))) as figure:
-        draw_groups(figure.subplots(), groups, grouping)
-        return svg_text(figure, name, f"Errors after calibration by {grouping}")
+    chart = grouped_errors(groups, grouping)
+    height = max(_BOX_ROW * (chart.y.first - chart.y.last), _LEAST_BOXES)
+    return chart_svg([chart], name, f"Errors after calibration by {grouping}", height)
 
 
-def singular_values(values: FloatArray, threshold: float, weak: Sequence[str], name: str) -> str:
+def changes_svg(changes: Sequence[Change], name: str) -> str:
+    """Change of every estimated parameter from nominal with ± one standard deviation; mm and deg.
+
+    Args:
+        changes: at least one.
+        name: id of the plot on its page.
+    """
+    charts = parameter_changes(changes)
+    # A panel of fewer parameters is as high as the others: so are its rows.
+    height = 72.0 * ROW_HEIGHT * max(chart.y.first - chart.y.last for chart in charts)
+    return chart_svg(charts, name, "Changes of the parameters from nominal", height)
+
+
+def singular_values_svg(
+    values: FloatArray, threshold: float, weak: Sequence[str], name: str
+) -> str:
     """Singular values on a log axis, and the threshold below which the data alone do not tell.
 
     Args:
@@ -68,38 +90,39 @@ def singular_values(values: FloatArray, threshold: float, weak: Sequence[str], n
     floor = max(float(values.max(initial=0.0)), 1.0) * 1e-9
     height = np.maximum(values, floor)
     estimated = height >= threshold
-    with picture(name, (WIDTH, 2.8), Margins(bottom=0.72 if weak else 0.52, top=0.28)) as figure:
-        axes = figure.subplots()
-        k = np.arange(1, len(values) + 1)
-        bottom = floor / 2
-        kinds = (
-            (estimated, BLUE, "", "told by the data"),
-            (~estimated, ORANGE, "////", "not told by the data alone"),
+    k = np.arange(1.0, len(values) + 1)
+    bottom = floor / 2
+    marks: list[Mark] = [
+        Boxes(
+            *(k[chosen] - 0.4, k[chosen] + 0.4, np.full(chosen.sum(), bottom), height[chosen]),
+            fill="" if hatched else colour,
+            edge=colour,
+            hatched=hatched,
+            label=f"{label} ({int(chosen.sum())})",
         )
-        for chosen, colour, hatch, label in kinds:
-            axes.bar(
-                *(k[chosen], height[chosen] - bottom),
-                bottom=bottom,
-                color=colour if not hatch else "white",
-                edgecolor=colour,
-                hatch=hatch,
-                label=f"{label} ({int(chosen.sum())})",
-            )
-        axes.axhline(threshold, color="black", linewidth=0.9, linestyle="--")
-        plain_log(axes.yaxis, axes.set_yscale)
-        axes.set_ylim(bottom=bottom)
-        axes.set_xlim(0.3, len(values) + 0.7)
-        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-        axes.set_xlabel("direction of the arm's parameters, strongest first")
-        axes.set_ylabel("singular value (no unit)")
-        axes.legend(ncols=2, fontsize=8, loc="lower left", bbox_to_anchor=(0, 1))
-        if weak:
-            note = "held: " + ", ".join(weak[:4]) + (" …" if len(weak) > 4 else "")
-            figure.text(0.01, 0.02, shortened(note, 78), fontsize=8)
-        return svg_text(figure, name, "Singular values of the information on the arm's parameters")
+        for chosen, colour, hatched, label in (
+            (estimated, BLUE, False, "told by the data"),
+            (~estimated, ORANGE, True, "not told by the data alone"),
+        )
+    ]
+    everywhere = np.array([[-np.inf, np.inf]])
+    marks.append(Lines(everywhere, np.full((1, 2), threshold), 0.9, dash="dashed"))
+    top = ends(np.array([*height, threshold]), log=True, least=bottom)[1]
+    chart = Chart(
+        marks,
+        Axis(
+            "direction of the arm's parameters, strongest first",
+            *(0.3, len(values) + 0.7),
+            whole=True,
+        ),
+        Axis("singular value (no unit)", bottom, top, log=True),
+    )
+    note = "held: " + ", ".join(weak[:4]) + (" …" if len(weak) > 4 else "") if weak else ""
+    description = "Singular values of the information on the arm's parameters"
+    return chart_svg([chart], name, description, _BARS, note=shortened(note, 78))
 
 
-def correlation_map(names: Sequence[str], matrix: FloatArray, name: str) -> str:
+def correlations_svg(names: Sequence[str], matrix: FloatArray, name: str) -> str:
     """Heat map of the size of the correlations, their signs written in; dimensionless.
 
     Args:
@@ -109,50 +132,41 @@ def correlation_map(names: Sequence[str], matrix: FloatArray, name: str) -> str:
     """
     strongest = np.abs(matrix - np.eye(len(matrix))).max(axis=1, initial=0.0)
     keep = np.sort(np.argsort(-strongest, kind="stable")[:MOST_CORRELATED])
-    shown_names, part = [names[k] for k in keep], matrix[np.ix_(keep, keep)]
-    side, beside = 0.24 * len(keep), width_of(shown_names, 7) + 0.15
-    margins = Margins(beside, 0.95, beside, 0.1)
-    size = beside + max(side, _LEAST_BAR) + 0.95, beside + max(side, _LEAST_BAR) + 0.1
-    with picture(name, size, margins) as figure:
-        axes = figure.subplots()
-        # Cells and ten shades instead of an image: sharp at every size, and no embedded bitmap.
-        image = axes.pcolormesh(
-            np.arange(len(keep) + 1) - 0.5,
-            np.arange(len(keep) + 1) - 0.5,
-            np.abs(part),
-            norm=BoundaryNorm(np.linspace(0.0, 1.0 + 1e-9, 11), 10),
-            cmap=colormaps["Blues"].resampled(10),
-        )
-        axes.set_aspect("equal")
-        axes.invert_yaxis()
-        ticks = range(len(keep))
-        axes.set_xticks(ticks, shown_names, rotation=90, fontsize=7)
-        axes.set_yticks(ticks, shown_names, fontsize=7)
-        for i, j in np.argwhere((np.abs(part) >= 0.1) & ~np.eye(len(part), dtype=bool)):
-            value = float(part[i, j])
-            sign = f"{value:+.1f}" if len(part) <= MOST_WRITTEN else ("+" if value > 0 else "−")
-            look: dict[str, Any] = {
-                "color": "white" if abs(value) > 0.5 else "black",
-                "fontsize": 6,
-            }
-            axes.text(j, i, sign, ha="center", va="center", in_layout=False, **look)
-        scale = figure.add_axes((1 - 0.8 / size[0], margins.bottom / size[1], 0.14 / size[0], 0.7))
-        bar = figure.colorbar(image, cax=scale, format="%.1f")
-        bar.set_label("size of the correlation (no unit)")
-        return svg_text(figure, name, "Correlations of the estimated parameters")
+    part = matrix[np.ix_(keep, keep)]
+    row, column = (each.ravel().astype(float) for each in np.indices(part.shape))
+    value = part.ravel()
+    written = (np.abs(value) >= 0.1) & (row != column)
+    texts = [
+        f"{v:+.1f}".replace("-", "−") if len(keep) <= MOST_WRITTEN else ("+" if v > 0 else "−")
+        for v in value[written]
+    ]
+    colours = [WHITE if abs(v) > 0.5 else BLACK for v in value[written]]
+    at = [(float(k), names[j]) for k, j in enumerate(keep)]
+    last = len(keep) - 0.5
+    cells = Chart(
+        [
+            Boxes(column - 0.5, column + 0.5, row - 0.5, row + 0.5, [*map(_shade, value)]),
+            Words(column[written], row[written], texts, colours),
+        ],
+        Axis("", -0.5, last, names=at, size=7.0),
+        Axis("", last, -0.5, names=at, size=7.0),
+    )
+    sizes = np.arange(len(_SHADES)) / len(_SHADES)
+    nothing, one = np.zeros(len(sizes)), np.ones(len(sizes))
+    scale = Chart(
+        [Boxes(nothing, one, sizes, sizes + 1.0 / len(sizes), _SHADES)],
+        Axis("", 0.0, 1.0, names=[]),
+        Axis(
+            "size of the correlation (no unit)",
+            *(0.0, 1.0),
+            names=[(each, f"{each:.1f}") for each in np.linspace(0.0, 1.0, 6)],
+        ),
+    )
+    side = max(_CELL * len(keep), _LEAST_MAP)
+    description = "Correlations of the estimated parameters"
+    return chart_svg([cells, scale], name, description, side, [side, _SCALE])
 
 
-def parameter_changes(changes: Sequence[Change], name: str) -> str:
-    """Change of every estimated parameter from nominal with ± one standard deviation; mm and deg.
-
-    Args:
-        changes: at least one.
-        name: id of the plot on its page.
-    """
-    panels = Counter(each.unit for each in changes)
-    names = width_of((shortened(each.name, MOST_LETTERS) for each in changes), 7) + 0.15
-    size = WIDTH, 0.8 + ROW_HEIGHT * max(panels.values())
-    margins = Margins(left=names, top=0.28, between=names + 0.15)
-    with picture(name, size, margins, len(panels)) as figure:
-        draw_changes(figure, changes)
-        return svg_text(figure, name, "Changes of the parameters from nominal")
+def _shade(correlation: float) -> str:
+    """The colour of its size."""
+    return _SHADES[min(int(abs(correlation) * len(_SHADES)), len(_SHADES) - 1)]

@@ -12,12 +12,14 @@ from collections.abc import Iterator, Sequence
 from copy import deepcopy
 from html import escape
 from itertools import pairwise
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from lxml import etree
-from matplotlib.figure import Figure
 
-from suta_calib.plotting.style import WIDTH
+from suta_calib.plotting.look import WIDTH
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 # What the root says: of each part its first and last x, y, points from the top left, and its row.
 _PARTS: Final = "data-parts"

@@ -16,17 +16,10 @@ from matplotlib.figure import Figure
 
 from suta_calib.arrays import FloatArray
 from suta_calib.plotting.style import WIDTH, style
+from suta_calib.report.chart_svg import sized
 from suta_calib.report.panels import mark, numbered
 from suta_calib.units import Unit, shown
 
-# Pixels on a page per point of the figure, at most and at least. One as wide as `WIDTH` fills the
-# text and fits a page of 500, where what is written in it is enlarged; one of several panels that
-# is wider, or either on a telephone, can be read, and moved aside.
-_ENLARGED: Final = 1.8
-_REDUCED: Final = 1.1
-_FITTED: Final = 0.87
-# Width from which on a figure does not fit such a page anyway, points.
-_WIDE: Final = 400.0
 # Width of a letter on average, as a part of its height.
 _LETTER: Final = 0.6
 _SVG: Final = "{http://www.w3.org/2000/svg}"
@@ -144,12 +137,8 @@ def svg_text(figure: Figure, name: str, description: str) -> str:
             del element.attrib["id"]
     width = float(root.attrib.pop("width").removesuffix("pt"))
     del root.attrib["height"]
-    fits = _WIDE < width < 72.0 * WIDTH + 1.0
-    if fits:
-        root.set("data-wide", "")
-    reduced = _FITTED if fits else _REDUCED
-    most, least = (f"{width * pixels:.0f}px" for pixels in (_ENLARGED, reduced))
-    root.set("style", f"max-width:{most};min-width:{least}")
+    for key, value in sized(width).items():
+        root.set(key, value)
     root.set("id", name)
     root.set("role", "img")
     root.set("aria-label", description)

@@ -89,7 +89,7 @@ def test_without_a_report_nothing_is_drawn_and_none_of_the_run_before_is_left(
         "import sys\nfrom suta_calib.cli import main\n"
         f"sys.argv = ['suta-calib', 'calibrate', {str(job)!r}, '--no-report']\n"
         "try:\n    main()\nexcept SystemExit as end:\n    assert not end.code\n"
-        "print('matplotlib' in sys.modules)"
+        "print('jinja2' in sys.modules)"
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert run.stdout.splitlines()[-1] == "False"

@@ -185,11 +185,11 @@ def test_console_shows_what_can_be_determined(result: CalibrationResult) -> None
 def test_plots_are_svg_with_units(result: CalibrationResult) -> None:
     errors = by_kind(result.accuracy.validation)[0]
     found = [
-        plots.error_histogram(errors.before, errors.after, errors.unit, errors.name, "h"),
-        plots.grouped_errors(groups(result.accuracy.calibration, "point"), "point", "g"),
-        plots.parameter_changes(result.solution.changes, "c"),
-        plots.singular_values(np.array([1e3, 1.0, 0.0]), 10.0, ["a.z − b.z"], "s"),
-        plots.correlation_map(["a", AWKWARD], np.array([[1.0, -0.9], [-0.9, 1.0]]), "m"),
+        plots.histogram_svg(errors.before, errors.after, errors.unit, errors.name, "h"),
+        plots.groups_svg(groups(result.accuracy.calibration, "point"), "point", "g"),
+        plots.changes_svg(result.solution.changes, "c"),
+        plots.singular_values_svg(np.array([1e3, 1.0, 0.0]), 10.0, ["a.z − b.z"], "s"),
+        plots.correlations_svg(["a", AWKWARD], np.array([[1.0, -0.9], [-0.9, 1.0]]), "m"),
     ]
     units_shown = ["mm", "mm", "deg", "no unit", "no unit"]
     for svg, unit in zip(found, units_shown, strict=True):
@@ -203,7 +203,7 @@ def test_plots_are_svg_with_units(result: CalibrationResult) -> None:
 def test_histogram_of_extreme_errors(result: CalibrationResult, after: list[float]) -> None:
     errors = by_kind(result.accuracy.validation)[0]
     extreme = np.array(after)
-    svg = plots.error_histogram(3 * extreme, extreme, errors.unit, errors.name, "extreme")
+    svg = plots.histogram_svg(3 * extreme, extreme, errors.unit, errors.name, "extreme")
     etree.fromstring(svg)
 
 

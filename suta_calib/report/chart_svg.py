@@ -1,0 +1,325 @@
+"""Charts as SVG that can stand inside an HTML page among others, or alone.
+
+What is about a panel is laid out by how many letters it has: who reads the page has a font that
+nobody here knows, and to measure text in one takes longer than all else.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from html import escape
+from typing import Final
+
+import numpy as np
+
+from suta_calib.arrays import FloatArray
+from suta_calib.plotting.chart import Axis, Boxes, Chart, Labelled, Lines, Mark, Points, Steps
+from suta_calib.plotting.look import BLACK, LINE, WIDTH
+
+# Pixels on a page per point of the figure, at most and at least. One as wide as `WIDTH` fills the
+# text and fits a page of 500, where what is written in it is enlarged; one of several panels that
+# is wider, or either on a telephone, can be read, and moved aside.
+_ENLARGED: Final = 1.8
+_REDUCED: Final = 1.1
+_FITTED: Final = 0.87
+# Width from which on a figure does not fit such a page anyway, points.
+_WIDE: Final = 400.0
+# Width of a letter on average, as a part of its height, and how far its foot is below its middle.
+_LETTER: Final = 0.6
+_FOOT: Final = 0.36
+_FONT: Final = "font-family: 'DejaVu Sans', Verdana, Arial, sans-serif"
+# Points: of axis labels and legends; a mark on an axis, and on a log axis between decades; room
+# between what stands about a panel; a row of a legend, and its sample.
+_LABEL: Final = 9.0
+_LEGEND: Final = 8.0
+_TICK: Final = 3.5
+_MINOR: Final = 2.0
+_GAP: Final = 5.0
+_ROW: Final = 12.5
+_SAMPLE: Final = 18.0
+# Points per number on an axis, at least, but so many numbers.
+_PER_NUMBER: Final = 38.0, 22.0
+_FEWEST: Final = 3
+# Between the lines of a hatched face, points.
+_HATCH: Final = 2.6
+_DASHES: Final = {
+    "": "",
+    "dashed": ";stroke-dasharray: 4.4,1.9",
+    "dotted": ";stroke-dasharray: 1.2,2",
+}
+
+
+def chart_svg(
+    charts: Sequence[Chart],
+    name: str,
+    description: str,
+    height: float,
+    widths: Sequence[float] | None = None,
+    note: str = "",
+) -> str:
+    """Charts side by side as one SVG element.
+
+    Args:
+        charts: at least one.
+        name: of the plot, unique on the page.
+        description: what a reader who cannot see it is told.
+        height: of the panels, points.
+        widths: of each; as wide as the page, alike, by default.
+        note: below the charts.
+    """
+    abouts = [_About.of(chart, height) for chart in charts]
+    if widths is None:
+        room = 72.0 * WIDTH - sum(each.left + each.right for each in abouts)
+        widths = [room / len(charts)] * len(charts)
+    top = max(each.top for each in abouts)
+    below = max(each.bottom for each in abouts)
+    parts, at = list[str](), 0.0
+    for number, (chart, about, wide) in enumerate(zip(charts, abouts, widths, strict=True)):
+        at += about.left
+        panel = _Panel(chart, about, f"{name}-{number}", at, top, wide, height)
+        parts += panel.drawn()
+        at += wide + about.right
+    high = top + height + below
+    if note:
+        high += _ROW + _GAP
+        parts.append(_text(2.0, high - _GAP, note, _LEGEND))
+    said = f'id="{name}" role="img" aria-label="{escape(description)}"'
+    extent = " ".join(f'{key}="{value}"' for key, value in sized(at).items())
+    inside = "\n".join(parts)
+    return (
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {at:.1f} {high:.1f}" {said} '
+        f'{extent}>\n<g style="{_FONT};stroke-linejoin: round">\n{inside}\n</g>\n</svg>'
+    )
+
+
+def sized(width: float) -> dict[str, str]:
+    """Attributes of a figure that say how large a page may show it.
+
+    Args:
+        width: of the figure, points.
+    """
+    fits = _WIDE < width < 72.0 * WIDTH + 1.0
+    reduced = _FITTED if fits else _REDUCED
+    most, least = (f"{width * pixels:.0f}px" for pixels in (_ENLARGED, reduced))
+    size = {"style": f"max-width:{most};min-width:{least}"}
+    return {"data-wide": ""} | size if fits else size
+
+
+def width_of(texts: Iterable[str], size: float) -> float:
+    """Room that the longest of some texts takes, points, in letters of so many points."""
+    return _LETTER * size * max(map(len, texts), default=0)
+
+
+@dataclass(frozen=True)
+class _About:
+    """Room about a panel, points: for what stands there, by how long it is."""
+
+    left: float
+    right: float
+    bottom: float
+    top: float
+
+    @classmethod
+    def of(cls, chart: Chart, height: float) -> _About:
+        beside = width_of((text for _, text in chart.y.marks(_most(height, 1))), chart.y.size)
+        names = chart.x.names or ()
+        below = width_of((text for _, text in names), chart.x.size) if names else chart.x.size
+        label = _LABEL + 2 * _GAP
+        rows = -(-len(chart.legend) // chart.columns)
+        return cls(
+            left=_TICK + _GAP + beside + (label if chart.y.label else 0.0),
+            right=2 * _GAP,
+            bottom=_TICK + _GAP + below + (label if chart.x.label else _GAP),
+            top=_GAP + _ROW * rows,
+        )
+
+
+def _most(long: float, which: int) -> int:
+    """How many numbers an axis has room for, that is so long and lies (0) or stands (1)."""
+    return max(int(long / _PER_NUMBER[which]), _FEWEST)
+
+
+@dataclass(frozen=True)
+class _Panel:
+    """A chart somewhere on its figure: the top left corner of its panel, and its size, points."""
+
+    chart: Chart
+    about: _About
+    name: str
+    left: float
+    top: float
+    width: float
+    height: float
+
+    def drawn(self) -> Iterator[str]:
+        """The elements, the hindmost first."""
+        yield from self._grid()
+        hatched = {
+            mark.edge: f"{self.name}-hatch-{k}"
+            for k, mark in enumerate(self.chart.marks)
+            if isinstance(mark, Boxes | Steps) and mark.hatched
+        }
+        for colour, name in hatched.items():
+            yield (
+                f'<pattern id="{name}" patternUnits="userSpaceOnUse" width="{_HATCH}" '
+                f'height="{_HATCH}" patternTransform="rotate(45)"><path d="M0 0V{_HATCH}" '
+                f'style="stroke: {colour};stroke-width: 1.2"/></pattern>'
+            )
+        for mark in self.chart.marks:
+            yield from self._mark(mark, hatched)
+        yield from self._axes()
+        yield from self._legend(hatched)
+
+    def _x(self, values: FloatArray) -> FloatArray:
+        return self.left + self.width * self.chart.x.place(np.asarray(values, dtype=float))
+
+    def _y(self, values: FloatArray) -> FloatArray:
+        return self.top + self.height * (1.0 - self.chart.y.place(np.asarray(values, dtype=float)))
+
+    def _mark(self, mark: Mark, hatched: dict[str, str]) -> Iterator[str]:
+        if isinstance(mark, Steps):
+            x = np.repeat(self._x(mark.edges), 2)
+            y = self._y(np.concatenate([[0.0], np.repeat(mark.heights, 2), [0.0]]))
+            yield _path(_polyline(x, y), _face(mark, mark.fill, hatched, 1.0))
+        elif isinstance(mark, Boxes):
+            left, right = self._x(mark.left), self._x(mark.right)
+            top, bottom = self._y(mark.top), self._y(mark.bottom)
+            boxes = list(map(_box, left, right, top, bottom))
+            if isinstance(mark.fill, str):
+                yield _path("".join(boxes), _face(mark, mark.fill, hatched, 1.0))
+            else:
+                for box, fill in zip(boxes, mark.fill, strict=True):
+                    yield _path(box, _face(mark, fill, hatched, 1.0))
+        elif isinstance(mark, Lines):
+            ends = zip(self._x(mark.x), self._y(mark.y), strict=True)
+            yield _path("".join(_polyline(x, y) for x, y in ends), _stroke(mark))
+        elif isinstance(mark, Points):
+            places = zip(self._x(mark.x), self._y(mark.y), strict=True)
+            yield _path("".join(_shape(mark, x, y) for x, y in places), _points(mark))
+        else:
+            for x, y, text, colour in zip(
+                self._x(mark.x), self._y(mark.y), mark.texts, mark.colours, strict=True
+            ):
+                yield _text(x, y + _FOOT * mark.size, text, mark.size, "middle", colour=colour)
+
+    def _grid(self) -> Iterator[str]:
+        x, y = self._marks(self.chart.x, 0), self._marks(self.chart.y, 1)
+        right, bottom = self.left + self.width, self.top + self.height
+        lines = [f"M{at:.1f} {self.top:.1f}V{bottom:.1f}" for at, _ in x if self.chart.x.grid]
+        lines += [f"M{self.left:.1f} {at:.1f}H{right:.1f}" for at, _ in y if self.chart.y.grid]
+        if lines:
+            yield _path("".join(lines), f"fill: none;stroke: {LINE};stroke-width: 0.8")
+
+    def _marks(self, axis: Axis, which: int) -> list[tuple[float, str]]:
+        """Where marks stand along an axis, points, and what they say."""
+        long, of = (self.width, self._x) if which == 0 else (self.height, self._y)
+        marks = axis.marks(_most(long, which))
+        places = of(np.array([value for value, _ in marks])).tolist()
+        return [(at, text) for at, (_, text) in zip(places, marks, strict=True)]
+
+    def _axes(self) -> Iterator[str]:
+        x, y = self.chart.x, self.chart.y
+        right, bottom = self.left + self.width, self.top + self.height
+        lines = [f"M{self.left:.1f} {self.top:.1f}V{bottom:.1f}H{right:.1f}"]
+        minor_x, minor_y = self._x(np.array(x.minor())), self._y(np.array(y.minor()))
+        lines += [f"M{at:.1f} {bottom:.1f}v{_MINOR}" for at in minor_x]
+        lines += [f"M{self.left:.1f} {at:.1f}h-{_MINOR}" for at in minor_y]
+        texts = list[str]()
+        for at, text in self._marks(x, 0):
+            lines.append(f"M{at:.1f} {bottom:.1f}v{_TICK}")
+            down = bottom + _TICK + _GAP
+            # Names have no room beside each other.
+            if x.names:
+                texts.append(_text(at + _FOOT * x.size, down, text, x.size, "end", upright=True))
+            else:
+                texts.append(_text(at, down + 0.7 * x.size, text, x.size, "middle"))
+        for at, text in self._marks(y, 1):
+            lines.append(f"M{self.left:.1f} {at:.1f}h-{_TICK}")
+            beside = self.left - _TICK - _GAP
+            texts.append(_text(beside, at + _FOOT * y.size, text, y.size, "end"))
+        yield _path("".join(lines), f"fill: none;stroke: {BLACK};stroke-width: 0.8")
+        yield from texts
+        below = bottom + self.about.bottom - _GAP
+        yield _text((self.left + right) / 2, below, x.label, _LABEL, "middle")
+        beside = self.left - self.about.left + _LABEL + 2.0
+        middle = self.top + self.height / 2
+        yield _text(beside, middle, y.label, _LABEL, "middle", upright=True)
+
+    def _legend(self, hatched: dict[str, str]) -> Iterator[str]:
+        shown = self.chart.legend
+        rows = -(-len(shown) // self.chart.columns)
+        at = self.left
+        for column in (shown[k : k + rows] for k in range(0, len(shown), max(rows, 1))):
+            for row, mark in enumerate(column):
+                up = self.top - _GAP - _ROW * (rows - row - 0.5)
+                yield _sample(mark, at, up, hatched)
+                text = at + _SAMPLE + _GAP
+                yield _text(text, up + _FOOT * _LEGEND, mark.label, _LEGEND)
+            at += _SAMPLE + 6 * _GAP + width_of((mark.label for mark in column), _LEGEND)
+
+
+def _sample(mark: Labelled, left: float, middle: float, hatched: dict[str, str]) -> str:
+    """What a mark looks like, for the legend."""
+    if isinstance(mark, Lines):
+        return _path(f"M{left:.1f} {middle:.1f}h{_SAMPLE}", _stroke(mark))
+    if isinstance(mark, Points):
+        return _path(_shape(mark, left + _SAMPLE / 2, middle), _points(mark))
+    fill = mark.fill if isinstance(mark.fill, str) else mark.fill[0]
+    half = 0.35 * _LEGEND
+    box = _box(left, left + _SAMPLE, middle - half, middle + half)
+    return _path(box, _face(mark, fill, hatched, 1.0))
+
+
+def _face(mark: Boxes | Steps, fill: str, hatched: dict[str, str], width: float) -> str:
+    inside = f"url(#{hatched[mark.edge]})" if mark.hatched else fill or "none"
+    return f"fill: {inside};stroke: {mark.edge or 'none'};stroke-width: {width:g}"
+
+
+def _stroke(mark: Lines) -> str:
+    return f"fill: none;stroke: {mark.colour};stroke-width: {mark.width:g}{_DASHES[mark.dash]}"
+
+
+def _points(mark: Points) -> str:
+    return f"fill: {mark.fill or 'none'};stroke: {mark.edge}"
+
+
+def _shape(mark: Points, x: float, y: float) -> str:
+    half = mark.size / 2
+    if mark.shape == "circle":
+        arc = f"a{half} {half} 0 1 0"
+        return f"M{x - half:.1f} {y:.1f}{arc} {mark.size} 0{arc} -{mark.size} 0z"
+    if mark.shape == "square":
+        return _box(x - half, x + half, y - half, y + half)
+    return f"M{x:.1f} {y - half:.1f}l{half} {mark.size}h-{mark.size}z"
+
+
+def _box(left: float, right: float, top: float, bottom: float) -> str:
+    return f"M{left:.1f} {top:.1f}H{right:.1f}V{bottom:.1f}H{left:.1f}z"
+
+
+def _polyline(x: FloatArray, y: FloatArray) -> str:
+    first, *others = (f"{a:.1f} {b:.1f}" for a, b in zip(x.tolist(), y.tolist(), strict=True))
+    return f"M{first}L{' '.join(others)}"
+
+
+def _path(path: str, style: str) -> str:
+    return f'<path d="{path}" style="{style}"/>' if path else ""
+
+
+def _text(
+    x: float,
+    y: float,
+    text: str,
+    size: float,
+    anchor: str = "start",
+    *,
+    upright: bool = False,
+    colour: str = "",
+) -> str:
+    """A text whose foot begins, has its middle or ends (``anchor``) there."""
+    turn = f' transform="rotate(-90 {x:.1f} {y:.1f})"' if upright else ""
+    style = f"font-size: {size:g}px;text-anchor: {anchor}" + (f";fill: {colour}" if colour else "")
+    return (
+        f'<text x="{x:.1f}" y="{y:.1f}"{turn} style="{style}">{escape(text)}</text>' if text else ""
+    )
