@@ -117,6 +117,7 @@ class RobustNlp:
         self._bounds = lower, upper
         self._lower, self._upper = lower / self._scale, upper / self._scale
         self._precision = problem.prior_precision()
+        self._of_free, self._units = np.ix_(free, free), np.outer(self._scale, self._scale)
         self._nominal = problem.parameters.array("nominal")
         self._arm_moves = bool(np.any(free < problem.arm_count))
         self._options = options
@@ -133,9 +134,9 @@ class RobustNlp:
         deviation = x - self._nominal
         cost += 0.5 * float(np.sum(self._precision * deviation**2))
         gradient = (gradient + self._precision * deviation)[self._free] * self._scale
-        hessian = hessian[np.ix_(self._free, self._free)]
-        hessian[np.diag_indices_from(hessian)] += self._precision[self._free]
-        return cost, gradient, hessian * np.outer(self._scale, self._scale)
+        hessian = hessian[self._of_free]
+        hessian.flat[:: len(hessian) + 1] += self._precision[self._free]
+        return cost, gradient, hessian * self._units
 
     def minimise(self, start: FloatArray, settled: float = NEGLIGIBLE) -> Minimum:
         """The minimum beside one start (n,), clipped into the bounds.
