@@ -15,7 +15,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from suta_calib.incomplete import MOST, beta_tail, gamma_tails, where
+from suta_calib.incomplete import MOST, MOST_BESIDE_ONE, beta_tail, gamma_tails, where
 
 
 def _special() -> Any:
@@ -25,9 +25,9 @@ def _special() -> Any:
     return scipy.special
 
 
-def _single(at: Any, *freedom: Any) -> bool:
+def _single(at: Any, *freedom: Any, most: float = MOST) -> bool:
     """Whether this is one number, with degrees of freedom that `incomplete` can do."""
-    few = all(_is_number(df) and 0.0 < df < MOST for df in freedom)
+    few = all(_is_number(df) and 0.0 < df < most for df in freedom)
     return few and _is_number(at) and math.isfinite(at)
 
 
@@ -88,14 +88,14 @@ class _StudentsT:
 
     @staticmethod
     def cdf(x: Any, df: Any) -> Any:
-        if _single(x, df):
+        if _single(x, df, most=MOST_BESIDE_ONE):
             tail = _t_tail(abs(x), df)
             return tail if x < 0.0 else 1.0 - tail
         return _special().stdtr(df, x)
 
     @staticmethod
     def ppf(q: Any, df: Any) -> Any:
-        if _single(q, df) and 0.0 < q < 1.0:
+        if _single(q, df, most=MOST_BESIDE_ONE) and 0.0 < q < 1.0:
             return (
                 -_t_above(float(q), float(df)) if q < 0.5 else _t_above(1.0 - float(q), float(df))
             )

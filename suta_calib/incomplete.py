@@ -13,6 +13,11 @@ from typing import Final
 # Arguments up to which the factor before a fraction keeps eleven digits: its logarithm is a
 # difference of logarithms of gamma functions as large as they are.
 MOST: Final = 5000.0
+# The same where the other argument is one at most: there the fraction loses digits, not the factor.
+MOST_BESIDE_ONE: Final = 5e5
+# First argument of the beta function from which on, beside one of up to one, its logarithm is found
+# without a difference of large numbers.
+LARGE: Final = 1000.0
 _SMALL: Final = 1e-300
 _ROUNDING: Final = 1e-15
 
@@ -47,7 +52,7 @@ def beta_tail(a: float, b: float, x: float, y: float) -> float:
 
     Args:
         a: above zero.
-        b: likewise, together up to `MOST`.
+        b: likewise, together up to `MOST`; to `MOST_BESIDE_ONE` where one of them is one at most.
         x: from zero to one.
         y: 1 - x, which may have digits that a difference would not have.
     """
@@ -55,8 +60,10 @@ def beta_tail(a: float, b: float, x: float, y: float) -> float:
         return float(x > 0.0)
     if x > (a + 1.0) / (a + b + 2.0):
         return 1.0 - beta_tail(b, a, y, x)
-    scale = math.lgamma(a + b) - math.lgamma(a) - math.lgamma(b)
-    factor = math.exp(scale + a * math.log(x) + b * math.log(y)) / a
+    logarithms = [math.log(x) if x < 0.5 else math.log1p(-y), math.log(y)]
+    if y >= 0.5:
+        logarithms[1] = math.log1p(-x)
+    factor = math.exp(a * logarithms[0] + b * logarithms[1] - _log_beta(a, b)) / a
 
     def term(k: int) -> tuple[float, float]:
         m, odd = divmod(k, 2)
@@ -65,6 +72,18 @@ def beta_tail(a: float, b: float, x: float, y: float) -> float:
         return m * (b - m) * x / ((a + 2 * m - 1) * (a + 2 * m)), 1.0
 
     return factor / _fraction(1.0, term)
+
+
+def _log_beta(a: float, b: float) -> float:
+    """Log B(a, b), by DLMF 5.11.8 where one argument is large and the other is not."""
+    small, large = sorted((a, b))
+    if large < LARGE or small > 1.0:
+        return math.lgamma(a) + math.lgamma(b) - math.lgamma(a + b)
+    # Bernoulli's polynomials of the second, third and fourth degree, less what they are at zero.
+    second = small * (small - 1.0)
+    third, fourth = second * (small - 0.5), second**2
+    rest = second / (2.0 * large) - third / (6.0 * large**2) + fourth / (12.0 * large**3)
+    return math.lgamma(small) - small * math.log(large) - rest
 
 
 def where(beyond: Callable[[float], bool]) -> float:

@@ -45,6 +45,16 @@ def test_the_numbers_are_those_of_scipy_stats(
     np.testing.assert_allclose(single, expected, rtol=1e-9, atol=1e-300)
 
 
+def test_students_t_of_much_data_is_that_of_scipy() -> None:
+    for freedom in (1999.0, 2001.0, 6e3, 3e5):
+        for x in (-30.0, -6.0, -0.5, 0.3, 1.9):
+            expected = special.stdtr(freedom, x)
+            assert distributions.t.cdf(x, freedom) == pytest.approx(expected, rel=1e-9)
+        for chance in (1e-4, 0.025, 0.999):
+            expected = -special.stdtrit(freedom, chance)
+            assert distributions.t.isf(chance, freedom) == pytest.approx(expected, rel=1e-9)
+
+
 def test_without_degrees_of_freedom_there_is_no_number() -> None:
     assert np.isnan(distributions.chi2.isf(0.01, 0))
     assert np.isnan(distributions.t.isf(0.01, 0))
@@ -62,6 +72,7 @@ def test_a_single_number_does_not_wait_for_scipy() -> None:
         "import sys\n"
         "from suta_calib.distributions import chi2, f, norm, t\n"
         "chi2.ppf(0.5, 3), chi2.isf(1e-4, 6), f.sf(2.0, 3.0, 55.0), t.isf(1e-3, 4), norm.ppf(0.2)\n"
+        "t.isf(5e-4, 60000.0)\n"
         "assert 'scipy' not in sys.modules\n"
         "chi2.sf(1e5, 1e5)\n"
         "assert 'scipy.special' in sys.modules"

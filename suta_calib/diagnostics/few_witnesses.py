@@ -20,6 +20,8 @@ from suta_calib.solver.solution import Solution
 
 # Least part of a witness that a fit leaves it, as where residuals are freed of their leverage.
 _LEFT: Final = 0.1
+# Rows of a witness from which on its squares are summed by themselves.
+MANY_EACH: Final = 8
 
 
 def chance_of(squared: float, count: int, freedom: float) -> float:
@@ -53,8 +55,15 @@ def freedom_of(solution: Solution, at: IntArray) -> float:
                 continue
             n, size = rows.line.residual.shape
             gain = robust_jacobian(rows)[:, free].reshape(n, size, -1)
-            products = np.einsum("ndp,ndq->npq", gain, gain)
-            np.add.at(own, term.witnesses[block.samples[:, 0]], products)
+            witness = term.witnesses[block.samples[:, 0]]
+            if n < MANY_EACH * len(own):
+                np.add.at(own, witness, np.einsum("ndp,ndq->npq", gain, gain))
+                continue
+            # The squares of single rows would take more room than all rows do.
+            order = np.argsort(witness, kind="stable")
+            for mine in np.split(order, np.flatnonzero(np.diff(witness[order])) + 1):
+                of_one = gain[mine].reshape(len(mine) * size, -1)
+                own[witness[mine[0]]] += of_one.T @ of_one
         gains.append(own)
     return wishart_freedom(np.concatenate(gains), curvature, np.searchsorted(free, at))
 

@@ -121,6 +121,7 @@ class Linearised:
         by_pose: (n, d, c) derivative by the pose velocities the rows look at.
         by_own: (n, d, m) derivative by the own parameters.
         sigma: (n,) standard deviation of one component.
+        squared: (n,) squared norm of the whitened residual.
         weight: (n,) Huber's weight, one for rows that are believed entirely.
     """
 
@@ -130,6 +131,7 @@ class Linearised:
     by_pose: FloatArray
     by_own: FloatArray
     sigma: FloatArray
+    squared: FloatArray
     weight: FloatArray
 
     @property
@@ -182,7 +184,7 @@ class Evaluation:
             squared = np.einsum("nd,nd->n", residual, residual) / spread**2
             weight = huber_weight(squared, view.block.noise.huber / spread)
             found.append(
-                Linearised(view, kernel.pattern, residual, by_pose, by_own, spread, weight)
+                Linearised(view, kernel.pattern, residual, by_pose, by_own, spread, squared, weight)
             )
         return found
 
@@ -280,9 +282,8 @@ class Evaluation:
 
     @staticmethod
     def _cost(line: Linearised) -> float:
-        squared = np.einsum("nd,nd->n", line.residual, line.residual) / line.sigma**2
         threshold = line.view.block.noise.huber / line.sigma
-        return 0.5 * float(np.sum(huber(squared, threshold)))
+        return 0.5 * float(np.sum(huber(line.squared, threshold)))
 
 
 def _corrected(line: Linearised, root: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -1,15 +1,12 @@
 """The problem as a nonlinear program: Gauss-Newton steps, and CasADi's IPOPT from where they end.
 
-Both work on x divided by the parameters' scales, within their bounds. IPOPT asks for cost, gradient
-and Hessian by three CasADi callbacks that share one evaluation.
+Both work on x divided by the parameters' scales, within their bounds.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
 from threading import get_ident
 from typing import Any, Final
 
@@ -28,19 +25,13 @@ SAME_COST: Final = 1e-3
 JOINS: Final = 0.1
 # Residuals up to which the cost is minimised as it is.
 FULL_SIZE: Final = 2000
-# Iterations that lower the cost by no more than this share in all are for nothing: what a robust
-# cost has for a slope at a fold never vanishes, and a line search there takes fifty evaluations.
-IDLE: Final = 20
-LOWERED: Final = 1e-8
 # Share by which the costs of two ends that are no minimum differ at most to be the same.
 SAME_DEAD_END: Final = 1e-4
 STALLED: Final = "User_Requested_Stop"
-INTERRUPTED: Final = "NonIpopt_Exception_Thrown"
 GOOD: Final = ("Solve_Succeeded", "Solved_To_Acceptable_Level")
 # What Gauss-Newton steps come to: a minimum, or one that an earlier start has found.
 SETTLED: Final = "Gauss_Newton_Settled"
 JOINED: Final = "Joined_Earlier_Start"
-Evaluate = Callable[[FloatArray], tuple[float, FloatArray, FloatArray]]
 
 
 @dataclass(frozen=True)
@@ -117,6 +108,7 @@ class RobustNlp:
         self._bounds = lower, upper
         self._lower, self._upper = lower / self._scale, upper / self._scale
         self._precision = problem.prior_precision()
+        self._of_free, self._units = np.ix_(free, free), np.outer(self._scale, self._scale)
         self._nominal = problem.parameters.array("nominal")
         self._arm_moves = bool(np.any(free < problem.arm_count))
         self._options = options
@@ -133,9 +125,9 @@ class RobustNlp:
         deviation = x - self._nominal
         cost += 0.5 * float(np.sum(self._precision * deviation**2))
         gradient = (gradient + self._precision * deviation)[self._free] * self._scale
-        hessian = hessian[np.ix_(self._free, self._free)]
-        hessian[np.diag_indices_from(hessian)] += self._precision[self._free]
-        return cost, gradient, hessian * np.outer(self._scale, self._scale)
+        hessian = hessian[self._of_free]
+        hessian.flat[:: len(hessian) + 1] += self._precision[self._free]
+        return cost, gradient, hessian * self._units
 
     def minimise(self, start: FloatArray, settled: float = NEGLIGIBLE) -> Minimum:
         """The minimum beside one start (n,), clipped into the bounds.
@@ -177,13 +169,16 @@ class RobustNlp:
 
     def minimise_by_ipopt(self, start: FloatArray) -> Minimum:
         """IPOPT alone from one start (n,), clipped into the bounds; with its last digits."""
+        # Most refits do without.
+        from suta_calib.solver.callbacks import kept_ipopt, run_ipopt
+
         z = np.clip(start[self._free] / self._scale, self._lower, self._upper)
         where = {"x0": z, "lbx": self._lower, "ubx": self._upper}
         if self._options.hessian == "exact":
-            answer, stats = _run(self._exact(start), where)
+            answer, stats = run_ipopt(self._exact(start), where)
         else:
             self._base = start.copy()
-            solver = _gauss_newton(len(z), self._limits, get_ident())
+            solver = kept_ipopt(len(z), self._limits, get_ident())
             answer, stats = solver(self.cost_gradient_hessian, where)
         x = self._filled(start, answer["x"].full().reshape(-1))
         status, iterations = str(stats["return_status"]), int(stats["iter_count"])
@@ -259,12 +254,14 @@ class RobustNlp:
 
     def _exact(self, start: FloatArray) -> Any:
         """The solver of the symbolic cost, made again where other fixed values are given."""
+        from suta_calib.solver.callbacks import ipopt_options
+
         fixed = np.delete(np.arange(len(start)), self._free)
         if self._symbolic is None or not np.array_equal(self._base[fixed], start[fixed]):
             self._base = start.copy()
             z: Any = ca.MX.sym("z", len(self._free))
             nlp = {"x": z, "f": self._exact_cost(z)}
-            self._symbolic = ca.nlpsol("calibration", "ipopt", nlp, _options(*self._limits))
+            self._symbolic = ca.nlpsol("calibration", "ipopt", nlp, ipopt_options(*self._limits))
         return self._symbolic
 
     def _exact_cost(self, z: Any) -> Any:
@@ -285,174 +282,3 @@ def hopeless(tried: Sequence[Minimum]) -> bool:
         return False
     least, next_ = sorted(each.cost for each in tried)[:2]
     return next_ - least < SAME_DEAD_END * next_
-
-
-def _options(max_iterations: int, scaling: float) -> dict[str, Any]:
-    """CasADi's and IPOPT's, of every solve."""
-    return {
-        "print_time": False,
-        "show_eval_warnings": False,
-        "ipopt.print_level": 0,
-        "ipopt.sb": "yes",
-        "ipopt.max_iter": max_iterations,
-        # In units of the whitened cost per scaled parameter: a thousandth of a standard
-        # deviation, and still above rounding, where a line search would go on for nothing.
-        "ipopt.nlp_scaling_method": "none",
-        "ipopt.obj_scaling_factor": scaling,
-        "ipopt.tol": 1e-2,
-        "ipopt.acceptable_tol": 1e-1,
-        # The nominal geometry is feasible and a good start: do not push it off its bounds,
-        # and do not begin with a barrier that outweighs the data.
-        "ipopt.bound_push": 1e-8,
-        "ipopt.bound_frac": 1e-8,
-        "ipopt.mu_init": 1e-6,
-        "ipopt.bound_relax_factor": 0.0,
-    }
-
-
-def _run(
-    solver: Any, where: Mapping[str, FloatArray], shared: _Shared | None = None
-) -> tuple[dict[str, Any], dict[str, Any]]:
-    """What IPOPT answers and how it went."""
-    answer = solver(**where)
-    stats = solver.stats()
-    if str(stats["return_status"]) == INTERRUPTED:
-        # CasADi swallows what is raised inside a solve, Ctrl-C among it.
-        raise (shared and shared.error) or KeyboardInterrupt
-    return answer, stats
-
-
-class Ipopt:
-    """IPOPT over ``n`` variables, whatever they are: what is minimised is said solve by solve."""
-
-    def __init__(self, n: int, limits: tuple[int, float]) -> None:
-        self._shared: _Shared | None = None
-        z: Any = ca.MX.sym("z", n)
-        cost = _Callback("cost", n, ("x",), ("f",), lambda arg: [self._at(arg[0])[0]])
-        gradient = _Callback(
-            "nlp_grad_f", n, ("x", "p"), ("f", "grad_f_x"), lambda arg: [*self._at(arg[0])[:2]]
-        )
-        hessian = _Callback(
-            "nlp_hess_l",
-            n,
-            ("x", "p", "lam_f", "lam_g"),
-            ("triu_hess_gamma_x_x",),
-            lambda arg: [ca.triu(ca.DM(float(arg[2]) * self._at(arg[0])[2]))],
-        )
-        progress = _Callback(
-            "progress",
-            n,
-            ("x", "f", "g", "lam_x", "lam_g", "lam_p"),
-            ("stop",),
-            lambda arg: [self._stalled(float(arg[1]))],
-        )
-        # CasADi does not keep Python callbacks alive: the solver must.
-        self._callbacks = (cost, gradient, hessian, progress)
-        options = {
-            "grad_f": gradient,
-            "hess_lag": hessian,
-            "no_nlp_grad": True,
-            "iteration_callback": progress,
-        }
-        nlp = {"x": z, "f": cost(z)}
-        self._solver = ca.nlpsol("calibration", "ipopt", nlp, _options(*limits) | options)
-
-    def __call__(
-        self, evaluate: Evaluate, where: Mapping[str, FloatArray]
-    ) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Minimise this; the start and the bounds are ``x0``, ``lbx`` and ``ubx``."""
-        self._shared = _Shared(evaluate)
-        try:
-            return _run(self._solver, where, self._shared)
-        finally:
-            self._shared = None
-
-    def _at(self, z: Any) -> tuple[float, FloatArray, FloatArray]:
-        assert self._shared is not None
-        return self._shared(z)
-
-    def _stalled(self, cost: float) -> bool:
-        assert self._shared is not None
-        return self._shared.stalled(cost)
-
-
-@lru_cache(maxsize=32)
-def _gauss_newton(n: int, limits: tuple[int, float], thread: int) -> Ipopt:
-    """One that is made already: that takes as long as many a solve. Each thread has its own."""
-    del thread
-    return Ipopt(n, limits)
-
-
-class _Shared:
-    """Remembers the last point, because IPOPT asks for the same one three times."""
-
-    def __init__(self, evaluate: Evaluate) -> None:
-        self._evaluate = evaluate
-        self._key = b""
-        self.error: BaseException | None = None
-        self._least, self._idle = math.inf, 0
-        self._value: tuple[float, FloatArray, FloatArray]
-
-    def __call__(self, z: Any) -> tuple[float, FloatArray, FloatArray]:
-        point = np.array(z).reshape(-1)
-        key = point.tobytes()
-        if key != self._key:
-            try:
-                self._value = self._evaluate(point)
-            except BaseException as error:
-                self.error = error
-                raise
-            self._key = key
-        return self._value
-
-    def stalled(self, cost: float) -> bool:
-        """Whether no iteration has lowered the cost for long; told the cost of each."""
-        if cost < self._least - LOWERED * abs(self._least) or math.isinf(self._least):
-            self._least, self._idle = cost, 0
-        else:
-            self._idle += 1
-        return self._idle >= IDLE
-
-
-class _Callback(ca.Callback):
-    """One of IPOPT's questions, answered from the shared evaluation."""
-
-    def __init__(
-        self,
-        name: str,
-        n: int,
-        inputs: tuple[str, ...],
-        outputs: tuple[str, ...],
-        answer: Callable[[Any], list[Any]],
-    ) -> None:
-        ca.Callback.__init__(self)
-        self._n, self._inputs, self._outputs, self._answer = n, inputs, outputs, answer
-        self.construct(name, {})
-
-    def get_n_in(self) -> int:
-        return len(self._inputs)
-
-    def get_n_out(self) -> int:
-        return len(self._outputs)
-
-    def get_name_in(self, i: int) -> str:
-        return self._inputs[i]
-
-    def get_name_out(self, i: int) -> str:
-        return self._outputs[i]
-
-    def get_sparsity_in(self, i: int) -> Any:
-        one, each = ca.Sparsity.dense(1, 1), ca.Sparsity.dense(self._n, 1)
-        sizes = {"x": each, "lam_x": each, "f": one, "lam_f": one}
-        return sizes.get(self._inputs[i], ca.Sparsity(0, 0))
-
-    def get_sparsity_out(self, i: int) -> Any:
-        return {
-            "f": ca.Sparsity.dense(1, 1),
-            "stop": ca.Sparsity.dense(1, 1),
-            "grad_f_x": ca.Sparsity.dense(self._n, 1),
-            "triu_hess_gamma_x_x": ca.Sparsity.upper(self._n),
-        }[self._outputs[i]]
-
-    def eval(self, arg: Any) -> list[Any]:
-        return self._answer(arg)

@@ -254,8 +254,7 @@ def _independent_shares(problem: Problem, rows: Sequence[Rows]) -> list[float]:
                 return_inverse=True,
                 return_counts=True,
             )
-            residual = np.zeros((len(first), block.size))
-            np.add.at(residual, rest.reshape(-1), line.residual * line.weight[:, None])
+            residual = summed(line.residual * line.weight[:, None], rest.reshape(-1), len(first))
             residual /= read[:, None]
             group, size = grouped_rows(touch[block.samples[first]])
             together = summed(residual, group, len(size))

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
-from suta_calib.diagnostics.few_witnesses import chance_of, wishart_freedom
+from suta_calib import CalibrationJob, SolverOptions, solve
+from suta_calib.diagnostics import few_witnesses
+from suta_calib.diagnostics.few_witnesses import chance_of, freedom_of, wishart_freedom
 
 
 @pytest.mark.parametrize("size", [1, 3])
@@ -50,3 +54,13 @@ def test_chances_of_a_mean_by_its_own_scatter_are_uniform() -> None:
 
 def test_too_few_witnesses_contradict_nothing() -> None:
     assert chance_of(1e6, 4, 2.5) == 1.0
+
+
+def test_many_rows_of_a_witness_are_summed_by_themselves(
+    repository: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    job = CalibrationJob.load(repository / "data" / "suta" / "calibration.yaml")
+    solution = solve(job.problem(), SolverOptions(starts=1))
+    row_by_row = freedom_of(solution, solution.free[:2])
+    monkeypatch.setattr(few_witnesses, "MANY_EACH", 1)
+    assert freedom_of(solution, solution.free[:2]) == pytest.approx(row_by_row, rel=1e-9)

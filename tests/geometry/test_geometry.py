@@ -18,6 +18,7 @@ from suta_calib.geometry.numbers import (
     quaternion_from_rotation,
     random_rotations,
     register_points,
+    right_singular,
     rms_length,
     rotation_from_quaternion,
     rotation_from_rpy,
@@ -276,3 +277,22 @@ def test_random_rotations_point_anywhere() -> None:
     # Every element is evenly spread from -1 to 1: mean 0, variance 1/3.
     np.testing.assert_allclose(found.mean(axis=0), 0.0, atol=5 / math.sqrt(3 * 4000))
     np.testing.assert_allclose(found.var(axis=0), 1 / 3, atol=5 * math.sqrt(4 / 45 / 4000))
+
+
+@pytest.mark.parametrize("shape", [(8, 9), (9, 9), (50, 3), (2, 3)])
+def test_right_singular_vectors_are_all_there_and_the_left_ones_are_not_missed(
+    shape: tuple[int, int],
+) -> None:
+    rows = np.random.default_rng(0).normal(size=shape)
+    singular, vectors = right_singular(rows)
+    assert vectors.shape == (shape[1], shape[1])
+    np.testing.assert_allclose(vectors @ vectors.T, np.eye(shape[1]), atol=1e-12)
+    np.testing.assert_allclose(
+        np.linalg.norm(rows @ vectors.T, axis=0)[: len(singular)], singular, rtol=1e-10
+    )
+
+
+def test_many_rows_have_no_left_singular_vectors_made_of_them() -> None:
+    # (100,000, 100,000) of them would take 80 GB.
+    singular, _ = right_singular(np.eye(3)[np.arange(100_000) % 3])
+    np.testing.assert_allclose(singular**2, [33334, 33333, 33333])

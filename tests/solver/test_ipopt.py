@@ -11,10 +11,10 @@ from solver_problems import DIRTY, HUBER, SIGMA, dirty_problem, distances, far_p
 
 from suta_calib.arrays import FloatArray
 from suta_calib.model.parameters import ParameterSet
+from suta_calib.solver.callbacks import Ipopt
 from suta_calib.solver.ipopt import (
     SETTLED,
     STALLED,
-    Ipopt,
     Minimum,
     RobustNlp,
     SolverOptions,
