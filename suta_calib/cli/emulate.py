@@ -126,7 +126,8 @@ def emulate(**options: Any) -> None:
     """Emulate ARM.urdf: encoder frames on a pseudo-terminal, in real time.
 
     The first line printed is the name of the port; what happens is told on stderr. Ends after
-    --seconds, or on Ctrl-C.
+    --seconds, or on Ctrl-C. A bus of servos is not emulated: they speak only when they are asked,
+    each by its number, and whoever listens would have to be answered in their maker's protocol.
     """
     from suta_calib.emulation.emulated import EmulationOptions, PlayOptions, emulated_device
     from suta_calib.emulation.faults import Faults

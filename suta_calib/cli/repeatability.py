@@ -55,9 +55,9 @@ def repeatability(
     have been at rest moved.
     """
     from suta_calib.analysis import repeatability as repeated
-    from suta_calib.job.calibration import joint_ranges
     from suta_calib.measurements import SampleColumns, read_csv_table, read_samples
     from suta_calib.report.repeatability import repeatability_document
+    from suta_calib.terms.poses import joint_ranges
 
     if not samples and at_rest is None:
         raise click.UsageError("give SAMPLES.csv (visits to one point), --stationary, or both")

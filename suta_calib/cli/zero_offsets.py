@@ -87,8 +87,8 @@ def zero_offsets(
 
 def _samples(arm: ArmModel, readings: Path, poses: Sequence[str]) -> Samples:
     from suta_calib.geometry.numbers import rotation_from_rpy
-    from suta_calib.job.calibration import joint_ranges
     from suta_calib.measurements import SampleColumns, Samples, read_samples
+    from suta_calib.terms.poses import joint_ranges
 
     if not poses:
         columns = SampleColumns(position=True, orientation="optional")

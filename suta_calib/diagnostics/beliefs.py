@@ -4,6 +4,26 @@ What is believed is estimated too (`Term.freed`), from the same start and with h
 and held against what was believed (Wald 1943, doi:10.1090/S0002-9947-1943-0012401-3): a score test
 at the fit would need more pictures than a calibration has, for each is one witness. The test allows
 for how badly so few tell a covariance (`few_witnesses`).
+
+Its power was simulated (six-axis arm, a board at half a metre, corners to 0.1 px, every reading
+off by a random part). At `LEVEL`, right intrinsics were contradicted in 2 of 200 calibrations with
+exact readings, and in none of 200 with ones off by 1 mrad (20 pictures). Of 40 with wrong ones
+were, by what is wrong:
+
+========  ========  ====  ====  =====  ======  ======
+pictures  readings  1 px  3 px  10 px  0.5 %f  1 %f
+========  ========  ====  ====  =====  ======  ======
+12        exact     13    40    40     40      40
+20        exact     40    40    40     40      40
+20        0.1 mrad  3     31    40     39      40
+40        0.1 mrad  9     40    40     40      40
+12        1 mrad    0     0     1      0       0
+20        1 mrad    1     1     2      1       4
+40        1 mrad    0     2     10     2       12
+========  ========  ====  ====  =====  ======  ======
+
+So nothing said against intrinsics is no proof of them: an arm that scatters by what wrong ones move
+pictures by hides them.
 """
 
 from __future__ import annotations

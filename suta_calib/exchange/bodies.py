@@ -110,7 +110,11 @@ class Recording:
         """
         reference = self._one(given.text(REFERENCE)) if REFERENCE in given else None
         names = self._chosen(given.text(BODY), reference)
-        names = [name for name in names if name != reference] or names
+        names = [name for name in names if name != reference]
+        if not names:
+            raise given.refuse(
+                REFERENCE, f"{reference!r}, the body itself", "another body than --body"
+            )
         prefix, parts, dropped = given.text(PREFIX, prefix), list[dict[str, NDArray[Any]]](), 0
         for name in names:
             body, seen = self.bodies[name], self.bodies[name].seen

@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import Any, Final, TypeVar
 
 from suta_calib.errors import InputError, JobError, UrdfError
-from suta_calib.job.calibration import CalibrationJob, joint_ranges, read_term
+from suta_calib.job.calibration import CalibrationJob, read_term
 from suta_calib.job.keys import ARM_KEYS
 from suta_calib.job.limits import (
     JUDGED_KEYS,
@@ -40,6 +40,7 @@ from suta_calib.measurements import SampleColumns, Samples, YamlSection, read_sa
 from suta_calib.measurements.keys import Key, Keys
 from suta_calib.model.arm import ArmModel
 from suta_calib.terms import KINDS, ArmPoses, Term
+from suta_calib.terms.poses import joint_ranges
 from suta_calib.units import from_mm
 
 _SAMPLES: Final = Key("samples", "files", "The samples CSV files: globs.", required=True)

@@ -20,7 +20,6 @@ from suta_calib.errors import InputError, JobError, ParameterError, SamplesError
 from suta_calib.job.schema import JobSpec, ObservationSpec, read_job
 from suta_calib.measurements import (
     Artefact,
-    JointRange,
     Samples,
     SutaCalibWarning,
     read_artefact,
@@ -34,6 +33,7 @@ from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.solver.solve import Progress, solve
 from suta_calib.terms import KINDS, ArmPoses, Noise, Seating, Setup, Term
+from suta_calib.terms.poses import joint_ranges as joint_ranges
 from suta_calib.terms.poses import together
 from suta_calib.units import shown, unit_name
 
@@ -291,21 +291,6 @@ class CalibrationResult(Shown):
             if not row.seated and row.artefact in wide
         ]
         return notes
-
-
-def joint_ranges(arm: ArmModel) -> tuple[JointRange, ...]:
-    """What the columns of a samples file must hold for this arm."""
-    followers = {
-        joint.name: tuple(n for n, read in arm.read_from.items() if n != joint.name == read)
-        for joint in arm.chain.moving
-    }
-    return tuple(
-        JointRange(
-            *(j.name, "m" if j.type == "prismatic" else "rad", j.lower, j.upper),
-            followers[j.name],
-        )
-        for j in arm.chain.moving
-    )
 
 
 def read_arm_samples(arm: ArmModel, files: Sequence[Path], kind: str) -> Samples:

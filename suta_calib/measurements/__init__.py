@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     from suta_calib.measurements.pose_files import ToolPoses as ToolPoses
     from suta_calib.measurements.sample_files import JointRange as JointRange
     from suta_calib.measurements.sample_files import SampleColumns as SampleColumns
+    from suta_calib.measurements.sample_files import check_readings as check_readings
     from suta_calib.measurements.sample_files import read_samples as read_samples
     from suta_calib.measurements.sample_files import write_samples as write_samples
     from suta_calib.measurements.samples import Samples as Samples

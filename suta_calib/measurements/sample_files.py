@@ -215,6 +215,27 @@ def _everywhere(tables: Sequence[CsvTable], *names: str) -> bool:
     return all(has)
 
 
+def check_readings(q: FloatArray, joints: Sequence[JointRange], origin: Sequence[str]) -> None:
+    """Refuse readings that can only be degrees, millimetres or whole turns off.
+
+    Args:
+        q: (n, joints) rad or m.
+        joints: what is known of them.
+        origin: (n,) where each row came from.
+
+    Raises:
+        SamplesError: names the first of them, and what it looks like.
+    """
+    for k, joint in enumerate(joints):
+        for row in np.flatnonzero(_implausible(q[:, k], joint)).tolist():
+            raise SamplesError(
+                f"{q[row, k]:.6g}",
+                f"{joint.unit}, joint range {joint}",
+                where=f"{origin[row]}, {joint.name}",
+                hint=_what_it_is(q.T, k, joints),
+            )
+
+
 def _readings(table: CsvTable, joints: Sequence[JointRange]) -> FloatArray:
     """(n, joints), refused where they can only be degrees, millimetres or whole turns off."""
     q = np.array([table.numbers(joint.name, _expected(joint)) for joint in joints])

@@ -116,8 +116,11 @@ class ArmModel(Shown):
             values: parameter values by name; names of other things than this arm are ignored.
 
         Raises:
+            ParameterError: something else than values by name.
             UrdfError: a joint that yields, and nothing beyond it has a mass.
         """
+        if not isinstance(values, Mapping):
+            raise ParameterError(repr(values), "values by name: {'joint_2.offset': 0.01}")
         arm = copy(self)
         arm.parameters, arm.nongeometric = (
             ParameterSet(replace(p, nominal=float(values.get(n, p.nominal))) for n, p in s.items())

@@ -47,9 +47,11 @@ def solve(
         A solution that knows whether it may be used; not converging is no exception.
 
     Raises:
-        ParameterError: nothing is to be estimated.
+        ParameterError: something else than a problem, or nothing is to be estimated.
         SamplesError: too few samples for a term, or for the unknowns.
     """
+    if not isinstance(problem, Problem):
+        raise ParameterError(repr(problem), "a problem: Problem(terms, parameters)")
     began = perf_counter()
     for term in problem.terms:
         term.check_enough()

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from suta_calib.terms.poses import ArmPoses as ArmPoses
     from suta_calib.terms.poses import MeasuredPoses as MeasuredPoses
     from suta_calib.terms.poses import PoseSource as PoseSource
+    from suta_calib.terms.poses import joint_ranges as joint_ranges
     from suta_calib.terms.range import MeasuredRange as MeasuredRange
     from suta_calib.terms.seating import Seating as Seating
     from suta_calib.terms.setup import Setup as Setup

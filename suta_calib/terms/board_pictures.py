@@ -14,7 +14,7 @@ from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import vector_from_rotation
 from suta_calib.geometry.pinhole import projected, undistorted
 from suta_calib.measurements import Board, Camera
-from suta_calib.terms.camera_start import board_poses
+from suta_calib.terms.camera_start import board_poses, columns_exchanged
 from suta_calib.terms.hand_eye_start import Poses, agreeing_hand_eye, loop_closures, some_poses
 
 # Corners that are off by this part of the board's extent in a picture are of no such board.
@@ -158,11 +158,7 @@ class BoardPictures:
         if exchanged is not None:
             yield (
                 replace(self, board=exchanged),
-                SamplesError(
-                    "corners that fit the board if its columns and rows are exchanged",
-                    "corners of the board as its file has it",
-                    hint="exchange the two numbers in board.yaml: columns first, then rows",
-                ),
+                columns_exchanged(),
             )
         corners = self.pixels[np.isfinite(self.pixels).all(axis=2)]
         for factor in RESIZED:

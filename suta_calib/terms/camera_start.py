@@ -18,6 +18,11 @@ from suta_calib.geometry.numbers import rotation_from_vector, skew
 from suta_calib.geometry.pinhole import DISTORTION
 from suta_calib.measurements import Board, Camera, Corners
 
+# Part of a board's extent that no lens bends the picture of a plane by, and how many times less
+# another board must leave to be the cause.
+_NO_PLANE: Final = 0.1
+_FAR_BETTER: Final = 2.0
+
 # Points of a plane that determine a homography, and points of a body that determine a projection.
 PLANAR: Final = 4
 SPATIAL: Final = 6
@@ -237,7 +242,7 @@ def closed_form_camera(corners: Corners, board: Board) -> Camera:
 
     Raises:
         BoardError: one that is not flat.
-        SamplesError: pictures that do not tell the focal length.
+        SamplesError: corners of another board, or pictures that do not tell the focal length.
     """
     if not board.flat:
         raise BoardError(
@@ -245,11 +250,10 @@ def closed_form_camera(corners: Corners, board: Board) -> Camera:
             "a flat one, where no camera is given",
             hint="calibrate the camera first, and name its file",
         )
-    boards, pictures = [], []
-    for image in corners.images:
-        mine = corners.take(corners.image == image)
-        boards.append(board.positions(mine.point))
-        pictures.append(mine.pixel)
+    each = [corners.take(corners.image == image) for image in corners.images]
+    boards = [board.positions(mine.point) for mine in each]
+    pictures = [mine.pixel for mine in each]
+    _check_board(each, board)
     found = closed_form_intrinsics(boards, pictures)
     if found is None:
         raise SamplesError(
@@ -261,6 +265,49 @@ def closed_form_camera(corners: Corners, board: Board) -> Camera:
     width, height = (int(size) + 1 for size in corners.pixel.max(axis=0))
     intrinsics = np.concatenate([found, np.zeros(len(DISTORTION))])
     return Camera(width, height, intrinsics)
+
+
+def columns_exchanged() -> SamplesError:
+    """Corners of a board whose file exchanges two numbers, to be raised by the caller."""
+    return SamplesError(
+        "corners that fit the board if its columns and rows are exchanged",
+        "corners of the board as its file has it",
+        hint="exchange the two numbers in board.yaml: columns first, then rows",
+    )
+
+
+def _check_board(pictures: Sequence[Corners], board: Board) -> None:
+    """Refuse corners that no plane with this board's points shows, whatever the camera."""
+    off, other = _off_plane(pictures, board), board.exchanged
+    if off <= _NO_PLANE:
+        return
+    if other is not None and _FAR_BETTER * _off_plane(pictures, other) < off:
+        raise columns_exchanged()
+    raise SamplesError(
+        f"corners that are {off:.0%} of the board's extent off from where a plane board has them",
+        f"corners of this board ({board.type}), by their numbers",
+        hint="does board.yaml have the right numbers of columns and rows?",
+    )
+
+
+def _off_plane(pictures: Sequence[Corners], board: Board) -> float:
+    """How far corners are from the best homography of the board, part of its extent.
+
+    Root mean squares; of the middle one of the pictures.
+    """
+    found = [0.0]
+    for mine in pictures:
+        points, seen = board.positions(mine.point), mine.pixel
+        if len(points) <= PLANAR:  # These fit any board.
+            continue
+        centred = seen - seen.mean(axis=0)
+        size = float(np.sqrt(np.mean(centred**2)))
+        H = _linear(points[None, :, :2], centred[None] / size, np.ones((1, len(points)), bool))[0]
+        if np.isfinite(H).all():
+            there = np.column_stack([points[:, :2], np.ones(len(points))]) @ H.T
+            error = there[:, :2] / there[:, 2:] - centred / size
+            found.append(float(np.sqrt(np.mean(error**2))))
+    return float(np.median(found[1:] or found))
 
 
 def closed_form_intrinsics(

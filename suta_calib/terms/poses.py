@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
+from suta_calib.measurements.sample_files import JointRange, check_readings
 from suta_calib.measurements.samples import Samples
 
 if TYPE_CHECKING:
@@ -93,10 +94,35 @@ class PoseSource(ABC):
         """The poses of some samples, by number or by boolean mask."""
 
 
+def joint_ranges(arm: ArmModel) -> tuple[JointRange, ...]:
+    """What the columns of a samples file must hold for this arm."""
+    followers = {
+        joint.name: tuple(n for n, read in arm.read_from.items() if n != joint.name == read)
+        for joint in arm.chain.moving
+    }
+    return tuple(
+        JointRange(
+            *(j.name, "m" if j.type == "prismatic" else "rad", j.lower, j.upper),
+            followers[j.name],
+        )
+        for j in arm.chain.moving
+    )
+
+
 class ArmPoses(PoseSource):
-    """Poses of an arm's tip by forward kinematics: the geometry may be unknown."""
+    """Poses of an arm's tip by forward kinematics: the geometry may be unknown.
+
+    Args:
+        arm: whose tip it is.
+        samples: its readings, and what was observed beside them.
+
+    Raises:
+        SamplesError: readings that can only be degrees, millimetres or whole turns off.
+    """
 
     def __init__(self, arm: ArmModel, samples: Samples) -> None:
+        if samples.joints == arm.joints:
+            check_readings(samples.q, joint_ranges(arm), samples.origin)
         self.arm = arm
         self.samples = samples
         self._levers = _Levers(arm, samples.q[:: 1 + len(samples) // LEVERS])

@@ -14,10 +14,10 @@ from suta_calib.acquisition.run import Run
 from suta_calib.acquisition.stops import StopFinder
 from suta_calib.acquisition.touch_sequence import TouchSequence, repeated
 from suta_calib.arrays import FloatArray
-from suta_calib.job.calibration import joint_ranges
 from suta_calib.measurements import read_samples
 from suta_calib.model.arm import ArmModel
 from suta_calib.terms import FixedPoint, PairwiseDistance
+from suta_calib.terms.poses import joint_ranges
 
 
 # ── Unattended ─────────────────────────────────────────────────────────────────────────────────

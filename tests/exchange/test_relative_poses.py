@@ -65,3 +65,15 @@ def test_files_whose_rows_were_taken_at_other_times_are_refused(tmp_path: Path) 
     later = recorded("later.csv", reference[:, :3], time + 0.1 * (time > 0.45))
     with pytest.raises(InputError, match=r"later.csv:7: found a row of another time; expected the"):
         imported(tool, reference=str(later))
+
+
+def test_a_reference_that_is_the_tool_itself_is_refused(tmp_path: Path) -> None:
+    """Every pose would be that of no motion."""
+    path = written(tmp_path / "tool.txt", T.reshape(-1, 16))
+    with pytest.raises(InputError, match=r"--reference: found .*tool.txt, the file itself"):
+        imported(path, reference=str(path))
+    header = ",".join(f"tool_{n}" for n in ("x", "y", "z", "qx", "qy", "qz", "qw"))
+    rows = np.hstack([P, Rotation.from_matrix(R).as_quat()])
+    one = written(tmp_path / "one.csv", rows, header=header)
+    with pytest.raises(InputError, match="the body itself"):
+        imported(one, body="tool_", reference="tool_")

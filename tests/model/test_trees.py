@@ -19,11 +19,11 @@ from simulated import random_readings
 from two_arms import ROBOT
 
 from suta_calib.errors import SamplesError, UrdfError
-from suta_calib.job.calibration import joint_ranges
 from suta_calib.measurements.sample_files import SampleColumns, read_samples
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.chain import read_chain
 from suta_calib.model.parameters import COMPLIANCE, GAIN, coupling_key
+from suta_calib.terms.poses import joint_ranges
 
 LINKS = 9
 TYPES = ("revolute", "continuous", "prismatic", "fixed")

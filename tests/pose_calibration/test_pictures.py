@@ -309,6 +309,19 @@ def test_pictures_that_agree_with_no_x_say_why() -> None:
             solved(wrong)
 
 
+def test_a_board_of_other_counts_is_named_without_a_camera_too() -> None:
+    """A camera that is found from the corners must not be blamed for the board's file."""
+    scene = pictures(pixel=0.1)
+    corners = scene.views[0].corners
+    some = corners.take(corners.point < 25)
+    for wrong, said in (
+        (other(scene, corners, board=EXCHANGED, camera=None), "columns and rows are exchanged"),
+        (other(scene, some, board=Chessboard(5, 5, 0.03), camera=None), "numbers of columns"),
+    ):
+        with pytest.raises(SamplesError, match=said):
+            solved(wrong)
+
+
 def test_names_that_do_not_match_are_refused() -> None:
     scene = pictures()
     corners = scene.views[0].corners

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -353,3 +354,19 @@ def test_sums_over_parts_of_the_rows_are_those_over_all(
         np.testing.assert_allclose(
             some, everything, rtol=1e-7, atol=1e-12 * np.abs(everything).max()
         )
+
+
+def test_something_else_than_a_problem_or_values_is_refused_in_words() -> None:
+    problem: Any = 3
+    with pytest.raises(ParameterError, match=r"found 3; expected a problem"):
+        solve(problem)
+    with pytest.raises(ParameterError, match=r"found 3; expected values by name"):
+        arm_named("suta").at(problem)
+
+
+def test_readings_in_degrees_are_refused_in_arrays_as_in_files() -> None:
+    arm = arm_named("suta")
+    q = np.linspace(0.1, 0.9, len(arm.joints))[None]
+    ArmPoses(arm, Samples.from_arrays(arm.joints, q))
+    with pytest.raises(SamplesError, match=r"row 0, joint_.*looks like degrees"):
+        ArmPoses(arm, Samples.from_arrays(arm.joints, np.degrees(q)))

@@ -16,11 +16,11 @@ from suta_calib.device.description import DeviceSpec, JointSpec
 from suta_calib.emulation import Emulation, Faults, Stops
 from suta_calib.emulation.motion import Motion, continuous
 from suta_calib.geometry.numbers import wrap
-from suta_calib.job.calibration import joint_ranges
 from suta_calib.measurements import Samples, read_artefact, read_samples
 from suta_calib.model.arm import ArmModel
 from suta_calib.simulation.noise import full_circle
 from suta_calib.terms import PairwiseDistance
+from suta_calib.terms.poses import joint_ranges
 
 NOISE = 1.7e-5
 SECONDS = 0.4

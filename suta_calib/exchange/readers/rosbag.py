@@ -343,6 +343,8 @@ def _through_tf(path: Path, bag: _Bag, given: Given) -> tuple[FloatArray, Body]:
             said = f"no frame {name!r} in tf" if name else f"no {option.switch}"
             known = listed(sorted(frames), 12) or "no frames: nothing was recorded of tf"
             raise ForeignFileError(said, f"one of {known}", file=path)
+    if body == reference:
+        raise given.refuse(REFERENCE, f"{body!r}, the body itself", "another frame than --body")
     latest: dict[str, tuple[str, FloatArray]] = {}
     times, found = list[float](), list[FloatArray]()
     # Static ones first: they hold from the beginning.

@@ -98,6 +98,9 @@ class TableReader(Reader):
         """Rows in SI; those in which a number is missing are left out and counted."""
         columns, other = _understood(path, given), given.path(REFERENCE)
         if other is not None and is_plain_file(other):
+            if other.samefile(path):
+                expected = "another file, whose rows are of the same moments"
+                raise given.refuse(REFERENCE, f"{other}, the file itself", expected)
             columns.relative_to(_understood(other, given), given.text(REFERENCE))
         return columns.imported()
 
