@@ -63,7 +63,7 @@ def odd_columns(terms: Sequence[Term]) -> Iterator[str]:
 
 
 def sorted_alone(terms: Sequence[Term]) -> Iterator[str]:
-    """A column whose readings only rise, or only fall, where those of all others do not.
+    """A column whose readings only rise, or only fall, in every file, where no other's do.
 
     A sweep does that too: it is a cause only where the data fit nothing.
 
@@ -73,17 +73,20 @@ def sorted_alone(terms: Sequence[Term]) -> Iterator[str]:
     arm = _arm(terms)
     if arm is None:
         return
-    for term in terms:
-        q = term.poses.samples.q
-        moves = np.ptp(q, axis=0) > 10 * TRAVEL
-        steps = np.diff(q, axis=0)
-        ordered = np.all(steps >= 0, axis=0) | np.all(steps <= 0, axis=0)
-        alone = np.flatnonzero(ordered & moves)
-        if len(q) >= FEWEST and len(alone) == 1 and moves.sum() > 1:
-            yield (
-                f"The readings of {arm[alone[0]]} stand in order, those of no other joint do: was "
-                "its column sorted by itself?"
-            )
+    found = list[list[int]]()
+    for samples in (term.poses.samples for term in terms):
+        files = np.array([origin.rpartition(":")[0] for origin in samples.origin])
+        for file in np.unique(files):
+            q = samples.q[files == file]
+            steps, moves = np.diff(q, axis=0), np.ptp(q, axis=0) > 10 * TRAVEL
+            ordered = np.all(steps >= 0, axis=0) | np.all(steps <= 0, axis=0)
+            if len(q) >= FEWEST and moves.sum() > 1:
+                found.append(np.flatnonzero(ordered & moves).tolist())
+    if found and len(found[0]) == 1 and all(joints == found[0] for joints in found):
+        yield (
+            f"The readings of {arm[found[0][0]]} stand in order, those of no other joint do: was "
+            "its column sorted by itself?"
+        )
 
 
 def rounded(solution: Solution) -> Iterator[str]:
