@@ -108,7 +108,7 @@ def board_poses(points: FloatArray, seen: FloatArray) -> tuple[FloatArray, Float
     for kind, dimension in ((flat & ~line, 2), (~flat & ~line, 3)):
         mine = np.flatnonzero(kind)
         which, local = rows[mine], (apart[mine] @ np.swapaxes(axes[mine], 1, 2))[..., :dimension]
-        matrix = _linear(local, seen[which], there[which])
+        matrix = _linear_of_each(local, seen[which], there[which])
         columns, shift = matrix[..., :-1], matrix[..., -1]
         # A homography has no sign: what is seen is ahead.
         sign = np.where(shift[:, 2] < 0.0, -1.0, 1.0)
@@ -182,7 +182,16 @@ def _refined(
     return best
 
 
-def _linear(points: FloatArray, seen: FloatArray, there: BoolArray) -> FloatArray:
+def _linear(points: FloatArray, seen: FloatArray) -> FloatArray | None:
+    """(3, d + 1) that takes points (k, d) to homogeneous coordinates of what is seen (k, 2).
+
+    Up to a factor; None where several do.
+    """
+    (found,) = _linear_of_each(points[None], seen[None], np.ones((1, len(points)), dtype=np.bool_))
+    return found if np.isfinite(found).all() else None
+
+
+def _linear_of_each(points: FloatArray, seen: FloatArray, there: BoolArray) -> FloatArray:
     """(n, 3, d + 1) that take points (n, k, d) to homogeneous coordinates of what is seen.
 
     Up to a factor; NaN where several do.
@@ -327,12 +336,8 @@ def closed_form_intrinsics(
     """
     every = np.concatenate(pictures)
     middle, size = (every.min(axis=0) + every.max(axis=0)) / 2.0, float(np.ptp(every, axis=0).max())
-    found = (
-        _linear(b[None, :, :2], (p - middle)[None] / size, np.ones((1, len(b)), dtype=np.bool_))[0]
-        for b, p in zip(boards, pictures, strict=True)
-    )
-    told = (H for H in found if np.isfinite(H).all())
-    rows = [row for H in told for row in _conic_rows(H / np.linalg.norm(H))]
+    found = (_linear(b[:, :2], (p - middle) / size) for b, p in zip(boards, pictures, strict=True))
+    rows = [row for H in found if H is not None for row in _conic_rows(H / np.linalg.norm(H))]
     if not rows:
         return None
     for answer in (_free_centre(np.array(rows)), _given_centre(np.array(rows))):
