@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from html import escape
 from typing import Final
+from xml.etree.ElementTree import Element, tostring
 
 import numpy as np
 
@@ -74,23 +74,22 @@ def chart_svg(
         widths = [room / len(charts)] * len(charts)
     top = max(each.top for each in abouts)
     below = max(each.bottom for each in abouts)
-    parts, at = list[str](), 0.0
+    drawing = Element("g", style=f"{_FONT};stroke-linejoin: round")
+    at = 0.0
     for number, (chart, about, wide) in enumerate(zip(charts, abouts, widths, strict=True)):
         at += about.left
         panel = _Panel(chart, about, f"{name}-{number}", at, top, wide, height)
-        parts += panel.drawn()
+        drawing.extend(panel.drawn())
         at += wide + about.right
     high = top + height + below
     if note:
         high += _ROW + _GAP
-        parts.append(_text(2.0, high - _GAP, note, _LEGEND))
-    said = f'id="{name}" role="img" aria-label="{escape(description)}"'
-    extent = " ".join(f'{key}="{value}"' for key, value in sized(at).items())
-    inside = "\n".join(parts)
-    return (
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {at:.1f} {high:.1f}" {said} '
-        f'{extent}>\n<g style="{_FONT};stroke-linejoin: round">\n{inside}\n</g>\n</svg>'
-    )
+        drawing.append(_text(2.0, high - _GAP, note, _LEGEND))
+    said = {"id": name, "role": "img", "aria-label": description} | sized(at)
+    page = {"xmlns": "http://www.w3.org/2000/svg", "viewBox": f"0 0 {at:.1f} {high:.1f}"}
+    figure = Element("svg", page | said)
+    figure.append(drawing)
+    return tostring(figure, "unicode")
 
 
 def sized(width: float) -> dict[str, str]:
@@ -152,7 +151,7 @@ class _Panel:
     width: float
     height: float
 
-    def drawn(self) -> Iterator[str]:
+    def drawn(self) -> Iterator[Element]:
         """The elements, the hindmost first."""
         yield from self._grid()
         hatched = {
@@ -161,11 +160,11 @@ class _Panel:
             if isinstance(mark, Boxes | Steps) and mark.hatched
         }
         for colour, name in hatched.items():
-            yield (
-                f'<pattern id="{name}" patternUnits="userSpaceOnUse" width="{_HATCH}" '
-                f'height="{_HATCH}" patternTransform="rotate(45)"><path d="M0 0V{_HATCH}" '
-                f'style="stroke: {colour};stroke-width: 1.2"/></pattern>'
-            )
+            side = f"{_HATCH}"
+            repeated = {"patternUnits": "userSpaceOnUse", "patternTransform": "rotate(45)"}
+            pattern = Element("pattern", {"id": name, "width": side, "height": side} | repeated)
+            pattern.append(_path(f"M0 0V{side}", f"stroke: {colour};stroke-width: 1.2"))
+            yield pattern
         for mark in self.chart.marks:
             yield from self._mark(mark, hatched)
         yield from self._axes()
@@ -177,7 +176,7 @@ class _Panel:
     def _y(self, values: FloatArray) -> FloatArray:
         return self.top + self.height * (1.0 - self.chart.y.place(np.asarray(values, dtype=float)))
 
-    def _mark(self, mark: Mark, hatched: dict[str, str]) -> Iterator[str]:
+    def _mark(self, mark: Mark, hatched: dict[str, str]) -> Iterator[Element]:
         if isinstance(mark, Steps):
             x = np.repeat(self._x(mark.edges), 2)
             y = self._y(np.concatenate([[0.0], np.repeat(mark.heights, 2), [0.0]]))
@@ -203,7 +202,7 @@ class _Panel:
             ):
                 yield _text(x, y + _FOOT * mark.size, text, mark.size, "middle", colour=colour)
 
-    def _grid(self) -> Iterator[str]:
+    def _grid(self) -> Iterator[Element]:
         x, y = self._marks(self.chart.x, 0), self._marks(self.chart.y, 1)
         right, bottom = self.left + self.width, self.top + self.height
         lines = [f"M{at:.1f} {self.top:.1f}V{bottom:.1f}" for at, _ in x if self.chart.x.grid]
@@ -218,14 +217,14 @@ class _Panel:
         places = of(np.array([value for value, _ in marks])).tolist()
         return [(at, text) for at, (_, text) in zip(places, marks, strict=True)]
 
-    def _axes(self) -> Iterator[str]:
+    def _axes(self) -> Iterator[Element]:
         x, y = self.chart.x, self.chart.y
         right, bottom = self.left + self.width, self.top + self.height
         lines = [f"M{self.left:.1f} {self.top:.1f}V{bottom:.1f}H{right:.1f}"]
         minor_x, minor_y = self._x(np.array(x.minor())), self._y(np.array(y.minor()))
         lines += [f"M{at:.1f} {bottom:.1f}v{_MINOR}" for at in minor_x]
         lines += [f"M{self.left:.1f} {at:.1f}h-{_MINOR}" for at in minor_y]
-        texts = list[str]()
+        texts = list[Element]()
         for at, text in self._marks(x, 0):
             lines.append(f"M{at:.1f} {bottom:.1f}v{_TICK}")
             down = bottom + _TICK + _GAP
@@ -246,7 +245,7 @@ class _Panel:
         middle = self.top + self.height / 2
         yield _text(beside, middle, y.label, _LABEL, "middle", upright=True)
 
-    def _legend(self, hatched: dict[str, str]) -> Iterator[str]:
+    def _legend(self, hatched: dict[str, str]) -> Iterator[Element]:
         shown = self.chart.legend
         rows = -(-len(shown) // self.chart.columns)
         at = self.left
@@ -259,7 +258,7 @@ class _Panel:
             at += _SAMPLE + 6 * _GAP + width_of((mark.label for mark in column), _LEGEND)
 
 
-def _sample(mark: Labelled, left: float, middle: float, hatched: dict[str, str]) -> str:
+def _sample(mark: Labelled, left: float, middle: float, hatched: dict[str, str]) -> Element:
     """What a mark looks like, for the legend."""
     if isinstance(mark, Lines):
         return _path(f"M{left:.1f} {middle:.1f}h{_SAMPLE}", _stroke(mark))
@@ -303,8 +302,8 @@ def _polyline(x: FloatArray, y: FloatArray) -> str:
     return f"M{first}L{' '.join(others)}"
 
 
-def _path(path: str, style: str) -> str:
-    return f'<path d="{path}" style="{style}"/>' if path else ""
+def _path(path: str, style: str) -> Element:
+    return Element("path", d=path, style=style)
 
 
 def _text(
@@ -316,10 +315,11 @@ def _text(
     *,
     upright: bool = False,
     colour: str = "",
-) -> str:
+) -> Element:
     """A text whose foot begins, has its middle or ends (``anchor``) there."""
-    turn = f' transform="rotate(-90 {x:.1f} {y:.1f})"' if upright else ""
     style = f"font-size: {size:g}px;text-anchor: {anchor}" + (f";fill: {colour}" if colour else "")
-    return (
-        f'<text x="{x:.1f}" y="{y:.1f}"{turn} style="{style}">{escape(text)}</text>' if text else ""
-    )
+    written = Element("text", x=f"{x:.1f}", y=f"{y:.1f}", style=style)
+    if upright:
+        written.set("transform", f"rotate(-90 {x:.1f} {y:.1f})")
+    written.text = text
+    return written

@@ -311,8 +311,8 @@ def _off_plane(pictures: Sequence[Corners], board: Board) -> float:
             continue
         centred = seen - seen.mean(axis=0)
         size = float(np.sqrt(np.mean(centred**2)))
-        H = _linear(points[None, :, :2], centred[None] / size, np.ones((1, len(points)), bool))[0]
-        if np.isfinite(H).all():
+        H = _linear(points[:, :2], centred / size)
+        if H is not None:
             there = np.column_stack([points[:, :2], np.ones(len(points))]) @ H.T
             error = there[:, :2] / there[:, 2:] - centred / size
             found.append(float(np.sqrt(np.mean(error**2))))
