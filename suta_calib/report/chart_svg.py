@@ -239,11 +239,13 @@ class _Panel:
             texts.append(_text(beside, at + _FOOT * y.size, text, y.size, "end"))
         yield _path("".join(lines), f"fill: none;stroke: {BLACK};stroke-width: 0.8")
         yield from texts
-        below = bottom + self.about.bottom - _GAP
-        yield _text((self.left + right) / 2, below, x.label, _LABEL, "middle")
-        beside = self.left - self.about.left + _LABEL + 2.0
-        middle = self.top + self.height / 2
-        yield _text(beside, middle, y.label, _LABEL, "middle", upright=True)
+        if x.label:
+            below = bottom + self.about.bottom - _GAP
+            yield _text((self.left + right) / 2, below, x.label, _LABEL, "middle")
+        if y.label:
+            beside = self.left - self.about.left + _LABEL + 2.0
+            middle = self.top + self.height / 2
+            yield _text(beside, middle, y.label, _LABEL, "middle", upright=True)
 
     def _legend(self, hatched: dict[str, str]) -> Iterator[Element]:
         shown = self.chart.legend
