@@ -225,7 +225,7 @@ def _beside_geometry(
         change = (r.jacobian[:, followed.free] @ followed.step).reshape(n, size)
         residual = r.line.residual + change * r.line.sigma[:, None]
         squared = np.einsum("nd,nd->n", residual, residual) / r.line.sigma**2
-        weight = huber_weight(squared, r.line.view.block.noise.huber / r.line.sigma)
+        weight = huber_weight(squared, r.line.view.threshold / r.line.sigma)
         moved.append(replace(r, line=replace(r.line, residual=residual, weight=weight)))
     return _Fit(problem, moved, prior, away.copy(), lacking, known, followed.spent)
 
@@ -433,7 +433,7 @@ def _followed(fit: _Fit, suspect: _Suspect | None, options: ChangeOptions) -> _F
         (
             r.jacobian[:, free].reshape(*r.line.residual.shape, len(free)),
             _whitened(r),
-            r.line.view.block.noise.huber / r.line.sigma,
+            r.line.view.threshold / r.line.sigma,
         )
         for r in wide
     ]

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from copy import copy
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
@@ -23,11 +25,24 @@ AT_ONCE: Final = 2048
 
 @dataclass(frozen=True, eq=False)
 class BlockView:
-    """A block, and where its samples and own parameters lie in the whole problem."""
+    """A block, and where its samples and own parameters lie in the whole problem.
+
+    Attributes:
+        block: the rows.
+        first_sample: of its term, among those of all terms.
+        own_columns: (n, m), counted from the first own parameter.
+        limit: a learned Huber threshold, m or rad, where it is below the one that is given.
+    """
 
     block: Block
     first_sample: int
-    own_columns: IntArray  # (n, m), counted from the first own parameter
+    own_columns: IntArray
+    limit: float = math.inf
+
+    @property
+    def threshold(self) -> float:
+        """Residual norm, m or rad, beyond which the cost grows linearly."""
+        return min(self.block.noise.huber, self.limit)
 
 
 class PoseTable:
@@ -167,6 +182,13 @@ class Evaluation:
             Kernel(v.block, v.first_sample, v.own_columns, width, own_count) for v in views
         ]
 
+    def limited(self, limits: Sequence[float]) -> Evaluation:
+        """The same with Huber thresholds of at most so much, m or rad, for each block."""
+        other = copy(self)
+        views = zip(self.views, limits, strict=True)
+        other.views = tuple(replace(view, limit=limit) for view, limit in views)
+        return other
+
     def linearise(self, x: FloatArray, sigmas: Sequence[float]) -> list[Linearised]:
         """Every block at x, with the noise level of each block."""
         self.table.update(x[: self.arm_count])
@@ -182,7 +204,7 @@ class Evaluation:
         for view, kernel, sigma, (residual, by_pose, by_own) in blocks:
             spread = np.hypot(sigma, view.block.known_sigma)
             squared = np.einsum("nd,nd->n", residual, residual) / spread**2
-            weight = huber_weight(squared, view.block.noise.huber / spread)
+            weight = huber_weight(squared, view.threshold / spread)
             found.append(
                 Linearised(view, kernel.pattern, residual, by_pose, by_own, spread, squared, weight)
             )
@@ -282,7 +304,7 @@ class Evaluation:
 
     @staticmethod
     def _cost(line: Linearised) -> float:
-        threshold = line.view.block.noise.huber / line.sigma
+        threshold = line.view.threshold / line.sigma
         return 0.5 * float(np.sum(huber(line.squared, threshold)))
 
 

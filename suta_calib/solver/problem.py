@@ -121,6 +121,12 @@ class Problem:
         other._prior_scale = scale
         return other
 
+    def with_thresholds(self, limits: Sequence[float]) -> Problem:
+        """The same problem with Huber thresholds of at most so much, m or rad, for each block."""
+        other = copy(self)
+        other.evaluation = self.evaluation.limited(limits)
+        return other
+
     def as_given(self) -> Problem:
         """The same problem with the priors that the job gives, whatever was learned of them."""
         return self.with_priors_scaled(np.ones(len(self.parameters)))

@@ -70,7 +70,9 @@ def solve(
     if options.weights is not None and minimum.converged and weighed:
         inside = _inside(problem, minimum.x, estimated)
         weights = learn_weights(problem, minimum.x, sigmas, inside, options.weights)
-        problem, sigmas = problem.with_priors_scaled(weights.prior_scale), list(weights.sigmas)
+        problem = problem.with_priors_scaled(weights.prior_scale)
+        problem = problem.with_thresholds(weights.thresholds)
+        sigmas = list(weights.sigmas)
         minimum, _, identification, estimated = _fit(
             problem, nominal, [minimum.x], identification, sigmas, options, None
         )

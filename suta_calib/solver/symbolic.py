@@ -59,7 +59,7 @@ def _block_cost(
         arguments += [rotation[:, columns], position[:, columns]]
     m = block.own.shape[1]
     own_rows = ca.reshape(own[view.own_columns.reshape(-1).tolist()], m, n) if m else ca.MX(0, n)
-    threshold = np.minimum(block.noise.huber / spread, 1e150)
+    threshold = np.minimum(view.threshold / spread, 1e150)
     data = [ca.DM(block.data.T) if block.data.shape[1] else ca.DM(0, n)]
     return ca.sum2(
         row.map(n)(*arguments, own_rows, *data, ca.DM(1 / spread**2).T, ca.DM(threshold).T)
@@ -77,6 +77,6 @@ def _row_cost(view: BlockView, poses: int) -> Symbol:
     tools = [Pose(ca.reshape(R, 3, 3), p) for R, p in pairs]
     r = block.residual(tools, own, data)
     squared = ca.dot(r, r) * precision
-    robust = squared if np.isinf(block.noise.huber) else symbolic_huber(squared, threshold)
+    robust = squared if np.isinf(view.threshold) else symbolic_huber(squared, threshold)
     inputs = [s for pair in pairs for s in pair]
     return ca.Function("row_cost", [*inputs, own, data, precision, threshold], [robust])

@@ -11,7 +11,9 @@ at the x that is best for η, with H the curvature there (MacKay 1992, doi:10.11
 for least squares it is the restricted likelihood of Patterson and Thompson 1971,
 doi:10.1093/biomet/58.3.545, which counts what the unknowns have taken of the residuals). Rows that
 share samples say less than their number: t_b is the share of them that is independent. A row beyond
-Huber's threshold pulls at x as Huber lets it, and tells of σ only that it lies beyond.
+Huber's threshold pulls at x as Huber lets it, and tells of σ only that it lies beyond. A threshold
+that is given follows the noise down to where it is 95 % efficient (`huber_threshold`), unless the
+noise is to stay: one of several σ lets what the model lacks pull as much as what it follows.
 
 Groups of few parameters tell little of their factor, so that all are drawn to a common one
 (`WeightOptions`). Residuals and Jacobian are evaluated once: the rest happens on matrices of the
@@ -23,7 +25,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -32,8 +34,9 @@ from suta_calib.distributions import chi2
 from suta_calib.model.parameters import COMPLIANCE, EXPANSION, GAIN, OFFSET
 from suta_calib.solver.information import Rows, whitened_rows
 from suta_calib.solver.level_uncertainty import covariance_of_levels
+from suta_calib.solver.losses import huber_threshold
 from suta_calib.solver.problem import Problem
-from suta_calib.terms.block import grouped_rows, summed
+from suta_calib.terms.block import Block, grouped_rows, summed
 
 # The group of what is known of a camera's intrinsics.
 CAMERA: Final = "camera"
@@ -115,6 +118,7 @@ class Weights:
         noise: of each block.
         priors: factor on the standard deviations of each group's priors.
         sigmas: levels to minimise with: larger than the noise where a block's rows share samples.
+        thresholds: Huber's of each block to minimise with, m or rad; inf for least squares.
         prior_scale: (n,) factor of every parameter's prior; one where it was not learned.
         covariance: (n, n) of the estimate, what not knowing the weights better adds to it (Kass and
             Steffey 1989, doi:10.1080/01621459.1989.10478825).
@@ -123,6 +127,7 @@ class Weights:
     noise: tuple[Learned, ...]
     priors: dict[str, Learned]
     sigmas: tuple[float, ...]
+    thresholds: tuple[float, ...]
     prior_scale: FloatArray
     covariance: FloatArray
 
@@ -198,8 +203,8 @@ def learn_weights(
             energies.append(inside)
             held.append(outside)
             counts.append(t * count * block.size)
-            threshold = block.noise.huber / math.sqrt(math.exp(2.0 * log_sigma) + k)
-            beyond.append((t * (len(block) - count), block.size, threshold))
+            spread = math.sqrt(math.exp(2.0 * log_sigma) + k)
+            beyond.append((t * (len(block) - count), block.size, _threshold(block, spread)))
         for mine, log_factor in zip(members, eta[factors], strict=True):
             energies.append(_of_prior(precision * mine * math.exp(-2.0 * log_factor), away))
             counts.append(float(mine.sum()))
@@ -229,6 +234,10 @@ def learn_weights(
         tuple(
             math.sqrt((v**2 + k) / t - k)
             for v, k, t in zip(values[noise], known, trust, strict=True)
+        ),
+        tuple(
+            float(_threshold(block, spread) * spread)
+            for block, spread in zip(blocks, np.sqrt(values[noise] ** 2 + known), strict=True)
         ),
         scale,
         added,
@@ -293,7 +302,8 @@ def _of_rows(
     jacobian = rows.jacobian[:, free] * np.repeat(line.sigma / spread, size)[:, None]
     residual = (line.residual / spread[:, None]).reshape(-1)
     norm = np.linalg.norm((residual + jacobian @ step).reshape(n, size), axis=1)
-    weight = np.minimum(1.0, line.view.block.noise.huber / spread / np.maximum(norm, 1e-300))
+    threshold = _threshold(line.view.block, spread)
+    weight = np.minimum(1.0, threshold / np.maximum(norm, 1e-300))
     parts = []
     for mine in (weight == 1.0, weight < 1.0):
         some = np.repeat(mine, size)
@@ -302,6 +312,13 @@ def _of_rows(
         least = float(root @ root) * (FINEST / sigma) ** 2
         parts.append(_Energy(0.5 * (float(r @ r) + least), j.T @ r, j.T @ j))
     return parts[0], parts[1], int(np.sum(weight == 1.0))
+
+
+def _threshold(block: Block, spread: Any) -> Any:
+    """Huber's, in units of the noise ``spread``, m or rad: of `huber_threshold` at the most."""
+    given = block.noise.huber / spread
+    stays = block.noise.fixed or math.isinf(block.noise.huber)
+    return given if stays else np.minimum(given, huber_threshold(block.size))
 
 
 def _of_prior(precision: FloatArray, away: FloatArray) -> _Energy:

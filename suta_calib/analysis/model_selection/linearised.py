@@ -130,7 +130,7 @@ class Linearised:
                 )
                 rows, numbers = slice(row, row + n), slice(number, number + n * block.size)
                 first = b == 0 and term.kind == terms[0].kind
-                threshold = block.noise.huber / r.line.sigma
+                threshold = r.line.view.threshold / r.line.sigma
                 blocks.append(
                     _Block(rows, numbers, block.size, r.line.sigma, threshold, held, first, level)
                 )
