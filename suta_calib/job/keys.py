@@ -84,7 +84,12 @@ _OBSERVATION: Final = (
         "Samples that are left out, by name.",
         inside=exclusion_keys(GROUPINGS),
     ),
-    Key("huber_mm", "mm", "Lengths beyond it are believed less; least squares without it."),
+    Key(
+        "huber_mm",
+        "mm",
+        "Lengths beyond it are believed less; least squares without it. Where the noise is learned "
+        "with priors, or beside another kind's, and is not fixed, the threshold follows it down.",
+    ),
     Key("huber_deg", "deg", "The same of angles."),
     Key("sigma_mm", "mm", "Standard deviation of a length or coordinate; learned from there."),
     Key("sigma_deg", "deg", "The same of an angle."),

@@ -25,6 +25,7 @@ from suta_calib.arrays import FloatArray
 from suta_calib.measurements import Samples
 from suta_calib.model.parameters import ParameterSet, Selection
 from suta_calib.solver.ipopt import SolverOptions
+from suta_calib.solver.losses import huber_threshold
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.solver.solve import solve
@@ -77,10 +78,11 @@ def fitted(
     stated: Noise = LEARNT,
     lack: float = 0.0,
     outliers: float = 0.0,
+    gross: float = 0.02,
     parameters: ParameterSet | None = None,
     options: SolverOptions = SolverOptions(),
 ) -> Solution:
-    spread = Spread(position=noise, outliers=outliers, gross=0.02)
+    spread = Spread(position=noise, outliers=outliers, gross=gross)
     scene = scenes(times, seed, lack)[0]
     term = scene.term(scene.samples(spread, seed)[0], stated)
     return solve(Problem([term], parameters or unknowns()), options)
@@ -197,6 +199,37 @@ def test_contradictions_are_told_and_agreement_is_not() -> None:
     assert not any(f.contradicted for f in (*right.noise, *right.priors.values()))
     assert all(f.contradicted for f in (*wrong.noise, *wrong.priors.values()))
     assert right.noise[0].interval[0] < 5e-4 < right.noise[0].interval[1]
+
+
+def test_a_threshold_follows_the_noise_down_but_neither_up_nor_where_it_stays() -> None:
+    noise, size = 1e-4, 3
+    efficient = huber_threshold(size)
+
+    def threshold(stated: Noise) -> tuple[float, float]:
+        weights = fitted(1.0, noise, 0, stated=stated).weights
+        assert weights is not None
+        return weights.thresholds[0], weights.noise[0].value
+
+    found, learned = threshold(Noise(huber=20 * noise))
+    assert found == pytest.approx(efficient * learned)
+    assert learned == pytest.approx(noise, rel=0.25)
+    assert threshold(Noise(huber=0.5 * noise))[0] == 0.5 * noise
+    assert threshold(Noise(noise, 20 * noise, fixed=True))[0] == 20 * noise
+    assert threshold(LEARNT)[0] == math.inf
+
+
+def test_a_threshold_that_is_given_too_wide_does_no_harm() -> None:
+    """A tenth of the rows is eight times as far off as the others, and within the threshold."""
+    noise, errors = 1e-4, {}
+    for name, huber in (("wide", 40 * noise), ("right", 2 * noise), ("none", math.inf)):
+        solutions = [
+            fitted(1.0, noise, seed, stated=Noise(huber=huber), outliers=0.1, gross=8 * noise)
+            for seed in range(ARMS)
+        ]
+        errors[name] = [held_out_error(each, 1.0, seed) for seed, each in enumerate(solutions)]
+    wide, right, none = (np.exp(np.mean(np.log(errors[k]))) for k in ("wide", "right", "none"))
+    assert wide < 1.05 * right
+    assert wide < 0.8 * none
 
 
 def test_groups_are_lengths_angles_offsets_and_the_tip() -> None:
