@@ -54,7 +54,7 @@ SETTLED: Final = 1e-3
 BEGIN: Final = (0.1, 1e-4, 1e-4)
 # Relative eigenvalue that is none.
 ROUNDING: Final = 1e-10
-# Logarithms: step of the second differences, how far a level may move in one round, and what is no
+# Logarithms: step of the differences, how far a level may move in one round, and what is no
 # move any more.
 STEP: Final = 0.1
 FARTHEST: Final = 3.0
@@ -168,6 +168,7 @@ class _Point:
         poses: (g, 6) by how much the hand is off, m and rad.
         by_pose: whitened PᵀV⁻¹P (g, 6, 6), PᵀV⁻¹J (g, 6, p) and PᵀV⁻¹r (g, 6) of the corners
             alone, in units of the hand's scatter.
+        answers: (g, 6, p) by how much the hand is off per unit of a step, in its scatter.
     """
 
     value: float
@@ -175,6 +176,7 @@ class _Point:
     covariance: FloatArray
     poses: FloatArray
     by_pose: tuple[FloatArray, FloatArray, FloatArray]
+    answers: FloatArray
 
 
 class _Rows:
@@ -235,24 +237,20 @@ class _Likelihood:
     def __init__(self, sums: _Sums, known: _Known) -> None:
         self.sums, self.known, self.cameras = sums, known, len(sums.count)
 
-    def __call__(self, eta: FloatArray) -> float:
-        return self.at(eta).value
-
     def at(self, eta: FloatArray) -> _Point:
         """At some levels."""
         sums, known, c = self.sums, self.known, self.cameras
-        inverse = np.exp(-2.0 * eta[:c])
-        scale = np.repeat(np.exp(eta[c : c + 2]), DIRECTIONS)
+        inverse, scale = np.exp(-2.0 * eta[:c]), self._scale(eta)
         precision = known.widened(np.exp(eta[c + 2 :]))
-        pp = scale[:, None] * np.einsum("c,cgij->gij", inverse, sums.pp) * scale
-        pj = scale[:, None] * np.einsum("c,cgip->gip", inverse, sums.pj)
-        pr = scale * np.einsum("c,cgi->gi", inverse, sums.pr)
+        pp = scale[:, None] * np.tensordot(inverse, sums.pp, 1) * scale
+        pj = scale[:, None] * np.tensordot(inverse, sums.pj, 1)
+        pr = scale * np.tensordot(inverse, sums.pr, 1)
         inner = np.eye(WAYS) + pp
         solved = np.linalg.solve(inner, np.concatenate([pj, pr[:, :, None]], axis=2))
-        curvature = np.einsum("c,cpq->pq", inverse, sums.jj) + np.diag(precision)
-        curvature -= np.einsum("gip,giq->pq", pj, solved[:, :, :-1])
-        slope = inverse @ sums.jr + precision * known.away
-        slope -= np.einsum("gip,gi->p", pj, solved[:, :, -1])
+        # One product over poses and ways: every picture adds to it.
+        answered = pj.reshape(-1, pj.shape[2]).T @ solved.reshape(-1, solved.shape[2])
+        curvature = np.tensordot(inverse, sums.jj, 1) + np.diag(precision) - answered[:, :-1]
+        slope = inverse @ sums.jr + precision * known.away - answered[:, -1]
         unit = 1.0 / np.sqrt(np.maximum(np.diag(curvature), 1e-300))
         scaled = curvature * np.outer(unit, unit)
         covariance = np.linalg.pinv(scaled, 1e-13, True) * np.outer(unit, unit)
@@ -264,28 +262,65 @@ class _Likelihood:
         whole -= float(np.log(precision[known.groups.any(axis=0)]).sum())
         value = 0.5 * (energy + whole) - float(eta[c : c + 2].sum())
         value += 0.5 * float(np.sum((eta[c + 2 :] / known.spread) ** 2))
-        poses = scale * (solved[:, :, -1] + solved[:, :, :-1] @ step)
-        return _Point(value, step, covariance, poses, (pp, pj, pr))
+        answers = solved[:, :, :-1]
+        poses = scale * (solved[:, :, -1] + answers @ step)
+        return _Point(value, step, covariance, poses, (pp, pj, pr), answers)
+
+    def gradient(self, eta: FloatArray, here: _Point) -> FloatArray:
+        """Derivative of the value by the levels, at what `at` found there.
+
+        By Fisher's identity it is that of the expectation, over what unknowns and hand may be given
+        the corners, of the likelihood that had them known: so many corners less what their squares
+        are expected to sum to, and the same of the hand's poses and of what is known.
+        """
+        sums, known, c = self.sums, self.known, self.cameras
+        scale, added = self._scale(eta), np.exp(2.0 * eta[c + 2 :])
+        # Second moments of the step and of the hand's poses in their scatter.
+        moved, together = here.poses / scale, here.answers @ here.covariance
+        steps = here.covariance + np.outer(here.step, here.step)
+        both = together + moved[:, :, None] * here.step
+        poses = np.linalg.inv(np.eye(WAYS) + here.by_pose[0])
+        poses += together @ np.swapaxes(here.answers, 1, 2) + moved[:, :, None] * moved[:, None, :]
+        squares = sums.rr + 2.0 * sums.jr @ here.step - 2.0 * np.tensordot(sums.pr, here.poses, 2)
+        squares += np.tensordot(sums.jj, steps, 2)
+        squares -= 2.0 * np.tensordot(sums.pj, scale[:, None] * both, 3)
+        squares += np.tensordot(sums.pp, scale[:, None] * poses * scale, 3)
+        ways = np.sum(1.0 - np.diagonal(poses, axis1=1, axis2=2), axis=0).reshape(2, DIRECTIONS)
+        away = np.diag(here.covariance) + (here.step + known.away) ** 2
+        excess = 1.0 - known.widened(np.sqrt(added)) * away
+        part = added[:, None] * known.groups / (1.0 + added @ known.groups)
+        return np.concatenate(
+            [
+                sums.count - np.exp(-2.0 * eta[:c]) * squares,
+                ways.sum(axis=1) - 1.0,
+                part @ excess + eta[c + 2 :] / known.spread**2,
+            ]
+        )
 
     def best(self, start: FloatArray) -> FloatArray:
         """The levels of largest likelihood."""
+
+        def told(eta: FloatArray) -> tuple[float, FloatArray]:
+            here = self.at(eta)
+            return here.value, self.gradient(eta, here)
+
         bounds = [(level - FARTHEST, level + FARTHEST) for level in start.tolist()]
-        found = minimize(self, start, method="L-BFGS-B", bounds=bounds)
+        found = minimize(told, start, jac=True, method="L-BFGS-B", bounds=bounds)
         return np.asarray(found.x, dtype=np.float64)
 
     def uncertainty(self, best: FloatArray) -> FloatArray:
-        """Covariance of the levels about the best, by second differences."""
-        n = len(best)
-        steps = STEP * np.eye(n)
-        hessian = np.zeros((n, n))
-        for i in range(n):
-            for k in range(i + 1):
-                a, b = steps[i], steps[k]
-                mixed = self(best + a + b) - self(best + a - b)
-                mixed -= self(best - a + b) - self(best - a - b)
-                hessian[i, k] = hessian[k, i] = mixed / (4.0 * STEP**2)
-        values, vectors = np.linalg.eigh(hessian)
+        """Covariance of the levels about the best, by differences of the gradient."""
+        slopes = [
+            [self.gradient(eta, self.at(eta)) for eta in (best + step, best - step)]
+            for step in STEP * np.eye(len(best))
+        ]
+        hessian = np.array([ahead - behind for ahead, behind in slopes]) / (2.0 * STEP)
+        values, vectors = np.linalg.eigh((hessian + hessian.T) / 2.0)
         return np.asarray((vectors / np.maximum(values, VAGUE**-2)) @ vectors.T)
+
+    def _scale(self, eta: FloatArray) -> FloatArray:
+        """(6,) scatter of the hand's pose in every way, m and rad."""
+        return np.repeat(np.exp(eta[self.cameras : self.cameras + 2]), DIRECTIONS)
 
 
 def weigh_pictures(
