@@ -23,9 +23,11 @@ from suta_calib.terms.term import Term
 # Multiplications of a normal matrix up to which an array beats a sparse matrix: these take a
 # millisecond, and so does what SciPy checks in a sparse product.
 DENSE: Final = 2_000_000
-# Numbers that are gathered as fast as a sparse product finds them, for which SciPy would have to be
-# imported: they stay in the cache.
-GATHERED: Final = 500_000
+# Numbers up to which they are gathered: a sparse product is up to twice as fast, by less than a
+# millisecond, but SciPy would have to be imported for it, which takes a hundred of them.
+GATHERED: Final = 2_000_000
+# Numbers that are gathered at a time: they stay in the cache.
+_AT_ONCE: Final = 100_000
 
 
 class RowPattern:
@@ -83,8 +85,11 @@ class RowPattern:
         columns = self._columns if rows is None else self._columns[rows]
         some = by_pose if rows is None else by_pose[rows]
         if columns.size * velocity.shape[1] <= GATHERED:
-            moved = some @ velocity.take(columns, axis=0)
-            return np.asarray(moved.reshape(len(columns) * by_pose.shape[1], velocity.shape[1]))
+            moved = np.empty((*some.shape[:2], velocity.shape[1]))
+            step = max(_AT_ONCE // max(columns[:1].size * velocity.shape[1], 1), 1)
+            for part in (slice(k, k + step) for k in range(0, len(columns), step)):
+                np.matmul(some[part], velocity.take(columns[part], axis=0), out=moved[part])
+            return moved.reshape(len(columns) * by_pose.shape[1], velocity.shape[1])
         if rows is None or len(some) == len(by_pose):
             return np.asarray(self.by_velocity(by_pose) @ velocity)
         from scipy import sparse

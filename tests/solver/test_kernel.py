@@ -35,9 +35,11 @@ def pattern() -> RowPattern:
 
 
 @pytest.mark.parametrize("width", [0, 1, 5])
+@pytest.mark.parametrize("at_once", [10, 100, 100_000])
 def test_what_is_gathered_is_the_sparse_product(
-    pattern: RowPattern, width: int, monkeypatch: pytest.MonkeyPatch
+    pattern: RowPattern, width: int, at_once: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(kernel, "_AT_ONCE", at_once)
     random = np.random.default_rng(4)
     by_pose = random.normal(size=(ROWS, SIZE, 6))
     velocity = random.normal(size=(6 * SAMPLES, width))
