@@ -11,11 +11,15 @@ import numpy as np
 from suta_calib.arrays import IntArray
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
+from suta_calib.terms.block import first_of_each
 from suta_calib.terms.term import Term
 
 # Samples of one term that show what its residuals look like: a cause that needs more of them to
 # stand out is smaller than what it is mistaken for.
 MOST_SAMPLES: Final = 5_000
+# Corners by which a picture tells where its board is nearly as well as by a thousand: what else is
+# wrong with it, they share.
+ENOUGH_CORNERS: Final = 12
 
 
 @lru_cache(maxsize=4)
@@ -23,10 +27,11 @@ def thinned(solution: Solution) -> Solution:
     """The same solution over at most some `MOST_SAMPLES` of each term's samples, in their order.
 
     They are evenly spaced, and the first of every label among them, so that all unknowns stay what
-    they are. Terms whose rows look at several samples, such as distances, are kept as they are.
+    they are; of corners in pictures, some `MOST_SAMPLES` in all but `ENOUGH_CORNERS` in each. Terms
+    whose rows look at several samples, such as distances, are kept as they are.
     """
     problem = solution.problem
-    terms = [_thinned(term) for term in problem.terms]
+    terms = [_of_fewer_corners(_thinned(term)) for term in problem.terms]
     if all(a is b for a, b in zip(terms, problem.terms, strict=True)):
         return solution
     fewer = Problem(terms, problem.arm_parameters)
@@ -45,6 +50,24 @@ def _thinned(term: Term) -> Term:
     even = np.arange(0, count, -(-count // MOST_SAMPLES), dtype=np.intp)
     rows: list[IntArray] = [even]
     for block in term.blocks:
-        _, first = np.unique(block.own, axis=0, return_index=True)
-        rows.append(block.samples[first, 0])
+        rows.append(block.samples[first_of_each(block.own), 0])
     return term.take(np.unique(np.concatenate(rows)))
+
+
+def _of_fewer_corners(term: Term) -> Term:
+    """The same pictures by fewer of their corners, those of one random choice from the board.
+
+    A choice by counting would meet the board's columns, and might be one of them: a line.
+    """
+    samples = term.poses.samples
+    if samples.pixels is None:
+        return term
+    each = max(ENOUGH_CORNERS, MOST_SAMPLES // len(samples))
+    order = np.random.default_rng(0).permutation(samples.pixels.shape[1])
+    seen = np.isfinite(samples.pixels[:, order]).all(axis=2)
+    left_out = np.cumsum(seen, axis=1) > each
+    if not (left_out & seen).any():
+        return term
+    pixels = samples.pixels.copy()
+    pixels[:, order] = np.where(left_out[:, :, None], np.nan, pixels[:, order])
+    return term.over_poses(term.poses.with_samples(replace(samples, pixels=pixels)))

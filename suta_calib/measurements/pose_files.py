@@ -264,7 +264,12 @@ def _check_different(table: CsvTable, *parts: FloatArray) -> None:
 
 
 def _count_different(table: CsvTable, numbers: FloatArray, what: str) -> int:
-    different = len(np.unique(numbers, axis=0))
+    # Of many rows few have a number in common, and sorting numbers takes a tenth of sorting rows.
+    some = numbers
+    for k in range(numbers.shape[1]):
+        _, which, times = np.unique(some[:, k], return_inverse=True, return_counts=True)
+        some = some[times[which] > 1]
+    different = len(table) - len(some) + len(np.unique(some, axis=0))
     if len(table) >= LEAST_ROWS > different:
         raise SamplesError(
             f"{_rows(len(table))}, all but {different} repeating another",

@@ -192,6 +192,16 @@ def grouped_rows(members: IntArray) -> tuple[IntArray, IntArray]:
     return group.reshape(-1).astype(np.intp), count.astype(np.intp)
 
 
+def first_of_each(rows: IntArray) -> IntArray:
+    """(k,) where each of the different rows (n, w) of numbers from 0 on is met first."""
+    sizes = [int(most) + 1 for most in rows.max(axis=0, initial=0)]
+    numbers = rows
+    if math.prod(sizes) < np.iinfo(np.intp).max:
+        # As in `grouped_rows`, but in order: another order is another row.
+        numbers = rows @ np.cumprod([1, *sizes], dtype=np.intp)[:-1]
+    return np.unique(numbers, axis=0, return_index=True)[1].astype(np.intp)
+
+
 def summed(rows: FloatArray, group: IntArray, count: int) -> FloatArray:
     """Sums (count, w) of rows (n, w) over each of ``count`` groups (n,)."""
     # A column at a time: `np.add.at` takes ten times as long.

@@ -28,7 +28,7 @@ from suta_calib.errors import SamplesError, did_you_mean
 from suta_calib.measurements import Artefact, SampleColumns, YamlSection
 from suta_calib.measurements.keys import Key
 from suta_calib.model.parameters import POSITION, Parameter
-from suta_calib.terms.block import Block, grouped, joined
+from suta_calib.terms.block import Block, first_of_each, grouped, joined
 from suta_calib.terms.given import GivenPose, Known
 from suta_calib.terms.observed import Observed, Resimulation, TrueFrame
 from suta_calib.terms.outside import OutsideFrame, frames_of
@@ -453,9 +453,7 @@ class Term(ABC):
 
     @cached_property
     def _by_rests(self) -> int:
-        return sum(
-            len(np.unique(self.readings(block), axis=0)) * block.size for block in self.blocks
-        )
+        return sum(len(first_of_each(self.readings(b))) * b.size for b in self.blocks)
 
     def readings(self, block: Block) -> IntArray:
         """(n, k) the same numbers for all rows of a block that read one thing at one rest again."""

@@ -8,13 +8,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from simulated import Scene, Spread, arm_named, perturbed, tracked_scene
+from simulated import Scene, Spread, arm_named, camera_scene, perturbed, tracked_scene
 
 from suta_calib import Noise, Problem, Samples, Selection, SolverOptions, assess, solve
 from suta_calib.diagnostics import thinned as thinning
 from suta_calib.diagnostics.assessment import assess_calibration
+from suta_calib.diagnostics.beliefs import contradicted_beliefs
 from suta_calib.diagnostics.changes import changes
 from suta_calib.diagnostics.thinned import thinned
+from suta_calib.measurements import Camera
 from suta_calib.solver.solution import Solution
 from suta_calib.terms import ArmPoses, TrackedPoint
 
@@ -78,3 +80,27 @@ def test_memory_of_a_calibration_grows_with_the_rows_and_no_faster(
         peaks.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
     assert peaks[1] < 2.3 * peaks[0]
+
+
+def test_of_many_corners_some_are_looked_at_in_every_picture(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """They are the same of the board in all, and what they contradict, they still do."""
+    arm = arm_named("ur5")
+    unknown = arm.select(Selection(("*.offset",), bound_rad=0.1))
+    truth = perturbed(unknown, 1, angle=5e-3)
+    view = camera_scene(arm, truth, 20)
+    wrong = view.settings["camera"].intrinsics + 40.0 * np.eye(9)[2]
+    view = replace(view, settings={**view.settings, "camera": Camera(1280, 960, wrong)})
+    solution = solve(Problem([view.exact()], unknown), SolverOptions())
+    monkeypatch.setattr(thinning, "ENOUGH_CORNERS", 4)
+    monkeypatch.setattr(thinning, "MOST_SAMPLES", 160)
+    fewer = thinned(solution)
+    before, after = (s.problem.terms[0].poses.samples.pixels for s in (solution, fewer))
+    kept = np.isfinite(after).all(axis=2)
+    assert (kept == kept[0]).all()
+    assert kept[0].sum() == 160 // 20
+    np.testing.assert_array_equal(after[kept], before[kept])
+    assert fewer.problem.names == solution.problem.names
+    (whole,), (part,) = (list(contradicted_beliefs(each)) for each in (solution, fewer))
+    assert part.values == pytest.approx(whole.values, abs=3.0 * max(part.stds))
