@@ -302,6 +302,8 @@ def extended_problem(
         if n not in fitted and (n in arm.geometric or p.key == OFFSET or n in candidates)
     ]
     extended = Problem(solution.problem.terms, ParameterSet([*fitted.values(), *more]))
+    if solution.weights is not None:
+        extended = extended.with_thresholds(solution.weights.thresholds)
     start = [values.get(p.name, p.nominal) for p in extended.parameters.values()]
     return extended, np.array(start)
 

@@ -39,6 +39,7 @@ def thinned(solution: Solution) -> Solution:
         return solution
     if solution.weights is not None:
         fewer = fewer.with_priors_scaled(solution.weights.prior_scale)
+        fewer = fewer.with_thresholds(solution.weights.thresholds)
     return replace(solution, problem=fewer)
 
 
