@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import contextlib
-import hashlib
 import os
-import secrets
 import sys
-import tempfile
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextvars import ContextVar
 from pathlib import Path
@@ -100,7 +97,7 @@ def exchange_files(
     refuse_inputs({**dict.fromkeys(folder / name for name in stale), **files})
     # Not tempfile: it makes files only their owner may read, and the rename would keep that.
     staged = {
-        path: path.with_name(f".{path.name[:40]}.{secrets.token_hex(6)}.tmp")
+        path: path.with_name(f".{path.name[:40]}.{os.urandom(6).hex()}.tmp")
         for path in (folder / name for name in contents)
     }
     inner = {path.parent: None for path in staged if path.parent != folder}
@@ -166,6 +163,10 @@ def only_writer(path: Path) -> Iterator[None]:
     Raises:
         OutputError: another process is writing it; says which.
     """
+    # What every command would wait for, and few need.
+    import hashlib
+    import tempfile
+
     real = os.path.realpath(path)
     name = hashlib.sha256(os.fsencode(real)).hexdigest()[:24]
     lock = Path(tempfile.gettempdir()) / f"suta-calib-{name}.lock"

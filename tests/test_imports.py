@@ -129,6 +129,13 @@ STARTUP: dict[str, tuple[tuple[str, ...], int, tuple[str, ...]]] = {
         83,
         NO_ARM,
     ),
+    "pivot --out": (("data/poses/pivot.csv",), 102, NO_ARM[1:]),
+    "hand-eye --out": (("data/poses/hand_eye.csv",), 102, NO_ARM[1:]),
+    "register --out": (
+        ("data/poses/register_a.csv", "data/poses/register_b.csv"),
+        102,
+        NO_ARM[1:],
+    ),
 }
 # To draw, to sample and minimise, to see, to listen, to compute elsewhere; what SciPy would load of
 # NumPy, if nobody were there before it.
@@ -142,14 +149,15 @@ UNUSED = (
 @pytest.mark.parametrize("command", STARTUP)
 def test_a_command_loads_what_it_uses(command: str, repository: Path, tmp_path: Path) -> None:
     arguments, most, unused = STARTUP[command]
+    writes = command == "calibrate" or command.endswith("--out")
     code = (
         "import sys; before = set(sys.modules)\n"
         "from suta_calib.cli import run\n"
         "code = run(sys.argv[1:])\n"
         "print(code, *sorted(set(sys.modules) - before), file=sys.stderr)"
     )
-    out = ("--out", str(tmp_path)) if command == "calibrate" else ()
-    line = [sys.executable, "-c", code, command, *arguments, *out]
+    out = ("--out", str(tmp_path)) if writes else ()
+    line = [sys.executable, "-c", code, *command.split()[:1], *arguments, *out]
     run = subprocess.run(line, cwd=repository, capture_output=True, text=True, check=True)
     exit_code, *loaded = run.stderr.splitlines()[-1].split()
     assert exit_code == "0", run.stderr

@@ -8,7 +8,7 @@ Matplotlib.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, Literal
 
 import numpy as np
@@ -17,7 +17,7 @@ from suta_calib.arrays import FloatArray
 from suta_calib.plotting.look import BLACK
 
 Dash = Literal["", "dashed", "dotted"]
-Shape = Literal["circle", "square", "triangle"]
+Shape = Literal["circle", "square", "triangle", "cross"]
 # Room between the outermost marks and the end of an axis, as a part of what they span.
 _ROOM: Final = 0.05
 # Steps of marks along an axis, of which a power of ten makes all others.
@@ -68,10 +68,10 @@ class Steps:
 
 @dataclass(frozen=True, eq=False)
 class Lines:
-    """Straight lines.
+    """Straight lines, or what straight pieces make.
 
     Attributes:
-        x, y: (n, 2) where each begins and ends; what is infinite, at the end of the axis.
+        x, y: (n, k) where each begins, bends and ends; what is infinite, at the end of the axis.
         width: points.
         colour, dash, label: of all.
     """
@@ -86,17 +86,17 @@ class Lines:
 
 @dataclass(frozen=True, eq=False)
 class Points:
-    """Marks of one size.
+    """Marks of one look.
 
     Attributes:
         x, y: (n,) their middles.
-        size: points across.
+        size: points across, or (n,) of each.
         shape, fill, edge, label: of all; no fill where it is empty.
     """
 
     x: FloatArray
     y: FloatArray
-    size: float = 5.0
+    size: float | FloatArray = 5.0
     shape: Shape = "circle"
     fill: str = ""
     edge: str = BLACK
@@ -112,6 +112,7 @@ class Words:
         texts: each.
         colours: of each.
         size: of the letters, points.
+        haloed: whether they stand out from marks below them.
     """
 
     x: FloatArray
@@ -119,6 +120,7 @@ class Words:
     texts: Sequence[str]
     colours: Sequence[str]
     size: float = 6.0
+    haloed: bool = False
 
 
 Labelled = Boxes | Steps | Lines | Points
@@ -183,6 +185,9 @@ class Chart:
         x, y: the axes.
         columns: of the legend, which stands above the panel and fills one after the other.
         told: what the legend tells of, in order; all that has a label by default.
+        title: above the legend, in lines.
+        equal: whether a length is as long along one axis as along the other (`fitted`).
+        bare: whether there are no lines along the axes.
     """
 
     marks: Sequence[Mark]
@@ -190,6 +195,29 @@ class Chart:
     y: Axis
     columns: int = 2
     told: Sequence[Labelled] = ()
+    title: str = ""
+    equal: bool = False
+    bare: bool = False
+
+    def fitted(self, width: float, height: float) -> Chart:
+        """The chart on a panel of that shape: where it is `equal`, one axis goes on at both ends.
+
+        Args:
+            width: of the panel, in any unit.
+            height: of it, in the same.
+        """
+        if not self.equal:
+            return self
+        (x, wide), (y, high) = (
+            ((axis.first + axis.last) / 2.0, axis.last - axis.first) for axis in (self.x, self.y)
+        )
+        half = max(abs(wide) / width, abs(high) / height) / 2.0
+        across, up = half * width * np.sign(wide), half * height * np.sign(high)
+        return replace(
+            self,
+            x=replace(self.x, first=float(x - across), last=float(x + across)),
+            y=replace(self.y, first=float(y - up), last=float(y + up)),
+        )
 
     @property
     def legend(self) -> list[Labelled]:
@@ -225,10 +253,13 @@ def named_rows(names: Sequence[str], size: float = 9.0, label: str = "") -> Axis
 def _numbers(low: float, high: float, most: int, whole: bool) -> list[tuple[float, str]]:
     """Round numbers between two."""
     rough = (high - low) / max(most, 1)
-    decade = 10.0 ** np.floor(np.log10(rough))
-    step = decade * next(each for each in _STEPS if each * decade >= rough * (1 - 1e-9))
+    decade = float(10.0 ** np.floor(np.log10(rough)))
     if whole:
-        step = max(round(step), 1)
+        decade = max(decade, 1.0)
+    steps = (each * decade for each in _STEPS)
+    step = next(
+        each for each in steps if each >= rough * (1 - 1e-9) and (not whole or each.is_integer())
+    )
     # Of a step of 0.25 two digits, of one of 0.2 one.
     digits = next(k for k in range(20) if abs(round(step, k) - step) < 1e-6 * step)
     first, last = int(np.ceil(low / step - 1e-9)), int(np.floor(high / step + 1e-9))

@@ -14,6 +14,7 @@ LINE: Final = "#dddddd"  # of a grid
 BLACK: Final = "#000000"
 WHITE: Final = "#ffffff"
 WIDTH: Final = 7.2  # of a plot on the page, inch
+LARGE: Final = 1.3 * WIDTH  # of one of several panels
 ROW_HEIGHT: Final = 0.19  # of a name in a list, inch
 
 

@@ -7,18 +7,20 @@ from typing import Any, Final
 
 import numpy as np
 from matplotlib.collections import LineCollection
+from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator
 
 from suta_calib.arrays import FloatArray
 from suta_calib.plotting.change import Change
 from suta_calib.plotting.chart import Axis, Boxes, Chart, Lines, Mark, Points, Steps
 from suta_calib.plotting.errors import error_histogram
+from suta_calib.plotting.look import WHITE
 from suta_calib.plotting.parameters import parameter_changes, parameter_prospects
 from suta_calib.plotting.style import plain_log
 from suta_calib.units import Unit
 
 _DASHES: Final = {"": "-", "dashed": "--", "dotted": ":"}
-_SHAPES: Final = {"circle": "o", "square": "s", "triangle": "^"}
+_SHAPES: Final = {"circle": "o", "square": "s", "triangle": "^", "cross": "X"}
 
 
 def draw_histogram(axes: Any, before: FloatArray, after: FloatArray, unit: Unit, what: str) -> None:
@@ -54,10 +56,15 @@ def draw_chart(axes: Any, chart: Chart) -> None:
             of.set_major_locator(MaxNLocator(integer=True))
         limit(axis.first, axis.last)
         if axis.names is not None:
-            values, names = zip(*axis.names, strict=True)
+            values, names = [each[0] for each in axis.names], [each[1] for each in axis.names]
             of.set_ticks(values, names, fontsize=axis.size)
         of.set_label_text(axis.label)
         of.grid(axis.grid)
+    axes.set_title(chart.title)
+    if chart.equal:
+        axes.set_aspect("equal", adjustable="datalim")
+    if chart.bare:
+        axes.spines[:].set_visible(False)
     handles = {
         id(mark): _draw(axes, mark, chart.x, chart.y, order)
         for order, mark in enumerate(chart.marks, start=2)
@@ -88,12 +95,18 @@ def _draw(axes: Any, mark: Mark, x: Axis, y: Axis, order: int) -> Any:
         line: dict[str, Any] = {"colors": mark.colour, "linewidths": mark.width}
         line |= {"linestyles": _DASHES[mark.dash], "label": mark.label, "zorder": order}
         return axes.add_collection(LineCollection([*lines], **line))
+    if isinstance(mark, Points) and isinstance(mark.size, np.ndarray):
+        of_each: dict[str, Any] = {"facecolors": mark.fill or "none", "edgecolors": mark.edge}
+        of_each |= {"marker": _SHAPES[mark.shape], "label": mark.label, "zorder": order}
+        return axes.scatter(mark.x, mark.y, mark.size**2, clip_on=False, **of_each)
     if isinstance(mark, Points):
         point: dict[str, Any] = {"markerfacecolor": mark.fill or "none", "clip_on": False}
         point |= {"markeredgecolor": mark.edge, "markersize": mark.size, "label": mark.label}
         return axes.plot(mark.x, mark.y, _SHAPES[mark.shape], zorder=order, **point)[0]
     for at, up, text, colour in zip(mark.x, mark.y, mark.texts, mark.colours, strict=True):
         middle: dict[str, Any] = {"ha": "center", "va": "center", "zorder": order}
+        if mark.haloed:
+            middle["path_effects"] = [withStroke(linewidth=2.5, foreground=WHITE)]
         axes.text(at, up, text, color=colour, fontsize=mark.size, **middle)
     return None
 

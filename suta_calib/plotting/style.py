@@ -13,6 +13,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from suta_calib.plotting.look import BLUE as BLUE
 from suta_calib.plotting.look import GREY as GREY
+from suta_calib.plotting.look import LARGE as LARGE
 from suta_calib.plotting.look import LINE
 from suta_calib.plotting.look import ORANGE as ORANGE
 from suta_calib.plotting.look import ROW_HEIGHT as ROW_HEIGHT

@@ -15,7 +15,7 @@ import numpy as np
 
 from suta_calib.arrays import FloatArray
 from suta_calib.plotting.chart import Axis, Boxes, Chart, Labelled, Lines, Mark, Points, Steps
-from suta_calib.plotting.look import BLACK, LINE, WIDTH
+from suta_calib.plotting.look import BLACK, LINE, WHITE, WIDTH
 
 # Pixels on a page per point of the figure, at most and at least. One as wide as `WIDTH` fills the
 # text and fits a page of 500, where what is written in it is enlarged; one of several panels that
@@ -41,6 +41,16 @@ _SAMPLE: Final = 18.0
 # Points per number on an axis, at least, but so many numbers.
 _PER_NUMBER: Final = 38.0, 22.0
 _FEWEST: Final = 3
+# Points from which on those that hide each other are not all drawn, and how close they are, as a
+# part of their size.
+_MANY: Final = 2000
+_HIDDEN: Final = 0.2
+# A cross, by its corners, as a part of half its size.
+_CROSS: Final = (
+    *((-0.5, -1.0), (0.0, -0.5), (0.5, -1.0), (1.0, -0.5), (0.5, 0.0), (1.0, 0.5)),
+    *((0.5, 1.0), (0.0, 0.5), (-0.5, 1.0), (-1.0, 0.5), (-0.5, 0.0), (-1.0, -0.5)),
+)
+_HALO: Final = f";paint-order: stroke;stroke: {WHITE};stroke-width: 2.5"
 # Between the lines of a hatched face, points.
 _HATCH: Final = 2.6
 _DASHES: Final = {
@@ -50,12 +60,49 @@ _DASHES: Final = {
 }
 
 
+@dataclass(frozen=True)
+class Row:
+    """Charts side by side.
+
+    Attributes:
+        charts: at least one.
+        height: of their panels, points.
+        shares: of the width of the page, in any unit; alike by default.
+        widths: of the panels, points, where they do not share the page's.
+    """
+
+    charts: Sequence[Chart]
+    height: float
+    shares: Sequence[float] = ()
+    widths: Sequence[float] = ()
+
+    def panels(self, name: str, top: float) -> list[_Panel]:
+        """The panels of a row that begins so far below the figure's top, points."""
+        charts, widths = list(self.charts), list(self.widths)
+        shares = np.asarray(self.shares or [1.0] * len(charts), dtype=float)
+        # What stands beside a panel depends on how far its axes go, which depends on its width.
+        for _ in range(2):
+            abouts = [_About.of(chart, self.height) for chart in charts]
+            if not self.widths:
+                room = 72.0 * WIDTH - sum(each.left + each.right for each in abouts)
+                widths = (room * shares / shares.sum()).tolist()
+            both = zip(self.charts, widths, strict=True)
+            charts = [chart.fitted(width, self.height) for chart, width in both]
+        top += max(each.top for each in abouts)
+        found, at = list[_Panel](), 0.0
+        for number, (chart, about, wide) in enumerate(zip(charts, abouts, widths, strict=True)):
+            at += about.left
+            found.append(_Panel(chart, about, f"{name}-{number}", at, top, wide, self.height))
+            at += wide + about.right
+        return found
+
+
 def chart_svg(
     charts: Sequence[Chart],
     name: str,
     description: str,
     height: float,
-    widths: Sequence[float] | None = None,
+    widths: Sequence[float] = (),
     note: str = "",
 ) -> str:
     """Charts side by side as one SVG element.
@@ -68,25 +115,31 @@ def chart_svg(
         widths: of each; as wide as the page, alike, by default.
         note: below the charts.
     """
-    abouts = [_About.of(chart, height) for chart in charts]
-    if widths is None:
-        room = 72.0 * WIDTH - sum(each.left + each.right for each in abouts)
-        widths = [room / len(charts)] * len(charts)
-    top = max(each.top for each in abouts)
-    below = max(each.bottom for each in abouts)
+    return rows_svg([Row(charts, height, widths=widths)], name, description, note)
+
+
+def rows_svg(rows: Sequence[Row], name: str, description: str, note: str = "") -> str:
+    """Rows of charts as one SVG element.
+
+    Args:
+        rows: at least one, from the top.
+        name: of the plot, unique on the page.
+        description: what a reader who cannot see it is told.
+        note: below the charts.
+    """
     drawing = Element("g", style=f"{_FONT};stroke-linejoin: round")
-    at = 0.0
-    for number, (chart, about, wide) in enumerate(zip(charts, abouts, widths, strict=True)):
-        at += about.left
-        panel = _Panel(chart, about, f"{name}-{number}", at, top, wide, height)
-        drawing.extend(panel.drawn())
-        at += wide + about.right
-    high = top + height + below
+    wide = high = 0.0
+    for number, row in enumerate(rows):
+        panels = row.panels(f"{name}-{number}" if number else name, high)
+        for panel in panels:
+            drawing.extend(panel.drawn())
+        wide = max(wide, panels[-1].left + panels[-1].width + panels[-1].about.right)
+        high = panels[0].top + row.height + max(panel.about.bottom for panel in panels)
     if note:
         high += _ROW + _GAP
         drawing.append(_text(2.0, high - _GAP, note, _LEGEND))
-    said = {"id": name, "role": "img", "aria-label": description} | sized(at)
-    page = {"xmlns": "http://www.w3.org/2000/svg", "viewBox": f"0 0 {at:.1f} {high:.1f}"}
+    said = {"id": name, "role": "img", "aria-label": description} | sized(wide)
+    page = {"xmlns": "http://www.w3.org/2000/svg", "viewBox": f"0 0 {wide:.1f} {high:.1f}"}
     figure = Element("svg", page | said)
     figure.append(drawing)
     return tostring(figure, "unicode")
@@ -126,11 +179,12 @@ class _About:
         below = width_of((text for _, text in names), chart.x.size) if names else chart.x.size
         label = _LABEL + 2 * _GAP
         rows = -(-len(chart.legend) // chart.columns)
+        titles = len(chart.title.splitlines())
         return cls(
             left=_TICK + _GAP + beside + (label if chart.y.label else 0.0),
             right=2 * _GAP,
             bottom=_TICK + _GAP + below + (label if chart.x.label else _GAP),
-            top=_GAP + _ROW * rows,
+            top=_GAP + _ROW * (rows + titles) + (_GAP if titles and rows else 0.0),
         )
 
 
@@ -169,6 +223,7 @@ class _Panel:
             yield from self._mark(mark, hatched)
         yield from self._axes()
         yield from self._legend(hatched)
+        yield from self._title()
 
     def _x(self, values: FloatArray) -> FloatArray:
         return self.left + self.width * self.chart.x.place(np.asarray(values, dtype=float))
@@ -194,13 +249,17 @@ class _Panel:
             ends = zip(self._x(mark.x), self._y(mark.y), strict=True)
             yield _path("".join(_polyline(x, y) for x, y in ends), _stroke(mark))
         elif isinstance(mark, Points):
-            places = zip(self._x(mark.x), self._y(mark.y), strict=True)
-            yield _path("".join(_shape(mark, x, y) for x, y in places), _points(mark))
+            shapes = _shapes(mark, self._x(mark.x), self._y(mark.y))
+            # What is in one path has all its edges above all its faces.
+            paths = ["".join(shapes)] if isinstance(mark.size, float) else shapes
+            for path in paths:
+                yield _path(path, _points(mark))
         else:
             for x, y, text, colour in zip(
                 self._x(mark.x), self._y(mark.y), mark.texts, mark.colours, strict=True
             ):
-                yield _text(x, y + _FOOT * mark.size, text, mark.size, "middle", colour=colour)
+                foot = y + _FOOT * mark.size
+                yield _text(x, foot, text, mark.size, "middle", colour=colour, haloed=mark.haloed)
 
     def _grid(self) -> Iterator[Element]:
         x, y = self._marks(self.chart.x, 0), self._marks(self.chart.y, 1)
@@ -220,7 +279,8 @@ class _Panel:
     def _axes(self) -> Iterator[Element]:
         x, y = self.chart.x, self.chart.y
         right, bottom = self.left + self.width, self.top + self.height
-        lines = [f"M{self.left:.1f} {self.top:.1f}V{bottom:.1f}H{right:.1f}"]
+        frame = f"M{self.left:.1f} {self.top:.1f}V{bottom:.1f}H{right:.1f}"
+        lines = [] if self.chart.bare else [frame]
         minor_x, minor_y = self._x(np.array(x.minor())), self._y(np.array(y.minor()))
         lines += [f"M{at:.1f} {bottom:.1f}v{_MINOR}" for at in minor_x]
         lines += [f"M{self.left:.1f} {at:.1f}h-{_MINOR}" for at in minor_y]
@@ -237,7 +297,8 @@ class _Panel:
             lines.append(f"M{self.left:.1f} {at:.1f}h-{_TICK}")
             beside = self.left - _TICK - _GAP
             texts.append(_text(beside, at + _FOOT * y.size, text, y.size, "end"))
-        yield _path("".join(lines), f"fill: none;stroke: {BLACK};stroke-width: 0.8")
+        if lines:
+            yield _path("".join(lines), f"fill: none;stroke: {BLACK};stroke-width: 0.8")
         yield from texts
         if x.label:
             below = bottom + self.about.bottom - _GAP
@@ -259,13 +320,19 @@ class _Panel:
                 yield _text(text, up + _FOOT * _LEGEND, mark.label, _LEGEND)
             at += _SAMPLE + 6 * _GAP + width_of((mark.label for mark in column), _LEGEND)
 
+    def _title(self) -> Iterator[Element]:
+        begin = self.top - self.about.top + _ROW
+        for row, line in enumerate(self.chart.title.splitlines()):
+            yield _text(self.left, begin + _ROW * row, line, _LABEL, bold=True)
+
 
 def _sample(mark: Labelled, left: float, middle: float, hatched: dict[str, str]) -> Element:
     """What a mark looks like, for the legend."""
     if isinstance(mark, Lines):
         return _path(f"M{left:.1f} {middle:.1f}h{_SAMPLE}", _stroke(mark))
     if isinstance(mark, Points):
-        return _path(_shape(mark, left + _SAMPLE / 2, middle), _points(mark))
+        size = float(np.mean(mark.size)) if len(mark.x) else _LEGEND
+        return _path(_shape(mark, size, left + _SAMPLE / 2, middle), _points(mark))
     fill = mark.fill if isinstance(mark.fill, str) else mark.fill[0]
     half = 0.35 * _LEGEND
     box = _box(left, left + _SAMPLE, middle - half, middle + half)
@@ -285,14 +352,29 @@ def _points(mark: Points) -> str:
     return f"fill: {mark.fill or 'none'};stroke: {mark.edge}"
 
 
-def _shape(mark: Points, x: float, y: float) -> str:
-    half = mark.size / 2
+def _shapes(mark: Points, x: FloatArray, y: FloatArray) -> list[str]:
+    """The outlines of all points at places of the figure, in their order."""
+    sizes = np.broadcast_to(mark.size, x.shape)
+    chosen = np.arange(len(x))
+    if len(x) > _MANY:
+        # Of those that hide each other, one: the file would be many megabytes.
+        cell = np.stack([x, y]) // (_HIDDEN * sizes)
+        chosen = np.sort(np.unique(cell, axis=1, return_index=True)[1])
+    places = zip(sizes[chosen].tolist(), x[chosen].tolist(), y[chosen].tolist(), strict=True)
+    return [_shape(mark, *each) for each in places]
+
+
+def _shape(mark: Points, size: float, x: float, y: float) -> str:
+    half = size / 2
     if mark.shape == "circle":
-        arc = f"a{half} {half} 0 1 0"
-        return f"M{x - half:.1f} {y:.1f}{arc} {mark.size} 0{arc} -{mark.size} 0z"
+        arc = f"a{half:g} {half:g} 0 1 0"
+        return f"M{x - half:.1f} {y:.1f}{arc} {size:g} 0{arc} -{size:g} 0z"
     if mark.shape == "square":
         return _box(x - half, x + half, y - half, y + half)
-    return f"M{x:.1f} {y - half:.1f}l{half} {mark.size}h-{mark.size}z"
+    if mark.shape == "cross":
+        at = (f"{x + half * a:.1f} {y + half * b:.1f}" for a, b in _CROSS)
+        return f"M{'L'.join(at)}z"
+    return f"M{x:.1f} {y - half:.1f}l{half:g} {size:g}h-{size:g}z"
 
 
 def _box(left: float, right: float, top: float, bottom: float) -> str:
@@ -317,9 +399,12 @@ def _text(
     *,
     upright: bool = False,
     colour: str = "",
+    bold: bool = False,
+    haloed: bool = False,
 ) -> Element:
     """A text whose foot begins, has its middle or ends (``anchor``) there."""
     style = f"font-size: {size:g}px;text-anchor: {anchor}" + (f";fill: {colour}" if colour else "")
+    style += ";font-weight: bold" * bold + _HALO * haloed
     written = Element("text", x=f"{x:.1f}", y=f"{y:.1f}", style=style)
     if upright:
         written.set("transform", f"rotate(-90 {x:.1f} {y:.1f})")

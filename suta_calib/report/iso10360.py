@@ -20,7 +20,7 @@ from suta_calib.analysis.iso10360 import (
 )
 from suta_calib.arrays import FloatArray
 from suta_calib.diagnostics.accuracy import Metrics
-from suta_calib.plotting.style import BLUE, GREY, ORANGE, WIDTH
+from suta_calib.plotting.style import BLUE, GREY, LARGE, ORANGE
 from suta_calib.report.document import Document, Figure, Part, Text
 from suta_calib.report.listing import Column, Json, Listing, plain
 from suta_calib.report.svg import picture, svg_text
@@ -190,7 +190,6 @@ def _lengths_dict(found: AcceptanceTest, lengths: LengthErrors) -> Json:
     }
 
 
-LARGE: Final = 1.3 * WIDTH
 # Room for a legend of two rows between a title and its axes, pt.
 _ABOVE: Final = 30
 _LEGEND: Final[dict[str, Any]] = {

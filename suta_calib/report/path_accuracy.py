@@ -12,10 +12,9 @@ from matplotlib.axes import Axes
 
 from suta_calib.arrays import FloatArray
 from suta_calib.geometry.numbers import homogeneous
-from suta_calib.plotting.style import BLUE, GREY, ORANGE
+from suta_calib.plotting.style import BLUE, GREY, LARGE, ORANGE
 from suta_calib.report.document import Document, Figure, Part, Text
 from suta_calib.report.listing import Column, Json, Listing, shown_as
-from suta_calib.report.pose_plots import LARGE
 from suta_calib.report.poses import pose_record
 from suta_calib.report.svg import picture, shown_array, svg_text
 from suta_calib.tracking.path_accuracy import UPDATE_RATES, MotionQuarter, PathAccuracy

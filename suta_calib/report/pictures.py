@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from matplotlib.ticker import MaxNLocator
@@ -15,13 +15,12 @@ from suta_calib.geometry.pinhole import CENTRE, FOCAL, INTRINSICS
 from suta_calib.measurements.camera import camera_text
 from suta_calib.measurements.pose_files import HandPoses
 from suta_calib.model.parameters import PLACEMENT
-from suta_calib.plotting.style import GREY
+from suta_calib.plotting.style import BLUE, GREY, LARGE, ORANGE
 from suta_calib.pose_calibration.eye_poses import FRAMES
 from suta_calib.pose_calibration.picture_answer import ROBOTS, PictureCalibration, SeenCamera
 from suta_calib.pose_calibration.picture_noise import PictureNoise
 from suta_calib.report.document import Document, Figure, File, Part, Text
 from suta_calib.report.listing import Column, Json, Listing, csv_text, plain
-from suta_calib.report.pose_plots import INLIER, LARGE, OUTLIER
 from suta_calib.report.poses import (
     MOST_OUTLIERS,
     covariance_record,
@@ -37,6 +36,15 @@ NAME: Final = "hand_eye"
 _DIGITS: Final = 6
 # Of the picture's width, how long the largest error is drawn.
 _ARROW: Final = 0.06
+_INLIER: Final[dict[str, Any]] = {"marker": "o", "color": BLUE, "linestyle": "none", "ms": 4.5}
+_OUTLIER: Final[dict[str, Any]] = {
+    "marker": "X",
+    "color": ORANGE,
+    "linestyle": "none",
+    "ms": 8,
+    "markeredgecolor": "black",
+    "markeredgewidth": 0.6,
+}
 
 
 @dataclass(frozen=True)
@@ -243,9 +251,9 @@ def picture_plot(found: PictureCalibration) -> str:
         for (by_picture, over), seen in zip(panels, found.cameras, strict=True):
             number, good = np.arange(len(seen.images)), seen.inliers
             by_picture.axhline(seen.rms, color=GREY, lw=1.2, ls="--", label="RMS")
-            by_picture.plot(number[good], seen.picture_rms[good], label="fitted", **INLIER)
+            by_picture.plot(number[good], seen.picture_rms[good], label="fitted", **_INLIER)
             if not good.all():
-                by_picture.plot(number[~good], seen.picture_rms[~good], label="outlier", **OUTLIER)
+                by_picture.plot(number[~good], seen.picture_rms[~good], label="outlier", **_OUTLIER)
                 by_picture.set_yscale("log")
             else:
                 by_picture.set_ylim(bottom=0.0)

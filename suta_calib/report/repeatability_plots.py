@@ -17,12 +17,11 @@ from suta_calib.analysis.repeatability import (
     Stationary,
 )
 from suta_calib.analysis.repeatability.scatter import Scattering, distances
-from suta_calib.plotting.style import BLUE, GREY, ORANGE, WIDTH, plain_log
+from suta_calib.plotting.style import BLUE, GREY, LARGE, ORANGE, plain_log
 from suta_calib.report.svg import picture, svg_text
 from suta_calib.terms.block import grouped
 from suta_calib.units import mm, text, thousandths, unit_name
 
-LARGE: Final = 1.3 * WIDTH
 _LOOKS: Final = tuple(zip((BLUE, ORANGE, "black") * 2, "osD^vP", strict=True))
 _LINES: Final = ("-", "--", ":", "-.")
 _COLOURS: Final = (BLUE, ORANGE, "black", GREY)

@@ -22,6 +22,26 @@ def test_places_go_from_the_first_value_to_the_last() -> None:
 
 
 @given(
+    ends=st.tuples(*4 * [st.floats(-1e3, 1e3)]).filter(
+        lambda each: min(abs(each[0] - each[1]), abs(each[2] - each[3])) > 1e-3
+    ),
+    shape=st.floats(0.1, 10.0),
+)
+def test_equal_axes_are_widened_to_their_panel_about_the_same_middle(
+    ends: tuple[float, float, float, float], shape: float
+) -> None:
+    chart = Chart([], Axis("", *ends[:2]), Axis("", *ends[2:]), equal=True)
+    fitted = chart.fitted(100.0 * shape, 100.0)
+    spans = []
+    for before, after in ((chart.x, fitted.x), (chart.y, fitted.y)):
+        assert after.first + after.last == pytest.approx(before.first + before.last, abs=1e-6)
+        spans.append((after.last - after.first) / (before.last - before.first))
+    assert min(spans) == pytest.approx(1.0)
+    across, up = (abs(axis.last - axis.first) for axis in (fitted.x, fitted.y))
+    assert across == pytest.approx(shape * up)
+
+
+@given(
     low=st.floats(-1e6, 1e6),
     span=st.floats(1e-6, 1e6),
     most=st.integers(2, 12),
@@ -88,10 +108,13 @@ def test_matplotlib_draws_every_mark_between_the_same_ends() -> None:
             Steps(np.array([1.0, 2.0]), one, edge="#000000", hatched=True, label="steps"),
             Lines(np.array([[-np.inf, np.inf]]), np.ones((1, 2)), dash="dashed", label="line"),
             Points(one, one, label="point"),
-            Words(one, one, ["word"], ["#000000"]),
+            Words(one, one, ["word"], ["#000000"], haloed=True),
+            Points(2 * one, one, np.array([3.0]), "cross"),
         ],
         Axis("x, mm", 0.5, 4.0, log=True),
         Axis("y", 3.5, 0.0, names=[(1.0, "one"), (2.0, "two")], grid=True),
+        title="title",
+        bare=True,
     )
     axes = Figure().subplots()
     draw_chart(axes, chart)
@@ -103,3 +126,6 @@ def test_matplotlib_draws_every_mark_between_the_same_ends() -> None:
     assert [text.get_text() for text in axes.get_yticklabels()] == ["one", "two"]
     np.testing.assert_allclose(axes.collections[0].get_segments(), [[[0.5, 1.0], [4.0, 1.0]]])
     assert [text.get_text() for text in axes.texts] == ["word"]
+    assert axes.collections[1].get_sizes() == pytest.approx([9.0])
+    assert axes.get_title() == "title"
+    assert not any(each.get_visible() for each in axes.spines.values())

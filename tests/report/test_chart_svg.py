@@ -11,7 +11,7 @@ from lxml import etree
 
 from suta_calib.plotting.chart import Axis, Boxes, Chart, Lines, Points, Steps, Words
 from suta_calib.plotting.look import BLUE, ORANGE
-from suta_calib.report.chart_svg import chart_svg
+from suta_calib.report.chart_svg import Row, chart_svg, rows_svg
 from suta_calib.report.page import themed
 
 NS = "{http://www.w3.org/2000/svg}"
@@ -98,3 +98,53 @@ def test_a_chart_without_marks_is_one(log: bool) -> None:
     none = np.zeros(0)
     empty = [Boxes(none, none, none, none, BLUE, label="none (0)"), Points(none, none)]
     drawn(Chart(empty, Axis("x", 0.1, 10.0, log=log), Y))
+
+
+def test_rows_stand_below_each_other_and_share_the_page() -> None:
+    line = Lines(np.array([[0.0, 10.0]]), np.array([[0.0, 4.0]]), colour=ORANGE)
+    chart = Chart([line], X, Y, title="Two\nlines")
+    root = etree.fromstring(
+        rows_svg([Row([chart, chart], 80.0, (2.0, 1.0)), Row([chart], 50.0)], "plot", "A plot")
+    )
+    _, _, width, height = map(float, root.get("viewBox").split())
+    assert width == pytest.approx(72 * 7.2, abs=0.1)
+    first, second, third = (numbers(each) for each in paths(root, ORANGE))
+    wide, narrow = first[2] - first[0], second[2] - second[0]
+    assert wide == pytest.approx(2 * narrow, abs=0.2)
+    assert first[2] < second[0]
+    assert first[1] - first[3] == pytest.approx(80.0, abs=0.11)
+    assert third[1] - third[3] == pytest.approx(50.0, abs=0.11)
+    titles = [float(each.get("y")) for each in root.iter(f"{NS}text") if each.text == "lines"]
+    assert len(titles) == 3
+    assert titles[0] < first[3]
+    assert first[1] < titles[2] < third[3] < third[1] < height
+
+
+def test_a_circle_is_round_on_a_panel_of_any_shape() -> None:
+    turn = np.linspace(0.0, 2.0 * np.pi, 60)
+    ring = Lines(np.cos(turn)[None], np.sin(turn)[None], colour=ORANGE)
+    chart = Chart([ring], Axis("", -1.0, 1.0), Axis("", -1.0, 1.0), equal=True, bare=True)
+    for width in (70.0, 400.0):
+        path = np.reshape(numbers(paths(drawn(chart, widths=[width]), ORANGE)[0]), (-1, 2))
+        span = np.ptp(path, axis=0)
+        assert span == pytest.approx(min(width, 100.0), rel=0.01)
+
+
+def test_marks_have_sizes_of_their_own() -> None:
+    x = np.array([2.0, 5.0, 8.0])
+    for shape in ("circle", "square", "triangle", "cross"):
+        mark = Points(x, x / 4, np.array([2.0, 4.0, 8.0]), shape, BLUE, ORANGE)
+        found = paths(drawn(Chart([mark], X, Y)), BLUE)
+        assert len(found) == 3
+    corners = [np.reshape(numbers(each), (-1, 2)) for each in found]
+    assert [np.ptp(each[:, 0]) for each in corners] == pytest.approx([2.0, 4.0, 8.0], abs=0.11)
+
+
+def test_of_many_marks_those_are_drawn_that_are_seen() -> None:
+    random = np.random.default_rng(0)
+    x = np.concatenate([random.normal(5.0, 0.01, 100_000), [1.0, 9.0]])
+    path = paths(drawn(Chart([Points(x, np.full(x.shape, 2.0), fill=BLUE)], X, Y)), BLUE)[0]
+    places = [numbers(each)[0] for each in path.split("M")[1:]]
+    assert len(places) < 100
+    few = numbers(paths(drawn(Chart([Points(x[-2:], x[-2:] / 9, fill=BLUE)], X, Y)), BLUE)[0])
+    assert min(places) == few[0]
