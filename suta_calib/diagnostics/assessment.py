@@ -8,7 +8,6 @@ from typing import Final
 from suta_calib.assessment import Assessment
 from suta_calib.diagnostics.accuracy import Accuracy
 from suta_calib.diagnostics.beliefs import contradicted_beliefs
-from suta_calib.diagnostics.causes import find_cause
 from suta_calib.diagnostics.changes import changes
 from suta_calib.diagnostics.contradictions import (
     contradictions,
@@ -85,6 +84,9 @@ def assess_calibration(solution: Solution, accuracy: Accuracy) -> Assessment:
 
 def _cause(solution: Solution) -> list[str]:
     """The data read in another way, where that explains them far better."""
+    # Data that fit have no cause to look for.
+    from suta_calib.diagnostics.causes import find_cause
+
     terms = solution.problem.terms
     if odd := [*odd_columns(terms)]:
         return [] if solution.converged else odd

@@ -330,7 +330,12 @@ def _in_sight(
     for _ in range(_ROUNDS):
         q = wrapped(kinematics.true, kinematics.random_readings(rng, tries))
         if chance < 1.0:
-            q = q[_ideal(plan, arm, q, {}, values).in_sight][:left]
+            # Some at a time, as long as some are wanted: of a large board all take much memory.
+            seen, rest = list[FloatArray](), q
+            while len(rest) and sum(map(len, seen)) < left:
+                some, rest = rest[:n], rest[n:]
+                seen.append(some[_ideal(plan, arm, some, {}, values).in_sight])
+            q = np.concatenate(seen)[:left]
         found.append(q)
         left -= len(q)
         if not left:

@@ -16,7 +16,6 @@ import numpy as np
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.solver.descent import NEGLIGIBLE, Basin, Descent, descend
 from suta_calib.solver.problem import Problem
-from suta_calib.solver.symbolic import symbolic_cost
 from suta_calib.solver.weights import WeightOptions
 
 # Whitened costs that differ by less are the same minimum.
@@ -265,6 +264,8 @@ class RobustNlp:
         return self._symbolic
 
     def _exact_cost(self, z: Any) -> Any:
+        from suta_calib.solver.symbolic import symbolic_cost
+
         select = ca.DM(len(self._base), len(self._free))
         for column, row in enumerate(self._free):
             select[int(row), column] = self._scale[column]

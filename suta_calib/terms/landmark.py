@@ -17,7 +17,17 @@ from suta_calib.geometry.numbers import register_points, rms_length, rotation_fr
 from suta_calib.geometry.symbols import Symbol, symbolic_chordal_log, symbolic_rotation
 from suta_calib.measurements import Artefact, SampleColumns
 from suta_calib.model.parameters import Parameter
-from suta_calib.terms.block import LEARNT, Block, Certified, Noise, Pose, flat, grouped, pose_of
+from suta_calib.terms.block import (
+    LEARNT,
+    Block,
+    Certified,
+    Noise,
+    Pose,
+    flat,
+    grouped,
+    pose_of,
+    summed,
+)
 from suta_calib.terms.checks import check_unit
 from suta_calib.terms.observed import Observed, Resimulation
 from suta_calib.terms.outside import pose_named, pose_parameters, pose_values
@@ -286,10 +296,11 @@ def check_artefact_unit(term: Term, certified: FloatArray, groups: IntArray) -> 
     if not isinstance(term.poses, ArmPoses):
         return
     _, tip = term.poses.at({})
+    count = np.bincount(groups)[:, None]
     sizes = []
     for points in (certified, tip):
-        parts = [points[groups == k] for k in np.unique(groups)]
-        sizes.append(rms_length(np.concatenate([part - part.mean(axis=0) for part in parts])))
+        middle = summed(points, groups, len(count)) / np.maximum(count, 1)
+        sizes.append(rms_length(points - middle[groups]))
     if sizes[0] > 0.0:  # else each landmark stands alone
         expected = "landmarks as far apart as the arm touched them"
         hint = "position_mm of the artefact is in mm: is it another unit, or another artefact?"

@@ -263,8 +263,9 @@ def landmark_pairs(samples: Samples) -> IntArray:
     thinned = _possible_pairs(np.bincount(sets[original])) > MOST_PAIRS
     partners = max(1, MOST_PAIRS // len(sets)) if thinned else len(sets)
     random = np.random.default_rng(0)
-    for group in np.unique(sets):
-        rows = np.flatnonzero((sets == group) & original)
+    kept = np.flatnonzero(original)
+    kept = kept[np.argsort(sets[kept], kind="stable")]
+    for rows in np.split(kept, np.flatnonzero(np.diff(sets[kept])) + 1):
         if len(rows) - 1 > 2 * partners:
             pairs = rows[_some_pairs(landmark[rows], partners, random)]
         else:

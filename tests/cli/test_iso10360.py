@@ -19,6 +19,8 @@ from suta_calib.job import AcceptanceJob
 from suta_calib.job.limits import read_limits, read_rule, read_uncertainty
 from suta_calib.measurements import CsvTable, YamlSection, read_csv_table, read_yaml
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 Capture = pytest.CaptureFixture[str]
 
 

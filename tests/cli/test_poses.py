@@ -27,6 +27,8 @@ from pose_scenes import (
 )
 from scipy.spatial.transform import Rotation
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 
 # ── pivot ────────────────────────────────────────────────────────────────────────────────────
 def test_pivot_finds_tip_post_and_outliers(pivot_file: Path, capsys: Capture) -> None:

@@ -14,6 +14,8 @@ from visits import visits
 
 from suta_calib.measurements import Samples, write_samples
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 Capture = pytest.CaptureFixture[str]
 
 

@@ -20,6 +20,8 @@ from suta_calib.diagnostics.tip_uncertainty import Sensitivity, sensitivity
 from suta_calib.errors import JobError
 from suta_calib.geometry.numbers import register_points, rotation_from_vector, skew
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 ARM = arm_named("suta")
 TRUTH = perturbed(dh_parameters(ARM), 1)
 NAMES = dh_parameters(ARM).names
@@ -206,7 +208,7 @@ def test_the_command_reads_a_result(job: Path, capsys: pytest.CaptureFixture[str
     written = json.loads(result.read_text())
     written["parameters"]["links.expansion"] = {"value": 23e-6, "std": None, "state": "fixed"}
     result.write_text(json.dumps(written))
-    assert cli("tip-map", result, *options) == 0
+    assert cli("tip-map", result, *options, "--grid", 5) == 0
     notes = json.loads(capsys.readouterr().out)["verdict"]["notes"]
     (note,) = (each for each in notes if "how warm" in each)
     assert "at 20 °C, though links.expansion was found" in note
