@@ -1,4 +1,4 @@
-"""The likelihood by which pictures are weighed: its derivatives, and against V in full."""
+"""The likelihood by which pictures are weighed: against V written out, and its derivatives."""
 
 from __future__ import annotations
 
