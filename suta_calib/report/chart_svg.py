@@ -44,7 +44,7 @@ _FEWEST: Final = 3
 # Points from which on those that hide each other are not all drawn, and how close they are, as a
 # part of their size.
 _MANY: Final = 2000
-_HIDDEN: Final = 0.2
+_HIDDEN: Final = 0.35
 # A cross, by its corners, as a part of half its size.
 _CROSS: Final = (
     *((-0.5, -1.0), (0.0, -0.5), (0.5, -1.0), (1.0, -0.5), (0.5, 0.0), (1.0, 0.5)),
