@@ -31,9 +31,9 @@ from rich.console import Console
 from tables import number_table
 
 from suta_calib import ArmModel, CalibrationJob, FixedPoint, HandEye
-from suta_calib.arrays import FloatArray
+from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.geometry import quaternion_from_rotation, rotation_from_vector
-from suta_calib.measurements import Samples, write_samples
+from suta_calib.measurements import Samples, read_camera, read_corners, write_samples
 from suta_calib.simulation import read_simulation, simulate, write_simulation
 from suta_calib.terms import PoseNoise
 from suta_calib.units import from_deg, from_mm, mm
@@ -43,6 +43,7 @@ URDF = ROOT / "urdf" / "suta.urdf"
 DISTANCES = ROOT / "data" / "suta"
 CAMERA = ROOT / "examples" / "camera_on_arm"
 PICTURES = 100
+COARSE = 8
 PAGE = Path(__file__).parent / "results" / "large.md"
 FIGURES = PAGE.with_suffix(".json")
 NOISE = PoseNoise(from_mm(0.3), from_deg(0.1))
@@ -260,18 +261,55 @@ def distances(folder: Path, rows: int) -> Sequence[str]:
 
 
 def corners(folder: Path, rows: int) -> Sequence[str]:
-    """A hundred pictures of a board by the camera on an arm's hand."""
-    side = math.isqrt(rows // PICTURES)
+    """Some hundred whole pictures of a board by the camera on an arm's hand.
+
+    Simulated with a coarse board without noise of corners, and those of a fine one put between:
+    whether a board of thousands is in sight takes longer to find out than to calibrate with it.
+    """
+    side, noise = math.isqrt(rows // PICTURES), "corner_px: 0.1"
     for name in ("arm.urdf", "camera.yaml"):
         shutil.copy(CAMERA / name, folder)
+    _chessboard(folder, COARSE)
+    spec = (
+        (CAMERA / "simulation.yaml").read_text().replace("samples: 25", f"samples: {2 * PICTURES}")
+    )
+    assert noise in spec
+    (folder / "simulation.yaml").write_text(spec.replace(noise, "corner_px: 1.0e-6"))
+    write_simulation(simulate(read_simulation(folder / "simulation.yaml")), folder / "simulated")
+    _chessboard(folder, side)
+    for path in sorted((folder / "simulated" / "corners").glob("*.csv")):
+        _refine(path, side)
+    shutil.copy(CAMERA / "calibration.yaml", folder)
+    return (*COMMAND, "calibrate", str(folder / "calibration.yaml"), "--json")
+
+
+def _chessboard(folder: Path, side: int) -> None:
     square = 125 / (side - 1)
     board = f"type: chessboard\ncorners: [{side}, {side}]\nsquare_mm: {square}\n"
     (folder / "board.yaml").write_text(board)
-    spec = (CAMERA / "simulation.yaml").read_text().replace("samples: 25", f"samples: {PICTURES}")
-    (folder / "simulation.yaml").write_text(spec)
-    write_simulation(simulate(read_simulation(folder / "simulation.yaml")), folder / "simulated")
-    shutil.copy(CAMERA / "calibration.yaml", folder)
-    return (*COMMAND, "calibrate", str(folder / "calibration.yaml"), "--json")
+
+
+def _refine(path: Path, side: int) -> None:
+    """Corners of a fine board from those of the coarse one, by polynomials of each picture."""
+    found, random = read_corners(path), np.random.default_rng(0)
+    fine, room = np.arange(side**2), read_camera(CAMERA / "camera.yaml")
+    lines = ["image,point,u,v"]
+    for image in dict.fromkeys(found.image.tolist()):
+        mine = found.image == image
+        if mine.sum() < COARSE**2:
+            continue  # partly out of the picture, as half of them are
+        known = np.linalg.lstsq(_powers(found.point[mine], COARSE), found.pixel[mine], rcond=None)
+        pixel = _powers(fine, side) @ known[0] + random.normal(0.0, 0.1, (side**2, 2))
+        inside = np.flatnonzero(room.inside(pixel[None])[0])
+        lines += [f"{image},{k},{pixel[k, 0]:.4f},{pixel[k, 1]:.4f}" for k in inside.tolist()]
+    path.write_text("\n".join([*lines, ""]))
+
+
+def _powers(point: IntArray, side: int) -> FloatArray:
+    """Products of Chebyshev polynomials in both coordinates on the board."""
+    row, column = np.divmod(point, side)
+    scaled = (2.0 * each / (side - 1) - 1.0 for each in (row, column))
+    return np.polynomial.chebyshev.chebvander2d(*scaled, [5, 5])
 
 
 def joints(folder: Path, count: int) -> Sequence[str]:

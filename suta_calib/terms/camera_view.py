@@ -335,7 +335,7 @@ class CameraView(FramedTerm):
                 np.zeros(n),
                 tuple(
                     f"{name} corner {k}"
-                    for name, k in zip(names[sample], numbers[point], strict=True)
+                    for name, k in zip(names[sample].tolist(), numbers[point].tolist(), strict=True)
                 ),
                 pixel=self.pixel,
             ),

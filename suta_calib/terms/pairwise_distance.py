@@ -322,5 +322,5 @@ def _some_pairs(landmark: IntArray, partners: int, random: np.random.Generator) 
     others = len(order) - np.bincount(landmark)[landmark[order]]
     chosen = np.floor(random.random((len(order), partners)) * others[:, None]).astype(np.intp)
     second = order[(ends[:, None] + chosen) % len(order)]
-    pairs = np.stack([np.broadcast_to(order[:, None], second.shape), second], axis=-1)
-    return np.unique(np.sort(pairs.reshape(-1, 2), axis=1), axis=0)
+    low, high = np.minimum(order[:, None], second), np.maximum(order[:, None], second)
+    return np.column_stack(np.divmod(np.unique(low * len(order) + high), len(order)))
