@@ -62,7 +62,7 @@ def draw_chart(axes: Any, chart: Chart) -> None:
         of.grid(axis.grid)
     axes.set_title(chart.title)
     if chart.equal:
-        axes.set_aspect("equal", adjustable="datalim")
+        axes.set_aspect("equal", adjustable="box")
     if chart.bare:
         axes.spines[:].set_visible(False)
     handles = {

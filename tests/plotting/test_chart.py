@@ -129,3 +129,13 @@ def test_matplotlib_draws_every_mark_between_the_same_ends() -> None:
     assert axes.collections[1].get_sizes() == pytest.approx([9.0])
     assert axes.get_title() == "title"
     assert not any(each.get_visible() for each in axes.spines.values())
+
+
+def test_an_equal_chart_is_drawn_on_axes_without_a_word(caplog: pytest.LogCaptureFixture) -> None:
+    figure = Figure()
+    axes = figure.subplots()
+    draw_chart(axes, Chart([], Axis("", 0.0, 4.0), Axis("", 0.0, 1.0), equal=True))
+    figure.draw_without_rendering()
+    assert not caplog.records
+    assert axes.get_xlim() == (0.0, 4.0)
+    assert axes.bbox.width == pytest.approx(4.0 * axes.bbox.height)
